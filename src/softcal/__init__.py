@@ -1,0 +1,1 @@
+"""softcal: from bench measurements of a cable-driven soft robot to a calibrated finite-element twin."""

@@ -1,0 +1,88 @@
+"""What the bench saw: channels with unit and noise, and the record of every step that made them. Frozen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from softcal.checks import Floats, frozen_floats
+from softcal.errors import DatasetError, Fault
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One measured quantity: values [unit, SI], shape (n_samples,); sigma: its noise [unit], 0 where unknown."""
+
+    values: Floats
+    unit: str
+    sigma: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", frozen_floats(self.values, name="channel", shape=(None,)))
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step of the provenance: what was done, with which numbers (SI), and what came of it."""
+
+    name: str
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    outcome: str = ""
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """Channels of one length by name (`time`, `shortening`, `tension`, `pitch`, `roll`, …) and their provenance.
+
+    `shortening` is the crosshead's (slack included), `tension` the cable's at the neck once the pulleys' friction
+    has been taken off. cycle: the cycle number of each sample (0-based; -1 outside any), or None.
+    """
+
+    name: str
+    channels: Mapping[str, Channel]
+    provenance: tuple[Step, ...] = ()
+    cycle: Floats | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "channels", dict(self.channels))
+        object.__setattr__(self, "provenance", tuple(self.provenance))
+        lengths = {key: len(channel.values) for key, channel in self.channels.items()}
+        if self.cycle is not None:
+            object.__setattr__(self, "cycle", frozen_floats(self.cycle, name="cycle", shape=(None,)))
+            lengths["cycle"] = len(self.cycle)
+        if len(set(lengths.values())) != 1 or min(lengths.values()) == 0:
+            raise DatasetError(
+                Fault("a dataset needs channels of one length, above zero", where=self.name, got=str(lengths))
+            )
+
+    @property
+    def n_samples(self) -> int:
+        return len(next(iter(self.channels.values())).values)
+
+    def values(self, channel: str) -> Floats:
+        """Values of a channel [SI].
+
+        Raises
+        ------
+        DatasetError
+            Where the dataset has no such channel.
+        """
+        if channel not in self.channels:
+            raise DatasetError(
+                Fault(f"no channel '{channel}'", where=self.name, allowed=", ".join(self.channels) or "none")
+            )
+        return self.channels[channel].values
+
+    def with_channels(self, step: Step, **values: Floats) -> Dataset:
+        """The dataset with some channels' values replaced, and the step that did it on record."""
+        channels = {**self.channels, **{k: replace(self.channels[k], values=v) for k, v in values.items()}}
+        return replace(self, channels=channels, provenance=(*self.provenance, step))
+
+    def take(self, rows: np.ndarray, step: Step) -> Dataset:
+        """The dataset with only the given rows (indices or mask), and the step that chose them on record."""
+        channels = {k: replace(c, values=c.values[rows]) for k, c in self.channels.items()}
+        cycle = None if self.cycle is None else self.cycle[rows]
+        return replace(self, channels=channels, cycle=cycle, provenance=(*self.provenance, step))

@@ -1,0 +1,68 @@
+"""A tetrahedral mesh with named regions: points, tets, sets. Frozen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+
+from softcal.checks import Floats, Ints, frozen_floats, frozen_ints
+from softcal.errors import Fault, MeshError
+
+# Corner pairs of the six edges of a tetrahedron, in the order of nodes 4..9 of a quadratic one (VTK, CalculiX C3D10).
+TET_EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
+# Corners of the four faces, counter-clockwise seen from outside, and the edges (index into TET_EDGES) between them.
+TET_FACES = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))
+TET_FACE_EDGES = ((2, 1, 0), (0, 4, 3), (1, 5, 4), (3, 5, 2))
+
+
+@dataclass(frozen=True)
+class TetMesh:
+    """Tetrahedra of order one (4 nodes) or two (10 nodes, VTK order).
+
+    points [m], shape (n_points, 3); tets, shape (n_tets, 4 or 10).
+    node_sets: name -> node numbers; face_sets: name -> triangles (k, 3 or 6) oriented outwards;
+    element_sets: name -> tet numbers.
+    """
+
+    points: Floats
+    tets: Ints
+    node_sets: Mapping[str, Ints] = field(default_factory=dict)
+    face_sets: Mapping[str, Ints] = field(default_factory=dict)
+    element_sets: Mapping[str, Ints] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "points", frozen_floats(self.points, name="mesh points", shape=(None, 3)))
+        tets = frozen_ints(self.tets, name="tets")
+        if tets.ndim != 2 or tets.shape[1] not in (4, 10) or len(tets) == 0:
+            raise MeshError(
+                Fault("the mesh has no tetrahedra", got=f"a connectivity of shape {tets.shape}", allowed="(n, 4 or 10)")
+            )
+        object.__setattr__(self, "tets", tets)
+        for name in ("node_sets", "face_sets", "element_sets"):
+            sets = {key: frozen_ints(values, name=f"{name}.{key}") for key, values in getattr(self, name).items()}
+            object.__setattr__(self, name, MappingProxyType(sets))
+
+    def __reduce__(self) -> tuple[object, ...]:  # a mapping proxy does not pickle; workers need meshes
+        sets = (dict(self.node_sets), dict(self.face_sets), dict(self.element_sets))
+        return type(self), (np.array(self.points), np.array(self.tets), *sets)
+
+    @property
+    def n_points(self) -> int:
+        return len(self.points)
+
+    @property
+    def n_tets(self) -> int:
+        return len(self.tets)
+
+    @property
+    def order(self) -> int:
+        """1 for linear, 2 for quadratic tetrahedra."""
+        return 1 if self.tets.shape[1] == 4 else 2
+
+    @property
+    def corners(self) -> Ints:
+        """Numbers of the nodes that are a corner of some tet, ascending."""
+        return np.unique(self.tets[:, :4])

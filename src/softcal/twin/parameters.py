@@ -1,0 +1,103 @@
+"""The robot's parameters by dotted name: what there is, its unit, its hard limits; a robot with others."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from softcal.errors import Fault, ParameterError
+from softcal.twin.robot import Robot
+
+
+@dataclass(frozen=True)
+class ParameterInfo:
+    """A parameter that exists: its SI unit, its present value, and the open interval it must lie in."""
+
+    name: str
+    unit: str
+    value: float
+    lower: float
+    upper: float
+
+
+# Unit and open interval of every kind of robot parameter, by the last part of its dotted name.
+KINDS: Mapping[str, tuple[str, float, float]] = {
+    "youngs_modulus": ("Pa", 0.0, float("inf")),
+    "poissons_ratio": ("1", -1.0, 0.5),
+    "density": ("kg/m^3", -1e-300, float("inf")),
+    "mass": ("kg", -1e-300, float("inf")),
+    "friction_coefficient": ("1", -1e-300, float("inf")),
+}
+
+
+def robot_parameters(robot: Robot) -> dict[str, ParameterInfo]:
+    """Every parameter of the robot by dotted name, such as `neck.youngs_modulus`."""
+    found: dict[str, float] = {}
+    for body in robot.bodies:
+        found.update({f"{body.name}.{key}": value for key, value in body.parameters.items()})
+        found[f"{body.name}.density"] = body.density
+    found.update({f"{plate.name}.mass": plate.mass for plate in robot.plates})
+    found.update({f"{cable.name}.friction_coefficient": cable.friction_coefficient for cable in robot.cables})
+    return {name: ParameterInfo(name, *_kind(name, value)) for name, value in found.items()}
+
+
+def with_parameters(robot: Robot, values: Mapping[str, float]) -> Robot:
+    """The same robot with some parameters changed.
+
+    Raises
+    ------
+    ParameterError
+        For an unknown name (with the nearest known one) or a value outside its interval; all faults at once.
+    """
+    known = robot_parameters(robot)
+    faults = [
+        fault
+        for name, value in values.items()
+        if (fault := unknown_name(name, known) if name not in known else out_of_range(known[name], value))
+    ]
+    if faults:
+        raise ParameterError(faults)
+    bodies = tuple(
+        replace(
+            body,
+            parameters={key: values.get(f"{body.name}.{key}", old) for key, old in body.parameters.items()},
+            density=values.get(f"{body.name}.density", body.density),
+        )
+        for body in robot.bodies
+    )
+    plates = tuple(replace(p, mass=values.get(f"{p.name}.mass", p.mass)) for p in robot.plates)
+    cables = tuple(
+        replace(c, friction_coefficient=values.get(f"{c.name}.friction_coefficient", c.friction_coefficient))
+        for c in robot.cables
+    )
+    return replace(robot, bodies=bodies, plates=plates, cables=cables)
+
+
+def unknown_name(name: str, known: Mapping[str, object]) -> Fault:
+    """The fault of a parameter that does not exist, with the nearest that does."""
+    nearest = difflib.get_close_matches(name, list(known), n=1, cutoff=0.0)
+    return Fault(
+        "there is no such parameter",
+        where=name,
+        allowed=", ".join(sorted(known)),
+        attempt=f"did you mean '{nearest[0]}'?" if nearest else "",
+    )
+
+
+def out_of_range(info: ParameterInfo, value: float) -> Fault | None:
+    """The fault of a value outside the parameter's interval, or None."""
+    if info.lower < value < info.upper:
+        return None
+    return Fault(
+        "the value is outside its allowed range",
+        where=info.name,
+        got=f"{value:.6g} {info.unit}",
+        allowed=f"{max(info.lower, -1e300):.4g} < value < {info.upper:.4g} {info.unit}",
+        attempt="0.4999 instead of 0.5" if info.name.endswith("poissons_ratio") and value >= 0.5 else "",
+    )
+
+
+def _kind(name: str, value: float) -> tuple[str, float, float, float]:
+    unit, lower, upper = KINDS[name.rsplit(".", 1)[1]]
+    return unit, value, lower, upper

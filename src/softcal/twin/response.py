@@ -1,0 +1,42 @@
+"""What the twin answers: channels over the samples of a protocol, and their derivatives by parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from softcal.checks import Floats, Ints
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """A solved shape to draw: positions of every body's mesh points, cable polylines, plate poses."""
+
+    label: str
+    points: Mapping[str, Floats]  # body -> (n_points, 3) [m], the points of the element's own mesh
+    cables: Mapping[str, Floats]  # cable -> (n_via, 3) [m]
+    plates: Mapping[str, tuple[Floats, Floats]]  # plate -> (position (3,) [m], rotation (3, 3))
+    controls: Mapping[str, float]  # cable -> commanded tension [N] or shortening [m]
+    tensions: Mapping[str, float] = field(default_factory=dict)  # cable -> tension [N]
+
+
+@dataclass(frozen=True)
+class Response:
+    """Channels by name, each of shape (n_samples,), in SI.
+
+    Names: `<cable>.shortening` [m], `<cable>.tension` [N], `<cable>.slack` [-] (1 where slack),
+    `<plate>.x`, `.y`, `.z` [m], `<plate>.pitch`, `.roll`, `.yaw` [rad].
+    sensitivities: channel -> parameter -> d channel / d parameter, shape (n_samples,).
+    slopes: channel -> d channel / d control, shape (n_samples,), along the one cable that is driven.
+    status: a sentence. n_solved: samples up to the first that could not be reached (all when the solve succeeded).
+    """
+
+    channels: Mapping[str, Floats]
+    units: Mapping[str, str]
+    status: str
+    succeeded: bool
+    n_factorisations: int
+    sensitivities: Mapping[str, Mapping[str, Floats]] = field(default_factory=dict)
+    slopes: Mapping[str, Floats] = field(default_factory=dict)
+    snapshots: tuple[Snapshot, ...] = ()
+    tets: Mapping[str, Ints] = field(default_factory=dict)  # body -> connectivity of `Snapshot.points`

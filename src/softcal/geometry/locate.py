@@ -1,0 +1,130 @@
+"""Where in a mesh a point lies: its tet and barycentric coordinates there."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from softcal.checks import Floats, Ints, frozen_floats
+from softcal.errors import Fault, MeshError
+from softcal.geometry.mesh import TetMesh
+from softcal.geometry.surface import boundary_faces, boundary_owners
+from softcal.units import format_quantity
+
+# How far outside a point may lie, as a fraction of the mean edge of the nearest tet: a point on a curved surface lies
+# outside the straight-sided tets that approximate it.
+OUTSIDE = 0.25
+# Barycentric coordinates this little below zero are rounding.
+INSIDE = 1e-9
+
+
+def locate_point(
+    mesh: TetMesh, point: ArrayLike, *, tolerance: float | None = None, where: str = ""
+) -> tuple[int, Floats]:
+    """The tet of a point and its barycentric coordinates there; see `locate_points`.
+
+    Raises
+    ------
+    MeshError
+        Where the point lies outside the mesh by more than the tolerance.
+    """
+    tets, weights = locate_points(
+        mesh, frozen_floats(point, name=where or "point", shape=(3,))[None, :], tolerance=tolerance, where=where
+    )
+    return int(tets[0]), weights[0]
+
+
+def locate_points(
+    mesh: TetMesh, points: ArrayLike, *, tolerance: float | None = None, where: str = ""
+) -> tuple[Ints, Floats]:
+    """Tets of points and their barycentric coordinates there, by the straight-sided tets between the corners.
+
+    Parameters
+    ----------
+    points
+        Shape (k, 3) [m].
+    tolerance
+        How far outside the mesh a point may lie [m]; by default a quarter of the mean edge of the nearest tet. Such
+        a point is extrapolated from that tet: one of its coordinates is negative.
+
+    Returns
+    -------
+    tets, weights
+        Numbers, shape (k,), and barycentric coordinates [-], shape (k, 4), which sum to one.
+
+    Raises
+    ------
+    MeshError
+        Where points lie outside the mesh by more than the tolerance; names each with its distance.
+    """
+    points = frozen_floats(points, name=where or "points", shape=(None, 3))
+    corners = mesh.points[mesh.tets[:, :4]]
+    inverse = np.linalg.inv(np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2))
+    tets = np.zeros(len(points), dtype=np.int64)
+    weights = np.zeros((len(points), 4))
+    outside: list[int] = []
+    for i, point in enumerate(points):
+        coordinates = _barycentric(point, corners[:, 0], inverse)
+        tets[i] = np.argmax(coordinates.min(axis=1))
+        weights[i] = coordinates[tets[i]]
+        if weights[i].min() < -INSIDE:
+            outside.append(i)
+    if outside:
+        nearest, distances = _nearest_tets(mesh, points[outside])
+        edges = corners[nearest] - np.roll(corners[nearest], 1, axis=1)
+        allowed = OUTSIDE * np.linalg.norm(edges, axis=2).mean(axis=1) if tolerance is None else tolerance
+        allowed = np.broadcast_to(allowed, distances.shape)
+        faults = [
+            _outside(points[i], float(distance), float(limit), mesh, where)
+            for i, distance, limit in zip(outside, distances, allowed, strict=True)
+            if distance > limit
+        ]
+        if faults:
+            raise MeshError(faults)
+        for i, tet in zip(outside, nearest, strict=True):
+            tets[i] = tet
+            weights[i] = _barycentric(points[i], corners[tet, :1], inverse[tet][None])[0]
+    return tets, weights
+
+
+def _barycentric(point: Floats, origins: Floats, inverse: Floats) -> Floats:
+    last = np.einsum("eij,ej->ei", inverse, point - origins)
+    return np.column_stack([1.0 - last.sum(axis=1), last])
+
+
+def _nearest_tets(mesh: TetMesh, points: Floats) -> tuple[Ints, Floats]:
+    triangles = mesh.points[boundary_faces(mesh)[:, :3]]
+    owners = boundary_owners(mesh)
+    nearest = np.zeros(len(points), dtype=np.int64)
+    distances = np.zeros(len(points))
+    for i, point in enumerate(points):
+        to_faces = _distances_to_triangles(point, triangles)
+        closest = int(np.argmin(to_faces))
+        nearest[i], distances[i] = owners[closest], to_faces[closest]
+    return nearest, distances
+
+
+def _distances_to_triangles(point: Floats, triangles: Floats) -> Floats:
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    height = np.einsum("ij,ij->i", point - triangles[:, 0], normals)
+    foot = point - height[:, None] * normals
+    above = np.ones(len(triangles), dtype=bool)
+    to_edges = np.full(len(triangles), np.inf)
+    for a, b in ((0, 1), (1, 2), (2, 0)):
+        start, edge = triangles[:, a], triangles[:, b] - triangles[:, a]
+        above &= np.einsum("ij,ij->i", np.cross(edge, foot - start), normals) >= 0.0
+        along = np.clip(np.einsum("ij,ij->i", point - start, edge) / np.einsum("ij,ij->i", edge, edge), 0.0, 1.0)
+        to_edges = np.minimum(to_edges, np.linalg.norm(start + along[:, None] * edge - point, axis=1))
+    return np.where(above, np.abs(height), to_edges)
+
+
+def _outside(point: Floats, distance: float, limit: float, mesh: TetMesh, where: str) -> Fault:
+    lower, upper = mesh.points.min(axis=0), mesh.points.max(axis=0)
+    spans = ", ".join(f"{axis} {a:.6g} to {b:.6g} m" for axis, a, b in zip("xyz", lower, upper, strict=True))
+    return Fault(
+        f"the point lies outside its body by {format_quantity(distance, 'm')}",
+        where=where,
+        got="(" + ", ".join(f"{x:.6g}" for x in point) + ") m",
+        allowed=f"at most {format_quantity(limit, 'm')} outside the body, which spans {spans}",
+    )

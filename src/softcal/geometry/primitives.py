@@ -1,0 +1,82 @@
+"""Structured meshes of simple bodies, made without Gmsh."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import permutations
+from typing import Literal
+
+import numpy as np
+
+from softcal.checks import Ints
+from softcal.errors import Fault, MeshError
+from softcal.geometry.mesh import TetMesh
+from softcal.geometry.quadratic import to_quadratic
+from softcal.geometry.surface import boundary_faces
+
+
+def box_mesh(
+    lengths: Sequence[float],
+    divisions: Sequence[int],
+    *,
+    order: Literal[1, 2] = 1,
+    origin: Sequence[float] = (0.0, 0.0, 0.0),
+) -> TetMesh:
+    """A box cut into bricks of six tetrahedra each (Kuhn's subdivision, which conforms across bricks).
+
+    Parameters
+    ----------
+    lengths
+        Edges of the box along x, y, z [m].
+    divisions
+        Number of bricks along each of them.
+    order
+        1 for linear, 2 for quadratic tetrahedra.
+    origin
+        Corner with the least coordinates [m].
+
+    Returns
+    -------
+    TetMesh
+        With the sides as node sets and face sets "x0", "x1", "y0", "y1", "z0", "z1".
+
+    Raises
+    ------
+    MeshError
+        Where a length or a number of divisions is not positive.
+    """
+    if len(lengths) != 3 or min(lengths) <= 0:
+        raise MeshError(Fault("a box needs three positive lengths", got=str(tuple(lengths)), allowed="> 0 m each"))
+    if len(divisions) != 3 or min(divisions) < 1:
+        raise MeshError(Fault("a box needs three numbers of divisions", got=str(tuple(divisions)), allowed=">= 1 each"))
+    axes = [
+        np.linspace(start, start + length, n + 1) for start, length, n in zip(origin, lengths, divisions, strict=True)
+    ]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    mesh = TetMesh(points, _kuhn_tets(divisions))
+    faces = boundary_faces(mesh)
+    node_sets: dict[str, Ints] = {}
+    face_sets: dict[str, Ints] = {}
+    for axis, name in enumerate("xyz"):
+        for end, place in (("0", axes[axis][0]), ("1", axes[axis][-1])):
+            on_side = points[:, axis] == place
+            node_sets[name + end] = np.flatnonzero(on_side)
+            face_sets[name + end] = faces[on_side[faces].all(axis=1)]
+    mesh = TetMesh(points, mesh.tets, node_sets=node_sets, face_sets=face_sets)
+    return to_quadratic(mesh) if order == 2 else mesh
+
+
+def _kuhn_tets(divisions: Sequence[int]) -> Ints:
+    shape = tuple(n + 1 for n in divisions)
+    cells = np.stack(np.meshgrid(*(np.arange(n) for n in divisions), indexing="ij"), axis=-1).reshape(-1, 3)
+    tets: list[Ints] = []
+    for path in permutations(range(3)):
+        corners = [cells]
+        for axis in path:
+            corners.append(corners[-1] + np.eye(3, dtype=np.int64)[axis])
+        numbers = [np.ravel_multi_index(tuple(corner.T), shape) for corner in corners]
+        odd = np.linalg.det(np.eye(3)[list(path)]) < 0
+        if odd:
+            numbers[1], numbers[2] = numbers[2], numbers[1]
+        tets.append(np.column_stack(numbers))
+    return np.stack(tets, axis=1).reshape(-1, 4)

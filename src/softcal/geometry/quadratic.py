@@ -1,0 +1,69 @@
+"""Linear to quadratic tetrahedra and back."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from softcal.checks import Ints
+from softcal.geometry.mesh import TET_EDGES, TetMesh
+
+# Corners of a triangle whose edge carries nodes 3, 4, 5 of its quadratic form.
+TRIANGLE_EDGES = ((0, 1), (1, 2), (2, 0))
+
+
+def to_quadratic(mesh: TetMesh) -> TetMesh:
+    """The mesh with a node at the middle of every edge, [m]; a quadratic mesh comes back as it is.
+
+    The new nodes follow the old ones. One is in a node set where both ends of its edge are.
+    """
+    if mesh.order == 2:
+        return mesh
+    edges, number = _numbered_edges(mesh)
+    middles = 0.5 * (mesh.points[edges[:, 0]] + mesh.points[edges[:, 1]])
+    tets = np.hstack([mesh.tets, mesh.n_points + number.reshape(-1, len(TET_EDGES))])
+    return TetMesh(
+        np.vstack([mesh.points, middles]),
+        tets,
+        node_sets={name: _with_middles(mesh, nodes, edges) for name, nodes in mesh.node_sets.items()},
+        face_sets={name: _quadratic_faces(mesh, faces, edges) for name, faces in mesh.face_sets.items()},
+        element_sets=dict(mesh.element_sets),
+    )
+
+
+def to_linear(mesh: TetMesh) -> TetMesh:
+    """The mesh without its mid-edge nodes, [m]; a linear mesh comes back as it is.
+
+    The corners are numbered anew in their old order; nodes that no tet uses go as well.
+    """
+    if mesh.order == 1:
+        return mesh
+    corners = mesh.corners
+    new = np.full(mesh.n_points, -1, dtype=np.int64)
+    new[corners] = np.arange(len(corners))
+    node_sets = {name: new[nodes][new[nodes] >= 0] for name, nodes in mesh.node_sets.items()}
+    return TetMesh(
+        mesh.points[corners],
+        new[mesh.tets[:, :4]],
+        node_sets=node_sets,
+        face_sets={name: new[faces[:, :3]] for name, faces in mesh.face_sets.items()},
+        element_sets=dict(mesh.element_sets),
+    )
+
+
+def _numbered_edges(mesh: TetMesh) -> tuple[Ints, Ints]:
+    pairs = np.sort(mesh.tets[:, TET_EDGES].reshape(-1, 2), axis=1)
+    keys, number = np.unique(pairs[:, 0] * mesh.n_points + pairs[:, 1], return_inverse=True)
+    return np.column_stack([keys // mesh.n_points, keys % mesh.n_points]), number
+
+
+def _with_middles(mesh: TetMesh, nodes: Ints, edges: Ints) -> Ints:
+    inside = np.zeros(mesh.n_points, dtype=bool)
+    inside[nodes] = True
+    return np.concatenate([nodes, mesh.n_points + np.flatnonzero(inside[edges].all(axis=1))])
+
+
+def _quadratic_faces(mesh: TetMesh, faces: Ints, edges: Ints) -> Ints:
+    pairs = np.sort(faces[:, TRIANGLE_EDGES], axis=2)
+    keys = edges[:, 0] * mesh.n_points + edges[:, 1]
+    middles = np.searchsorted(keys, pairs[..., 0] * mesh.n_points + pairs[..., 1])
+    return np.hstack([faces, mesh.n_points + middles])

@@ -1,0 +1,230 @@
+"""Whether a mesh can be computed with: found before solving, told with numbers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from softcal.checks import Floats, Ints
+from softcal.errors import Fault, MeshError
+from softcal.geometry.mesh import TET_EDGES, TET_FACES, TetMesh
+
+# A tet whose least dihedral angle [rad] is below this counts as a sliver.
+SLIVER_ANGLE = math.radians(5.0)
+# Jacobians below this, relative to the cube of the longest edge, are rounding: the tet is flat.
+FLAT = 1e-10
+# Nodes nearer than this, relative to the mesh's diagonal, sit on each other.
+SAME_PLACE = 1e-9
+
+
+@dataclass(frozen=True)
+class MeshReport:
+    """What `check_quality` found.
+
+    volume [m^3]; lower, upper: corners of the bounding box [m]; qualities: mean ratio, 1 for a regular tet, 0 for a
+    flat one; min_dihedral [rad]; inverted: tets that are flat or turned inside out somewhere; slivers: tets with a
+    dihedral angle below 5 degrees; n_parts: parts that share no node; unreferenced: nodes that no tet uses;
+    n_duplicate_nodes: pairs of nodes at the same place.
+    """
+
+    n_points: int
+    n_tets: int
+    order: int
+    volume: float
+    lower: tuple[float, float, float]
+    upper: tuple[float, float, float]
+    min_quality: float
+    median_quality: float
+    min_dihedral: float
+    inverted: tuple[int, ...]
+    slivers: tuple[int, ...]
+    n_parts: int
+    unreferenced: tuple[int, ...]
+    n_duplicate_nodes: int
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether the mesh can be computed with; slivers make it poor, not unsound."""
+        return not self.inverted and self.n_parts == 1 and not self.unreferenced
+
+    @property
+    def warning(self) -> str:
+        """A sentence on what is poor but can be computed with, or empty."""
+        texts: list[str] = []
+        if self.slivers:
+            texts.append(
+                f"{len(self.slivers)} of {self.n_tets} tets are slivers (tets {_some(self.slivers)}), "
+                f"least dihedral angle {math.degrees(self.min_dihedral):.2g} deg, where 5 deg or more is good"
+            )
+        if self.n_duplicate_nodes:
+            texts.append(f"{self.n_duplicate_nodes} pairs of nodes sit at the same place, which leaves the mesh slit")
+        return "; ".join(texts)
+
+
+def check_quality(mesh: TetMesh) -> MeshReport:
+    """Measure a mesh; never raises on a poor one."""
+    corners = mesh.points[mesh.tets[:, :4]]
+    lower, upper = mesh.points.min(axis=0), mesh.points.max(axis=0)
+    dihedral = _least_dihedral(corners)
+    quality = _mean_ratio(corners)
+    longest = _edge_lengths(corners).max(axis=1)
+    inverted = np.flatnonzero(_least_jacobian(mesh) <= FLAT * longest**3)
+    used = np.zeros(mesh.n_points, dtype=bool)
+    used[mesh.tets] = True
+    pairs = cKDTree(mesh.points).query_pairs(SAME_PLACE * float(np.linalg.norm(upper - lower)), output_type="ndarray")
+    return MeshReport(
+        n_points=mesh.n_points,
+        n_tets=mesh.n_tets,
+        order=mesh.order,
+        volume=_volume(mesh),
+        lower=_triple(lower),
+        upper=_triple(upper),
+        min_quality=float(quality.min()),
+        median_quality=float(np.median(quality)),
+        min_dihedral=float(dihedral.min()),
+        inverted=tuple(inverted.tolist()),
+        slivers=tuple(np.setdiff1d(np.flatnonzero(dihedral < SLIVER_ANGLE), inverted).tolist()),
+        n_parts=_count_parts(mesh, used),
+        unreferenced=tuple(np.flatnonzero(~used).tolist()),
+        n_duplicate_nodes=len(pairs),
+    )
+
+
+def require_sound(mesh: TetMesh, where: str = "") -> MeshReport:
+    """The report of a mesh that can be computed with.
+
+    Raises
+    ------
+    MeshError
+        Where tets are inverted, parts are not connected or nodes belong to no tet; with every fault found.
+    """
+    report = check_quality(mesh)
+    faults: list[Fault] = []
+    if report.inverted:
+        everything = len(report.inverted) == report.n_tets
+        faults.append(
+            Fault(
+                f"{len(report.inverted)} of {report.n_tets} tets are inverted or flat",
+                where=where,
+                got=f"tets {_some(report.inverted)}",
+                allowed="a positive Jacobian throughout every tet",
+                attempt="swap two nodes of every tet: their order is mirrored" if everything else "mesh anew",
+            )
+        )
+    if report.n_parts > 1:
+        hint = f"; {report.n_duplicate_nodes} pairs of nodes at the same place" if report.n_duplicate_nodes else ""
+        faults.append(
+            Fault(
+                "the mesh falls into parts that share no node",
+                where=where,
+                got=f"{report.n_parts} parts{hint}",
+                allowed="one connected part for each body",
+                attempt="merge the nodes at the same place" if hint else "one mesh for each body",
+            )
+        )
+    if report.unreferenced:
+        faults.append(
+            Fault(
+                f"{len(report.unreferenced)} of {report.n_points} nodes belong to no tet",
+                where=where,
+                got=f"nodes {_some(report.unreferenced)}",
+                allowed="nodes of tets only",
+                attempt="drop_unreferenced(mesh)",
+            )
+        )
+    if faults:
+        raise MeshError(faults)
+    return report
+
+
+def drop_unreferenced(mesh: TetMesh) -> TetMesh:
+    """The mesh without the nodes that no tet uses, the others numbered anew in their old order."""
+    used = np.unique(mesh.tets)
+    new = np.full(mesh.n_points, -1, dtype=np.int64)
+    new[used] = np.arange(len(used))
+    return TetMesh(
+        mesh.points[used],
+        new[mesh.tets],
+        node_sets={name: new[nodes][new[nodes] >= 0] for name, nodes in mesh.node_sets.items()},
+        face_sets={name: new[faces] for name, faces in mesh.face_sets.items()},
+        element_sets=dict(mesh.element_sets),
+    )
+
+
+def _edge_lengths(corners: Floats) -> Floats:
+    return np.stack([np.linalg.norm(corners[:, b] - corners[:, a], axis=1) for a, b in TET_EDGES], axis=1)
+
+
+def _signed_volumes(corners: Floats) -> Floats:
+    return np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6.0
+
+
+def _mean_ratio(corners: Floats) -> Floats:
+    volumes = np.maximum(_signed_volumes(corners), 0.0)
+    squares = (_edge_lengths(corners) ** 2).sum(axis=1)
+    return 12.0 * (3.0 * volumes) ** (2.0 / 3.0) / np.maximum(squares, np.finfo(float).tiny)
+
+
+def _least_dihedral(corners: Floats) -> Floats:
+    normals: list[Floats] = []
+    for a, b, c in TET_FACES:
+        normal = np.cross(corners[:, b] - corners[:, a], corners[:, c] - corners[:, a])
+        normals.append(normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), np.finfo(float).tiny))
+    cosines = [-np.einsum("ij,ij->i", normals[i], normals[j]) for i in range(len(normals)) for j in range(i)]
+    return np.arccos(np.clip(np.max(cosines, axis=0), -1.0, 1.0))
+
+
+def _jacobians(mesh: TetMesh, places: Floats) -> Floats:
+    """Jacobians at barycentric places (p, 4), shape (n_tets, p)."""
+    nodes = mesh.points[mesh.tets]
+    slopes = np.zeros((len(places), 4, mesh.tets.shape[1]))
+    if mesh.order == 1:
+        slopes[:] = np.eye(4)
+    else:
+        for i in range(4):
+            slopes[:, i, i] = 4.0 * places[:, i] - 1.0
+        for edge, (a, b) in enumerate(TET_EDGES):
+            slopes[:, a, 4 + edge] = 4.0 * places[:, b]
+            slopes[:, b, 4 + edge] = 4.0 * places[:, a]
+    by_barycentric = np.einsum("pia,ead->epid", slopes, nodes)
+    return np.linalg.det(by_barycentric[:, :, 1:] - by_barycentric[:, :, :1])
+
+
+def _least_jacobian(mesh: TetMesh) -> Floats:
+    places = np.eye(4)
+    if mesh.order == 1:
+        return _jacobians(mesh, places[:1])[:, 0]
+    middles = np.array([(places[a] + places[b]) / 2 for a, b in TET_EDGES])
+    return _jacobians(mesh, np.vstack([places, middles, np.full((1, 4), 0.25)])).min(axis=1)
+
+
+def _volume(mesh: TetMesh) -> float:
+    if mesh.order == 1:
+        return float(_signed_volumes(mesh.points[mesh.tets]).sum())
+    # The Jacobian of a quadratic tet is cubic: five points integrate it exactly.
+    places = np.vstack([np.full((1, 4), 0.25), np.full((4, 4), 1 / 6) + np.eye(4) / 3])
+    weights = np.array([-0.8, 0.45, 0.45, 0.45, 0.45]) / 6.0
+    return float((_jacobians(mesh, places) @ weights).sum())
+
+
+def _count_parts(mesh: TetMesh, used: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> int:
+    first = np.repeat(mesh.tets[:, 0], mesh.tets.shape[1] - 1)
+    others = mesh.tets[:, 1:].ravel()
+    graph = coo_array((np.ones(len(first), dtype=np.int8), (first, others)), shape=(mesh.n_points, mesh.n_points))
+    _, labels = connected_components(graph, directed=False)
+    return len(np.unique(labels[used]))
+
+
+def _triple(values: Floats) -> tuple[float, float, float]:
+    x, y, z = values.tolist()
+    return x, y, z
+
+
+def _some(numbers: tuple[int, ...] | Ints) -> str:
+    shown = ", ".join(str(number) for number in numbers[:8])
+    return shown if len(numbers) <= 8 else f"{shown}, ..."

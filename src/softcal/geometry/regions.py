@@ -1,0 +1,214 @@
+"""Regions of a mesh by name or by shape, and what they select."""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from softcal.checks import Floats, Ints, frozen_floats
+from softcal.errors import Fault, MeshError
+from softcal.geometry.mesh import TetMesh
+from softcal.geometry.surface import boundary_faces, matching_faces
+
+Mask = NDArray[np.bool_]
+Side = Literal["on", "above", "below"]
+
+# Coordinates in files are rounded: a point this near to a region, relative to the mesh's diagonal, is in it.
+ROUNDING = 1e-6
+
+
+@dataclass(frozen=True)
+class Named:
+    """A named group of the mesh: node set, face set or element set."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class Box:
+    """Between two corners [m]; an infinite coordinate leaves that side open."""
+
+    lower: tuple[float, float, float]
+    upper: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        if any(not low <= high for low, high in zip(self.lower, self.upper, strict=True)):
+            raise MeshError(
+                Fault("a box is turned inside out", got=f"{self.lower} to {self.upper}", allowed="lower <= upper")
+            )
+
+    def contains(self, points: Floats, slack: float) -> Mask:
+        low, high = np.asarray(self.lower) - slack, np.asarray(self.upper) + slack
+        return ((points >= low) & (points <= high)).all(axis=1)
+
+
+@dataclass(frozen=True)
+class Plane:
+    """A plane through a point [m]; what lies on it (within tolerance [m]), or above or below it by its normal."""
+
+    point: tuple[float, float, float]
+    normal: tuple[float, float, float]
+    tolerance: float = 0.0
+    side: Side = "on"
+
+    def __post_init__(self) -> None:
+        frozen_floats(self.point, name="a plane's point", shape=(3,))
+        if not np.linalg.norm(frozen_floats(self.normal, name="a plane's normal", shape=(3,))) > 0:
+            raise MeshError(Fault("a plane has no normal", got=str(self.normal), allowed="a vector that is not zero"))
+        if not self.tolerance >= 0:
+            raise MeshError(Fault("a plane's tolerance is negative", got=f"{self.tolerance:g} m", allowed=">= 0 m"))
+        if self.side not in ("on", "above", "below"):
+            raise MeshError(Fault("a plane's side is unknown", got=f"'{self.side}'", allowed="on, above, below"))
+
+    def contains(self, points: Floats, slack: float) -> Mask:
+        normal = np.asarray(self.normal) / np.linalg.norm(self.normal)
+        height = (points - np.asarray(self.point)) @ normal
+        reach = self.tolerance + slack
+        if self.side == "on":
+            return np.abs(height) <= reach
+        return height >= -reach if self.side == "above" else height <= reach
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """A solid cylinder between the centres of its two ends [m], with its radius [m]."""
+
+    start: tuple[float, float, float]
+    end: tuple[float, float, float]
+    radius: float
+
+    def __post_init__(self) -> None:
+        ends = [frozen_floats(end, name="a cylinder's end", shape=(3,)) for end in (self.start, self.end)]
+        if not np.linalg.norm(ends[1] - ends[0]) > 0:
+            raise MeshError(Fault("a cylinder has no length", got=f"{self.start} to {self.end}"))
+        _check_radius("a cylinder", self.radius)
+
+    def contains(self, points: Floats, slack: float) -> Mask:
+        axis = np.subtract(self.end, self.start)
+        length = float(np.linalg.norm(axis))
+        axis = axis / length
+        away = points - np.asarray(self.start)
+        along = away @ axis
+        distance = np.linalg.norm(away - along[:, None] * axis, axis=1)
+        return (along >= -slack) & (along <= length + slack) & (distance <= self.radius + slack)
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A ball: centre [m], radius [m]."""
+
+    centre: tuple[float, float, float]
+    radius: float
+
+    def __post_init__(self) -> None:
+        frozen_floats(self.centre, name="a sphere's centre", shape=(3,))
+        _check_radius("a sphere", self.radius)
+
+    def contains(self, points: Floats, slack: float) -> Mask:
+        return np.linalg.norm(points - np.asarray(self.centre), axis=1) <= self.radius + slack
+
+
+Shape = Box | Plane | Cylinder | Sphere
+Region = Named | Shape
+
+
+def select_nodes(mesh: TetMesh, region: Region, *, where: str = "") -> Ints:
+    """Numbers of the nodes in a region, ascending; of a face or element set, all its nodes.
+
+    Raises
+    ------
+    MeshError
+        Where the region selects nothing or its name is not known.
+    """
+    if isinstance(region, Named):
+        name = region.name
+        if name in mesh.node_sets:
+            nodes = mesh.node_sets[name]
+        elif name in mesh.face_sets:
+            nodes = mesh.face_sets[name]
+        elif name in mesh.element_sets:
+            nodes = mesh.tets[mesh.element_sets[name]]
+        else:
+            raise _unknown(mesh, name, where)
+        return _something(np.unique(nodes), mesh, region, "nodes", where)
+    return _something(np.flatnonzero(region.contains(mesh.points, _slack(mesh))), mesh, region, "nodes", where)
+
+
+def select_faces(mesh: TetMesh, region: Region, *, where: str = "") -> Ints:
+    """Boundary triangles all of whose nodes are in a region, outwards; of a face set, its own triangles.
+
+    Raises
+    ------
+    MeshError
+        Where the region selects nothing or its name is not known.
+    """
+    if isinstance(region, Named) and region.name in mesh.face_sets:
+        return _something(matching_faces(mesh, mesh.face_sets[region.name], where=where), mesh, region, "faces", where)
+    inside = np.zeros(mesh.n_points, dtype=bool)
+    inside[select_nodes(mesh, region, where=where)] = True
+    faces = boundary_faces(mesh)
+    return _something(faces[inside[faces].all(axis=1)], mesh, region, "faces", where)
+
+
+def select_elements(mesh: TetMesh, region: Region, *, where: str = "") -> Ints:
+    """Numbers of the tets in a region: by their centroid in a shape; of a node or face set, with all corners in it.
+
+    Raises
+    ------
+    MeshError
+        Where the region selects nothing or its name is not known.
+    """
+    if isinstance(region, Named):
+        if region.name in mesh.element_sets:
+            return _something(np.unique(mesh.element_sets[region.name]), mesh, region, "elements", where)
+        inside = np.zeros(mesh.n_points, dtype=bool)
+        inside[select_nodes(mesh, region, where=where)] = True
+        chosen = inside[mesh.tets[:, :4]].all(axis=1)
+    else:
+        chosen = region.contains(mesh.points[mesh.tets[:, :4]].mean(axis=1), _slack(mesh))
+    return _something(np.flatnonzero(chosen), mesh, region, "elements", where)
+
+
+def _slack(mesh: TetMesh) -> float:
+    return ROUNDING * float(np.linalg.norm(np.ptp(mesh.points, axis=0)))
+
+
+def _check_radius(shape: str, radius: float) -> None:
+    if not radius > 0:
+        raise MeshError(Fault(f"{shape} has no radius", got=f"{radius:g} m", allowed="> 0 m"))
+
+
+def _something(chosen: Ints, mesh: TetMesh, region: Region, kind: str, where: str) -> Ints:
+    if len(chosen):
+        return chosen
+    lower, upper = mesh.points.min(axis=0), mesh.points.max(axis=0)
+    spans = ", ".join(f"{axis} {a:.6g} to {b:.6g} m" for axis, a, b in zip("xyz", lower, upper, strict=True))
+    raise MeshError(
+        Fault(
+            f"the region selects no {kind}",
+            where=where,
+            got=str(region),
+            allowed=f"a region that meets the mesh, which spans {spans}",
+            attempt="check the unit of the region and of the mesh" if not isinstance(region, Named) else "",
+        )
+    )
+
+
+def _unknown(mesh: TetMesh, name: str, where: str) -> MeshError:
+    known = sorted({*mesh.node_sets, *mesh.face_sets, *mesh.element_sets})
+    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    return MeshError(
+        Fault(
+            "the mesh has no group of this name",
+            where=where,
+            got=f"'{name}'",
+            allowed=", ".join(known)
+            if known
+            else "nothing: the mesh has no named groups; use a box, plane, cylinder or sphere",
+            attempt=f"'{near[0]}'" if near else "",
+        )
+    )

@@ -1,0 +1,75 @@
+"""The faces of a mesh: its boundary, and triangles turned so that they look outwards."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from softcal.checks import Ints
+from softcal.errors import Fault, MeshError
+from softcal.geometry.mesh import TET_FACE_EDGES, TET_FACES, TetMesh
+
+
+def boundary_faces(mesh: TetMesh) -> Ints:
+    """Triangles that belong to one tet only, oriented outwards, shape (k, 3 or 6)."""
+    faces = _all_faces(mesh)
+    _, first, count = np.unique(_face_keys(faces, mesh.n_points), return_index=True, return_counts=True)
+    return faces[np.sort(first[count == 1])]
+
+
+def boundary_owners(mesh: TetMesh) -> Ints:
+    """Number of the tet behind each row of `boundary_faces(mesh)`."""
+    _, first, count = np.unique(_face_keys(_all_faces(mesh), mesh.n_points), return_index=True, return_counts=True)
+    return np.sort(first[count == 1]) // 4
+
+
+def matching_faces(mesh: TetMesh, triangles: Ints, *, where: str = "") -> Ints:
+    """The faces of the mesh with the corners of `triangles` (k, 3 or more), shape (k, 3 or 6).
+
+    A boundary face comes out oriented outwards; an inner face keeps the orientation it is given with.
+
+    Raises
+    ------
+    MeshError
+        Where a triangle is not a face of any tet.
+    """
+    triangles = np.asarray(triangles, dtype=np.int64)
+    faces = _all_faces(mesh)
+    keys = _face_keys(faces, mesh.n_points)
+    order = np.argsort(keys, kind="stable")
+    wanted = _face_keys(triangles, mesh.n_points)
+    left = np.searchsorted(keys[order], wanted, side="left")
+    right = np.searchsorted(keys[order], wanted, side="right")
+    strangers = np.flatnonzero(left == right)
+    if strangers.size:
+        raise MeshError(
+            Fault(
+                f"{strangers.size} of {len(triangles)} triangles are not faces of any tetrahedron",
+                where=where,
+                got=f"for instance nodes {triangles[strangers[0], :3].tolist()}",
+                allowed="faces of the tetrahedra of the mesh",
+            )
+        )
+    found = faces[order[left]]
+    second = faces[order[right - 1]]
+    turn = (right - left > 1) & (_handedness(found) != _handedness(triangles))
+    found[turn] = second[turn]
+    return found
+
+
+def _all_faces(mesh: TetMesh) -> Ints:
+    local = [list(face) for face in TET_FACES]
+    if mesh.order == 2:
+        local = [corners + [4 + edge for edge in edges] for corners, edges in zip(local, TET_FACE_EDGES, strict=True)]
+    return mesh.tets[:, local].reshape(-1, len(local[0]))
+
+
+def _face_keys(faces: Ints, n_points: int) -> Ints:
+    low, middle, high = np.sort(faces[:, :3], axis=1).T
+    return (low * n_points + middle) * n_points + high
+
+
+def _handedness(faces: Ints) -> Ints:
+    corners = faces[:, :3]
+    first = np.argmin(corners, axis=1)
+    rows = np.arange(len(corners))
+    return (corners[rows, (first + 1) % 3] < corners[rows, (first + 2) % 3]).astype(np.int64)

@@ -1,0 +1,133 @@
+"""A hyperelastic law is one energy; everything else is derived from it.
+
+    psi(F; theta) = psi_d(I1, I2, J; theta) + kappa(theta)/2 g(J)^2
+
+with I1 = tr C, I2 = (I1^2 - tr C^2)/2, J = det F, C = F^T F, per undeformed volume. The volumetric part is kept
+apart so that it can enter as it stands, or as p g(J) - p^2 / (2 kappa) with a pressure p of its own, which holds
+no large number as nu -> 0.5.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from softcal.checks import Floats
+
+# Rows of the coefficient array that `CompiledLaw.coefficients` returns.
+FIRST = ("I1", "I2", "J")
+SECOND = (("I1", "I1"), ("I1", "I2"), ("I1", "J"), ("I2", "I2"), ("I2", "J"), ("J", "J"))
+
+
+@dataclass(frozen=True)
+class Law:
+    """An energy with named parameters.
+
+    distortional: psi_d [J/m^3], text in I1, I2, J and the symbols; volumetric_strain: g(J) [-];
+    symbols: name -> text in the parameters, for instance mu -> E/(2 (1 + nu));
+    bulk: kappa [Pa], text in the symbols; shear: the small-strain shear modulus [Pa], text in the symbols.
+    parameters: dotted-name endings -> the letter they have in the texts.
+    """
+
+    name: str
+    parameters: Mapping[str, str]
+    symbols: Mapping[str, str]
+    distortional: str
+    volumetric_strain: str
+    bulk: str
+    shear: str
+    reference: str = ""
+
+    def __hash__(self) -> int:
+        return hash((self.name, self.distortional, self.volumetric_strain, self.bulk))
+
+    def shear_modulus(self, theta: Mapping[str, float]) -> float:
+        """Small-strain shear modulus [Pa] at parameters theta [SI]."""
+        return float(compile_law(self).shear(*_ordered(self, theta)))
+
+    def bulk_modulus(self, theta: Mapping[str, float]) -> float:
+        """kappa [Pa] of the volumetric part at parameters theta [SI]."""
+        return float(compile_law(self).bulk(*_ordered(self, theta)))
+
+
+@dataclass(frozen=True)
+class CompiledLaw:
+    """Vectorised derivatives of a law. Invariants have shape (n,); coefficient arrays (9, n): FIRST then SECOND."""
+
+    parameters: tuple[str, ...]
+    has_cross_terms: bool  # False where only psi_1, psi_J and psi_JJ are not zero
+    shear: Callable[..., Any]
+    bulk: Callable[..., Any]
+    energy: Callable[..., Any]
+    energy_distortional: Callable[..., Any]
+    full: Callable[..., Any]
+    distortional: Callable[..., Any]
+    full_by_parameter: Callable[..., Any]
+    distortional_by_parameter: Callable[..., Any]
+    strain: Callable[..., Any]  # g, g', g''
+    compliance: Callable[..., Any]  # 1/kappa and its derivatives by the parameters
+
+
+def _ordered(law: Law, theta: Mapping[str, float]) -> tuple[float, ...]:
+    return tuple(theta[name] for name in law.parameters)
+
+
+@functools.cache
+def compile_law(law: Law) -> CompiledLaw:
+    """Differentiate the energy with SymPy and turn the derivatives into NumPy functions; cached."""
+    import sympy
+
+    letters = {letter: sympy.Symbol(letter, positive=True) for letter in law.parameters.values()}
+    invariants = {name: sympy.Symbol(name, positive=True) for name in FIRST}
+    scope: dict[str, Any] = {**letters, **invariants}
+    for symbol, text in law.symbols.items():
+        scope[symbol] = sympy.sympify(text, locals=scope)
+    psi_d = sympy.sympify(law.distortional, locals=scope)
+    g = sympy.sympify(law.volumetric_strain, locals=scope)
+    kappa = sympy.sympify(law.bulk, locals=scope)
+    psi = psi_d + kappa / 2 * g**2
+
+    arguments = [*invariants.values(), *letters.values()]
+    theta = list(letters.values())
+    J = invariants["J"]
+
+    def first(energy: Any) -> list[Any]:
+        return [energy.diff(invariants[a]) for a in FIRST]
+
+    def derivatives(energy: Any) -> list[Any]:
+        return first(energy) + [energy.diff(invariants[a], invariants[b]) for a, b in SECOND]
+
+    def by_parameter(energy: Any) -> list[list[Any]]:
+        return [[d.diff(t) for d in first(energy)] for t in theta]
+
+    def function(args: list[Any], expression: Any) -> Callable[..., Any]:
+        return sympy.lambdify(args, expression, modules="numpy", cse=True)
+
+    second = [sympy.simplify(psi.diff(invariants[a], invariants[b])) for a, b in SECOND[:-1]]
+    has_cross_terms = any(d != 0 for d in second) or sympy.simplify(psi.diff(invariants["I2"])) != 0
+    return CompiledLaw(
+        parameters=tuple(law.parameters),
+        has_cross_terms=has_cross_terms,
+        shear=function(theta, sympy.sympify(law.shear, locals=scope)),
+        bulk=function(theta, kappa),
+        energy=function(arguments, psi),
+        energy_distortional=function(arguments, psi_d),
+        full=function(arguments, derivatives(psi)),
+        distortional=function(arguments, derivatives(psi_d)),
+        full_by_parameter=function(arguments, by_parameter(psi)),
+        distortional_by_parameter=function(arguments, by_parameter(psi_d)),
+        strain=function([J], [g, g.diff(J), g.diff(J, 2)]),
+        compliance=function(theta, [1 / kappa, [(1 / kappa).diff(t) for t in theta]]),
+    )
+
+
+def stacked(rows: list[Any], n: int) -> Floats:
+    """Rows that may be numbers or arrays of shape (n,) -> one array (len(rows), n)."""
+    out = np.empty((len(rows), n))
+    for i, row in enumerate(rows):
+        out[i] = row
+    return out

@@ -1,0 +1,187 @@
+"""Cables: polylines through points, with a tension as multiplier of a prescribed length.
+
+    Pi_c = T (L - (L0 - d)),   L = sum over segments of |sum_s sigma_s x_s|
+
+A segment's ends may be points or weighted sums of points (a via point inside a tet), so a segment is a list of
+entities with signed weights sigma_s. A cable is either *prescribed in length* (its tension is an unknown) or *held*
+(its tension is given, zero when it is slack).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from softcal.checks import Floats, Ints
+from softcal.mechanics.layout import Layout
+from softcal.mechanics.pattern import Pattern
+
+
+@dataclass(frozen=True)
+class CablePlaces:
+    """Where the segments' blocks stand in the tangent's long array."""
+
+    pairs: Ints  # (n_pairs, 3)
+    pair_ptr: Ints  # (n_segments + 1,)
+    coupling: Ints  # (n_supports, 3)
+    diagonal: Ints  # (n_cables,)
+
+
+@dataclass(frozen=True)
+class CableTerm:
+    """Segments of all cables. support[ptr[k]:ptr[k+1]]: the points of segment k, ascending; sigma: their signed
+    weights; cable: the cable each segment belongs to; rest_length (n_cables,) [m]."""
+
+    ptr: Ints
+    support: Ints
+    sigma: Floats
+    cable: Ints
+    rest_length: Floats
+
+    @property
+    def n_cables(self) -> int:
+        return len(self.rest_length)
+
+    def connectivities(self, layout: Layout) -> list[Ints]:
+        """Entities each segment connects: its points and its cable's tension."""
+        return [
+            np.append(self.support[self.ptr[k] : self.ptr[k + 1]], layout.cable_entity(self.cable[k]))[None, :]
+            for k in range(len(self.cable))
+        ]
+
+    def places(self, layout: Layout, pattern: Pattern) -> CablePlaces:
+        """Look up, once, where the segments' blocks go."""
+        pairs, pair_ptr, coupling = [], [0], []
+        for k in range(len(self.cable)):
+            s = self.support[self.ptr[k] : self.ptr[k + 1]]
+            i, j = np.triu_indices(len(s))
+            pairs.append(pattern.pair(s[i], s[j]))
+            pair_ptr.append(pair_ptr[-1] + len(i))
+            coupling.append(pattern.pair(s, np.full(len(s), layout.cable_entity(self.cable[k]))))
+        entity = np.arange(self.n_cables) + layout.n_points + layout.n_pressures
+        empty = np.zeros((0, 3), dtype=np.int64)
+        return CablePlaces(
+            np.concatenate([empty, *pairs]),
+            np.array(pair_ptr, dtype=np.int64),
+            np.concatenate([empty, *coupling]),
+            pattern.pair(entity, entity)[:, 0],
+        )
+
+    def vectors(self, x: Floats) -> Floats:
+        """Segment vectors (n_segments, 3) [m]."""
+        return np.add.reduceat(self.sigma[:, None] * x[self.support], self.ptr[:-1], axis=0)
+
+    def lengths(self, x: Floats) -> Floats:
+        """Length of each cable (n_cables,) [m]."""
+        if len(self.cable) == 0:
+            return np.zeros(self.n_cables)
+        return np.bincount(self.cable, np.linalg.norm(self.vectors(x), axis=1), minlength=self.n_cables)
+
+    def assemble(
+        self,
+        x: Floats,
+        tension: Floats,
+        shortening: Floats,
+        is_held: np.ndarray,
+        gradient: Floats,
+        first_scalar: int,
+        data: Floats | None,
+        places: CablePlaces,
+    ) -> None:
+        """Add gradient and, where `data` is given, tangent. shortening (n_cables,) [m] counts where not held."""
+        if self.n_cables == 0:
+            return
+        v = self.vectors(x)
+        length = np.linalg.norm(v, axis=1)
+        total = np.bincount(self.cable, length, minlength=self.n_cables)
+        gap = np.where(is_held, 0.0, total - self.rest_length + shortening)
+        gradient[first_scalar : first_scalar + self.n_cables] += gap
+        _add(
+            gradient,
+            np.zeros(0) if data is None else data,
+            data is not None,
+            v,
+            length,
+            self.ptr,
+            self.support,
+            self.sigma,
+            self.cable,
+            tension,
+            is_held,
+            places.pairs,
+            places.pair_ptr,
+            places.coupling,
+        )
+        if data is not None:
+            data[places.diagonal[is_held]] += 1.0
+
+    def length_gradient(self, x: Floats, i_cable: int, n_entities_flat: int) -> Floats:
+        """dL/dx of one cable as a gradient on all entities (n_entities_flat,)."""
+        gradient = np.zeros(n_entities_flat)
+        v = self.vectors(x)
+        for k in np.flatnonzero(self.cable == i_cable):
+            n = v[k] / np.linalg.norm(v[k])
+            for s in range(self.ptr[k], self.ptr[k + 1]):
+                at = 3 * self.support[s]
+                gradient[at : at + 3] += self.sigma[s] * n
+        return gradient
+
+
+def build_cables(
+    layout_points: Floats, supports: list[list[list[tuple[int, float]]]]
+) -> CableTerm:
+    """The term of cables given, per cable and via point, as weighted points [(point, weight), ...].
+
+    The rest length is the polyline's on the undeformed robot, layout_points (n_points, 3) [m].
+    """
+    ptr, support, sigma, cable = [0], [], [], []
+    for c, via in enumerate(supports):
+        for start, end in zip(via[:-1], via[1:], strict=True):
+            weights: dict[int, float] = {}
+            for point, weight in start:
+                weights[point] = weights.get(point, 0.0) - weight
+            for point, weight in end:
+                weights[point] = weights.get(point, 0.0) + weight
+            points = sorted(weights)
+            support.extend(points)
+            sigma.extend(weights[p] for p in points)
+            ptr.append(len(support))
+            cable.append(c)
+    term = CableTerm(
+        np.array(ptr, dtype=np.int64),
+        np.array(support, dtype=np.int64),
+        np.array(sigma, dtype=np.float64),
+        np.array(cable, dtype=np.int64),
+        np.zeros(len(supports)),
+    )
+    return CableTerm(term.ptr, term.support, term.sigma, term.cable, term.lengths(layout_points))
+
+
+@numba.njit(cache=True)
+def _add(  # type: ignore[no-untyped-def]
+    gradient, data, with_tangent, v, length, ptr, support, sigma, cable, tension, is_held, pairs, pair_ptr, coupling
+):
+    B = np.empty((3, 3))
+    for k in range(len(cable)):
+        T = tension[cable[k]]
+        n = v[k] / length[k]
+        for s in range(ptr[k], ptr[k + 1]):
+            for i in range(3):
+                gradient[3 * support[s] + i] += T * sigma[s] * n[i]
+        if not with_tangent:
+            continue
+        for i in range(3):
+            for j in range(3):
+                B[i, j] = ((1.0 if i == j else 0.0) - n[i] * n[j]) * T / length[k]
+        m = pair_ptr[k]
+        for s in range(ptr[k], ptr[k + 1]):
+            for t in range(s, ptr[k + 1]):
+                for i in range(3):
+                    for j in range(i if s == t else 0, 3):
+                        data[pairs[m, i] + j] += sigma[s] * sigma[t] * B[i, j]
+                m += 1
+            if not is_held[cable[k]]:
+                for i in range(3):
+                    data[coupling[s, i]] += sigma[s] * n[i]

@@ -1,0 +1,195 @@
+"""Hyperelastic tetrahedra: linear, quadratic, and quadratic with continuous linear pressure (Taylor-Hood)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from softcal.checks import Floats, Ints
+from softcal.materials.law import CompiledLaw, Law, compile_law, stacked
+from softcal.mechanics import solid_kernels
+from softcal.mechanics.element import quadrature, reference_gradients, shape_functions
+from softcal.mechanics.pattern import Pattern
+
+
+@dataclass(frozen=True)
+class SolidPlaces:
+    """Where a solid's element blocks stand in the tangent's long array (see `Pattern`)."""
+
+    displacement: Ints  # (n_tets, pairs, 3)
+    coupling: Ints  # (n_tets, n_a, 4, 3) or empty
+    pressure: Ints  # (n_tets, 10) or empty
+
+
+@dataclass(frozen=True)
+class SolidTerm:
+    """Pi = sum over quadrature points of w psi(F), or w (psi_d(F) + p g(J) - p^2/(2 kappa)) with pressures p.
+
+    conn: (n_tets, 4 or 10) point numbers, ascending in each row; dN (n_tets, n_q, n_a, 3) [1/m]; w (n_tets, n_q) [m^3].
+    pressure_conn: (n_tets, 4) pressure numbers, ascending, or (n_tets, 0) for a pure displacement element;
+    N_p: (n_tets, n_q, 4) their shape functions.
+    """
+
+    name: str
+    law: Law
+    compiled: CompiledLaw
+    conn: Ints
+    dN: Floats
+    w: Floats
+    pressure_conn: Ints
+    N_p: Floats
+    nodal_volume: Floats  # (n_tets, n_a): integral of each shape function [m^3]
+
+    @property
+    def is_mixed(self) -> bool:
+        return self.pressure_conn.shape[1] > 0
+
+    def connectivity(self, n_points: int) -> Ints:
+        """Entities each tet connects, ascending."""
+        return np.concatenate([self.conn, n_points + self.pressure_conn], axis=1)
+
+    def places(self, pattern: Pattern, n_points: int) -> SolidPlaces:
+        """Look up, once, where the element blocks go."""
+        a, b = np.triu_indices(self.conn.shape[1])
+        displacement = pattern.pair(self.conn[:, a], self.conn[:, b]).astype(np.int32)
+        if not self.is_mixed:
+            none = np.zeros((0, 0, 0, 0), dtype=np.int32), np.zeros((0, 0), dtype=np.int32)
+            return SolidPlaces(displacement, *none)
+        p = n_points + self.pressure_conn
+        coupling = pattern.pair(self.conn[:, :, None], p[:, None, :]).astype(np.int32)
+        c, d = np.triu_indices(4)
+        pressure = pattern.pair(p[:, c], p[:, d])[..., 0].astype(np.int32)
+        return SolidPlaces(displacement, coupling, pressure)
+
+    def invariants(self, x: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """F (n_tets, n_q, 3, 3) and I1, I2, J (n_tets, n_q) at positions x (n_points, 3)."""
+        n, n_q = self.w.shape
+        F = np.empty((n, n_q, 3, 3))
+        I1, I2, J = np.empty((n, n_q)), np.empty((n, n_q)), np.empty((n, n_q))
+        solid_kernels.kinematics(x, self.conn, self.dN, F, I1, I2, J)
+        return F, I1, I2, J
+
+    def assemble(
+        self,
+        x: Floats,
+        pressure: Floats,
+        kinematics: tuple[Floats, Floats, Floats, Floats],
+        theta: Mapping[str, float],
+        gradient: Floats,
+        data: Floats | None,
+        places: SolidPlaces,
+    ) -> None:
+        """Add the gradient (3 n_points + n_scalars,) and, where `data` is given, the tangent. J must be positive."""
+        F, I1, I2, J = kinematics
+        values = self._theta(theta)
+        n = I1.size
+        invariants = (I1.ravel(), I2.ravel(), J.ravel())
+        n_x = 3 * len(x)
+        if not self.is_mixed:
+            coefficients = stacked(self.compiled.full(*invariants, *values), n)
+        else:
+            coefficients = stacked(self.compiled.distortional(*invariants, *values), n)
+            g = stacked(self.compiled.strain(invariants[2]), n)
+            p = solid_kernels.interpolate(pressure, self.pressure_conn, self.N_p).ravel()
+            coefficients[2] += p * g[1]
+            coefficients[8] += p * g[2]
+        solid_kernels.add_gradient(gradient, self.conn, self.dN, self.w, F, I1, J, coefficients)
+        if self.is_mixed:
+            compliance, _ = self.compiled.compliance(*values)
+            solid_kernels.add_volume_gradient(
+                gradient, n_x, self.pressure_conn, self.N_p, self.w, g[0] - float(compliance) * p
+            )
+        if data is None:
+            return
+        if self.compiled.has_cross_terms:
+            solid_kernels.add_tangent_general(
+                data, places.displacement, self.dN, self.w, F, I1, J, coefficients
+            )
+        else:
+            solid_kernels.add_tangent(data, places.displacement, self.dN, self.w, F, J, coefficients)
+        if self.is_mixed:
+            solid_kernels.add_coupling(
+                data, places.coupling, places.pressure, self.dN, self.w, F, J, self.N_p, g[1], float(compliance)
+            )
+
+    def gradient_by_parameters(
+        self,
+        x: Floats,
+        pressure: Floats,
+        kinematics: tuple[Floats, Floats, Floats, Floats],
+        theta: Mapping[str, float],
+        gradients: Mapping[str, Floats],
+    ) -> None:
+        """Add d gradient / d parameter to gradients[parameter], for the law's parameters that are asked for."""
+        F, I1, I2, J = kinematics
+        values = self._theta(theta)
+        invariants = (I1.ravel(), I2.ravel(), J.ravel())
+        derivatives = (
+            self.compiled.distortional_by_parameter if self.is_mixed else self.compiled.full_by_parameter
+        )(*invariants, *values)
+        for i, name in enumerate(self.compiled.parameters):
+            if name not in gradients:
+                continue
+            coefficients = stacked(derivatives[i], I1.size)
+            solid_kernels.add_gradient(gradients[name], self.conn, self.dN, self.w, F, I1, J, coefficients)
+            if self.is_mixed:
+                _, by_parameter = self.compiled.compliance(*values)
+                p = solid_kernels.interpolate(pressure, self.pressure_conn, self.N_p).ravel()
+                solid_kernels.add_volume_gradient(
+                    gradients[name], 3 * len(x), self.pressure_conn, self.N_p, self.w, -float(by_parameter[i]) * p
+                )
+
+    def energy(
+        self, pressure: Floats, kinematics: tuple[Floats, Floats, Floats, Floats], theta: Mapping[str, float]
+    ) -> float:
+        """The stored energy [J] (for a mixed element, the value of its two-field potential)."""
+        _, I1, I2, J = kinematics
+        values = self._theta(theta)
+        if not self.is_mixed:
+            return float(np.sum(self.w * self.compiled.energy(I1, I2, J, *values)))
+        p = solid_kernels.interpolate(pressure, self.pressure_conn, self.N_p)
+        compliance, _ = self.compiled.compliance(*values)
+        psi = self.compiled.energy_distortional(I1, I2, J, *values)
+        return float(np.sum(self.w * (psi + p * self.compiled.strain(J)[0] - 0.5 * compliance * p**2)))
+
+    def _theta(self, theta: Mapping[str, float]) -> tuple[float, ...]:
+        return tuple(theta[name] for name in self.compiled.parameters)
+
+
+def build_solid(
+    name: str, law: Law, points: Floats, tets: Ints, *, first_point: int, first_pressure: int | None
+) -> tuple[SolidTerm, int]:
+    """The term of one body and its number of pressures; `first_pressure` None for a pure displacement element."""
+    dN, w = reference_gradients(points, tets, where=name)
+    order = np.argsort(tets, axis=1)
+    conn = np.take_along_axis(tets, order, axis=1) + first_point
+    dN = np.take_along_axis(dN, order[:, None, :, None], axis=2)
+    barycentric, _ = quadrature(1 if tets.shape[1] == 4 else 2)
+    N = shape_functions(barycentric, 1 if tets.shape[1] == 4 else 2)
+    nodal_volume = np.einsum("eq,qea->ea", w, N[:, order])
+    n_tets, n_q = w.shape
+    if first_pressure is None:
+        pressure_conn = np.zeros((n_tets, 0), dtype=np.int64)
+        N_p = np.zeros((n_tets, n_q, 0))
+        n_pressures = 0
+    else:
+        corners, number = np.unique(tets[:, :4], return_inverse=True)
+        number = number.reshape(-1, 4)
+        order = np.argsort(number, axis=1)
+        pressure_conn = np.take_along_axis(number, order, axis=1) + first_pressure
+        N_p = np.swapaxes(barycentric.T[order], 1, 2)
+        n_pressures = len(corners)
+    term = SolidTerm(
+        name,
+        law,
+        compile_law(law),
+        conn,
+        np.ascontiguousarray(dN),
+        w,
+        pressure_conn,
+        np.ascontiguousarray(N_p),
+        nodal_volume,
+    )
+    return term, n_pressures

@@ -1,0 +1,277 @@
+"""The loops over elements. One set serves every law: a law enters as coefficients psi_1, psi_2, psi_J and their
+second derivatives, rows of an array (9, n_tets * n_q) in the order of `materials.law.FIRST` and `SECOND`.
+
+With N = dN_a (reference gradient of a shape function) the derivatives of the invariants along node a are
+
+    dI1 -> 2 h_a,  h_a = F N_a;   dI2 -> k_a = 2 (I1 h_a - F F^T h_a);   dJ -> c_a = cof(F) N_a
+
+and the 3 x 3 block of nodes a, b is their outer products with the second derivatives of psi, plus
+psi_1 2 (N_a.N_b) I + psi_2 d2I2 + psi_J (c_a c_b^T - c_b c_a^T)/J.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+
+@numba.njit(cache=True)
+def kinematics(x, conn, dN, F, I1, I2, J):  # type: ignore[no-untyped-def]
+    n, n_q, n_a, _ = dN.shape
+    for e in range(n):
+        for q in range(n_q):
+            for i in range(3):
+                f0 = 0.0
+                f1 = 0.0
+                f2 = 0.0
+                for a in range(n_a):
+                    xi = x[conn[e, a], i]
+                    f0 += xi * dN[e, q, a, 0]
+                    f1 += xi * dN[e, q, a, 1]
+                    f2 += xi * dN[e, q, a, 2]
+                F[e, q, i, 0] = f0
+                F[e, q, i, 1] = f1
+                F[e, q, i, 2] = f2
+            f = F[e, q]
+            trace = 0.0
+            square = 0.0
+            for i in range(3):
+                for j in range(3):
+                    c = f[0, i] * f[0, j] + f[1, i] * f[1, j] + f[2, i] * f[2, j]
+                    square += c * c
+                    if i == j:
+                        trace += c
+            I1[e, q] = trace
+            I2[e, q] = 0.5 * (trace * trace - square)
+            J[e, q] = (
+                f[0, 0] * (f[1, 1] * f[2, 2] - f[1, 2] * f[2, 1])
+                - f[0, 1] * (f[1, 0] * f[2, 2] - f[1, 2] * f[2, 0])
+                + f[0, 2] * (f[1, 0] * f[2, 1] - f[1, 1] * f[2, 0])
+            )
+
+
+@numba.njit(cache=True, inline="always")
+def _cofactor(f, c):  # type: ignore[no-untyped-def]
+    c[0, 0] = f[1, 1] * f[2, 2] - f[1, 2] * f[2, 1]
+    c[0, 1] = f[1, 2] * f[2, 0] - f[1, 0] * f[2, 2]
+    c[0, 2] = f[1, 0] * f[2, 1] - f[1, 1] * f[2, 0]
+    c[1, 0] = f[2, 1] * f[0, 2] - f[2, 2] * f[0, 1]
+    c[1, 1] = f[2, 2] * f[0, 0] - f[2, 0] * f[0, 2]
+    c[1, 2] = f[2, 0] * f[0, 1] - f[2, 1] * f[0, 0]
+    c[2, 0] = f[0, 1] * f[1, 2] - f[0, 2] * f[1, 1]
+    c[2, 1] = f[0, 2] * f[1, 0] - f[0, 0] * f[1, 2]
+    c[2, 2] = f[0, 0] * f[1, 1] - f[0, 1] * f[1, 0]
+
+
+@numba.njit(cache=True)
+def add_gradient(gradient, conn, dN, w, F, I1, J, coefficients):  # type: ignore[no-untyped-def]
+    n, n_q, n_a, _ = dN.shape
+    cof = np.empty((3, 3))
+    P = np.empty((3, 3))
+    for e in range(n):
+        for q in range(n_q):
+            k = e * n_q + q
+            psi_1 = coefficients[0, k]
+            psi_2 = coefficients[1, k]
+            psi_J = coefficients[2, k]
+            f = F[e, q]
+            _cofactor(f, cof)
+            for i in range(3):
+                for j in range(3):
+                    P[i, j] = 2.0 * psi_1 * f[i, j] + psi_J * cof[i, j]
+            if psi_2 != 0.0:
+                for i in range(3):
+                    for j in range(3):
+                        bf = 0.0
+                        for m in range(3):
+                            b = f[i, 0] * f[m, 0] + f[i, 1] * f[m, 1] + f[i, 2] * f[m, 2]
+                            bf += b * f[m, j]
+                        P[i, j] += 2.0 * psi_2 * (I1[e, q] * f[i, j] - bf)
+            for a in range(n_a):
+                at = 3 * conn[e, a]
+                d0 = dN[e, q, a, 0] * w[e, q]
+                d1 = dN[e, q, a, 1] * w[e, q]
+                d2 = dN[e, q, a, 2] * w[e, q]
+                for i in range(3):
+                    gradient[at + i] += P[i, 0] * d0 + P[i, 1] * d1 + P[i, 2] * d2
+
+
+@numba.njit(cache=True)
+def add_tangent(data, places, dN, w, F, J, coefficients):  # type: ignore[no-untyped-def]
+    """The tangent of a law without second derivatives in I1 and I2 (neo-Hookean and its like)."""
+    n, n_q, n_a, _ = dN.shape
+    n_pairs = places.shape[1]
+    c = np.empty((n_q, n_a, 3))
+    cof = np.empty((3, 3))
+    s = np.empty(n_q)
+    t = np.empty(n_q)
+    u = np.empty(n_q)
+    for e in range(n):
+        for q in range(n_q):
+            k = e * n_q + q
+            _cofactor(F[e, q], cof)
+            for a in range(n_a):
+                for i in range(3):
+                    c[q, a, i] = (
+                        cof[i, 0] * dN[e, q, a, 0] + cof[i, 1] * dN[e, q, a, 1] + cof[i, 2] * dN[e, q, a, 2]
+                    )
+            turn = coefficients[2, k] / J[e, q] * w[e, q]
+            s[q] = 2.0 * coefficients[0, k] * w[e, q]
+            t[q] = coefficients[8, k] * w[e, q] + turn
+            u[q] = turn
+        a = 0
+        b = 0
+        for m in range(n_pairs):
+            k00 = k01 = k02 = k10 = k11 = k12 = k20 = k21 = k22 = 0.0
+            for q in range(n_q):
+                d = s[q] * (
+                    dN[e, q, a, 0] * dN[e, q, b, 0]
+                    + dN[e, q, a, 1] * dN[e, q, b, 1]
+                    + dN[e, q, a, 2] * dN[e, q, b, 2]
+                )
+                a0 = c[q, a, 0]
+                a1 = c[q, a, 1]
+                a2 = c[q, a, 2]
+                b0 = c[q, b, 0]
+                b1 = c[q, b, 1]
+                b2 = c[q, b, 2]
+                v = t[q] - u[q]
+                k00 += d + v * a0 * b0
+                k11 += d + v * a1 * b1
+                k22 += d + v * a2 * b2
+                k01 += t[q] * a0 * b1 - u[q] * a1 * b0
+                k10 += t[q] * a1 * b0 - u[q] * a0 * b1
+                k02 += t[q] * a0 * b2 - u[q] * a2 * b0
+                k20 += t[q] * a2 * b0 - u[q] * a0 * b2
+                k12 += t[q] * a1 * b2 - u[q] * a2 * b1
+                k21 += t[q] * a2 * b1 - u[q] * a1 * b2
+            p0 = places[e, m, 0]
+            p1 = places[e, m, 1]
+            p2 = places[e, m, 2]
+            data[p0] += k00
+            data[p0 + 1] += k01
+            data[p0 + 2] += k02
+            data[p1 + 1] += k11
+            data[p1 + 2] += k12
+            data[p2 + 2] += k22
+            if a != b:
+                data[p1] += k10
+                data[p2] += k20
+                data[p2 + 1] += k21
+            b += 1
+            if b == n_a:
+                a += 1
+                b = a
+
+
+@numba.njit(cache=True)
+def add_tangent_general(data, places, dN, w, F, I1, J, coefficients):  # type: ignore[no-untyped-def]
+    """The tangent of any law in I1, I2, J."""
+    n, n_q, n_a, _ = dN.shape
+    G = np.empty((3, n_a, 3))  # derivatives of I1, I2, J along the nodes
+    cof = np.empty((3, 3))
+    B = np.empty((3, 3))
+    H = np.empty((3, 3))
+    block = np.empty((3, 3))
+    for e in range(n):
+        for q in range(n_q):
+            k = e * n_q + q
+            f = F[e, q]
+            _cofactor(f, cof)
+            for i in range(3):
+                for j in range(3):
+                    B[i, j] = f[i, 0] * f[j, 0] + f[i, 1] * f[j, 1] + f[i, 2] * f[j, 2]
+            for a in range(n_a):
+                for i in range(3):
+                    G[0, a, i] = 2.0 * (
+                        f[i, 0] * dN[e, q, a, 0] + f[i, 1] * dN[e, q, a, 1] + f[i, 2] * dN[e, q, a, 2]
+                    )
+                    G[2, a, i] = cof[i, 0] * dN[e, q, a, 0] + cof[i, 1] * dN[e, q, a, 1] + cof[i, 2] * dN[e, q, a, 2]
+                for i in range(3):
+                    bh = B[i, 0] * G[0, a, 0] + B[i, 1] * G[0, a, 1] + B[i, 2] * G[0, a, 2]
+                    G[1, a, i] = I1[e, q] * G[0, a, i] - bh
+            H[0, 0] = coefficients[3, k]
+            H[0, 1] = H[1, 0] = coefficients[4, k]
+            H[0, 2] = H[2, 0] = coefficients[5, k]
+            H[1, 1] = coefficients[6, k]
+            H[1, 2] = H[2, 1] = coefficients[7, k]
+            H[2, 2] = coefficients[8, k]
+            psi_1 = coefficients[0, k]
+            psi_2 = coefficients[1, k]
+            turn = coefficients[2, k] / J[e, q]
+            m = 0
+            for a in range(n_a):
+                for b in range(a, n_a):
+                    nn = 0.0
+                    ncn = 0.0
+                    for j in range(3):
+                        nn += dN[e, q, a, j] * dN[e, q, b, j]
+                        ncn += 0.25 * G[0, a, j] * G[0, b, j]
+                    for i in range(3):
+                        for j in range(3):
+                            v = turn * (G[2, a, i] * G[2, b, j] - G[2, b, i] * G[2, a, j])
+                            for r in range(3):
+                                for s in range(3):
+                                    v += H[r, s] * G[r, a, i] * G[s, b, j]
+                            # d2I2 = 2 (2 h_a h_b^T - h_b h_a^T + (I1 N_a.N_b - N_a.C N_b) I - (N_a.N_b) F F^T)
+                            v += psi_2 * (
+                                G[0, a, i] * G[0, b, j] - 0.5 * G[0, b, i] * G[0, a, j] - 2.0 * nn * B[i, j]
+                            )
+                            if i == j:
+                                v += 2.0 * psi_1 * nn + 2.0 * psi_2 * (I1[e, q] * nn - ncn)
+                            block[i, j] = v * w[e, q]
+                    for i in range(3):
+                        for j in range(i if a == b else 0, 3):
+                            data[places[e, m, i] + j] += block[i, j]
+                    m += 1
+
+
+@numba.njit(cache=True)
+def interpolate(pressure, pressure_conn, N_p):  # type: ignore[no-untyped-def]
+    n, n_q, n_b = N_p.shape
+    p = np.zeros((n, n_q))
+    for e in range(n):
+        for q in range(n_q):
+            for b in range(n_b):
+                p[e, q] += N_p[e, q, b] * pressure[pressure_conn[e, b]]
+    return p
+
+
+@numba.njit(cache=True)
+def add_volume_gradient(gradient, n_x, pressure_conn, N_p, w, value):  # type: ignore[no-untyped-def]
+    n, n_q, n_b = N_p.shape
+    for e in range(n):
+        for q in range(n_q):
+            v = value[e * n_q + q] * w[e, q]
+            for b in range(n_b):
+                gradient[n_x + pressure_conn[e, b]] += v * N_p[e, q, b]
+
+
+@numba.njit(cache=True)
+def add_coupling(data, coupling, pressure_places, dN, w, F, J, N_p, dg, compliance):  # type: ignore[no-untyped-def]
+    """Displacement-pressure blocks g'(J) c_a N_b and pressure blocks -N_b N_d / kappa."""
+    n, n_q, n_a, _ = dN.shape
+    cof = np.empty((3, 3))
+    block = np.empty((n_a, 4, 3))
+    for e in range(n):
+        block[:] = 0.0
+        for q in range(n_q):
+            _cofactor(F[e, q], cof)
+            scale = dg[e * n_q + q] * w[e, q]
+            for a in range(n_a):
+                for i in range(3):
+                    c = cof[i, 0] * dN[e, q, a, 0] + cof[i, 1] * dN[e, q, a, 1] + cof[i, 2] * dN[e, q, a, 2]
+                    for b in range(4):
+                        block[a, b, i] += scale * c * N_p[e, q, b]
+        for a in range(n_a):
+            for b in range(4):
+                for i in range(3):
+                    data[coupling[e, a, b, i]] += block[a, b, i]
+        m = 0
+        for b in range(4):
+            for d in range(b, 4):
+                total = 0.0
+                for q in range(n_q):
+                    total += w[e, q] * N_p[e, q, b] * N_p[e, q, d]
+                data[pressure_places[e, m]] -= compliance * total
+                m += 1

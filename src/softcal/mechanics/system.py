@@ -1,0 +1,136 @@
+"""The sum of terms: gradient and tangent of the total potential at a state."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.mechanics.cable import CablePlaces, CableTerm
+from softcal.mechanics.layout import Layout
+from softcal.mechanics.motion import Motion, build_motion
+from softcal.mechanics.pattern import Pattern, build_pattern
+from softcal.mechanics.solid import SolidPlaces, SolidTerm
+from softcal.mechanics.state import State
+
+
+@dataclass(frozen=True)
+class Controls:
+    """Per cable: is_held (its tension is given) with that tension [N], else its shortening [m]."""
+
+    is_held: np.ndarray
+    tension: Floats
+    shortening: Floats
+
+
+@dataclass(frozen=True)
+class Loads:
+    """Dead forces on the points by parameter: total = constant + sum of value * per_unit[name], (n_points, 3) [N].
+
+    Weight is such a force: a body's density or a plate's mass times its force per unit.
+    """
+
+    constant: Floats
+    per_unit: Mapping[str, Floats]
+
+    def total(self, theta: Mapping[str, float]) -> Floats:
+        """Force on every point (n_points, 3) [N]."""
+        force = self.constant.copy()
+        for name, unit in self.per_unit.items():
+            force += theta[name] * unit
+        return force
+
+
+@dataclass(frozen=True)
+class Linearisation:
+    """Gradient and tangent at a state. full: gradient on all entities; reduced: on the unknowns; J_min: the smallest
+    volume ratio; data: the tangent's triangle, or None."""
+
+    full: Floats
+    reduced: Floats
+    J_min: float
+    data: Floats | None
+    kinematics: tuple[tuple[Floats, Floats, Floats, Floats], ...]
+
+
+@dataclass(frozen=True)
+class System:
+    """Everything about the robot that no parameter changes; parameters theta [SI] come with each call."""
+
+    layout: Layout
+    pattern: Pattern
+    motion: Motion
+    solids: tuple[SolidTerm, ...]
+    solid_places: tuple[SolidPlaces, ...]
+    cables: CableTerm
+    cable_places: CablePlaces
+    loads: Loads
+    stiffness_length: float  # [m]: area over length of the robot, for scales of force
+
+    def linearise(
+        self, state: State, controls: Controls, theta: Mapping[str, float], *, tangent: bool = True
+    ) -> Linearisation:
+        """Gradient and, on demand, tangent. Where J <= 0 somewhere, only J_min counts and the gradient is empty."""
+        layout = self.layout
+        kinematics = tuple(solid.invariants(state.x) for solid in self.solids)
+        J_min = min(float(k[3].min()) for k in kinematics)
+        if not J_min > 0.0:
+            return Linearisation(np.zeros(0), np.zeros(0), J_min, None, kinematics)
+        full = np.zeros(3 * layout.n_points + layout.n_scalars)
+        data = np.zeros(self.pattern.size) if tangent else None
+        for solid, places, known in zip(self.solids, self.solid_places, kinematics, strict=True):
+            solid.assemble(state.x, state.pressure, known, solid_theta(theta, solid.name), full, data, places)
+        first_cable = 3 * layout.n_points + layout.n_pressures
+        self.cables.assemble(
+            state.x, state.tension, controls.shortening, controls.is_held, full, first_cable, data, self.cable_places
+        )
+        full[: 3 * layout.n_points] -= self.loads.total(theta).ravel()
+        reduced = self.motion.reduce_gradient(state, full)
+        if data is not None:
+            self.motion.reduce_tangent(state, full, data)
+            data = data[: self.pattern.nnz]
+        return Linearisation(full, reduced, J_min, data, kinematics)
+
+    def gradient_by_parameters(
+        self, state: State, at: Linearisation, theta: Mapping[str, float], names: tuple[str, ...]
+    ) -> Floats:
+        """d reduced gradient / d parameter, (n_unknowns, n_names)."""
+        layout = self.layout
+        full = {name: np.zeros(3 * layout.n_points + layout.n_scalars) for name in names}
+        for solid, known in zip(self.solids, at.kinematics, strict=True):
+            own = {
+                name.removeprefix(f"{solid.name}."): full[name] for name in names if name.startswith(f"{solid.name}.")
+            }
+            solid.gradient_by_parameters(state.x, state.pressure, known, solid_theta(theta, solid.name), own)
+        for name, unit in self.loads.per_unit.items():
+            if name in full:
+                full[name][: 3 * layout.n_points] -= unit.ravel()
+        columns = [self.motion.reduce_gradient(state, full[name]) for name in names]
+        return np.stack(columns, axis=1) if columns else np.zeros((layout.n_unknowns, 0))
+
+
+def build_system(layout: Layout, solids: tuple[SolidTerm, ...], cables: CableTerm, loads: Loads) -> System:
+    """Plan the pattern of all terms together."""
+    connectivities = [solid.connectivity(layout.n_points) for solid in solids] + cables.connectivities(layout)
+    pattern = build_pattern(layout, connectivities)
+    volume = sum(float(solid.w.sum()) for solid in solids)
+    extent = float(np.linalg.norm(np.ptp(layout.X, axis=0)))
+    return System(
+        layout=layout,
+        pattern=pattern,
+        motion=build_motion(layout, pattern),
+        solids=solids,
+        solid_places=tuple(solid.places(pattern, layout.n_points) for solid in solids),
+        cables=cables,
+        cable_places=cables.places(layout, pattern),
+        loads=loads,
+        stiffness_length=volume / extent**2,
+    )
+
+
+def solid_theta(theta: Mapping[str, float], name: str) -> dict[str, float]:
+    """The parameters of one body without its name in front."""
+    prefix = f"{name}."
+    return {key.removeprefix(prefix): value for key, value in theta.items() if key.startswith(prefix)}

@@ -1,0 +1,197 @@
+"""Tetrahedral meshes from surfaces and CAD models, by Gmsh in a process of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+import softcal
+from softcal.errors import Fault, MeshError
+from softcal.geometry.mesh import TetMesh
+from softcal.geometry.surface import boundary_faces
+from softcal.units import unit_factor
+
+KINDS = {".stl": "stl", ".step": "step", ".stp": "step"}
+# One thread and a fixed seed: the same input gives the same mesh. Algorithm3D 1 is Delaunay.
+OPTIONS = {
+    "General.Terminal": 0,
+    "General.NumThreads": 1,
+    "Mesh.MaxNumThreads1D": 1,
+    "Mesh.MaxNumThreads2D": 1,
+    "Mesh.MaxNumThreads3D": 1,
+    "Mesh.RandomSeed": 1,
+    "Mesh.Algorithm": 6,
+    "Mesh.Algorithm3D": 1,
+    "Mesh.Optimize": 1,
+    "Mesh.OptimizeNetgen": 0,
+}
+# Debian packages of the system libraries that the Gmsh wheel does not carry.
+APT_PACKAGES = {
+    "libGL": "libgl1",
+    "libGLU": "libglu1-mesa",
+    "libOpenGL": "libopengl0",
+    "libX11": "libx11-6",
+    "libXcursor": "libxcursor1",
+    "libXext": "libxext6",
+    "libXfixes": "libxfixes3",
+    "libXft": "libxft2",
+    "libXinerama": "libxinerama1",
+    "libXrender": "libxrender1",
+    "libfontconfig": "libfontconfig1",
+    "libfreetype": "libfreetype6",
+    "libgomp": "libgomp1",
+}
+
+
+def mesh_file(
+    path: str | Path,
+    *,
+    size: float | None = None,
+    count: int | None = None,
+    order: Literal[1, 2] = 1,
+    unit: str = "mm",
+    feature_angle: float = 0.7,
+    timeout: float = 300.0,
+) -> TetMesh:
+    """A mesh of the inside of a closed surface (.stl) or of the solids of a CAD model (.step, .stp); Delaunay.
+
+    Parameters
+    ----------
+    path
+        The file.
+    size, count
+        Target edge length [m], or target number of tets, met within 5 %; one of the two.
+    order
+        1 for linear tets, 2 for quadratic ones, curved where the model is.
+    unit
+        Unit of the lengths in an .stl, which carries none. A STEP file carries its own; leave it at "mm".
+    feature_angle
+        Edges of an .stl sharper than this are kept [rad].
+    timeout
+        Longest time that Gmsh may take [s].
+
+    Returns
+    -------
+    TetMesh
+        With the boundary as node set and face set "surface".
+
+    Raises
+    ------
+    MeshError
+        Where the file cannot be meshed, Gmsh is not installed, fails or takes too long.
+    """
+    path = Path(path)
+    kind = KINDS.get(path.suffix.lower())
+    if kind is None:
+        raise MeshError(
+            Fault("the file cannot be meshed", where=str(path), got=f"'{path.suffix}'", allowed=", ".join(KINDS))
+        )
+    if not path.is_file():
+        raise MeshError(Fault("the file does not exist", where=str(path)))
+    if path.stat().st_size == 0:
+        raise MeshError(Fault("the file is empty", where=str(path)))
+    if kind == "step" and unit != "mm":
+        raise MeshError(
+            Fault("a STEP file carries its own unit", where=str(path), got=f"unit '{unit}'", allowed="no unit")
+        )
+    factor = unit_factor(unit, "m", where=str(path))
+    job = {
+        "kind": kind,
+        "path": str(path.resolve()),
+        "feature_angle": feature_angle,
+        **target_of(size, count, factor, where=str(path)),
+        "order": order,
+    }
+    mesh = run_gmsh(job, factor=factor, where=str(path), timeout=timeout)
+    faces = boundary_faces(mesh)
+    return TetMesh(mesh.points, mesh.tets, node_sets={"surface": np.unique(faces)}, face_sets={"surface": faces})
+
+
+def target_of(size: float | None, count: int | None, factor: float, *, where: str) -> dict[str, float | int | None]:
+    """The target of a job, with the size in its unit, which is `factor` metres.
+
+    Raises
+    ------
+    MeshError
+        Where not exactly one of size and count is given, or it is not positive.
+    """
+    if (size is None) == (count is None):
+        raise MeshError(
+            Fault(
+                "a mesh needs a target",
+                where=where,
+                got="neither size nor count" if size is None else "both size and count",
+                allowed="one of size [m] and count (number of tets)",
+            )
+        )
+    if size is not None and not 0 < size < np.inf:
+        raise MeshError(Fault("the target size is not positive", where=where, got=f"{size:g} m", allowed="> 0 m"))
+    if count is not None and count < 1:
+        raise MeshError(Fault("the target count is not positive", where=where, got=str(count), allowed=">= 1 tet"))
+    return {"size": None if size is None else size / factor, "count": count}
+
+
+def run_gmsh(job: Mapping[str, Any], *, factor: float, where: str, timeout: float) -> TetMesh:
+    """The mesh of a job of the worker, its lengths times `factor` to give metres.
+
+    Raises
+    ------
+    MeshError
+        Where Gmsh is not installed, fails, crashes or takes longer than `timeout` [s].
+    """
+    source = str(Path(softcal.__file__).resolve().parent.parent)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, [source, os.environ.get("PYTHONPATH")]))}
+    with tempfile.TemporaryDirectory(prefix="softcal-") as folder:
+        out = Path(folder) / "mesh.npz"
+        try:
+            done = subprocess.run(
+                [sys.executable, "-P", "-m", "softcal.geometry.gmsh_worker", str(out)],
+                input=json.dumps({"options": OPTIONS, **job}),
+                capture_output=True,
+                text=True,
+                timeout=timeout,
+                env=environment,
+                check=False,
+            )
+        except subprocess.TimeoutExpired as error:
+            raise MeshError(
+                Fault(
+                    "Gmsh took too long and was stopped",
+                    where=where,
+                    got=f"more than {timeout:g} s",
+                    attempt="a larger size, a smaller count, or a longer timeout",
+                )
+            ) from error
+        if done.returncode or not out.is_file():
+            raise MeshError(_fault_of(done, where))
+        with np.load(out) as arrays:
+            return TetMesh(factor * arrays["points"], arrays["tets"])
+
+
+def _fault_of(done: subprocess.CompletedProcess[str], where: str) -> Fault:
+    try:
+        told = json.loads(done.stdout)
+    except json.JSONDecodeError:
+        last = (done.stderr or done.stdout).strip().splitlines()[-1:] or ["no message"]
+        end = f"signal {-done.returncode}" if done.returncode < 0 else f"exit code {done.returncode}"
+        return Fault("Gmsh crashed", where=where, got=f"{end}: {last[0]}", attempt="another size, or repair the model")
+    attempt = told["attempt"]
+    if attempt == "apt":
+        attempt = f"apt-get install {_apt_package(told['got'])}"
+    return Fault(told["fault"], where=where, got=told["got"], allowed=told["allowed"], attempt=attempt)
+
+
+def _apt_package(message: str) -> str:
+    match = re.search(r"(lib[\w+-]+)\.so", message)
+    if match is None:
+        return " ".join(sorted(APT_PACKAGES.values()))
+    return APT_PACKAGES.get(match[1], f"the package that holds {match[1]}.so")

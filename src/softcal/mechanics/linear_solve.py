@@ -143,7 +143,8 @@ def _mkl() -> Any:
         from pypardiso import PyPardisoSolver
     except ImportError:
         return None
-    return PyPardisoSolver().libmkl
+    # A handle of our own: pypardiso declares argument types that only its arrays fit.
+    return ctypes.CDLL(PyPardisoSolver().libmkl._name)
 
 
 def _pointer(array: np.ndarray) -> ctypes.c_void_p:

@@ -11,7 +11,7 @@ from softcal.checks import Floats
 from softcal.errors import SimulationError
 from softcal.mechanics.linear_solve import Factorisation, factorisation
 from softcal.mechanics.state import State, moved
-from softcal.mechanics.system import Controls, Linearisation, System
+from softcal.mechanics.system import Controls, Linearisation, System, solid_theta
 
 TOLERANCE = 1e-9  # residual over its scale
 MAX_ITERATIONS = 25
@@ -38,13 +38,15 @@ class Statics:
         self.theta = dict(theta)
         self.n_factorisations = 0
         self._factors: Factorisation = factorisation(system.pattern.indptr, system.pattern.indices)
-        self._is_factorised = False
         layout = system.layout
-        shear = max(s.law.shear_modulus(_own(theta, s.name)) for s in system.solids)
+        shear = max(s.law.shear_modulus(solid_theta(theta, s.name)) for s in system.solids)
         self._force_floor = 1e-4 * shear * system.stiffness_length**2
         self._length = float(np.linalg.norm(np.ptp(layout.X, axis=0)))
         volume = sum(float(s.w.sum()) for s in system.solids)
         self._volume = volume / max(layout.n_pressures, 1)
+        self._unit = _units(system, shear, self._length)
+        rows = np.repeat(np.arange(layout.n_unknowns), np.diff(system.pattern.indptr))
+        self._unit_entries = self._unit[rows] * self._unit[system.pattern.indices]
 
     def norm(self, at: Linearisation) -> float:
         """The residual over its scale: forces over the reactions, volumes over a node's, lengths over the robot's."""
@@ -65,13 +67,13 @@ class Statics:
     def factorise(self, at: Linearisation) -> None:
         """Factorise the tangent of a linearisation, for the solves to come."""
         assert at.data is not None  # noqa: S101
-        self._factors.factorise(at.data)
-        self._is_factorised = True
+        self._factors.factorise(at.data * self._unit_entries)
         self.n_factorisations += 1
 
     def solve(self, b: Floats) -> Floats:
         """K^-1 b with the tangent factorised last; b (n_unknowns,) or (n_unknowns, k)."""
-        return self._factors.solve(b)
+        unit = self._unit if b.ndim == 1 else self._unit[:, None]
+        return unit * self._factors.solve(unit * b)
 
     def equilibrium(self, guess: State, controls: Controls) -> Equilibrium:
         """Newton's method from a guess. Never raises for a solve that fails: the status says why."""
@@ -147,9 +149,18 @@ class Statics:
         return None
 
 
-def _own(theta: Mapping[str, float], name: str) -> dict[str, float]:
-    prefix = f"{name}."
-    return {key.removeprefix(prefix): value for key, value in theta.items() if key.startswith(prefix)}
+def _units(system: System, shear: float, length: float) -> Floats:
+    """Units of the unknowns in which the tangent's entries are of one size; pivots are judged against each other."""
+    layout = system.layout
+    n_tets = sum(len(s.conn) for s in system.solids)
+    volume = sum(float(s.w.sum()) for s in system.solids)
+    h = (6.0 * volume / n_tets) ** (1.0 / 3.0)
+    unit = np.ones(layout.n_unknowns)
+    plates = unit[layout.first_plate_unknown : layout.first_scalar_unknown].reshape(-1, 6)
+    plates[:, 3:] = 4.0 / length
+    unit[layout.first_scalar_unknown :] = shear / h
+    unit[layout.first_scalar_unknown + layout.n_pressures :] = shear * h
+    return unit
 
 
 def _inverted(J: float) -> str:

@@ -18,11 +18,13 @@ from softcal.mechanics.state import State
 
 @dataclass(frozen=True)
 class Controls:
-    """Per cable: is_held (its tension is given) with that tension [N], else its shortening [m]."""
+    """Per cable: is_held (its tension is given) with that tension [N], else its shortening [m]; load: factor on all
+    dead loads, one but while they are put on."""
 
     is_held: np.ndarray
     tension: Floats
     shortening: Floats
+    load: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,7 @@ class System:
         self.cables.assemble(
             state.x, state.tension, controls.shortening, controls.is_held, full, first_cable, data, self.cable_places
         )
-        full[: 3 * layout.n_points] -= self.loads.total(theta).ravel()
+        full[: 3 * layout.n_points] -= controls.load * self.loads.total(theta).ravel()
         reduced = self.motion.reduce_gradient(state, full)
         if data is not None:
             self.motion.reduce_tangent(state, full, data)

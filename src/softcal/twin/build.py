@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
+from collections.abc import Hashable
 from dataclasses import dataclass
 
 import numpy as np
@@ -102,6 +104,45 @@ def build_twin(robot: Robot) -> Twin:
     loads = _loads(robot, solids, forces, layout.n_points)
     system = build_system(layout, tuple(solids), build_cables(layout.X, list(via.values())), loads)
     return Twin(robot, system, builder.first, meshes, via)
+
+
+def cached_twin(robot: Robot) -> Twin:
+    """`build_twin`, remembered for robots that differ only in parameters: what is built depends on none."""
+    key = _key(robot)
+    if key in _CACHE:
+        _CACHE.move_to_end(key)
+        return _CACHE[key]
+    twin = build_twin(robot)
+    _CACHE[key] = twin
+    while len(_CACHE) > CACHE_SIZE:
+        _CACHE.popitem(last=False)
+    return twin
+
+
+CACHE_SIZE = 8
+_CACHE: OrderedDict[Hashable, Twin] = OrderedDict()
+
+
+def _key(robot: Robot) -> Hashable:
+    # Meshes by identity: a cached twin keeps its robot, and so its meshes, alive.
+    bodies = tuple((b.name, id(b.mesh), b.fixed.tobytes(), b.law, b.element) for b in robot.bodies)
+    plates = tuple(
+        (
+            p.name,
+            tuple((body, nodes.tobytes()) for body, nodes in p.nodes.items()),
+            p.reference.tobytes(),
+            np.asarray(p.centre_of_mass).tobytes(),
+        )
+        for p in robot.plates
+    )
+    cables = tuple((c.name, tuple((v.on, v.at.tobytes()) for v in c.via_points), c.pulled_end) for c in robot.cables)
+    loads = tuple(
+        (x.name, x.on, x.at.tobytes(), x.force.tobytes())
+        if isinstance(x, PointLoad)
+        else (x.name, x.on, x.faces.tobytes(), x.traction.tobytes())
+        for x in robot.loads
+    )
+    return bodies, plates, cables, loads, robot.gravity.tobytes()
 
 
 class _Points:

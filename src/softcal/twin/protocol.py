@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from softcal.checks import Floats, frozen_floats
 from softcal.errors import Fault, InputError
-from softcal.twin.robot import Control
+from softcal.twin.robot import Control, Robot
 
 
 @dataclass(frozen=True)
@@ -39,3 +41,29 @@ class Protocol:
     @property
     def n_samples(self) -> int:
         return max((len(command.values) for command in self.commands.values()), default=1)
+
+
+def command_faults(robot: Robot, protocol: Protocol) -> list[Fault]:
+    """What no cable of the robot can follow: an unknown cable, a push, a cable pulled in beyond its length."""
+    cables = {cable.name: cable for cable in robot.cables}
+    faults: list[Fault] = []
+    for name, command in protocol.commands.items():
+        if name not in cables:
+            faults.append(Fault("there is no such cable", where=name, allowed=", ".join(cables) or "none"))
+            continue
+        via = np.array([point.at for point in cables[name].via_points])
+        length = float(np.linalg.norm(np.diff(via, axis=0), axis=1).sum())
+        if command.control == "tension" and command.values.min(initial=0.0) < 0.0:
+            low = command.values.min()
+            faults.append(Fault("a cable cannot push", where=f"{name}.tension", got=f"{low:.4g} N", allowed=">= 0 N"))
+        if command.control == "shortening" and command.values.max(initial=0.0) >= length:
+            high = command.values.max()
+            faults.append(
+                Fault(
+                    "the cable is pulled in by more than its length",
+                    where=f"{name}.shortening",
+                    got=f"{1e3 * high:.4g} mm",
+                    allowed=f"< {1e3 * length:.4g} mm",
+                )
+            )
+    return faults

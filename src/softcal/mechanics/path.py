@@ -1,0 +1,165 @@
+"""A curve of equilibria along one control: adaptive steps, tangent predictor, exact slope at every node."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.errors import SimulationError
+from softcal.mechanics.layout import Layout
+from softcal.mechanics.state import State, difference, moved
+from softcal.mechanics.statics import Statics
+from softcal.mechanics.system import Controls
+
+SMALLEST_STEP = 1e-4  # of the whole range
+GROWTH = 2.0
+EASY, HARD = 7, 12  # iterations (with kept factorisations) below which steps grow, above which they shrink
+
+
+@dataclass(frozen=True)
+class Line:
+    """Controls that move along a straight line: at(c) = start + c * rate, cables held or not throughout."""
+
+    is_held: np.ndarray
+    tension: Floats
+    shortening: Floats
+    tension_rate: Floats
+    shortening_rate: Floats
+    load: float = 1.0
+    load_rate: float = 0.0
+
+    def at(self, c: float) -> Controls:
+        """Controls at the line's parameter c."""
+        return Controls(
+            self.is_held,
+            self.tension + c * self.tension_rate,
+            self.shortening + c * self.shortening_rate,
+            self.load + c * self.load_rate,
+        )
+
+
+@dataclass(frozen=True)
+class Node:
+    """An equilibrium on the path. slope: dz/dc (n_unknowns,); by_parameter: dz/dtheta at fixed c (n_unknowns, k)."""
+
+    c: float
+    state: State
+    slope: Floats
+    by_parameter: Floats
+
+
+@dataclass(frozen=True)
+class Path:
+    """Nodes in the order of c, and whether its end was reached. status: a sentence."""
+
+    nodes: tuple[Node, ...]
+    reached: bool
+    status: str = ""
+    names: tuple[str, ...] = field(default=())
+
+
+def node_at(statics: Statics, line: Line, c: float, state: State, names: tuple[str, ...]) -> Node:
+    """The node of an equilibrium: one factorisation, then a substitution for the slope and one per parameter.
+
+    Raises
+    ------
+    SimulationError
+        Where the tangent is singular.
+    """
+    controls = line.at(c)
+    at = statics.tangent_at(state, controls)
+    by_control = _rate_of_gradient(statics, line, state)
+    by_theta = statics.system.gradient_by_parameters(state, at, statics.theta, names)
+    dz = -statics.solve(np.column_stack([by_control, by_theta]))
+    # A held cable's tension is given: its row is "its own change".
+    first = statics.system.layout.first_scalar_unknown + statics.system.layout.n_pressures
+    dz[first:][line.is_held, 0] = line.tension_rate[line.is_held]
+    return Node(c, state, dz[:, 0], dz[:, 1:])
+
+
+def follow(
+    statics: Statics,
+    line: Line,
+    start: Node,
+    end: float,
+    *,
+    first_step: float,
+    names: tuple[str, ...] = (),
+    stop: Callable[[Node], bool] = lambda node: False,
+    largest_step: float = np.inf,
+) -> Path:
+    """Equilibria from a node to c = end, or to where `stop` says so. A failed step is cut and tried again."""
+    layout = statics.system.layout
+    nodes = [start]
+    h = min(first_step, largest_step, end - start.c)
+    scale = max(end - start.c, 1e-300)
+    while nodes[-1].c < end - 1e-12 * scale:
+        last = nodes[-1]
+        # Steps that fill what is left evenly.
+        remaining = end - last.c
+        step = min(remaining / max(1, int(np.ceil(remaining / h - 1e-9))), largest_step)
+        c = end if abs(last.c + step - end) < 1e-12 * scale else last.c + step
+        guess = _predict(layout, nodes, c)
+        solved = statics.equilibrium(guess, line.at(c))
+        if solved.converged:
+            nodes.append(node_at(statics, line, c, solved.state, names))
+            if stop(nodes[-1]):
+                return Path(tuple(nodes), True, names=names)
+            if solved.n_iterations <= EASY:
+                h = GROWTH * step
+            elif solved.n_iterations >= HARD:
+                h = 0.5 * step
+            continue
+        h = 0.4 * step
+        if h < SMALLEST_STEP * scale:
+            return Path(tuple(nodes), False, solved.status, names)
+    return Path(tuple(nodes), True, names=names)
+
+
+def between(statics: Statics, line: Line, path: Path, c: float) -> Node:
+    """One more node inside a path, from the nearest one's tangent.
+
+    Raises
+    ------
+    SimulationError
+        Where no equilibrium was found from there.
+    """
+    nearest = min(path.nodes, key=lambda node: abs(node.c - c))
+    guess = moved(statics.system.layout, nearest.state, (c - nearest.c) * nearest.slope)
+    solved = statics.equilibrium(guess, line.at(c))
+    if not solved.converged:
+        raise SimulationError(f"No equilibrium between two neighbouring ones: {solved.status}.")
+    return node_at(statics, line, c, solved.state, path.names)
+
+
+def _predict(layout: Layout, nodes: list[Node], c: float) -> State:
+    """z + h z' + h^2/2 z'' with z'' from the last two nodes."""
+    last = nodes[-1]
+    h = c - last.c
+    dz = h * last.slope
+    if len(nodes) > 1:
+        before = nodes[-2]
+        width = last.c - before.c
+        back = difference(layout, before.state, last.state)  # z(c - width) - z(c)
+        curvature = 2.0 * (back + width * last.slope) / width**2
+        dz = dz + 0.5 * h**2 * curvature
+    return moved(layout, last.state, dz)
+
+
+def _rate_of_gradient(statics: Statics, line: Line, state: State) -> Floats:
+    """d reduced gradient / dc at fixed z."""
+    system = statics.system
+    layout = system.layout
+    full = np.zeros(3 * layout.n_points + layout.n_scalars)
+    first = 3 * layout.n_points + layout.n_pressures
+    if line.load_rate != 0.0:
+        full[: 3 * layout.n_points] -= line.load_rate * system.loads.total(statics.theta).ravel()
+    for i in range(layout.n_cables):
+        if not line.is_held[i]:
+            full[first + i] += line.shortening_rate[i]
+        elif line.tension_rate[i] != 0.0:
+            full += line.tension_rate[i] * system.cables.length_gradient(state.x, i, len(full))
+    return system.motion.reduce_gradient(state, full)

@@ -1,0 +1,75 @@
+"""The response along one control: nodes solved exactly, and in between cubic Hermite pieces of stated error."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline, make_interp_spline
+
+from softcal.checks import Floats
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Channels along the control c. c (n,); values, slopes (n, n_channels); by_parameter (n, n_channels, k)."""
+
+    c: Floats
+    values: Floats
+    slopes: Floats
+    by_parameter: Floats
+
+    def at(self, c: Floats) -> tuple[Floats, Floats, Floats]:
+        """Values, slopes (m, n_channels) and derivatives by parameters (m, n_channels, k) at c (m,)."""
+        if len(self.c) == 1:
+            n = len(c)
+            return (
+                np.repeat(self.values, n, axis=0),
+                np.repeat(self.slopes, n, axis=0),
+                np.repeat(self.by_parameter, n, axis=0),
+            )
+        spline = self.spline()
+        # The slopes' own derivatives by the parameters are not known: a spline through the nodes, straight for two.
+        by_parameter = make_interp_spline(self.c, self.by_parameter, k=min(3, len(self.c) - 1))
+        return spline(c), spline(c, 1), by_parameter(c)
+
+    def spline(self) -> CubicHermiteSpline:
+        """The channels as piecewise cubics in c."""
+        return CubicHermiteSpline(self.c, self.values, self.slopes)
+
+    def error(self) -> Floats:
+        """Estimated error of the interpolation in each interval, (n - 1, n_channels); infinite where it is unknown.
+
+        A cubic Hermite piece errs by f'''' h^4 / 384; f'''' is the change of the pieces' third derivative from one to
+        the next.
+        """
+        h = np.diff(self.c)[:, None]
+        if len(h) < 2:
+            return np.full((len(h), self.values.shape[1]), np.inf)
+        third = 6.0 * (self.slopes[1:] + self.slopes[:-1]) / h**2 - 12.0 * np.diff(self.values, axis=0) / h**3
+        fourth = np.abs(np.diff(third, axis=0)) / (0.5 * (h[1:] + h[:-1]))
+        padded = np.concatenate([fourth[:1], fourth, fourth[-1:]])
+        return np.maximum(padded[1:], padded[:-1]) * h**4 / 384.0
+
+
+    def first_passage(self, channel: int, targets: Floats) -> Floats:
+        """The smallest c at which a channel reaches each target (m,); NaN where it never does.
+
+        What a machine sees that prescribes the channel and lets c go: past a maximum it snaps to the next branch.
+        """
+        spline = self.spline()
+        fine = np.unique(np.concatenate([np.linspace(a, b, 65) for a, b in zip(self.c[:-1], self.c[1:], strict=True)]))
+        values = spline(fine)[:, channel]
+        reached = np.maximum.accumulate(values)
+        i = np.searchsorted(reached, targets)
+        out = np.full(len(targets), np.nan)
+        first = i == 0
+        out[first] = fine[0]
+        inside = ~first & (i < len(fine))
+        low, high = fine[i[inside] - 1], fine[i[inside]]
+        c = low + (high - low) * (targets[inside] - values[i[inside] - 1]) / (values[i[inside]] - values[i[inside] - 1])
+        for _ in range(4):
+            slope = spline(c, 1)[:, channel]
+            c = np.clip(c - (spline(c)[:, channel] - targets[inside]) / slope, low, high)
+        out[inside] = c
+        return out

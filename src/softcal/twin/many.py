@@ -1,0 +1,149 @@
+"""Several driven cables: every sample is solved, slack cables found as slack."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.errors import SimulationError
+from softcal.mechanics.path import Line, Node, follow, node_at
+from softcal.mechanics.state import State
+from softcal.mechanics.statics import Statics
+from softcal.mechanics.system import Controls
+from softcal.twin.build import Twin
+from softcal.twin.protocol import Protocol
+from softcal.twin.response import Response, Snapshot
+from softcal.twin.sensors import channel_units, sense, sense_rates
+from softcal.twin.start import loaded_state, slack_line, snapshot
+
+SLACK_TENSION = 1e-7  # of the largest tension around: less is none
+SLACK_LENGTH = 1e-9  # of a cable's length
+
+
+def simulate_many(
+    twin: Twin, statics: Statics, protocol: Protocol, names: tuple[str, ...], *, snapshots: bool
+) -> Response:
+    """See `simulate`. Slopes are not given: there is no single control."""
+    units = channel_units(twin)
+    values: list[Floats] = []
+    rates: list[Floats] = []
+    shapes: list[Snapshot] = []
+    status, succeeded = "", True
+    try:
+        state = loaded_state(twin, statics)
+        controls = slack_line(twin).at(0.0)
+        # Lengths as they are: a cable that is commanded in length starts at its own.
+        lengths = twin.system.cables.lengths(state.x)
+        controls = replace(controls, shortening=twin.system.cables.rest_length - lengths)
+        for i in range(protocol.n_samples):
+            target = _target(twin, protocol, i, controls)
+            node, controls = _reach(twin, statics, state, controls, target, _by_length(twin, protocol), names)
+            state = node.state
+            values.append(_commanded(twin, protocol, i, sense(twin, state)))
+            rates.append(sense_rates(twin, state, node.by_parameter))
+            if snapshots:
+                shapes.append(snapshot(twin, state, f"sample {i + 1}", _shown(protocol, i)))
+        status = f"Solved: {protocol.n_samples} equilibria, {statics.n_factorisations} factorisations."
+    except SimulationError as error:
+        status, succeeded = f"Sample {len(values) + 1} of {protocol.n_samples} was not reached: {error}", False
+    table = np.array(values).reshape(len(values), len(units))
+    by_parameter = np.array(rates).reshape(len(values), len(units), len(names))
+    return Response(
+        channels={name: table[:, k] for k, name in enumerate(units)},
+        units=units,
+        status=status,
+        succeeded=succeeded,
+        n_factorisations=statics.n_factorisations,
+        sensitivities={
+            name: {p: by_parameter[:, k, j] for j, p in enumerate(names)} for k, name in enumerate(units)
+        },
+        snapshots=tuple(shapes),
+        tets={name: mesh.tets for name, mesh in twin.meshes.items()} if snapshots else {},
+    )
+
+
+def _by_length(twin: Twin, protocol: Protocol) -> np.ndarray:
+    """Which cables are commanded in length."""
+    return np.array(
+        [
+            cable.name in protocol.commands and protocol.commands[cable.name].control == "shortening"
+            for cable in twin.robot.cables
+        ]
+    )
+
+
+def _target(twin: Twin, protocol: Protocol, i: int, now: Controls) -> Controls:
+    tension, shortening = np.zeros_like(now.tension), now.shortening.copy()
+    for k, cable in enumerate(twin.robot.cables):
+        if cable.name in protocol.commands:
+            command = protocol.commands[cable.name]
+            (tension if command.control == "tension" else shortening)[k] = command.values[i]
+    return Controls(now.is_held, tension, shortening)
+
+
+def _reach(
+    twin: Twin,
+    statics: Statics,
+    state: State,
+    now: Controls,
+    target: Controls,
+    by_length: np.ndarray,
+    names: tuple[str, ...],
+) -> tuple[Node, Controls]:
+    """Equilibrium at the target: along a straight line with the cables taut or slack as they are, then switched where
+    a taut one would push or a slack one would be too long, and again, until none is."""
+    cables = twin.system.cables
+    lengths = cables.lengths(state.x)
+    # A taut cable goes from its present length to the target's; a slack one waits for the check.
+    start = replace(now, shortening=cables.rest_length - lengths, tension=np.where(now.is_held, now.tension, 0.0))
+    for _ in range(4 * cables.n_cables + 4):
+        line = Line(
+            start.is_held,
+            start.tension,
+            start.shortening,
+            np.where(start.is_held, target.tension - start.tension, 0.0),
+            target.shortening - start.shortening,
+        )
+        still = not np.any(line.tension_rate[start.is_held]) and not np.any(line.shortening_rate[~start.is_held])
+        begin = node_at(statics, line, 1.0 if still else 0.0, state, () if not still else names)
+        if still:
+            node = begin
+        else:
+            path = follow(statics, line, begin, 1.0, first_step=1.0)
+            if not path.reached:
+                raise SimulationError(f"no equilibrium beyond {100 * path.nodes[-1].c:.3g} % of the step: {path.status}.")
+            node = node_at(statics, line, 1.0, path.nodes[-1].state, names)
+        state = node.state
+        lengths = cables.lengths(state.x)
+        scale = max(float(np.abs(state.tension).max(initial=0.0)), 1e-12)
+        pushes = by_length & ~start.is_held & (state.tension < -SLACK_TENSION * scale)
+        gap = lengths - cables.rest_length + target.shortening
+        too_long = by_length & start.is_held & (gap > SLACK_LENGTH * cables.rest_length)
+        if not pushes.any() and not too_long.any():
+            return node, Controls(start.is_held, target.tension, target.shortening)
+        is_held = (start.is_held | pushes) & ~too_long
+        tension = np.where(is_held, np.where(by_length, np.maximum(state.tension, 0.0), target.tension), 0.0)
+        start = Controls(is_held, np.where(pushes, 0.0, tension), cables.rest_length - lengths)
+        state = replace(state, tension=np.where(pushes, 0.0, state.tension))
+        if pushes.any():
+            released = statics.equilibrium(state, Controls(is_held, start.tension, start.shortening))
+            if not released.converged:
+                raise SimulationError(f"no equilibrium as a cable goes slack: {released.status}.")
+            state = released.state
+            start = replace(start, shortening=cables.rest_length - cables.lengths(state.x))
+    raise SimulationError("cables keep switching between taut and slack.")
+
+
+def _commanded(twin: Twin, protocol: Protocol, i: int, values: Floats) -> Floats:
+    """A slack cable's shortening is what was commanded."""
+    for k, cable in enumerate(twin.robot.cables):
+        command = protocol.commands.get(cable.name)
+        if command is not None and command.control == "shortening":
+            values[2 * k] = command.values[i]
+    return values
+
+
+def _shown(protocol: Protocol, i: int) -> dict[str, float]:
+    return {name: float(command.values[i]) for name, command in protocol.commands.items()}

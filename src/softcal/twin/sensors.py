@@ -1,0 +1,74 @@
+"""Virtual sensors: from a state, and a rate of the unknowns, to channels and their rates."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.mechanics.state import State
+from softcal.twin.build import Twin
+
+PLATE_CHANNELS = {"x": "m", "y": "m", "z": "m", "pitch": "rad", "roll": "rad", "yaw": "rad"}
+
+
+def channel_units(twin: Twin) -> dict[str, str]:
+    """Every channel of the robot and its SI unit, in a fixed order."""
+    units: dict[str, str] = {}
+    for cable in twin.robot.cables:
+        units[f"{cable.name}.shortening"] = "m"
+        units[f"{cable.name}.tension"] = "N"
+    for plate in twin.robot.plates:
+        units.update({f"{plate.name}.{key}": unit for key, unit in PLATE_CHANNELS.items()})
+    return units
+
+
+def sense(twin: Twin, state: State) -> Floats:
+    """The channels' values at a state, in the order of `channel_units`."""
+    cables = twin.system.cables
+    lengths = cables.lengths(state.x)
+    values: list[float] = []
+    for i in range(cables.n_cables):
+        values += [cables.rest_length[i] - lengths[i], state.tension[i]]
+    for i in range(len(twin.robot.plates)):
+        values += [*state.position[i], *angles(state.rotation[i])]
+    return np.array(values)
+
+
+def sense_rates(twin: Twin, state: State, dz: Floats) -> Floats:
+    """The channels' rates for rates dz (n_unknowns, k) of the unknowns; shape (n_channels, k)."""
+    layout, cables = twin.system.layout, twin.system.cables
+    tensions = dz[layout.first_scalar_unknown + layout.n_pressures :]
+    plates = dz[layout.first_plate_unknown : layout.first_scalar_unknown]
+    rows: list[Floats] = []
+    for i in range(cables.n_cables):
+        full = cables.length_gradient(state.x, i, 3 * layout.n_points + layout.n_scalars)
+        rows += [-(twin.system.motion.reduce_gradient(state, full) @ dz)[None, :], tensions[i : i + 1]]
+    for i in range(len(twin.robot.plates)):
+        rows += [plates[6 * i : 6 * i + 3], _angle_rates(state.rotation[i]) @ plates[6 * i + 3 : 6 * i + 6]]
+    return np.concatenate(rows) if rows else np.zeros((0, dz.shape[1]))
+
+
+def angles(R: Floats) -> tuple[float, float, float]:
+    """pitch, roll, yaw [rad] of a rotation: pitch = atan2(R02, R22), roll = -asin R12, yaw = atan2(R10, R11).
+
+    Pitch is the inclination towards +x, roll the one about x, yaw the turn about z; each is the whole of it when the
+    others are zero (R = Ry(pitch) Rx(roll) Rz(yaw)).
+    """
+    return (
+        float(np.arctan2(R[0, 2], R[2, 2])),
+        float(-np.arcsin(np.clip(R[1, 2], -1.0, 1.0))),
+        float(np.arctan2(R[1, 0], R[1, 1])),
+    )
+
+
+def _angle_rates(R: Floats) -> Floats:
+    """d(pitch, roll, yaw)/d omega for R <- exp(omega) R; shape (3, 3)."""
+    rates = np.zeros((3, 3))
+    for k in range(3):
+        e = np.zeros(3)
+        e[k] = 1.0
+        dR = np.cross(e, R.T).T  # omega x each column
+        rates[0, k] = (R[2, 2] * dR[0, 2] - R[0, 2] * dR[2, 2]) / (R[0, 2] ** 2 + R[2, 2] ** 2)
+        rates[1, k] = -dR[1, 2] / np.sqrt(max(1.0 - R[1, 2] ** 2, 1e-300))
+        rates[2, k] = (R[1, 1] * dR[1, 0] - R[1, 0] * dR[1, 1]) / (R[1, 0] ** 2 + R[1, 1] ** 2)
+    return rates

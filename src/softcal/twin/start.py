@@ -1,0 +1,62 @@
+"""Where every protocol starts: the robot under its dead loads, all cables slack."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from softcal.errors import SimulationError
+from softcal.mechanics.path import Line, Node, follow, node_at
+from softcal.mechanics.state import State, rest_state
+from softcal.mechanics.statics import Statics
+from softcal.twin.build import Twin
+from softcal.twin.response import Snapshot
+
+
+def slack_line(twin: Twin) -> Line:
+    """Every cable held at tension zero."""
+    n = twin.system.cables.n_cables
+    return Line(np.ones(n, dtype=bool), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n))
+
+
+def loaded_state(twin: Twin, statics: Statics) -> State:
+    """The equilibrium under the dead loads, put on in as many steps as it takes.
+
+    Raises
+    ------
+    SimulationError
+        Where there is none.
+    """
+    rest = rest_state(twin.system.layout)
+    line = slack_line(twin)
+    if not np.any(twin.system.loads.total(statics.theta)):
+        return rest
+    direct = statics.equilibrium(rest, line.at(0.0))
+    if direct.converged:
+        return direct.state
+    ramp = replace(line, load=0.0, load_rate=1.0)
+    start: Node = node_at(statics, ramp, 0.0, rest, ())
+    path = follow(statics, ramp, start, 1.0, first_step=0.2)
+    if not path.reached:
+        reached = 100.0 * path.nodes[-1].c
+        raise SimulationError(f"No equilibrium under the dead loads beyond {reached:.3g} % of them: {path.status}.")
+    return path.nodes[-1].state
+
+
+def snapshot(twin: Twin, state: State, label: str, controls: dict[str, float]) -> Snapshot:
+    """A state's shape, to draw."""
+    robot, layout = twin.robot, twin.system.layout
+    points = {
+        name: state.x[first : first + twin.meshes[name].n_points].copy() for name, first in twin.first_point.items()
+    }
+    cables = {
+        name: np.array([sum((w * state.x[p] for p, w in weights), np.zeros(3)) for weights in via])
+        for name, via in twin.via.items()
+    }
+    plates = {
+        plate.name: (state.position[i].copy(), state.rotation[i].copy())
+        for i, plate in enumerate(robot.plates[: layout.n_plates])
+    }
+    tensions = {cable.name: float(state.tension[i]) for i, cable in enumerate(robot.cables)}
+    return Snapshot(label, points, cables, plates, controls, tensions)

@@ -1,0 +1,257 @@
+"""One driven cable: the whole protocol is one curve in its shortening."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.errors import SimulationError
+from softcal.mechanics.path import Line, Node, Path, between, follow, node_at
+from softcal.mechanics.statics import Statics
+from softcal.twin.build import Twin
+from softcal.twin.curve import Curve
+from softcal.twin.protocol import Protocol
+from softcal.twin.response import Response
+from softcal.twin.sensors import channel_units, sense, sense_rates
+from softcal.twin.start import loaded_state, slack_line, snapshot
+
+FIRST_STEP = 0.12  # of the driven cable's length
+WOUND_UP = 1e-3  # of its length: a cable shorter than this is wound up
+SAME = 1e-9  # of its length: two nodes closer than this are one
+MAX_REFINEMENTS = 6
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A twin, its statics, and the cable that is driven (None: nothing is)."""
+
+    twin: Twin
+    statics: Statics
+    names: tuple[str, ...]
+    cable: str | None
+    tolerance: float
+
+    def response(self, protocol: Protocol, *, snapshots: bool) -> Response:
+        """See `simulate`."""
+        try:
+            start = self._start()
+            if self.cable is None:
+                return self._at_rest(start, protocol.n_samples, snapshots=snapshots)
+            command = protocol.commands[self.cable]
+            if command.control == "shortening":
+                return self._by_shortening(start, command.values, snapshots=snapshots)
+            return self._by_tension(start, command.values, snapshots=snapshots)
+        except SimulationError as error:
+            return self._response(np.zeros((0, len(self._units))), None, None, str(error), False, (), False)
+
+    # The line of equilibria: the driven cable's shortening c from where it just goes taut, all others slack.
+
+    @property
+    def _units(self) -> dict[str, str]:
+        return channel_units(self.twin)
+
+    @property
+    def _i_cable(self) -> int:
+        return [cable.name for cable in self.twin.robot.cables].index(self.cable or "")
+
+    @property
+    def _length(self) -> float:
+        return float(self.twin.system.cables.rest_length[self._i_cable])
+
+    @property
+    def _line(self) -> Line:
+        line = slack_line(self.twin)
+        if self.cable is None:
+            return line
+        driven = np.arange(len(line.is_held)) == self._i_cable
+        return replace(line, is_held=~driven, shortening_rate=driven.astype(float))
+
+    def _start(self) -> Node:
+        """The robot under its loads, with the driven cable just taut: c there is L0 - L."""
+        state = loaded_state(self.twin, self.statics)
+        cables = self.twin.system.cables
+        c = 0.0 if self.cable is None else float(cables.rest_length[self._i_cable] - cables.lengths(state.x)[self._i_cable])
+        return node_at(self.statics, self._line, c, state, self.names)
+
+    def _slack_node(self, start: Node) -> Node:
+        """The same state with the driven cable slack: nothing moves as it is pulled in."""
+        line = slack_line(self.twin)
+        return node_at(self.statics, line, start.c, start.state, self.names)
+
+    def _curve(self, nodes: tuple[Node, ...]) -> Curve:
+        values = np.array([sense(self.twin, node.state) for node in nodes])
+        rates = [
+            sense_rates(self.twin, node.state, np.column_stack([node.slope, node.by_parameter])) for node in nodes
+        ]
+        c = np.array([node.c for node in nodes])
+        return Curve(c, values, np.array([r[:, 0] for r in rates]), np.array([r[:, 1:] for r in rates]))
+
+    def _refined(self, path: Path) -> tuple[Path, Curve]:
+        """The path with nodes added until the curve between them is as exact as asked for."""
+        curve = self._curve(path.nodes)
+        for _ in range(MAX_REFINEMENTS):
+            if len(path.nodes) < 2 or self.tolerance <= 0.0:
+                break
+            scale = self._scale(curve)
+            coarse = np.flatnonzero((curve.error() > self.tolerance * scale).any(axis=1))
+            if len(coarse) == 0:
+                break
+            path = self._with_nodes(path, 0.5 * (curve.c[coarse] + curve.c[coarse + 1]))
+            curve = self._curve(path.nodes)
+        return path, curve
+
+    def _scale(self, curve: Curve) -> Floats:
+        """The largest value of all channels of one unit, per channel: a roll of 1e-6 needs no 1e-10."""
+        units = np.array(list(self._units.values()))
+        largest = np.abs(curve.values).max(axis=0)
+        return np.array([largest[units == unit].max() for unit in units]) + 1e-300
+
+    def _with_nodes(self, path: Path, c: Floats) -> Path:
+        extra = [between(self.statics, self._line, path, float(value)) for value in c]
+        return replace(path, nodes=tuple(sorted([*path.nodes, *extra], key=lambda node: node.c)))
+
+    def _missing(self, path: Path, c: Floats) -> Floats:
+        """Those of c that no node stands at."""
+        have = np.array([node.c for node in path.nodes])
+        unique = np.unique(c)
+        nearest = np.abs(unique[:, None] - have[None, :]).min(axis=1)
+        return unique[nearest > SAME * self._length]
+
+    # The two ways to drive it.
+
+    def _by_shortening(self, start: Node, d: Floats, *, snapshots: bool) -> Response:
+        end = float(d.max())
+        path = Path((start,), True, names=self.names)
+        if end > start.c + SAME * self._length:
+            path = self._follow(start, end)
+        path, curve = self._refined(path)
+        reached = path.nodes[-1].c
+        taut = d > start.c
+        n = len(d) if path.reached else int(np.argmax(np.append(d, np.inf) > reached))
+        if self.tolerance <= 0.0:
+            path = self._with_nodes(path, self._missing(path, d[:n][taut[:n]]))
+            curve = self._curve(path.nodes)
+        values, slopes, by_parameter = curve.at(np.maximum(d[:n], start.c))
+        slack = ~taut[:n]
+        if slack.any():
+            still = self._curve((self._slack_node(start),))
+            values[slack], slopes[slack], by_parameter[slack] = still.values, still.slopes, still.by_parameter
+        # A slack cable's shortening is what was commanded, not what would make it taut.
+        values[:, 2 * self._i_cable] = d[:n]
+        slopes[:, 2 * self._i_cable] = 1.0
+        by_parameter[:, 2 * self._i_cable] = 0.0
+        status = self._sentence(path, n, len(d))
+        if path.reached and np.any(values[:, 2 * self._i_cable + 1] < 0.0):
+            low = float(d[:n][np.argmin(values[:, 2 * self._i_cable + 1])])
+            status = f"Cable {self.cable} would have to push at {1e3 * low:.4g} mm: the robot snaps through there."
+            return self._response(np.zeros((0, values.shape[1])), None, None, status, False, path.nodes, snapshots)
+        return self._response(values, slopes, by_parameter, status, path.reached, path.nodes, snapshots)
+
+    def _by_tension(self, start: Node, T: Floats, *, snapshots: bool) -> Response:
+        i_tension = 2 * self._i_cable + 1
+        largest = float(T.max())
+        wound = self._length * (1.0 - WOUND_UP)
+        path = Path((start,), True, names=self.names)
+        if largest > 0.0:
+            path = self._follow(start, wound, until=largest)
+        path, curve = self._refined(path)
+        if len(path.nodes) == 1:
+            values, slopes, by_parameter = curve.at(np.full(len(T), start.c))
+            return self._response(values, slopes, by_parameter, "Solved: no tension.", True, path.nodes, snapshots)
+        is_wound = path.reached and path.nodes[-1].c >= wound * (1.0 - 1e-9)
+        c = curve.first_passage(i_tension, T)
+        while self.tolerance <= 0.0:
+            missing = self._missing(path, c[np.isfinite(c)])
+            if len(missing) == 0:
+                break
+            path = self._with_nodes(path, missing)
+            curve = self._curve(path.nodes)
+            c = curve.first_passage(i_tension, T)
+        beyond = ~np.isfinite(c)
+        n = len(T) if is_wound or not beyond.any() else int(np.argmax(beyond))
+        at = np.where(beyond, curve.c[-1], c)[:n]
+        values, by_c, by_parameter = curve.at(at)
+        stiffness = by_c[:, i_tension]
+        slopes = by_c / stiffness[:, None]
+        by_parameter = by_parameter - slopes[:, :, None] * by_parameter[:, i_tension, None, :]
+        values[:, i_tension] = T[:n]
+        slopes[beyond[:n]] = 0.0
+        by_parameter[beyond[:n]] = 0.0
+        slopes[:, i_tension], by_parameter[:, i_tension] = 1.0, 0.0
+        status = self._sentence(path, n, len(T))
+        if is_wound and beyond.any():
+            limit = float(curve.values[:, i_tension].max())
+            status += f" Cable {self.cable} is wound up to zero length from {limit:.4g} N on."
+        return self._response(values, slopes, by_parameter, status, n == len(T), path.nodes, snapshots)
+
+    def _follow(self, start: Node, end: float, *, until: float = np.inf) -> Path:
+        i = self._i_cable
+        step = FIRST_STEP * self._length
+        if np.isfinite(until):
+            stiffness = start.slope[self.twin.system.layout.n_unknowns - self.twin.system.cables.n_cables + i]
+            if stiffness > 0.0:
+                step = min(step, 0.35 * until / stiffness)
+        return follow(
+            self.statics,
+            self._line,
+            start,
+            end,
+            first_step=step,
+            names=self.names,
+            stop=lambda node: bool(node.state.tension[i] >= until),
+            largest_step=3.0 * FIRST_STEP * self._length if not np.isfinite(until) else max(step, 0.25 * self._length),
+        )
+
+    # What comes out.
+
+    def _at_rest(self, start: Node, n: int, *, snapshots: bool) -> Response:
+        curve = self._curve((start,))
+        values, slopes, by_parameter = curve.at(np.zeros(n))
+        status = "Solved: no cable is driven."
+        return self._response(values, slopes, by_parameter, status, True, (start,), snapshots)
+
+    def _sentence(self, path: Path, n: int, n_samples: int) -> str:
+        if path.reached:
+            return f"Solved: {len(path.nodes)} equilibria, {self.statics.n_factorisations} factorisations."
+        end = 1e3 * path.nodes[-1].c
+        return (
+            f"No equilibrium beyond {end:.4g} mm of shortening of {self.cable} "
+            f"({n} of {n_samples} samples reached): {path.status}."
+        )
+
+    def _response(
+        self,
+        values: Floats,
+        slopes: Floats | None,
+        by_parameter: Floats | None,
+        status: str,
+        succeeded: bool,
+        nodes: tuple[Node, ...],
+        snapshots: bool,
+    ) -> Response:
+        units = self._units
+        channels = {name: values[:, k] for k, name in enumerate(units)}
+        sensitivities = {}
+        if by_parameter is not None:
+            sensitivities = {
+                name: {p: by_parameter[:, k, j] for j, p in enumerate(self.names)} for k, name in enumerate(units)
+            }
+        shapes = ()
+        if snapshots:
+            shapes = tuple(
+                snapshot(self.twin, node.state, f"{1e3 * node.c:.4g} mm", {self.cable or "none": node.c})
+                for node in nodes
+            )
+        return Response(
+            channels=channels,
+            units=units,
+            status=status,
+            succeeded=succeeded,
+            n_factorisations=self.statics.n_factorisations,
+            sensitivities=sensitivities,
+            slopes={} if slopes is None else {name: slopes[:, k] for k, name in enumerate(units)},
+            snapshots=shapes,
+            tets={name: mesh.tets for name, mesh in self.twin.meshes.items()} if snapshots else {},
+        )

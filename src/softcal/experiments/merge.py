@@ -1,0 +1,43 @@
+"""Two records on one clock, brought onto the samples of the first."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from softcal.errors import DatasetError, Fault
+from softcal.experiments.dataset import Dataset, Step
+from softcal.units import format_quantity
+
+
+def merge_on_one_clock(first: Dataset, second: Dataset) -> Dataset:
+    """The first record with the channels of the second interpolated at its times, where both have samples.
+
+    Raises
+    ------
+    DatasetError
+        Where a record has no time, both hold the same channel, or they share no span of time.
+    """
+    where = f"{first.name} and {second.name}"
+    shared = [key for key in second.channels if key in first.channels and key != "time"]
+    if shared:
+        raise DatasetError(Fault("both records hold the same channel", where, ", ".join(shared)))
+    time, other = first.values("time"), second.values("time")
+    inside = np.flatnonzero((time >= other.min()) & (time <= other.max()))
+    if not len(inside):
+        spans = [" to ".join(format_quantity(float(t), "s") for t in (x.min(), x.max())) for x in (time, other)]
+        raise DatasetError(
+            Fault(
+                "the records share no span of time", where, " and ".join(spans), attempt="synchronise, for two clocks"
+            )
+        )
+    added = {
+        key: replace(channel, values=np.interp(time[inside], other, channel.values))
+        for key, channel in second.channels.items()
+        if key != "time"
+    }
+    outcome = f"{', '.join(added)} interpolated at {len(inside)} of {first.n_samples} samples"
+    step = Step("merge_on_one_clock", {"with": second.name}, outcome)
+    both = replace(first, provenance=(*first.provenance, *second.provenance)).take(inside, step)
+    return replace(both, channels={**both.channels, **added})

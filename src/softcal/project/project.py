@@ -1,0 +1,217 @@
+"""load(path): a project file, its meshes and its bench data as one frozen Project, or every fault of them at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from softcal.calibration.experiment import PULLEY_FRICTION, Experiment, rig_parameters
+from softcal.calibration.parameters import SearchSpace
+from softcal.checks import Ints
+from softcal.errors import Fault, ProjectFileError
+from softcal.experiments.dataset import Dataset
+from softcal.geometry.quality import MeshReport
+from softcal.project.bench import Bench, build_bench
+from softcal.project.document import Document, Findings, read_document, suggestion
+from softcal.project.files import InputFiles, sha256
+from softcal.project.meshes import is_generated, mesh_maker
+from softcal.project.robot import BuiltRobot, build_robot
+from softcal.project.schema import (
+    FORMAT,
+    SECTIONS,
+    CalibrationSection,
+    ExperimentSection,
+    ParameterSection,
+    PrintSection,
+    RigSection,
+    RobotSection,
+)
+from softcal.project.search import RIG_UNITS, build_search, held_values, rig_value
+from softcal.project.section import Section, validated
+from softcal.report.content import PrintInfill
+from softcal.twin.parameters import ParameterInfo, robot_parameters, with_parameters
+from softcal.twin.robot import Robot
+
+S = TypeVar("S", bound=Section)
+
+
+@dataclass(frozen=True)
+class Project:
+    """Everything a project file describes; numbers in SI.
+
+    path: of the file. experiments, records (as read), cycles (every cycle after the corrections; None where none were
+    looked for): by experiment. space: the free parameters, None where none is free. held: parameters given from
+    outside. hashes: SHA-256 of the project file and of every file it names. inputs: those files by path as written.
+    generated: bodies whose mesh Gmsh made. warnings: what is allowed but looks wrong.
+    """
+
+    path: Path
+    name: str
+    robot: Robot
+    experiments: Mapping[str, Experiment]
+    records: Mapping[str, Dataset]
+    cycles: Mapping[str, Dataset | None]
+    space: SearchSpace | None
+    calibration: CalibrationSection
+    print_infill: PrintInfill | None
+    held: Mapping[str, float]
+    hashes: Mapping[str, str]
+    inputs: Mapping[str, Path]
+    generated: tuple[str, ...]
+    qualities: Mapping[str, MeshReport]
+    regions: Mapping[str, Mapping[str, Ints]]
+    warnings: tuple[Fault, ...]
+
+    @property
+    def parameters(self) -> dict[str, ParameterInfo]:
+        """Every parameter by dotted name, of the robot and of the rig, with its present value."""
+        return {**robot_parameters(self.robot), **rig_parameters(self.experiments.values())}
+
+
+def load(
+    path: str | Path, *, values: Mapping[str, str | float] | None = None, copies: Mapping[str, str] | None = None
+) -> Project:
+    """Read and check a project file and everything it names.
+
+    Parameters
+    ----------
+    path
+        The project file; paths in it are relative to its folder.
+    values
+        Parameters to hold, by dotted name: text with a unit (`{"neck.youngs_modulus": "2.3 MPa"}`) or numbers in SI.
+        They replace what the file says, and are no longer free.
+    copies
+        Where files lie that the project names: path as written -> path relative to the project file. For runs.
+
+    Raises
+    ------
+    ProjectFileError
+        With every fault of the file, its meshes and its data: file, line, key, what was found, what is allowed.
+    ParameterError
+        For `values` that do not fit.
+    StorageError
+        Where the project file cannot be read.
+    """
+    path = Path(path)
+    document = read_document(path)
+    findings = Findings(document)
+    _check_keys(document, findings)
+    files = InputFiles(path.parent, dict(copies or {}))
+    given = dict(values or {})
+
+    section = _section(RobotSection, "robot", document, findings)
+    built = None if section is None else build_robot(section, mesh_maker(files), findings)
+    rig = _section(RigSection, "rig", document, findings, {}) or RigSection()
+    experiments = _entries(ExperimentSection, "experiments", document, findings)
+    rig, experiments = _with_held_rig(rig, experiments, given)
+    benches = {
+        name: build_bench(name, experiment, rig, section, files, findings) for name, experiment in experiments.items()
+    }
+    whole = {name: bench for name, bench in benches.items() if bench is not None}
+    all_there = built is not None and len(whole) == len(_raw(document, "experiments"))
+    known = _known(built, whole) if built is not None and all_there else None
+    parameters = _entries(ParameterSection, "parameters", document, findings)
+    space = build_search(parameters, known, list(whole), given, findings)
+    calibration = _section(CalibrationSection, "calibration", document, findings, {})
+    print_infill = _print_infill(document, findings)
+    findings.raise_if_any()
+
+    if built is None or calibration is None or known is None or section is None:
+        raise ProjectFileError(Fault("the project is not whole", document.name))
+    held = held_values(given, known)
+    of_robot = robot_parameters(built.robot)
+    robot = with_parameters(built.robot, {name: value for name, value in held.items() if name in of_robot})
+    return Project(
+        path=path,
+        name=str(document.data["name"]),
+        robot=robot,
+        experiments={name: bench.experiment for name, bench in whole.items()},
+        records={name: bench.record for name, bench in whole.items()},
+        cycles={name: bench.cycles for name, bench in whole.items()},
+        space=space,
+        calibration=calibration,
+        print_infill=print_infill,
+        held=held,
+        hashes={path.name: sha256(path), **files.hashes()},
+        inputs=dict(files.used),
+        generated=tuple(name for name, body in section.bodies.items() if is_generated(body)),
+        qualities=built.qualities,
+        regions=built.regions,
+        warnings=tuple(dict.fromkeys(findings.warnings)),
+    )
+
+
+def _check_keys(document: Document, findings: Findings) -> None:
+    for key in document.data:
+        if key not in SECTIONS:
+            findings.add(
+                (key,), "unknown key", got=f"'{key}'", allowed=", ".join(SECTIONS), attempt=suggestion(key, SECTIONS)
+            )
+    for key, allowed in (("softcal", f"softcal: {FORMAT}"), ("name", "a name for people"), ("robot", "the robot")):
+        if document.data.get(key) is None:
+            findings.add((), "a key is missing", got=f"no '{key}'", allowed=allowed)
+    version = document.data.get("softcal", FORMAT)
+    if version is not None and version != FORMAT:
+        findings.add(("softcal",), "the format is not known", got=repr(version), allowed=str(FORMAT))
+    if not isinstance(document.data.get("name") or "", str):
+        findings.add(("name",), "this is of the wrong kind", got=repr(document.data["name"]), allowed="text")
+
+
+def _section(
+    model: type[S], key: str, document: Document, findings: Findings, default: dict[str, Any] | None = None
+) -> S | None:
+    data = document.data.get(key)
+    data = default if data is None else data
+    return None if data is None else validated(model, data, (key,), findings)
+
+
+def _raw(document: Document, key: str) -> Mapping[str, Any]:
+    data = document.data.get(key)
+    return data if isinstance(data, dict) else {}
+
+
+def _entries(model: type[S], key: str, document: Document, findings: Findings) -> dict[str, S]:
+    """The entries of a mapping of sections that are in order, each checked by itself."""
+    data = document.data.get(key)
+    if data is not None and not isinstance(data, dict):
+        findings.add((key,), "this is of the wrong kind", got=repr(data)[:60], allowed="a mapping of names")
+    found = {name: validated(model, entry, (key, name), findings) for name, entry in _raw(document, key).items()}
+    return {name: entry for name, entry in found.items() if entry is not None}
+
+
+def _known(built: BuiltRobot, benches: Mapping[str, Bench]) -> dict[str, ParameterInfo]:
+    return {
+        **robot_parameters(built.robot),
+        **rig_parameters(bench.experiment for bench in benches.values()),
+    }
+
+
+def _with_held_rig(
+    rig: RigSection, experiments: Mapping[str, ExperimentSection], given: Mapping[str, str | float]
+) -> tuple[RigSection, dict[str, ExperimentSection]]:
+    """Sections with the rig values that are held: the data are prepared under them."""
+    held = {name: rig_value(name, value) for name, value in given.items() if name.rsplit(".", 1)[-1] in RIG_UNITS}
+    if PULLEY_FRICTION in given and rig.pulleys is not None:
+        friction = rig_value(PULLEY_FRICTION, given[PULLEY_FRICTION])
+        rig = rig.model_copy(update={"pulleys": rig.pulleys.model_copy(update={"friction_coefficient": friction})})
+    return rig, {
+        name: section.model_copy(
+            update={
+                key: held[full]
+                for key in RIG_UNITS
+                if (full := f"{section.cable if key in ('slack', 'tension_offset') else section.plate}.{key}") in held
+            }
+        )
+        for name, section in experiments.items()
+    }
+
+
+def _print_infill(document: Document, findings: Findings) -> PrintInfill | None:
+    section = _section(PrintSection, "print", document, findings)
+    if section is None:
+        return None
+    with findings.at(("print",)):
+        return PrintInfill(section.bulk_youngs_modulus, section.infill, section.exponent)
+    return None

@@ -1,0 +1,204 @@
+"""The base of every section of the project file, and the quantities in it: text with a unit in, SI out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Annotated, Any, TypeVar
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    ModelWrapValidatorHandler,
+    PlainValidator,
+    ValidationError,
+    model_validator,
+)
+from pydantic_core import InitErrorDetails, PydanticCustomError
+
+from softcal.errors import UnitError
+from softcal.project.document import Findings, KeyPath, suggestion
+from softcal.units import parse_quantity
+
+# The kind of error that carries a whole `Fault`: its context has got, allowed and attempt.
+FAULT = "softcal_fault"
+
+
+def fault_error(what: str, *, got: str = "", allowed: str = "", attempt: str = "") -> PydanticCustomError:
+    """An error to raise in a validator, which ends as a `Fault` at the key that was being read."""
+    return PydanticCustomError(FAULT, "{what}", {"what": what, "got": got, "allowed": allowed, "attempt": attempt})
+
+
+class Section(BaseModel):
+    """A mapping of the project file: frozen, and an unknown key in it is a fault that names the nearest known one."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _known_keys(cls, data: Any, handler: ModelWrapValidatorHandler[Any]) -> Any:
+        if not isinstance(data, dict):
+            return handler(data)
+        given: dict[str, Any] = data
+        known = {info.alias or name for name, info in cls.model_fields.items()}
+        unknown = [key for key in given if key not in known]
+        errors = [
+            InitErrorDetails(
+                type=fault_error(
+                    "unknown key",
+                    got=f"'{key}'",
+                    allowed=", ".join(sorted(known)),
+                    attempt=suggestion(key, known),
+                ),
+                loc=(key,),
+                input=given[key],
+            )
+            for key in unknown
+        ]
+        try:
+            section = handler({key: value for key, value in given.items() if key in known})
+        except ValidationError as error:
+            if not errors:
+                raise
+            errors += [_details(found) for found in error.errors()]
+        else:
+            if not errors:
+                return section
+        raise ValidationError.from_exception_data(cls.__name__, errors)
+
+
+S = TypeVar("S", bound=Section)
+
+
+def quantity(si_unit: str) -> Callable[[object], float]:
+    """A reader of quantities in `si_unit`."""
+
+    def read(value: object) -> float:
+        try:
+            return parse_quantity(value, si_unit)
+        except UnitError as error:
+            fault = error.faults[0]
+            raise fault_error(fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt) from error
+
+    return read
+
+
+Length = Annotated[float, BeforeValidator(quantity("m"))]
+Force = Annotated[float, BeforeValidator(quantity("N"))]
+Pressure = Annotated[float, BeforeValidator(quantity("Pa"))]
+Mass = Annotated[float, BeforeValidator(quantity("kg"))]
+Density = Annotated[float, BeforeValidator(quantity("kg/m^3"))]
+Acceleration = Annotated[float, BeforeValidator(quantity("m/s^2"))]
+Angle = Annotated[float, BeforeValidator(quantity("rad"))]
+Duration = Annotated[float, BeforeValidator(quantity("s"))]
+Ratio = Annotated[float, BeforeValidator(quantity("1"))]
+Point = tuple[Length, Length, Length]
+ForceVector = tuple[Force, Force, Force]
+Traction = tuple[Pressure, Pressure, Pressure]
+Gravity = tuple[Acceleration, Acceleration, Acceleration]
+Direction = tuple[Ratio, Ratio, Ratio]
+
+
+def _given(value: object) -> str | float:
+    if isinstance(value, bool) or not isinstance(value, (str, int, float)):
+        raise fault_error("this is of the wrong kind", got=_shown(value), allowed="a number, or text with a unit")
+    return value
+
+
+# A quantity whose unit is not known until names are resolved, such as the bound of a parameter.
+Given = Annotated[str | float, PlainValidator(_given)]
+
+
+def above(limit: float, unit: str = "") -> Callable[[float], float]:
+    """A check that a number [unit, SI] is above a limit."""
+
+    def check(value: float) -> float:
+        if not value > limit:
+            raise fault_error("the value is too small", got=f"{value:g} {unit}".strip(), allowed=f"above {limit:g}")
+        return value
+
+    return check
+
+
+def validated(model: type[S], data: object, path: KeyPath, findings: Findings) -> S | None:
+    """`data` as a section, or None with every fault of it recorded."""
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        for found in error.errors():
+            _record(found, data, path, findings)
+        return None
+
+
+def _details(found: Any) -> InitErrorDetails:
+    if found["type"] == FAULT:
+        kind = PydanticCustomError(FAULT, "{what}", found["ctx"])
+    else:
+        what, got, allowed = _wording(found)
+        kind = fault_error(what, got=got, allowed=allowed)
+    return InitErrorDetails(type=kind, loc=found["loc"], input=found["input"])
+
+
+def _record(found: Any, data: object, path: KeyPath, findings: Findings) -> None:
+    place = (*path, *_keys(found["loc"], data))
+    if found["type"] == FAULT:
+        context = found["ctx"]
+        findings.add(place, context["what"], got=context["got"], allowed=context["allowed"], attempt=context["attempt"])
+        return
+    what, got, allowed = _wording(found)
+    findings.add(place, what, got=got, allowed=allowed)
+
+
+def _keys(location: tuple[str | int, ...], data: Any) -> tuple[str | int, ...]:
+    """The part of a pydantic location that stands in the file: the tags of unions do not."""
+    keys: list[str | int] = []
+    for i, part in enumerate(location):
+        inside = (isinstance(data, dict) and part in data) or (
+            isinstance(data, list) and isinstance(part, int) and part < len(data)
+        )
+        if inside:
+            data = data[part]
+        elif i < len(location) - 1 or (keys and part == "[key]"):
+            continue
+        keys.append(part)
+    return tuple(keys)
+
+
+_KINDS = {
+    "dict_type": "a mapping of keys",
+    "model_type": "a mapping of keys",
+    "model_attributes_type": "a mapping of keys",
+    "list_type": "a list: [a, b, …]",
+    "tuple_type": "a list: [a, b, …]",
+    "string_type": "text",
+    "int_type": "a whole number",
+    "int_parsing": "a whole number",
+    "int_from_float": "a whole number",
+    "bool_type": "true or false",
+    "bool_parsing": "true or false",
+    "float_type": "a number",
+    "float_parsing": "a number",
+}
+
+
+def _wording(found: Any) -> tuple[str, str, str]:
+    """What, got and allowed for one of pydantic's own errors."""
+    kind, context, got = found["type"], found.get("ctx", {}), _shown(found["input"])
+    if kind == "missing" and isinstance(found["loc"][-1], int):
+        return "the list is too short", "", f"an entry number {found['loc'][-1] + 1}"
+    if kind == "missing":
+        return "a key is missing", "", f"'{found['loc'][-1]}' must be given"
+    if kind in _KINDS:
+        return "this is of the wrong kind", got, _KINDS[kind]
+    if kind == "literal_error":
+        return "there is no such choice", got, str(context["expected"]).replace(" or ", ", ")
+    if kind in ("too_short", "too_long"):
+        wanted = context.get("min_length", context.get("max_length"))
+        least = "at least" if kind == "too_short" else "at most"
+        return "the list has the wrong length", str(context["actual_length"]), f"{least} {wanted}"
+    return "the value is not allowed", got, str(found["msg"]).removeprefix("Input should be ")
+
+
+def _shown(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "…"

@@ -1,0 +1,147 @@
+"""Load and unload branches of the cycles, and their average over the cycles on one grid of shortening."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from softcal.checks import Floats, Ints
+from softcal.errors import DatasetError, Fault
+from softcal.experiments.dataset import Channel, Dataset, Step
+from softcal.experiments.noise import white_noise
+from softcal.units import format_quantity
+
+Branch = Literal["loading", "unloading", "mean"]
+
+# How far [of the travel] from the turning point a sample still counts as dwelling there.
+_DWELL = 0.002
+
+
+@dataclass(frozen=True)
+class CycleRows:
+    """Rows of one cycle in a dataset: pulled (`loading`, up to the top) and let go (`unloading`, from the top on)."""
+
+    number: int
+    loading: Ints
+    unloading: Ints
+
+
+def cycle_rows(dataset: Dataset) -> tuple[CycleRows, ...]:
+    """The rows of every cycle by branch; a dataset whose cycles were not looked for is one cycle.
+
+    Samples that dwell at the top of the travel belong to neither branch, but for the turning points themselves.
+
+    Raises
+    ------
+    DatasetError
+        Where there is no shortening to split by, or no cycle.
+    """
+    shortening = dataset.values("shortening")
+    cycle = np.zeros(dataset.n_samples) if dataset.cycle is None else dataset.cycle
+    numbers = np.unique(cycle[cycle >= 0]).astype(int)
+    if not numbers.size:
+        raise DatasetError(Fault("no sample belongs to a cycle", where=dataset.name, attempt="find_cycles"))
+    return tuple(_split(shortening, np.flatnonzero(cycle == number), int(number)) for number in numbers)
+
+
+def curve(abscissa: Floats, ordinates: dict[str, Floats], n_bins: int) -> tuple[Floats, dict[str, Floats]]:
+    """Means of the ordinates over bins of equal width of the abscissa, at the mean abscissa of each.
+
+    Unbiased for a straight line, and rising in the abscissa however noisy that was.
+    """
+    lower, upper = float(abscissa.min()), float(abscissa.max())
+    if upper <= lower or n_bins < 2:
+        return np.array([abscissa.mean()]), {key: np.array([v.mean()]) for key, v in ordinates.items()}
+    places = np.minimum((n_bins * (abscissa - lower) / (upper - lower)).astype(int), n_bins - 1)
+    counts = np.bincount(places, minlength=n_bins)
+    filled = counts > 0
+
+    def means(values: Floats) -> Floats:
+        return np.bincount(places, weights=values, minlength=n_bins)[filled] / counts[filled]
+
+    return means(abscissa), {key: means(values) for key, values in ordinates.items()}
+
+
+def take_branch(dataset: Dataset, branch: Branch = "loading", *, n_samples: int | None = None) -> Dataset:
+    """One rising curve over shortening: a branch, or the mean of both, averaged over the cycles.
+
+    Every channel but time is averaged over the cycles on a common grid of shortening; with two or more cycles, the
+    scatter of the single cycle about the average becomes the channel's sigma. `mean` is midway between loading and
+    unloading, the estimate of the equilibrium curve.
+
+    Parameters
+    ----------
+    n_samples
+        Points of the grid; None takes 200, or fewer where a branch has fewer samples.
+
+    Raises
+    ------
+    DatasetError
+        Where a branch asked for is not there, or the cycles have no range of shortening in common.
+    """
+    if branch not in ("loading", "unloading", "mean"):
+        raise DatasetError(
+            Fault("no such branch", where=dataset.name, got=f"'{branch}'", allowed="loading, unloading, mean")
+        )
+    cycles = cycle_rows(dataset)
+    wanted = ("loading", "unloading") if branch == "mean" else (branch,)
+    rows = [[getattr(cycle, one) for one in wanted] for cycle in cycles]
+    smallest = min(len(part) for parts in rows for part in parts)
+    if smallest < 2:
+        raise DatasetError(
+            Fault(
+                f"the {' or the '.join(wanted)} branch is missing in a cycle",
+                where=dataset.name,
+                got=f"{smallest} sample(s)",
+                allowed="two or more",
+                attempt="another branch, or select_cycles",
+            )
+        )
+    names = [key for key in dataset.channels if key not in ("time", "shortening")]
+    n_grid = min(200, smallest) if n_samples is None else n_samples
+    curves = [[_branch_curve(dataset, part, names, n_grid) for part in parts] for parts in rows]
+    lower = max(s[0] for parts in curves for s, _ in parts)
+    upper = min(s[-1] for parts in curves for s, _ in parts)
+    if upper <= lower:
+        raise DatasetError(
+            Fault(
+                "the cycles have no range of shortening in common",
+                where=dataset.name,
+                got=f"{format_quantity(lower, 'm')} to {format_quantity(upper, 'm')}",
+            )
+        )
+    grid = np.linspace(lower, upper, n_grid)
+    channels = {"shortening": replace(dataset.channels["shortening"], values=grid)}
+    for key in names:
+        stack = np.array([np.mean([np.interp(grid, s, v[key]) for s, v in parts], axis=0) for parts in curves])
+        sigma = dataset.channels[key].sigma
+        if len(stack) > 1:
+            sigma = float(np.sqrt(np.mean(np.var(stack, axis=0, ddof=1))))
+        channels[key] = Channel(stack.mean(axis=0), dataset.channels[key].unit, sigma)
+    numbers = [cycle.number for cycle in cycles]
+    outcome = (
+        f"{'mean of loading and unloading' if branch == 'mean' else branch} of {len(numbers)} cycle(s) "
+        f"on {n_grid} points, shortening {format_quantity(lower, 'm')} to {format_quantity(upper, 'm')}"
+    )
+    if len(numbers) > 1:
+        scatter = ", ".join(f"{k} {format_quantity(channels[k].sigma, channels[k].unit)}" for k in names)
+        outcome += f"; scatter over the cycles: {scatter}"
+    step = Step("take_branch", {"branch": branch, "n_samples": n_grid, "cycles": numbers}, outcome)
+    return replace(dataset, channels=channels, cycle=None, provenance=(*dataset.provenance, step))
+
+
+def _split(shortening: Floats, rows: Ints, number: int) -> CycleRows:
+    travel = shortening[rows]
+    dwell = _DWELL * float(np.ptp(travel)) + 3.0 * white_noise(travel)
+    top = np.flatnonzero(travel >= travel.max() - dwell)
+    turn = int(np.argmax(travel))
+    if top[-1] - top[0] > 2 * len(top):  # the "top" was left and reached again: no dwell, but two pulls in one
+        top = np.array([turn])
+    return CycleRows(number, rows[: top[0] + 1], rows[top[-1] :])
+
+
+def _branch_curve(dataset: Dataset, rows: Ints, names: list[str], n_bins: int) -> tuple[Floats, dict[str, Floats]]:
+    ordinates = {key: dataset.values(key)[rows] for key in names}
+    return curve(dataset.values("shortening")[rows], ordinates, n_bins)

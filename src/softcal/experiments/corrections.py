@@ -1,0 +1,150 @@
+"""Corrections of single channels: pulley friction, zero, drift, smoothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from scipy.signal import detrend as remove_line
+from scipy.signal import savgol_filter
+
+from softcal.checks import Floats
+from softcal.errors import DatasetError, Fault
+from softcal.experiments.dataset import Dataset, Step
+from softcal.units import format_quantity
+
+
+def correct_pulley_friction(
+    dataset: Dataset, n_pulleys: int, friction_coefficient: float, wrap_angle: float = np.pi
+) -> Dataset:
+    """The tension at the neck from that at the testing machine, as the loss over the pulleys leaves it.
+
+    T_neck = T_UTM exp(-n mu theta): the cable is pulled over n pulleys with friction mu [-], each wrapped by
+    theta [rad].
+
+    References
+    ----------
+    "FEM-Based Optimization of the Mechanical Properties of a Soft Robotic Neck", eq. (1).
+    """
+    if n_pulleys < 0 or friction_coefficient < 0.0 or wrap_angle < 0.0:
+        raise DatasetError(
+            Fault(
+                "the pulleys' friction cannot be negative",
+                where=dataset.name,
+                got=f"{n_pulleys} pulleys, coefficient {friction_coefficient:g}, wrap angle {wrap_angle:g} rad",
+                allowed="numbers >= 0",
+            )
+        )
+    factor = float(np.exp(-n_pulleys * friction_coefficient * wrap_angle))
+    at_neck = dataset.values("tension") * factor
+    step = Step(
+        "correct_pulley_friction",
+        {"n_pulleys": n_pulleys, "friction_coefficient": friction_coefficient, "wrap_angle": wrap_angle},
+        f"tension at the neck is {factor:.4f} of that at the machine",
+    )
+    measured = dataset.channels["tension"]
+    channels = {**dataset.channels, "tension": replace(measured, values=at_neck, sigma=measured.sigma * factor)}
+    return replace(dataset, channels=channels, provenance=(*dataset.provenance, step))
+
+
+def zero(
+    dataset: Dataset, channel: str, by: Literal["first", "min"] | float = "first", *, n_samples: int = 1
+) -> Dataset:
+    """The channel less its first value (the mean of the first n_samples), its least value, or a number [its unit]."""
+    values = dataset.values(channel)
+    if by == "first":
+        offset = float(values[:n_samples].mean())
+    elif by == "min":
+        offset = float(values.min())
+    elif isinstance(by, str):
+        raise DatasetError(
+            Fault("no such zero", where=f"{dataset.name}, {channel}", got=f"'{by}'", allowed="first, min, a quantity")
+        )
+    else:
+        offset = float(by)
+    shown = format_quantity(offset, dataset.channels[channel].unit)
+    settings = {"channel": channel, "by": by, "n_samples": n_samples}
+    return dataset.with_channels(Step("zero", settings, f"{shown} taken off {channel}"), **{channel: values - offset})
+
+
+def detrend(dataset: Dataset, channel: str, *, at: Literal["returns", "ends"] = "returns") -> Dataset:
+    """The channel less a drift that is linear in time, as an IMU or a load cell has it.
+
+    at: `returns` fits the drift to the starts of the cycles, where the crosshead is back at the lower force limit
+    (without the first cycle, whose start is that of an unstretched specimen, where three or more others are there);
+    `ends` draws it through the first and the last sample. The first sample keeps its value.
+
+    Raises
+    ------
+    DatasetError
+        Where there is no time, or for `returns` fewer than two cycles.
+    """
+    time, values = dataset.values("time"), dataset.values(channel)
+    if at == "ends":
+        anchors = np.array([0, dataset.n_samples - 1])
+        levels = values[anchors]
+    elif at == "returns":
+        anchors, levels = _returns(dataset, values)
+    else:
+        raise DatasetError(Fault("no such drift", where=dataset.name, got=f"'{at}'", allowed="returns, ends"))
+    if np.ptp(time[anchors]) <= 0.0:
+        raise DatasetError(Fault("a drift needs a span of time", where=f"{dataset.name}, {channel}"))
+    slope = float(np.polyfit(time[anchors] - time[0], levels, 1)[0])
+    drift = slope * (time - time[0])
+    unit = dataset.channels[channel].unit
+    outcome = (
+        f"drift of {channel} {format_quantity(slope * 60.0, unit)} per minute from {len(anchors)} points, "
+        f"{format_quantity(float(drift[-1]), unit)} over the record, taken off"
+    )
+    return dataset.with_channels(Step("detrend", {"channel": channel, "at": at}, outcome), **{channel: values - drift})
+
+
+def smooth(dataset: Dataset, channel: str, n_samples: int, *, order: int = 2) -> Dataset:
+    """The channel smoothed by a Savitzky-Golay filter of n_samples (odd) and polynomial order."""
+    if n_samples % 2 == 0 or not order < n_samples <= dataset.n_samples:
+        raise DatasetError(
+            Fault(
+                "the smoothing window does not fit",
+                where=f"{dataset.name}, {channel}",
+                got=f"{n_samples} samples",
+                allowed=f"an odd number above {order}, at most {dataset.n_samples}",
+            )
+        )
+    values = dataset.values(channel)
+    smoothed = np.asarray(savgol_filter(values, n_samples, order), dtype=np.float64)
+    moved = float(np.sqrt(np.mean((smoothed - values) ** 2)))
+    outcome = f"{channel} moved by {format_quantity(moved, dataset.channels[channel].unit)} (root mean square)"
+    settings = {"channel": channel, "n_samples": n_samples, "order": order}
+    return dataset.with_channels(Step("smooth", settings, outcome), **{channel: smoothed})
+
+
+def detrended(values: Floats) -> Floats:
+    """The values less their best straight line over the samples, as in the detrended errors of paper A's Table II."""
+    if len(values) < 2:
+        return np.zeros(len(values))
+    return np.asarray(remove_line(values, type="linear"), dtype=np.float64)
+
+
+def _returns(dataset: Dataset, values: Floats) -> tuple[np.ndarray, Floats]:
+    cycle = dataset.cycle
+    numbers = [] if cycle is None else [int(number) for number in np.unique(cycle[cycle >= 0])]
+    if cycle is None or len(numbers) < 2:
+        raise DatasetError(
+            Fault(
+                "the drift needs the returns between two or more cycles",
+                where=dataset.name,
+                got=f"{len(numbers)} cycle(s)",
+                attempt="find_cycles before detrend, or at: ends",
+            )
+        )
+    if len(numbers) > 3:
+        numbers = numbers[1:]
+    anchors: list[int] = []
+    levels: list[float] = []
+    for number in numbers:
+        rows = np.flatnonzero(cycle == number)
+        start = rows[: max(1, len(rows) // 200)]
+        anchors.append(int(start[len(start) // 2]))
+        levels.append(float(values[start].mean()))
+    return np.array(anchors), np.array(levels)

@@ -1,0 +1,77 @@
+"""What the elastic twin leaves out, in numbers for the report: loop energies, hysteresis, the first cycle's peak."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.experiments.branches import cycle_rows
+from softcal.experiments.dataset import Dataset
+
+
+@dataclass(frozen=True)
+class Loop:
+    """One cycle's energies: put in over loading [J], lost in the loop [J]; peak tension [N], travel [m].
+
+    hysteresis [-]: the energy lost over the energy put in.
+    """
+
+    number: int
+    loading_energy: float
+    lost_energy: float
+    peak_tension: float
+    travel: float
+
+    @property
+    def hysteresis(self) -> float:
+        return self.lost_energy / self.loading_energy if self.loading_energy > 0.0 else 0.0
+
+
+@dataclass(frozen=True)
+class Softening:
+    """The first cycle beside the later ones: peaks [N], and the share of the first peak that is lost [-]."""
+
+    first_peak: float
+    last_peak: float
+
+    @property
+    def loss(self) -> float:
+        return (self.first_peak - self.last_peak) / self.first_peak if self.first_peak > 0.0 else 0.0
+
+
+def loops(dataset: Dataset) -> tuple[Loop, ...]:
+    """Energies of every cycle, by the area under its branches over the shortening.
+
+    Raises
+    ------
+    DatasetError
+        Where there is no shortening, tension or cycle.
+    """
+    shortening, tension = dataset.values("shortening"), dataset.values("tension")
+    found: list[Loop] = []
+    for cycle in cycle_rows(dataset):
+        # The dwell at the top belongs to the loop's outline, though to neither branch.
+        rows = np.arange(cycle.loading[0], cycle.unloading[-1] + 1)
+        loading = _area(shortening, tension, cycle.loading)
+        found.append(
+            Loop(
+                number=cycle.number,
+                loading_energy=loading,
+                lost_energy=_area(shortening, tension, rows),
+                peak_tension=float(tension[rows].max()),
+                travel=float(np.ptp(shortening[rows])),
+            )
+        )
+    return tuple(found)
+
+
+def softening(dataset: Dataset) -> Softening:
+    """Peak of the first cycle of the record and of its last."""
+    found = loops(dataset)
+    return Softening(found[0].peak_tension, found[-1].peak_tension)
+
+
+def _area(shortening: Floats, tension: Floats, rows: np.ndarray) -> float:
+    return float(np.trapezoid(tension[rows], shortening[rows]))

@@ -1,0 +1,49 @@
+"""How noisy a channel is: estimated from its own wriggle, or told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.errors import DatasetError, Fault
+from softcal.experiments.dataset import Dataset, Step
+from softcal.units import format_quantity
+
+
+def white_noise(values: Floats) -> float:
+    """Standard deviation of white noise on a smooth signal, from the median of its second differences.
+
+    The second difference of white noise has the variance 6 sigma^2; the median keeps turning points out of it.
+    """
+    if len(values) < 5:
+        return 0.0
+    return float(1.4826 * np.median(np.abs(np.diff(values, n=2))) / np.sqrt(6.0))
+
+
+def set_noise(dataset: Dataset, channel: str, sigma: float) -> Dataset:
+    """The dataset with the standard deviation of a channel's noise set to sigma [the channel's unit]."""
+    dataset.values(channel)
+    if not sigma >= 0.0:
+        raise DatasetError(
+            Fault("a noise cannot be negative", where=f"{dataset.name}, {channel}", got=f"{sigma:g}", allowed=">= 0")
+        )
+    unit = dataset.channels[channel].unit
+    step = Step(
+        "set_noise", {"channel": channel, "sigma": sigma}, f"sigma of {channel} is {format_quantity(sigma, unit)}"
+    )
+    return _with_sigma(dataset, channel, sigma, step)
+
+
+def estimate_noise(dataset: Dataset, channel: str) -> Dataset:
+    """The dataset with a channel's sigma estimated from its sample-to-sample scatter (`white_noise`)."""
+    sigma = white_noise(dataset.values(channel))
+    unit = dataset.channels[channel].unit
+    outcome = f"sigma of {channel} estimated at {format_quantity(sigma, unit)} from second differences"
+    return _with_sigma(dataset, channel, sigma, Step("estimate_noise", {"channel": channel}, outcome))
+
+
+def _with_sigma(dataset: Dataset, channel: str, sigma: float, step: Step) -> Dataset:
+    channels = {**dataset.channels, channel: replace(dataset.channels[channel], sigma=float(sigma))}
+    return replace(dataset, channels=channels, provenance=(*dataset.provenance, step))

@@ -1,0 +1,95 @@
+"""Numbers that are possible but unlikely for a soft robot on a bench: warnings, as sentences, never errors."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from softcal.experiments.branches import curve
+from softcal.experiments.dataset import Dataset
+from softcal.experiments.names import ANGLES
+
+STIFFNESS_RANGE = (10.0, 1e5)  # [N/m]
+_MAX_TRAVEL = 1.0  # [m]
+_MAX_TENSION = 5e3  # [N]
+_MAX_SPEED = 1.0  # [m/s]
+_MIN_ANGLE = 1e-3  # [rad]
+_BINS = 20
+
+
+def check_plausible(dataset: Dataset) -> tuple[str, ...]:
+    """One sentence for everything that looks like a wrong unit, sign or column; none where all is well."""
+    return (*_stiffness(dataset), *_ranges(dataset), *_angles(dataset), *_time(dataset))
+
+
+def _stiffness(dataset: Dataset) -> list[str]:
+    if not {"tension", "shortening"} <= dataset.channels.keys():
+        return []
+    shortening, tension = dataset.values("shortening"), dataset.values("tension")
+    if np.ptp(shortening) <= 0.0:
+        return [f"{dataset.name}: the shortening never changes: is it the right column?"]
+    s, values = curve(shortening, {"tension": tension}, _BINS)
+    force = values["tension"]
+    if len(s) < 2:
+        return []
+    median = float(np.median(np.diff(force) / np.diff(s)))
+    lower, upper = STIFFNESS_RANGE
+    warnings: list[str] = []
+    if median < 0.0 or float(np.mean(tension)) < -0.1 * float(np.max(np.abs(tension))):
+        warnings.append(
+            f"{dataset.name}: tension is {np.mean(tension):.3g} N on average and changes by {median:.3g} N/m with "
+            f"shortening: does the machine write tension or displacement negative (scale: -1)?"
+        )
+    elif not lower <= median <= upper:
+        guess = "displacement in m" if median > upper else "displacement in um"
+        force_guess = "force in N read as kN" if median > upper else "force in kN read as N"
+        warnings.append(
+            f"{dataset.name}: the stiffness dT/dd is {median:.3g} N/m (median), expected {lower:g} to {upper:g} N/m: "
+            f"force in kN or displacement in m by mistake ({force_guess}, or {guess} read as mm)?"
+        )
+    return warnings
+
+
+def _ranges(dataset: Dataset) -> list[str]:
+    warnings: list[str] = []
+    for key, limit, unit, guess in (
+        ("shortening", _MAX_TRAVEL, "m", "mm read as m"),
+        ("tension", _MAX_TENSION, "N", "N read as kN"),
+    ):
+        if key in dataset.channels:
+            largest = float(np.max(np.abs(dataset.values(key))))
+            if largest > limit:
+                warnings.append(f"{dataset.name}: {key} reaches {largest:.3g} {unit}, above {limit:g} {unit}: {guess}?")
+    return warnings
+
+
+def _angles(dataset: Dataset) -> list[str]:
+    warnings: list[str] = []
+    for key in ANGLES:
+        if key in dataset.channels:
+            largest = float(np.max(np.abs(dataset.values(key))))
+            if largest > np.pi:
+                warnings.append(
+                    f"{dataset.name}: {key} reaches {np.degrees(largest):.3g} deg, above 180 deg: degrees read as rad?"
+                )
+    if {"pitch", "shortening"} <= dataset.channels.keys():
+        swing = float(np.ptp(dataset.values("pitch")))
+        travel = float(np.ptp(dataset.values("shortening")))
+        if travel > 5e-3 and swing < _MIN_ANGLE:
+            warnings.append(
+                f"{dataset.name}: pitch swings by {np.degrees(swing):.3g} deg over {travel * 1000:.3g} mm of "
+                f"shortening: rad read as deg, or the wrong axis of the IMU?"
+            )
+    return warnings
+
+
+def _time(dataset: Dataset) -> list[str]:
+    if not {"time", "shortening"} <= dataset.channels.keys() or dataset.n_samples < 3:
+        return []
+    time = dataset.values("time")
+    moving = np.diff(time) > 0.0
+    if not moving.any():
+        return [f"{dataset.name}: time never advances: is it the right column?"]
+    speed = float(np.max(np.abs(np.diff(dataset.values("shortening"))[moving] / np.diff(time)[moving])))
+    if speed > _MAX_SPEED:
+        return [f"{dataset.name}: the crosshead moves at {speed:.3g} m/s, above {_MAX_SPEED:g} m/s: time in min or ms?"]
+    return []

@@ -1,0 +1,269 @@
+"""The preparation steps by the names they have in a project, their settings with units, and a list of them applied.
+
+In a project each step is a name alone (`find_cycles`), a name with its first setting (`take_branch: loading`), or a
+name with settings (`zero: {channel: tension, by: min}`).
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from softcal.errors import DatasetError, Fault, InputError
+from softcal.experiments.branches import take_branch
+from softcal.experiments.corrections import correct_pulley_friction, detrend, smooth, zero
+from softcal.experiments.cycles import classify_cycles, find_cycles, select_cycles
+from softcal.experiments.dataset import Dataset
+from softcal.experiments.names import CHANNEL_UNITS, nearest
+from softcal.experiments.noise import estimate_noise, set_noise
+from softcal.experiments.sampling import resample, window
+from softcal.experiments.slack import remove_slack
+from softcal.units import SI_UNITS, parse_quantity
+
+SettingKind = Literal[
+    "length", "force", "time", "angle", "ratio", "count", "flag", "choice", "channel", "of channel", "cycles"
+]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What a step may be told.
+
+    kind: a quantity ("length", "force", "time", "angle", "ratio") with its unit; "of channel", a quantity in the unit
+    of the channel that the setting `channel_from` names; "count", a whole number; "flag", true or false; "channel", a
+    channel's name; "choice", one of `choices`; "cycles", one of `choices` or a list of cycle numbers.
+    """
+
+    kind: SettingKind
+    choices: tuple[str, ...] = ()
+    channel_from: str = "channel"
+
+
+@dataclass(frozen=True)
+class Preparation:
+    """A step by name: the function that does it, and its settings (required where the function has no default)."""
+
+    name: str
+    function: Callable[..., Dataset]
+    settings: Mapping[str, Setting] = field(default_factory=dict)
+
+    @property
+    def required(self) -> tuple[str, ...]:
+        parameters = inspect.signature(self.function).parameters
+        return tuple(key for key in self.settings if parameters[key].default is inspect.Parameter.empty)
+
+    @property
+    def summary(self) -> str:
+        return (inspect.getdoc(self.function) or "").partition("\n")[0]
+
+
+@dataclass(frozen=True)
+class PlannedStep:
+    """A step with its settings in SI, ready to be applied."""
+
+    name: str
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    def apply(self, dataset: Dataset) -> Dataset:
+        return PREPARATIONS[self.name].function(dataset, **self.settings)
+
+
+_CHANNEL = Setting("channel")
+
+PREPARATIONS: Mapping[str, Preparation] = {
+    preparation.name: preparation
+    for preparation in (
+        Preparation(
+            "correct_pulley_friction",
+            correct_pulley_friction,
+            {
+                "n_pulleys": Setting("count"),
+                "friction_coefficient": Setting("ratio"),
+                "wrap_angle": Setting("angle"),
+            },
+        ),
+        Preparation(
+            "find_cycles", find_cycles, {"lower_force_limit": Setting("force"), "prominence": Setting("ratio")}
+        ),
+        Preparation("classify_cycles", classify_cycles, {"threshold": Setting("ratio")}),
+        Preparation(
+            "select_cycles",
+            select_cycles,
+            {"which": Setting("cycles", choices=("stable", "first", "preconditioning", "all"))},
+        ),
+        Preparation(
+            "take_branch",
+            take_branch,
+            {"branch": Setting("choice", choices=("loading", "unloading", "mean")), "n_samples": Setting("count")},
+        ),
+        Preparation(
+            "zero",
+            zero,
+            {
+                "channel": _CHANNEL,
+                "by": Setting("of channel", choices=("first", "min")),
+                "n_samples": Setting("count"),
+            },
+        ),
+        Preparation(
+            "remove_slack",
+            remove_slack,
+            {
+                "slack": Setting("length"),
+                "threshold_force": Setting("force"),
+                "subtract_floor": Setting("flag"),
+                "keep_slack_samples": Setting("flag"),
+            },
+        ),
+        Preparation(
+            "resample",
+            resample,
+            {"by": _CHANNEL, "n": Setting("count"), "step": Setting("of channel", channel_from="by")},
+        ),
+        Preparation(
+            "window",
+            window,
+            {"channel": _CHANNEL, "lower": Setting("of channel"), "upper": Setting("of channel")},
+        ),
+        Preparation("detrend", detrend, {"channel": _CHANNEL, "at": Setting("choice", choices=("returns", "ends"))}),
+        Preparation("smooth", smooth, {"channel": _CHANNEL, "n_samples": Setting("count"), "order": Setting("count")}),
+        Preparation("set_noise", set_noise, {"channel": _CHANNEL, "sigma": Setting("of channel")}),
+        Preparation("estimate_noise", estimate_noise, {"channel": _CHANNEL}),
+    )
+}
+
+
+def prepare(dataset: Dataset, steps: Sequence[PlannedStep | Mapping[str, Any] | str]) -> Dataset:
+    """The dataset after all the steps, in their order.
+
+    Raises
+    ------
+    DatasetError
+        Where a step or setting is unknown (all of them at once, before anything is done), or the data do not allow it.
+    """
+    planned = parse_steps([step for step in steps if not isinstance(step, PlannedStep)])
+    waiting = iter(planned)
+    for step in steps:
+        dataset = (step if isinstance(step, PlannedStep) else next(waiting)).apply(dataset)
+    return dataset
+
+
+def parse_steps(steps: Sequence[Mapping[str, Any] | str], *, where: str = "prepare") -> tuple[PlannedStep, ...]:
+    """Steps as a project lists them, with every quantity in SI.
+
+    where: the key that holds the list; a fault is told at `where[i].step.setting`.
+
+    Raises
+    ------
+    DatasetError
+        All unknown steps and settings (with the nearest known one), missing ones, and unreadable quantities.
+    """
+    faults: list[Fault] = []
+    planned = [_parse_step(step, f"{where}[{i}]", faults) for i, step in enumerate(steps)]
+    if faults:
+        raise DatasetError(faults)
+    return tuple(step for step in planned if step is not None)
+
+
+def _parse_step(step: Mapping[str, Any] | str, where: str, faults: list[Fault]) -> PlannedStep | None:
+    entry = {step: None} if isinstance(step, str) else dict(step)
+    if len(entry) != 1:
+        got = ", ".join(str(key) for key in entry) or "nothing"
+        faults.append(Fault("a step is one name with its settings", where=where, got=got))
+        return None
+    name, given = next(iter(entry.items()))
+    if name not in PREPARATIONS:
+        faults.append(
+            Fault(
+                "unknown preparation step",
+                where=where,
+                got=f"'{name}'",
+                allowed=", ".join(PREPARATIONS),
+                attempt=nearest(str(name), PREPARATIONS),
+            )
+        )
+        return None
+    preparation = PREPARATIONS[name]
+    if given is None:
+        given = {}
+    elif not isinstance(given, Mapping):
+        given = {next(iter(preparation.settings)): given}
+    where = f"{where}.{name}"
+    values: dict[str, Any] = {}
+    for key, value in given.items():
+        if key not in preparation.settings:
+            faults.append(
+                Fault(
+                    "unknown setting",
+                    where=where,
+                    got=f"'{key}'",
+                    allowed=", ".join(preparation.settings),
+                    attempt=nearest(str(key), preparation.settings),
+                )
+            )
+            continue
+        try:
+            values[key] = _parse_setting(preparation, key, value, given, f"{where}.{key}")
+        except InputError as error:
+            faults.extend(error.faults)
+    missing = [key for key in preparation.required if key not in given]
+    if missing:
+        faults.append(Fault("a setting is missing", where=where, got="no " + ", ".join(missing)))
+    return PlannedStep(str(name), values)
+
+
+def _parse_setting(preparation: Preparation, key: str, value: object, given: Mapping[str, Any], where: str) -> object:
+    setting = preparation.settings[key]
+    if setting.choices and isinstance(value, str) and value in setting.choices:
+        return value
+    match setting.kind:
+        case "length" | "force" | "time" | "angle" | "ratio":
+            return parse_quantity(value, SI_UNITS[setting.kind], where=where)
+        case "of channel":
+            return _parse_of_channel(preparation, setting, value, given, where)
+        case "count":
+            if isinstance(value, int) and not isinstance(value, bool) and value >= 0:
+                return value
+            raise _wrong(where, value, "a whole number, 0 or more")
+        case "flag":
+            if isinstance(value, bool):
+                return value
+            raise _wrong(where, value, "true or false")
+        case "channel":
+            if isinstance(value, str) and value in CHANNEL_UNITS:
+                return value
+            raise _wrong(where, value, ", ".join(CHANNEL_UNITS), nearest(str(value), CHANNEL_UNITS))
+        case "cycles":
+            if isinstance(value, Sequence) and not isinstance(value, str) and value:
+                numbers: list[object] = list(value)
+                if all(isinstance(number, int) and not isinstance(number, bool) for number in numbers):
+                    return numbers
+            allowed = ", ".join(setting.choices) + ", or a list of cycle numbers"
+            raise _wrong(where, value, allowed, nearest(str(value), setting.choices))
+        case "choice":
+            raise _wrong(where, value, ", ".join(setting.choices), nearest(str(value), setting.choices))
+
+
+def _parse_of_channel(
+    preparation: Preparation, setting: Setting, value: object, given: Mapping[str, Any], where: str
+) -> float:
+    default = inspect.signature(preparation.function).parameters[setting.channel_from].default
+    channel = given.get(setting.channel_from, default)
+    if channel not in CHANNEL_UNITS:
+        # That setting is itself at fault and told as such; the unit of this one cannot be known.
+        raise _wrong(where, value, f"a quantity in the unit of the channel that '{setting.channel_from}' names")
+    try:
+        return parse_quantity(value, CHANNEL_UNITS[channel], where=where)
+    except InputError:
+        if setting.choices and isinstance(value, str) and not any(c.isdigit() for c in value):
+            allowed = f"{', '.join(setting.choices)}, or a quantity such as '1 {CHANNEL_UNITS[channel]}'"
+            raise _wrong(where, value, allowed, nearest(value, setting.choices)) from None
+        raise
+
+
+def _wrong(where: str, value: object, allowed: str, attempt: str = "") -> DatasetError:
+    return DatasetError(
+        Fault("the setting does not fit", where=where, got=repr(value), allowed=allowed, attempt=attempt)
+    )

@@ -1,0 +1,351 @@
+"""Bench files as instruments write them, read into a Dataset in SI with every fault of the file told at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.errors import DatasetError, Fault, InputError, UnitError
+from softcal.experiments.dataset import Channel, Dataset, Step
+from softcal.experiments.names import ANGLES, CHANNEL_UNITS, QUATERNION, nearest
+from softcal.experiments.orientation import plate_angles
+from softcal.experiments.table import (
+    WHITESPACE,
+    Table,
+    bare_unit,
+    is_unit,
+    load_table,
+    split_header,
+    uses_decimal_comma,
+)
+from softcal.units import unit_factor
+
+_COLUMN_UNITS = {**CHANNEL_UNITS, **dict.fromkeys(QUATERNION, "1")}
+_N_NAMED = 5  # lines named in a fault
+
+
+@dataclass(frozen=True)
+class ColumnSpec:
+    """Where a channel stands in a file.
+
+    name: the column's header, with or without its unit. unit: of the numbers; None reads it from the file.
+    scale: factor on the numbers, such as -1 for a machine that writes tension negative.
+    """
+
+    name: str
+    unit: str | None = None
+    scale: float = 1.0
+
+
+def read_table(
+    path: str | Path,
+    columns: Mapping[str, ColumnSpec],
+    *,
+    name: str = "",
+    delimiter: str | None = None,
+    decimal: str | None = None,
+    header_row: int | None = None,
+    units_row: int | None = None,
+    skip_rows: int = 0,
+    skip_footer: int = 0,
+    where: Mapping[str, object] | None = None,
+    axes: Sequence[str] = ("x", "y", "z"),
+    rest_samples: int = 10,
+) -> Dataset:
+    """Read a CSV or TXT file of a testing machine or an IMU.
+
+    Parameters
+    ----------
+    path
+        Text in UTF-8, Latin-1 or UTF-16. Lines that start with #, %, ! or // are comments; lines above the column
+        names are skipped.
+    columns
+        Channel -> its column. Channels: time, shortening, tension, pitch, roll, yaw, x, y, z; the four columns
+        qw, qx, qy, qz become pitch, roll and yaw (`orientation.plate_angles`).
+    name
+        Name of the dataset; the file's stem where empty.
+    delimiter, decimal
+        "," ";" "\\t" or " " (any white space); "." or ",". Found from the file where None.
+    header_row, units_row
+        1-based line of the column names and of the units under them. Found from the file where None.
+    skip_rows, skip_footer
+        Lines to leave out at the top and at the bottom.
+    where
+        Column -> value: only rows that hold this value, compared as a number where both are numbers.
+    axes, rest_samples
+        For quaternions: the robot's x, y, z as seen by the sensor, and the samples at rest at the beginning.
+
+    Raises
+    ------
+    DatasetError
+        Missing or doubled column, text or NaN in a number column, time that runs backwards, an empty file, a filter
+        that leaves nothing: all that were found.
+    UnitError
+        Where all that is wrong is units: missing, unknown, of another dimension, or other than the file says.
+    StorageError
+        Where the file cannot be read.
+    """
+    path = Path(path)
+    _check_channels(path, columns)
+    table = load_table(
+        path,
+        [*(spec.name for spec in columns.values()), *(where or {})],
+        delimiter=delimiter,
+        header_row=header_row,
+        units_row=units_row,
+        skip_rows=skip_rows,
+        skip_footer=skip_footer,
+    )
+    faults: list[Fault] = []
+    unit_faults: list[Fault] = []
+    places = {key: _find_column(table, spec.name, faults) for key, spec in columns.items()}
+    rows = _matching_rows(table, where or {}, faults)
+    used_decimal = decimal or _sniff_decimal(table, [place for place in places.values() if place is not None])
+    values: dict[str, Floats] = {}
+    units: dict[str, str] = {}
+    for key, spec in columns.items():
+        place = places[key]
+        if place is None:
+            continue
+        factor = _unit_of(table, key, spec, place, units, unit_faults)
+        numbers = _numbers(table, place, rows, used_decimal, faults)
+        if factor is not None and numbers is not None:
+            values[key] = numbers * factor * spec.scale
+    n_equal_times = _check_time(table, rows, values, places, faults)
+    if faults:
+        raise DatasetError([*faults, *unit_faults])
+    if unit_faults:
+        raise UnitError(unit_faults)
+    channels, notes = _channels(table, values, axes, rest_samples)
+    if n_equal_times:
+        notes.append(f"{n_equal_times} sample(s) share their time with the one before")
+    settings: dict[str, Any] = {
+        "file": path.name,
+        "sha256": table.sha256,
+        "columns": {key: {"name": spec.name, "unit": units[key], "scale": spec.scale} for key, spec in columns.items()},
+        "delimiter": {"\t": "tab", WHITESPACE: "white space"}.get(table.delimiter, table.delimiter),
+        "decimal": used_decimal,
+        "encoding": table.encoding,
+        "header_row": table.header_line,
+    }
+    if where:
+        settings["where"] = {key: str(value) for key, value in where.items()}
+    kept = f"{len(rows)} of {len(table.rows)} rows" if where else f"{len(rows)} rows"
+    units_read = ", ".join(f"{key} from '{spec.name}' in {units[key]}" for key, spec in columns.items())
+    outcome = "; ".join([f"{kept} read: {units_read}", *notes])
+    return Dataset(name or path.stem, channels, (Step("read_table", settings, outcome),))
+
+
+def _check_channels(path: Path, columns: Mapping[str, ColumnSpec]) -> None:
+    where = f"columns for {path.name}"
+    faults = [
+        Fault(
+            f"no channel goes by the name '{key}'",
+            where=where,
+            allowed=", ".join(_COLUMN_UNITS),
+            attempt=nearest(key, _COLUMN_UNITS),
+        )
+        for key in columns
+        if key not in _COLUMN_UNITS
+    ]
+    quaternion = [key for key in QUATERNION if key in columns]
+    if quaternion and len(quaternion) < 4:
+        missing = ", ".join(key for key in QUATERNION if key not in columns)
+        faults.append(Fault("a quaternion needs all four columns", where=where, got=f"no {missing}"))
+    if quaternion and any(key in columns for key in ANGLES):
+        faults.append(Fault("angles and quaternions exclude each other", where=where))
+    if not columns:
+        faults.append(Fault("no column is asked for", where=where, allowed=", ".join(_COLUMN_UNITS)))
+    if faults:
+        raise DatasetError(faults)
+
+
+def _find_column(table: Table, name: str, faults: list[Fault]) -> int | None:
+    found = table.find(name)
+    if len(found) == 1:
+        return found[0]
+    where = f"{table.path}, line {table.header_line}"
+    if found:
+        headers = ", ".join(f"'{table.headers[column]}' (column {column + 1})" for column in found)
+        faults.append(Fault(f"{len(found)} columns go by the name '{name}'", where=where, got=headers))
+        return None
+    headers = [header for header in table.headers if header]
+    alike = nearest(name, [*headers, *(split_header(header)[0] for header in headers)])
+    faults.append(
+        Fault(
+            f"no column '{name}'",
+            where=where,
+            got="columns " + ", ".join(f"'{header}'" for header in headers),
+            attempt=alike,
+        )
+    )
+    return None
+
+
+def _matching_rows(table: Table, where: Mapping[str, object], faults: list[Fault]) -> list[int]:
+    rows = list(range(len(table.rows)))
+    for name, wanted in where.items():
+        place = _find_column(table, name, faults)
+        if place is None:
+            continue
+        kept = [row for row in rows if _same(table.rows[row][place], str(wanted))]
+        if not kept:
+            there = list(dict.fromkeys(table.rows[row][place] for row in rows))
+            shown = ", ".join(f"'{value}'" for value in there[:10]) + (", …" if len(there) > 10 else "")
+            faults.append(
+                Fault(
+                    f"no row holds '{wanted}'",
+                    where=f"{table.path}, column '{table.headers[place]}'",
+                    allowed=shown,
+                )
+            )
+            continue
+        rows = kept
+    return rows
+
+
+def _same(cell: str, wanted: str) -> bool:
+    if cell == wanted.strip():
+        return True
+    try:
+        return float(cell.replace(",", ".")) == float(wanted.replace(",", "."))
+    except ValueError:
+        return False
+
+
+def _sniff_decimal(table: Table, places: Sequence[int]) -> str:
+    return "," if uses_decimal_comma([row[place] for row in table.rows[:2000] for place in places]) else "."
+
+
+def _unit_of(
+    table: Table, key: str, spec: ColumnSpec, place: int, units: dict[str, str], faults: list[Fault]
+) -> float | None:
+    """Factor to SI: from the project where it says, but never against what the file says."""
+    si_unit = _COLUMN_UNITS[key]
+    header = table.headers[place]
+    where = f"{table.path}, line {table.header_line}, column '{header}'"
+    in_file = bare_unit(table.unit_cells[place]) or split_header(header)[1]
+    unit = spec.unit if spec.unit is not None else in_file
+    if unit is None or (unit == "" and si_unit != "1"):
+        if si_unit == "1":
+            unit = "1"
+        else:
+            faults.append(
+                Fault(
+                    "the unit is missing",
+                    where=where,
+                    allowed=f"a unit that converts to {si_unit}, in the header, in a row under it, or in the project",
+                    attempt=f"unit: {'mm' if si_unit == 'm' else si_unit}",
+                )
+            )
+            return None
+    if unit in ("", "-") and si_unit == "1":
+        unit = "1"
+    try:
+        factor = unit_factor(unit, si_unit, where=where)
+        if spec.unit is not None and in_file and is_unit(in_file):
+            file_factor = unit_factor(in_file, si_unit, where=where)
+            if not np.isclose(file_factor, factor, rtol=1e-9):
+                faults.append(
+                    Fault(
+                        "the project and the file name different units",
+                        where=where,
+                        got=f"'{spec.unit}' in the project, '{in_file}' in the file",
+                        attempt="leave the unit out of the project to use the file's",
+                    )
+                )
+                return None
+    except UnitError as error:
+        faults.extend(error.faults)
+        return None
+    units[key] = unit
+    return factor
+
+
+def _numbers(table: Table, place: int, rows: Sequence[int], decimal: str, faults: list[Fault]) -> Floats | None:
+    import pandas as pd
+
+    cells = [table.rows[row][place] for row in rows]
+    if decimal == ",":
+        # A point would be a thousands separator or a slip; either way the number is not certain.
+        plain = ["" if "." in cell else cell.replace(",", ".") for cell in cells]
+    else:
+        plain = cells
+    numbers = np.asarray(pd.to_numeric(pd.Series(plain, dtype="object"), errors="coerce"), dtype=np.float64)
+    bad = [int(i) for i in np.flatnonzero(~np.isfinite(numbers))]
+    if not bad:
+        return numbers
+    shown = ", ".join(repr(cells[i]) if cells[i] else "nothing" for i in bad[:_N_NAMED])
+    faults.append(
+        Fault(
+            f"{len(bad)} value(s) are not numbers",
+            where=f"{table.path}, column '{table.headers[place]}', {_lines(table, [rows[i] for i in bad])}",
+            got=shown + (", …" if len(bad) > _N_NAMED else ""),
+            allowed=f"numbers with a decimal {'comma' if decimal == ',' else 'point'}",
+        )
+    )
+    return None
+
+
+def _lines(table: Table, rows: Sequence[int]) -> str:
+    numbers = ", ".join(str(table.lines[row]) for row in rows[:_N_NAMED])
+    return ("line " if len(rows) == 1 else "lines ") + numbers + (", …" if len(rows) > _N_NAMED else "")
+
+
+def _check_time(
+    table: Table,
+    rows: Sequence[int],
+    values: Mapping[str, Floats],
+    places: Mapping[str, int | None],
+    faults: list[Fault],
+) -> int:
+    """A fault where time runs backwards; the number of samples whose time is that of the one before."""
+    place = places.get("time")
+    if place is None or "time" not in values:
+        return 0
+    steps = np.diff(values["time"])
+    back = [int(i) for i in np.flatnonzero(steps < 0)]
+    if back:
+        first = rows[back[0] + 1]
+        faults.append(
+            Fault(
+                f"time runs backwards {len(back)} time(s)",
+                where=f"{table.path}, column '{table.headers[place]}', {_lines(table, [rows[i + 1] for i in back])}",
+                got=f"'{table.rows[first][place]}' after '{table.rows[rows[back[0]]][place]}'",
+                allowed="times that never fall",
+                attempt="a filter `where`, if the file holds several tests one after the other",
+            )
+        )
+    return int(np.count_nonzero(steps == 0))
+
+
+def _channels(
+    table: Table, values: dict[str, Floats], axes: Sequence[str], rest_samples: int
+) -> tuple[dict[str, Channel], list[str]]:
+    notes: list[str] = []
+    if QUATERNION[0] in values:
+        quaternions = np.column_stack([values.pop(key) for key in QUATERNION])
+        try:
+            angles = plate_angles(quaternions, axes=axes, rest_samples=rest_samples)
+        except InputError as error:
+            raise DatasetError(
+                [replace(fault, where=f"{table.path}, {fault.where}") for fault in error.faults]
+            ) from error
+        values.update(zip(ANGLES, angles, strict=True))
+        notes.append(
+            f"quaternions turned into pitch, roll and yaw about the mean pose of the first "
+            f"{min(rest_samples, len(quaternions))} samples, robot axes {', '.join(axes)} of the sensor"
+        )
+    else:
+        for key in ANGLES:
+            if key in values:
+                unwrapped = np.unwrap(values[key])
+                if not np.array_equal(unwrapped, values[key]):
+                    notes.append(f"jumps of a full turn taken out of {key}")
+                values[key] = unwrapped
+    return {key: Channel(value, CHANNEL_UNITS[key]) for key, value in values.items()}, notes

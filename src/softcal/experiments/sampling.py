@@ -1,0 +1,111 @@
+"""Fewer or evenly spread samples: resampling along a channel, and windows of a channel."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.errors import DatasetError, Fault
+from softcal.experiments.branches import curve
+from softcal.experiments.dataset import Dataset, Step
+from softcal.units import format_quantity
+
+# A channel may fall back by this share of its range and still count as rising with noise.
+_NOISY_RISE = 0.05
+
+
+def resample(dataset: Dataset, by: str = "shortening", *, n: int | None = None, step: float | None = None) -> Dataset:
+    """The dataset on n samples, or on samples `step` [unit of `by`] apart, evenly spread along the channel `by`.
+
+    Along a channel that rises strictly the others are interpolated linearly; along one that rises but for noise
+    (such as a measured tension) they are first averaged over n bins. The cycle is that of the nearest sample.
+
+    Raises
+    ------
+    DatasetError
+        Where the channel does not rise, as over whole cycles (take a branch first), or n or step do not fit.
+    """
+    abscissa = dataset.values(by)
+    unit = dataset.channels[by].unit
+    span = float(np.ptp(abscissa))
+    n_asked = _n_samples(dataset, by, n, step, span)
+    fall = float(np.max(-np.diff(abscissa), initial=-np.inf))
+    ordinates = {key: channel.values for key, channel in dataset.channels.items() if key != by}
+    cycle = dataset.cycle
+    how = "interpolated"
+    if fall >= 0.0 and (fall <= _NOISY_RISE * span):
+        abscissa, ordinates = curve(abscissa, ordinates, n_asked)
+        cycle = None
+        how = "averaged over bins"
+    elif fall >= 0.0:
+        raise DatasetError(
+            Fault(
+                f"{by} does not rise all along, so nothing can be resampled by it",
+                where=dataset.name,
+                got=f"a fall by {format_quantity(fall, unit)}",
+                allowed=f"falls up to {format_quantity(_NOISY_RISE * span, unit)}, as of noise",
+                attempt="take_branch before, or resample by time",
+            )
+        )
+    lower = float(abscissa[0])
+    upper = float(abscissa[-1]) if step is None else lower + (n_asked - 1) * step
+    grid = np.minimum(np.linspace(lower, upper, n_asked), abscissa[-1])
+    channels = {by: replace(dataset.channels[by], values=grid)}
+    for key, values in ordinates.items():
+        channels[key] = replace(dataset.channels[key], values=np.interp(grid, abscissa, values))
+    channels = {key: channels[key] for key in dataset.channels}
+    new_cycle = None if cycle is None else cycle[_nearest_rows(abscissa, grid)]
+    outcome = (
+        f"{dataset.n_samples} samples {how} to {n_asked} along {by}, "
+        f"{format_quantity(lower, unit)} to {format_quantity(float(grid[-1]), unit)}"
+    )
+    record = Step("resample", {"by": by, "n": n, "step": step}, outcome)
+    return replace(dataset, channels=channels, cycle=new_cycle, provenance=(*dataset.provenance, record))
+
+
+def window(dataset: Dataset, channel: str, *, lower: float | None = None, upper: float | None = None) -> Dataset:
+    """The samples with lower <= channel <= upper [its unit]; None leaves a side open."""
+    values = dataset.values(channel)
+    unit = dataset.channels[channel].unit
+    mask = np.ones(len(values), dtype=bool)
+    if lower is not None:
+        mask &= values >= lower
+    if upper is not None:
+        mask &= values <= upper
+    asked = (
+        f"{'-inf' if lower is None else format_quantity(lower, unit)} to "
+        f"{'inf' if upper is None else format_quantity(upper, unit)}"
+    )
+    if not mask.any():
+        there = f"{format_quantity(float(values.min()), unit)} to {format_quantity(float(values.max()), unit)}"
+        raise DatasetError(
+            Fault(f"no sample within the window of {channel}", where=dataset.name, got=asked, allowed=there)
+        )
+    outcome = f"{int(mask.sum())} of {len(values)} samples with {channel} from {asked}"
+    return dataset.take(mask, Step("window", {"channel": channel, "lower": lower, "upper": upper}, outcome))
+
+
+def _n_samples(dataset: Dataset, by: str, n: int | None, step: float | None, span: float) -> int:
+    if (n is None) == (step is None):
+        raise DatasetError(
+            Fault("resample needs either n or step", where=dataset.name, got="both" if n is not None else "neither")
+        )
+    if step is not None:
+        n = int(np.floor(span / step * (1 + 1e-12))) + 1 if step > 0.0 else 0
+    if n is None or n < 2:
+        raise DatasetError(
+            Fault(
+                f"resampling by {by} would leave fewer than two samples",
+                where=dataset.name,
+                got=f"n {n}" if step is None else f"step {step:g}",
+                allowed=f"n of 2 or more, or a step up to {format_quantity(span, dataset.channels[by].unit)}",
+            )
+        )
+    return n
+
+
+def _nearest_rows(abscissa: Floats, grid: Floats) -> np.ndarray:
+    right = np.clip(np.searchsorted(abscissa, grid), 1, len(abscissa) - 1)
+    return right - (grid - abscissa[right - 1] < abscissa[right] - grid)

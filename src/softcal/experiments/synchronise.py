@@ -1,0 +1,274 @@
+"""Two records on two clocks, brought onto one by the motion that both saw."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.signal import correlate, correlation_lags
+
+from softcal.checks import Floats
+from softcal.errors import DatasetError, Fault
+from softcal.experiments.dataset import Dataset, Step
+from softcal.units import format_quantity
+
+_MAX_SAMPLES = 200_000
+# A second peak this near to the best one, a period away, leaves the lag open.
+_AMBIGUOUS = 0.98
+
+
+@dataclass(frozen=True)
+class ClockFit:
+    """How the second clock runs: t_imu = t_utm + lag + rate (t_utm - middle).
+
+    lag [s] at `middle` [s, UTM clock], positive where the IMU's clock shows more; rate [-] (1e-6 is one ppm);
+    correlation [-] of the two signals over their overlap.
+    """
+
+    lag: float
+    rate: float
+    middle: float
+    correlation: float
+
+    def to_imu(self, time: Floats) -> Floats:
+        """The IMU's time at a time of the UTM's clock [s]."""
+        return time + self.lag + self.rate * (time - self.middle)
+
+
+def synchronise(
+    utm: Dataset,
+    imu: Dataset,
+    *,
+    max_lag: float | None = None,
+    reference: str = "shortening",
+    signal: str = "pitch",
+    estimate_rate: bool = True,
+    min_correlation: float = 0.8,
+) -> Dataset:
+    """The testing machine's dataset with the IMU's channels interpolated at its times.
+
+    Parameters
+    ----------
+    max_lag
+        Largest lag between the two clocks that is looked at [s]; None: while half the shorter record overlaps.
+        Between cycles all alike, give less than the duration of a cycle.
+    reference, signal
+        Channels of `utm` and of `imu` that follow the same motion; a signal of the opposite sign will do.
+    estimate_rate
+        Whether the IMU's clock may also run faster or slower than the machine's.
+    min_correlation
+        Least correlation coefficient, over the overlap, of two records of the same test.
+
+    Raises
+    ------
+    DatasetError
+        Where the two share a channel, the correlation is weak, peaks at the largest lag, or peaks twice as high.
+    """
+    shared = [key for key in imu.channels if key in utm.channels and key != "time"]
+    if shared:
+        raise DatasetError(
+            Fault(
+                "both records hold the same channel",
+                where=f"{utm.name} and {imu.name}",
+                got=", ".join(shared),
+                attempt="leave it out of the columns of one",
+            )
+        )
+    fit = fit_clock(
+        utm,
+        imu,
+        max_lag=max_lag,
+        reference=reference,
+        signal=signal,
+        estimate_rate=estimate_rate,
+        min_correlation=min_correlation,
+    )
+    at = fit.to_imu(utm.values("time"))
+    imu_time = imu.values("time")
+    inside = np.flatnonzero((at >= imu_time[0]) & (at <= imu_time[-1]))
+    outcome = (
+        f"the clock of {imu.name} shows {fit.lag:+.4f} s beside that of {utm.name} at "
+        f"{format_quantity(fit.middle, 's')}, "
+        f"{f'runs {fit.rate * 1e6:+.0f} ppm faster' if estimate_rate else 'taken to run as fast'}; "
+        f"correlation of {reference} and {signal} {fit.correlation:+.4f}; "
+        f"{len(inside)} of {utm.n_samples} samples have both"
+    )
+    settings = {
+        "with": imu.name,
+        "max_lag": max_lag,
+        "reference": reference,
+        "signal": signal,
+        "estimate_rate": estimate_rate,
+        "min_correlation": min_correlation,
+        "lag": fit.lag,
+        "rate": fit.rate,
+    }
+    step = Step("synchronise", settings, outcome)
+    both = replace(utm, provenance=(*utm.provenance, *imu.provenance)).take(inside, step)
+    added = {
+        key: replace(channel, values=np.interp(at[inside], imu_time, channel.values))
+        for key, channel in imu.channels.items()
+        if key != "time"
+    }
+    return replace(both, channels={**both.channels, **added})
+
+
+def fit_clock(
+    utm: Dataset,
+    imu: Dataset,
+    *,
+    max_lag: float | None = None,
+    reference: str = "shortening",
+    signal: str = "pitch",
+    estimate_rate: bool = True,
+    min_correlation: float = 0.8,
+) -> ClockFit:
+    """Lag and rate of the IMU's clock against the UTM's by cross-correlation; settings as in `synchronise`."""
+    where = f"{utm.name} and {imu.name}"
+    x_time, x_raw = _distinct(utm.values("time"), utm.values(reference))
+    y_time, y_raw = _distinct(imu.values("time"), imu.values(signal))
+    spans = float(np.ptp(x_time)), float(np.ptp(y_time))
+    if min(spans) <= 0.0 or min(np.ptp(x_raw), np.ptp(y_raw)) <= 0.0:
+        raise DatasetError(Fault("a record that does not move cannot be synchronised", where=where))
+    step = max(min(float(np.median(np.diff(t))) for t in (x_time, y_time)), max(spans) / _MAX_SAMPLES)
+    x = _evenly(x_time, x_raw, step)
+    y = _evenly(y_time, y_raw, step)
+    apart = y_time[0] - x_time[0]  # what the clocks say already, taken into account
+    coarse, sign = _coarse_lag(x, y, step, apart, max_lag, where)
+    shift, correlation = _refine(x, y, coarse, step, sign)
+    if abs(correlation) < min_correlation:
+        raise DatasetError(
+            Fault(
+                f"{reference} and {signal} hardly move together, so the clocks cannot be matched",
+                where=where,
+                got=f"correlation {correlation:+.3f} at a lag of {shift * step + apart:.3f} s",
+                allowed=f"{min_correlation:g} or more",
+                attempt="check that both files are of the same test, or a larger max_lag",
+            )
+        )
+    begin, end = _overlap(len(x), len(y), round(shift))
+    lag, middle, rate = shift * step + apart, float(x_time[0] + 0.5 * (begin + end) * step), 0.0
+    if estimate_rate:
+        lag, rate = _early_and_late(x, y, (begin, end), round(shift), step, sign, lag, apart)
+    return ClockFit(float(lag), float(rate), middle, float(correlation))
+
+
+def _distinct(time: Floats, values: Floats) -> tuple[Floats, Floats]:
+    kept = np.concatenate([[True], np.diff(time) > 0])
+    return time[kept], values[kept]
+
+
+def _evenly(time: Floats, values: Floats, step: float) -> Floats:
+    grid = np.arange(time[0], time[-1] + 0.5 * step, step)
+    return np.interp(grid, time, values)
+
+
+def _coarse_lag(
+    x: Floats, y: Floats, step: float, apart: float, max_lag: float | None, where: str
+) -> tuple[int, float]:
+    """Whole samples that y is behind x (by index), and the sign of the correlation there."""
+    a, b = (x - x.mean()) / x.std(), (y - y.mean()) / y.std()
+    # Without a division by the overlap: it favours the lag at which most cycles meet, not one a period beside it.
+    correlation = correlate(b, a, mode="full") / min(len(x), len(y))
+    lags = correlation_lags(len(b), len(a), mode="full")
+    overlap = np.minimum(len(y), lags + len(x)) - np.maximum(lags, 0)
+    allowed = overlap >= min(len(x), len(y)) / 2
+    if max_lag is not None:
+        allowed &= np.abs(lags * step + apart) <= max_lag
+    if np.count_nonzero(allowed) < 3:
+        raise DatasetError(
+            Fault(
+                "no lag is within reach",
+                where=where,
+                got=f"the clocks read {apart:+.3f} s apart at the beginning"
+                + ("" if max_lag is None else f", max_lag {max_lag:g} s"),
+                attempt="a larger max_lag",
+            )
+        )
+    correlation, lags = correlation[allowed], lags[allowed]
+    best = int(np.argmax(np.abs(correlation)))
+    if best in (0, len(lags) - 1):
+        raise DatasetError(
+            Fault(
+                "the correlation of the two records peaks at the largest lag looked at",
+                where=where,
+                got=f"lag {lags[best] * step + apart:+.3f} s",
+                attempt="a larger max_lag, or records that cover the same cycles",
+            )
+        )
+    sign = float(np.sign(correlation[best]))
+    rectified = sign * correlation
+    # Beyond the first lag on either side where the correlation is lost, another peak as high is another answer.
+    left = np.flatnonzero(rectified[:best] < 0.5 * rectified[best])
+    right = np.flatnonzero(rectified[best:] < 0.5 * rectified[best])
+    others = np.concatenate(
+        [rectified[: left[-1]] if left.size else [], rectified[best + right[0] :] if right.size else []]
+    )
+    if others.size and others.max() > _AMBIGUOUS * rectified[best]:
+        raise DatasetError(
+            Fault(
+                "two lags match the records equally well",
+                where=where,
+                got=f"correlation {rectified[best]:.3f} and {others.max():.3f}",
+                attempt="max_lag below half the duration of a cycle",
+            )
+        )
+    return int(lags[best]), sign
+
+
+def _refine(x: Floats, y: Floats, coarse: int, step: float, sign: float) -> tuple[float, float]:
+    """Lag in samples to a fraction, by a parabola through the correlation coefficients near the best; and the best."""
+    reach = 2
+    peak = _coefficient(x, y, coarse)
+    # Wide enough that the parabola's fall stands above the noise: a hundredth of what there is to lose.
+    while reach < min(len(x), len(y)) // 4 and sign * _coefficient(x, y, coarse + reach) > sign * peak - 0.01:
+        reach = int(np.ceil(1.5 * reach))
+    offsets = np.unique(np.linspace(-reach, reach, 41).round().astype(int))
+    coefficients = np.array([sign * _coefficient(x, y, coarse + int(offset)) for offset in offsets])
+    curvature, slope, level = np.polyfit(offsets / reach, coefficients, 2)
+    vertex = -0.5 * slope / curvature if curvature < 0.0 else np.inf
+    if abs(vertex) > 1.0:
+        best = int(np.argmax(coefficients))
+        return float(coarse + offsets[best]), float(sign * coefficients[best])
+    top = max(level - 0.25 * slope**2 / curvature, sign * peak)
+    return float(coarse + reach * vertex), float(sign * min(top, 1.0))
+
+
+def _coefficient(x: Floats, y: Floats, shift: int) -> float:
+    begin, end = _overlap(len(x), len(y), shift)
+    if end - begin < 3:
+        return 0.0
+    a, b = x[begin:end], y[begin + shift : end + shift]
+    a, b = a - a.mean(), b - b.mean()
+    norm = float(np.sqrt((a @ a) * (b @ b)))
+    return float(a @ b) / norm if norm > 0.0 else 0.0
+
+
+def _overlap(n_x: int, n_y: int, shift: int) -> tuple[int, int]:
+    """Samples of x that have a partner y[i + shift]."""
+    return max(0, -shift), min(n_x, n_y - shift)
+
+
+def _early_and_late(
+    x: Floats,
+    y: Floats,
+    overlap: tuple[int, int],
+    shift: int,
+    step: float,
+    sign: float,
+    lag: float,
+    apart: float,
+) -> tuple[float, float]:
+    """Lag at the middle of the overlap and clock rate, from the lags of its first and its last half."""
+    begin, end = overlap
+    middle = (begin + end) // 2
+    lags: list[float] = []
+    for a, b in ((begin, middle), (middle, end)):
+        part, partner = x[a:b], y[max(0, a + shift - (b - a) // 4) : b + shift + (b - a) // 4]
+        base = a + shift - max(0, a + shift - (b - a) // 4)
+        if np.ptp(part) <= 0.0 or np.ptp(partner) <= 0.0:
+            return lag, 0.0
+        fine, _ = _refine(part, partner, base, step, sign)
+        lags.append((fine - base + shift) * step + apart)
+    early, late = lags
+    return 0.5 * (early + late), (late - early) / (0.5 * (end - begin) * step)

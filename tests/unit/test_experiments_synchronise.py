@@ -1,0 +1,96 @@
+"""Two clocks onto one: a known lag and rate come back, and a match that is none is refused."""
+
+from __future__ import annotations
+
+import bench_record
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from softcal.errors import DatasetError
+from softcal.experiments.dataset import Channel, Dataset
+from softcal.experiments.synchronise import fit_clock, synchronise
+
+MOVED = bench_record.motion(4)
+
+
+def utm() -> Dataset:
+    return Dataset("utm", {"time": Channel(MOVED.time, "s"), "shortening": Channel(MOVED.shortening, "m")})
+
+
+def imu(
+    lag: float, rate: float = 0.0, noise: float = 5e-4, step: float = 0.01, sign: float = 1.0, seed: int = 0
+) -> Dataset:
+    true_time = np.arange(-5.0, MOVED.time[-1] + 5.0, step)
+    angle = bench_record.pitch(np.interp(true_time, MOVED.time, MOVED.shortening), true_time, noise, seed)
+    clock = true_time + lag + rate * (true_time - 0.5 * MOVED.time[-1])
+    return Dataset("imu", {"time": Channel(clock, "s"), "pitch": Channel(sign * angle, "rad")})
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    lag=st.floats(-500.0, 500.0),
+    rate=st.floats(-1e-3, 1e-3),
+    step=st.floats(0.005, 0.04),
+    sign=st.sampled_from([1.0, -1.0]),
+    seed=st.integers(0, 99),
+)
+def test_recovers_a_known_clock(lag: float, rate: float, step: float, sign: float, seed: int) -> None:
+    fit = fit_clock(utm(), imu(lag, rate, step=step, sign=sign, seed=seed))
+    assert_allclose(fit.to_imu(MOVED.time), MOVED.time + lag + rate * (MOVED.time - 0.5 * MOVED.time[-1]), atol=5e-3)
+    assert_allclose(fit.rate, rate, atol=1.5e-4)
+    assert sign * fit.correlation > 0.98
+
+
+def test_lag_is_finer_than_a_sample() -> None:
+    fit = fit_clock(utm(), imu(1.2345, noise=0.0, step=0.02), estimate_rate=False)
+    assert_allclose(fit.lag, 1.2345, atol=1.5e-3)
+
+
+def test_merges_on_the_machines_clock() -> None:
+    merged = synchronise(utm(), imu(3.0, noise=0.0))
+    assert merged.n_samples == utm().n_samples
+    assert_allclose(merged.values("time"), MOVED.time)
+    assert_allclose(merged.values("pitch"), bench_record.pitch(MOVED.shortening, MOVED.time, 0.0), atol=2e-4)
+    outcome = merged.provenance[-1].outcome
+    assert "+3.00" in outcome
+    assert "ppm" in outcome
+    assert "correlation of shortening and pitch +0.99" in outcome
+
+
+def test_only_samples_that_both_have_are_kept() -> None:
+    late = imu(0.0, noise=0.0)
+    late = late.take(late.values("time") > 6.0, utm_step())
+    merged = synchronise(utm(), late, max_lag=2.0)
+    assert_allclose(merged.values("time")[0], 6.0, atol=0.05)
+
+
+def utm_step():
+    from softcal.experiments.dataset import Step
+
+    return Step("test")
+
+
+def test_refuses_another_test_and_a_lag_at_the_edge() -> None:
+    random = np.random.default_rng(0)
+    noise = imu(0.0).with_channels(utm_step(), pitch=np.cumsum(random.standard_normal(imu(0.0).n_samples)))
+    with pytest.raises(DatasetError, match="utm and imu: .*(hardly move together|largest lag)"):
+        synchronise(utm(), noise)
+    with pytest.raises(DatasetError, match="larger max_lag"):
+        synchronise(utm(), imu(3.0), max_lag=1.0)
+    still = imu(0.0).with_channels(utm_step(), pitch=np.zeros(imu(0.0).n_samples))
+    with pytest.raises(DatasetError, match="does not move"):
+        synchronise(utm(), still)
+    with pytest.raises(DatasetError, match="both records hold the same channel; got shortening"):
+        synchronise(utm(), utm(), signal="shortening")
+
+
+def test_refuses_two_lags_that_match_as_well() -> None:
+    time = np.arange(0.0, 400.0, 0.05)
+    wave = Dataset("utm", {"time": Channel(time, "s"), "shortening": Channel(np.sin(time), "m")})
+    same = Dataset("imu", {"time": Channel(time, "s"), "pitch": Channel(np.sin(time), "rad")})
+    with pytest.raises(DatasetError, match="two lags match"):
+        synchronise(wave, same)
+    assert abs(fit_clock(wave, same, max_lag=1.0).lag) < 1e-6

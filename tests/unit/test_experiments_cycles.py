@@ -145,8 +145,10 @@ def test_branches_differ_by_the_hysteresis() -> None:
 def test_average_over_cycles_has_their_scatter_as_sigma() -> None:
     moved = bench_record.motion(6)
     whole = find_cycles(record(moved, noise=0.0, drift=0.0))
+    assert whole.cycle is not None
     offsets = np.array([0.3, -0.3, 0.1, -0.1, 0.2, -0.2])
-    pitch = 10.0 * moved.shortening + np.where(moved.cycle >= 0, offsets[moved.cycle], 0.0)
+    number = whole.cycle.astype(int)
+    pitch = 10.0 * moved.shortening + np.where(number >= 0, offsets[number], 0.0)
     whole = replace(whole, channels={**whole.channels, "pitch": Channel(pitch, "rad")})
     loading = take_branch(whole, "loading")
     assert_allclose(loading.channels["pitch"].sigma, np.std(offsets, ddof=1), rtol=5e-3)

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from softcal.errors import DatasetError
 from softcal.experiments.corrections import correct_pulley_friction, detrend, detrended, smooth, zero
-from softcal.experiments.dataset import Channel, Dataset
+from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.experiments.noise import estimate_noise, set_noise
 from softcal.experiments.plausibility import check_plausible
 from softcal.experiments.prepare import PREPARATIONS, parse_steps, prepare
@@ -151,24 +151,21 @@ def test_detrend_needs_cycles_or_ends() -> None:
 def test_plausible_and_not() -> None:
     record = ramp()
     assert check_plausible(record) == ()
-    in_kilonewton = record.with_channels(record_step(), tension=record.values("tension") * 1e3)
+    in_kilonewton = record.with_channels(Step("test"), tension=record.values("tension") * 1e3)
     assert "force in kN" in check_plausible(in_kilonewton)[0]
-    in_metres = record.with_channels(record_step(), shortening=record.values("shortening") * 1e3)
+    in_metres = record.with_channels(Step("test"), shortening=record.values("shortening") * 1e3)
     told = " ".join(check_plausible(in_metres))
     assert "stiffness dT/dd" in told
     assert "mm read as m" in told
-    negative = record.with_channels(record_step(), tension=-record.values("tension"))
+    negative = record.with_channels(Step("test"), tension=-record.values("tension"))
     assert "scale: -1" in check_plausible(negative)[0]
-    degrees = record.with_channels(record_step(), pitch=np.degrees(record.values("pitch")))
+    degrees = record.with_channels(Step("test"), pitch=np.degrees(record.values("pitch")))
     assert "above 180 deg" in check_plausible(degrees)[0]
-    tiny = record.with_channels(record_step(), pitch=np.radians(record.values("pitch")) / 20)
+    tiny = record.with_channels(Step("test"), pitch=np.radians(record.values("pitch")) / 20)
     assert "wrong axis" in check_plausible(tiny)[0]
-
-
-def record_step():
-    from softcal.experiments.dataset import Step
-
-    return Step("test")
+    assert check_plausible(ramp(slack=15e-3)) == ()
+    minutes = record.with_channels(Step("test"), time=record.values("time") / 600)
+    assert "time in min or ms" in check_plausible(minutes)[0]
 
 
 def test_steps_with_units() -> None:

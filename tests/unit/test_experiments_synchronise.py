@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from softcal.errors import DatasetError
-from softcal.experiments.dataset import Channel, Dataset
+from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.experiments.synchronise import fit_clock, synchronise
 
 MOVED = bench_record.motion(4)
@@ -62,25 +62,19 @@ def test_merges_on_the_machines_clock() -> None:
 
 def test_only_samples_that_both_have_are_kept() -> None:
     late = imu(0.0, noise=0.0)
-    late = late.take(late.values("time") > 6.0, utm_step())
+    late = late.take(late.values("time") > 6.0, Step("test"))
     merged = synchronise(utm(), late, max_lag=2.0)
     assert_allclose(merged.values("time")[0], 6.0, atol=0.05)
 
 
-def utm_step():
-    from softcal.experiments.dataset import Step
-
-    return Step("test")
-
-
 def test_refuses_another_test_and_a_lag_at_the_edge() -> None:
     random = np.random.default_rng(0)
-    noise = imu(0.0).with_channels(utm_step(), pitch=np.cumsum(random.standard_normal(imu(0.0).n_samples)))
-    with pytest.raises(DatasetError, match="utm and imu: .*(hardly move together|largest lag)"):
+    noise = imu(0.0).with_channels(Step("test"), pitch=np.cumsum(random.standard_normal(imu(0.0).n_samples)))
+    with pytest.raises(DatasetError, match=r"utm and imu: .*(hardly move together|largest lag)"):
         synchronise(utm(), noise)
     with pytest.raises(DatasetError, match="larger max_lag"):
         synchronise(utm(), imu(3.0), max_lag=1.0)
-    still = imu(0.0).with_channels(utm_step(), pitch=np.zeros(imu(0.0).n_samples))
+    still = imu(0.0).with_channels(Step("test"), pitch=np.zeros(imu(0.0).n_samples))
     with pytest.raises(DatasetError, match="does not move"):
         synchronise(utm(), still)
     with pytest.raises(DatasetError, match="both records hold the same channel; got shortening"):

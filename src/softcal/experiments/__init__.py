@@ -1,0 +1,1 @@
+"""What the bench saw: files read, records on one clock, corrections and cycles, each step on record."""

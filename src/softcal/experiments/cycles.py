@@ -38,6 +38,7 @@ class CycleChange:
 
     @property
     def change(self) -> float:
+        """The larger of the two changes [-]."""
         return max(self.peak_change, self.curve_change)
 
 

@@ -60,6 +60,7 @@ class Dataset:
 
     @property
     def n_samples(self) -> int:
+        """Number of samples of every channel."""
         return len(next(iter(self.channels.values())).values)
 
     def values(self, channel: str) -> Floats:

@@ -26,6 +26,7 @@ class Loop:
 
     @property
     def hysteresis(self) -> float:
+        """Energy lost over the energy put in [-]."""
         return self.lost_energy / self.loading_energy if self.loading_energy > 0.0 else 0.0
 
 
@@ -38,6 +39,7 @@ class Softening:
 
     @property
     def loss(self) -> float:
+        """Share of the first peak that is lost [-]."""
         return (self.first_peak - self.last_peak) / self.first_peak if self.first_peak > 0.0 else 0.0
 
 

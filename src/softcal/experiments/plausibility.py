@@ -14,6 +14,7 @@ _MAX_TENSION = 5e3  # [N]
 _MAX_SPEED = 1.0  # [m/s]
 _MIN_ANGLE = 1e-3  # [rad]
 _BINS = 20
+_FLOOR = 0.1  # share of the force's range that still counts as slack
 
 
 def check_plausible(dataset: Dataset) -> tuple[str, ...]:
@@ -31,7 +32,10 @@ def _stiffness(dataset: Dataset) -> list[str]:
     force = values["tension"]
     if len(s) < 2:
         return []
-    median = float(np.median(np.diff(force) / np.diff(s)))
+    taut = force[1:] > force.min() + _FLOOR * np.ptp(force)
+    if not taut.any():
+        return [f"{dataset.name}: the tension never changes: is it the right column?"]
+    median = float(np.median((np.diff(force) / np.diff(s))[taut]))
     lower, upper = STIFFNESS_RANGE
     warnings: list[str] = []
     if median < 0.0 or float(np.mean(tension)) < -0.1 * float(np.max(np.abs(tension))):

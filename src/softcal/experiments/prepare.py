@@ -51,11 +51,13 @@ class Preparation:
 
     @property
     def required(self) -> tuple[str, ...]:
+        """Settings that must be given."""
         parameters = inspect.signature(self.function).parameters
         return tuple(key for key in self.settings if parameters[key].default is inspect.Parameter.empty)
 
     @property
     def summary(self) -> str:
+        """What the step does, in a sentence."""
         return (inspect.getdoc(self.function) or "").partition("\n")[0]
 
 
@@ -67,6 +69,7 @@ class PlannedStep:
     settings: Mapping[str, Any] = field(default_factory=dict)
 
     def apply(self, dataset: Dataset) -> Dataset:
+        """The dataset after this step."""
         return PREPARATIONS[self.name].function(dataset, **self.settings)
 
 

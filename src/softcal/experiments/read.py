@@ -42,7 +42,7 @@ class ColumnSpec:
     scale: float = 1.0
 
 
-def read_table(
+def read_table(  # noqa: PLR0913 (one keyword for each thing in which files differ)
     path: str | Path,
     columns: Mapping[str, ColumnSpec],
     *,
@@ -70,7 +70,7 @@ def read_table(
     name
         Name of the dataset; the file's stem where empty.
     delimiter, decimal
-        "," ";" "\\t" or " " (any white space); "." or ",". Found from the file where None.
+        comma, semicolon, tab or " " (any white space); "." or ",". Found from the file where None.
     header_row, units_row
         1-based line of the column names and of the units under them. Found from the file where None.
     skip_rows, skip_footer

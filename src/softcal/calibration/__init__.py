@@ -1,0 +1,1 @@
+"""The inverse problem: only here parameters are searched."""

@@ -41,8 +41,9 @@ class Estimate:
 class ExperimentFit:
     """How well one experiment is met: SI root-mean-square errors, None for a channel it does not have.
 
-    `measured` and `simulated`: channel -> values over the compared samples; "detrended" removes the best straight
-    line of the error over the samples (paper A, Table II).
+    `measured`: every channel of the dataset; `simulated`: the compared ones, as the bench would have read them;
+    "detrended" removes the best straight line of the error over the samples (paper A, Table II).
+    response: the twin's own channels by dotted name (`front.tension`), without the rig. units: of all three.
     """
 
     rmse: Mapping[str, float]  # channel ("tension", "pitch", "shortening") -> RMSE
@@ -50,6 +51,7 @@ class ExperimentFit:
     measured: Mapping[str, Floats]
     simulated: Mapping[str, Floats]
     units: Mapping[str, str]
+    response: Mapping[str, Floats] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,131 @@
+"""One local search by exact sensitivities: a trust region around `LocalModel`, asked and told.
+
+Why not `scipy.optimize.least_squares`: it has no way to be told that a point cannot be simulated (here the trust region
+shrinks and the search goes on from where it was), it minimises sums of squares while the papers' loss is a sum of RMSEs,
+it calls the function itself so that starts cannot share workers nor a run resume, and it cannot use what is known of
+the twin's scaling, which saves more than half of the trajectories.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from softcal.calibration.local_model import LocalModel, ceiling_powers
+from softcal.calibration.loss import Loss, rms
+from softcal.calibration.parameters import SearchSpace
+from softcal.calibration.problem import Evaluation
+from softcal.checks import Floats
+
+_SMALL_STEP = 3e-7  # of the search range: E over 0.1-40 MPa to 2e-6 relative
+_SMALL_GAIN = 1e-9  # of the loss
+_EXACT = 1e-9  # RMSE over the root mean square of the measurement, in every channel
+_SMALLEST_RADIUS = 1e-7
+_RETREATS = 8  # halvings of the way from a start that cannot be simulated to the middle of the box
+
+
+@dataclass
+class Descent:
+    """A search from one start; `z` is the best point so far and `next` the point to be evaluated, None when over."""
+
+    space: SearchSpace
+    loss: Loss
+    start: Floats
+    budget: int
+
+    def __post_init__(self) -> None:
+        self.next: Floats | None = self.start
+        self.z: Floats = self.start
+        self.best: Evaluation | None = None
+        self.status = "The search has not begun."
+        self.evaluations = 0
+        self.converged = False
+        self._radius = 1.0
+        self._promised = 0.0
+        self._retreats = 0
+        self._seen: list[tuple[Floats, Evaluation]] = []
+
+    def tell(self, evaluation: Evaluation) -> None:
+        """What came of `next`; decides the next `next`."""
+        if self.next is None:
+            raise RuntimeError("the descent is over")
+        self.evaluations += 1
+        tried = self.next
+        if evaluation.loss is not None:
+            self._seen.append((tried, evaluation))
+        if self.best is None or self.best.loss is None:
+            if evaluation.loss is None:
+                self._retreat(tried, evaluation.failure)
+                return
+            self._move(tried, evaluation)
+        else:
+            self._judge_step(tried, evaluation, self.best.loss)
+        if self.evaluations >= self.budget and self.next is not None:
+            self._end(f"Stopped after {self.evaluations} trajectories, before the search had converged.")
+
+    def abandon(self, reason: str) -> None:
+        """End the search because it would only repeat another."""
+        self._end(reason, converged=True)
+
+    def _judge_step(self, tried: Floats, evaluation: Evaluation, before: float) -> None:
+        length = float(np.abs(tried - self.z).max())
+        if evaluation.loss is None:
+            self._radius = 0.25 * length
+            self._propose()
+            return
+        promised = before - self._promised
+        kept = (before - evaluation.loss) / promised if promised > 0 else 0.0
+        if kept < 0.25:
+            self._radius = 0.35 * length
+        elif kept > 0.75 and length > 0.99 * self._radius:
+            self._radius = min(1.0, 3.0 * self._radius)
+        if evaluation.loss < before:
+            self._move(tried, evaluation)
+        else:
+            self._propose()
+
+    def _move(self, z: Floats, evaluation: Evaluation) -> None:
+        self.z, self.best = z, evaluation
+        if all(rms(b.residual) <= _EXACT * rms(b.measured) for b in evaluation.blocks):
+            self._end("Converged: the measurements are met to nine digits by every channel.", converged=True)
+            return
+        self._propose()
+
+    def _propose(self) -> None:
+        if self.best is None or self.best.loss is None:
+            raise RuntimeError("there is no point to step from")
+        if self._radius < _SMALLEST_RADIUS:
+            self._end("Stopped: no step, however small, lowers the loss or can be simulated.", converged=False)
+            return
+        lower, upper = np.maximum(self.z - self._radius, 0.0), np.minimum(self.z + self._radius, 1.0)
+        model = LocalModel(self.space, self.loss, self.z, self.best.blocks, self._powers())
+        candidate = model.minimise(lower, upper)
+        self._promised = model.loss(candidate)
+        step = float(np.abs(candidate - self.z).max())
+        if step <= _SMALL_STEP or self.best.loss - self._promised <= _SMALL_GAIN * self.best.loss:
+            self._end(
+                f"Converged in {self.evaluations} trajectories: the next step would be {step:.1e} of the search range.",
+                converged=True,
+            )
+            return
+        self.next = candidate
+
+    def _powers(self) -> Floats | None:
+        """What the last other point tells of how a ceiling is felt."""
+        if self.best is None:
+            return None
+        others = [(z, evaluation.blocks) for z, evaluation in self._seen if evaluation is not self.best]
+        return ceiling_powers(self.space, (self.z, self.best.blocks), others[-1]) if others else None
+
+    def _retreat(self, tried: Floats, reason: str) -> None:
+        if self._retreats >= _RETREATS or self.evaluations >= self.budget:
+            self._end(f"No point near the start could be simulated. {reason}")
+            return
+        self._retreats += 1
+        self.next = 0.5 * (tried + 0.5)
+
+    def _end(self, status: str, *, converged: bool = False) -> None:
+        self.next = None
+        self.status = status
+        self.converged = converged

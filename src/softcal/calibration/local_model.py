@@ -1,0 +1,206 @@
+"""A model of all residuals around one simulated point, good enough to jump across the whole box.
+
+A plain linearisation would need many trajectories from the corners of the bounds. The tension is proportional to E, so
+at 40 MPa its derivative by nu is seventeen times what it is at 2.3 MPa; and with elements that lock, the stiffness grows
+like a power of 0.5 - nu, so that E and nu trade off along a curved valley. Both are read off the exact sensitivities:
+
+- every parameter has a coordinate w: ln(theta) where its bounds are positive; e^q / q (ln e for q = 0) with
+  e = ceiling - theta where it has a ceiling, with q from the sensitivities at two points; else its place in the box.
+- where d y / d w_j = m_j (y - c) for all samples of a channel, y - c is exponential in w_j (a power of E, with m = 1 for
+  tension over E at prescribed shortening, and c the load cell's offset); such factors are taken out, the rest is linear:
+
+    y(x) = c + exp(m . (w(x) - w(z))) (y - c + D (w(x) - w(z)))
+
+The value and the first derivative at z are exact whatever w, m and c are, so nothing but speed hangs on them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from softcal.calibration.loss import Block, Loss
+from softcal.calibration.parameters import FreeParameter, SearchSpace
+from softcal.checks import Floats
+
+# Relative misfit of d y / d w = m (y - c) up to which a channel counts as exponential in w.
+_EXPONENTIAL = 0.1
+# Larger powers of a parameter are no scaling law of elasticity.
+_LARGEST_POWER = 4.0
+# exp(700) is near the largest double; a model that far off is refused by the trust region in any case.
+_LARGEST_LOG = 500.0
+
+
+@dataclass(frozen=True)
+class _Channel:
+    """One block's model: offset c, exponents m (size,), linear part D (n, size), all by the coordinates w."""
+
+    block: Block
+    offset: float
+    exponents: Floats
+    linear: Floats
+
+
+class LocalModel:
+    """The residuals of all blocks as functions of x in the unit box, around the simulated point z.
+
+    powers: q by parameter, NaN where none is known; see `ceiling_powers`.
+    """
+
+    def __init__(
+        self, space: SearchSpace, loss: Loss, z: Floats, blocks: Sequence[Block], powers: Floats | None = None
+    ) -> None:
+        self._space, self._loss, self._z = space, loss, z
+        self._powers = np.full(space.size, np.nan) if powers is None else powers
+        self._w, slopes = self._coordinates(z)
+        by_theta = space.jacobian(z) / slopes
+        self._channels = tuple(_channel(space, self._powers, by_theta, block) for block in blocks)
+        self._share = loss.share(blocks)
+
+    def loss(self, x: Floats) -> float:
+        """The modelled loss."""
+        residuals = self._residuals(x)
+        return self._share * sum(
+            self._loss.block_value(c.block, residual) for c, (residual, _) in zip(self._channels, residuals, strict=True)
+        )
+
+    def minimise(self, lower: Floats, upper: Floats, *, max_iterations: int = 60) -> Floats:
+        """The minimiser of the modelled loss in a box that holds z.
+
+        Each pass solves the bounded linear least squares that touches the loss from above. For the likelihood that is
+        Gauss-Newton; for a sum of RMSEs it is reweighting, which ends at the minimiser of the sum itself and not of
+        a sum of squares. No pass costs a simulation.
+        """
+        from scipy.optimize import lsq_linear
+
+        x, value = self._z.copy(), self.loss(self._z)
+        for _ in range(max_iterations):
+            matrix, right = self._squares(x)
+            room = np.minimum(lower - x, -1e-300), np.maximum(upper - x, 1e-300)
+            step = lsq_linear(matrix, right, room, method="bvls", tol=1e-14).x
+            factor, candidate, lowered = 1.0, x, value
+            while factor > 1e-6 and not lowered < value:
+                candidate = np.clip(x + factor * step, lower, upper)
+                lowered = self.loss(candidate)
+                factor *= 0.5
+            if not lowered < value:
+                return x
+            settled = value - lowered <= 1e-13 * value or float(np.abs(candidate - x).max()) < 1e-12
+            x, value = candidate, lowered
+            if settled:
+                break
+        return x
+
+    def _coordinates(self, x: Floats) -> tuple[Floats, Floats]:
+        """w and d w / d x, each (size,)."""
+        theta = np.array(list(self._space.to_model(x).values()))
+        slopes = self._space.jacobian(x)
+        w, dw = np.array(x, dtype=np.float64), np.ones(self._space.size)
+        for j, p in enumerate(self._space.parameters):
+            if not math.isnan(self._powers[j]):
+                q, e = self._powers[j], p.ceiling - theta[j]
+                w[j] = math.log(e) if q == 0 else e**q / q
+                dw[j] = -(e ** (q - 1)) * slopes[j]
+            elif _is_scale(p):
+                w[j], dw[j] = math.log(theta[j]), slopes[j] / theta[j]
+        return w, dw
+
+    def _residuals(self, x: Floats) -> list[tuple[Floats, Floats]]:
+        """Residual (n,) and jacobian by x (n, size) of every block."""
+        w, slopes = self._coordinates(x)
+        moved = w - self._w
+        found: list[tuple[Floats, Floats]] = []
+        for c in self._channels:
+            factor = math.exp(min(max(float(c.exponents @ moved), -_LARGEST_LOG), _LARGEST_LOG))
+            centred = factor * (c.block.measured + c.block.residual - c.offset + c.linear @ moved)
+            by_w = factor * c.linear + np.outer(centred, c.exponents)
+            found.append((c.offset + centred - c.block.measured, by_w * slopes))
+        return found
+
+    def _squares(self, x: Floats) -> tuple[Floats, Floats]:
+        """The touching least squares at x, compressed by QR to as many rows as there are parameters."""
+        rows: list[Floats] = []
+        right: list[Floats] = []
+        for c, (residual, jacobian) in zip(self._channels, self._residuals(x), strict=True):
+            root = math.sqrt(self._loss.square_weight(c.block, residual))
+            rows.append(root * jacobian)
+            right.append(-root * residual)
+        q, r = np.linalg.qr(np.concatenate(rows))
+        return r, q.T @ np.concatenate(right)
+
+
+def ceiling_powers(
+    space: SearchSpace, one: tuple[Floats, Sequence[Block]], other: tuple[Floats, Sequence[Block]]
+) -> Floats:
+    """q by parameter such that d ln y / d theta goes like (ceiling - theta)^(q - 1) between two simulated points.
+
+    1 where the ceiling is not felt (elements that do not lock), near 0 or below where it is (those that do); NaN for a
+    parameter without a ceiling, or where the two points do not tell.
+    """
+    powers = np.full(space.size, np.nan)
+    thetas = [np.array(list(space.to_model(z).values())) for z in (one[0], other[0])]
+    for j, p in enumerate(space.parameters):
+        if not math.isfinite(p.ceiling):
+            continue
+        e_one, e_other = (p.ceiling - theta[j] for theta in thetas)
+        if abs(math.log(e_one / e_other)) < 0.01:
+            continue
+        slopes = [
+            (_relative_slope(a, j), _relative_slope(b, j)) for a, b in zip(one[1], other[1], strict=True) if a.experiment
+        ]
+        felt = max(slopes, key=lambda pair: min(abs(pair[0]), abs(pair[1])), default=(0.0, 0.0))
+        if felt[0] * felt[1] > 0:
+            power = 1 + math.log(felt[0] / felt[1]) / math.log(e_one / e_other)
+            powers[j] = min(max(power, -1.0), 1.0)
+    return powers
+
+
+def _relative_slope(block: Block, j: int) -> float:
+    """d ln y / d theta_j, the mean over a block."""
+    if block.jacobian is None:
+        return 0.0
+    predicted = block.measured + block.residual
+    size = float(predicted @ predicted)
+    return float(predicted @ block.jacobian[:, j]) / size if size > 0 else 0.0
+
+
+def _channel(space: SearchSpace, powers: Floats, by_theta: Floats, block: Block) -> _Channel:
+    if block.jacobian is None:
+        raise ValueError(f"the block '{block.channel}' has no jacobian")
+    linear = block.jacobian * by_theta
+    exponents = np.zeros(space.size)
+    predicted = block.measured + block.residual
+    scales = [j for j, p in enumerate(space.parameters) if _is_scale(p) or not math.isnan(powers[j])]
+    fits = {j: _exponential(predicted, linear[:, j]) for j in scales}
+    best = min(fits, key=lambda j: fits[j][2], default=None)
+    if best is None or fits[best][2] > _EXPONENTIAL:
+        return _Channel(block, 0.0, exponents, linear)
+    offset = fits[best][1]
+    centred = predicted - offset
+    for j in scales:
+        exponent = float(centred @ linear[:, j]) / float(centred @ centred)
+        misfit = np.linalg.norm(linear[:, j] - exponent * centred)
+        if misfit <= _EXPONENTIAL * np.linalg.norm(linear[:, j]):
+            if _is_scale(space.parameters[j]) and abs(exponent) > _LARGEST_POWER:
+                continue
+            exponents[j] = exponent
+            linear[:, j] -= exponent * centred
+    return _Channel(block, offset, exponents, linear)
+
+
+def _exponential(y: Floats, slope: Floats) -> tuple[float, float, float]:
+    """m, c and relative misfit of slope = m (y - c); the misfit is infinite where y hardly moves."""
+    size = float(np.linalg.norm(slope))
+    if len(y) < 3 or size <= 1e-6 * float(np.linalg.norm(y)) or float(np.ptp(y)) <= 1e-9 * float(np.abs(y).max()):
+        return 0.0, 0.0, math.inf
+    (m, b), *_ = np.linalg.lstsq(np.column_stack([y, np.ones_like(y)]), slope, rcond=None)
+    if m == 0:
+        return 0.0, 0.0, math.inf
+    return float(m), float(-b / m), float(np.linalg.norm(slope - m * y - b)) / size
+
+
+def _is_scale(parameter: FreeParameter) -> bool:
+    return parameter.lower > 0 and not math.isfinite(parameter.ceiling)

@@ -1,0 +1,149 @@
+"""Paper A's search: Optuna's tree-structured Parzen estimator with the settings that the paper ran."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from softcal.calibration.optimiser import Optimiser, Proposal
+from softcal.calibration.parameters import SearchSpace
+from softcal.calibration.problem import Evaluation
+from softcal.calibration.result import Trial
+from softcal.calibration.store import storing
+
+if TYPE_CHECKING:
+    import optuna
+
+
+class TpeOptimiser(Optimiser):
+    """TPE by Optuna. batch: points asked for before the first is told; it decides the course of the search.
+
+    Optuna 5 changed its defaults (multivariate sampling, constant liar); the paper's are pinned here.
+    """
+
+    name = "tpe"
+    needs_jacobian = False
+
+    def __init__(self, space: SearchSpace, *, trials: int, seed: int, batch: int = 1) -> None:
+        import optuna
+
+        optuna.logging.set_verbosity(optuna.logging.WARNING)
+        sampler = optuna.samplers.TPESampler(
+            multivariate=False,
+            group=False,
+            n_startup_trials=10,
+            n_ei_candidates=24,
+            constant_liar=False,
+            seed=seed,
+        )
+        self._study = optuna.create_study(sampler=sampler, direction="minimize")
+        self._distributions = distributions(space)
+        self._trials = trials
+        self._batch = batch
+        self._asked: dict[int, optuna.trial.Trial] = {}
+        self._told = 0
+
+    def ask(self) -> tuple[Proposal, ...]:
+        proposals: list[Proposal] = []
+        for _ in range(min(self._batch, self._trials - self._told)):
+            trial = self._study.ask(self._distributions)
+            self._asked[trial.number] = trial
+            proposals.append(Proposal(trial.number, dict(trial.params)))
+        return tuple(proposals)
+
+    def tell(self, proposal: Proposal, evaluation: Evaluation) -> None:
+        import optuna
+
+        trial = self._asked.pop(proposal.number)
+        if evaluation.loss is None:
+            self._study.tell(trial, state=optuna.trial.TrialState.FAIL)
+        else:
+            self._study.tell(trial, evaluation.loss)
+        self._told += 1
+
+    @property
+    def total(self) -> int:
+        return self._trials
+
+    @property
+    def status(self) -> str:
+        if self._told < self._trials:
+            return f"{self._told} of {self._trials} trials are done."
+        return f"All {self._trials} trials were run."
+
+
+def distributions(space: SearchSpace) -> dict[str, optuna.distributions.BaseDistribution]:
+    """The search space as Optuna sees it."""
+    import optuna
+
+    return {
+        p.label: optuna.distributions.FloatDistribution(p.lower, p.upper, log=p.scale == "log")
+        for p in space.parameters
+    }
+
+
+def fanova_importance(space: SearchSpace, trials: list[tuple[dict[str, float], float]], seed: int) -> dict[str, float]:
+    """fANOVA importances by label from completed trials (theta, loss); empty where they cannot tell.
+
+    That is with fewer than two trials, or when all losses are equal.
+    """
+    import optuna
+
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    if len(trials) < 2 or len({loss for _, loss in trials}) < 2:
+        return {}
+    study = optuna.create_study(direction="minimize")
+    known = distributions(space)
+    study.add_trials(
+        [optuna.trial.create_trial(params=theta, distributions=known, value=loss) for theta, loss in trials]
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+        found = optuna.importance.get_param_importances(
+            study, evaluator=optuna.importance.FanovaImportanceEvaluator(seed=seed)
+        )
+    return {label: float(found[label]) for label in space.labels}
+
+
+class OptunaJournal:
+    """The trials in a file that Optuna's own tools read (study "softcal"); the run's own store stays the truth.
+
+    Optuna cannot go on with a search where it stopped, since its sampler's random state is not stored; therefore a
+    resumed search is told again what `trials.sqlite` holds, and this file only follows.
+    """
+
+    def __init__(self, path: Path, space: SearchSpace) -> None:
+        import optuna
+        from optuna.storages.journal import JournalFileBackend
+
+        self._path = path
+        self._distributions = distributions(space)
+        with storing(path):
+            storage = optuna.storages.JournalStorage(JournalFileBackend(str(path)))
+            self._study = optuna.create_study(storage=storage, study_name="softcal", load_if_exists=True)
+            self._kept = len(self._study.get_trials(deepcopy=False))
+
+    def keep(self, trial: Trial) -> None:
+        """Add a trial that the file does not have yet.
+
+        Raises
+        ------
+        StorageError
+            Where it cannot be written.
+        """
+        import optuna
+
+        if trial.number < self._kept:
+            return
+        failed = trial.loss is None
+        frozen = optuna.trial.create_trial(
+            state=optuna.trial.TrialState.FAIL if failed else optuna.trial.TrialState.COMPLETE,
+            value=trial.loss,
+            params=dict(trial.theta),
+            distributions=self._distributions,
+            user_attrs={"reason": trial.reason} if failed else {},
+        )
+        with storing(self._path):
+            self._study.add_trial(frozen)
+        self._kept += 1

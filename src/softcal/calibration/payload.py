@@ -1,0 +1,54 @@
+"""Observations as bytes and back, bit by bit: what a resumed search must be told again."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+
+import numpy as np
+
+from softcal.calibration.experiment import Observation
+from softcal.checks import Floats
+
+# Between the parts of a key; a character that no name holds.
+_SEPARATOR = "\x1f"
+
+
+def encode(observations: Mapping[str, Observation]) -> bytes:
+    """Every array of the observations, by experiment, in NumPy's own format (no pickles)."""
+    arrays: dict[str, Floats] = {}
+    for name, seen in observations.items():
+        for channel, values in seen.predicted.items():
+            arrays[_SEPARATOR.join(("predicted", name, channel))] = values
+        for channel, columns in seen.derivatives.items():
+            for parameter, values in columns.items():
+                arrays[_SEPARATOR.join(("derivative", name, channel, parameter))] = values
+        for channel, values in seen.response.items():
+            arrays[_SEPARATOR.join(("response", name, channel, seen.units.get(channel, "1")))] = values
+    keys = np.array(list(arrays), dtype=np.str_)
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, keys=keys, **{str(i): values for i, values in enumerate(arrays.values())})  # pyright: ignore[reportArgumentType]
+    return buffer.getvalue()
+
+
+def decode(payload: bytes) -> dict[str, Observation]:
+    """The observations that `encode` was given."""
+    predicted: dict[str, dict[str, Floats]] = {}
+    derivatives: dict[str, dict[str, dict[str, Floats]]] = {}
+    response: dict[str, dict[str, Floats]] = {}
+    units: dict[str, dict[str, str]] = {}
+    with np.load(io.BytesIO(payload), allow_pickle=False) as held:
+        for i, key in enumerate(held["keys"].tolist()):
+            kind, name, channel, *last = key.split(_SEPARATOR)
+            values = held[str(i)]
+            if kind == "predicted":
+                predicted.setdefault(name, {})[channel] = values
+            elif kind == "derivative":
+                derivatives.setdefault(name, {}).setdefault(channel, {})[last[0]] = values
+            else:
+                response.setdefault(name, {})[channel] = values
+                units.setdefault(name, {})[channel] = last[0]
+    return {
+        name: Observation(channels, derivatives.get(name, {}), response.get(name, {}), units.get(name, {}))
+        for name, channels in predicted.items()
+    }

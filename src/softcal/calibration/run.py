@@ -1,0 +1,316 @@
+"""calibrate(problem): ask, evaluate, keep, tell, until the search is over; then say what was found."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from softcal.calibration.fingerprint import fingerprints
+from softcal.calibration.optimiser import Optimiser, Proposal
+from softcal.calibration.optimiser_grid import GridOptimiser
+from softcal.calibration.optimiser_least_squares import LeastSquaresOptimiser
+from softcal.calibration.optimiser_tpe import OptunaJournal, TpeOptimiser
+from softcal.calibration.outcome import conclude, installed_versions
+from softcal.calibration.payload import decode, encode
+from softcal.calibration.problem import Evaluation, Problem
+from softcal.calibration.result import CalibrationResult, Trial
+from softcal.calibration.result_files import write_result
+from softcal.calibration.store import RunStore, StoredTrial
+from softcal.calibration.workers import Evaluator
+from softcal.errors import CalibrationError, Fault, ParameterError, StorageError
+
+Method = Literal["least-squares", "tpe", "grid"]
+DEFAULT_TRIALS: Mapping[Method, int] = {"least-squares": 40, "tpe": 1000, "grid": 400}
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a calibration is: trials done and in all (at most), failed ones, and the best so far (None before it)."""
+
+    done: int
+    total: int
+    failed: int
+    best_loss: float | None
+    best_theta: Mapping[str, float] | None
+
+
+Observer = Callable[[Progress], None]
+
+
+def calibrate(
+    problem: Problem,
+    *,
+    method: Method = "least-squares",
+    trials: int | None = None,
+    seed: int = 0,
+    workers: int = 1,
+    starts: int = 1,
+    store: Path | None = None,
+    resume: bool = False,
+    hashes: Mapping[str, str] | None = None,
+    files: Mapping[str, str] | None = None,
+    progress: Observer | None = None,
+) -> CalibrationResult:
+    """Find the free parameters of a problem, all its experiments jointly.
+
+    Ctrl-C ends the search; what was found by then is the result, and says so in its status.
+    With more than one worker a script must guard its own start with `if __name__ == "__main__":`.
+
+    Parameters
+    ----------
+    problem
+        What is to be met by what.
+    method
+        "least-squares" (exact sensitivities), "tpe" (Optuna, as paper A) or "grid" (as paper B).
+    trials
+        Budget: trajectories of each start, trials, or grid points at most; 40, 1000 or 400 when None.
+    seed
+        Of the starts and of TPE. Everything else has no chance in it.
+    workers
+        Processes. `grid` and `least-squares` give the same result for any number; `tpe` asks for as many points
+        at once as there are workers, so its course depends on their number (a resumed run keeps its first).
+    starts
+        Local searches of "least-squares": the first from the parameters' start, the others from a Latin hypercube.
+    store
+        Run folder: every trial is kept there as it comes, and the result at the end. None keeps nothing.
+    resume
+        Go on with the run in `store`, exactly as if it had not stopped.
+    hashes, files
+        What else identifies the run (a resume with another is refused), and texts to keep with it.
+    progress
+        Called after every trial.
+
+    Raises
+    ------
+    ParameterError
+        For a method, budget or number that makes no sense.
+    StorageError
+        Where the folder cannot be used, or holds a run of something else.
+    CalibrationError
+        Where no trial could be simulated, or a worker died. The trials are kept.
+    """
+    began = time.perf_counter()
+    settings: dict[str, Any] = {
+        "method": method,
+        "trials": trials if trials is not None else DEFAULT_TRIALS.get(method, 0),
+        "seed": seed,
+        "starts": starts if method == "least-squares" else 1,
+        "batch": workers if method == "tpe" else 1,
+    }
+    _check(settings)
+    identity = {**fingerprints(problem), **(hashes or {})}
+    with contextlib.ExitStack() as stack:
+        run = _open(store, resume, identity, settings, files)
+        if run is not None:
+            stack.enter_context(run)
+            settings = run.settings
+        optimiser = _optimiser(problem, settings)
+        journal = None
+        if run is not None and method == "tpe":
+            journal = OptunaJournal(run.folder / "optuna.journal", problem.space)
+        tally = _Tally(problem, run, journal, began)
+        evaluator = stack.enter_context(Evaluator(problem, workers=workers, jacobian=optimiser.needs_jacobian))
+        stopped = _search(optimiser, evaluator, tally, progress)
+        if tally.best is None:
+            raise CalibrationError(_no_result(tally, stopped))
+        result = conclude(
+            problem,
+            tally.best,
+            tuple(tally.trials),
+            method=method,
+            seed=seed,
+            status=_stopped_status(tally, optimiser) if stopped else optimiser.status,
+            n_solves=tally.n_solves,
+            wall_s=tally.elapsed(),
+            hashes=identity,
+            versions=installed_versions(),
+            settings=settings,
+        )
+        if run is not None:
+            write_result(result, run.folder)
+        return result
+
+
+def calibrate_each(
+    problem: Problem, *, store: Path | None = None, resume: bool = False, **options: Any
+) -> dict[str, CalibrationResult]:
+    """Every experiment by itself, as paper A does; result by experiment, run folders below `store`.
+
+    Options as for `calibrate`. When resumed, experiments that were not begun are begun.
+
+    Raises
+    ------
+    SoftcalError
+        As `calibrate`.
+    """
+    results: dict[str, CalibrationResult] = {}
+    for experiment in problem.experiments:
+        folder = None if store is None else store / experiment.name
+        begun = folder is not None and (folder / "run.json").is_file()
+        results[experiment.name] = calibrate(
+            problem.alone(experiment.name), store=folder, resume=resume and begun, **options
+        )
+    return results
+
+
+@dataclass
+class _Tally:
+    """What is known so far, and where it is kept."""
+
+    problem: Problem
+    run: RunStore | None
+    journal: OptunaJournal | None
+    began: float
+    trials: list[Trial] = field(default_factory=list[Trial])
+    best: Evaluation | None = None
+    n_solves: int = 0
+    n_failed: int = 0
+    earlier: float = 0.0  # wall time [s] of the sessions before this one
+
+    def __post_init__(self) -> None:
+        self.known = self.run.stored() if self.run is not None else {}
+        self.earlier = max((stored.elapsed for stored in self.known.values()), default=0.0)
+
+    def elapsed(self) -> float:
+        return self.earlier + time.perf_counter() - self.began
+
+    def recall(self, proposal: Proposal) -> Evaluation | None:
+        """The evaluation of a proposal in an earlier session, or None."""
+        stored = self.known.get(proposal.number)
+        if stored is None:
+            return None
+        if dict(stored.trial.theta) != dict(proposal.theta):
+            raise StorageError(
+                Fault(
+                    f"trial {proposal.number} on disk is not the one that this search would ask for",
+                    where="trials.sqlite",
+                    got=str(dict(stored.trial.theta)),
+                    allowed=str(dict(proposal.theta)),
+                    attempt="the versions that run.json names, or a new folder",
+                )
+            )
+        t = stored.trial
+        if stored.payload is not None:
+            return self.problem.judge(t.theta, decode(stored.payload), stored.n_solves, t.n_factorisations, t.seconds)
+        return Evaluation(
+            t.theta, t.loss, t.reason, (), {}, t.experiment_losses, None, stored.n_solves, t.n_factorisations, t.seconds
+        )
+
+    def note(self, number: int, evaluation: Evaluation, *, jacobian: bool) -> None:
+        """Count a trial, and keep it if it is new."""
+        complete = evaluation.loss is not None
+        trial = Trial(
+            number,
+            dict(evaluation.theta),
+            "COMPLETE" if complete else "FAILED",
+            evaluation.loss,
+            evaluation.failure,
+            evaluation.seconds,
+            evaluation.n_factorisations,
+            dict(evaluation.experiment_losses),
+        )
+        better = evaluation.loss is not None and (
+            self.best is None or self.best.loss is None or evaluation.loss < self.best.loss
+        )
+        if self.run is not None and number not in self.known:
+            payload = encode(evaluation.observations) if complete and (jacobian or better) else None
+            self.run.append(StoredTrial(trial, evaluation.n_solves, self.elapsed(), payload))
+        if self.journal is not None:
+            self.journal.keep(trial)
+        self.trials.append(trial)
+        self.n_solves += evaluation.n_solves
+        self.n_failed += not complete
+        if better:
+            self.best = evaluation
+
+
+def _search(optimiser: Optimiser, evaluator: Evaluator, tally: _Tally, progress: Observer | None) -> bool:
+    """Run the search to its end; True where the user stopped it."""
+    try:
+        while proposals := optimiser.ask():
+            recalled = {p.number: found for p in proposals if (found := tally.recall(p)) is not None}
+            fresh = evaluator.evaluate([p for p in proposals if p.number not in recalled])
+            for proposal in proposals:
+                evaluation = recalled.get(proposal.number) or next(fresh)[1]
+                tally.note(proposal.number, evaluation, jacobian=optimiser.needs_jacobian)
+                optimiser.tell(proposal, evaluation)
+                if progress is not None:
+                    best = tally.best
+                    progress(
+                        Progress(
+                            len(tally.trials),
+                            optimiser.total,
+                            tally.n_failed,
+                            None if best is None else best.loss,
+                            None if best is None else best.theta,
+                        )
+                    )
+    except KeyboardInterrupt:
+        return True
+    return False
+
+
+def _open(
+    folder: Path | None,
+    resume: bool,
+    identity: Mapping[str, str],
+    settings: Mapping[str, Any],
+    files: Mapping[str, str] | None,
+) -> RunStore | None:
+    if folder is None:
+        if resume:
+            raise StorageError(Fault("there is no run to resume without its folder", "store"))
+        return None
+    if resume:
+        return RunStore.resume(folder, identity=identity, settings=settings)
+    return RunStore.create(folder, identity=identity, settings=settings, versions=installed_versions(), files=files)
+
+
+def _optimiser(problem: Problem, settings: Mapping[str, Any]) -> Optimiser:
+    space, trials, seed = problem.space, int(settings["trials"]), int(settings["seed"])
+    if settings["method"] == "tpe":
+        return TpeOptimiser(space, trials=trials, seed=seed, batch=int(settings["batch"]))
+    if settings["method"] == "grid":
+        return GridOptimiser(space, trials=trials)
+    return LeastSquaresOptimiser(space, problem.loss, trials=trials, seed=seed, starts=int(settings["starts"]))
+
+
+def _check(settings: Mapping[str, Any]) -> None:
+    faults: list[Fault] = []
+    if settings["method"] not in DEFAULT_TRIALS:
+        faults.append(
+            Fault("there is no such method", "method", got=str(settings["method"]), allowed=", ".join(DEFAULT_TRIALS))
+        )
+    elif settings["trials"] < 1:
+        faults.append(Fault("there must be a trial", "trials", got=str(settings["trials"]), allowed="1 or more"))
+    if settings["starts"] < 1:
+        faults.append(Fault("there must be a start", "starts", got=str(settings["starts"]), allowed="1 or more"))
+    if settings["batch"] < 1:
+        faults.append(Fault("there must be a worker", "workers", got=str(settings["batch"]), allowed="1 or more"))
+    if not 0 <= settings["seed"] < 2**32:
+        faults.append(Fault("the seed is out of range", "seed", got=str(settings["seed"]), allowed="0 to 4294967295"))
+    if faults:
+        raise ParameterError(faults)
+
+
+def _no_result(tally: _Tally, stopped: bool) -> str:
+    if stopped:
+        return f"Stopped by the user before any trial could be completed ({len(tally.trials)} failed)."
+    reason, count = Counter(trial.reason for trial in tally.trials).most_common(1)[0]
+    return (
+        f"All {len(tally.trials)} trials failed: the twin could not be simulated anywhere. The commonest reason "
+        f"({count} times): {reason} Try: narrower bounds, a stiffer start, or softcal check."
+    )
+
+
+def _stopped_status(tally: _Tally, optimiser: Optimiser) -> str:
+    kept = " Resume the run to go on." if tally.run is not None else ""
+    return (
+        f"Stopped by the user after {len(tally.trials)} of at most {optimiser.total} trials; "
+        f"this is the best so far.{kept}"
+    )

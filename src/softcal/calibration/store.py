@@ -1,0 +1,233 @@
+"""A run folder: what was asked, every trial as soon as it is known, and at the end the result.
+
+    run.json        what is calibrated (hashes), how (settings), with what (versions)
+    trials.sqlite   one row per trial, committed as it comes; with the arrays that a resumed search needs
+    optuna.journal  the same trials for Optuna's own tools (method tpe)
+    result.json, trials.csv, response-<experiment>.csv   see `result_files`
+
+Nothing is ever overwritten unasked: a folder that holds something is refused unless the run in it is to be resumed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import sqlite3
+from collections.abc import Generator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from softcal.calibration.result import Trial
+from softcal.errors import Fault, StorageError
+
+_FORMAT = 1
+_SCHEMA = """
+CREATE TABLE IF NOT EXISTS trials (
+    number INTEGER PRIMARY KEY, theta TEXT NOT NULL, state TEXT NOT NULL, loss REAL, reason TEXT NOT NULL,
+    seconds REAL NOT NULL, n_solves INTEGER NOT NULL, n_factorisations INTEGER NOT NULL,
+    experiment_losses TEXT NOT NULL, elapsed REAL NOT NULL, payload BLOB
+)
+"""
+
+
+@dataclass(frozen=True)
+class StoredTrial:
+    """A trial on disk; elapsed [s]: wall time of the run when it was told; payload: its arrays, or None."""
+
+    trial: Trial
+    n_solves: int
+    elapsed: float
+    payload: bytes | None
+
+
+class RunStore:
+    """An open run folder. Use `create` or `resume`, and close it (or use it in `with`)."""
+
+    def __init__(self, folder: Path, settings: Mapping[str, Any]) -> None:
+        self.folder = folder
+        self.settings = dict(settings)
+        with storing(folder):
+            self._trials = sqlite3.connect(folder / "trials.sqlite", timeout=0.5, isolation_level=None)
+            # Exclusive: two processes in one folder would each undo the other's search.
+            self._trials.execute("PRAGMA locking_mode=EXCLUSIVE")
+            self._trials.execute("PRAGMA journal_mode=WAL")
+            self._trials.execute("PRAGMA synchronous=NORMAL")
+            self._trials.execute(_SCHEMA)
+
+    @classmethod
+    def create(
+        cls,
+        folder: Path,
+        *,
+        identity: Mapping[str, str],
+        settings: Mapping[str, Any],
+        versions: Mapping[str, str],
+        files: Mapping[str, str] | None = None,
+    ) -> RunStore:
+        """A new run. identity: hash by the name of what is hashed; files: texts to keep with the run, by file name.
+
+        Raises
+        ------
+        StorageError
+            Where the folder holds something already, or cannot be written.
+        """
+        with storing(folder):
+            if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+                raise StorageError(
+                    Fault(
+                        "the folder is not empty" if folder.is_dir() else "this is a file, not a folder",
+                        where=str(folder),
+                        attempt="another folder, or --resume to go on with the run in it",
+                    )
+                )
+            folder.mkdir(parents=True, exist_ok=True)
+        for name, text in (files or {}).items():
+            write_text(folder / name, text)
+        about = {"format": _FORMAT, "identity": dict(identity), "settings": dict(settings), "versions": dict(versions)}
+        write_text(folder / "run.json", json.dumps(about, indent=2))
+        return cls(folder, settings)
+
+    @classmethod
+    def resume(cls, folder: Path, *, identity: Mapping[str, str], settings: Mapping[str, Any]) -> RunStore:
+        """The run in a folder, to go on with; its settings are those it began with, but for the number of trials.
+
+        Raises
+        ------
+        StorageError
+            Where there is no run, or it calibrates something else; names every item that differs.
+        """
+        path = folder / "run.json"
+        if not path.is_file():
+            raise StorageError(Fault("there is no run to resume", where=str(folder), attempt="without --resume"))
+        with storing(path):
+            text = path.read_text(encoding="utf-8")
+        try:
+            about = json.loads(text)
+            held_identity, held_settings = dict(about["identity"]), dict(about["settings"])
+        except (ValueError, KeyError, TypeError) as error:
+            raise StorageError(Fault("the record of the run cannot be read", where=str(path))) from error
+        faults = [
+            *_differences("the run calibrates something else", path, held_identity, identity),
+            *_differences("the run was begun otherwise", path, held_settings, settings, ignored=("batch", "trials")),
+        ]
+        if held_settings.get("method") == "grid" and held_settings.get("trials") != settings.get("trials"):
+            faults += _differences(
+                "another number of trials is another grid",
+                path,
+                {"trials": held_settings.get("trials")},
+                {"trials": settings.get("trials")},
+            )
+        if faults:
+            raise StorageError(faults)
+        return cls(folder, {**held_settings, "trials": settings.get("trials")})
+
+    def __enter__(self) -> RunStore:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Give the folder free for others."""
+        with storing(self.folder):
+            self._trials.close()
+
+    def append(self, stored: StoredTrial) -> None:
+        """Keep a trial; it is on disk when this returns.
+
+        Raises
+        ------
+        StorageError
+            For a full disk or a folder that has gone.
+        """
+        trial = stored.trial
+        row = (
+            trial.number,
+            json.dumps(dict(trial.theta)),
+            trial.state,
+            trial.loss,
+            trial.reason,
+            trial.seconds,
+            stored.n_solves,
+            trial.n_factorisations,
+            json.dumps(dict(trial.experiment_losses)),
+            stored.elapsed,
+            stored.payload,
+        )
+        with storing(self.folder / "trials.sqlite"):
+            self._trials.execute("INSERT INTO trials VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", row)
+
+    def stored(self) -> dict[int, StoredTrial]:
+        """Every trial that is kept, by number.
+
+        Raises
+        ------
+        StorageError
+            Where the file cannot be read.
+        """
+        with storing(self.folder / "trials.sqlite"):
+            rows = self._trials.execute("SELECT * FROM trials ORDER BY number").fetchall()
+        found: dict[int, StoredTrial] = {}
+        for number, theta, state, loss, reason, seconds, n_solves, n_factorisations, losses, elapsed, payload in rows:
+            trial = Trial(number, json.loads(theta), state, loss, reason, seconds, n_factorisations, json.loads(losses))
+            found[number] = StoredTrial(trial, n_solves, elapsed, payload)
+        return found
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file whole or not at all.
+
+    Raises
+    ------
+    StorageError
+        Where it cannot be written; what was there before is then still there.
+    """
+    partial = path.with_name(path.name + ".part")
+    with storing(path):
+        try:
+            with partial.open("w", encoding="utf-8", newline="") as file:
+                file.write(text)
+                file.flush()
+                os.fsync(file.fileno())
+            partial.replace(path)
+        except OSError:
+            partial.unlink(missing_ok=True)
+            raise
+
+
+@contextlib.contextmanager
+def storing(path: Path) -> Generator[None]:
+    """Turn what the system says into one sentence about `path`.
+
+    Raises
+    ------
+    StorageError
+        In the place of OSError and sqlite3.Error.
+    """
+    try:
+        yield
+    except sqlite3.OperationalError as error:
+        attempt = "wait for the other calibration in this folder" if "locked" in str(error) else ""
+        raise StorageError(Fault("the run cannot be kept", where=str(path), got=str(error), attempt=attempt)) from error
+    except (OSError, sqlite3.Error) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise StorageError(
+            Fault("the run cannot be kept", where=str(path), got=reason, attempt="a folder that can be written to")
+        ) from error
+
+
+def _differences(
+    what: str, path: Path, held: Mapping[str, Any], given: Mapping[str, Any], *, ignored: tuple[str, ...] = ()
+) -> list[Fault]:
+    return [
+        Fault(f"{what}: {name}", str(path), got=_short(given.get(name)), allowed=_short(held.get(name)))
+        for name in dict.fromkeys([*held, *given])
+        if name not in ignored and held.get(name) != given.get(name)
+    ]
+
+
+def _short(value: object) -> str:
+    text = "nothing" if value is None else str(value)
+    return f"{text[:12]}…" if len(text) > 24 else text

@@ -1,0 +1,124 @@
+"""Evaluations in worker processes, or here when there is one worker; answers come in the order of the questions."""
+
+from __future__ import annotations
+
+import concurrent.futures
+import contextlib
+import copyreg
+import io
+import multiprocessing
+import os
+import pickle
+import signal
+from collections.abc import Generator, Iterator, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from types import MappingProxyType
+from typing import Any
+
+from softcal.calibration.optimiser import Proposal
+from softcal.calibration.problem import Evaluation, Problem
+from softcal.errors import CalibrationError, Fault, ParameterError
+
+_THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+
+class Evaluator:
+    """Evaluates a problem at many points with `workers` processes.
+
+    The workers are fresh interpreters (spawned, since a fork would copy locks that MKL's and Numba's threads may hold)
+    with cores // workers threads each.
+
+    Raises
+    ------
+    ParameterError
+        For less than one worker.
+    """
+
+    def __init__(self, problem: Problem, *, workers: int, jacobian: bool) -> None:
+        if workers < 1:
+            raise ParameterError(Fault("there must be a worker", "workers", got=str(workers), allowed="1 or more"))
+        self._problem, self._workers, self._jacobian = problem, workers, jacobian
+        self._pool: concurrent.futures.ProcessPoolExecutor | None = None
+        self._stack = contextlib.ExitStack()
+
+    def __enter__(self) -> Evaluator:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(wait=True, cancel_futures=True)
+        self._stack.close()
+
+    def evaluate(self, proposals: Sequence[Proposal]) -> Iterator[tuple[Proposal, Evaluation]]:
+        """Each proposal with its evaluation, in order, as soon as it is there.
+
+        Raises
+        ------
+        CalibrationError
+            Where a worker died.
+        """
+        if self._workers == 1 or (self._pool is None and len(proposals) == 1):
+            for proposal in proposals:
+                yield proposal, self._problem.evaluate(proposal.theta, jacobian=self._jacobian)
+            return
+        pool = self._pool or self._start()
+        try:
+            futures = [pool.submit(_evaluate, dict(proposal.theta), self._jacobian) for proposal in proposals]
+            for proposal, future in zip(proposals, futures, strict=True):
+                yield proposal, future.result()
+        except BrokenProcessPool as error:
+            raise CalibrationError(
+                f"A worker process ended unexpectedly at trial {proposals[0].number} or soon after, perhaps for lack of "
+                f"memory. The trials so far are kept. Try: fewer workers than {self._workers}, and resume."
+            ) from error
+
+    def _start(self) -> concurrent.futures.ProcessPoolExecutor:
+        self._stack.enter_context(_threads_per_worker(max(1, (os.cpu_count() or 1) // self._workers)))
+        self._pool = concurrent.futures.ProcessPoolExecutor(
+            self._workers,
+            mp_context=multiprocessing.get_context("spawn"),
+            initializer=_begin,
+            initargs=(_pickled(self._problem),),
+        )
+        return self._pool
+
+
+@contextlib.contextmanager
+def _threads_per_worker(threads: int) -> Generator[None]:
+    """Workers read these when their libraries are loaded, so they must be set before the workers start."""
+    before = {name: os.environ.get(name) for name in _THREAD_VARIABLES}
+    os.environ.update(dict.fromkeys(_THREAD_VARIABLES, str(threads)))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+def _pickled(problem: Problem) -> bytes:
+    buffer = io.BytesIO()
+    pickler = pickle.Pickler(buffer)
+    # Frozen mappings have no pickle of their own; a table of this pickler's leaves that of the process alone.
+    pickler.dispatch_table = {**copyreg.dispatch_table, MappingProxyType: _pickle_mapping}
+    pickler.dump(problem)
+    return buffer.getvalue()
+
+
+def _pickle_mapping(mapping: Any) -> tuple[Any, ...]:
+    return MappingProxyType, (dict(mapping),)
+
+
+_here: dict[str, Problem] = {}
+
+
+def _begin(pickled: bytes) -> None:
+    # Ctrl-C reaches the whole process group; only the parent answers it, so that no trial is lost half-told.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _here["problem"] = pickle.loads(pickled)
+
+
+def _evaluate(theta: dict[str, float], jacobian: bool) -> Evaluation:
+    return _here["problem"].evaluate(theta, jacobian=jacobian)

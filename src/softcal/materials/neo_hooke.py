@@ -15,3 +15,15 @@ NEO_HOOKE = Law(
     shear="mu",
     reference="Bonet and Wood (2008), compressible neo-Hookean material; SOFA's NeoHookean; paper A, Eqs. (2)-(3)",
 )
+
+# In CalculiX's and Abaqus' words C10 = mu/2 and D1 = 2/kappa.
+NEO_HOOKE_ISOCHORIC = Law(
+    name="neo-hooke-isochoric",
+    parameters={"youngs_modulus": "E", "poissons_ratio": "nu"},
+    symbols={"mu": SHEAR_MODULUS, "kappa": "E/(3*(1 - 2*nu))"},
+    distortional="mu/2*(J**Rational(-2, 3)*I1 - 3)",
+    volumetric_strain="J - 1",
+    bulk="kappa",
+    shear="mu",
+    reference="Isochoric split of the neo-Hookean energy; CalculiX's and Abaqus' *HYPERELASTIC, NEO HOOKE",
+)

@@ -1,0 +1,190 @@
+"""Small robots and the few steps around the engine that the tests of the mechanics share."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from softcal.geometry.mesh import TetMesh
+from softcal.geometry.primitives import box_mesh
+from softcal.geometry.quadratic import to_quadratic
+from softcal.geometry.surface import boundary_faces
+from softcal.materials.law import Law
+from softcal.mechanics.cable import build_cables
+from softcal.mechanics.layout import FIXED, FREE, Layout
+from softcal.mechanics.solid import build_solid
+from softcal.mechanics.state import State, rest_state
+from softcal.mechanics.system import Controls, Linearisation, Loads, System, build_system
+from softcal.twin.build import Twin, build_twin
+from softcal.twin.parameters import robot_parameters
+from softcal.twin.protocol import Command, Protocol
+from softcal.twin.robot import Body, Cable, Plate, Robot, ViaPoint
+
+SHARED = Path(__file__).resolve().parents[1] / ".." / "shared"
+ELEMENTS = ("P1", "P2", "P2P1")
+
+# A compressible Mooney-Rivlin solid: all of I1, I2 and J, with the cross terms that a neo-Hookean one lacks.
+MOONEY_RIVLIN = Law(
+    name="mooney-rivlin",
+    parameters={"youngs_modulus": "E", "poissons_ratio": "nu"},
+    symbols={"mu": "E/(2*(1 + nu))", "kappa": "E/(3*(1 - 2*nu))"},
+    distortional="mu*(3*(J**Rational(-2, 3)*I1 - 3) + 2*(J**Rational(-4, 3)*I2 - 3))/10",
+    volumetric_strain="J - 1",
+    bulk="kappa",
+    shear="mu",
+    reference="Rivlin and Saunders (1951), isochoric invariants",
+)
+
+
+def shared_json(name: str) -> dict:
+    """A file of ../shared/data/sofa, or a skip that says that it is not there."""
+    path = SHARED / "data" / "sofa" / name
+    if not path.exists():
+        pytest.skip(f"{path.name} is not here: ../shared is absent")
+    return json.loads(path.read_text())
+
+
+def irregular_box(
+    lengths: Sequence[float], divisions: Sequence[int], element: str, *, shift: float = 0.2, seed: int = 0
+) -> TetMesh:
+    """A box whose inner corners are moved by up to `shift` times the brick's edges; sides as node and face sets."""
+    mesh = box_mesh(lengths, divisions)
+    edges = np.array(lengths) / np.array(divisions)
+    inner = np.setdiff1d(np.arange(mesh.n_points), boundary_faces(mesh))
+    points = mesh.points.copy()
+    points[inner] += shift * edges * np.random.default_rng(seed).uniform(-1.0, 1.0, (len(inner), 3))
+    mesh = TetMesh(points, mesh.tets, dict(mesh.node_sets), dict(mesh.face_sets))
+    return mesh if element == "P1" else to_quadratic(mesh)
+
+
+def elastic(E: float = 1.0e6, nu: float = 0.3) -> dict[str, float]:
+    return {"youngs_modulus": E, "poissons_ratio": nu}
+
+
+def solid_system(
+    mesh: TetMesh, element: str, law: Law, fixed: np.ndarray, force: np.ndarray | None = None
+) -> System:
+    """One body "body" without plates or cables, the nodes `fixed` prescribed, forces (n_points, 3) [N] on the rest.
+
+    Fixed points stay where a state has them, so prescribing a displacement is moving them in the state.
+    """
+    rider = np.full(mesh.n_points, FREE, dtype=np.int64)
+    rider[fixed] = FIXED
+    solid, n_pressures = build_solid(
+        "body", law, mesh.points, mesh.tets, first_point=0, first_pressure=0 if element == "P2P1" else None
+    )
+    layout = Layout(mesh.points, rider, np.zeros((0, 3)), n_pressures, 0)
+    loads = Loads(np.zeros((mesh.n_points, 3)) if force is None else force, {})
+    return build_system(layout, (solid,), build_cables(layout.X, []), loads)
+
+
+def body_theta(parameters: Mapping[str, float]) -> dict[str, float]:
+    return {f"body.{name}": value for name, value in parameters.items()}
+
+
+def placed(system: System, x: np.ndarray) -> State:
+    """The rest state with its points put elsewhere."""
+    return replace(rest_state(system.layout), x=np.array(x))
+
+
+def held(n_cables: int = 0, tension: float = 0.0) -> Controls:
+    """Every cable's tension given."""
+    return Controls(np.ones(n_cables, dtype=bool), np.full(n_cables, tension), np.zeros(n_cables))
+
+
+def potential(system: System, state: State, controls: Controls, theta: Mapping[str, float]) -> float:
+    """The total potential [J], whose gradient and tangent `System.linearise` gives."""
+    total = 0.0
+    for solid in system.solids:
+        own = {k.removeprefix(f"{solid.name}."): v for k, v in theta.items() if k.startswith(f"{solid.name}.")}
+        total += solid.energy(state.pressure, solid.invariants(state.x), own)
+    lengths = system.cables.lengths(state.x)
+    total += float(state.tension @ np.where(controls.is_held, lengths, lengths - system.cables.rest_length))
+    total += float(state.tension @ np.where(controls.is_held, 0.0, controls.shortening))
+    return total - controls.load * float(np.sum(system.loads.total(theta) * state.x))
+
+
+def full_matrix(system: System, at: Linearisation) -> np.ndarray:
+    """The tangent as a dense symmetric matrix."""
+    import scipy.sparse as sp
+
+    n = system.layout.n_unknowns
+    upper = sp.csr_matrix((at.data, system.pattern.indices, system.pattern.indptr), shape=(n, n)).toarray()
+    return upper + np.triu(upper, 1).T
+
+
+def column_robot(
+    element: str = "P1",
+    *,
+    parameters: Mapping[str, float] | None = None,
+    divisions: Sequence[int] = (2, 2, 6),
+    gravity: Sequence[float] = (0.0, 0.0, 0.0),
+    density: float = 0.0,
+    mass: float = 0.0,
+    cables: Sequence[Cable] | None = None,
+    law: str = "neo-hooke",
+) -> Robot:
+    """A square column, 30 x 30 x 100 mm, clamped at its foot, a plate on top, a cable 50 mm off its axis in front."""
+    mesh = box_mesh((0.03, 0.03, 0.1), divisions, origin=(-0.015, -0.015, 0.0))
+    body = Body(
+        "neck",
+        mesh,
+        fixed=mesh.node_sets["z0"],
+        parameters=dict(parameters or elastic(2.3e6, 0.43)),
+        law=law,
+        element=element,
+        density=density,
+    )
+    plate = Plate(
+        "plate",
+        {"neck": mesh.node_sets["z1"]},
+        reference=np.array([0.0, 0.0, 0.1]),
+        mass=mass,
+        centre_of_mass=np.array([0.0, 0.0, 0.12]),
+    )
+    if cables is None:
+        cables = (side_cable("front", (0.05, 0.0)),)
+    return Robot((body,), (plate,), tuple(cables), gravity=np.array(gravity, dtype=float))
+
+
+def side_cable(name: str, at: Sequence[float], height: float = 0.1) -> Cable:
+    """A cable from the plate of `column_robot` straight down to the ground."""
+    return Cable(
+        name,
+        (ViaPoint(np.array([*at, height]), "plate"), ViaPoint(np.array([*at, 0.0]))),
+    )
+
+
+def pulled(*values: float, cable: str = "front") -> Protocol:
+    """Shortening [m]."""
+    return Protocol({cable: Command("shortening", np.array(values, dtype=float))})
+
+
+def tensed(*values: float, cable: str = "front") -> Protocol:
+    """Tension [N]."""
+    return Protocol({cable: Command("tension", np.array(values, dtype=float))})
+
+
+def twin_and_theta(robot: Robot) -> tuple[Twin, dict[str, float]]:
+    return build_twin(robot), {name: info.value for name, info in robot_parameters(robot).items()}
+
+
+def moved_points(robot: Robot, turn: Callable[[np.ndarray], np.ndarray], rotation: np.ndarray) -> Robot:
+    """The same robot elsewhere: every point by `turn`, every direction by `rotation`."""
+    bodies = tuple(
+        replace(b, mesh=TetMesh(turn(b.mesh.points), b.mesh.tets, dict(b.mesh.node_sets), dict(b.mesh.face_sets)))
+        for b in robot.bodies
+    )
+    plates = tuple(
+        replace(p, reference=turn(p.reference), centre_of_mass=turn(np.asarray(p.centre_of_mass)))
+        for p in robot.plates
+    )
+    cables = tuple(
+        replace(c, via_points=tuple(replace(v, at=turn(v.at)) for v in c.via_points)) for c in robot.cables
+    )
+    return replace(robot, bodies=bodies, plates=plates, cables=cables, gravity=rotation @ robot.gravity)

@@ -1,0 +1,75 @@
+"""Affine displacements of the boundary give affine ones inside; rigid motions give no stress."""
+
+import numpy as np
+import pytest
+from mechanics_cases import (
+    ELEMENTS,
+    MOONEY_RIVLIN,
+    body_theta,
+    elastic,
+    held,
+    irregular_box,
+    placed,
+    solid_system,
+)
+from scipy.spatial.transform import Rotation
+
+from softcal.geometry.surface import boundary_faces
+from softcal.materials.neo_hooke import NEO_HOOKE, NEO_HOOKE_ISOCHORIC
+from softcal.mechanics.statics import Statics
+
+LAWS = [NEO_HOOKE, NEO_HOOKE_ISOCHORIC, MOONEY_RIVLIN]
+STRETCH = np.array([[1.25, 0.1, -0.05], [0.2, 0.9, 0.15], [-0.1, 0.05, 1.1]])
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_patch_is_homogeneous(element, law):
+    mesh = irregular_box((1.0, 0.8, 1.2), (3, 3, 3), element)
+    theta = body_theta(elastic(1.0, 0.4))
+    boundary = np.unique(boundary_faces(mesh))
+    system = solid_system(mesh, element, law, boundary)
+    exact = mesh.points @ STRETCH.T + np.array([0.3, -0.2, 0.1])
+    guess = exact.copy()
+    inner = system.layout.free_points
+    guess[inner] += np.random.default_rng(1).uniform(-0.01, 0.01, (len(inner), 3))
+
+    found = Statics(system, theta).equilibrium(placed(system, guess), held())
+
+    assert found.converged, found.status
+    assert len(inner) >= 8
+    np.testing.assert_allclose(found.state.x, exact, rtol=0, atol=1e-9)
+    F, *_ = system.solids[0].invariants(found.state.x)
+    np.testing.assert_allclose(F, np.broadcast_to(STRETCH, F.shape), rtol=0, atol=1e-8)
+    if element == "P2P1":
+        J = np.linalg.det(STRETCH)
+        strain = np.log(J) if law is NEO_HOOKE else J - 1.0
+        expected = law.bulk_modulus(elastic(1.0, 0.4)) * strain
+        np.testing.assert_allclose(found.state.pressure, expected, rtol=1e-8)
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_exact_patch_has_no_inner_residual(element):
+    mesh = irregular_box((1.0, 0.8, 1.2), (3, 3, 3), element, seed=4)
+    system = solid_system(mesh, element, NEO_HOOKE, np.unique(boundary_faces(mesh)))
+    state = placed(system, mesh.points @ STRETCH.T)
+    state.pressure[:] = NEO_HOOKE.bulk_modulus(elastic(1.0, 0.4)) * np.log(np.linalg.det(STRETCH))
+
+    at = system.linearise(state, held(), body_theta(elastic(1.0, 0.4)), tangent=False)
+
+    reactions = np.abs(at.full[: 3 * system.layout.n_points]).max()
+    assert reactions > 1e-3
+    assert np.abs(at.reduced).max() < 1e-13 * max(reactions, 1.0)
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_rigid_motion_gives_no_stress(element, law):
+    mesh = irregular_box((1.0, 0.8, 1.2), (2, 2, 2), element)
+    system = solid_system(mesh, element, law, np.array([0]))
+    R = Rotation.from_rotvec([0.7, -1.9, 0.4]).as_matrix()
+    state = placed(system, mesh.points @ R.T + np.array([3.0, -1.0, 2.0]))
+
+    at = system.linearise(state, held(), body_theta(elastic(1.0, 0.45)), tangent=False)
+
+    assert np.abs(at.full).max() < 1e-13

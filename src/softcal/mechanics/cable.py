@@ -15,7 +15,6 @@ import numba
 import numpy as np
 
 from softcal.checks import Floats, Ints
-from softcal.mechanics.layout import Layout
 from softcal.mechanics.pattern import Pattern
 
 
@@ -25,8 +24,6 @@ class CablePlaces:
 
     pairs: Ints  # (n_pairs, 3)
     pair_ptr: Ints  # (n_segments + 1,)
-    coupling: Ints  # (n_supports, 3)
-    diagonal: Ints  # (n_cables,)
 
 
 @dataclass(frozen=True)
@@ -44,29 +41,22 @@ class CableTerm:
     def n_cables(self) -> int:
         return len(self.rest_length)
 
-    def connectivities(self, layout: Layout) -> list[Ints]:
-        """Entities each segment connects: its points and its cable's tension."""
-        return [
-            np.append(self.support[self.ptr[k] : self.ptr[k + 1]], layout.cable_entity(self.cable[k]))[None, :]
-            for k in range(len(self.cable))
-        ]
+    def connectivities(self) -> list[Ints]:
+        """Points each segment connects."""
+        return [self.support[None, self.ptr[k] : self.ptr[k + 1]] for k in range(len(self.cable))]
 
-    def places(self, layout: Layout, pattern: Pattern) -> CablePlaces:
+    def places(self, pattern: Pattern) -> CablePlaces:
         """Look up, once, where the segments' blocks go."""
-        pairs, pair_ptr, coupling = [], [0], []
+        pairs, pair_ptr = [], [0]
         for k in range(len(self.cable)):
             s = self.support[self.ptr[k] : self.ptr[k + 1]]
             i, j = np.triu_indices(len(s))
             pairs.append(pattern.pair(s[i], s[j]))
             pair_ptr.append(pair_ptr[-1] + len(i))
-            coupling.append(pattern.pair(s, np.full(len(s), layout.cable_entity(self.cable[k]))))
-        entity = np.arange(self.n_cables) + layout.n_points + layout.n_pressures
         empty = np.zeros((0, 3), dtype=np.int64)
         return CablePlaces(
             np.concatenate([empty, *pairs]),
             np.array(pair_ptr, dtype=np.int64),
-            np.concatenate([empty, *coupling]),
-            pattern.pair(entity, entity)[:, 0],
         )
 
     def vectors(self, x: Floats) -> Floats:
@@ -79,43 +69,24 @@ class CableTerm:
             return np.zeros(self.n_cables)
         return np.bincount(self.cable, np.linalg.norm(self.vectors(x), axis=1), minlength=self.n_cables)
 
-    def assemble(
-        self,
-        x: Floats,
-        tension: Floats,
-        shortening: Floats,
-        is_held: np.ndarray,
-        gradient: Floats,
-        first_scalar: int,
-        data: Floats | None,
-        places: CablePlaces,
-    ) -> None:
-        """Add gradient and, where `data` is given, tangent. shortening (n_cables,) [m] counts where not held."""
-        if self.n_cables == 0:
+    def assemble(self, x: Floats, tension: Floats, gradient: Floats, data: Floats | None, places: CablePlaces) -> None:
+        """Add the tensions' pull to the gradient and, where `data` is given, T times the length's second derivative."""
+        if len(self.cable) == 0:
             return
         v = self.vectors(x)
-        length = np.linalg.norm(v, axis=1)
-        total = np.bincount(self.cable, length, minlength=self.n_cables)
-        gap = np.where(is_held, 0.0, total - self.rest_length + shortening)
-        gradient[first_scalar : first_scalar + self.n_cables] += gap
         _add(
             gradient,
             np.zeros(0) if data is None else data,
             data is not None,
             v,
-            length,
+            np.sqrt((v * v).sum(axis=1)),
             self.ptr,
             self.support,
             self.sigma,
-            self.cable,
-            tension,
-            is_held,
+            tension[self.cable],
             places.pairs,
             places.pair_ptr,
-            places.coupling,
         )
-        if data is not None:
-            data[places.diagonal[is_held]] += 1.0
 
     def length_gradient(self, x: Floats, i_cable: int, n_entities_flat: int) -> Floats:
         """dL/dx of one cable as a gradient on all entities (n_entities_flat,)."""
@@ -159,13 +130,13 @@ def build_cables(
     return CableTerm(term.ptr, term.support, term.sigma, term.cable, term.lengths(layout_points))
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _add(  # type: ignore[no-untyped-def]
-    gradient, data, with_tangent, v, length, ptr, support, sigma, cable, tension, is_held, pairs, pair_ptr, coupling
+    gradient, data, with_tangent, v, length, ptr, support, sigma, tension, pairs, pair_ptr
 ):
     B = np.empty((3, 3))
-    for k in range(len(cable)):
-        T = tension[cable[k]]
+    for k in range(len(tension)):
+        T = tension[k]
         n = v[k] / length[k]
         for s in range(ptr[k], ptr[k + 1]):
             for i in range(3):
@@ -182,6 +153,3 @@ def _add(  # type: ignore[no-untyped-def]
                     for j in range(i if s == t else 0, 3):
                         data[pairs[m, i] + j] += sigma[s] * sigma[t] * B[i, j]
                 m += 1
-            if not is_held[cable[k]]:
-                for i in range(3):
-                    data[coupling[s, i]] += sigma[s] * n[i]

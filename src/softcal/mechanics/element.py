@@ -75,3 +75,13 @@ def reference_gradients(points: Floats, tets: Ints, where: str = "mesh") -> tupl
         )
     dN_dX = np.einsum("qak,eqkj->eqaj", dN_dxi, np.linalg.inv(dX_dxi))
     return np.ascontiguousarray(dN_dX), det * weights
+
+
+def nodal_volumes(points: Floats, tets: Ints) -> Floats:
+    """Integral of each node's shape function over a mesh (n_points,) [m^3]: what its density weighs there."""
+    order = 1 if tets.shape[1] == 4 else 2
+    barycentric, _ = quadrature(order)
+    _, w = reference_gradients(points, tets)
+    volumes = np.zeros(len(points))
+    np.add.at(volumes, tets, w @ shape_functions(barycentric, order))
+    return volumes

@@ -1,13 +1,15 @@
 """Which point moves how, and where its unknowns stand.
 
-Points are every body's nodes and the few extra ones that cables, masses and loads need. A point is free, fixed,
-or rides on a rigid plate. Scalars are nodal pressures and cable tensions. Points and scalars together are the
-*entities* that terms connect; the unknowns z are the free points, then six per plate, then the scalars.
+Points are every body's nodes and the few extra ones that cables, masses and loads need. A point is free, fixed, or
+rides on a rigid plate. Points and nodal pressures are the *entities* that terms connect; the unknowns z are the free
+points, then six per plate, then the pressures, then the cables' tensions. The tangent of all but the tensions is a
+sparse matrix; the few tensions border it.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -36,35 +38,30 @@ class Layout:
         return len(self.references)
 
     @property
-    def n_scalars(self) -> int:
-        return self.n_pressures + self.n_cables
-
-    @property
     def n_entities(self) -> int:
-        return self.n_points + self.n_scalars
+        return self.n_points + self.n_pressures
 
-    @property
+    @cached_property
     def free_points(self) -> Ints:
         return np.flatnonzero(self.rider == FREE)
 
-    @property
+    @cached_property
     def rigid_points(self) -> Ints:
         return np.flatnonzero(self.rider >= 0)
 
-    @property
+    @cached_property
     def first_plate_unknown(self) -> int:
         return 3 * len(self.free_points)
 
-    @property
-    def first_scalar_unknown(self) -> int:
+    @cached_property
+    def first_pressure_unknown(self) -> int:
         return self.first_plate_unknown + 6 * self.n_plates
 
-    @property
+    @cached_property
+    def first_tension_unknown(self) -> int:
+        """Also the size of the sparse matrix."""
+        return self.first_pressure_unknown + self.n_pressures
+
+    @cached_property
     def n_unknowns(self) -> int:
-        return self.first_scalar_unknown + self.n_scalars
-
-    def pressure_entity(self, i: Ints | int) -> Ints | int:
-        return self.n_points + i
-
-    def cable_entity(self, i: Ints | int) -> Ints | int:
-        return self.n_points + self.n_pressures + i
+        return self.first_tension_unknown + self.n_cables

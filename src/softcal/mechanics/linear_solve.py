@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import weakref
 from typing import Any, Protocol
 
 import numpy as np
@@ -40,14 +41,15 @@ class Pardiso:
         self._n = len(indptr) - 1
         self._analysed = False
         self._data = np.zeros(len(indices))
+        self._finalizer = weakref.finalize(self, _release, self._pt, self._iparm, self._indptr, self._indices)
         parameters = {
             0: 1,  # values given here, not defaults
             1: 2,  # nested dissection
-            7: 1,  # at most one step of iterative refinement
+            7: 0,  # no iterative refinement: Newton's method refines
             9: 8,  # pivots below 1e-8 are perturbed
             10: 0,  # no scaling, no matching: both need the values at analysis, and the tangent is well scaled
             12: 0,
-            20: 1,  # Bunch-Kaufman pivots
+            20: 0,  # pivots of one: displacements and pressures make a quasi-definite matrix
             23: 1,  # two-level factorisation
             34: 0,  # indices from one
         }
@@ -80,25 +82,51 @@ class Pardiso:
     def release(self) -> None:
         """Give the factors' memory back."""
         if self._analysed:
-            self._call(-1, np.zeros(self._n), 1)
+            self._finalizer()
             self._analysed = False
-
-    def __del__(self) -> None:
-        self.release()
 
     def _call(self, phase: int, b: Floats, n_rhs: int) -> Floats:
         x = np.zeros_like(b, order="F")
-        error = ctypes.c_int32(0)
-        as_int = [ctypes.c_int32(value) for value in (1, 1, -2, phase, self._n, n_rhs, 0)]
-        maxfct, mnum, mtype, phase_c, n, nrhs, msglvl = (ctypes.byref(value) for value in as_int)
-        _mkl().pardiso(  # type: ignore[union-attr]
-            _pointer(self._pt), maxfct, mnum, mtype, phase_c, n, _pointer(self._data), _pointer(self._indptr),
-            _pointer(self._indices), None, nrhs, _pointer(self._iparm), msglvl, _pointer(b), _pointer(x),
-            ctypes.byref(error),
-        )  # fmt: skip
-        if error.value != 0:
-            raise SimulationError(f"The tangent could not be factorised (PARDISO error {error.value}).")
+        error = _pardiso(
+            self._pt, self._iparm, self._indptr, self._indices, self._data, phase, b, x, n_rhs
+        )
+        if error != 0:
+            raise SimulationError(f"The tangent could not be factorised (PARDISO error {error}).")
         return x
+
+
+def _release(pt: Ints, iparm: np.ndarray, indptr: np.ndarray, indices: np.ndarray) -> None:
+    """Free what PARDISO holds behind a handle; also called when its owner is collected, or at exit."""
+    if pt.any():
+        n = len(indptr) - 1
+        _pardiso(pt, iparm, indptr, indices, np.zeros(1), -1, np.zeros(n), np.zeros(n), 1)
+        pt[:] = 0
+
+
+def _pardiso(
+    pt: Ints,
+    iparm: np.ndarray,
+    indptr: np.ndarray,
+    indices: np.ndarray,
+    data: Floats,
+    phase: int,
+    b: Floats,
+    x: Floats,
+    n_rhs: int,
+) -> int:
+    """One call of MKL's pardiso; its error number."""
+    error = ctypes.c_int32(0)
+    maxfct, mnum, mtype, phase_c, n, nrhs, msglvl = (
+        ctypes.c_int32(value) for value in (1, 1, -2, phase, len(indptr) - 1, n_rhs, 0)
+    )
+    permutation = np.zeros(1, dtype=np.int32)
+    by = ctypes.byref
+    _mkl().pardiso(
+        _pointer(pt), by(maxfct), by(mnum), by(mtype), by(phase_c), by(n), _pointer(data), _pointer(indptr),
+        _pointer(indices), _pointer(permutation), by(nrhs), _pointer(iparm), by(msglvl), _pointer(b), _pointer(x),
+        by(error),
+    )  # fmt: skip
+    return int(error.value)
 
 
 class SuperLU:

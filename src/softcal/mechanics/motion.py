@@ -31,39 +31,25 @@ class Motion:
         return np.concatenate([[1.0], np.concatenate([r, -r], axis=1).ravel()])
 
     def reduce_gradient(self, state: State, gradient: Floats) -> Floats:
-        """P^T g for a gradient g on all entities (3 n_points + n_scalars,) -> (n_unknowns,)."""
+        """P^T g for a gradient g on all entities (3 n_points + n_pressures,) -> (n_unknowns - n_cables,)."""
         layout = self.layout
         n = 3 * layout.n_points
-        f = gradient[:n].reshape(-1, 3)
-        out = np.empty(layout.n_unknowns)
-        out[: layout.first_plate_unknown] = f[layout.free_points].ravel()
-        plates = np.zeros((layout.n_plates, 6))
-        rigid = layout.rigid_points
-        if len(rigid):
-            k = layout.rider[rigid]
-            r = state.x[rigid] - state.position[k]
-            np.add.at(plates, k, np.concatenate([f[rigid], np.cross(r, f[rigid])], axis=1))
-        out[layout.first_plate_unknown : layout.first_scalar_unknown] = plates.ravel()
-        out[layout.first_scalar_unknown :] = gradient[n:]
+        out = np.empty(layout.first_tension_unknown)
+        out[: layout.first_plate_unknown] = gradient[:n].reshape(-1, 3)[layout.free_points].ravel()
+        out[layout.first_plate_unknown : layout.first_pressure_unknown] = 0.0
+        _gather(
+            out[layout.first_plate_unknown :], gradient, state.x, state.position, layout.rigid_points, layout.rider
+        )
+        out[layout.first_pressure_unknown :] = gradient[n:]
         return out
 
     def reduce_tangent(self, state: State, gradient: Floats, data: Floats) -> None:
         """Fold the side blocks of `data` into the triangle, and add what the forces do as the plates turn."""
-        _fold(data, self.source, self.weight_a, self.weight_b, self.target, self.weights(state))
         layout = self.layout
-        rigid = layout.rigid_points
-        if len(rigid) == 0:
+        if len(layout.rigid_points) == 0:
             return
-        k = layout.rider[rigid]
-        f = gradient[: 3 * layout.n_points].reshape(-1, 3)[rigid]
-        r = state.x[rigid] - state.position[k]
-        # d2/domega2 of f . exp(omega) r at zero: (r f^T + f r^T)/2 - (f . r) I
-        rf = np.einsum("ni,nj->nij", r, f)
-        H = 0.5 * (rf + np.swapaxes(rf, 1, 2)) - np.einsum("ni,ni->n", r, f)[:, None, None] * np.eye(3)
-        total = np.zeros((layout.n_plates, 3, 3))
-        np.add.at(total, k, H)
-        i, j = np.triu_indices(3)
-        data[self.plate_diagonal[:, i, j]] += total[:, i, j]
+        _fold(data, self.source, self.weight_a, self.weight_b, self.target, self.weights(state))
+        _turn(data, gradient, state.x, state.position, layout.rigid_points, layout.rider, self.plate_diagonal)
 
 
 def build_motion(layout: Layout, pattern: Pattern) -> Motion:
@@ -71,7 +57,7 @@ def build_motion(layout: Layout, pattern: Pattern) -> Motion:
     weight_of = np.zeros(layout.n_points, dtype=np.int64)
     rigid = layout.rigid_points
     weight_of[rigid] = 1 + 6 * np.arange(len(rigid))
-    lists = triple_product(layout, pattern, weight_of)
+    lists = (values.astype(np.int32) for values in triple_product(layout, pattern, weight_of))
     diagonal = np.zeros((layout.n_plates, 3, 3), dtype=np.int64)
     for p in range(layout.n_plates):
         omega = layout.first_plate_unknown + 6 * p + 3 + np.arange(3)
@@ -81,7 +67,37 @@ def build_motion(layout: Layout, pattern: Pattern) -> Motion:
     return Motion(layout, *lists, diagonal)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _fold(data, source, weight_a, weight_b, target, w):  # type: ignore[no-untyped-def]
     for k in range(len(source)):
         data[target[k]] += data[source[k]] * w[weight_a[k]] * w[weight_b[k]]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _gather(out, gradient, x, position, rigid, rider):  # type: ignore[no-untyped-def]
+    """Forces and moments of the rigid points on their plates."""
+    for p in rigid:
+        k = rider[p]
+        f0, f1, f2 = gradient[3 * p], gradient[3 * p + 1], gradient[3 * p + 2]
+        r0, r1, r2 = x[p, 0] - position[k, 0], x[p, 1] - position[k, 1], x[p, 2] - position[k, 2]
+        out[6 * k] += f0
+        out[6 * k + 1] += f1
+        out[6 * k + 2] += f2
+        out[6 * k + 3] += r1 * f2 - r2 * f1
+        out[6 * k + 4] += r2 * f0 - r0 * f2
+        out[6 * k + 5] += r0 * f1 - r1 * f0
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _turn(data, gradient, x, position, rigid, rider, diagonal):  # type: ignore[no-untyped-def]
+    """d2/domega2 of f . exp(omega) r at zero: (r f^T + f r^T)/2 - (f . r) I."""
+    for p in rigid:
+        k = rider[p]
+        fr = 0.0
+        for i in range(3):
+            fr += gradient[3 * p + i] * (x[p, i] - position[k, i])
+        for i in range(3):
+            for j in range(i, 3):
+                ri, rj = x[p, i] - position[k, i], x[p, j] - position[k, j]
+                h = 0.5 * (ri * gradient[3 * p + j] + gradient[3 * p + i] * rj)
+                data[diagonal[k, i, j]] += h - fr if i == j else h

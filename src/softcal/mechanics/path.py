@@ -74,9 +74,9 @@ def node_at(statics: Statics, line: Line, c: float, state: State, names: tuple[s
     by_control = _rate_of_gradient(statics, line, state)
     by_theta = statics.system.gradient_by_parameters(state, at, statics.theta, names)
     dz = -statics.solve(np.column_stack([by_control, by_theta]))
-    # A held cable's tension is given: its row is "its own change".
-    first = statics.system.layout.first_scalar_unknown + statics.system.layout.n_pressures
-    dz[first:][line.is_held, 0] = line.tension_rate[line.is_held]
+    # A held cable's tension is given: its rate is the line's.
+    tensions = dz[statics.system.layout.first_tension_unknown :]
+    tensions[line.is_held, 0] = line.tension_rate[line.is_held]
     return Node(c, state, dz[:, 0], dz[:, 1:])
 
 
@@ -153,13 +153,13 @@ def _rate_of_gradient(statics: Statics, line: Line, state: State) -> Floats:
     """d reduced gradient / dc at fixed z."""
     system = statics.system
     layout = system.layout
-    full = np.zeros(3 * layout.n_points + layout.n_scalars)
-    first = 3 * layout.n_points + layout.n_pressures
+    rate = np.zeros(layout.n_unknowns)
+    rate[layout.first_tension_unknown :] = np.where(line.is_held, 0.0, line.shortening_rate)
+    inner = rate[: layout.first_tension_unknown]
     if line.load_rate != 0.0:
-        full[: 3 * layout.n_points] -= line.load_rate * system.loads.total(statics.theta).ravel()
-    for i in range(layout.n_cables):
-        if not line.is_held[i]:
-            full[first + i] += line.shortening_rate[i]
-        elif line.tension_rate[i] != 0.0:
-            full += line.tension_rate[i] * system.cables.length_gradient(state.x, i, len(full))
-    return system.motion.reduce_gradient(state, full)
+        full = np.zeros(3 * layout.n_points + layout.n_pressures)
+        full[: 3 * layout.n_points] = -line.load_rate * system.loads.total(statics.theta).ravel()
+        inner += system.motion.reduce_gradient(state, full)
+    for i in np.flatnonzero(line.is_held & (line.tension_rate != 0.0)):
+        inner += line.tension_rate[i] * system.length_gradient(state, int(i))
+    return rate

@@ -10,6 +10,7 @@ iteration.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numba
 import numpy as np
@@ -35,6 +36,11 @@ class Pattern:
     side_pairs: Ints
     n_entities: int
 
+    @cached_property
+    def rows(self) -> Ints:
+        """The row of every entry of the triangle (nnz,)."""
+        return np.repeat(np.arange(len(self.indptr) - 1), np.diff(self.indptr))
+
     def pair(self, a: Ints, b: Ints) -> Ints:
         """Start positions (..., 3) of the pairs (a, b), a <= b."""
         k = np.searchsorted(self.keys, a * np.int64(self.n_entities) + b)
@@ -43,8 +49,7 @@ class Pattern:
     def entry(self, alpha: Ints, beta: Ints) -> Ints:
         """Places in `data` of the tangent's entries (alpha, beta), alpha <= beta, by numbers of unknowns."""
         n = np.int64(len(self.indptr) - 1)
-        rows = np.repeat(np.arange(n), np.diff(self.indptr))
-        return np.searchsorted(rows * n + self.indices, alpha * n + beta)
+        return np.searchsorted(self.rows * n + self.indices, alpha * n + beta)
 
 
 def build_pattern(layout: Layout, connectivities: list[Ints]) -> Pattern:
@@ -64,8 +69,8 @@ def build_pattern(layout: Layout, connectivities: list[Ints]) -> Pattern:
     reduced[free] = np.arange(n_free)
     rigid = layout.rigid_points
     reduced[rigid] = n_free + layout.rider[rigid]
-    reduced[layout.n_points :] = n_free + n_plates + np.arange(layout.n_scalars)
-    sizes = np.concatenate([np.full(n_free, 3), np.full(n_plates, 6), np.ones(layout.n_scalars, int)]).astype(np.int64)
+    reduced[layout.n_points :] = n_free + n_plates + np.arange(layout.n_pressures)
+    sizes = np.concatenate([np.full(n_free, 3), np.full(n_plates, 6), np.ones(layout.n_pressures, int)]).astype(np.int64)
     first = np.concatenate([[0], np.cumsum(sizes)])
     n_red = np.int64(len(sizes))
 
@@ -163,7 +168,7 @@ def _row(layout: Layout, weight_of: Ints, entity: Ints, i: int) -> list[tuple[In
     rigid = is_point & (rider >= 0)
     free_number = np.cumsum(layout.rider == FREE) - 1
     plate = layout.first_plate_unknown + 6 * np.maximum(rider, 0)
-    scalar = layout.first_scalar_unknown + entity - layout.n_points
+    scalar = layout.first_pressure_unknown + entity - layout.n_points
     own = np.where(is_point, np.where(rigid, plate + i, 3 * free_number[point] + i), scalar)
     one = np.zeros(len(entity), dtype=np.int64)
     everywhere = rider != FIXED

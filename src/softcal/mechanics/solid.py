@@ -10,7 +10,7 @@ import numpy as np
 from softcal.checks import Floats, Ints
 from softcal.materials.law import CompiledLaw, Law, compile_law, stacked
 from softcal.mechanics import solid_kernels
-from softcal.mechanics.element import quadrature, reference_gradients, shape_functions
+from softcal.mechanics.element import quadrature, reference_gradients
 from softcal.mechanics.pattern import Pattern
 
 
@@ -40,7 +40,6 @@ class SolidTerm:
     w: Floats
     pressure_conn: Ints
     N_p: Floats
-    nodal_volume: Floats  # (n_tets, n_a): integral of each shape function [m^3]
 
     @property
     def is_mixed(self) -> bool:
@@ -161,14 +160,12 @@ class SolidTerm:
 def build_solid(
     name: str, law: Law, points: Floats, tets: Ints, *, first_point: int, first_pressure: int | None
 ) -> tuple[SolidTerm, int]:
-    """The term of one body and its number of pressures; `first_pressure` None for a pure displacement element."""
+    """The term of some tets of a body and its number of pressures; no pressures with `first_pressure` None."""
     dN, w = reference_gradients(points, tets, where=name)
     order = np.argsort(tets, axis=1)
     conn = np.take_along_axis(tets, order, axis=1) + first_point
     dN = np.take_along_axis(dN, order[:, None, :, None], axis=2)
     barycentric, _ = quadrature(1 if tets.shape[1] == 4 else 2)
-    N = shape_functions(barycentric, 1 if tets.shape[1] == 4 else 2)
-    nodal_volume = np.einsum("eq,qea->ea", w, N[:, order])
     n_tets, n_q = w.shape
     if first_pressure is None:
         pressure_conn = np.zeros((n_tets, 0), dtype=np.int64)
@@ -190,6 +187,5 @@ def build_solid(
         w,
         pressure_conn,
         np.ascontiguousarray(N_p),
-        nodal_volume,
     )
     return term, n_pressures

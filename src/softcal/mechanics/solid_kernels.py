@@ -14,8 +14,11 @@ from __future__ import annotations
 import numba
 import numpy as np
 
+# Sums may be reordered and contracted; NaN and infinity keep their meaning.
+FAST = {"contract", "reassoc", "nsz"}
 
-@numba.njit(cache=True)
+
+@numba.njit(cache=True, error_model="numpy", fastmath=FAST)
 def kinematics(x, conn, dN, F, I1, I2, J):  # type: ignore[no-untyped-def]
     n, n_q, n_a, _ = dN.shape
     for e in range(n):
@@ -50,7 +53,7 @@ def kinematics(x, conn, dN, F, I1, I2, J):  # type: ignore[no-untyped-def]
             )
 
 
-@numba.njit(cache=True, inline="always")
+@numba.njit(cache=True, error_model="numpy", fastmath=FAST, inline="always")
 def _cofactor(f, c):  # type: ignore[no-untyped-def]
     c[0, 0] = f[1, 1] * f[2, 2] - f[1, 2] * f[2, 1]
     c[0, 1] = f[1, 2] * f[2, 0] - f[1, 0] * f[2, 2]
@@ -63,7 +66,7 @@ def _cofactor(f, c):  # type: ignore[no-untyped-def]
     c[2, 2] = f[0, 0] * f[1, 1] - f[0, 1] * f[1, 0]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy", fastmath=FAST)
 def add_gradient(gradient, conn, dN, w, F, I1, J, coefficients):  # type: ignore[no-untyped-def]
     n, n_q, n_a, _ = dN.shape
     cof = np.empty((3, 3))
@@ -96,7 +99,7 @@ def add_gradient(gradient, conn, dN, w, F, I1, J, coefficients):  # type: ignore
                     gradient[at + i] += P[i, 0] * d0 + P[i, 1] * d1 + P[i, 2] * d2
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy", fastmath=FAST)
 def add_tangent(data, places, dN, w, F, J, coefficients):  # type: ignore[no-untyped-def]
     """The tangent of a law without second derivatives in I1 and I2 (neo-Hookean and its like)."""
     n, n_q, n_a, _ = dN.shape
@@ -164,7 +167,7 @@ def add_tangent(data, places, dN, w, F, J, coefficients):  # type: ignore[no-unt
                 b = a
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy", fastmath=FAST)
 def add_tangent_general(data, places, dN, w, F, I1, J, coefficients):  # type: ignore[no-untyped-def]
     """The tangent of any law in I1, I2, J."""
     n, n_q, n_a, _ = dN.shape
@@ -226,7 +229,7 @@ def add_tangent_general(data, places, dN, w, F, I1, J, coefficients):  # type: i
                     m += 1
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy", fastmath=FAST)
 def interpolate(pressure, pressure_conn, N_p):  # type: ignore[no-untyped-def]
     n, n_q, n_b = N_p.shape
     p = np.zeros((n, n_q))
@@ -237,7 +240,7 @@ def interpolate(pressure, pressure_conn, N_p):  # type: ignore[no-untyped-def]
     return p
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy", fastmath=FAST)
 def add_volume_gradient(gradient, n_x, pressure_conn, N_p, w, value):  # type: ignore[no-untyped-def]
     n, n_q, n_b = N_p.shape
     for e in range(n):
@@ -247,7 +250,7 @@ def add_volume_gradient(gradient, n_x, pressure_conn, N_p, w, value):  # type: i
                 gradient[n_x + pressure_conn[e, b]] += v * N_p[e, q, b]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy", fastmath=FAST)
 def add_coupling(data, coupling, pressure_places, dN, w, F, J, N_p, dg, compliance):  # type: ignore[no-untyped-def]
     """Displacement-pressure blocks g'(J) c_a N_b and pressure blocks -N_b N_d / kappa."""
     n, n_q, n_a, _ = dN.shape

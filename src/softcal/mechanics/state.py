@@ -38,19 +38,18 @@ def moved(layout: Layout, state: State, dz: Floats) -> State:
     x = state.x.copy()
     free = layout.free_points
     x[free] += dz[: 3 * len(free)].reshape(-1, 3)
-    plates = dz[layout.first_plate_unknown : layout.first_scalar_unknown].reshape(-1, 6)
+    plates = dz[layout.first_plate_unknown : layout.first_pressure_unknown].reshape(-1, 6)
     position = state.position + plates[:, :3]
     rotation = exponential(plates[:, 3:]) @ state.rotation
     rigid = layout.rigid_points
     k = layout.rider[rigid]
     x[rigid] = position[k] + np.einsum("nij,nj->ni", rotation[k], layout.X[rigid] - layout.references[k])
-    scalars = dz[layout.first_scalar_unknown :]
     return State(
         x=x,
         position=position,
         rotation=rotation,
-        pressure=state.pressure + scalars[: layout.n_pressures],
-        tension=state.tension + scalars[layout.n_pressures :],
+        pressure=state.pressure + dz[layout.first_pressure_unknown : layout.first_tension_unknown],
+        tension=state.tension + dz[layout.first_tension_unknown :],
     )
 
 

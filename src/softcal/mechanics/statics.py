@@ -16,7 +16,10 @@ from softcal.mechanics.system import Controls, Linearisation, System, solid_thet
 TOLERANCE = 1e-9  # residual over its scale
 MAX_ITERATIONS = 25
 REUSE_BELOW = 0.1  # a factorisation is kept while each step shrinks the residual at least tenfold
+SMALL_START = 1e-3  # and from a first residual as small as this
 MAX_CUTS = 8  # halvings of a step that would invert an element
+LARGEST_TURN = 1.0  # [rad] of a plate in one step
+LARGEST_MOVE = 0.33  # of the robot's extent in one step
 
 
 @dataclass(frozen=True)
@@ -31,7 +34,15 @@ class Equilibrium:
 
 
 class Statics:
-    """A system at parameters theta, and the factorisation of its tangent that goes from solve to solve."""
+    """A system at parameters theta, and the factorisation of its tangent that goes from solve to solve.
+
+    The tangent of all unknowns but the tensions is sparse; with B = dL/dz of the cables prescribed in length,
+
+        [ K   B ] [dz]   [b]
+        [ B^T 0 ] [dT] = [c]    =>  dT = (B^T K^-1 B)^-1 (B^T K^-1 b - c),  dz = K^-1 (b - B dT)
+
+    so the factorisation never meets the zero on the diagonal.
+    """
 
     def __init__(self, system: System, theta: Mapping[str, float]) -> None:
         self.system = system
@@ -45,72 +56,89 @@ class Statics:
         volume = sum(float(s.w.sum()) for s in system.solids)
         self._volume = volume / max(layout.n_pressures, 1)
         self._unit = _units(system, shear, self._length)
-        rows = np.repeat(np.arange(layout.n_unknowns), np.diff(system.pattern.indptr))
-        self._unit_entries = self._unit[rows] * self._unit[system.pattern.indices]
+        self._unit_entries = self._unit[system.pattern.rows] * self._unit[system.pattern.indices]
+        self._border = np.zeros((layout.first_tension_unknown, 0))
+        self._border_solved = self._border
+        self._taut = np.zeros(0, dtype=np.int64)
 
     def norm(self, at: Linearisation) -> float:
         """The residual over its scale: forces over the reactions, volumes over a node's, lengths over the robot's."""
         layout = self.system.layout
-        n_plate, n_scalar = layout.first_plate_unknown, layout.first_scalar_unknown
-        force = max(float(np.linalg.norm(at.full[: 3 * layout.n_points])), self._force_floor)
-        plates = at.reduced[n_plate:n_scalar].reshape(-1, 6)
-        scalars = at.reduced[n_scalar:]
+        f = at.full[: 3 * layout.n_points]
+        force = max(float(np.sqrt(f @ f)), self._force_floor)
+        plates = at.reduced[layout.first_plate_unknown : layout.first_pressure_unknown].reshape(-1, 6)
         parts = (
-            np.linalg.norm(at.reduced[:n_plate]) / force,
-            np.linalg.norm(plates[:, :3]) / force,
-            np.linalg.norm(plates[:, 3:]) / (force * self._length),
-            np.linalg.norm(scalars[: layout.n_pressures]) / self._volume,
-            np.linalg.norm(scalars[layout.n_pressures :]) / self._length,
+            at.reduced[: layout.first_plate_unknown] / force,
+            plates[:, :3].ravel() / force,
+            plates[:, 3:].ravel() / (force * self._length),
+            at.reduced[layout.first_pressure_unknown : layout.first_tension_unknown] / self._volume,
+            at.reduced[layout.first_tension_unknown :] / self._length,
         )
-        return float(max(parts))
+        return float(np.sqrt(max(part @ part for part in parts)))
 
     def factorise(self, at: Linearisation) -> None:
-        """Factorise the tangent of a linearisation, for the solves to come."""
-        assert at.data is not None  # noqa: S101
+        """Factorise the tangent of a linearisation, for the solves to come.
+
+        Raises
+        ------
+        SimulationError
+            Where the tangent is singular.
+        """
+        if at.data is None:
+            raise SimulationError("There is no tangent to factorise.")
         self._factors.factorise(at.data * self._unit_entries)
         self.n_factorisations += 1
+        self._taut = np.flatnonzero(at.border.any(axis=0))
+        self._border = at.border[:, self._taut]
+        self._border_solved = self._sparse_solve(self._border)
 
     def solve(self, b: Floats) -> Floats:
-        """K^-1 b with the tangent factorised last; b (n_unknowns,) or (n_unknowns, k)."""
-        unit = self._unit if b.ndim == 1 else self._unit[:, None]
-        return unit * self._factors.solve(unit * b)
+        """The unknowns' response to b (n_unknowns,) or (n_unknowns, k), with the tangent factorised last."""
+        n = self.system.layout.first_tension_unknown
+        columns = b.reshape(len(b), -1)
+        out = np.zeros_like(columns)
+        y = self._sparse_solve(columns[:n])
+        if len(self._taut):
+            schur = self._border.T @ self._border_solved
+            tension = np.linalg.solve(schur, self._border.T @ y - columns[n + self._taut])
+            y = y - self._border_solved @ tension
+            out[n + self._taut] = tension
+        out[:n] = y
+        return out.reshape(b.shape)
 
     def equilibrium(self, guess: State, controls: Controls) -> Equilibrium:
         """Newton's method from a guess. Never raises for a solve that fails: the status says why."""
-        system, layout = self.system, self.system.layout
-        tension = np.where(controls.is_held, controls.tension, guess.tension)
-        state = replace(guess, tension=tension)
-        refresh = True
-        previous = np.inf
+        system = self.system
+        state = replace(guess, tension=np.where(controls.is_held, controls.tension, guess.tension))
+        at = system.linearise(state, controls, self.theta)
+        if at.J_min <= 0.0:
+            return Equilibrium(state, False, 0, np.inf, f"the guess inverts an element (J = {at.J_min:.2g})")
+        previous = residual = np.inf
         for iteration in range(MAX_ITERATIONS):
-            at = system.linearise(state, controls, self.theta, tangent=refresh)
-            if at.J_min <= 0.0:
-                return Equilibrium(state, False, iteration, np.inf, _inverted(at.J_min))
             residual = self.norm(at)
-            if not np.isfinite(residual):
-                return Equilibrium(state, False, iteration, residual, "the residual is not finite")
             if residual < TOLERANCE:
                 return Equilibrium(state, True, iteration, residual)
-            if residual > 1e3 * previous or residual > 1e6:
+            if not residual < min(1e3 * previous, 1e6):
                 return Equilibrium(
                     state, False, iteration, residual, f"Newton's method diverged (residual {residual:.1e})"
                 )
             try:
-                if refresh:
+                if at.data is not None:
                     self.factorise(at)
                 dz = -self.solve(at.reduced)
-            except SimulationError as error:
-                return Equilibrium(state, False, iteration, residual, str(error))
+            except (SimulationError, np.linalg.LinAlgError) as error:
+                return Equilibrium(state, False, iteration, residual, f"the tangent is singular: {error}")
             step = self._limited(dz)
-            if step < 1.0 and not refresh:  # an old tangent may point astray; a fresh one says whether it did
-                refresh, previous = True, np.inf
-                continue
-            candidate = self._admissible(state, step * dz)
-            if candidate is None:
+            serves = step == 1.0 and residual < (SMALL_START if np.isinf(previous) else REUSE_BELOW * previous)
+            for _ in range(MAX_CUTS):
+                candidate = moved(system.layout, state, step * dz)
+                at = system.linearise(candidate, controls, self.theta, tangent=not serves)
+                if at.J_min > 0.0:
+                    break
+                step, serves = 0.5 * step, False
+            else:
                 return Equilibrium(state, False, iteration, residual, "every step inverts an element (J <= 0)")
-            state = candidate
-            refresh = not self._serves(residual, previous)
-            previous = residual
+            state, previous = candidate, residual
         return Equilibrium(
             state,
             False,
@@ -120,7 +148,13 @@ class Statics:
         )
 
     def tangent_at(self, state: State, controls: Controls) -> Linearisation:
-        """Linearise and factorise at an equilibrium, for predictors and sensitivities."""
+        """Linearise and factorise at an equilibrium, for predictors and sensitivities.
+
+        Raises
+        ------
+        SimulationError
+            Where the tangent is singular.
+        """
         at = self.system.linearise(state, controls, self.theta)
         self.factorise(at)
         return at
@@ -129,24 +163,18 @@ class Statics:
         """Give the factors' memory back."""
         self._factors.release()
 
-    def _serves(self, residual: float, previous: float) -> bool:
-        return residual < 1e-3 if not np.isfinite(previous) else residual < REUSE_BELOW * previous
+    def _sparse_solve(self, b: Floats) -> Floats:
+        if b.shape[1] == 0:
+            return b
+        return self._unit[:, None] * self._factors.solve(self._unit[:, None] * b)
 
     def _limited(self, dz: Floats) -> float:
-        """A step length that turns no plate by more than a radian and moves no point by more than a third of the robot."""
+        """A step length that neither turns a plate nor moves a point too far at once."""
         layout = self.system.layout
-        plates = dz[layout.first_plate_unknown : layout.first_scalar_unknown].reshape(-1, 6)
+        plates = dz[layout.first_plate_unknown : layout.first_pressure_unknown].reshape(-1, 6)
         turn = float(np.abs(plates[:, 3:]).max(initial=0.0))
         move = float(np.abs(dz[: layout.first_plate_unknown]).max(initial=0.0)) / self._length
-        return min(1.0, 1.0 / max(turn, 1e-300), 0.33 / max(move, 1e-300))
-
-    def _admissible(self, state: State, dz: Floats) -> State | None:
-        for _ in range(MAX_CUTS):
-            candidate = moved(self.system.layout, state, dz)
-            if all(float(solid.invariants(candidate.x)[3].min()) > 0.0 for solid in self.system.solids):
-                return candidate
-            dz = 0.5 * dz
-        return None
+        return min(1.0, LARGEST_TURN / max(turn, 1e-300), LARGEST_MOVE / max(move, 1e-300))
 
 
 def _units(system: System, shear: float, length: float) -> Floats:
@@ -155,13 +183,8 @@ def _units(system: System, shear: float, length: float) -> Floats:
     n_tets = sum(len(s.conn) for s in system.solids)
     volume = sum(float(s.w.sum()) for s in system.solids)
     h = (6.0 * volume / n_tets) ** (1.0 / 3.0)
-    unit = np.ones(layout.n_unknowns)
-    plates = unit[layout.first_plate_unknown : layout.first_scalar_unknown].reshape(-1, 6)
+    unit = np.ones(layout.first_tension_unknown)
+    plates = unit[layout.first_plate_unknown : layout.first_pressure_unknown].reshape(-1, 6)
     plates[:, 3:] = 4.0 / length
-    unit[layout.first_scalar_unknown :] = shear / h
-    unit[layout.first_scalar_unknown + layout.n_pressures :] = shear * h
+    unit[layout.first_pressure_unknown :] = shear / h
     return unit
-
-
-def _inverted(J: float) -> str:
-    return f"an element is inverted (J = {J:.2g})"

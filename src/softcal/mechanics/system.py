@@ -47,13 +47,18 @@ class Loads:
 
 @dataclass(frozen=True)
 class Linearisation:
-    """Gradient and tangent at a state. full: gradient on all entities; reduced: on the unknowns; J_min: the smallest
-    volume ratio; data: the tangent's triangle, or None."""
+    """Gradient and tangent at a state.
+
+    full: gradient on all entities; reduced: on the unknowns; J_min: the smallest volume ratio; data: the sparse
+    tangent's triangle, or None; border: dL/dz of the cables prescribed in length (n_unknowns - n_cables, n_cables),
+    zero for a held one.
+    """
 
     full: Floats
     reduced: Floats
     J_min: float
     data: Floats | None
+    border: Floats
     kinematics: tuple[tuple[Floats, Floats, Floats, Floats], ...]
 
 
@@ -79,28 +84,35 @@ class System:
         kinematics = tuple(solid.invariants(state.x) for solid in self.solids)
         J_min = min(float(k[3].min()) for k in kinematics)
         if not J_min > 0.0:
-            return Linearisation(np.zeros(0), np.zeros(0), J_min, None, kinematics)
-        full = np.zeros(3 * layout.n_points + layout.n_scalars)
+            return Linearisation(np.zeros(0), np.zeros(0), J_min, None, np.zeros((0, 0)), kinematics)
+        full = np.zeros(3 * layout.n_points + layout.n_pressures)
         data = np.zeros(self.pattern.size) if tangent else None
         for solid, places, known in zip(self.solids, self.solid_places, kinematics, strict=True):
             solid.assemble(state.x, state.pressure, known, solid_theta(theta, solid.name), full, data, places)
-        first_cable = 3 * layout.n_points + layout.n_pressures
-        self.cables.assemble(
-            state.x, state.tension, controls.shortening, controls.is_held, full, first_cable, data, self.cable_places
-        )
+        self.cables.assemble(state.x, state.tension, full, data, self.cable_places)
         full[: 3 * layout.n_points] -= controls.load * self.loads.total(theta).ravel()
-        reduced = self.motion.reduce_gradient(state, full)
-        if data is not None:
-            self.motion.reduce_tangent(state, full, data)
-            data = data[: self.pattern.nnz]
-        return Linearisation(full, reduced, J_min, data, kinematics)
+        gap = self.cables.lengths(state.x) - self.cables.rest_length + controls.shortening
+        reduced = np.concatenate([self.motion.reduce_gradient(state, full), np.where(controls.is_held, 0.0, gap)])
+        if data is None:
+            return Linearisation(full, reduced, J_min, None, np.zeros((0, 0)), kinematics)
+        self.motion.reduce_tangent(state, full, data)
+        border = np.zeros((layout.first_tension_unknown, layout.n_cables))
+        for i in np.flatnonzero(~controls.is_held):
+            border[:, i] = self.length_gradient(state, int(i))
+        return Linearisation(full, reduced, J_min, data[: self.pattern.nnz], border, kinematics)
+
+    def length_gradient(self, state: State, i_cable: int) -> Floats:
+        """dL/dz of one cable on the unknowns but the tensions (n_unknowns - n_cables,)."""
+        layout = self.layout
+        full = self.cables.length_gradient(state.x, i_cable, 3 * layout.n_points + layout.n_pressures)
+        return self.motion.reduce_gradient(state, full)
 
     def gradient_by_parameters(
         self, state: State, at: Linearisation, theta: Mapping[str, float], names: tuple[str, ...]
     ) -> Floats:
         """d reduced gradient / d parameter, (n_unknowns, n_names)."""
         layout = self.layout
-        full = {name: np.zeros(3 * layout.n_points + layout.n_scalars) for name in names}
+        full = {name: np.zeros(3 * layout.n_points + layout.n_pressures) for name in names}
         for solid, known in zip(self.solids, at.kinematics, strict=True):
             own = {
                 name.removeprefix(f"{solid.name}."): full[name] for name in names if name.startswith(f"{solid.name}.")
@@ -109,13 +121,15 @@ class System:
         for name, unit in self.loads.per_unit.items():
             if name in full:
                 full[name][: 3 * layout.n_points] -= unit.ravel()
-        columns = [self.motion.reduce_gradient(state, full[name]) for name in names]
-        return np.stack(columns, axis=1) if columns else np.zeros((layout.n_unknowns, 0))
+        out = np.zeros((layout.n_unknowns, len(names)))
+        for k, name in enumerate(names):
+            out[: layout.first_tension_unknown, k] = self.motion.reduce_gradient(state, full[name])
+        return out
 
 
 def build_system(layout: Layout, solids: tuple[SolidTerm, ...], cables: CableTerm, loads: Loads) -> System:
     """Plan the pattern of all terms together."""
-    connectivities = [solid.connectivity(layout.n_points) for solid in solids] + cables.connectivities(layout)
+    connectivities = [solid.connectivity(layout.n_points) for solid in solids] + cables.connectivities()
     pattern = build_pattern(layout, connectivities)
     volume = sum(float(solid.w.sum()) for solid in solids)
     extent = float(np.linalg.norm(np.ptp(layout.X, axis=0)))
@@ -126,7 +140,7 @@ def build_system(layout: Layout, solids: tuple[SolidTerm, ...], cables: CableTer
         solids=solids,
         solid_places=tuple(solid.places(pattern, layout.n_points) for solid in solids),
         cables=cables,
-        cable_places=cables.places(layout, pattern),
+        cable_places=cables.places(pattern),
         loads=loads,
         stiffness_length=volume / extent**2,
     )

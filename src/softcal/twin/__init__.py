@@ -1,0 +1,1 @@
+"""What the robot is, what is done to it, and what its sensors would read."""

@@ -15,7 +15,7 @@ from softcal.geometry.mesh import TET_EDGES, TetMesh
 from softcal.geometry.quadratic import to_linear, to_quadratic
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.cable import build_cables
-from softcal.mechanics.element import shape_functions
+from softcal.mechanics.element import nodal_volumes, shape_functions
 from softcal.mechanics.layout import FIXED, FREE, Layout
 from softcal.mechanics.solid import SolidTerm, build_solid
 from softcal.mechanics.system import Loads, System, build_system
@@ -57,7 +57,8 @@ def build_twin(robot: Robot) -> Twin:
     for body in robot.bodies:
         mesh = _element_mesh(body)
         meshes[body.name] = mesh
-        first = builder.add(mesh.points, _riders(body, mesh, robot.plates, number))
+        rider = _riders(body, mesh, robot.plates, number)
+        first = builder.add(mesh.points, rider)
         builder.first[body.name] = first
         if body.law not in LAWS:
             raise ParameterError(
@@ -65,7 +66,12 @@ def build_twin(robot: Robot) -> Twin:
             )
         pressure = n_pressures if body.element == "P2P1" else None
         solid, count = build_solid(
-            body.name, LAWS[body.law], mesh.points, mesh.tets, first_point=first, first_pressure=pressure
+            body.name,
+            LAWS[body.law],
+            mesh.points,
+            _deformable(body, mesh, rider),
+            first_point=first,
+            first_pressure=pressure,
         )
         solids.append(solid)
         n_pressures += count
@@ -101,7 +107,7 @@ def build_twin(robot: Robot) -> Twin:
         n_pressures=n_pressures,
         n_cables=len(robot.cables),
     )
-    loads = _loads(robot, solids, forces, layout.n_points)
+    loads = _loads(robot, meshes, builder.first, forces, layout.n_points)
     system = build_system(layout, tuple(solids), build_cables(layout.X, list(via.values())), loads)
     return Twin(robot, system, builder.first, meshes, via)
 
@@ -211,6 +217,15 @@ def _extended(given: TetMesh, used: TetMesh, nodes: Ints) -> Ints:
     return np.flatnonzero(chosen)
 
 
+def _deformable(body: Body, mesh: TetMesh, rider: Ints) -> Ints:
+    """The tets that can deform: one whose nodes are all fixed, or all on one plate, stays as it is, free of stress."""
+    riders = rider[mesh.tets]
+    stiff = (riders == riders[:, :1]).all(axis=1) & (riders[:, 0] != FREE)
+    if stiff.all():
+        raise MeshError(Fault("no tet of the body can deform: its nodes are all fixed or on one plate", where=body.name))
+    return mesh.tets[~stiff]
+
+
 def _inside(mesh: TetMesh, at: Floats, first: int, where: str) -> Weights:
     tets, barycentric = locate_points(mesh, at[None, :], where=where)
     N = shape_functions(barycentric, mesh.order)[0]
@@ -242,7 +257,11 @@ def _surface_forces(
 
 
 def _loads(
-    robot: Robot, solids: list[SolidTerm], forces: list[tuple[str | None, Weights, Floats]], n_points: int
+    robot: Robot,
+    meshes: dict[str, TetMesh],
+    first: dict[str, int],
+    forces: list[tuple[str | None, Weights, Floats]],
+    n_points: int,
 ) -> Loads:
     constant = np.zeros((n_points, 3))
     per_unit: dict[str, Floats] = {}
@@ -250,8 +269,7 @@ def _loads(
         target = constant if name is None else per_unit.setdefault(name, np.zeros((n_points, 3)))
         for point, weight in weights:
             target[point] += weight * force
-    for solid in solids:
-        volume = np.zeros(n_points)
-        np.add.at(volume, solid.conn, solid.nodal_volume)
-        per_unit[f"{solid.name}.density"] = volume[:, None] * robot.gravity
+    for name, mesh in meshes.items():
+        unit = per_unit[f"{name}.density"] = np.zeros((n_points, 3))
+        unit[first[name] : first[name] + mesh.n_points] = nodal_volumes(mesh.points, mesh.tets)[:, None] * robot.gravity
     return Loads(constant, per_unit)

@@ -37,12 +37,12 @@ def sense(twin: Twin, state: State) -> Floats:
 def sense_rates(twin: Twin, state: State, dz: Floats) -> Floats:
     """The channels' rates for rates dz (n_unknowns, k) of the unknowns; shape (n_channels, k)."""
     layout, cables = twin.system.layout, twin.system.cables
-    tensions = dz[layout.first_scalar_unknown + layout.n_pressures :]
-    plates = dz[layout.first_plate_unknown : layout.first_scalar_unknown]
+    tensions = dz[layout.first_tension_unknown :]
+    plates = dz[layout.first_plate_unknown : layout.first_pressure_unknown]
     rows: list[Floats] = []
     for i in range(cables.n_cables):
-        full = cables.length_gradient(state.x, i, 3 * layout.n_points + layout.n_scalars)
-        rows += [-(twin.system.motion.reduce_gradient(state, full) @ dz)[None, :], tensions[i : i + 1]]
+        rate = twin.system.length_gradient(state, i) @ dz[: layout.first_tension_unknown]
+        rows += [-rate[None, :], tensions[i : i + 1]]
     for i in range(len(twin.robot.plates)):
         rows += [plates[6 * i : 6 * i + 3], _angle_rates(state.rotation[i]) @ plates[6 * i + 3 : 6 * i + 6]]
     return np.concatenate(rows) if rows else np.zeros((0, dz.shape[1]))

@@ -190,7 +190,7 @@ class Sweep:
         i = self._i_cable
         step = FIRST_STEP * self._length
         if np.isfinite(until):
-            stiffness = start.slope[self.twin.system.layout.n_unknowns - self.twin.system.cables.n_cables + i]
+            stiffness = start.slope[self.twin.system.layout.first_tension_unknown + i]
             if stiffness > 0.0:
                 step = min(step, 0.35 * until / stiffness)
         return follow(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Generator, Iterable, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -69,7 +69,7 @@ class Findings:
         )
 
     @contextmanager
-    def at(self, path: KeyPath) -> Iterator[None]:
+    def at(self, path: KeyPath) -> Generator[None]:
         """Record what an `InputError` raised inside says, as found at `path`."""
         try:
             yield

@@ -149,16 +149,14 @@ def _record(found: Any, data: object, path: KeyPath, findings: Findings) -> None
     findings.add(place, what, got=got, allowed=allowed)
 
 
-def _keys(location: tuple[str | int, ...], data: Any) -> tuple[str | int, ...]:
+def _keys(location: tuple[str | int, ...], data: object) -> tuple[str | int, ...]:
     """The part of a pydantic location that stands in the file: the tags of unions do not."""
     keys: list[str | int] = []
+    here: Any = data
     for i, part in enumerate(location):
-        inside = (isinstance(data, dict) and part in data) or (
-            isinstance(data, list) and isinstance(part, int) and part < len(data)
-        )
-        if inside:
-            data = data[part]
-        elif i < len(location) - 1 or (keys and part == "[key]"):
+        if (isinstance(here, dict) and part in here) or (isinstance(here, list) and part in range(len(here))):
+            here = here[part]
+        elif i < len(location) - 1:
             continue
         keys.append(part)
     return tuple(keys)

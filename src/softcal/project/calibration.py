@@ -1,0 +1,213 @@
+"""A project's calibrations: each experiment by itself, all jointly, or both, kept in one run folder."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable, Generator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import FrameType
+
+from softcal.calibration.loss import PAPER_WEIGHTS, LikelihoodLoss, Loss, PapersLoss
+from softcal.calibration.problem import Problem
+from softcal.calibration.result import CalibrationResult
+from softcal.calibration.run import Progress
+from softcal.calibration.run import calibrate as calibrate_problem
+from softcal.errors import CalibrationError, Fault, InputError, ParameterError
+from softcal.project.project import Project
+from softcal.project.run_folder import begin_run, calibration_folder, finish_run, reopen_run
+from softcal.project.schema import CalibrationSection
+from softcal.twin.parameters import robot_parameters, with_parameters
+
+JOINT = "joint"
+
+# Told after every trial: the label of the calibration, and how far it is.
+Observer = Callable[[str, Progress], None]
+
+
+@dataclass(frozen=True)
+class Calibrations:
+    """What was found: result by label (an experiment's name, or "joint"), and where it is kept.
+
+    interrupted: the user stopped the search; what was found by then is in `results`.
+    """
+
+    results: Mapping[str, CalibrationResult]
+    folder: Path | None
+    interrupted: bool
+
+    @property
+    def headline(self) -> CalibrationResult:
+        """The joint result where there is one, else the first."""
+        return self.results[JOINT] if JOINT in self.results else next(iter(self.results.values()))
+
+
+def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
+    project: Project,
+    *,
+    out: str | Path | None = None,
+    resume: bool = False,
+    method: str | None = None,
+    fit: str | None = None,
+    trials: int | None = None,
+    seed: int | None = None,
+    workers: int = 1,
+    progress: Observer | None = None,
+) -> Calibrations:
+    """Find a project's free parameters.
+
+    Parameters
+    ----------
+    out
+        Run folder, new or empty; None keeps nothing on disk.
+    resume
+        Go on with the run in `out`.
+    method, fit, trials, seed
+        In the place of what the project says: "least-squares", "tpe" or "grid"; "each", "joint" or "both".
+    workers
+        Processes.
+    progress
+        Called after every trial with the calibration's label and its progress.
+
+    Raises
+    ------
+    InputError
+        Where nothing is free or nothing was measured, an option makes no sense, or the folder cannot be used.
+    CalibrationError
+        Where no trial could be simulated.
+    """
+    told = {"method": method, "fit": fit, "trials": trials, "seed": seed}
+    settings = project.calibration.model_copy(update={key: value for key, value in told.items() if value is not None})
+    problem = make_problem(project, settings)
+    problems = _problems(problem, settings.fit)
+    folder = None if out is None else Path(out)
+    if folder is not None:
+        if resume:
+            reopen_run(project, folder)
+        else:
+            begin_run(project, settings, list(problems), folder)
+    elif resume:
+        raise InputError(Fault("there is no run to resume without its folder", attempt="out"))
+    results: dict[str, CalibrationResult] = {}
+    with _stoppable() as stop:
+        for label, one in problems.items():
+            store = None if folder is None else calibration_folder(folder, label)
+            begun = store is not None and (store / "run.json").is_file()
+            try:
+                results[label] = calibrate_problem(
+                    one,
+                    method=settings.method,
+                    trials=settings.trials,
+                    seed=settings.seed,
+                    starts=settings.starts,
+                    workers=workers,
+                    store=store,
+                    resume=resume and begun,
+                    progress=_labelled(progress, label),
+                )
+            except CalibrationError:
+                if not stop.asked:
+                    raise
+            if stop.asked:
+                break
+    if folder is not None and results:
+        finish_run(project, results, folder)
+    return Calibrations(results, folder, stop.asked)
+
+
+def make_problem(project: Project, settings: CalibrationSection | None = None) -> Problem:
+    """The inverse problem of a project: all its experiments jointly.
+
+    Raises
+    ------
+    InputError
+        Where nothing is free or nothing was measured.
+    """
+    faults: list[Fault] = []
+    if not project.experiments:
+        faults.append(Fault("there is no experiment to calibrate with", str(project.path), attempt="experiments: …"))
+    if project.space is None:
+        faults.append(
+            Fault(
+                "there is no free parameter",
+                str(project.path),
+                allowed="at least one under 'parameters' that is not held",
+                attempt="neck.youngs_modulus: {bounds: [0.1 MPa, 40 MPa], scale: log}",
+            )
+        )
+    if faults or project.space is None:
+        raise ParameterError(faults)
+    loss = make_loss(settings or project.calibration)
+    return Problem(project.robot, tuple(project.experiments.values()), project.space, loss)
+
+
+def make_loss(settings: CalibrationSection) -> Loss:
+    """The loss that the settings name, with their weights."""
+    if settings.loss == "likelihood":
+        return LikelihoodLoss()
+    weights = {channel: settings.beta * weight for channel, weight in PAPER_WEIGHTS.items()}
+    for channel in ("tension", "shortening"):
+        weights[channel] = settings.alpha / PAPER_WEIGHTS["tension"] * PAPER_WEIGHTS[channel]
+    return PapersLoss(weights)
+
+
+def _problems(problem: Problem, fit: str) -> dict[str, Problem]:
+    names = [experiment.name for experiment in problem.experiments]
+    alone = {name: problem.alone(name) for name in names}
+    if len(names) == 1:
+        return alone
+    return {**(alone if fit in ("each", "both") else {}), **({JOINT: problem} if fit in ("joint", "both") else {})}
+
+
+def _labelled(progress: Observer | None, label: str) -> Callable[[Progress], None] | None:
+    if progress is None:
+        return None
+    return lambda state: progress(label, state)
+
+
+@dataclass
+class _Stop:
+    asked: bool = False
+
+
+@contextmanager
+def _stoppable() -> Generator[_Stop]:
+    """Note that Ctrl-C was pressed, so that the calibrations that follow are not begun."""
+    stop = _Stop()
+    if threading.current_thread() is not threading.main_thread():
+        yield stop
+        return
+
+    def note(number: int, frame: FrameType | None) -> None:
+        stop.asked = True
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        yield stop
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def calibrated(project: Project, result: CalibrationResult) -> Project:
+    """The project at the values of a result: shared ones in the robot, an experiment's own in its rig."""
+    shared = {name: estimate.value for name, estimate in result.parameters.items() if "[" not in name}
+    of_robot = robot_parameters(project.robot)
+    robot = with_parameters(project.robot, {name: value for name, value in shared.items() if name in of_robot})
+    experiments = dict(project.experiments)
+    for name in result.experiments:
+        experiment = experiments[name]
+        own = {key.split("[")[0]: e.value for key, e in result.parameters.items() if key.endswith(f"[{name}]")}
+        values = {**experiment.rig_values(), **shared, **own}
+        angles = {a: values.get(f"{experiment.plate}.{a}_offset", 0.0) for a in ("pitch", "roll", "yaw")}
+        # The pulleys' friction stays the nominal one, under which the dataset was brought to the neck's side.
+        rig = replace(
+            experiment.rig,
+            slack=values[f"{experiment.cable}.slack"],
+            tension_offset=values[f"{experiment.cable}.tension_offset"],
+            angle_offsets=angles,
+        )
+        experiments[name] = replace(experiment, rig=rig)
+    return replace(project, robot=robot, experiments=experiments)

@@ -1,0 +1,197 @@
+"""What a project looks like before anything is fitted: rows for a short table, warnings, pictures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from softcal.errors import Fault
+from softcal.project.output import require_writable
+from softcal.project.project import Project
+from softcal.project.simulation import simulate
+from softcal.twin.build import build_twin
+from softcal.units import format_quantity
+
+# The twin at its bounds may be this much too soft or too stiff before the data are called implausible.
+STIFFNESS_MARGIN = 2.0
+
+
+@dataclass(frozen=True)
+class CheckReport:
+    """What was found: rows of (part, what it is), warnings as sentences, pictures where they were asked for."""
+
+    rows: tuple[tuple[str, str], ...]
+    warnings: tuple[str, ...]
+    pictures: tuple[Path, ...] = ()
+    notes: tuple[str, ...] = field(default_factory=tuple)
+
+
+def check(project: Project, out_dir: str | Path | None = None) -> CheckReport:
+    """Look a loaded project over: build and try the twin, compare it with the data, draw what there is.
+
+    Parameters
+    ----------
+    out_dir
+        Folder for `robot.png|svg` and `data-<experiment>.png|svg`; older ones there are replaced. None draws nothing.
+
+    Raises
+    ------
+    InputError
+        Where the twin cannot be built.
+    StorageError
+        Where the folder cannot be written.
+    """
+    build_twin(project.robot)
+    if out_dir is not None:
+        require_writable(Path(out_dir))
+    warnings = [str(fault) for fault in project.warnings]
+    if project.experiments and project.space is None:
+        warnings.append("no parameter is free: there is nothing to calibrate")
+    warnings += [sentence for name in project.experiments if (sentence := _against_twin(project, name))]
+    rows = (*_body_rows(project), *_part_rows(project), *_bench_rows(project), *_search_rows(project))
+    if out_dir is None:
+        return CheckReport(rows, tuple(warnings))
+    from softcal.report.check_figures import draw_check
+
+    # With the cycles where they were found: that is what a person wants to see.
+    records = {name: project.cycles[name] or project.records[name] for name in project.experiments}
+    drawn = draw_check(project.robot, records, out_dir)
+    pictures = (drawn.robot[0], *(png for png, _ in drawn.datasets.values()))
+    return CheckReport(rows, tuple(warnings), pictures, drawn.notes)
+
+
+def _body_rows(project: Project) -> list[tuple[str, str]]:
+    rows: list[tuple[str, str]] = []
+    for body in project.robot.bodies:
+        quality = project.qualities[body.name]
+        size = " × ".join(f"{1e3 * (b - a):.4g}" for a, b in zip(quality.lower, quality.upper, strict=True))
+        kind = "quadratic" if quality.order == 2 else "linear"
+        rows += [
+            (
+                f"body {body.name}",
+                f"{quality.n_tets} {kind} tets, {quality.n_points} nodes, {size} mm, {1e6 * quality.volume:.4g} cm³",
+            ),
+            (
+                "  mesh quality",
+                f"least dihedral angle {math.degrees(quality.min_dihedral):.3g} deg, "
+                f"mean ratio {quality.min_quality:.2g} at least, {quality.median_quality:.2g} in the middle",
+            ),
+            (
+                "  material",
+                f"{body.law}, {body.element}, "
+                f"E {format_quantity(body.parameters['youngs_modulus'], 'Pa')}, ν {body.parameters['poissons_ratio']:.4g}"
+                + (f", {body.density:.4g} kg/m³" if body.density else ""),
+            ),
+        ]
+        regions = {**{"fixed": body.fixed}, **project.regions[body.name]}
+        rows.append(("  regions", ", ".join(f"{name} {len(nodes)} nodes" for name, nodes in regions.items())))
+    return rows
+
+
+def _part_rows(project: Project) -> list[tuple[str, str]]:
+    robot = project.robot
+    rows = [
+        (
+            f"plate {plate.name}",
+            f"on {', '.join(f'{len(n)} nodes of {b}' for b, n in plate.nodes.items())}, mass {plate.mass:.4g} kg",
+        )
+        for plate in robot.plates
+    ]
+    for cable in robot.cables:
+        points = np.array([via.at for via in cable.via_points])
+        length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+        via = " → ".join(via.on or "space" for via in cable.via_points)
+        rows.append((f"cable {cable.name}", f"{format_quantity(length, 'm')} long, {via}"))
+    if np.any(robot.gravity):
+        rows.append(("gravity", "(" + ", ".join(f"{g:.4g}" for g in robot.gravity) + ") m/s²"))
+    rows += [(f"load {load.name}", f"on {load.on}") for load in robot.loads]
+    return rows
+
+
+def _bench_rows(project: Project) -> list[tuple[str, str]]:
+    rows: list[tuple[str, str]] = []
+    for name, experiment in project.experiments.items():
+        data = experiment.dataset
+        spans = ", ".join(
+            f"{key} {format_quantity(float(c.values.min()), c.unit)} to {format_quantity(float(c.values.max()), c.unit)}"
+            for key, c in data.channels.items()
+            if key != "time"
+        )
+        rows += [
+            (
+                f"experiment {name}",
+                f"{experiment.cable} by {experiment.drive}, compared: {', '.join(experiment.compared)}",
+            ),
+            ("  data", f"{data.n_samples} of {project.records[name].n_samples} samples, {spans}"),
+        ]
+        if data.cycle is not None or project.cycles[name] is not None:
+            cycle = (project.cycles[name] or data).cycle
+            count = 0 if cycle is None else len(np.unique(cycle[cycle >= 0]))
+            rows.append(("  cycles", f"{count} found"))
+    return rows
+
+
+def _search_rows(project: Project) -> list[tuple[str, str]]:
+    if project.space is None:
+        return []
+    rows: dict[str, str] = {}
+    for parameter in project.space.parameters:
+        low, high = (format_quantity(bound, parameter.unit) for bound in (parameter.lower, parameter.upper))
+        per = ", one for each experiment" if parameter.per_experiment else ""
+        rows[f"free {parameter.name}"] = f"{low} to {high}, {parameter.scale}{per}"
+    settings = project.calibration
+    rows["calibration"] = f"{settings.method}, loss {settings.loss}, fit {settings.fit}, seed {settings.seed}"
+    return list(rows.items())
+
+
+def _against_twin(project: Project, name: str) -> str:
+    """A warning where no modulus within the bounds can meet the measured stiffness, as with kN taken for N."""
+    experiment = project.experiments[name]
+    data = experiment.dataset
+    if not {"tension", "shortening"} <= data.channels.keys() or data.n_samples < 3:
+        return ""
+    few = np.unique(np.linspace(0, data.n_samples - 1, 5).astype(int))
+    thinned = replace(experiment, dataset=replace(data.take(few, data.provenance[-1]), provenance=data.provenance))
+    response = simulate(replace(project, experiments={name: thinned}), experiment=name)
+    if not response.succeeded:
+        return f"{name}: the twin as it stands in the project cannot follow this test. {response.status}"
+    pulled, tension = (
+        response.channels[f"{experiment.cable}.shortening"],
+        response.channels[f"{experiment.cable}.tension"],
+    )
+    measured = _slope(data.values("shortening"), data.values("tension"))
+    simulated = _slope(pulled, tension)
+    if not simulated > 0:
+        return ""
+    low, high = _modulus_reach(project)
+    ratio = measured / simulated
+    if low / STIFFNESS_MARGIN <= ratio <= high * STIFFNESS_MARGIN:
+        return ""
+    return str(
+        Fault(
+            f"{name}: the stiffness measured is implausible beside the twin's",
+            got=f"{measured / 1e3:.4g} N/mm, {ratio:.3g} times the twin's {simulated / 1e3:.4g} N/mm",
+            allowed=f"{low / STIFFNESS_MARGIN:.3g} to {high * STIFFNESS_MARGIN:.3g} times, by the bounds of the moduli",
+            attempt="check the units of force and displacement (kN, cm), and the size of the mesh",
+        )
+    )
+
+
+def _modulus_reach(project: Project) -> tuple[float, float]:
+    """By what factors the free moduli can soften and stiffen the twin."""
+    values: Mapping[str, float] = {name: info.value for name, info in project.parameters.items()}
+    factors = [
+        (p.lower / values[p.name], p.upper / values[p.name])
+        for p in (project.space.parameters if project.space else ())
+        if p.name.endswith("youngs_modulus")
+    ]
+    return min((low for low, _ in factors), default=1 / 3), max((high for _, high in factors), default=3.0)
+
+
+def _slope(x: np.ndarray, y: np.ndarray) -> float:
+    spread = float(np.ptp(x))
+    return float(np.polyfit(x, y, 1)[0]) if spread > 0 else 0.0

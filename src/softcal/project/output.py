@@ -1,0 +1,88 @@
+"""Result folders: refused where something would be overwritten, written whole or not at all."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+
+from softcal.errors import Fault, StorageError
+
+
+def require_free(folder: Path, attempt: str) -> None:
+    """Check that nothing stands where a folder is to be written.
+
+    Raises
+    ------
+    StorageError
+        Where it is a file or holds files.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise StorageError(Fault("this is a file, where a folder is to be written", str(folder)))
+    try:
+        held = sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else []
+    except OSError as error:
+        raise unwritable(folder, error) from error
+    if held:
+        shown = ", ".join(held[:4]) + (", …" if len(held) > 4 else "")
+        raise StorageError(
+            Fault("the folder is not empty, and nothing is overwritten", str(folder), f"holds {shown}", attempt=attempt)
+        )
+
+
+def require_writable(folder: Path) -> None:
+    """Check that files can be written into a folder that may not exist yet.
+
+    Raises
+    ------
+    StorageError
+        Where they cannot.
+    """
+    standing = next(parent for parent in (folder, *folder.absolute().parents) if parent.exists())
+    try:
+        with tempfile.TemporaryFile(dir=standing) as probe:
+            probe.write(b"0" * 4096)
+            probe.flush()
+    except OSError as error:
+        raise unwritable(folder, error) from error
+
+
+@contextmanager
+def new_folder(folder: Path, attempt: str = "another --out") -> Generator[Path]:
+    """A folder to write into, which becomes `folder` when all is written and vanishes when anything fails.
+
+    Raises
+    ------
+    StorageError
+        Where `folder` holds files already, or cannot be written.
+    """
+    require_free(folder, attempt)
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        part = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
+    except OSError as error:
+        raise unwritable(folder, error) from error
+    try:
+        yield part
+        part.chmod(0o755)
+        if folder.is_dir():
+            folder.rmdir()
+        part.rename(folder)
+    except OSError as error:
+        raise unwritable(folder, error) from error
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def unwritable(path: Path, error: OSError) -> StorageError:
+    """The error of a path that cannot be written."""
+    return StorageError(
+        Fault(
+            "this cannot be written",
+            str(path),
+            error.strerror or str(error),
+            "a folder with free space in which you may write",
+        )
+    )

@@ -1,0 +1,108 @@
+"""From a run to its report: the calibrated twin simulated once more, the loss looked over, everything handed on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from softcal.analysis.landscape import loss_over, scales_with_modulus
+from softcal.calibration.result import CalibrationResult
+from softcal.project.calibration import JOINT, calibrated, make_problem
+from softcal.project.project import Project
+from softcal.project.run_folder import Run, load_run
+from softcal.project.schema import CalibrationSection
+from softcal.project.simulation import simulate, twin_view
+from softcal.report.content import ExperimentContent, Landscape, ReportContent, TwinView
+from softcal.report.write import ReportPaths
+from softcal.report.write import write_report as write_content
+
+# Columns and rows of a landscape that is computed; with this many trials, the trials themselves show it.
+LANDSCAPE_SHAPE = (41, 9)
+ENOUGH_TRIALS = 100
+
+
+def write_report(run: str | Path, out: str | Path | None = None) -> ReportPaths:
+    """Write the report of a run folder: one self-contained page, figures as PNG and SVG, tables as CSV.
+
+    Parameters
+    ----------
+    run
+        A folder that `calibrate` wrote; it may have been moved.
+    out
+        Where the report goes; by default into the run folder.
+
+    Raises
+    ------
+    StorageError
+        Where there is no run with a result, or the folder cannot be written.
+    """
+    read = load_run(run)
+    return write_content(report_content(read), Path(out) if out is not None else read.folder)
+
+
+def report_content(run: Run) -> ReportContent:
+    """Everything that the report of a run needs."""
+    project = run.project
+    headline = JOINT if JOINT in run.results else next(iter(run.results))
+    return ReportContent(
+        project_name=project.name,
+        results=run.results,
+        experiments={name: _experiment(project, name) for name in project.experiments},
+        twin=_twin(project, run.results[headline]),
+        landscapes=_landscapes(project, run.results, run.settings),
+        print_infill=project.print_infill,
+        headline=headline,
+        versions=run.versions,
+        hashes=run.hashes,
+        created=run.created,
+    )
+
+
+def _experiment(project: Project, name: str) -> ExperimentContent:
+    experiment = project.experiments[name]
+    return ExperimentContent(
+        name=name,
+        raw=project.records[name],
+        prepared=experiment.dataset,
+        cycles=project.cycles[name],
+        drive=experiment.drive,
+    )
+
+
+def _twin(project: Project, result: CalibrationResult) -> TwinView | None:
+    """The twin at the result's values, in the experiment of the result that drives it furthest."""
+    at_values = calibrated(project, result)
+
+    def reach(name: str) -> float:
+        experiment = at_values.experiments[name]
+        return float(np.max(experiment.dataset.values(experiment.drive)))
+
+    furthest = max(result.experiments, key=reach)
+    response = simulate(at_values, experiment=furthest, snapshots=True)
+    return twin_view(at_values.robot, response) if response.succeeded else None
+
+
+def _landscapes(
+    project: Project, results: Mapping[str, CalibrationResult], settings: CalibrationSection
+) -> dict[str, Landscape]:
+    """The loss over modulus and ratio of each calibration, where it is cheap and its trials do not show it already."""
+    problem = make_problem(project, settings)
+    if not scales_with_modulus(problem):
+        return {}
+    found: dict[str, Landscape] = {}
+    for label, result in results.items():
+        pair = [
+            next((n for n in result.parameters if n.endswith(kind)), "")
+            for kind in ("youngs_modulus", "poissons_ratio")
+        ]
+        if not all(pair) or len(result.trials) >= ENOUGH_TRIALS:
+            continue
+        one = problem if label == JOINT else problem.alone(label)
+        theta = {name: estimate.value for name, estimate in result.parameters.items()}
+        grid = loss_over(one, theta, pair[0], pair[1], LANDSCAPE_SHAPE)
+        failed = np.isnan(grid.loss)
+        filled = np.where(failed, 0.0, grid.loss)
+        found[label] = Landscape(pair[0], pair[1], grid.x, grid.y, filled, failed.astype(np.int64))
+    return found

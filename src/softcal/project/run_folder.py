@@ -1,0 +1,245 @@
+"""A run folder: the project as used with copies of all its inputs, every calibration, and the headline's files.
+
+project.yaml, inputs/…, run.json      what was asked; enough to load the project again wherever the folder goes
+calibrations/<label>/…                each calibration with every trial (see `softcal.calibration.store`)
+result.json, trials.csv, response-<experiment>.csv      the headline result, and the trials of all calibrations
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path, PurePath
+from typing import Any
+
+from softcal.calibration.outcome import installed_versions
+from softcal.calibration.result import CalibrationResult, Estimate
+from softcal.calibration.result_files import load_result, response_file, result_json
+from softcal.calibration.store import write_text
+from softcal.errors import Fault, StorageError
+from softcal.geometry.write import write_mesh
+from softcal.project.meshes import stored_name
+from softcal.project.output import new_folder, require_writable, unwritable
+from softcal.project.project import Project, load
+from softcal.project.schema import CalibrationSection
+
+FORMAT = 1
+KEYS = ("values", "copies", "calibrations", "settings", "hashes", "versions", "created")
+PROJECT, RECORD, INPUTS, CALIBRATIONS = "project.yaml", "run.json", "inputs", "calibrations"
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run read back: the project as it was, and the result of every calibration that has one, by label.
+
+    settings: how the calibrations were run; versions, hashes, created: of the run.
+    """
+
+    folder: Path
+    project: Project
+    results: Mapping[str, CalibrationResult]
+    settings: CalibrationSection
+    versions: Mapping[str, str]
+    hashes: Mapping[str, str]
+    created: str
+
+
+def calibration_folder(folder: Path, label: str) -> Path:
+    """Where a run keeps one of its calibrations."""
+    return folder / CALIBRATIONS / label
+
+
+def begin_run(project: Project, settings: CalibrationSection, labels: list[str], folder: Path) -> None:
+    """Write a new run folder with all that the run needs; whole or not at all.
+
+    Raises
+    ------
+    StorageError
+        Where the folder holds files, or cannot be written.
+    """
+    with new_folder(folder, "another --out, or --resume to go on with the run in it") as part:
+        try:
+            shutil.copyfile(project.path, part / PROJECT)
+            copies = _copy_inputs(project, part)
+        except OSError as error:
+            raise unwritable(folder, error) from error
+        record = {
+            "format": FORMAT,
+            "project": project.name,
+            "values": dict(project.held),
+            "copies": copies,
+            "calibrations": labels,
+            "settings": settings.model_dump(),
+            "hashes": dict(project.hashes),
+            "versions": installed_versions(),
+            "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        }
+        write_text(part / RECORD, json.dumps(record, indent=2) + "\n")
+
+
+def reopen_run(project: Project, folder: Path) -> None:
+    """Check that a run can be gone on with.
+
+    Raises
+    ------
+    StorageError
+        Where the folder holds no run of this project, or cannot be written.
+    """
+    record = _record(folder)
+    if dict(record["values"]) != dict(project.held):
+        raise StorageError(
+            Fault("the run holds other parameters", str(folder), str(dict(project.held)), str(record["values"]))
+        )
+    require_writable(folder)
+
+
+def finish_run(project: Project, results: Mapping[str, CalibrationResult], folder: Path) -> None:
+    """Write the headline's files beside the calibrations; result.json last.
+
+    Raises
+    ------
+    StorageError
+        Where a file cannot be written.
+    """
+    label, headline = headline_of(results)
+    try:
+        for name in headline.experiments:
+            source = calibration_folder(folder, label or name) / response_file(name)
+            write_text(folder / source.name, source.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise unwritable(folder, error) from error
+    write_text(folder / "trials.csv", _trials_csv(results))
+    document = {
+        **result_json(replace(headline, hashes={**project.hashes, **headline.hashes})),
+        "project": project.name,
+        "values": dict(project.held),
+        "headline": label or "each experiment by itself",
+        "calibrations": {one: _summary(result) for one, result in results.items()},
+    }
+    write_text(folder / "result.json", json.dumps(document, indent=2, allow_nan=False) + "\n")
+
+
+def load_run(folder: str | Path) -> Run:
+    """Read a run back, wherever its folder lies now and whatever became of the original project.
+
+    Raises
+    ------
+    StorageError
+        Where there is no run, no result yet, or a file of it is missing or broken.
+    ProjectFileError
+        Where the project in it cannot be loaded.
+    """
+    folder = Path(folder)
+    record = _record(folder)
+    project = load(folder / PROJECT, values=record["values"], copies=record["copies"])
+    results = {
+        label: load_result(calibration_folder(folder, label))
+        for label in record["calibrations"]
+        if (calibration_folder(folder, label) / "result.json").is_file()
+    }
+    if not results:
+        raise StorageError(
+            Fault("the run has no result yet", str(folder), attempt="softcal calibrate … --resume, to go on with it")
+        )
+    return Run(
+        folder,
+        project,
+        results,
+        CalibrationSection.model_validate(record["settings"]),
+        record["versions"],
+        record["hashes"],
+        record["created"],
+    )
+
+
+def headline_of(results: Mapping[str, CalibrationResult]) -> tuple[str, CalibrationResult]:
+    """The result to show first with its label: the joint one, the only one, or "" and all put side by side."""
+    if "joint" in results:
+        return "joint", results["joint"]
+    if len(results) == 1:
+        return next(iter(results.items()))
+    return "", side_by_side(results)
+
+
+def side_by_side(results: Mapping[str, CalibrationResult]) -> CalibrationResult:
+    """Separate results as one: each parameter with its experiment in brackets, losses averaged, counts added."""
+    parameters: dict[str, Estimate] = {}
+    importance: dict[str, float] = {}
+    for label, result in results.items():
+        for name, estimate in result.parameters.items():
+            own = name if name.endswith("]") else f"{name}[{label}]"
+            parameters[own] = estimate
+            if name in result.importance:
+                importance[own] = result.importance[name]
+    first = next(iter(results.values()))
+    return replace(
+        first,
+        parameters=parameters,
+        importance=importance,
+        loss=sum(result.loss for result in results.values()) / len(results),
+        n_solves=sum(result.n_solves for result in results.values()),
+        n_factorisations=sum(result.n_factorisations for result in results.values()),
+        wall_s=sum(result.wall_s for result in results.values()),
+        n_failed_trials=sum(result.n_failed_trials for result in results.values()),
+        status=" ".join(f"{label}: {result.status}" for label, result in results.items()),
+        experiments={name: fit for result in results.values() for name, fit in result.experiments.items()},
+        trials=(),
+        notes=tuple(f"{label}: {note}" for label, result in results.items() for note in result.notes),
+    )
+
+
+def _record(folder: Path) -> dict[str, Any]:
+    path = folder / RECORD
+    if not path.is_file():
+        raise StorageError(
+            Fault("there is no run here", str(folder), f"no {RECORD}", "a folder that softcal calibrate wrote")
+        )
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+        if record["format"] != FORMAT:
+            raise StorageError(Fault("the run is of another format", str(path), str(record["format"]), str(FORMAT)))
+        return {key: record[key] for key in KEYS}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise StorageError(Fault("the record of the run cannot be read", str(path), str(error))) from error
+
+
+def _copy_inputs(project: Project, folder: Path) -> dict[str, str]:
+    """Copy what the project names; a file outside its folder gets a numbered place of its own."""
+    copies: dict[str, str] = {}
+    for number, (written, path) in enumerate(project.inputs.items()):
+        inside = not PurePath(written).is_absolute() and not {"..", "~"} & set(PurePath(written).parts)
+        place = Path(INPUTS, written) if inside else Path(INPUTS, "elsewhere", f"{number}-{path.name}")
+        (folder / place).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(path, folder / place)
+        copies[written] = place.as_posix()
+    for body in project.robot.bodies:
+        if body.name in project.generated:
+            place = Path(INPUTS, "meshes", f"{body.name}.vtu")
+            (folder / place).parent.mkdir(parents=True, exist_ok=True)
+            write_mesh(body.mesh, folder / place)
+            copies[stored_name(body.name)] = place.as_posix()
+    return copies
+
+
+def _summary(result: CalibrationResult) -> dict[str, Any]:
+    full = result_json(result)
+    return {key: full[key] for key in full if key not in ("versions", "hashes")}
+
+
+def _trials_csv(results: Mapping[str, CalibrationResult]) -> str:
+    units = {name: e.unit for result in results.values() for name, e in result.parameters.items()}
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    fixed = ["calibration", "number", "state", "loss", "seconds [s]", "n_factorisations", "reason"]
+    writer.writerow([*fixed, *(f"{name} [{unit}]" for name, unit in units.items())])
+    for label, result in results.items():
+        for t in result.trials:
+            loss = "" if t.loss is None else t.loss
+            told = [label, t.number, t.state, loss, t.seconds, t.n_factorisations, t.reason]
+            writer.writerow([*told, *(t.theta.get(name, "") for name in units)])
+    return text.getvalue()

@@ -1,0 +1,138 @@
+"""The twin of a project put through its experiments or a plain pull: responses, a table of them, a picture."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from softcal.calibration.experiment import command
+from softcal.errors import Fault, ParameterError
+from softcal.project.project import Project
+from softcal.twin.protocol import Command, Protocol
+from softcal.twin.response import Response
+from softcal.twin.robot import Control, Robot
+from softcal.twin.simulate import simulate as simulate_robot
+
+if TYPE_CHECKING:
+    from softcal.report.content import TwinView
+
+# Samples of a pull that is asked for by its end alone.
+PULL_SAMPLES = 41
+
+
+def simulate(
+    twin: Project | Robot,
+    protocol: Protocol | None = None,
+    *,
+    experiment: str = "",
+    sensitivities: Sequence[str] = (),
+    snapshots: bool = False,
+) -> Response:
+    """The twin's response to a protocol, or to what one of a project's experiments did to the robot.
+
+    Parameters
+    ----------
+    twin
+        A project, or a robot alone.
+    protocol
+        Tension [N] or shortening [m] of each cable, sample by sample; see `pull`.
+    experiment
+        In the place of a protocol: the name of an experiment of the project. Its cable is driven as on the bench,
+        less the slack. Where the project has only one, it need not be named.
+    sensitivities
+        Parameters by which every channel is derived too.
+    snapshots
+        Whether shapes to draw are kept.
+
+    Returns
+    -------
+    Response
+        With `succeeded` False and a sentence in `status` where a state could not be reached.
+
+    Raises
+    ------
+    ParameterError
+        For a cable, parameter or experiment that does not exist.
+    """
+    robot = twin.robot if isinstance(twin, Project) else twin
+    if protocol is None:
+        protocol = protocol_of(twin, experiment) if isinstance(twin, Project) else Protocol({})
+    return simulate_robot(robot, protocol, sensitivities=sensitivities, snapshots=snapshots)
+
+
+def protocol_of(project: Project, experiment: str = "") -> Protocol:
+    """What an experiment does to the robot: its cable driven as on the bench, read through the nominal rig.
+
+    Raises
+    ------
+    ParameterError
+        Where the project has no such experiment, or several and none is named.
+    """
+    known = list(project.experiments)
+    name = experiment or (known[0] if len(known) == 1 else "")
+    if name not in project.experiments:
+        raise ParameterError(
+            Fault(
+                "there is no such experiment" if experiment else "it is not said which experiment",
+                where=str(project.path),
+                got=f"'{experiment}'" if experiment else "",
+                allowed=", ".join(known) or "none is defined in this project: give a pull instead",
+            )
+        )
+    chosen = project.experiments[name]
+    return Protocol({chosen.cable: command(chosen, chosen.rig_values())})
+
+
+def pull(robot: Robot, cable: str, control: Control, end: float, samples: int = PULL_SAMPLES) -> Protocol:
+    """One cable pulled evenly from zero to `end`, a tension [N] or shortening [m].
+
+    Raises
+    ------
+    ParameterError
+        Where the robot has no such cable, or the end is not above zero.
+    """
+    known = [part.name for part in robot.cables]
+    if cable not in known:
+        raise ParameterError(Fault("the robot has no such cable", got=f"'{cable}'", allowed=", ".join(known)))
+    if not end > 0 or samples < 2:
+        raise ParameterError(Fault("a pull goes from zero to a number above zero", got=f"{control} {end:g}"))
+    return Protocol({cable: Command(control, np.linspace(0.0, end, samples))})
+
+
+def twin_view(robot: Robot, response: Response) -> TwinView | None:
+    """The robot at rest and at its largest pitch, to draw; None where there are no two shapes."""
+    from softcal.report.content import TwinView
+
+    if len(response.snapshots) < 2:
+        return None
+    rest = response.snapshots[0]
+
+    def bending(index: int) -> float:
+        moved = [np.linalg.norm(now - rest.points[body], axis=1).max() for body, now in shapes[index].points.items()]
+        return max((_turned(rotation) for _, rotation in shapes[index].plates.values()), default=float(max(moved)))
+
+    shapes = response.snapshots
+    bent = shapes[max(range(1, len(shapes)), key=bending)]
+    return TwinView(robot, rest, bent, response.tets)
+
+
+def _turned(rotation: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> float:
+    return float(np.arccos(np.clip((np.trace(rotation) - 1) / 2, -1.0, 1.0)))
+
+
+def response_csv(response: Response) -> str:
+    """The channels as CSV text, with the unit in every header: `front.tension [N]`."""
+    return channels_csv(response.channels, response.units)
+
+
+def channels_csv(channels: Mapping[str, np.ndarray], units: Mapping[str, str]) -> str:
+    """Channels of one length as CSV text in SI, with the unit in every header; an angle is in rad, a flag in 1."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([f"{name} [{units[name]}]" for name in channels])
+    writer.writerows([[f"{value:.10g}" for value in row] for row in zip(*channels.values(), strict=True)])
+    return text.getvalue()

@@ -1,0 +1,63 @@
+"""A simulation as files: response-<name>.csv, a picture of the twin, and a record of how it came about."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+from softcal.calibration.outcome import installed_versions
+from softcal.calibration.result_files import response_file
+from softcal.errors import SimulationError
+from softcal.project.output import new_folder, require_free, require_writable
+from softcal.project.project import Project
+from softcal.project.simulation import response_csv, simulate, twin_view
+from softcal.twin.protocol import Protocol
+from softcal.twin.response import Response
+
+
+def simulate_to_folder(project: Project, protocols: Mapping[str, Protocol], folder: Path) -> dict[str, Response]:
+    """Simulate each protocol by name and write what came of it into a new folder, whole or not at all.
+
+    Raises
+    ------
+    StorageError
+        Where the folder holds files, or cannot be written.
+    SimulationError
+        Where the twin could not follow a protocol; nothing is then written.
+    """
+    require_free(folder, "another --out")
+    require_writable(folder)
+    responses = {name: simulate(project, protocol, snapshots=True) for name, protocol in protocols.items()}
+    for name, response in responses.items():
+        if not response.succeeded:
+            raise SimulationError(f"{name}: {response.status}")
+    with new_folder(folder) as part:
+        for name, response in responses.items():
+            (part / response_file(name)).write_text(response_csv(response), encoding="utf-8")
+            _draw(project, name, response, part)
+        record = {
+            "project": project.name,
+            "parameters": {n: {"value": info.value, "unit": info.unit} for n, info in project.parameters.items()},
+            "responses": {
+                name: {"status": response.status, "n_factorisations": response.n_factorisations}
+                for name, response in responses.items()
+            },
+            "hashes": dict(project.hashes),
+            "versions": installed_versions(),
+        }
+        (part / "simulation.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    return responses
+
+
+def _draw(project: Project, name: str, response: Response, folder: Path) -> None:
+    view = twin_view(project.robot, response)
+    if view is None:
+        return
+    from softcal.report.chart_twin import draw_twin
+    from softcal.report.style import encode
+
+    png, svg = encode(draw_twin(view).figure)
+    stem = response_file(name).removeprefix("response-").removesuffix(".csv")
+    (folder / f"twin-{stem}.png").write_bytes(png)
+    (folder / f"twin-{stem}.svg").write_bytes(svg)

@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -15,11 +16,8 @@ from softcal.geometry.primitives import box_mesh
 from softcal.geometry.quadratic import to_quadratic
 from softcal.geometry.surface import boundary_faces
 from softcal.materials.law import Law
-from softcal.mechanics.cable import build_cables
-from softcal.mechanics.layout import FIXED, FREE, Layout
-from softcal.mechanics.solid import build_solid
 from softcal.mechanics.state import State, rest_state
-from softcal.mechanics.system import Controls, Linearisation, Loads, System, build_system
+from softcal.mechanics.system import Controls, Linearisation, Loads, System
 from softcal.twin.build import Twin, build_twin
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.protocol import Command, Protocol
@@ -73,14 +71,10 @@ def solid_system(
 
     Fixed points stay where a state has them, so prescribing a displacement is moving them in the state.
     """
-    rider = np.full(mesh.n_points, FREE, dtype=np.int64)
-    rider[fixed] = FIXED
-    solid, n_pressures = build_solid(
-        "body", law, mesh.points, mesh.tets, first_point=0, first_pressure=0 if element == "P2P1" else None
-    )
-    layout = Layout(mesh.points, rider, np.zeros((0, 3)), n_pressures, 0)
-    loads = Loads(np.zeros((mesh.n_points, 3)) if force is None else force, {})
-    return build_system(layout, (solid,), build_cables(layout.X, []), loads)
+    body = Body("body", mesh, fixed=fixed, parameters=elastic(), law=law.name, element=element)
+    with mock.patch("softcal.twin.build.LAWS", {law.name: law}):
+        system = build_twin(Robot((body,))).system
+    return replace(system, loads=Loads(np.zeros((mesh.n_points, 3)) if force is None else force, {}))
 
 
 def body_theta(parameters: Mapping[str, float]) -> dict[str, float]:
@@ -110,12 +104,13 @@ def potential(system: System, state: State, controls: Controls, theta: Mapping[s
 
 
 def full_matrix(system: System, at: Linearisation) -> np.ndarray:
-    """The tangent as a dense symmetric matrix."""
+    """The tangent on all unknowns as a dense symmetric matrix."""
     import scipy.sparse as sp
 
-    n = system.layout.n_unknowns
+    n = system.layout.first_tension_unknown
     upper = sp.csr_matrix((at.data, system.pattern.indices, system.pattern.indptr), shape=(n, n)).toarray()
-    return upper + np.triu(upper, 1).T
+    K = upper + np.triu(upper, 1).T
+    return np.block([[K, at.border], [at.border.T, np.zeros((system.layout.n_cables,) * 2)]])
 
 
 def column_robot(

@@ -9,7 +9,7 @@ entities with signed weights sigma_s. A cable is either *prescribed in length* (
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numba
 import numpy as np
@@ -29,13 +29,16 @@ class CablePlaces:
 @dataclass(frozen=True)
 class CableTerm:
     """Segments of all cables. support[ptr[k]:ptr[k+1]]: the points of segment k, ascending; sigma: their signed
-    weights; cable: the cable each segment belongs to; rest_length (n_cables,) [m]."""
+    weights; cable: the cable each segment belongs to; rest_length (n_cables,) [m]; pulled_last (n_cables,): whether the
+    tension is that of the last segment (or of the first), which counts where there is friction."""
 
+    names: tuple[str, ...]
     ptr: Ints
     support: Ints
     sigma: Floats
     cable: Ints
     rest_length: Floats
+    pulled_last: np.ndarray
 
     @property
     def n_cables(self) -> int:
@@ -69,7 +72,9 @@ class CableTerm:
             return np.zeros(self.n_cables)
         return np.bincount(self.cable, np.linalg.norm(self.vectors(x), axis=1), minlength=self.n_cables)
 
-    def assemble(self, x: Floats, tension: Floats, gradient: Floats, data: Floats | None, places: CablePlaces) -> None:
+    def assemble(
+        self, x: Floats, segment_tension: Floats, gradient: Floats, data: Floats | None, places: CablePlaces
+    ) -> None:
         """Add the tensions' pull to the gradient and, where `data` is given, T times the length's second derivative."""
         if len(self.cable) == 0:
             return
@@ -83,17 +88,17 @@ class CableTerm:
             self.ptr,
             self.support,
             self.sigma,
-            tension[self.cable],
+            segment_tension,
             places.pairs,
             places.pair_ptr,
         )
 
-    def length_gradient(self, x: Floats, i_cable: int, n_entities_flat: int) -> Floats:
-        """dL/dx of one cable as a gradient on all entities (n_entities_flat,)."""
-        gradient = np.zeros(n_entities_flat)
+    def segment_gradient(self, x: Floats, weights: Floats, size: int) -> Floats:
+        """Sum of weights (n_segments,) times the segments' length gradients, on all entities (size,)."""
+        gradient = np.zeros(size)
         v = self.vectors(x)
-        for k in np.flatnonzero(self.cable == i_cable):
-            n = v[k] / np.linalg.norm(v[k])
+        for k in np.flatnonzero(weights):
+            n = weights[k] * v[k] / np.linalg.norm(v[k])
             for s in range(self.ptr[k], self.ptr[k + 1]):
                 at = 3 * self.support[s]
                 gradient[at : at + 3] += self.sigma[s] * n
@@ -101,14 +106,14 @@ class CableTerm:
 
 
 def build_cables(
-    layout_points: Floats, supports: list[list[list[tuple[int, float]]]]
+    X: Floats, supports: dict[str, list[list[tuple[int, float]]]], pulled_last: np.ndarray
 ) -> CableTerm:
-    """The term of cables given, per cable and via point, as weighted points [(point, weight), ...].
+    """The term of cables given, by name and via point, as weighted points [(point, weight), ...].
 
-    The rest length is the polyline's on the undeformed robot, layout_points (n_points, 3) [m].
+    The rest length is the polyline's on the undeformed robot, X (n_points, 3) [m].
     """
     ptr, support, sigma, cable = [0], [], [], []
-    for c, via in enumerate(supports):
+    for c, via in enumerate(supports.values()):
         for start, end in zip(via[:-1], via[1:], strict=True):
             weights: dict[int, float] = {}
             for point, weight in start:
@@ -121,13 +126,15 @@ def build_cables(
             ptr.append(len(support))
             cable.append(c)
     term = CableTerm(
+        tuple(supports),
         np.array(ptr, dtype=np.int64),
         np.array(support, dtype=np.int64),
         np.array(sigma, dtype=np.float64),
         np.array(cable, dtype=np.int64),
         np.zeros(len(supports)),
+        pulled_last,
     )
-    return CableTerm(term.ptr, term.support, term.sigma, term.cable, term.lengths(layout_points))
+    return replace(term, rest_length=term.lengths(X))
 
 
 @numba.njit(cache=True, error_model="numpy")

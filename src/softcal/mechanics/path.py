@@ -161,5 +161,5 @@ def _rate_of_gradient(statics: Statics, line: Line, state: State) -> Floats:
         full[: 3 * layout.n_points] = -line.load_rate * system.loads.total(statics.theta).ravel()
         inner += system.motion.reduce_gradient(state, full)
     for i in np.flatnonzero(line.is_held & (line.tension_rate != 0.0)):
-        inner += line.tension_rate[i] * system.length_gradient(state, int(i))
+        inner += line.tension_rate[i] * system.pull(state, int(i), statics.theta)
     return rate

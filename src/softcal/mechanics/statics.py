@@ -11,7 +11,7 @@ from softcal.checks import Floats
 from softcal.errors import SimulationError
 from softcal.mechanics.linear_solve import Factorisation, factorisation
 from softcal.mechanics.state import State, moved
-from softcal.mechanics.system import Controls, Linearisation, System, solid_theta
+from softcal.mechanics.system import NO_BORDER, Controls, Linearisation, System, solid_theta
 
 TOLERANCE = 1e-9  # residual over its scale
 MAX_ITERATIONS = 25
@@ -36,12 +36,12 @@ class Equilibrium:
 class Statics:
     """A system at parameters theta, and the factorisation of its tangent that goes from solve to solve.
 
-    The tangent of all unknowns but the tensions is sparse; with B = dL/dz of the cables prescribed in length,
+    The tangent of all unknowns but the tensions is sparse and symmetric, K; tensions and friction border it:
 
-        [ K   B ] [dz]   [b]
-        [ B^T 0 ] [dT] = [c]    =>  dT = (B^T K^-1 B)^-1 (B^T K^-1 b - c),  dz = K^-1 (b - B dT)
+        [ K   C ] [dz]   [b]
+        [ R^T D ] [dw] = [c]    =>  dw = (R^T K^-1 C - D)^-1 (R^T K^-1 b - c),  dz = K^-1 (b - C dw)
 
-    so the factorisation never meets the zero on the diagonal.
+    so the factorisation never meets the zeros on the diagonal.
     """
 
     def __init__(self, system: System, theta: Mapping[str, float]) -> None:
@@ -57,9 +57,8 @@ class Statics:
         self._volume = volume / max(layout.n_pressures, 1)
         self._unit = _units(system, shear, self._length)
         self._unit_entries = self._unit[system.pattern.rows] * self._unit[system.pattern.indices]
-        self._border = np.zeros((layout.first_tension_unknown, 0))
-        self._border_solved = self._border
-        self._taut = np.zeros(0, dtype=np.int64)
+        self._border = NO_BORDER
+        self._columns_solved = np.zeros((layout.first_tension_unknown, 0))
 
     def norm(self, at: Linearisation) -> float:
         """The residual over its scale: forces over the reactions, volumes over a node's, lengths over the robot's."""
@@ -88,9 +87,9 @@ class Statics:
             raise SimulationError("There is no tangent to factorise.")
         self._factors.factorise(at.data * self._unit_entries)
         self.n_factorisations += 1
-        self._taut = np.flatnonzero(at.border.any(axis=0))
-        self._border = at.border[:, self._taut]
-        self._border_solved = self._sparse_solve(self._border)
+        self._border = at.border
+        if len(at.border.corner):
+            self._columns_solved = self._sparse_solve(at.border.columns)
 
     def solve(self, b: Floats) -> Floats:
         """The unknowns' response to b (n_unknowns,) or (n_unknowns, k), with the tangent factorised last."""
@@ -98,11 +97,13 @@ class Statics:
         columns = b.reshape(len(b), -1)
         out = np.zeros_like(columns)
         y = self._sparse_solve(columns[:n])
-        if len(self._taut):
-            schur = self._border.T @ self._border_solved
-            tension = np.linalg.solve(schur, self._border.T @ y - columns[n + self._taut])
-            y = y - self._border_solved @ tension
-            out[n + self._taut] = tension
+        border = self._border
+        if len(border.corner):
+            rows_y = border.rows.T @ y
+            rows_y[: len(border.taut)] -= columns[n + border.taut]
+            w = np.linalg.solve(border.rows.T @ self._columns_solved - np.diag(border.corner), rows_y)
+            y = y - self._columns_solved @ w
+            out[n + border.taut] = w[: len(border.taut)]
         out[:n] = y
         return out.reshape(b.shape)
 
@@ -164,8 +165,6 @@ class Statics:
         self._factors.release()
 
     def _sparse_solve(self, b: Floats) -> Floats:
-        if b.shape[1] == 0:
-            return b
         return self._unit[:, None] * self._factors.solve(self._unit[:, None] * b)
 
     def _limited(self, dz: Floats) -> float:

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softcal.checks import Floats
+from softcal.checks import Floats, Ints
 from softcal.mechanics.cable import CablePlaces, CableTerm
+from softcal.mechanics.cable_friction import Loss, friction_loss, loss_border
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.motion import Motion, build_motion
 from softcal.mechanics.pattern import Pattern, build_pattern
@@ -46,20 +47,39 @@ class Loads:
 
 
 @dataclass(frozen=True)
+class Border:
+    """Columns and rows (n_unknowns - n_cables, k) around the sparse tangent K, with a diagonal corner (k,):
+
+        [ K     columns ]
+        [ rows^T corner ]
+
+    The first ones belong to the tensions of `taut` cables (corner zero: their length is prescribed), the others to the
+    turning angles of cables with friction (corner -1).
+    """
+
+    taut: Ints
+    columns: Floats
+    rows: Floats
+    corner: Floats
+
+
+@dataclass(frozen=True)
 class Linearisation:
     """Gradient and tangent at a state.
 
     full: gradient on all entities; reduced: on the unknowns; J_min: the smallest volume ratio; data: the sparse
-    tangent's triangle, or None; border: dL/dz of the cables prescribed in length (n_unknowns - n_cables, n_cables),
-    zero for a held one.
+    tangent's triangle, or None; border: what the tensions and the cables' friction add to it.
     """
 
     full: Floats
     reduced: Floats
     J_min: float
     data: Floats | None
-    border: Floats
+    border: Border
     kinematics: tuple[tuple[Floats, Floats, Floats, Floats], ...]
+
+
+NO_BORDER = Border(np.zeros(0, dtype=np.int64), np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0))
 
 
 @dataclass(frozen=True)
@@ -84,28 +104,55 @@ class System:
         kinematics = tuple(solid.invariants(state.x) for solid in self.solids)
         J_min = min(float(k[3].min()) for k in kinematics)
         if not J_min > 0.0:
-            return Linearisation(np.zeros(0), np.zeros(0), J_min, None, np.zeros((0, 0)), kinematics)
+            return Linearisation(np.zeros(0), np.zeros(0), J_min, None, NO_BORDER, kinematics)
         full = np.zeros(3 * layout.n_points + layout.n_pressures)
         data = np.zeros(self.pattern.size) if tangent else None
         for solid, places, known in zip(self.solids, self.solid_places, kinematics, strict=True):
             solid.assemble(state.x, state.pressure, known, solid_theta(theta, solid.name), full, data, places)
-        self.cables.assemble(state.x, state.tension, full, data, self.cable_places)
+        loss = friction_loss(self.cables, state.x, self._friction(theta))
+        pull = state.tension[self.cables.cable] * loss.factor
+        self.cables.assemble(state.x, pull, full, data, self.cable_places)
         full[: 3 * layout.n_points] -= controls.load * self.loads.total(theta).ravel()
         gap = self.cables.lengths(state.x) - self.cables.rest_length + controls.shortening
         reduced = np.concatenate([self.motion.reduce_gradient(state, full), np.where(controls.is_held, 0.0, gap)])
         if data is None:
-            return Linearisation(full, reduced, J_min, None, np.zeros((0, 0)), kinematics)
+            return Linearisation(full, reduced, J_min, None, NO_BORDER, kinematics)
         self.motion.reduce_tangent(state, full, data)
-        border = np.zeros((layout.first_tension_unknown, layout.n_cables))
-        for i in np.flatnonzero(~controls.is_held):
-            border[:, i] = self.length_gradient(state, int(i))
+        border = self._border(state, controls, loss)
         return Linearisation(full, reduced, J_min, data[: self.pattern.nnz], border, kinematics)
 
     def length_gradient(self, state: State, i_cable: int) -> Floats:
         """dL/dz of one cable on the unknowns but the tensions (n_unknowns - n_cables,)."""
+        return self._segment_gradient(state, (self.cables.cable == i_cable).astype(float))
+
+    def pull(self, state: State, i_cable: int, theta: Mapping[str, float]) -> Floats:
+        """d gradient / d tension of one cable: its length's gradient, less what friction takes."""
+        loss = friction_loss(self.cables, state.x, self._friction(theta))
+        return self._segment_gradient(state, np.where(self.cables.cable == i_cable, loss.factor, 0.0))
+
+    def _segment_gradient(self, state: State, weights: Floats) -> Floats:
         layout = self.layout
-        full = self.cables.length_gradient(state.x, i_cable, 3 * layout.n_points + layout.n_pressures)
+        full = self.cables.segment_gradient(state.x, weights, 3 * layout.n_points + layout.n_pressures)
         return self.motion.reduce_gradient(state, full)
+
+    def _friction(self, theta: Mapping[str, float]) -> Floats:
+        return np.array([theta[f"{name}.friction_coefficient"] for name in self.cables.names])
+
+    def _border(self, state: State, controls: Controls, loss: Loss) -> Border:
+        taut = np.flatnonzero(~controls.is_held)
+        columns = [
+            self._segment_gradient(state, np.where(self.cables.cable == i, loss.factor, 0.0)) for i in taut
+        ]
+        rows = [self.length_gradient(state, int(i)) for i in taut]
+        if loss.vias:
+            size = 3 * self.layout.n_points + self.layout.n_pressures
+            u, v = loss_border(self.cables, state.x, loss, state.tension, size)
+            columns += [self.motion.reduce_gradient(state, column) for column in u.T]
+            rows += [self.motion.reduce_gradient(state, row) for row in v.T]
+        if not columns:
+            return NO_BORDER
+        corner = np.concatenate([np.zeros(len(taut)), -np.ones(len(loss.vias))])
+        return Border(taut, np.stack(columns, axis=1), np.stack(rows, axis=1), corner)
 
     def gradient_by_parameters(
         self, state: State, at: Linearisation, theta: Mapping[str, float], names: tuple[str, ...]
@@ -121,6 +168,12 @@ class System:
         for name, unit in self.loads.per_unit.items():
             if name in full:
                 full[name][: 3 * layout.n_points] -= unit.ravel()
+        loss = friction_loss(self.cables, state.x, self._friction(theta))
+        for i, cable in enumerate(self.cables.names):
+            name = f"{cable}.friction_coefficient"
+            if name in full:
+                weights = np.where(self.cables.cable == i, state.tension[i] * loss.by_mu, 0.0)
+                full[name] += self.cables.segment_gradient(state.x, weights, len(full[name]))
         out = np.zeros((layout.n_unknowns, len(names)))
         for k, name in enumerate(names):
             out[: layout.first_tension_unknown, k] = self.motion.reduce_gradient(state, full[name])

@@ -107,8 +107,9 @@ def build_twin(robot: Robot) -> Twin:
         n_pressures=n_pressures,
         n_cables=len(robot.cables),
     )
+    pulled_last = np.array([cable.pulled_end == "last" for cable in robot.cables], dtype=bool)
     loads = _loads(robot, meshes, builder.first, forces, layout.n_points)
-    system = build_system(layout, tuple(solids), build_cables(layout.X, list(via.values())), loads)
+    system = build_system(layout, tuple(solids), build_cables(layout.X, via, pulled_last), loads)
     return Twin(robot, system, builder.first, meshes, via)
 
 

@@ -84,7 +84,7 @@ def test_cycles_without_a_crosshead() -> None:
 def test_floor_above_the_lower_force_limit() -> None:
     moved = bench_record.motion(3)
     whole = record(moved)
-    raised = find_cycles(whole.with_channels(find_cycles(whole).provenance[-1], tension=whole.values("tension") + 1.3))
+    raised = find_cycles(whole.with_channels(find_cycles(whole).provenance[-1], tension=whole.values("tension") + 5.0))
     assert agreement(raised, moved) > 0.97
 
 
@@ -140,6 +140,18 @@ def test_branches_differ_by_the_hysteresis() -> None:
     assert_allclose(loading, bench_record.FLOOR + true, rtol=2e-3)
     assert_allclose(loading - unloading, bench_record.HYSTERESIS * true, rtol=0.02)
     assert_allclose(mean, 0.5 * (loading + unloading), rtol=1e-3)
+
+
+def test_relaxation_at_the_top_belongs_to_no_branch() -> None:
+    moved = bench_record.motion(1, top_dwell=3.0)
+    whole = find_cycles(record(moved, noise=0.0, drift=0.0))
+    top = np.flatnonzero((moved.direction == 0) & (moved.cycle == 0))
+    tension = whole.values("tension").copy()
+    tension[top] *= np.linspace(1.0, 1.0 - bench_record.HYSTERESIS, len(top))
+    relaxed = whole.with_channels(whole.provenance[-1], tension=tension)
+    for branch in ("loading", "unloading"):
+        force = take_branch(relaxed, branch, n_samples=100).values("tension")
+        assert_allclose(np.diff(force)[-3:], np.diff(force)[-10], rtol=0.2)
 
 
 def test_average_over_cycles_has_their_scatter_as_sigma() -> None:

@@ -103,6 +103,10 @@ def test_quoted_decimal_commas_between_commas(tmp_path: Path) -> None:
     assert_allclose(dataset.values("tension"), [2.25, 4.5])
 
 
+def test_byte_order_mark_is_no_part_of_the_first_name(tmp_path: Path) -> None:
+    assert_allclose(read_table(write(tmp_path, PLAIN, "utf-8-sig"), UTM).values("time"), [0.0, 0.1, 0.2])
+
+
 def test_header_in_a_comment_and_comments_between_rows(tmp_path: Path) -> None:
     path = write(tmp_path, "# a run\n# Time Disp Force\n0 0 1\n# pause\n1 2 3\n")
     assert_allclose(read_table(path, UTM).values("tension"), [1.0, 3.0])
@@ -123,9 +127,9 @@ def test_unit_from_the_file(tmp_path: Path, header: str) -> None:
 
 
 def test_rows_named_by_number(tmp_path: Path) -> None:
-    path = write(tmp_path, "Time,Force\nA,B\ns,N\n0,1\n1,2\nEnd of test\n")
+    path = write(tmp_path, "Time,Force\nA,B\nchannel 1,channel 2\ns,N\n0,1\n1,2\nEnd of test\n")
     columns = {"time": ColumnSpec("A"), "tension": ColumnSpec("B")}
-    dataset = read_table(path, columns, header_row=2, units_row=3, skip_footer=1)
+    dataset = read_table(path, columns, header_row=2, units_row=4, skip_footer=1)
     assert_allclose(dataset.values("tension"), [1.0, 2.0])
 
 
@@ -199,8 +203,8 @@ def test_unquoted_decimal_comma_between_commas(tmp_path: Path) -> None:
 
 
 def test_thousands_separator_is_no_number(tmp_path: Path) -> None:
-    with pytest.raises(DatasetError, match=r"'1\.200,5'.*decimal comma"):
-        read_table(write(tmp_path, "Time;Disp;Force\n0,5;1,5;1.200,5\n"), UTM)
+    with pytest.raises(DatasetError, match=r"'1\.200'.*decimal comma"):
+        read_table(write(tmp_path, "Time;Disp;Force\n0,5;1,5;1.200\n"), UTM)
 
 
 def test_filter_that_leaves_nothing(tmp_path: Path) -> None:

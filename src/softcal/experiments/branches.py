@@ -136,9 +136,6 @@ def _split(shortening: Floats, rows: Ints, number: int) -> CycleRows:
     travel = shortening[rows]
     dwell = _DWELL * float(np.ptp(travel)) + 3.0 * white_noise(travel)
     top = np.flatnonzero(travel >= travel.max() - dwell)
-    turn = int(np.argmax(travel))
-    if top[-1] - top[0] > 2 * len(top):  # the "top" was left and reached again: no dwell, but two pulls in one
-        top = np.array([turn])
     return CycleRows(number, rows[: top[0] + 1], rows[top[-1] :])
 
 

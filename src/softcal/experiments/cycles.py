@@ -72,7 +72,7 @@ def find_cycles(dataset: Dataset, lower_force_limit: float = 0.1, *, prominence:
     valleys = [slice(a, b + 1) for a, b in pairwise(edges)]
     floors = np.array([smooth[valley].min() for valley in valleys])
     usual = float(np.median(floors[1:-1])) if len(floors) > 2 else float(floors.min())
-    returned = np.maximum(lower_force_limit, usual) + _RETURN_TOLERANCE * (smooth[peaks] - usual) + 3 * noise
+    returned = np.maximum(lower_force_limit, usual) + _RETURN_TOLERANCE * (smooth[peaks] - usual)
     cycle = np.full(len(tension), -1.0)
     bounds: list[tuple[int, int]] = []
     for k, peak in enumerate(peaks):

@@ -1,0 +1,212 @@
+"""Charts of what the bench saw and what the twin answers: cycles, trajectories, the overview."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from softcal.calibration.result import CalibrationResult
+from softcal.checks import Floats
+from softcal.experiments.dataset import Dataset
+from softcal.report.content import ExperimentContent, ReportContent
+from softcal.report.series import Trajectory, TrajectoryPanel
+from softcal.report.style import (
+    BLUE,
+    INK,
+    LOOP,
+    MEASURED,
+    MUTED,
+    ORANGE,
+    SERIES,
+    SIMULATED,
+    house_style,
+    new_figure,
+)
+from softcal.report.wording import channel_label, scale_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+def has_force_displacement(data: Dataset) -> bool:
+    """Whether a dataset has what a force–displacement chart needs."""
+    return "shortening" in data.channels and "tension" in data.channels
+
+
+def draw_force_displacement(experiment: ExperimentContent) -> Figure:
+    """Paper A's Fig. 3: every cycle in light tones, the first told apart, the branch that is used on top."""
+    with house_style():
+        figure = new_figure()
+        axes = figure.add_subplot()
+        record = experiment.cycles or experiment.raw
+        if has_force_displacement(record):
+            draw_cycles(axes, record)
+        if has_force_displacement(experiment.prepared):
+            data = experiment.prepared
+            few = data.n_samples <= 25
+            for piece in _cycle_pieces(data):
+                axes.plot(
+                    *_force_displacement(data, piece), color=BLUE, linewidth=2.2, marker="o" if few else "",
+                    markersize=3.5, label="used for the fit" if piece.start == 0 else None, zorder=4,
+                )  # fmt: skip
+        _force_displacement_axes(axes, experiment.name)
+        axes.legend(loc="upper left")
+        return figure
+
+
+def draw_record(data: Dataset) -> Figure:
+    """A dataset as it came: force over displacement where it has both, otherwise each channel over time."""
+    with house_style():
+        if has_force_displacement(data):
+            figure = new_figure()
+            axes = figure.add_subplot()
+            draw_cycles(axes, data)
+            _force_displacement_axes(axes, data.name)
+            axes.legend(loc="upper left")
+            return figure
+        names = [name for name in data.channels if name != "time"] or ["time"]
+        figure = new_figure(5.2, 1.2 + 1.5 * len(names))
+        stack = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
+        timed = "time" in data.channels and names != ["time"]
+        x = data.values("time") if timed else np.arange(data.n_samples)
+        for axes, name in zip(stack, names, strict=True):
+            scale = scale_of(data.channels[name].unit)
+            axes.plot(x, data.values(name) / scale.factor, color=BLUE, linewidth=1.2)
+            axes.set_ylabel(scale.axis(channel_label(name)))
+        stack[0].set_title(data.name)
+        stack[-1].set_xlabel("Time [s]" if timed else "Sample")
+        return figure
+
+
+def draw_cycles(axes: Axes, data: Dataset) -> None:
+    """Cycles of force over displacement: what lies outside any, the first, the later ones."""
+    if data.cycle is None:
+        axes.plot(*_force_displacement(data, slice(None)), color=MUTED, linewidth=1.0, label="as measured")
+        return
+    seen: set[str] = set()
+    first = float(np.min(data.cycle[data.cycle >= 0], initial=np.inf))
+    last = int(np.max(data.cycle, initial=0))
+    for piece in _cycle_pieces(data):
+        number = data.cycle[piece.start]
+        if number < 0:
+            label, colour, line = "outside any cycle", MUTED, ":"
+        elif number == first:
+            label, colour, line = f"cycle {int(number) + 1}", ORANGE, "-"
+        else:
+            label, colour, line = f"cycles {int(first) + 2} to {last + 1}", LOOP, "-"
+        axes.plot(
+            *_force_displacement(data, piece), color=colour, linestyle=line, linewidth=1.2,
+            label=None if label in seen else label, zorder=3 if number == first else 2,
+        )  # fmt: skip
+        seen.add(label)
+
+
+def _cycle_pieces(data: Dataset) -> list[slice]:
+    if data.cycle is None:
+        return [slice(0, data.n_samples)]
+    cuts = [0, *(np.flatnonzero(np.diff(data.cycle)) + 1).tolist(), data.n_samples]
+    return [slice(start, stop) for start, stop in pairwise(cuts)]
+
+
+def _force_displacement(data: Dataset, rows: slice) -> tuple[Floats, Floats]:
+    return data.values("shortening")[rows] / scale_of("m").factor, data.values("tension")[rows]
+
+
+def _force_displacement_axes(axes: Axes, title: str) -> None:
+    axes.set_title(title)
+    axes.set_xlabel("Displacement [mm]")
+    axes.set_ylabel("Cable force [N]")
+    axes.set_xlim(left=min(0.0, axes.get_xlim()[0]))
+    axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
+
+
+def draw_trajectory(path: Trajectory) -> Figure:
+    """Paper A's Fig. 6: measured and simulated channels over the trajectory, the residual beneath each."""
+    rows: list[tuple[TrajectoryPanel, str]] = []
+    for panel in path.panels:
+        rows.append((panel, "values"))
+        if panel.residual is not None:
+            rows.append((panel, "residual"))
+    heights = [2.0 if kind == "values" else 0.85 for _, kind in rows]
+    with house_style():
+        figure = new_figure(5.2, 0.9 + sum(heights) * 0.92)
+        stack = figure.subplots(len(rows), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
+        for axes, (panel, kind) in zip(stack, rows, strict=True):
+            if kind == "values":
+                _draw_values(axes, path, panel)
+            else:
+                _draw_residual(axes, path, panel)
+        stack[0].set_title(path.experiment)
+        stack[-1].set_xlabel(path.abscissa.label)
+        figure.align_ylabels(list(stack))
+        return figure
+
+
+def _draw_values(axes: Axes, path: Trajectory, panel: TrajectoryPanel) -> None:
+    few = len(panel.simulated) <= 60
+    for piece in path.pieces:
+        named = piece.start == 0
+        x = path.abscissa.values[piece]
+        if panel.measured is not None:
+            axes.plot(
+                x, panel.measured[piece], color=MEASURED, linestyle="" if few else "-", marker="o" if few else "",
+                markersize=3.5, markerfacecolor="none", linewidth=2.6, alpha=1.0 if few else 0.45,
+                label="measured" if named else None,
+            )  # fmt: skip
+        axes.plot(x, panel.simulated[piece], color=SIMULATED, label="simulated" if named else None)
+    axes.set_ylabel(panel.scale.axis(panel.label))
+    legend = axes.legend(loc="best")
+    if panel.measured is None:
+        legend.set_title(f"{panel.label.lower()} was not measured")
+        legend.get_title().set_fontsize(8.5)
+
+
+def _draw_residual(axes: Axes, path: Trajectory, panel: TrajectoryPanel) -> None:
+    assert panel.residual is not None  # noqa: S101 - the caller lists residual rows only where there is one
+    axes.axhline(0.0, color=INK, linewidth=0.8)
+    for piece in path.pieces:
+        axes.plot(path.abscissa.values[piece], panel.residual[piece], color=SIMULATED, linewidth=1.2)
+    reach = 1.15 * float(np.max(np.abs(panel.residual))) or 1.0
+    axes.set_ylim(-reach, reach)
+    axes.set_ylabel(panel.scale.axis("Residual"))
+    axes.locator_params(axis="y", nbins=3)
+
+
+def draw_overview(content: ReportContent, result: CalibrationResult) -> Figure:
+    """Every experiment of one calibration: measured force as points, the twin as lines, over the cable's travel."""
+    with house_style():
+        figure = new_figure(5.2, 3.7)
+        axes = figure.add_subplot()
+        for index, name in enumerate(result.experiments):
+            curves = overview_curves(content.experiments[name], result)
+            if curves is None:
+                continue
+            colour = SERIES[index % len(SERIES)]
+            (x, y), (x_twin, y_twin) = curves
+            every = max(1, len(x) // 40)
+            axes.plot(
+                x[::every], y[::every], color=colour, linestyle="", marker="osD^vP"[index % 6], markersize=4,
+                markerfacecolor="white", label=f"{name}, measured",
+            )  # fmt: skip
+            axes.plot(x_twin, y_twin, color=colour, linewidth=1.8, label=f"{name}, twin")
+        _force_displacement_axes(axes, "Measured force and the calibrated twin")
+        axes.legend(loc="upper left", ncols=1 if len(result.experiments) < 4 else 2)
+        return figure
+
+
+def overview_curves(
+    experiment: ExperimentContent, result: CalibrationResult
+) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]] | None:
+    """Measured and simulated (travel [mm], force [N]), or None where the compared samples do not match the data."""
+    fit, data, factor = result.experiments[experiment.name], experiment.prepared, scale_of("m").factor
+    compared = "tension" if experiment.drive == "shortening" else "shortening"
+    driven = data.channels.get(experiment.drive)
+    if driven is None or compared not in fit.measured or len(fit.measured[compared]) != data.n_samples:
+        return None
+    measured, simulated = (np.asarray(side[compared], dtype=np.float64) for side in (fit.measured, fit.simulated))
+    if compared == "tension":
+        return (driven.values / factor, measured), (driven.values / factor, simulated)
+    return (measured / factor, driven.values), (simulated / factor, driven.values)

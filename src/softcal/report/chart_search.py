@@ -1,0 +1,215 @@
+"""Charts of the search: the loss over two parameters, and the best loss so far."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from softcal.calibration.result import CalibrationResult, Estimate
+from softcal.report.content import Landscape
+from softcal.report.series import SearchHistory, searched_pair
+from softcal.report.style import (
+    BLUE,
+    FAINT,
+    INK,
+    MUTED,
+    ORANGE,
+    RED,
+    SEQUENTIAL,
+    house_style,
+    new_figure,
+    plain_log_axis,
+    plain_log_ticks,
+)
+from softcal.report.wording import Scale, estimate_scale, estimate_text, number, parameter_label, scale_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# Above this many points a scatter is stored as an image inside the SVG: small files that still zoom well.
+_MANY_POINTS = 300
+
+
+def draw_loss_map(title: str, result: CalibrationResult, landscape: Landscape | None) -> Figure | None:
+    """Paper A's Fig. 5: the loss over E (log) and nu, as contours where there is a grid, else as trials.
+
+    None where fewer than two parameters were searched and no landscape is given; see `draw_loss_profile`.
+    """
+    pair = (landscape.x_name, landscape.y_name) if landscape else searched_pair(result)
+    if pair is None:
+        return None
+    with house_style():
+        figure = new_figure(5.2, 3.9)
+        axes = figure.add_subplot()
+        scales = tuple(_scale(result, name) for name in pair)
+        shown = _draw_contours(axes, landscape, scales) if landscape else _draw_trials(axes, result, pair, scales)
+        if shown is not None:
+            bar = figure.colorbar(shown, ax=axes, pad=0.02, aspect=28)
+            bar.set_label("Loss (dark is better)")
+            bar.outline.set_visible(False)  # type: ignore[operator]
+            low, high = bar.norm.vmin, bar.norm.vmax
+            if low and high and low > 0:
+                plain_log_ticks(bar.ax.yaxis, low, high)
+        _draw_bounds(axes, result, pair, scales)
+        _draw_optimum(axes, result, pair, scales)
+        axes.set_xlabel(scales[0].axis(parameter_label(pair[0])))
+        axes.set_ylabel(scales[1].axis(parameter_label(pair[1])))
+        axes.set_title(title)
+        axes.grid(False)
+        if axes.get_legend_handles_labels()[1]:
+            figure.legend(loc="outside lower center", ncols=4, fontsize=8.5, markerscale=0.75)
+        return figure
+
+
+def draw_loss_profile(title: str, result: CalibrationResult) -> Figure | None:
+    """The loss over the only parameter that was searched; None where there is none."""
+    name = next(iter(result.parameters), None)
+    if name is None:
+        return None
+    estimate, scale = result.parameters[name], _scale(result, name)
+    done = sorted((t.theta[name], t.loss) for t in result.trials if t.loss is not None and name in t.theta)
+    with house_style():
+        figure = new_figure(5.2, 3.4)
+        axes = figure.add_subplot()
+        x, loss = (np.array(side) for side in zip(*done, strict=True)) if done else (np.array([]), np.array([]))
+        axes.plot(x / scale.factor, loss, color=BLUE, marker="o", markersize=3.5, linewidth=1.0)
+        axes.plot(
+            [estimate.value / scale.factor], [result.loss], marker="*", markersize=15, color=ORANGE,
+            markeredgecolor=INK, linestyle="", label=f"optimum: {estimate_text(estimate)}",
+        )  # fmt: skip
+        if len(loss) and loss.min() > 0:
+            axes.set_yscale("log")
+            plain_log_ticks(axes.yaxis, *axes.get_ylim())
+        if estimate.lower > 0 and estimate.upper / estimate.lower > 5:
+            plain_log_axis(axes, estimate.lower / scale.factor / 1.15, estimate.upper / scale.factor * 1.15)
+        axes.set_xlabel(scale.axis(parameter_label(name)))
+        axes.set_ylabel("Loss")
+        axes.set_title(title)
+        axes.legend(loc="best")
+        return figure
+
+
+def _scale(result: CalibrationResult, name: str) -> Scale:
+    estimate = result.parameters.get(name)
+    if estimate is not None:
+        return estimate_scale(estimate)
+    return scale_of("Pa") if name.endswith("youngs_modulus") else Scale("", 1.0)
+
+
+def _draw_contours(axes: Axes, landscape: Landscape, scales: tuple[Scale, ...]) -> Any:
+    x, y = landscape.x / scales[0].factor, landscape.y / scales[1].factor
+    failed = np.zeros(landscape.loss.shape, dtype=bool) if landscape.failed is None else landscape.failed.astype(bool)
+    loss = np.ma.masked_array(landscape.loss, failed)
+    norm, levels = _loss_norm(loss.compressed())
+    if failed.any():
+        rows, columns = np.nonzero(failed)
+        axes.plot(x[columns], y[rows], "x", color=MUTED, markersize=4, label="could not be simulated")
+    if levels is None:
+        return axes.pcolormesh(x, y, loss, cmap=SEQUENTIAL, norm=norm, shading="nearest")
+    clipped = np.ma.clip(loss, levels[0], levels[-1])
+    shown = axes.contourf(x, y, clipped, levels=levels, cmap=SEQUENTIAL, norm=norm)
+    axes.contour(x, y, clipped, levels=levels[1:-1:2], colors="white", linewidths=0.4, alpha=0.6)
+    return shown
+
+
+def _draw_trials(axes: Axes, result: CalibrationResult, pair: tuple[str, str], scales: tuple[Scale, ...]) -> Any:
+    known = [trial for trial in result.trials if pair[0] in trial.theta and pair[1] in trial.theta]
+    done = [trial for trial in known if trial.state == "COMPLETE" and trial.loss is not None]
+    failed = [trial for trial in known if trial.state == "FAILED"]
+    if failed:
+        at = [[trial.theta[name] / scale.factor for trial in failed] for name, scale in zip(pair, scales, strict=True)]
+        axes.plot(*at, "x", color=MUTED, markersize=4, label=f"failed trials ({len(failed)})")
+    if not done:
+        return None
+    done.sort(key=lambda trial: -(trial.loss or 0.0))
+    at = [[trial.theta[name] / scale.factor for trial in done] for name, scale in zip(pair, scales, strict=True)]
+    loss = np.array([trial.loss for trial in done], dtype=np.float64)
+    return axes.scatter(
+        *at, c=loss, cmap=SEQUENTIAL, norm=_loss_norm(loss)[0], s=14 if len(done) > _MANY_POINTS else 26,
+        edgecolors="none", rasterized=len(done) > _MANY_POINTS, label=f"trials ({len(done)})",
+    )  # fmt: skip
+
+
+def _loss_norm(loss: np.ndarray[Any, Any]) -> tuple[Any, np.ndarray[Any, Any] | None]:
+    """Logarithmic colours over the lower nine tenths of the losses, and contour levels; none where all are alike."""
+    from matplotlib.colors import LogNorm, Normalize
+
+    if not len(loss) or loss.min() <= 0 or loss.max() / loss.min() < 1.0001:
+        return Normalize(), None
+    low, high = float(loss.min()), float(np.quantile(loss, 0.9))
+    high = max(high, 1.01 * low)
+    return LogNorm(low, high, clip=True), np.geomspace(low, high, 15)
+
+
+def _draw_bounds(axes: Axes, result: CalibrationResult, pair: tuple[str, str], scales: tuple[Scale, ...]) -> None:
+    x, y = (result.parameters.get(name) for name in pair)
+    if x is None or y is None:
+        return
+    left, right = x.lower / scales[0].factor, x.upper / scales[0].factor
+    bottom, top = y.lower / scales[1].factor, y.upper / scales[1].factor
+    axes.plot(
+        [left, right, right, left, left], [bottom, bottom, top, top, bottom], color=MUTED, linestyle="--",
+        linewidth=1.0, label="bounds", zorder=3,
+    )  # fmt: skip
+    if left > 0:
+        stretch = (right / left) ** 0.04
+        plain_log_axis(axes, left / stretch, right * stretch)
+    margin = 0.06 * (top - bottom)
+    axes.set_ylim(bottom - margin, top + margin)
+
+
+def _draw_optimum(axes: Axes, result: CalibrationResult, pair: tuple[str, str], scales: tuple[Scale, ...]) -> None:
+    x, y = (result.parameters.get(name) for name in pair)
+    if x is None or y is None:
+        return
+    at = (x.value / scales[0].factor, y.value / scales[1].factor)
+    axes.plot(
+        *at, marker="*", markersize=16, color=ORANGE, markeredgecolor=INK, linestyle="", label="optimum", zorder=5
+    )
+    lines = [f"{parameter_label(name)} = {_value(e)}" for name, e in zip(pair, (x, y), strict=True)]
+    right, upper = _half(axes, *at)
+    axes.annotate(
+        "\n".join([*lines, f"loss {number(result.loss)}"]), at, xytext=(-16 if right else 16, -16 if upper else 16),
+        textcoords="offset points", ha="right" if right else "left", va="top" if upper else "bottom", fontsize=8.5,
+        color=INK, bbox={"facecolor": "white", "edgecolor": FAINT, "alpha": 0.92, "boxstyle": "round,pad=0.35"},
+        arrowprops={"arrowstyle": "-", "color": INK, "linewidth": 0.8}, zorder=6,
+    )  # fmt: skip
+
+
+def _value(estimate: Estimate) -> str:
+    scale = estimate_scale(estimate)
+    return f"{number(estimate.value / scale.factor)} {scale.unit}".rstrip()
+
+
+def _half(axes: Axes, x: float, y: float) -> tuple[bool, bool]:
+    """Whether a point lies in the right and in the upper half of the axes."""
+    across, up = axes.transAxes.inverted().transform(axes.transData.transform((x, y)))
+    return bool(across > 0.5), bool(up > 0.5)
+
+
+def draw_history(title: str, history: SearchHistory) -> Figure:
+    """Each trial's loss, the best so far, and where trials failed."""
+    with house_style():
+        figure = new_figure(5.2, 3.2)
+        axes = figure.add_subplot()
+        many = len(history.losses) > _MANY_POINTS
+        axes.plot(
+            history.numbers, history.losses, linestyle="", marker="o", markersize=2.5 if many else 4, color=MUTED,
+            alpha=0.45, markeredgewidth=0, rasterized=many, label="trials",
+        )  # fmt: skip
+        axes.step(history.numbers, history.best, where="post", color=BLUE, linewidth=2.0, label="best so far")
+        if len(history.losses) and history.losses.min() > 0:
+            axes.set_yscale("log")
+            plain_log_ticks(axes.yaxis, *axes.get_ylim())
+        if len(history.failed):
+            axes.plot(
+                history.failed, np.full(len(history.failed), 0.97), "x", color=RED, markersize=5,
+                transform=axes.get_xaxis_transform(), label=f"failed ({len(history.failed)})", clip_on=False,
+            )  # fmt: skip
+        axes.set_xlabel("Trial")
+        axes.set_ylabel("Loss")
+        axes.set_title(title)
+        figure.legend(loc="outside lower center", ncols=3)
+        return figure

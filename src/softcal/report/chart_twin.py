@@ -1,0 +1,132 @@
+"""Scenes side by side with titles, labels, a scale bar and, where it applies, a colour bar."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.report.content import TwinView
+from softcal.report.scene import Camera, Scene, Surface, twin_scenes
+from softcal.report.scene_render import Rendering, draw_flat, render_scenes
+from softcal.report.style import DISPLACEMENT, FAINT, INK, MUTED, house_style, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class ScenePicture:
+    """A drawn figure; note: what the reader must know about how it was drawn, or ""."""
+
+    figure: Figure
+    note: str
+
+
+def draw_twin(view: TwinView) -> ScenePicture:
+    """Paper A's Figs 2 and 4: the twin at rest and bent, coloured by displacement."""
+    found = twin_scenes(view)
+    cameras = (found.camera, found.camera)
+    return draw_side_by_side(found.scenes, cameras, render_scenes(found.scenes, cameras), largest=found.largest)
+
+
+def draw_side_by_side(
+    scenes: tuple[Scene, ...],
+    cameras: tuple[Camera, ...],
+    rendering: Rendering,
+    *,
+    largest: float | None = None,
+    colours: Mapping[str, str] | None = None,
+) -> ScenePicture:
+    """Scenes next to each other; `largest` [m] adds the colour bar of a displacement, `colours` a legend."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    left, right, bottom, top = cameras[0].window
+    panel = min(3.6, max(2.4, 3.4 * (right - left) / (top - bottom)))
+    height = panel * (top - bottom) / (right - left)
+    with house_style():
+        figure = new_figure(panel * len(scenes) + 0.2, min(height, 6.0) + 0.85)
+        stack = figure.subplots(1, len(scenes), squeeze=False)[0]
+        for index, (axes, scene, camera) in enumerate(zip(stack, scenes, cameras, strict=True)):
+            _frame(axes, camera)
+            if rendering.pictures:
+                axes.imshow(rendering.pictures[index], extent=tuple(1e3 * edge for edge in camera.window), zorder=1)
+            else:
+                draw_flat(axes, scene, camera)
+            _name_parts(axes, scene, camera)
+            axes.set_title(scene.title)
+        _scale_bar(stack[0], cameras[0])
+        if largest:
+            shades = ScalarMappable(Normalize(0, 1e3 * largest), DISPLACEMENT)
+            bar = figure.colorbar(shades, ax=list(stack), location="bottom", aspect=40, pad=0.02, shrink=0.8)
+            bar.set_label("Displacement from rest [mm]")
+            bar.outline.set_visible(False)  # type: ignore[operator]
+        if colours:
+            from matplotlib.patches import Patch
+
+            patches = [Patch(facecolor=colour, edgecolor=MUTED, label=name) for name, colour in colours.items()]
+            figure.legend(handles=patches, loc="outside lower center", ncols=3)
+        return ScenePicture(figure, rendering.note)
+
+
+def _frame(axes: Axes, camera: Camera) -> None:
+    left, right, bottom, top = (1e3 * edge for edge in camera.window)
+    axes.set_xlim(left, right)
+    axes.set_ylim(bottom, top)
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+
+
+def _name_parts(axes: Axes, scene: Scene, camera: Camera) -> None:
+    """Names in the free margin on the nearer side, kept apart in height, each with a thin line to its part."""
+    left, right, bottom, top = (1e3 * edge for edge in camera.window)
+    if not scene.labels:
+        return
+    crowd = 1e3 * camera.project(
+        np.concatenate([p.points for p in scene.parts if isinstance(p, Surface) and p.opacity == 1])
+    )
+    anchors = np.stack([_clearest(1e3 * camera.project(label.at)[:, :2], crowd[:, :2]) for label in scene.labels])
+    height = 0.06 * (top - bottom)
+    lowest = np.inf
+    for index in np.argsort(-anchors[:, 1]):
+        x, y = anchors[index]
+        lowest = min(y + 1.5 * height, lowest - height, top - 0.3 * height)
+        near_left = x < 0.5 * (left + right)
+        axes.annotate(
+            scene.labels[index].text, (x, y), xytext=(left if near_left else right, lowest), fontsize=9, color=INK,
+            ha="left" if near_left else "right", va="center", zorder=5,
+            bbox={"facecolor": "white", "edgecolor": FAINT, "alpha": 0.9, "boxstyle": "round,pad=0.25"},
+            arrowprops={"arrowstyle": "-", "color": INK, "linewidth": 0.7, "shrinkA": 0, "shrinkB": 0},
+        )  # fmt: skip
+
+
+def _clearest(candidates: Floats, crowd: Floats) -> Floats:
+    """Of the candidates that are nearly as far from the crowd as can be, the middle one."""
+    from scipy.spatial import KDTree
+
+    distance = KDTree(crowd).query(candidates)[0]
+    clear = np.flatnonzero(distance >= 0.9 * distance.max())
+    return candidates[clear[len(clear) // 2]]
+
+
+def _scale_bar(axes: Axes, camera: Camera) -> None:
+    left, right, bottom, top = (1e3 * edge for edge in camera.window)
+    wanted = 0.25 * (right - left)
+    power = 10 ** np.floor(np.log10(wanted))
+    length = max(step * power for step in (1, 2, 5) if step * power <= wanted)
+    y = bottom + 0.02 * (top - bottom)
+    axes.plot([left, left + length], [y, y], color=INK, linewidth=2.0, solid_capstyle="butt", zorder=6)
+    axes.text(
+        left + length / 2,
+        y + 0.015 * (top - bottom),
+        f"{length:g} mm",
+        ha="center",
+        va="bottom",
+        fontsize=8.5,
+        color=INK,
+    )

@@ -1,0 +1,183 @@
+"""Pictures to check a project by eye: mesh with regions, cables, loads; the curves of every experiment."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.experiments.dataset import Dataset
+from softcal.report.chart_bench import draw_record
+from softcal.report.chart_twin import draw_side_by_side
+from softcal.report.scene import (
+    Arrow,
+    Ball,
+    Camera,
+    Label,
+    Part,
+    Scene,
+    Surface,
+    Tube,
+    alike,
+    bending_camera,
+    boundary_triangles,
+    extent_points,
+    length_scale,
+    plate_normal,
+    refined,
+)
+from softcal.report.scene_render import render_scenes
+from softcal.report.style import BLUE, GREEN, INK, ORANGE, PURPLE, RED, encode
+from softcal.report.wording import file_stem, number
+from softcal.report.write import write_files
+from softcal.twin.robot import Body, PointLoad, Robot, SurfaceLoad
+
+_BODY = "#d6d3cd"
+
+
+@dataclass(frozen=True)
+class CheckPaths:
+    """What was drawn: the robot, each dataset by name; notes: how, where not as usual."""
+
+    robot: tuple[Path, Path]
+    datasets: Mapping[str, tuple[Path, Path]]
+    notes: tuple[str, ...] = ()
+
+
+def draw_check(robot: Robot, datasets: Mapping[str, Dataset], out_dir: str | Path) -> CheckPaths:
+    """Draw `robot.png|svg` and `data-<name>.png|svg` into a folder, replacing older ones.
+
+    Raises
+    ------
+    StorageError
+        Where the folder cannot be written.
+    """
+    folder = Path(out_dir)
+    scenes, cameras = robot_scenes(robot)
+    drawn = draw_side_by_side(scenes, cameras, render_scenes(scenes, cameras), colours=_legend(robot))
+    figures = {"robot": drawn.figure} | {
+        f"data-{file_stem(name)}": draw_record(data) for name, data in datasets.items()
+    }
+    pairs = {stem: (folder / f"{stem}.png", folder / f"{stem}.svg") for stem in figures}
+    files: dict[Path, bytes] = {}
+    for stem, figure in figures.items():
+        png, svg = pairs[stem]
+        files[png], files[svg] = encode(figure)
+    write_files(files)
+    by_name = {name: pairs[f"data-{file_stem(name)}"] for name in datasets}
+    return CheckPaths(pairs["robot"], by_name, (drawn.note,) if drawn.note else ())
+
+
+def robot_scenes(robot: Robot) -> tuple[tuple[Scene, ...], tuple[Camera, ...]]:
+    """The robot at rest from the side and, turned by a quarter and seen from higher up, once more."""
+    points = np.concatenate([body.mesh.points for body in robot.bodies])
+    size = length_scale(points)
+    parts: list[Part] = [_surface(robot, body) for body in robot.bodies]
+    labels: list[Label] = []
+    for cable in robot.cables:
+        path = np.stack([via.at for via in cable.via_points])
+        parts.append(Tube(path, 0.006 * size, ORANGE))
+        parts += [Ball(via.at, 0.014 * size, _carrier_colour(robot, via.on)) for via in cable.via_points]
+        labels.append(Label(cable.name, refined(path)))
+    up = plate_normal(robot, robot.plates[0]) if robot.plates else np.array([0.0, 0.0, 1.0])
+    towards = _first_cable_side(robot, points, up)
+    for arrows, words in (_load_arrows(robot, size), _gravity_arrow(robot, points, up, towards)):
+        parts += arrows
+        labels += words
+    scenes = (Scene("From the side", tuple(parts), tuple(labels)), Scene("Turned by 90 deg", tuple(parts)))
+    extent = extent_points(scenes)
+    return scenes, alike((bending_camera(extent, up, towards), bending_camera(extent, up, np.cross(up, towards))))
+
+
+def region_colours(robot: Robot, body: Body) -> Floats:
+    """RGB of each boundary triangle: held where all its nodes are fixed, tied where all ride on a plate."""
+    from matplotlib.colors import to_rgb
+
+    triangles = boundary_triangles(body.mesh.tets)
+    colours = np.tile(to_rgb(_BODY), (len(triangles), 1))
+    for plate in robot.plates:
+        if body.name in plate.nodes:
+            colours[np.isin(triangles, plate.nodes[body.name]).all(axis=1)] = to_rgb(BLUE)
+    colours[np.isin(triangles, body.fixed).all(axis=1)] = to_rgb(INK)
+    for load in robot.loads:
+        if isinstance(load, SurfaceLoad) and load.on == body.name:
+            colours[np.isin(triangles, load.faces).all(axis=1)] = to_rgb(RED)
+    return colours
+
+
+def _surface(robot: Robot, body: Body) -> Surface:
+    return Surface(
+        body.mesh.points,
+        boundary_triangles(body.mesh.tets),
+        region_colours(robot, body),
+        edges=body.mesh.n_tets < 20000,
+    )
+
+
+def _carrier_colour(robot: Robot, carrier: str) -> str:
+    if carrier in {plate.name for plate in robot.plates}:
+        return BLUE
+    return PURPLE if carrier else GREEN
+
+
+def _legend(robot: Robot) -> dict[str, str]:
+    """What each colour that occurs means."""
+    carriers = {_carrier_colour(robot, via.on) for cable in robot.cables for via in cable.via_points}
+    legend = {"body": _BODY}
+    if any(len(body.fixed) for body in robot.bodies):
+        legend["fixed"] = INK
+    if robot.plates:
+        legend["plate (nodes, via points)"] = BLUE
+    if robot.cables:
+        legend["cable"] = ORANGE
+    legend |= {
+        name: colour
+        for colour, name in ((GREEN, "via point in space"), (PURPLE, "via point on a body"))
+        if colour in carriers
+    }
+    if robot.loads or np.any(robot.gravity):
+        legend["load, gravity"] = RED
+    return legend
+
+
+def _load_arrows(robot: Robot, size: float) -> tuple[list[Part], list[Label]]:
+    """Arrows of one length for every load, so that small ones are seen; their size stands in the label."""
+    arrows: list[Part] = []
+    labels: list[Label] = []
+    for load in robot.loads:
+        if isinstance(load, PointLoad):
+            at, force, unit = load.at, load.force, "N"
+        else:
+            body = next(body for body in robot.bodies if body.name == load.on)
+            at, force, unit = body.mesh.points[np.unique(load.faces)].mean(axis=0), load.traction, "Pa"
+        strength = float(np.linalg.norm(force))
+        if strength > 0:
+            tail = at - 0.3 * size * force / strength
+            arrows.append(Arrow(tail, at, 0.009 * size, RED))
+            labels.append(Label(f"{load.name}: {number(strength)} {unit}", tail[None]))
+    return arrows, labels
+
+
+def _gravity_arrow(robot: Robot, points: Floats, up: Floats, towards: Floats) -> tuple[list[Part], list[Label]]:
+    """An arrow beside the robot, where neither view has something in front of it."""
+    strength = float(np.linalg.norm(robot.gravity))
+    if strength == 0:
+        return [], []
+    size = length_scale(points)
+    side = np.cross(up, towards) - towards
+    tail = points.mean(axis=0) + 0.65 * size * side / np.linalg.norm(side)
+    arrow = Arrow(tail, tail + 0.2 * size * robot.gravity / strength, 0.009 * size, RED)
+    return [arrow], [Label(f"gravity: {number(strength)} m/s²", tail[None])]
+
+
+def _first_cable_side(robot: Robot, points: Floats, up: Floats) -> Floats:
+    """The direction across `up` in which the first cable lies, else any."""
+    if robot.cables:
+        offset = np.mean([via.at for via in robot.cables[0].via_points], axis=0) - points.mean(axis=0)
+        across = offset - (offset @ up) * up
+        if np.linalg.norm(across) > 1e-9:
+            return across
+    return np.asarray(np.cross(up, np.eye(3)[int(np.argmin(np.abs(up)))]), dtype=np.float64)

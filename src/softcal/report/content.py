@@ -1,0 +1,169 @@
+"""What a report is made of: results, data, shapes, landscapes. Frozen; numbers in SI; nothing here draws."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from softcal.calibration.result import CalibrationResult
+from softcal.checks import Floats, Ints, frozen_floats, frozen_ints
+from softcal.errors import Fault, InputError
+from softcal.experiments.dataset import Dataset
+from softcal.materials.infill import effective_modulus
+from softcal.twin.response import Snapshot
+from softcal.twin.robot import Control, Robot
+
+
+@dataclass(frozen=True)
+class ExperimentContent:
+    """One experiment: what the bench wrote, and what was compared.
+
+    raw: the record as read. cycles: every cycle with its number, after the corrections (pulleys, zero) and before
+    a branch was chosen; None where there is none, then `raw` is drawn beneath the branch.
+    prepared: the samples that were compared. drive: which measured channel drove the twin.
+    """
+
+    name: str
+    raw: Dataset
+    prepared: Dataset
+    cycles: Dataset | None = None
+    drive: Control = "shortening"
+
+
+@dataclass(frozen=True)
+class TwinView:
+    """The calibrated twin in two states, to be drawn side by side.
+
+    tets: body -> connectivity of `Snapshot.points` (`Response.tets`), of order one or two.
+    """
+
+    robot: Robot
+    rest: Snapshot
+    bent: Snapshot
+    tets: Mapping[str, Ints]
+
+    def __post_init__(self) -> None:
+        tets = {body: frozen_ints(cells, name=f"tets of {body}") for body, cells in self.tets.items()}
+        object.__setattr__(self, "tets", tets)
+        faults = [
+            Fault("the snapshot lacks a body", where=f"snapshot '{snapshot.label}'", got=body, allowed=", ".join(tets))
+            for snapshot in (self.rest, self.bent)
+            for body in tets
+            if body not in snapshot.points
+        ]
+        if faults:
+            raise InputError(faults)
+
+
+@dataclass(frozen=True)
+class Landscape:
+    """A loss over a rectangular grid of two parameters.
+
+    x, y: the axes [units of the parameters, SI], ascending; loss [of the calibration], shape (len(y), len(x));
+    failed: True where the twin could not be simulated (loss there is ignored), None where all were.
+    """
+
+    x_name: str
+    y_name: str
+    x: Floats
+    y: Floats
+    loss: Floats
+    failed: Ints | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "x", frozen_floats(self.x, name=self.x_name, shape=(None,)))
+        object.__setattr__(self, "y", frozen_floats(self.y, name=self.y_name, shape=(None,)))
+        shape = (len(self.y), len(self.x))
+        object.__setattr__(self, "loss", frozen_floats(self.loss, name="loss of the landscape", shape=shape))
+        if self.failed is not None:
+            failed = frozen_ints(self.failed, name="failed points of the landscape", shape=shape)
+            object.__setattr__(self, "failed", failed)
+
+
+@dataclass(frozen=True)
+class PrintInfill:
+    """Eq. (5) of paper A: E_eff = E_bulk * phi**gamma, with the ranges that are taken for plausible.
+
+    bulk_modulus [Pa]: lowest and highest; infill phi [-], 0 < phi <= 1; exponent gamma [-]: lowest and highest.
+    """
+
+    bulk_modulus: tuple[float, float]
+    infill: float
+    exponent: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        faults: list[Fault] = []
+        if not 0 < self.infill <= 1:
+            faults.append(
+                Fault("the infill is no fraction", where="infill", got=f"{self.infill}", allowed="0 < phi <= 1")
+            )
+        for name, (low, high) in (("bulk_modulus", self.bulk_modulus), ("exponent", self.exponent)):
+            if not 0 < low <= high:
+                faults.append(Fault("the range is reversed or not positive", where=name, got=f"{low} to {high}"))
+        if faults:
+            raise InputError(faults)
+
+    @property
+    def effective_modulus(self) -> tuple[float, float]:
+        """Lowest and highest E_eff [Pa]; the lowest has the softest bulk and the largest exponent."""
+        low, high = self.bulk_modulus
+        return (
+            effective_modulus(low, self.infill, self.exponent[1]),
+            effective_modulus(high, self.infill, self.exponent[0]),
+        )
+
+
+@dataclass(frozen=True)
+class ReportContent:
+    """Everything `write_report` needs.
+
+    results: label of a calibration -> its result, one per experiment as paper A does and/or "joint"; the label is
+    what people read, and `CalibrationResult.experiments` says which experiments it was fitted to.
+    experiments: name -> data. headline: label of the result to show first; "" takes "joint", else the first.
+    landscapes: label of a calibration -> loss over two parameters; where absent, the trials are drawn.
+    A simulated channel without a measured one (pitch where no IMU was used) belongs in `ExperimentFit.simulated`.
+    """
+
+    project_name: str
+    results: Mapping[str, CalibrationResult]
+    experiments: Mapping[str, ExperimentContent]
+    twin: TwinView | None = None
+    landscapes: Mapping[str, Landscape] = field(default_factory=dict)
+    print_infill: PrintInfill | None = None
+    headline: str = ""
+    versions: Mapping[str, str] = field(default_factory=dict)
+    hashes: Mapping[str, str] = field(default_factory=dict)
+    created: str = ""
+
+    def __post_init__(self) -> None:
+        for name in ("results", "experiments", "landscapes", "versions", "hashes"):
+            object.__setattr__(self, name, dict(getattr(self, name)))
+        faults: list[Fault] = []
+        if not self.results:
+            faults.append(Fault("a report needs at least one calibration result", where=self.project_name))
+        faults += [
+            Fault(
+                "the fit names an experiment without data", where=label, got=name, allowed=", ".join(self.experiments)
+            )
+            for label, result in self.results.items()
+            for name in result.experiments
+            if name not in self.experiments
+        ]
+        faults += [
+            Fault(f"{what} of a calibration that does not exist", got=label, allowed=", ".join(self.results))
+            for what, labels in (
+                ("a landscape", self.landscapes),
+                ("the headline", [self.headline] * bool(self.headline)),
+            )
+            for label in labels
+            if label not in self.results
+        ]
+        if faults:
+            raise InputError(faults)
+        if not self.headline:
+            object.__setattr__(self, "headline", "joint" if "joint" in self.results else next(iter(self.results)))
+
+    @property
+    def headline_result(self) -> CalibrationResult:
+        """The result shown first."""
+        return self.results[self.headline]

@@ -1,0 +1,163 @@
+"""Every picture of a report: which there are, their captions, and the calls that draw them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from softcal.report.content import ExperimentContent, ReportContent
+from softcal.report.style import encode
+from softcal.report.wording import (
+    file_stem,
+    joined,
+    number,
+    ordered_parameters,
+    parameter_label,
+    parameter_name,
+    result_label,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Section = Literal["overview", "twin", "bench", "fit", "search", "history", "parameters", "plausible"]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One picture as files: its file stem, where it belongs, what it shows, and its bytes.
+
+    shown: which of both the page embeds, SVG for charts and PNG for what is an image anyway. note: a loud remark on
+    how it was drawn, or "".
+    """
+
+    name: str
+    section: Section
+    caption: str
+    png: bytes
+    svg: bytes
+    shown: Literal["png", "svg"] = "svg"
+    note: str = ""
+
+
+def report_pictures(content: ReportContent) -> list[Picture]:
+    """Draw everything that the content allows."""
+    return [
+        *_overview(content),
+        *_twin(content),
+        *_bench(content),
+        *_fits(content),
+        *_searches(content),
+        *_estimates(content),
+    ]
+
+
+def _picture(figure: Figure, name: str, section: Section, caption: str) -> Picture:
+    return Picture(name, section, caption, *encode(figure))
+
+
+def _overview(content: ReportContent) -> Iterator[Picture]:
+    from softcal.report.chart_bench import draw_overview, overview_curves
+
+    result = content.headline_result
+    if any(overview_curves(content.experiments[name], result) for name in result.experiments):
+        caption = f"Measured cable force (points) and the calibrated twin (lines): {result_label(content.headline)}."
+        yield _picture(draw_overview(content, result), "overview", "overview", caption)
+
+
+def _twin(content: ReportContent) -> Iterator[Picture]:
+    from softcal.report.chart_twin import draw_twin
+
+    if content.twin is None:
+        return
+    drawn = draw_twin(content.twin)
+    caption = (
+        "The calibrated twin at rest and at its largest pitch, to one scale. Colour is the displacement from rest, "
+        "the tubes are cables, the disc is the rigid plate."
+    )
+    yield Picture("twin", "twin", caption, *encode(drawn.figure), "png", drawn.note)
+
+
+def _bench(content: ReportContent) -> Iterator[Picture]:
+    from softcal.report.chart_bench import draw_force_displacement, draw_record, has_force_displacement
+
+    for name, experiment in content.experiments.items():
+        drawable = has_force_displacement(experiment.prepared) or has_force_displacement(experiment.raw)
+        figure = draw_force_displacement(experiment) if drawable else draw_record(experiment.raw)
+        yield _picture(figure, f"force-displacement-{file_stem(name)}", "bench", _bench_caption(experiment))
+
+
+def _bench_caption(experiment: ExperimentContent) -> str:
+    drawn = experiment.cycles or experiment.raw
+    later = [step.name for step in experiment.prepared.provenance[len(drawn.provenance) :]]
+    caption = f"{experiment.name}: the record in light tones, the samples used for the fit in blue."
+    if experiment.cycles is None and later:
+        caption += f" Between the two lie: {joined(later)}."
+    return caption
+
+
+def _fits(content: ReportContent) -> Iterator[Picture]:
+    from softcal.report.chart_bench import draw_trajectory
+    from softcal.report.series import trajectory
+
+    for label, result in content.results.items():
+        for name, fit in result.experiments.items():
+            path = trajectory(content.experiments[name], fit)
+            if not path.panels:
+                continue
+            alone = file_stem(label) == file_stem(name)
+            who = name if alone else f"{name}, {result_label(label).lower() if label == 'joint' else label}"
+            caption = f"{who}: measured and simulated; the residual is simulated minus measured."
+            silent = [panel.label.lower() for panel in path.panels if panel.measured is None]
+            if silent:
+                caption += f" The {joined(silent)} was not measured; the twin's alone is shown."
+            if path.abscissa.note:
+                caption += f" {path.abscissa.note}"
+            stem = f"trajectory-{file_stem(name)}" + ("" if alone else f"-by-{file_stem(label)}")
+            yield _picture(draw_trajectory(path), stem, "fit", caption)
+
+
+def _searches(content: ReportContent) -> Iterator[Picture]:
+    from softcal.report.chart_search import draw_history, draw_loss_map, draw_loss_profile
+    from softcal.report.series import grid_of_trials, search_history
+
+    for label, result in content.results.items():
+        title, stem = result_label(label), file_stem(label)
+        grid = content.landscapes.get(label) or grid_of_trials(result)
+        figure = draw_loss_map(title, result, grid) or draw_loss_profile(title, result)
+        if figure is not None:
+            what = "on a grid" if grid else "at the trials"
+            others = len(result.parameters) - 2
+            seen = f", seen along {others} further parameter{'s' * (others > 1)}" if others > 0 and not grid else ""
+            caption = f"{title}: the loss {what}{seen}; star: the optimum; dashed: the bounds of the search."
+            yield _picture(figure, f"loss-{stem}", "search", caption)
+    for label, result in content.results.items():
+        history = search_history(result.trials)
+        if len(history.losses):
+            caption = (
+                f"{result_label(label)}: {len(history.losses)} trials, the best loss {number(result.loss)}; "
+                f"{len(history.failed) or 'none'} could not be simulated."
+            )
+            figure = draw_history(result_label(label), history)
+            yield _picture(figure, f"history-{file_stem(label)}", "history", caption)
+
+
+def _estimates(content: ReportContent) -> Iterator[Picture]:
+    from softcal.report.chart_parameters import draw_forest, draw_plausible_modulus, forest_rows
+
+    for name in dict.fromkeys(parameter_name(name).base for name in ordered_parameters(content.results)):
+        having = forest_rows(name, content.results).values()
+        intervals = any(estimate.standard_error is not None for estimate in having)
+        bars = "bars are 95 % intervals" if intervals else "the method gives no intervals"
+        caption = f"{parameter_label(name)} ({name}) by calibration; {bars}; open marker: at a bound."
+        yield _picture(draw_forest(name, content.results), f"parameter-{file_stem(name)}", "parameters", caption)
+    if content.print_infill is not None:
+        figure = draw_plausible_modulus(content.print_infill, content.results)
+        if figure is not None:
+            low, high = (number(bound / 1e6) for bound in content.print_infill.effective_modulus)
+            caption = (
+                f"Eq. (5): a print of {100 * content.print_infill.infill:.3g} % infill is expected between "
+                f"{low} and {high} MPa (green); solid material lies further right (grey)."
+            )
+            yield _picture(figure, "plausible-modulus", "plausible", caption)

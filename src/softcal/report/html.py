@@ -1,0 +1,123 @@
+"""The report as one self-contained HTML page: style and pictures inside, no script, nothing loaded from elsewhere."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from softcal.calibration.result import CalibrationResult
+from softcal.report.content import ReportContent
+from softcal.report.figures import Picture
+from softcal.report.tables import Table, provenance_rows, share_of_peak
+from softcal.report.verdict import headline_sentence, verdicts
+from softcal.report.wording import (
+    SI_UNITS_OF,
+    channel_label,
+    estimate_scale,
+    joined,
+    method_label,
+    number,
+    ordered_parameters,
+    parameter_label,
+    parameter_name,
+    parameters_in_words,
+    result_label,
+    scale_of,
+    with_error,
+)
+
+_FEW = 4  # numbers that fit the first screen
+
+
+@dataclass(frozen=True)
+class KeyNumber:
+    """A number of the first screen: its symbol, value with error, unit, and a small remark."""
+
+    label: str
+    value: str
+    unit: str
+    remark: str
+
+
+def render_page(content: ReportContent, pictures: Sequence[Picture], tables: Mapping[str, Table]) -> str:
+    """The page as text."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    folder = Path(__file__).parent / "templates"
+    environment = Environment(
+        loader=FileSystemLoader(folder),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["embedded"] = embedded
+    sections: dict[str, list[Picture]] = {}
+    for picture in pictures:
+        sections.setdefault(picture.section, []).append(picture)
+    return environment.get_template("report.html.j2").render(
+        content=content,
+        subject=_subject(content),
+        key_numbers=key_numbers(content),
+        headline=headline_sentence(content),
+        verdicts=verdicts(content),
+        sections=sections,
+        tables=tables,
+        provenance={name: provenance_rows(e.prepared) for name, e in content.experiments.items()},
+        result_label=result_label,
+    )
+
+
+def embedded(picture: Picture) -> str:
+    """The picture as a data address."""
+    data, kind = (picture.svg, "svg+xml") if picture.shown == "svg" else (picture.png, "png")
+    return f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"
+
+
+def key_numbers(content: ReportContent) -> list[KeyNumber]:
+    """The estimates of the headline calibration, material parameters first; those of single experiments if few."""
+    result = content.headline_result
+    found: list[KeyNumber] = []
+    names = ordered_parameters({content.headline: result})
+    if len(names) > _FEW:
+        names = [name for name in names if not parameter_name(name).experiment] or names
+    for name in names[:_FEW]:
+        estimate = result.parameters[name]
+        scale = estimate_scale(estimate)
+        error = None if estimate.standard_error is None else estimate.standard_error / scale.factor
+        remark = f"allowed {estimate.lower / scale.factor:.4g} to {estimate.upper / scale.factor:.4g} {scale.unit}"
+        if estimate.at_bound:
+            remark = f"at its bound; {remark}"
+        value = with_error(estimate.value / scale.factor, error)
+        found.append(KeyNumber(parameter_label(name, result.parameters), value, scale.unit, remark.rstrip()))
+    return found + _key_errors(result)
+
+
+def _key_errors(result: CalibrationResult) -> list[KeyNumber]:
+    """The largest RMS error of each compared channel."""
+    found: list[KeyNumber] = []
+    for channel in ("tension", "pitch", "shortening"):
+        fits = [(fit.rmse[channel], name, fit) for name, fit in result.experiments.items() if channel in fit.rmse]
+        if not fits:
+            continue
+        error, name, fit = max(fits, key=lambda item: item[0])
+        scale, share = scale_of(fit.units.get(channel, SI_UNITS_OF[channel])), share_of_peak(fit, channel)
+        remark = f"{'largest, in ' if len(fits) > 1 else ''}{name}"
+        if share is not None:
+            remark += f"; {number(100 * share, 2)} % of the largest value"
+        found.append(
+            KeyNumber(f"{channel_label(channel)}, RMS error", number(error / scale.factor), scale.unit, remark)
+        )
+    return found
+
+
+def _subject(content: ReportContent) -> str:
+    result = content.headline_result
+    names = list(result.experiments)
+    parameters = parameters_in_words(ordered_parameters({"": result}))
+    shared = f"jointly to {len(names)} experiments ({joined(names)})" if len(names) > 1 else f"to {joined(names)}"
+    others = len(content.results) - 1
+    more = f" {others} further calibration{'s' * (others > 1)} below." if others else ""
+    return f"{parameters} fitted {shared} by {method_label(result.method)}, {len(result.trials)} trials.{more}"

@@ -1,0 +1,293 @@
+"""Three-dimensional pictures as plain data: coloured surfaces, tubes, discs, arrows, seen from somewhere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from softcal.checks import Floats, Ints, frozen_floats, frozen_ints
+from softcal.geometry.mesh import TET_FACE_EDGES, TET_FACES
+from softcal.report.content import TwinView
+from softcal.twin.robot import Plate, Robot
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Triangles (k, 3) over points (n, 3) [m]; colours (n, 3) per point or (k, 3) per triangle, RGB from 0 to 1."""
+
+    points: Floats
+    triangles: Ints
+    colours: Floats
+    opacity: float = 1.0
+    edges: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "points", frozen_floats(self.points, name="surface points", shape=(None, 3)))
+        object.__setattr__(self, "triangles", frozen_ints(self.triangles, name="triangles", shape=(None, 3)))
+        object.__setattr__(self, "colours", frozen_floats(self.colours, name="colours", shape=(None, 3)))
+
+    @property
+    def per_point(self) -> bool:
+        """Whether the colours belong to points rather than triangles."""
+        return len(self.colours) == len(self.points)
+
+
+@dataclass(frozen=True)
+class Tube:
+    """A polyline (k, 3) [m] drawn with a radius [m]."""
+
+    path: Floats
+    radius: float
+    colour: str
+
+
+@dataclass(frozen=True)
+class Ball:
+    """A point (3,) [m] drawn with a radius [m]."""
+
+    at: Floats
+    radius: float
+    colour: str
+
+
+@dataclass(frozen=True)
+class Arrow:
+    """An arrow from `tail` to `tip` (3,) [m]."""
+
+    tail: Floats
+    tip: Floats
+    radius: float
+    colour: str
+
+
+Part = Surface | Tube | Ball | Arrow
+
+
+@dataclass(frozen=True)
+class Label:
+    """A word for a part; at: points (n, 3) [m] that may carry the line from the word, the clearest is taken."""
+
+    text: str
+    at: Floats
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One picture: parts and labels."""
+
+    title: str
+    parts: tuple[Part, ...]
+    labels: tuple[Label, ...] = ()
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A parallel projection: orthonormal `right` and `up` in the picture, `back` towards the eye.
+
+    window: (left, right, bottom, top) [m] in the picture's plane, measured from the frame's origin.
+    """
+
+    right: Floats
+    up: Floats
+    back: Floats
+    window: tuple[float, float, float, float]
+
+    def project(self, points: Floats) -> Floats:
+        """Picture coordinates and depth (towards the eye) of points, shape (n, 3) [m]."""
+        return np.asarray(points, dtype=np.float64) @ np.stack([self.right, self.up, self.back], axis=1)
+
+
+def boundary_triangles(tets: Ints) -> Ints:
+    """Triangles (k, 3) of the surface of linear or quadratic tets, oriented outwards; a quadratic face gives four."""
+    corners = tets[:, :4]
+    faces = np.concatenate([corners[:, face] for face in TET_FACES])
+    _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
+    outer = first[count == 1]
+    if tets.shape[1] == 4:
+        return faces[outer]
+    middles = np.concatenate([tets[:, [4 + edge for edge in edges]] for edges in TET_FACE_EDGES])
+    (a, b, c), (ab, bc, ca) = faces[outer].T, middles[outer].T
+    return np.concatenate([np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
+
+
+def length_scale(points: Floats) -> float:
+    """The diagonal of the bounding box [m]."""
+    return float(np.linalg.norm(np.ptp(points, axis=0)))
+
+
+def plate_normal(robot: Robot, plate: Plate) -> Floats:
+    """Unit normal of a plate at rest: from the middle of what is fixed, or of the body, to the plate's nodes."""
+    tied = np.concatenate(
+        [body.mesh.points[plate.nodes[body.name]] for body in robot.bodies if body.name in plate.nodes]
+    )
+    held = [body.mesh.points[body.fixed] for body in robot.bodies if len(body.fixed)]
+    base = np.concatenate(held or [body.mesh.points for body in robot.bodies])
+    axis = tied.mean(axis=0) - base.mean(axis=0)
+    size = float(np.linalg.norm(axis))
+    return axis / size if size > 0 else np.array([0.0, 0.0, 1.0])
+
+
+def plate_radius(robot: Robot, plate: Plate) -> float:
+    """Radius [m] of the disc that covers the plate's nodes and the cable points that ride on it."""
+    normal = plate_normal(robot, plate)
+    points = [body.mesh.points[plate.nodes[body.name]] for body in robot.bodies if body.name in plate.nodes]
+    points += [via.at[None] for cable in robot.cables for via in cable.via_points if via.on == plate.name]
+    offsets = np.concatenate(points) - plate.reference
+    across = offsets - np.outer(offsets @ normal, normal)
+    return 1.08 * float(np.max(np.linalg.norm(across, axis=1)))
+
+
+def disc(centre: Floats, normal: Floats, radius: float, colour: str, *, opacity: float) -> Surface:
+    """A flat cylinder of triangles, its thickness a twentieth of its radius."""
+    from matplotlib.colors import to_rgb
+
+    ring = radius * _ring(normal)
+    half = radius / 40 * normal
+    points = np.concatenate([centre + half + ring, centre - half + ring, [centre + half, centre - half]])
+    one, two = np.arange(64), np.roll(np.arange(64), -1)
+    top, bottom = np.full(64, 128), np.full(64, 129)
+    faces = [(one, two, top), (two + 64, one + 64, bottom), (one, one + 64, two), (two, one + 64, two + 64)]
+    triangles = np.concatenate([np.stack(face, axis=1) for face in faces])
+    return Surface(points, triangles, np.tile(to_rgb(colour), (len(triangles), 1)), opacity)
+
+
+def _ring(normal: Floats) -> Floats:
+    """64 points on the unit circle around a unit normal."""
+    side = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
+    side /= np.linalg.norm(side)
+    angle = np.linspace(0, 2 * np.pi, 64, endpoint=False)
+    return np.outer(np.cos(angle), side) + np.outer(np.sin(angle), np.cross(normal, side))
+
+
+def refined(path: Floats) -> Floats:
+    """A polyline (k, 3) with 32 steps between its points."""
+    share = np.linspace(0, 1, 33)[:-1, None]
+    return np.concatenate([*(a + share * (b - a) for a, b in pairwise(path)), path[-1:]])
+
+
+def bending_camera(points: Floats, up: Floats, towards: Floats) -> Camera:
+    """A camera that sees `up` [-] upright and `towards` [-] to the right, a little from the side and above.
+
+    points (n, 3) [m]: all that must fit into the picture.
+    """
+    up = up / np.linalg.norm(up)
+    right = towards - (towards @ up) * up
+    if np.linalg.norm(right) < 1e-9:
+        right = np.cross(up, np.eye(3)[int(np.argmin(np.abs(up)))])
+    right /= np.linalg.norm(right)
+    back: Floats = np.asarray(np.cross(right, up), dtype=np.float64)
+    back = _turned(back, up, 0.40)
+    back = back * np.cos(0.28) + up * np.sin(0.28)
+    right = np.asarray(np.cross(up, back), dtype=np.float64)
+    right /= np.linalg.norm(right)
+    frame_up: Floats = np.asarray(np.cross(back, right), dtype=np.float64)
+    return fitted(Camera(right, frame_up, back, (0.0, 1.0, 0.0, 1.0)), points)
+
+
+def fitted(camera: Camera, points: Floats) -> Camera:
+    """The same view with a window that holds all points and a margin."""
+    across = camera.project(points)[:, :2]
+    low, high = across.min(axis=0), across.max(axis=0)
+    margin = np.array([0.13, 0.05]) * float(np.max(high - low))
+    (left, bottom), (right, top) = low - margin, high + margin
+    return Camera(camera.right, camera.up, camera.back, (float(left), float(right), float(bottom), float(top)))
+
+
+def alike(cameras: tuple[Camera, ...]) -> tuple[Camera, ...]:
+    """The same views with windows of one size, so that pictures side by side have one scale."""
+    windows = np.array([camera.window for camera in cameras])
+    middles = 0.5 * (windows[:, 0::2] + windows[:, 1::2])
+    half = 0.5 * (windows[:, 1::2] - windows[:, 0::2]).max(axis=0)
+    return tuple(
+        Camera(camera.right, camera.up, camera.back, (x - half[0], x + half[0], y - half[1], y + half[1]))
+        for camera, (x, y) in zip(cameras, middles.tolist(), strict=True)
+    )
+
+
+def _turned(vector: Floats, axis: Floats, angle: float) -> Floats:
+    return (
+        vector * np.cos(angle) + np.cross(axis, vector) * np.sin(angle) + axis * (axis @ vector) * (1 - np.cos(angle))
+    )
+
+
+def extent_points(scenes: tuple[Scene, ...]) -> Floats:
+    """Every point (n, 3) [m] that the scenes touch."""
+    found: list[Floats] = []
+    for scene in scenes:
+        for part in scene.parts:
+            if isinstance(part, Surface):
+                found.append(part.points[np.unique(part.triangles)])
+            elif isinstance(part, Tube):
+                found.append(part.path)
+            elif isinstance(part, Ball):
+                found.append(part.at[None])
+            else:
+                found.append(np.stack([part.tail, part.tip]))
+    return np.concatenate(found)
+
+
+@dataclass(frozen=True)
+class TwinScenes:
+    """Rest and bent in one camera; largest: the largest displacement [m], the top of the colour scale."""
+
+    scenes: tuple[Scene, Scene]
+    camera: Camera
+    largest: float
+
+
+def twin_scenes(view: TwinView) -> TwinScenes:
+    """The twin at rest and bent: surfaces coloured by displacement from rest, cables as tubes, plates as discs."""
+    from matplotlib import colormaps
+
+    from softcal.report.style import BLUE, DISPLACEMENT, MUTED, ORANGE
+
+    moved = {body: np.linalg.norm(view.bent.points[body] - view.rest.points[body], axis=1) for body in view.tets}
+    largest = max(float(values.max()) for values in moved.values())
+    size = length_scale(np.concatenate([view.rest.points[body] for body in view.tets]))
+    colours = colormaps[DISPLACEMENT]
+    surfaces = {body: boundary_triangles(tets) for body, tets in view.tets.items()}
+    scenes: list[Scene] = []
+    for snapshot, shift in ((view.rest, 0.0), (view.bent, 1.0)):
+        parts: list[Part] = []
+        labels: list[Label] = []
+        for body, triangles in surfaces.items():
+            share = shift * moved[body] / (largest or 1.0)
+            parts.append(Surface(snapshot.points[body], triangles, colours(share)[:, :3]))
+        for name, path in snapshot.cables.items():
+            parts.append(Tube(path, 0.007 * size, ORANGE))
+            parts += [Ball(point, 0.014 * size, ORANGE) for point in path]
+            labels.append(Label(name, refined(path)))
+        for plate in view.robot.plates:
+            if plate.name not in snapshot.plates:
+                continue
+            position, rotation = snapshot.plates[plate.name]
+            normal = rotation @ plate_normal(view.robot, plate)
+            radius = plate_radius(view.robot, plate)
+            parts.append(disc(position, normal, radius, BLUE, opacity=0.35))
+            labels.append(Label(plate.name, position + 0.97 * radius * _ring(normal)))
+        parts += [_base(view, size, MUTED)] if any(len(body.fixed) for body in view.robot.bodies) else []
+        scenes.append(Scene(snapshot.label, tuple(parts), tuple(labels)))
+    up, towards = _axes(view)
+    pair = (scenes[0], scenes[1])
+    return TwinScenes(pair, bending_camera(extent_points(pair), up, towards), largest)
+
+
+def _base(view: TwinView, size: float, colour: str) -> Surface:
+    held = np.concatenate([body.mesh.points[body.fixed] for body in view.robot.bodies if len(body.fixed)])
+    up, _ = _axes(view)
+    low = float((held @ up).min())
+    centre = held.mean(axis=0)
+    centre = centre + (low - 0.012 * size - centre @ up) * up
+    across = held - centre
+    radius = 1.25 * float(np.max(np.linalg.norm(across - np.outer(across @ up, up), axis=1)))
+    return disc(centre, up, radius, colour, opacity=1.0)
+
+
+def _axes(view: TwinView) -> tuple[Floats, Floats]:
+    """The direction from what is fixed to the plate, and the one in which the twin bends."""
+    rest = np.concatenate([view.rest.points[body] for body in view.tets])
+    bent = np.concatenate([view.bent.points[body] for body in view.tets])
+    up = plate_normal(view.robot, view.robot.plates[0]) if view.robot.plates else np.array([0.0, 0.0, 1.0])
+    return up, (bent - rest).mean(axis=0)

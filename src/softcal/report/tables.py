@@ -1,0 +1,293 @@
+"""The numbers of a report as plain rows: Table I, Table II, run facts, failures, provenance. Nothing here draws."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from softcal.calibration.result import CalibrationResult, ExperimentFit
+from softcal.experiments.dataset import Dataset, Step
+from softcal.report.content import ReportContent
+from softcal.report.wording import (
+    Scale,
+    duration,
+    estimate_scale,
+    find_parameter,
+    method_label,
+    number,
+    ordered_parameters,
+    parameter_label,
+    result_label,
+    scale_of,
+    with_error,
+)
+
+Cell = str | float | int | None
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column: its heading, its unit ("" where it has none), and the significant digits of its numbers."""
+
+    label: str
+    unit: str = ""
+    digits: int = 3
+
+    @property
+    def header(self) -> str:
+        """Heading with unit, as in the CSV files: "E [MPa]"."""
+        return f"{self.label} [{self.unit}]" if self.unit else self.label
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table in the units that people read; None is an empty cell. key: its file's name."""
+
+    key: str
+    title: str
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    note: str = ""
+
+    def as_csv(self) -> str:
+        """The table as CSV, numbers in full, unit in every heading."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow([column.header for column in self.columns])
+        writer.writerows([["" if cell is None else cell for cell in row] for row in self.rows])
+        return text.getvalue()
+
+    def shown(self) -> list[list[str]]:
+        """The cells as text: numbers to the column's digits, an en dash where there is nothing."""
+        return [[_text(cell, column) for cell, column in zip(row, self.columns, strict=True)] for row in self.rows]
+
+
+def _text(cell: Cell, column: Column) -> str:
+    if cell is None or cell == "":
+        return "–"
+    return cell if isinstance(cell, str) else str(cell) if isinstance(cell, int) else number(cell, column.digits)
+
+
+def parameters_table(content: ReportContent) -> Table:
+    """Table I of paper A: E and nu with standard errors and importances, one row per calibration."""
+    modulus_scale = _modulus_scale(content)
+    rows: list[tuple[Cell, ...]] = []
+    for label, result in content.results.items():
+        row: list[Cell] = [result_label(label)]
+        importances: list[Cell] = []
+        for kind, factor in (("youngs_modulus", modulus_scale.factor), ("poissons_ratio", 1.0)):
+            name = find_parameter(result.parameters, kind)
+            estimate = result.parameters[name] if name else None
+            error = estimate.standard_error if estimate else None
+            row += [estimate.value / factor if estimate else None, None if error is None else error / factor]
+            importances.append(result.importance.get(name) if name else None)
+        bound = [parameter_label(name) for name, estimate in result.parameters.items() if estimate.at_bound]
+        rows.append((*row, *importances, result.loss, ", ".join(bound) or "none"))
+    columns = (
+        Column("Calibration"),
+        Column("E", modulus_scale.unit, 4),
+        Column("± E", modulus_scale.unit, 2),
+        Column("ν", digits=4),
+        Column("± ν", digits=2),
+        Column("Importance of E"),
+        Column("Importance of ν"),
+        Column("Loss"),
+        Column("At a bound"),
+    )
+    note = (
+        "± is one standard error; an empty cell means that the method gives none or that the parameter was held fixed. "
+        "Importance is the share of the loss's variation over the search that a parameter explains (fANOVA)."
+    )
+    return Table(
+        "table-1-parameters", "Table I. Calibrated parameters and their importance", columns, tuple(rows), note
+    )
+
+
+def all_parameters_table(content: ReportContent) -> Table:
+    """Every calibrated parameter of every calibration, with its bounds."""
+    rows: list[tuple[Cell, ...]] = []
+    for label, result in content.results.items():
+        for name in ordered_parameters({label: result}):
+            estimate = result.parameters[name]
+            scale = estimate_scale(estimate)
+            error = estimate.standard_error
+            value = with_error(estimate.value / scale.factor, None if error is None else error / scale.factor)
+            low, high = (f"{bound / scale.factor:.4g}" for bound in (estimate.lower, estimate.upper))
+            at_bound = "yes" if estimate.at_bound else "no"
+            rows.append(
+                (result_label(label), name, value, scale.unit, low, high, at_bound, result.importance.get(name))
+            )
+    labels = (
+        "Calibration",
+        "Parameter",
+        "Value",
+        "Unit",
+        "Lowest allowed",
+        "Highest allowed",
+        "At a bound",
+        "Importance",
+    )
+    columns = tuple(Column(label) for label in labels)
+    return Table("parameters", "Every calibrated parameter", columns, tuple(rows))
+
+
+def errors_table(content: ReportContent) -> Table:
+    """Table II of paper A: RMSE and detrended RMSE of force and pitch; of shortening where it was compared."""
+    fits = [(label, name, fit) for label, result in content.results.items() for name, fit in result.experiments.items()]
+    channels: list[tuple[str, str, Scale]] = [
+        ("tension", "Force", Scale("N", 1.0)),
+        ("pitch", "Pitch", Scale("rad", 1.0)),
+        ("pitch", "Pitch", scale_of("rad")),
+        ("shortening", "Shortening", scale_of("m")),
+    ]
+    shown = [
+        (channel, label, scale)
+        for channel, label, scale in channels
+        if channel != "shortening" or any("shortening" in fit.rmse for *_, fit in fits)
+    ]
+    columns = [Column("Calibration"), Column("Experiment")]
+    for channel, label, scale in shown:
+        columns += [Column(f"{label} RMSE", scale.unit), Column(f"{label} RMSE, detrended", scale.unit)]
+        if channel == "tension":
+            columns.append(Column("of peak force", "%", 2))
+    rows: list[tuple[Cell, ...]] = []
+    for label, name, fit in fits:
+        row: list[Cell] = [result_label(label), name]
+        for channel, _, scale in shown:
+            errors = (fit.rmse.get(channel), fit.rmse_detrended.get(channel))
+            row += [None if error is None else error / scale.factor for error in errors]
+            if channel == "tension":
+                share = share_of_peak(fit)
+                row.append(None if share is None else 100 * share)
+        rows.append(tuple(row))
+    note = (
+        "RMSE is the root mean square of simulated minus measured; detrended removes the straight line that fits that "
+        "error best, as in paper A. An empty cell means that the channel was not measured or drove the twin."
+    )
+    return Table("table-2-errors", "Table II. How well the twin follows the bench", tuple(columns), tuple(rows), note)
+
+
+def share_of_peak(fit: ExperimentFit, channel: str = "tension") -> float | None:
+    """RMSE over the largest measured magnitude of a channel [-], None where it was not compared."""
+    error, measured = fit.rmse.get(channel), fit.measured.get(channel)
+    if error is None or measured is None:
+        return None
+    peak = float(np.max(np.abs(measured)))
+    return error / peak if peak > 0 else None
+
+
+def run_table(content: ReportContent) -> Table:
+    """How each calibration ran."""
+    columns = tuple(
+        Column(label)
+        for label in (
+            "Calibration", "Method", "Loss", "Seed", "Trials", "Failed", "Solves", "Factorisations",
+            "Wall time", "Status",
+        )
+    )  # fmt: skip
+    rows = tuple(
+        (
+            result_label(label), method_label(result.method), result.loss_name, result.seed, len(result.trials),
+            result.n_failed_trials, result.n_solves, result.n_factorisations, duration(result.wall_s), result.status,
+        )
+        for label, result in content.results.items()
+    )  # fmt: skip
+    note = "A solve is one forward trajectory of the twin; a factorisation is one linear system factored within it."
+    return Table("run-facts", "How each calibration ran", columns, rows, note)
+
+
+def stamps_table(content: ReportContent) -> Table:
+    """Versions and hashes by which the run can be repeated; those of the results are added to the content's."""
+    versions: dict[str, str] = {}
+    hashes: dict[str, str] = {}
+    for result in content.results.values():
+        versions.update(result.versions)
+        hashes.update(result.hashes)
+    versions.update(content.versions)
+    hashes.update(content.hashes)
+    rows = [("version", name, value) for name, value in versions.items()]
+    rows += [("hash", name, value) for name, value in hashes.items()]
+    columns = (Column("Kind"), Column("Of"), Column("Value"))
+    return Table("versions-and-hashes", "Versions and hashes", columns, tuple(rows))
+
+
+def failures_table(content: ReportContent) -> Table:
+    """Failed trials grouped by reason, the numbers in the reasons left out of the comparison."""
+    rows: list[tuple[Cell, ...]] = []
+    for label, result in content.results.items():
+        rows += [
+            (result_label(label), count, reason, number_of_first)
+            for reason, count, number_of_first in grouped_failures(result)
+        ]
+    columns = (Column("Calibration"), Column("Trials"), Column("Reason (first of its kind)"), Column("First trial"))
+    return Table("failed-trials", "Trials that could not be simulated", columns, tuple(rows))
+
+
+def grouped_failures(result: CalibrationResult) -> list[tuple[str, int, int]]:
+    """(reason of the first, how many alike, number of the first), most frequent first."""
+    failed = [trial for trial in result.trials if trial.state == "FAILED"]
+    kinds = [re.sub(r"[-+]?\d+(\.\d+)?([eE][-+]?\d+)?", "#", trial.reason) for trial in failed]
+    first = {kind: trial for kind, trial in reversed(list(zip(kinds, failed, strict=True)))}
+    return [(first[kind].reason, count, first[kind].number) for kind, count in Counter(kinds).most_common()]
+
+
+def provenance_rows(dataset: Dataset) -> list[tuple[str, str, str]]:
+    """(what was done, with which settings in SI, what came of it), in order."""
+    return [(step.name, _settings(step), step.outcome) for step in dataset.provenance]
+
+
+def provenance_table(content: ReportContent) -> Table:
+    """Every step that made each prepared dataset, in order."""
+    rows: list[tuple[Cell, ...]] = [
+        (name, index, *row)
+        for name, experiment in content.experiments.items()
+        for index, row in enumerate(provenance_rows(experiment.prepared), start=1)
+    ]
+    columns = tuple(Column(label) for label in ("Experiment", "Step", "What", "Settings (SI)", "Outcome"))
+    return Table("provenance", "From the bench file to the compared data", columns, tuple(rows))
+
+
+def _settings(step: Step) -> str:
+    return ", ".join(f"{key.replace('_', ' ')} = {_setting(value)}" for key, value in step.settings.items())
+
+
+def _setting(value: object) -> str:
+    if isinstance(value, bool) or value is None:
+        return {True: "yes", False: "no", None: "none"}[value]
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{key}: {_setting(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, (list, tuple, np.ndarray)):
+        items = list(value)
+        text = ", ".join(_setting(item) for item in items[:6])
+        return f"[{text}, … {len(items)} in all]" if len(items) > 6 else f"[{text}]"
+    return str(value)
+
+
+def _modulus_scale(content: ReportContent) -> Scale:
+    for result in content.results.values():
+        name = find_parameter(result.parameters, "youngs_modulus")
+        if name:
+            return estimate_scale(result.parameters[name])
+    return scale_of("Pa")
+
+
+def all_tables(content: ReportContent) -> dict[str, Table]:
+    """Every table of the report by key."""
+    tables = (
+        parameters_table(content),
+        all_parameters_table(content),
+        errors_table(content),
+        run_table(content),
+        failures_table(content),
+        provenance_table(content),
+        stamps_table(content),
+    )
+    return {table.key: table for table in tables}

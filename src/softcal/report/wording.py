@@ -1,0 +1,176 @@
+"""Names, units and rounded numbers as people read them; SI in, text out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from softcal.calibration.result import CalibrationResult, Estimate
+from softcal.units import readable_unit, unit_factor
+
+NORMAL_95 = 1.959964  # half width of a 95 % interval in standard errors
+
+_SYMBOLS = {"youngs_modulus": "E", "poissons_ratio": "ν", "friction_coefficient": "μ", "density": "ρ"}
+_CHANNELS = {
+    "tension": "Cable force",
+    "pitch": "Pitch",
+    "roll": "Roll",
+    "yaw": "Yaw",
+    "shortening": "Cable shortening",
+    "time": "Time",
+}
+SI_UNITS_OF = {"tension": "N", "pitch": "rad", "roll": "rad", "yaw": "rad", "shortening": "m", "time": "s"}
+_METHODS = {
+    "tpe": "sequential model-based search (TPE)",
+    "grid": "grid sweep",
+    "least-squares": "least squares with exact derivatives",
+}
+
+
+@dataclass(frozen=True)
+class Scale:
+    """How a quantity held in SI is shown: shown = SI / factor, in `unit` ("" where it has none)."""
+
+    unit: str
+    factor: float
+
+    def axis(self, label: str) -> str:
+        """Axis label such as "Pitch [deg]"."""
+        return f"{label} [{self.unit}]" if self.unit else label
+
+
+def scale_of(si_unit: str, value: float = 1e6) -> Scale:
+    """The scale in which people read a quantity of this unit and size."""
+    unit = readable_unit(value, si_unit)
+    return Scale("" if unit == "1" else unit, unit_factor(unit, si_unit))
+
+
+def estimate_scale(estimate: Estimate) -> Scale:
+    """The scale in which people read an estimate: MPa for a modulus of 2.3e6 Pa."""
+    return scale_of(estimate.unit, estimate.value)
+
+
+def number(value: float, digits: int = 3) -> str:
+    """A number to some significant digits, without needless exponents."""
+    if value == 0 or not math.isfinite(value):
+        return "0" if value == 0 else str(value)
+    exponent = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
+    if -4 <= exponent < 6:
+        return f"{value:.{max(digits - 1 - exponent, 0)}f}"
+    return f"{value:.{digits - 1}e}"
+
+
+def with_error(value: float, error: float | None) -> str:
+    """A value and its standard error, rounded to two digits of the error: "1.983 ± 0.021"."""
+    if error is None or not math.isfinite(error) or error <= 0:
+        return number(value)
+    exponent = math.floor(math.log10(float(f"{error:.1e}")))
+    decimals = min(max(1 - exponent, 0), 8)
+    return f"{value:.{decimals}f} ± {error:.{decimals}f}"
+
+
+def estimate_text(estimate: Estimate) -> str:
+    """An estimate with its standard error and unit: "1.983 ± 0.021 MPa"."""
+    scale = estimate_scale(estimate)
+    error = None if estimate.standard_error is None else estimate.standard_error / scale.factor
+    return f"{with_error(estimate.value / scale.factor, error)} {scale.unit}".rstrip()
+
+
+@dataclass(frozen=True)
+class ParameterName:
+    """The parts of a parameter's name: `front.slack[20mm]` is the `slack` of `front` in the experiment `20mm`."""
+
+    owner: str
+    kind: str
+    experiment: str = ""
+
+    @property
+    def base(self) -> str:
+        """The dotted name without the experiment."""
+        return f"{self.owner}.{self.kind}" if self.owner else self.kind
+
+
+def parameter_name(name: str) -> ParameterName:
+    """Take a parameter's name apart."""
+    base, _, experiment = name.partition("[")
+    owner, _, kind = base.rpartition(".")
+    return ParameterName(owner, kind, experiment.removesuffix("]"))
+
+
+def parameter_label(name: str, others: Iterable[str] = ()) -> str:
+    """A short label of a parameter: "E", "ν", "slack (front)", "slack (front, 20mm)".
+
+    The owner is added for what has no symbol, and where another owner has one of the same kind among `others`.
+    """
+    parts = parameter_name(name)
+    text = _SYMBOLS.get(parts.kind, parts.kind.replace("_", " "))
+    owners = {other.owner for other in map(parameter_name, [*others, name]) if other.kind == parts.kind}
+    owner = parts.owner if parts.kind not in _SYMBOLS or len(owners) > 1 else ""
+    details = ", ".join(detail for detail in (owner, parts.experiment) if detail)
+    return f"{text} ({details})" if details else text
+
+
+def parameters_in_words(names: Iterable[str]) -> str:
+    """Several parameters in words, those of every experiment named once: "E, ν and slack (front) per experiment"."""
+    given = list(names)
+    experiments: dict[str, set[str]] = {}
+    for name in given:
+        parts = parameter_name(name)
+        experiments.setdefault(parts.base, set()).add(parts.experiment)
+    labels = (
+        f"{parameter_label(base, given)} per experiment" if len(of) > 1 else None for base, of in experiments.items()
+    )
+    singles = {parameter_name(name).base: parameter_label(name, given) for name in given}
+    return joined(label or singles[base] for base, label in zip(experiments, labels, strict=True))
+
+
+def find_parameter(names: Iterable[str], kind: str) -> str | None:
+    """The first name of a parameter of this kind, or None."""
+    return next((name for name in names if parameter_name(name).kind == kind), None)
+
+
+def channel_label(channel: str) -> str:
+    """A channel as people call it: "Cable force" for "tension"."""
+    return _CHANNELS.get(channel, channel)
+
+
+def method_label(method: str) -> str:
+    """A calibration method in words."""
+    return _METHODS.get(method, method)
+
+
+def result_label(label: str) -> str:
+    """The label of a calibration, capitalised where it is the joint one."""
+    return "All jointly" if label == "joint" else label
+
+
+def duration(seconds: float) -> str:
+    """A time span as people read it."""
+    if seconds < 90:
+        return f"{number(seconds)} s"
+    if seconds < 5400:
+        return f"{seconds / 60:.1f} min"
+    return f"{seconds / 3600:.1f} h"
+
+
+def joined(parts: Iterable[str]) -> str:
+    """A list in words: "a, b and c"; with semicolons where a part holds a comma itself."""
+    items = list(parts)
+    if len(items) < 2:
+        return "".join(items)
+    comma, last = ("; ", "; ") if any(", " in item and "(" not in item for item in items) else (", ", " and ")
+    return comma.join(items[:-1]) + last + items[-1]
+
+
+def ordered_parameters(results: Mapping[str, CalibrationResult]) -> list[str]:
+    """Every calibrated parameter once: modulus and Poisson's ratio first, then in order of appearance."""
+    names = list(dict.fromkeys(name for result in results.values() for name in result.parameters))
+    rank = {"youngs_modulus": 0, "poissons_ratio": 1}
+    return sorted(names, key=lambda name: rank.get(parameter_name(name).kind, 2))
+
+
+def file_stem(text: str) -> str:
+    """A label as part of a file name."""
+    plain = "".join(letter if letter.isalnum() and letter.isascii() else "-" for letter in text.lower())
+    return "-".join(part for part in plain.split("-") if part) or "unnamed"

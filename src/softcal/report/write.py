@@ -1,0 +1,84 @@
+"""Writes a report: the page, the figures as PNG and SVG, the tables as CSV."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from softcal.errors import Fault, StorageError
+from softcal.report.content import ReportContent
+from softcal.report.figures import report_pictures
+from softcal.report.html import render_page
+from softcal.report.tables import all_tables
+
+
+@dataclass(frozen=True)
+class ReportPaths:
+    """What was written. notes: what the reader must know, such as a renderer that did not work."""
+
+    page: Path
+    figures: tuple[Path, ...]
+    tables: tuple[Path, ...]
+    notes: tuple[str, ...] = ()
+
+
+def write_report(content: ReportContent, out_dir: str | Path) -> ReportPaths:
+    """Write `report.html`, `figures/*.png`, `figures/*.svg` and `tables/*.csv` into a folder.
+
+    An older report in the folder is replaced, file by file; nothing else there is touched. Everything is drawn
+    before anything is written.
+
+    Raises
+    ------
+    StorageError
+        Where the folder cannot be written.
+    """
+    folder = Path(out_dir)
+    pictures, tables = report_pictures(content), all_tables(content)
+    files: dict[Path, bytes] = {}
+    for picture in pictures:
+        files[folder / "figures" / f"{picture.name}.png"] = picture.png
+        files[folder / "figures" / f"{picture.name}.svg"] = picture.svg
+    for table in tables.values():
+        files[folder / "tables" / f"{table.key}.csv"] = table.as_csv().encode()
+    page = folder / "report.html"
+    files[page] = render_page(content, pictures, tables).encode()
+    write_files(files)
+    notes = tuple(picture.note for picture in pictures if picture.note)
+    figures, csv_files = (tuple(p for p in files if p.parent.name == name) for name in ("figures", "tables"))
+    return ReportPaths(page, figures, csv_files, notes)
+
+
+def write_files(files: Mapping[Path, bytes]) -> None:
+    """Write files whole or not at all, each by way of a temporary neighbour.
+
+    Raises
+    ------
+    StorageError
+        Where a file cannot be written; its temporary neighbour is removed.
+    """
+    for path, data in files.items():
+        part = path.with_name(f".{path.name}.part")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            part.write_bytes(data)
+            os.replace(part, path)
+        except OSError as error:
+            _forget(part)
+            raise StorageError(
+                Fault(
+                    "the file cannot be written",
+                    where=str(path),
+                    got=error.strerror or str(error),
+                    allowed="a folder with free space in which you may write",
+                )
+            ) from error
+
+
+def _forget(path: Path) -> None:
+    try:
+        path.unlink(missing_ok=True)
+    except OSError:
+        return  # the first failure is the one to tell

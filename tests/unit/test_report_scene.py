@@ -1,0 +1,144 @@
+"""Scenes: surfaces, plates, cameras, and the drawing that stands in for the 3-D renderer."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from report_example import column_mesh, neck_robot, twin_view
+
+from softcal.geometry.mesh import TET_EDGES
+from softcal.report import scene_render
+from softcal.report.chart_twin import draw_side_by_side, draw_twin
+from softcal.report.check_figures import region_colours, robot_scenes
+from softcal.report.scene import (
+    Arrow,
+    Surface,
+    alike,
+    boundary_triangles,
+    extent_points,
+    plate_normal,
+    plate_radius,
+    twin_scenes,
+)
+from softcal.report.scene_render import Rendering, draw_flat, render_scenes
+from softcal.report.style import encode, new_figure
+
+UNIT = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+
+
+def enclosed(points: np.ndarray, triangles: np.ndarray) -> float:
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+def test_the_surface_is_closed_and_points_outwards() -> None:
+    mesh = column_mesh()
+    edges = mesh.points[mesh.tets[:, 1:]] - mesh.points[mesh.tets[:, :1]]
+    volume = np.linalg.det(edges).sum() / 6
+    assert enclosed(mesh.points, boundary_triangles(mesh.tets)) == pytest.approx(volume, rel=1e-9)
+
+
+def test_a_quadratic_face_gives_four_triangles() -> None:
+    points = np.concatenate([UNIT, [UNIT[list(pair)].mean(axis=0) for pair in TET_EDGES]])
+    triangles = boundary_triangles(np.arange(10)[None])
+    assert triangles.shape == (16, 3)
+    assert enclosed(points, triangles) == pytest.approx(1 / 6)
+
+
+def test_the_plate_covers_its_cables_and_faces_away_from_the_base() -> None:
+    robot = neck_robot(column_mesh())
+    np.testing.assert_allclose(plate_normal(robot, robot.plates[0]), [0, 0, 1], atol=0.05)
+    assert plate_radius(robot, robot.plates[0]) == pytest.approx(1.08 * 0.05, rel=0.02)
+
+
+def test_the_camera_holds_everything_and_bends_to_the_right() -> None:
+    found = twin_scenes(twin_view(column_mesh()))
+    camera = found.camera
+    frame = np.stack([camera.right, camera.up, camera.back])
+    np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(np.cross(camera.right, camera.up), camera.back, atol=1e-12)
+    left, right, bottom, top = camera.window
+    x, y, _ = camera.project(extent_points(found.scenes)).T
+    assert left < x.min()
+    assert x.max() < right
+    assert bottom < y.min()
+    assert y.max() < top
+    plate = camera.project(np.array([[0, 0, 0.1], [0.04, 0, 0.09]]))
+    assert plate[1, 0] > plate[0, 0]
+
+
+def test_the_largest_displacement_tops_the_colours() -> None:
+    view = twin_view(column_mesh(), 0.7)
+    moved = np.linalg.norm(view.bent.points["neck"] - view.rest.points["neck"], axis=1)
+    assert twin_scenes(view).largest == pytest.approx(moved.max())
+
+
+def test_two_views_get_windows_of_one_size() -> None:
+    _, cameras = robot_scenes(neck_robot(column_mesh()))
+    windows = np.array([camera.window for camera in alike(cameras)])
+    np.testing.assert_allclose(np.ptp(windows[:, :2], axis=1), np.ptp(windows[0, :2]))
+    np.testing.assert_allclose(np.ptp(windows[:, 2:], axis=1), np.ptp(windows[0, 2:]))
+
+
+def test_regions_are_told_apart() -> None:
+    robot = neck_robot(column_mesh())
+    colours = region_colours(robot, robot.bodies[0])
+    assert len(np.unique(colours, axis=0)) == 3
+
+
+def test_loads_and_gravity_become_arrows_of_their_direction() -> None:
+    scenes, _ = robot_scenes(neck_robot(column_mesh()))
+    arrows = [part for part in scenes[0].parts if isinstance(part, Arrow)]
+    assert len(arrows) == 2
+    for arrow in arrows:
+        assert (arrow.tip - arrow.tail)[2] < 0
+
+
+def test_the_renderer_or_its_loud_stand_in() -> None:
+    found = twin_scenes(twin_view(column_mesh()))
+    rendering = render_scenes(found.scenes, (found.camera, found.camera))
+    if rendering.pictures:
+        first, second = rendering.pictures
+        assert first.shape == second.shape
+        assert first.shape[2] == 4
+        assert 0.02 < (first[:, :, 3] > 0).mean() < 0.9
+        assert (first != second).any()
+    else:
+        assert "matplotlib" in rendering.note
+
+
+def test_a_renderer_that_dies_is_told_and_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scene_render, "_windows", lambda: ("noSuchRenderWindow",))
+    monkeypatch.setenv("PYTHONPATH", "/nonexistent")
+    monkeypatch.setattr(scene_render.sys, "executable", "/bin/false")
+    drawn = draw_twin(twin_view(column_mesh()))
+    assert drawn.note.startswith("Drawn flat by matplotlib")
+    assert "libegl1" in drawn.note
+    assert encode(drawn.figure)[0].startswith(b"\x89PNG")
+
+
+def test_the_flat_drawing_puts_the_near_before_the_far() -> None:
+    near, far = UNIT[[0, 1, 2]] + [0, 0, 1.0], UNIT[[0, 1, 2]]
+    red, blue = np.tile([1.0, 0, 0], (1, 1)), np.tile([0, 0, 1.0], (1, 1))
+    triangle = np.array([[0, 1, 2]])
+    found = twin_scenes(twin_view(column_mesh()))
+    camera = type(found.camera)(*np.eye(3), (0.0, 1.0, 0.0, 1.0))
+    figure = new_figure()
+    axes = figure.add_subplot()
+    scene = type(found.scenes[0])("x", (Surface(near, triangle, red), Surface(far, triangle, blue)))
+    draw_flat(axes, scene, camera)
+    colours = axes.collections[0].get_facecolor()
+    assert colours[0, 2] > 0
+    assert colours[-1, 0] > 0
+
+
+def test_labels_do_not_overlap() -> None:
+    found = twin_scenes(twin_view(column_mesh()))
+    cameras = (found.camera, found.camera)
+    figure = draw_side_by_side(found.scenes, cameras, Rendering((), "flat"), largest=found.largest).figure
+    figure.canvas.draw()
+    for axes in figure.axes[:2]:
+        boxes = [text.get_window_extent() for text in axes.texts]
+        assert len(boxes) >= 4
+        clashes = [(a, b) for i, a in enumerate(boxes) for b in boxes[i + 1 :] if a.overlaps(b)]
+        assert not clashes

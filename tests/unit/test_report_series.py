@@ -1,0 +1,86 @@
+"""The numbers behind the charts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from report_example import E_NAME, NU_NAME, bench_experiment, example_content, fit_of, tpe_result
+
+from softcal.calibration.result import Trial
+from softcal.report.chart_parameters import forest_rows
+from softcal.report.series import grid_of_trials, search_history, trajectory
+
+
+def test_residual_is_simulated_minus_measured_in_shown_units() -> None:
+    experiment = bench_experiment("a", 0.02, 2e6)
+    fit = fit_of(experiment)
+    force, pitch = trajectory(experiment, fit).panels
+    assert (force.channel, pitch.channel, pitch.scale.unit) == ("tension", "pitch", "deg")
+    np.testing.assert_allclose(force.residual, fit.simulated["tension"] - fit.measured["tension"])
+    np.testing.assert_allclose(pitch.residual, np.rad2deg(fit.simulated["pitch"] - fit.measured["pitch"]))
+
+
+def test_unmeasured_pitch_is_shown_alone() -> None:
+    experiment = bench_experiment("a", 0.02, 2e6, pitch=False)
+    pitch = trajectory(experiment, fit_of(experiment)).panels[1]
+    assert pitch.measured is None
+    assert pitch.residual is None
+    assert len(pitch.simulated) == 50
+
+
+def test_the_axis_is_the_drive_then_time_then_the_sample() -> None:
+    experiment = bench_experiment("a", 0.02, 2e6)
+    path = trajectory(experiment, fit_of(experiment))
+    assert path.abscissa.label == "Cable shortening [mm]"
+    assert path.abscissa.values[-1] == pytest.approx(20.0)
+    whole = replace(experiment, prepared=experiment.raw)
+    path = trajectory(whole, fit_of(whole))
+    assert path.abscissa.label == "Time [s]"
+    assert len(path.pieces) == 9
+    assert path.pieces[-1].stop == whole.raw.n_samples
+
+
+def test_a_mismatch_of_samples_is_said() -> None:
+    experiment = bench_experiment("a", 0.02, 2e6)
+    path = trajectory(replace(experiment, prepared=experiment.raw), fit_of(experiment))
+    assert "50 samples were compared, the prepared data has 1800" in path.abscissa.note
+
+
+@given(st.lists(st.one_of(st.none(), st.floats(0.01, 100)), min_size=1, max_size=30))
+def test_best_so_far_never_rises_and_failures_are_apart(losses: list[float | None]) -> None:
+    trials = [
+        Trial(i, {}, "FAILED", None, "why") if loss is None else Trial(i, {}, "COMPLETE", loss)
+        for i, loss in enumerate(losses)
+    ]
+    history = search_history(trials)
+    assert np.all(np.diff(history.best) <= 0)
+    assert len(history.numbers) + len(history.failed) == len(losses)
+    if len(history.best):
+        assert history.best[-1] == min(loss for loss in losses if loss is not None)
+
+
+def test_a_grid_of_trials_is_found_with_its_holes() -> None:
+    experiment = bench_experiment("a", 0.02, 2e6)
+    result = tpe_result([experiment], 2e6, 0.45, n_trials=3)
+    assert grid_of_trials(result) is None
+    trials = [
+        Trial(i, {E_NAME: e, NU_NAME: nu}, "COMPLETE", e * nu)
+        for i, (e, nu) in enumerate((e, nu) for e in (1e6, 2e6, 3e6, 4e6) for nu in (0.40, 0.45, 0.49))
+    ]
+    trials[4] = replace(trials[4], state="FAILED", loss=None, reason="why")
+    grid = grid_of_trials(replace(result, trials=tuple(trials)))
+    assert grid is not None
+    assert grid.loss.shape == (3, 4)
+    assert grid.loss[2, 3] == pytest.approx(4e6 * 0.49)
+    assert grid.failed is not None
+    assert np.argwhere(grid.failed).tolist() == [[1, 1]]
+
+
+def test_the_forest_has_a_row_per_calibration_and_experiment() -> None:
+    content = example_content(n_trials=4)
+    assert list(forest_rows(E_NAME, content.results)) == ["20 mm, 2 mm/s", "20 mm, 5 mm/s", "35 mm, 2 mm/s", "joint"]
+    assert next(iter(forest_rows("front.slack", content.results))) == "20 mm, 2 mm/s, all jointly"

@@ -1,0 +1,214 @@
+"""The rows of the tables and the sentences of the verdict, against numbers worked out by hand."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from report_example import E_NAME, NU_NAME, example_content, tpe_result
+
+from softcal.calibration.result import CalibrationResult, Estimate, ExperimentFit, Trial
+from softcal.errors import InputError
+from softcal.experiments.dataset import Channel, Dataset, Step
+from softcal.report.content import ExperimentContent, Landscape, PrintInfill, ReportContent
+from softcal.report.tables import (
+    all_tables,
+    errors_table,
+    grouped_failures,
+    parameters_table,
+    provenance_rows,
+    share_of_peak,
+)
+from softcal.report.verdict import headline_sentence, interval_share, verdicts
+from softcal.report.wording import (
+    joined,
+    number,
+    parameter_label,
+    parameter_name,
+    parameters_in_words,
+    with_error,
+)
+
+
+def small_content(**changes: object) -> ReportContent:
+    d = np.linspace(0.0, 0.02, 5)
+    force = 400.0 * d
+    data = Dataset("20mm", {"shortening": Channel(d, "m"), "tension": Channel(force, "N")})
+    fit = ExperimentFit(
+        {"tension": 0.4}, {"tension": 0.1}, {"tension": force}, {"tension": force + 0.4}, {"tension": "N"}
+    )
+    defaults: dict[str, object] = {
+        "parameters": {
+            E_NAME: Estimate(2.3e6, "Pa", False, 1e5, 4e7, 2e4),
+            NU_NAME: Estimate(0.431, "1", False, 0.4, 0.4999),
+        },
+        "loss": 0.12, "loss_name": "papers", "method": "tpe", "seed": 7, "n_solves": 3, "n_factorisations": 90,
+        "wall_s": 12.0, "status": "Converged", "experiments": {"20mm": fit},
+        "importance": {E_NAME: 0.99, NU_NAME: 0.01},
+        "trials": (Trial(0, {E_NAME: 1e6, NU_NAME: 0.45}, "COMPLETE", 0.12),), "n_failed_trials": 0,
+    }  # fmt: skip
+    return ReportContent(
+        "neck", {"20mm": CalibrationResult(**{**defaults, **changes})}, {"20mm": ExperimentContent("20mm", data, data)}
+    )
+
+
+def texts(content: ReportContent, tone: str) -> str:
+    return " ".join(sentence.text for sentence in verdicts(content) if sentence.tone == tone)
+
+
+def test_table_one_is_in_megapascals() -> None:
+    table = parameters_table(small_content())
+    assert [column.header for column in table.columns][:4] == ["Calibration", "E [MPa]", "± E [MPa]", "ν"]
+    assert table.rows[0] == ("20mm", pytest.approx(2.3), pytest.approx(0.02), 0.431, None, 0.99, 0.01, 0.12, "none")
+    assert table.shown()[0][1:5] == ["2.300", "0.020", "0.4310", "–"]
+
+
+def test_table_two_gives_pitch_in_both_units() -> None:
+    content = example_content(n_trials=5)
+    table = errors_table(content)
+    headers = [column.header for column in table.columns]
+    row = dict(zip(headers, table.rows[0], strict=True))
+    fit = content.results["20 mm, 2 mm/s"].experiments["20 mm, 2 mm/s"]
+    assert row["Force RMSE [N]"] == fit.rmse["tension"]
+    assert row["Pitch RMSE [deg]"] == pytest.approx(np.rad2deg(fit.rmse["pitch"]))
+    assert row["Pitch RMSE, detrended [rad]"] == fit.rmse_detrended["pitch"]
+    unmeasured = dict(zip(headers, table.rows[1], strict=True))
+    assert unmeasured["Pitch RMSE [rad]"] is None
+    assert not any("Shortening" in header for header in headers)
+
+
+def test_share_of_peak_uses_the_measured_peak() -> None:
+    fit = small_content().headline_result.experiments["20mm"]
+    assert share_of_peak(fit) == pytest.approx(0.4 / 8.0)
+    assert share_of_peak(fit, "pitch") is None
+
+
+def test_csv_holds_numbers_in_full_and_units_in_headings() -> None:
+    for table in all_tables(example_content(n_trials=40)).values():
+        rows = list(csv.reader(io.StringIO(table.as_csv())))
+        assert rows[0] == [column.header for column in table.columns]
+        assert len(rows) == len(table.rows) + 1
+    value = list(csv.reader(io.StringIO(parameters_table(small_content(loss=0.123456789)).as_csv())))[1][7]
+    assert float(value) == 0.123456789
+
+
+def test_failures_are_grouped_whatever_numbers_they_hold() -> None:
+    reasons = ("det F below zero in tet 5", "det F below zero in tet 1841", "no equilibrium after 25 iterations")
+    trials = tuple(Trial(i, {}, "FAILED", None, reason) for i, reason in enumerate(reasons))
+    groups = grouped_failures(small_content(trials=trials, n_failed_trials=3).headline_result)
+    assert groups == [("det F below zero in tet 5", 2, 0), ("no equilibrium after 25 iterations", 1, 2)]
+
+
+def test_provenance_is_told_in_order() -> None:
+    steps = (Step("pulley friction", {"n": 2, "factor": 0.53349}, "divided"), Step("zero", {"where": [1.0, 2.0]}))
+    data = Dataset("a", {"tension": Channel(np.ones(2), "N")}, steps)
+    assert provenance_rows(data) == [
+        ("pulley friction", "n = 2, factor = 0.53349", "divided"),
+        ("zero", "where = [1, 2]", ""),
+    ]
+
+
+def test_a_bound_is_a_warning_with_its_value() -> None:
+    at_bound = {E_NAME: Estimate(4e7, "Pa", True, 1e5, 4e7)}
+    assert "E stands at its upper bound of 40.00 MPa" in texts(small_content(parameters=at_bound), "warning")
+    assert "No parameter stands at a bound" in texts(small_content(), "good")
+
+
+def test_identifiability_follows_the_interval_then_the_importance() -> None:
+    wide = {NU_NAME: Estimate(0.45, "1", False, 0.4, 0.4999, 0.03)}
+    assert "ν is not identified" in texts(small_content(parameters=wide), "warning")
+    narrow = {NU_NAME: Estimate(0.45, "1", False, 0.4, 0.4999, 0.001)}
+    assert "Identified" in texts(small_content(parameters=narrow), "good")
+    assert "ν is weakly determined" in texts(small_content(), "warning")
+    assert interval_share(Estimate(0.45, "1", False, 0.4, 0.5, 0.01)) == pytest.approx(0.392, abs=1e-3)
+    decades = interval_share(Estimate(1e6, "Pa", False, 1e5, 1e7, 1e4))
+    assert decades == pytest.approx(2 * 0.0196 / np.log(100), rel=1e-2)
+
+
+def test_failed_trials_are_counted_with_their_reason() -> None:
+    trials = (Trial(0, {}, "FAILED", None, "J fell below zero"), *(Trial(i, {}, "COMPLETE", 1.0) for i in range(1, 4)))
+    content = small_content(trials=trials, n_failed_trials=1)
+    assert "1 of 4 trials could not be simulated. Most often: J fell below zero." in texts(content, "warning")
+
+
+def test_the_headline_names_estimates_fit_and_gravest_doubt() -> None:
+    sentence = headline_sentence(small_content())
+    assert sentence.text.startswith(
+        "With E = 2.300 ± 0.020 MPa and ν = 0.431, the twin follows the measured force within 5.0 %"
+    )
+    assert sentence.tone == "warning"
+    assert "weakly determined" in sentence.text
+
+
+def test_experiments_that_disagree_are_said_to() -> None:
+    content = example_content(n_trials=5)
+    assert "a factor of 1.92" in texts(content, "warning")
+
+
+def test_eq_5_by_arithmetic() -> None:
+    low, high = PrintInfill((8e6, 12e6), 0.3, (1.2, 1.6)).effective_modulus
+    assert (low / 1e6, high / 1e6) == (pytest.approx(1.1654, abs=1e-3), pytest.approx(2.8299, abs=1e-3))
+    with pytest.raises(InputError, match="reversed"):
+        PrintInfill((12e6, 8e6), 1.3, (1.2, 1.6))
+
+
+def test_content_refuses_what_does_not_fit_together() -> None:
+    content = small_content()
+    with pytest.raises(InputError, match="experiment without data"):
+        replace(content, experiments={})
+    with pytest.raises(InputError, match="at least one"):
+        replace(content, results={}, headline="")
+    with pytest.raises(InputError, match="headline of a calibration that does not exist"):
+        replace(content, headline="40mm")
+    with pytest.raises(InputError, match="wrong shape"):
+        Landscape(E_NAME, NU_NAME, np.ones(3), np.ones(2), np.ones((3, 2)))
+
+
+def test_the_joint_result_comes_first() -> None:
+    content = example_content(n_trials=5)
+    assert content.headline == "joint"
+    assert content.headline_result is content.results["joint"]
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "text"),
+    [
+        (0.0, 3, "0"),
+        (1.0, 3, "1.00"),
+        (0.9996, 3, "1.00"),
+        (12345.0, 3, "12345"),
+        (1.234e-7, 3, "1.23e-07"),
+        (-2.5, 2, "-2.5"),
+    ],
+)
+def test_numbers_keep_their_digits(value: float, digits: int, text: str) -> None:
+    assert number(value, digits) == text
+
+
+def test_an_error_decides_the_digits() -> None:
+    assert with_error(1.98321, 0.0213) == "1.983 ± 0.021"
+    assert with_error(0.45, 0.0996) == "0.45 ± 0.10"
+    assert with_error(1.98321, None) == "1.98"
+
+
+def test_parameter_names_in_words() -> None:
+    own = "front.slack[20.5 mm]"
+    assert parameter_name(own).kind == "slack"
+    assert parameter_name(own).base == "front.slack"
+    assert parameter_label(own) == "slack (front, 20.5 mm)"
+    assert parameter_label(E_NAME, [E_NAME, NU_NAME]) == "E"
+    assert parameter_label(E_NAME, ["arm.youngs_modulus"]) == "E (neck)"
+    assert parameters_in_words([E_NAME, "front.slack[a]", "front.slack[b]"]) == "E and slack (front) per experiment"
+    assert joined(["20 mm, 2 mm/s", "40 mm"]) == "20 mm, 2 mm/s; 40 mm"
+
+
+def test_a_search_without_intervals_says_nothing_of_them() -> None:
+    content = example_content(n_trials=5)
+    name = "20 mm, 2 mm/s"
+    alone = replace(
+        content, results={name: tpe_result([content.experiments[name]], 1.2e6, 0.45, n_trials=5)}, headline=name
+    )
+    assert not any("interval" in sentence.text for sentence in verdicts(alone))

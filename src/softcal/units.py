@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 import re
+import tokenize
 from typing import TYPE_CHECKING, Any
 
 from softcal.errors import Fault, UnitError
@@ -26,6 +27,9 @@ SI_UNITS = {
     "ratio": "1",
 }
 
+# What pint would compute for ages, or until its parser overflows: powers of powers, long numbers, long text.
+_ENDLESS = re.compile(r"(\*\*|\^)[^*/^]*(\*\*|\^)|\)\s*(\*\*|\^)|\d{3}|^.{41}", re.DOTALL)
+
 
 @functools.cache
 def _registry() -> pint.UnitRegistry[Any]:
@@ -36,6 +40,21 @@ def _registry() -> pint.UnitRegistry[Any]:
     return registry
 
 
+def _pint_errors() -> tuple[type[Exception], ...]:
+    """What pint raises for text that is no unit, or a unit of another dimension; its parser adds Python's own."""
+    import pint
+
+    return (
+        pint.errors.PintError,
+        tokenize.TokenError,
+        ArithmeticError,
+        AssertionError,
+        SyntaxError,
+        TypeError,
+        ValueError,
+    )
+
+
 def unit_factor(unit: str, si_unit: str, *, where: str = "") -> float:
     """Factor that turns a number in `unit` into one in `si_unit`.
 
@@ -44,19 +63,16 @@ def unit_factor(unit: str, si_unit: str, *, where: str = "") -> float:
     UnitError
         Where the unit is unknown or measures something else.
     """
+    fault = Fault(
+        "the unit does not fit", where=where, got=f"'{unit}'", allowed=f"a unit that converts to {si_unit or '1'}"
+    )
+    if _ENDLESS.search(unit):
+        raise UnitError(fault)
     registry = _registry()
     try:
-        factor = registry.Quantity(1.0, _plain(unit)).to(_plain(si_unit)).magnitude
-    except Exception as error:  # pint raises half a dozen kinds, all of which mean the same to a user
-        raise UnitError(
-            Fault(
-                "the unit does not fit",
-                where=where,
-                got=f"'{unit}'",
-                allowed=f"a unit that converts to {si_unit or '1'}",
-            )
-        ) from error
-    return float(factor)
+        return float(registry.Quantity(1.0, _plain(unit)).to(_plain(si_unit)).magnitude)
+    except _pint_errors() as error:
+        raise UnitError(fault) from error
 
 
 def parse_quantity(value: object, si_unit: str, *, where: str = "") -> float:

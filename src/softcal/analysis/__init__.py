@@ -1,0 +1,1 @@
+"""What a result is worth: importance, identifiability, the mesh's share, validation."""

@@ -1,0 +1,1 @@
+"""The twin in other programs' formats, one per file."""

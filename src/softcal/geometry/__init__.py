@@ -1,0 +1,1 @@
+"""Shapes without physics: meshes, regions, mesh quality."""

@@ -1,0 +1,1 @@
+"""Hyperelastic laws and their constants, one law per file."""

@@ -1,0 +1,67 @@
+# `make demo` and `make test` need only Python >= 3.11, make and git: the rest is set up on the way.
+SHELL := /bin/bash
+VENV := .venv
+PYTHON_IN := $(VENV)/bin/python
+RUN := $(VENV)/.run
+DEV := $(VENV)/.dev
+BENCH := $(VENV)/.bench
+SETUP := pyproject.toml scripts/bootstrap.sh scripts/system_packages.sh scripts/system_libraries.py
+
+DEMO_PROJECT ?= examples/neck/project.yaml
+DEMO_OUT ?= runs/demo-$(shell date +%Y%m%d-%H%M%S)
+# Options for pytest, such as PYTEST_ARGS="-k cable -x".
+PYTEST_ARGS ?=
+SLOW_LIMIT ?= 40m
+
+.PHONY: help demo test test-slow bench lint format clean
+
+help:
+	@echo "make demo       set up, calibrate the neck on real bench data, print the result, write the report"
+	@echo "make test       set up, run the tests (all but the slow ones)"
+	@echo "make test-slow  run the slow tests, for $(SLOW_LIMIT) at most"
+	@echo "make bench      run the benchmarks, write benchmarks/RESULTS.md"
+	@echo "make lint       ruff, pyright, layers, licences"
+	@echo "make format     let ruff format and mend what it can"
+	@echo "make clean      remove the environment and the caches (runs are kept)"
+
+$(RUN): $(SETUP)
+	@scripts/bootstrap.sh run
+	@touch $@
+
+$(DEV): $(SETUP)
+	@scripts/bootstrap.sh dev
+	@touch $(RUN) $@
+
+$(BENCH): $(SETUP)
+	@scripts/bootstrap.sh bench
+	@touch $(RUN) $(DEV) $@
+
+demo: OUT := $(DEMO_OUT)
+demo: $(RUN)
+	$(VENV)/bin/softcal calibrate $(DEMO_PROJECT) --out $(OUT) --no-report
+	$(VENV)/bin/softcal report $(OUT)
+
+test: $(DEV)
+	$(PYTHON_IN) -m pytest $(PYTEST_ARGS)
+
+# pytest's exit code 5: no test is marked slow, which is no failure.
+test-slow: $(DEV)
+	timeout --signal=INT --kill-after=60 $(SLOW_LIMIT) $(PYTHON_IN) -m pytest -m slow $(PYTEST_ARGS) || [ $$? -eq 5 ]
+
+bench: $(BENCH)
+	$(PYTHON_IN) benchmarks/run.py
+
+lint: $(DEV)
+	$(VENV)/bin/ruff check
+	$(VENV)/bin/ruff format --check
+	$(VENV)/bin/pyright
+	$(VENV)/bin/lint-imports
+	$(PYTHON_IN) scripts/check_licences.py
+
+format: $(DEV)
+	$(VENV)/bin/ruff format
+	$(VENV)/bin/ruff check --fix
+
+clean:
+	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+	find src tests scripts benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +

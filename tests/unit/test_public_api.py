@@ -1,0 +1,82 @@
+"""The door of the package: what it names exists, is documented, and says what it raises."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from pathlib import Path
+
+import pytest
+
+import softcal
+from softcal import errors
+
+SOURCE = Path(softcal.__file__).parent
+ERROR_NAMES = {name for name, value in vars(errors).items() if inspect.isclass(value) and issubclass(value, Exception)}
+
+
+def public_functions() -> list[tuple[str, ast.FunctionDef]]:
+    """Every public function and method in src, with a name that tells where it stands."""
+    found = []
+    for path in sorted(set(SOURCE.rglob("*.py")) - {SOURCE / "cli.py"}):  # a command's docstring is its help
+        place = path.relative_to(SOURCE).as_posix()
+        scopes: list[tuple[str, ast.Module | ast.ClassDef]] = [(place, ast.parse(path.read_text(encoding="utf-8")))]
+        for where, scope in scopes:
+            for node in scope.body:
+                if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                    scopes.append((f"{where}:{node.name}", node))
+                elif isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
+                    found.append((f"{where}:{node.name}", node))
+    return found
+
+
+def raised_here(function: ast.FunctionDef) -> set[str]:
+    """Names of softcal's errors that the body raises itself."""
+    raised = set()
+    for node in ast.walk(function):
+        if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call) and isinstance(node.exc.func, ast.Name):
+            raised.add(node.exc.func.id)
+    return raised & ERROR_NAMES
+
+
+def test_the_names_are_sorted_and_there():
+    assert list(softcal.__all__) == sorted(softcal._HOMES)
+    for name in softcal.__all__:
+        assert getattr(softcal, name).__name__ == name
+    assert dir(softcal) == list(softcal.__all__)
+
+
+def test_type_checkers_see_the_same_names():
+    tree = ast.parse((SOURCE / "__init__.py").read_text(encoding="utf-8"))
+    block = next(node for node in tree.body if isinstance(node, ast.If))
+    seen = {alias.name: node.module for node in block.body if isinstance(node, ast.ImportFrom) for alias in node.names}
+    assert seen == softcal._HOMES
+
+
+def test_an_unknown_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="'softcal' has no attribute 'nonsense'"):
+        softcal.nonsense  # noqa: B018
+
+
+@pytest.mark.parametrize("name", softcal.__all__)
+def test_everything_public_has_a_docstring(name):
+    assert inspect.getdoc(getattr(softcal, name))
+
+
+def test_what_is_raised_is_documented():
+    silent = []
+    for where, function in public_functions():
+        docstring = ast.get_docstring(function) or ""
+        _, _, raises = docstring.partition("Raises\n------\n")
+        silent += [f"{where} raises {name}" for name in sorted(raised_here(function)) if name not in raises]
+    assert not silent
+
+
+def test_no_file_hides_its_purpose():
+    vague = {"utils.py", "util.py", "helpers.py", "common.py", "misc.py", "manager.py", "tools.py"}
+    assert not [path for path in SOURCE.rglob("*.py") if path.name in vague]
+
+
+def test_no_file_needs_scrolling():
+    long = {path.name: n for path in SOURCE.rglob("*.py") if (n := path.read_text(encoding="utf-8").count("\n")) > 400}
+    assert not long

@@ -1,0 +1,88 @@
+"""Text with a unit in, SI out; whatever else stands there is a UnitError, quickly."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from softcal.errors import UnitError
+from softcal.units import SI_UNITS, format_quantity, parse_quantity, readable_unit, unit_factor
+from tests.strategies import numbers
+
+
+@pytest.mark.parametrize(
+    ("text", "si_unit", "value"),
+    [
+        ("2.3 MPa", "Pa", 2.3e6),
+        ("2.3MPa", "Pa", 2.3e6),
+        ("-15 mm/s", "m/s", -0.015),
+        ("1e-3 kN", "N", 1.0),
+        (".5 kgf", "N", 4.903325),
+        ("180 deg", "rad", math.pi),
+        ("180°", "rad", math.pi),
+        ("30 %", "1", 0.3),
+        ("0.45", "1", 0.45),
+        (0.45, "1", 0.45),
+        ("1.2 g/cm^3", "kg/m^3", 1200.0),
+        ("9.81 m/s**2", "m/s^2", 9.81),
+        ("0", "m", 0.0),
+        (0, "m", 0.0),
+    ],
+)
+def test_quantities_are_read(text, si_unit, value):
+    assert parse_quantity(text, si_unit) == pytest.approx(value, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "si_unit", "message"),
+    [
+        ("2.3", "Pa", "the unit is missing"),
+        (2.3, "Pa", "the unit is missing"),
+        ("2.3 mm", "Pa", "the unit does not fit; got 'mm'; allowed: a unit that converts to Pa"),
+        ("2.3 MPaa", "Pa", "the unit does not fit"),
+        ("two MPa", "Pa", "not a quantity"),
+        ("2,3 MPa", "Pa", "the unit does not fit"),
+        (True, "1", "not a quantity"),
+        (None, "m", "not a quantity"),
+        (math.nan, "1", "not finite"),
+        ("1e999 mm", "m", "not finite"),
+    ],
+)
+def test_what_is_no_quantity_is_refused(text, si_unit, message):
+    with pytest.raises(UnitError, match=message):
+        parse_quantity(text, si_unit, where="robot.neck")
+
+
+def test_a_refusal_names_its_place():
+    with pytest.raises(UnitError, match=r"^robot\.neck\.youngs_modulus: "):
+        parse_quantity("2.3", "Pa", where="robot.neck.youngs_modulus")
+
+
+@pytest.mark.parametrize("unit", ["m**9**9**9", "m^99999999", "9**99999999*m", "((9^9)^9)^99", "(" * 400 + "m"])
+def test_endless_units_are_refused_at_once(unit):
+    with pytest.raises(UnitError, match="does not fit"):
+        unit_factor(unit, "m")
+
+
+WORDS = ["m", "mm", "kg", "Pa", "degC", "foo", "(", ")", "*", "**", "/", "^", "2", "-1", "0", " ", "[", "'", "\\", "\n"]
+WORDS += [".", ",", "if", "lambda", "µ", "°", "@", "%", "and", "~", "+", "-", "1.5.", "0x", "sin(", "1j", "\x00"]
+
+
+@given(st.lists(st.sampled_from(WORDS), max_size=5).map("".join), st.sampled_from(sorted(SI_UNITS.values())))
+def test_any_text_is_a_unit_or_a_unit_error(unit, si_unit):
+    with contextlib.suppress(UnitError):
+        assert math.isfinite(unit_factor(unit, si_unit))
+
+
+@given(numbers(1e-6, 1e9), st.sampled_from(sorted(SI_UNITS.values())))
+def test_what_is_shown_reads_back(value, si_unit):
+    assert parse_quantity(format_quantity(value, si_unit, digits=12), si_unit) == pytest.approx(value, rel=1e-10)
+
+
+@pytest.mark.parametrize(("value", "unit"), [(2.3e6, "MPa"), (990e3, "kPa"), (1e9, "GPa"), (50.0, "Pa"), (0.0, "Pa")])
+def test_a_modulus_is_shown_as_people_read_it(value, unit):
+    assert readable_unit(value, "Pa") == unit

@@ -101,7 +101,7 @@ def test_first_preconditioning_and_stable() -> None:
     found = classify_cycles(find_cycles(record(bench_record.motion())))
     classes = found.provenance[-1].settings["classes"]
     assert classes == {"0": "first", "1": "preconditioning", **{str(k): "stable" for k in range(2, 8)}}
-    assert "stable: 2, 3, 4, 5, 6, 7" in found.provenance[-1].outcome
+    assert "stable: 2 to 7" in found.provenance[-1].outcome
     stable = select_cycles(found)
     assert sorted(set(stable.cycle)) == [2, 3, 4, 5, 6, 7]
     assert set(select_cycles(found, "first").cycle) == {0}
@@ -111,7 +111,7 @@ def test_first_preconditioning_and_stable() -> None:
 
 def test_a_tighter_threshold_leaves_fewer_stable() -> None:
     found = classify_cycles(find_cycles(record(bench_record.motion(), noise=0.0, drift=0.0)), threshold=0.004)
-    assert "stable: 4, 5, 6, 7" in found.provenance[-1].outcome
+    assert "stable: 4 to 7" in found.provenance[-1].outcome
 
 
 def test_selection_that_cannot_be() -> None:

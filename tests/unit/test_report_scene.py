@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from report_example import column_mesh, neck_robot, twin_view
@@ -12,6 +14,7 @@ from softcal.report.chart_twin import draw_side_by_side, draw_twin
 from softcal.report.check_figures import region_colours, robot_scenes
 from softcal.report.scene import (
     Arrow,
+    Label,
     Surface,
     alike,
     boundary_triangles,
@@ -134,11 +137,13 @@ def test_the_flat_drawing_puts_the_near_before_the_far() -> None:
 
 def test_labels_do_not_overlap() -> None:
     found = twin_scenes(twin_view(column_mesh()))
+    crowded = tuple(Label(f"cable {k}", np.array([[0.05, 0.0, 0.1 + 1e-4 * k]])) for k in range(4))
+    scenes = tuple(replace(scene, labels=scene.labels + crowded) for scene in found.scenes)
     cameras = (found.camera, found.camera)
-    figure = draw_side_by_side(found.scenes, cameras, Rendering((), "flat"), largest=found.largest).figure
-    figure.canvas.draw()
+    figure = draw_side_by_side(scenes, cameras, Rendering((), "flat"), largest=found.largest).figure
+    figure.draw_without_rendering()
     for axes in figure.axes[:2]:
         boxes = [text.get_window_extent() for text in axes.texts]
-        assert len(boxes) >= 4
+        assert len(boxes) >= 8
         clashes = [(a, b) for i, a in enumerate(boxes) for b in boxes[i + 1 :] if a.overlaps(b)]
         assert not clashes

@@ -14,52 +14,99 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from softcal.calibration.result import CalibrationResult
-    from softcal.experiments.dataset import Dataset
-    from softcal.project.calibration import Calibrations, calibrate
-    from softcal.project.checking import check
-    from softcal.project.project import Project, load
-    from softcal.project.reporting import write_report
-    from softcal.project.run_folder import load_run
-    from softcal.project.simulation import pull, simulate
-    from softcal.twin.protocol import Command, Protocol
-    from softcal.twin.response import Response
-    from softcal.twin.robot import Body, Cable, Plate, Robot, ViaPoint
+    from softcal.calibration.result import CalibrationResult as CalibrationResult
+    from softcal.errors import CalibrationError as CalibrationError
+    from softcal.errors import DatasetError as DatasetError
+    from softcal.errors import Fault as Fault
+    from softcal.errors import InputError as InputError
+    from softcal.errors import MeshError as MeshError
+    from softcal.errors import ParameterError as ParameterError
+    from softcal.errors import ProjectFileError as ProjectFileError
+    from softcal.errors import SimulationError as SimulationError
+    from softcal.errors import SoftcalError as SoftcalError
+    from softcal.errors import StorageError as StorageError
+    from softcal.errors import UnitError as UnitError
+    from softcal.experiments.dataset import Dataset as Dataset
+    from softcal.project.calibration import Calibrations as Calibrations
+    from softcal.project.calibration import calibrate as calibrate
+    from softcal.project.checking import check as check
+    from softcal.project.project import Project as Project
+    from softcal.project.project import load as load
+    from softcal.project.reporting import write_report as write_report
+    from softcal.project.run_folder import load_run as load_run
+    from softcal.project.simulation import pull as pull
+    from softcal.project.simulation import simulate as simulate
+    from softcal.twin.protocol import Command as Command
+    from softcal.twin.protocol import Protocol as Protocol
+    from softcal.twin.response import Response as Response
+    from softcal.twin.robot import Body as Body
+    from softcal.twin.robot import Cable as Cable
+    from softcal.twin.robot import Plate as Plate
+    from softcal.twin.robot import PointLoad as PointLoad
+    from softcal.twin.robot import Robot as Robot
+    from softcal.twin.robot import SurfaceLoad as SurfaceLoad
+    from softcal.twin.robot import ViaPoint as ViaPoint
 
 _HOMES = {
-    "load": "softcal.project.project",
-    "Project": "softcal.project.project",
-    "check": "softcal.project.checking",
-    "simulate": "softcal.project.simulation",
-    "pull": "softcal.project.simulation",
-    "calibrate": "softcal.project.calibration",
-    "Calibrations": "softcal.project.calibration",
-    "CalibrationResult": "softcal.calibration.result",
-    "write_report": "softcal.project.reporting",
-    "load_run": "softcal.project.run_folder",
-    "Robot": "softcal.twin.robot",
     "Body": "softcal.twin.robot",
-    "Plate": "softcal.twin.robot",
     "Cable": "softcal.twin.robot",
-    "ViaPoint": "softcal.twin.robot",
-    "Protocol": "softcal.twin.protocol",
+    "CalibrationError": "softcal.errors",
+    "CalibrationResult": "softcal.calibration.result",
+    "Calibrations": "softcal.project.calibration",
     "Command": "softcal.twin.protocol",
-    "Response": "softcal.twin.response",
     "Dataset": "softcal.experiments.dataset",
+    "DatasetError": "softcal.errors",
+    "Fault": "softcal.errors",
+    "InputError": "softcal.errors",
+    "MeshError": "softcal.errors",
+    "ParameterError": "softcal.errors",
+    "Plate": "softcal.twin.robot",
+    "PointLoad": "softcal.twin.robot",
+    "Project": "softcal.project.project",
+    "ProjectFileError": "softcal.errors",
+    "Protocol": "softcal.twin.protocol",
+    "Response": "softcal.twin.response",
+    "Robot": "softcal.twin.robot",
+    "SimulationError": "softcal.errors",
+    "SoftcalError": "softcal.errors",
+    "StorageError": "softcal.errors",
+    "SurfaceLoad": "softcal.twin.robot",
+    "UnitError": "softcal.errors",
+    "ViaPoint": "softcal.twin.robot",
+    "calibrate": "softcal.project.calibration",
+    "check": "softcal.project.checking",
+    "load": "softcal.project.project",
+    "load_run": "softcal.project.run_folder",
+    "pull": "softcal.project.simulation",
+    "simulate": "softcal.project.simulation",
+    "write_report": "softcal.project.reporting",
 }
 
 __all__ = [
     "Body",
     "Cable",
+    "CalibrationError",
     "CalibrationResult",
     "Calibrations",
     "Command",
     "Dataset",
+    "DatasetError",
+    "Fault",
+    "InputError",
+    "MeshError",
+    "ParameterError",
     "Plate",
+    "PointLoad",
     "Project",
+    "ProjectFileError",
     "Protocol",
     "Response",
     "Robot",
+    "SimulationError",
+    "SoftcalError",
+    "StorageError",
+    "SurfaceLoad",
+    "UnitError",
     "ViaPoint",
     "calibrate",
     "check",

@@ -59,7 +59,7 @@ def locate_points(
     """
     points = frozen_floats(points, name=where or "points", shape=(None, 3))
     corners = mesh.points[mesh.tets[:, :4]]
-    inverse = np.linalg.inv(np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2))
+    inverse = np.linalg.inv(np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)).astype(np.float64)
     tets = np.zeros(len(points), dtype=np.int64)
     weights = np.zeros((len(points), 4))
     outside: list[int] = []

@@ -29,9 +29,9 @@ class TetMesh:
 
     points: Floats
     tets: Ints
-    node_sets: Mapping[str, Ints] = field(default_factory=dict)
-    face_sets: Mapping[str, Ints] = field(default_factory=dict)
-    element_sets: Mapping[str, Ints] = field(default_factory=dict)
+    node_sets: Mapping[str, Ints] = field(default_factory=dict[str, Ints])
+    face_sets: Mapping[str, Ints] = field(default_factory=dict[str, Ints])
+    element_sets: Mapping[str, Ints] = field(default_factory=dict[str, Ints])
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", frozen_floats(self.points, name="mesh points", shape=(None, 3)))

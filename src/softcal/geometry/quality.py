@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any, cast
 
 import numpy as np
 from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+from scipy.sparse.csgraph import connected_components  # pyright: ignore[reportUnknownVariableType]
+from scipy.spatial import KDTree  # pyright: ignore[reportUnknownVariableType, reportAttributeAccessIssue]
 
 from softcal.checks import Floats, Ints
 from softcal.errors import Fault, MeshError
@@ -76,7 +77,8 @@ def check_quality(mesh: TetMesh) -> MeshReport:
     inverted = np.flatnonzero(_least_jacobian(mesh) <= FLAT * longest**3)
     used = np.zeros(mesh.n_points, dtype=bool)
     used[mesh.tets] = True
-    pairs = cKDTree(mesh.points).query_pairs(SAME_PLACE * float(np.linalg.norm(upper - lower)), output_type="ndarray")
+    near = SAME_PLACE * float(np.linalg.norm(upper - lower))
+    tree: Any = KDTree(mesh.points)
     return MeshReport(
         n_points=mesh.n_points,
         n_tets=mesh.n_tets,
@@ -91,7 +93,7 @@ def check_quality(mesh: TetMesh) -> MeshReport:
         slivers=tuple(np.setdiff1d(np.flatnonzero(dihedral < SLIVER_ANGLE), inverted).tolist()),
         n_parts=_count_parts(mesh, used),
         unreferenced=tuple(np.flatnonzero(~used).tolist()),
-        n_duplicate_nodes=len(pairs),
+        n_duplicate_nodes=len(tree.query_pairs(near)),
     )
 
 
@@ -216,7 +218,7 @@ def _count_parts(mesh: TetMesh, used: np.ndarray[tuple[int], np.dtype[np.bool_]]
     first = np.repeat(mesh.tets[:, 0], mesh.tets.shape[1] - 1)
     others = mesh.tets[:, 1:].ravel()
     graph = coo_array((np.ones(len(first), dtype=np.int8), (first, others)), shape=(mesh.n_points, mesh.n_points))
-    _, labels = connected_components(graph, directed=False)
+    _, labels = cast("tuple[int, Ints]", connected_components(graph, directed=False))
     return len(np.unique(labels[used]))
 
 

@@ -43,7 +43,7 @@ class Box:
 
     def contains(self, points: Floats, slack: float) -> Mask:
         low, high = np.asarray(self.lower) - slack, np.asarray(self.upper) + slack
-        return ((points >= low) & (points <= high)).all(axis=1)
+        return np.all((points >= low) & (points <= high), axis=1)
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,8 @@ class Plane:
         reach = self.tolerance + slack
         if self.side == "on":
             return np.abs(height) <= reach
-        return height >= -reach if self.side == "above" else height <= reach
+        above = height if self.side == "above" else -height
+        return above >= -reach
 
 
 @dataclass(frozen=True)

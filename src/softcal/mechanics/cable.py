@@ -10,6 +10,7 @@ entities with signed weights sigma_s. A cable is either *prescribed in length* (
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numba
 import numpy as np
@@ -30,7 +31,8 @@ class CablePlaces:
 class CableTerm:
     """Segments of all cables. support[ptr[k]:ptr[k+1]]: the points of segment k, ascending; sigma: their signed
     weights; cable: the cable each segment belongs to; rest_length (n_cables,) [m]; pulled_last (n_cables,): whether the
-    tension is that of the last segment (or of the first), which counts where there is friction."""
+    tension is that of the last segment (or of the first), which counts where there is friction.
+    """
 
     names: tuple[str, ...]
     ptr: Ints
@@ -105,16 +107,14 @@ class CableTerm:
         return gradient
 
 
-def build_cables(
-    X: Floats, supports: dict[str, list[list[tuple[int, float]]]], pulled_last: np.ndarray
-) -> CableTerm:
+def build_cables(X: Floats, supports: dict[str, list[list[tuple[int, float]]]], pulled_last: np.ndarray) -> CableTerm:
     """The term of cables given, by name and via point, as weighted points [(point, weight), ...].
 
     The rest length is the polyline's on the undeformed robot, X (n_points, 3) [m].
     """
     ptr, support, sigma, cable = [0], [], [], []
     for c, via in enumerate(supports.values()):
-        for start, end in zip(via[:-1], via[1:], strict=True):
+        for start, end in pairwise(via):
             weights: dict[int, float] = {}
             for point, weight in start:
                 weights[point] = weights.get(point, 0.0) - weight

@@ -22,7 +22,8 @@ SMOOTH = 1e-4
 @dataclass(frozen=True)
 class Loss:
     """factor (n_segments,): T_k over T. by_mu (n_segments,): d factor / d mu of its cable. vias: per inner via point
-    (segment towards the pulled end, the next one, the segments beyond); turn: d phi / d the two segments' vectors."""
+    (segment towards the pulled end, the next one, the segments beyond); turn: d phi / d the two segments' vectors.
+    """
 
     factor: Floats
     by_mu: Floats

@@ -21,7 +21,8 @@ FREE, FIXED = -1, -2
 @dataclass(frozen=True)
 class Layout:
     """X: rest positions (n_points, 3) [m]; rider: FREE, FIXED or the plate's number, per point;
-    references: rest positions of the plates' reference points (n_plates, 3) [m]."""
+    references: rest positions of the plates' reference points (n_plates, 3) [m].
+    """
 
     X: Floats
     rider: Ints

@@ -1,11 +1,11 @@
-"""The factorisation of a sparse symmetric matrix given by its upper triangle: PARDISO, or SuperLU where MKL is absent."""
+"""Sparse symmetric matrices given by their upper triangle: factorised by PARDISO, or SuperLU where MKL is absent."""
 
 from __future__ import annotations
 
 import ctypes
 import functools
 import weakref
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -25,24 +25,26 @@ class Factorisation(Protocol):
 
 def factorisation(indptr: Ints, indices: Ints) -> Factorisation:
     """The best factorisation this machine has, for a fixed pattern (upper triangle, compressed rows, sorted)."""
-    if _mkl() is not None:
+    if _mkl_pardiso() is not None:
         return Pardiso(indptr, indices)
     return SuperLU(indptr, indices)
+
+
+class _Handle(NamedTuple):
+    """What PARDISO keeps between calls: its own memory, its options, the pattern counted from one."""
+
+    memory: Ints
+    options: np.ndarray
+    indptr: np.ndarray
+    indices: np.ndarray
 
 
 class Pardiso:
     """MKL PARDISO for symmetric indefinite matrices (mtype -2); the analysis is done once, on the first values."""
 
     def __init__(self, indptr: Ints, indices: Ints) -> None:
-        self._pt = np.zeros(64, dtype=np.int64)
-        self._iparm = np.zeros(64, dtype=np.int32)
-        self._indptr = (indptr + 1).astype(np.int32)
-        self._indices = (indices + 1).astype(np.int32)
-        self._n = len(indptr) - 1
-        self._analysed = False
-        self._data = np.zeros(len(indices))
-        self._finalizer = weakref.finalize(self, _release, self._pt, self._iparm, self._indptr, self._indices)
-        parameters = {
+        options = np.zeros(64, dtype=np.int32)
+        for key, value in {
             0: 1,  # values given here, not defaults
             1: 2,  # nested dissection
             7: 0,  # no iterative refinement: Newton's method refines
@@ -51,15 +53,13 @@ class Pardiso:
             12: 0,
             20: 0,  # pivots of one: displacements and pressures make a quasi-definite matrix
             23: 1,  # two-level factorisation
-            34: 0,  # indices from one
-        }
-        for key, value in parameters.items():
-            self._iparm[key] = value
-
-    @property
-    def n_negative(self) -> int:
-        """Negative eigenvalues of the last factorised matrix."""
-        return int(self._iparm[22])
+        }.items():
+            options[key] = value
+        self._handle = _Handle(
+            np.zeros(64, dtype=np.int64), options, (indptr + 1).astype(np.int32), (indices + 1).astype(np.int32)
+        )
+        self._finalizer = weakref.finalize(self, _release, self._handle)
+        self._data = np.zeros(0)
 
     def factorise(self, data: Floats) -> None:
         """Numeric factorisation of the values `data` (nnz,).
@@ -69,62 +69,47 @@ class Pardiso:
         SimulationError
             Where the matrix is singular to working precision.
         """
+        phase = 22 if self._data.size else 12
         self._data = data
-        phase = 22 if self._analysed else 12
-        self._call(phase, np.zeros(self._n), 1)
-        self._analysed = True
+        self._call(phase, np.zeros(len(self._handle.indptr) - 1))
 
     def solve(self, b: Floats) -> Floats:
         """x with A x = b; b (n,) or (n, k)."""
-        columns = np.asfortranarray(b, dtype=np.float64)
-        return self._call(33, columns, 1 if b.ndim == 1 else b.shape[1])
+        return self._call(33, np.asfortranarray(b, dtype=np.float64))
 
     def release(self) -> None:
         """Give the factors' memory back."""
-        if self._analysed:
-            self._finalizer()
-            self._analysed = False
+        self._finalizer()
 
-    def _call(self, phase: int, b: Floats, n_rhs: int) -> Floats:
+    def _call(self, phase: int, b: Floats) -> Floats:
         x = np.zeros_like(b, order="F")
-        error = _pardiso(
-            self._pt, self._iparm, self._indptr, self._indices, self._data, phase, b, x, n_rhs
-        )
+        error = _pardiso(self._handle, phase, self._data, b, x)
         if error != 0:
             raise SimulationError(f"The tangent could not be factorised (PARDISO error {error}).")
         return x
 
 
-def _release(pt: Ints, iparm: np.ndarray, indptr: np.ndarray, indices: np.ndarray) -> None:
-    """Free what PARDISO holds behind a handle; also called when its owner is collected, or at exit."""
-    if pt.any():
-        n = len(indptr) - 1
-        _pardiso(pt, iparm, indptr, indices, np.zeros(1), -1, np.zeros(n), np.zeros(n), 1)
-        pt[:] = 0
+def _release(handle: _Handle) -> None:
+    """Free what PARDISO holds; also called when its owner is collected, or at exit."""
+    if handle.memory.any():
+        unused = np.zeros(len(handle.indptr) - 1)
+        _pardiso(handle, -1, unused, unused, unused)
+        handle.memory[:] = 0
 
 
-def _pardiso(
-    pt: Ints,
-    iparm: np.ndarray,
-    indptr: np.ndarray,
-    indices: np.ndarray,
-    data: Floats,
-    phase: int,
-    b: Floats,
-    x: Floats,
-    n_rhs: int,
-) -> int:
+def _pardiso(handle: _Handle, phase: int, data: Floats, b: Floats, x: Floats) -> int:
     """One call of MKL's pardiso; its error number."""
+    n_rhs = 1 if b.ndim == 1 else b.shape[1]
     error = ctypes.c_int32(0)
     maxfct, mnum, mtype, phase_c, n, nrhs, msglvl = (
-        ctypes.c_int32(value) for value in (1, 1, -2, phase, len(indptr) - 1, n_rhs, 0)
+        ctypes.c_int32(value) for value in (1, 1, -2, phase, len(handle.indptr) - 1, n_rhs, 0)
     )
     permutation = np.zeros(1, dtype=np.int32)
     by = ctypes.byref
-    _mkl().pardiso(
-        _pointer(pt), by(maxfct), by(mnum), by(mtype), by(phase_c), by(n), _pointer(data), _pointer(indptr),
-        _pointer(indices), _pointer(permutation), by(nrhs), _pointer(iparm), by(msglvl), _pointer(b), _pointer(x),
-        by(error),
+    _mkl_pardiso()(
+        _pointer(handle.memory), by(maxfct), by(mnum), by(mtype), by(phase_c), by(n), _pointer(data),
+        _pointer(handle.indptr), _pointer(handle.indices), _pointer(permutation), by(nrhs), _pointer(handle.options),
+        by(msglvl), _pointer(b), _pointer(x), by(error),
     )  # fmt: skip
     return int(error.value)
 
@@ -166,13 +151,14 @@ class SuperLU:
 
 
 @functools.cache
-def _mkl() -> Any:
+def _mkl_pardiso() -> Any:
+    """MKL's function, or None where MKL is absent."""
     try:
         from pypardiso import PyPardisoSolver
     except ImportError:
         return None
-    # A handle of our own: pypardiso declares argument types that only its arrays fit.
-    return ctypes.CDLL(PyPardisoSolver().libmkl._name)
+    # Looked up by item, ctypes gives a function of our own: pypardiso's declares argument types that only its arrays fit.
+    return PyPardisoSolver().libmkl["pardiso"]
 
 
 def _pointer(array: np.ndarray) -> ctypes.c_void_p:

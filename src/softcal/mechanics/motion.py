@@ -37,9 +37,7 @@ class Motion:
         out = np.empty(layout.first_tension_unknown)
         out[: layout.first_plate_unknown] = gradient[:n].reshape(-1, 3)[layout.free_points].ravel()
         out[layout.first_plate_unknown : layout.first_pressure_unknown] = 0.0
-        _gather(
-            out[layout.first_plate_unknown :], gradient, state.x, state.position, layout.rigid_points, layout.rider
-        )
+        _gather(out[layout.first_plate_unknown :], gradient, state.x, state.position, layout.rigid_points, layout.rider)
         out[layout.first_pressure_unknown :] = gradient[n:]
         return out
 

@@ -70,7 +70,9 @@ def build_pattern(layout: Layout, connectivities: list[Ints]) -> Pattern:
     rigid = layout.rigid_points
     reduced[rigid] = n_free + layout.rider[rigid]
     reduced[layout.n_points :] = n_free + n_plates + np.arange(layout.n_pressures)
-    sizes = np.concatenate([np.full(n_free, 3), np.full(n_plates, 6), np.ones(layout.n_pressures, int)]).astype(np.int64)
+    sizes = np.concatenate([np.full(n_free, 3), np.full(n_plates, 6), np.ones(layout.n_pressures, int)]).astype(
+        np.int64
+    )
     first = np.concatenate([[0], np.cumsum(sizes)])
     n_red = np.int64(len(sizes))
 

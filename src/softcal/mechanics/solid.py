@@ -103,9 +103,7 @@ class SolidTerm:
         if data is None:
             return
         if self.compiled.has_cross_terms:
-            solid_kernels.add_tangent_general(
-                data, places.displacement, self.dN, self.w, F, I1, J, coefficients
-            )
+            solid_kernels.add_tangent_general(data, places.displacement, self.dN, self.w, F, I1, J, coefficients)
         else:
             solid_kernels.add_tangent(data, places.displacement, self.dN, self.w, F, J, coefficients)
         if self.is_mixed:
@@ -125,9 +123,9 @@ class SolidTerm:
         F, I1, I2, J = kinematics
         values = self._theta(theta)
         invariants = (I1.ravel(), I2.ravel(), J.ravel())
-        derivatives = (
-            self.compiled.distortional_by_parameter if self.is_mixed else self.compiled.full_by_parameter
-        )(*invariants, *values)
+        derivatives = (self.compiled.distortional_by_parameter if self.is_mixed else self.compiled.full_by_parameter)(
+            *invariants, *values
+        )
         for i, name in enumerate(self.compiled.parameters):
             if name not in gradients:
                 continue

@@ -115,9 +115,7 @@ def add_tangent(data, places, dN, w, F, J, coefficients):  # type: ignore[no-unt
             _cofactor(F[e, q], cof)
             for a in range(n_a):
                 for i in range(3):
-                    c[q, a, i] = (
-                        cof[i, 0] * dN[e, q, a, 0] + cof[i, 1] * dN[e, q, a, 1] + cof[i, 2] * dN[e, q, a, 2]
-                    )
+                    c[q, a, i] = cof[i, 0] * dN[e, q, a, 0] + cof[i, 1] * dN[e, q, a, 1] + cof[i, 2] * dN[e, q, a, 2]
             turn = coefficients[2, k] / J[e, q] * w[e, q]
             s[q] = 2.0 * coefficients[0, k] * w[e, q]
             t[q] = coefficients[8, k] * w[e, q] + turn
@@ -128,9 +126,7 @@ def add_tangent(data, places, dN, w, F, J, coefficients):  # type: ignore[no-unt
             k00 = k01 = k02 = k10 = k11 = k12 = k20 = k21 = k22 = 0.0
             for q in range(n_q):
                 d = s[q] * (
-                    dN[e, q, a, 0] * dN[e, q, b, 0]
-                    + dN[e, q, a, 1] * dN[e, q, b, 1]
-                    + dN[e, q, a, 2] * dN[e, q, b, 2]
+                    dN[e, q, a, 0] * dN[e, q, b, 0] + dN[e, q, a, 1] * dN[e, q, b, 1] + dN[e, q, a, 2] * dN[e, q, b, 2]
                 )
                 a0 = c[q, a, 0]
                 a1 = c[q, a, 1]
@@ -186,9 +182,7 @@ def add_tangent_general(data, places, dN, w, F, I1, J, coefficients):  # type: i
                     B[i, j] = f[i, 0] * f[j, 0] + f[i, 1] * f[j, 1] + f[i, 2] * f[j, 2]
             for a in range(n_a):
                 for i in range(3):
-                    G[0, a, i] = 2.0 * (
-                        f[i, 0] * dN[e, q, a, 0] + f[i, 1] * dN[e, q, a, 1] + f[i, 2] * dN[e, q, a, 2]
-                    )
+                    G[0, a, i] = 2.0 * (f[i, 0] * dN[e, q, a, 0] + f[i, 1] * dN[e, q, a, 1] + f[i, 2] * dN[e, q, a, 2])
                     G[2, a, i] = cof[i, 0] * dN[e, q, a, 0] + cof[i, 1] * dN[e, q, a, 1] + cof[i, 2] * dN[e, q, a, 2]
                 for i in range(3):
                     bh = B[i, 0] * G[0, a, 0] + B[i, 1] * G[0, a, 1] + B[i, 2] * G[0, a, 2]
@@ -217,9 +211,7 @@ def add_tangent_general(data, places, dN, w, F, I1, J, coefficients):  # type: i
                                 for s in range(3):
                                     v += H[r, s] * G[r, a, i] * G[s, b, j]
                             # d2I2 = 2 (2 h_a h_b^T - h_b h_a^T + (I1 N_a.N_b - N_a.C N_b) I - (N_a.N_b) F F^T)
-                            v += psi_2 * (
-                                G[0, a, i] * G[0, b, j] - 0.5 * G[0, b, i] * G[0, a, j] - 2.0 * nn * B[i, j]
-                            )
+                            v += psi_2 * (G[0, a, i] * G[0, b, j] - 0.5 * G[0, b, i] * G[0, a, j] - 2.0 * nn * B[i, j])
                             if i == j:
                                 v += 2.0 * psi_1 * nn + 2.0 * psi_2 * (I1[e, q] * nn - ncn)
                             block[i, j] = v * w[e, q]

@@ -13,7 +13,8 @@ from softcal.mechanics.layout import Layout
 @dataclass(frozen=True)
 class State:
     """x: positions of all points (n_points, 3) [m]; position (n_plates, 3) [m] and rotation (n_plates, 3, 3) of the
-    plates; pressure (n_pressures,) [Pa]; tension (n_cables,) [N]."""
+    plates; pressure (n_pressures,) [Pa]; tension (n_cables,) [N].
+    """
 
     x: Floats
     position: Floats

@@ -20,7 +20,8 @@ from softcal.mechanics.state import State
 @dataclass(frozen=True)
 class Controls:
     """Per cable: is_held (its tension is given) with that tension [N], else its shortening [m]; load: factor on all
-    dead loads, one but while they are put on."""
+    dead loads, one but while they are put on.
+    """
 
     is_held: np.ndarray
     tension: Floats
@@ -140,9 +141,7 @@ class System:
 
     def _border(self, state: State, controls: Controls, loss: Loss) -> Border:
         taut = np.flatnonzero(~controls.is_held)
-        columns = [
-            self._segment_gradient(state, np.where(self.cables.cable == i, loss.factor, 0.0)) for i in taut
-        ]
+        columns = [self._segment_gradient(state, np.where(self.cables.cable == i, loss.factor, 0.0)) for i in taut]
         rows = [self.length_gradient(state, int(i)) for i in taut]
         if loss.vias:
             size = 3 * self.layout.n_points + self.layout.n_pressures

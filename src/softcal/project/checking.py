@@ -83,8 +83,8 @@ def _body_rows(project: Project) -> list[tuple[str, str]]:
             (
                 "  material",
                 f"{body.law}, {body.element}, "
-                f"E {format_quantity(body.parameters['youngs_modulus'], 'Pa')}, ν {body.parameters['poissons_ratio']:.4g}"
-                + (f", {body.density:.4g} kg/m³" if body.density else ""),
+                f"E {format_quantity(body.parameters['youngs_modulus'], 'Pa')}, "
+                f"ν {body.parameters['poissons_ratio']:.4g}" + (f", {body.density:.4g} kg/m³" if body.density else ""),
             ),
         ]
         regions = {**{"fixed": body.fixed}, **project.regions[body.name]}
@@ -124,7 +124,7 @@ def _bench_rows(project: Project) -> list[tuple[str, str]]:
         rows += [
             (
                 f"experiment {name}",
-                f"{experiment.cable} by {experiment.drive}, compared: {', '.join(experiment.compared)}",
+                f"{experiment.cable} by {experiment.drive}, compared: " + ", ".join(experiment.compared),
             ),
             ("  data", f"{data.n_samples} of {project.records[name].n_samples} samples, {spans}"),
         ]

@@ -154,7 +154,9 @@ def _keys(location: tuple[str | int, ...], data: object) -> tuple[str | int, ...
     keys: list[str | int] = []
     here: Any = data
     for i, part in enumerate(location):
-        if (isinstance(here, dict) and part in here) or (isinstance(here, list) and part in range(len(here))):
+        if isinstance(here, dict) and part in here:
+            here = here[part]
+        elif isinstance(here, list) and isinstance(part, int) and part < len(here):
             here = here[part]
         elif i < len(location) - 1:
             continue

@@ -198,9 +198,7 @@ def _riders(body: Body, mesh: TetMesh, plates: tuple[Plate, ...], number: dict[s
         )
     rider[fixed] = FIXED
     if np.all(rider == FREE):
-        raise MeshError(
-            Fault("nothing holds the body: no node is fixed or tied to a plate", where=body.name)
-        )
+        raise MeshError(Fault("nothing holds the body: no node is fixed or tied to a plate", where=body.name))
     return rider
 
 
@@ -223,7 +221,9 @@ def _deformable(body: Body, mesh: TetMesh, rider: Ints) -> Ints:
     riders = rider[mesh.tets]
     stiff = (riders == riders[:, :1]).all(axis=1) & (riders[:, 0] != FREE)
     if stiff.all():
-        raise MeshError(Fault("no tet of the body can deform: its nodes are all fixed or on one plate", where=body.name))
+        raise MeshError(
+            Fault("no tet of the body can deform: its nodes are all fixed or on one plate", where=body.name)
+        )
     return mesh.tets[~stiff]
 
 
@@ -244,7 +244,11 @@ def _surface_forces(
     X = mesh.points
     area = 0.5 * np.linalg.norm(np.cross(X[faces[:, 1]] - X[faces[:, 0]], X[faces[:, 2]] - X[faces[:, 0]]), axis=1)
     if mesh.order == 1:
-        return [(None, [(first[load.on] + int(n), 1.0)], a / 3.0 * load.traction) for f, a in zip(faces, area, strict=True) for n in f]
+        return [
+            (None, [(first[load.on] + int(n), 1.0)], a / 3.0 * load.traction)
+            for f, a in zip(faces, area, strict=True)
+            for n in f
+        ]
     middle: dict[tuple[int, int], int] = {}
     for i, (a, b) in enumerate(TET_EDGES):
         low, high = np.sort(mesh.tets[:, [a, b]], axis=1).T

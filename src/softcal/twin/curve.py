@@ -51,7 +51,6 @@ class Curve:
         padded = np.concatenate([fourth[:1], fourth, fourth[-1:]])
         return np.maximum(padded[1:], padded[:-1]) * h**4 / 384.0
 
-
     def first_passage(self, channel: int, targets: Floats) -> Floats:
         """The smallest c at which a channel reaches each target (m,); NaN where it never does.
 

@@ -56,9 +56,7 @@ def simulate_many(
         status=status,
         succeeded=succeeded,
         n_factorisations=statics.n_factorisations,
-        sensitivities={
-            name: {p: by_parameter[:, k, j] for j, p in enumerate(names)} for k, name in enumerate(units)
-        },
+        sensitivities={name: {p: by_parameter[:, k, j] for j, p in enumerate(names)} for k, name in enumerate(units)},
         snapshots=tuple(shapes),
         tets={name: mesh.tets for name, mesh in twin.meshes.items()} if snapshots else {},
     )
@@ -93,7 +91,8 @@ def _reach(
     names: tuple[str, ...],
 ) -> tuple[Node, Controls]:
     """Equilibrium at the target: along a straight line with the cables taut or slack as they are, then switched where
-    a taut one would push or a slack one would be too long, and again, until none is."""
+    a taut one would push or a slack one would be too long, and again, until none is.
+    """
     cables = twin.system.cables
     lengths = cables.lengths(state.x)
     # A taut cable goes from its present length to the target's; a slack one waits for the check.
@@ -113,7 +112,9 @@ def _reach(
         else:
             path = follow(statics, line, begin, 1.0, first_step=1.0)
             if not path.reached:
-                raise SimulationError(f"no equilibrium beyond {100 * path.nodes[-1].c:.3g} % of the step: {path.status}.")
+                raise SimulationError(
+                    f"no equilibrium beyond {100 * path.nodes[-1].c:.3g} % of the step: {path.status}."
+                )
             node = node_at(statics, line, 1.0, path.nodes[-1].state, names)
         state = node.state
         lengths = cables.lengths(state.x)

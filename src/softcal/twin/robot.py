@@ -58,7 +58,9 @@ class Plate:
         object.__setattr__(self, "nodes", nodes)
         object.__setattr__(self, "reference", frozen_floats(self.reference, name=f"{self.name}.reference", shape=(3,)))
         centre = self.reference if self.centre_of_mass is None else self.centre_of_mass
-        object.__setattr__(self, "centre_of_mass", frozen_floats(centre, name=f"{self.name}.centre_of_mass", shape=(3,)))
+        object.__setattr__(
+            self, "centre_of_mass", frozen_floats(centre, name=f"{self.name}.centre_of_mass", shape=(3,))
+        )
 
 
 @dataclass(frozen=True)

@@ -72,7 +72,11 @@ class Sweep:
         """The robot under its loads, with the driven cable just taut: c there is L0 - L."""
         state = loaded_state(self.twin, self.statics)
         cables = self.twin.system.cables
-        c = 0.0 if self.cable is None else float(cables.rest_length[self._i_cable] - cables.lengths(state.x)[self._i_cable])
+        c = (
+            0.0
+            if self.cable is None
+            else float(cables.rest_length[self._i_cable] - cables.lengths(state.x)[self._i_cable])
+        )
         return node_at(self.statics, self._line, c, state, self.names)
 
     def _slack_node(self, start: Node) -> Node:
@@ -82,9 +86,7 @@ class Sweep:
 
     def _curve(self, nodes: tuple[Node, ...]) -> Curve:
         values = np.array([sense(self.twin, node.state) for node in nodes])
-        rates = [
-            sense_rates(self.twin, node.state, np.column_stack([node.slope, node.by_parameter])) for node in nodes
-        ]
+        rates = [sense_rates(self.twin, node.state, np.column_stack([node.slope, node.by_parameter])) for node in nodes]
         c = np.array([node.c for node in nodes])
         return Curve(c, values, np.array([r[:, 0] for r in rates]), np.array([r[:, 1:] for r in rates]))
 

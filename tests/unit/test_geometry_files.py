@@ -1,0 +1,179 @@
+"""Mesh files in and out."""
+
+import numpy as np
+import pytest
+
+from softcal.errors import MeshError, StorageError, UnitError
+from softcal.geometry.mesh import TetMesh
+from softcal.geometry.primitives import box_mesh
+from softcal.geometry.quality import require_sound
+from softcal.geometry.read import read_mesh
+from softcal.geometry.write import write_mesh
+
+meshio = pytest.importorskip("meshio")
+
+
+def with_elements(order: int) -> TetMesh:
+    mesh = box_mesh((0.1, 0.2, 0.3), (2, 1, 2), order=order)
+    nodes = {**mesh.node_sets, "few": np.array([0, 3])}
+    return TetMesh(mesh.points, mesh.tets, nodes, mesh.face_sets, {"a": np.array([0, 2, 5]), "b": np.array([1, 23])})
+
+
+def assert_same(one: TetMesh, other: TetMesh) -> None:
+    assert np.array_equal(one.points, other.points)
+    assert np.array_equal(one.tets, other.tets)
+    for kind in ("node_sets", "element_sets"):
+        mine, theirs = getattr(one, kind), getattr(other, kind)
+        assert mine.keys() == theirs.keys()
+        assert all(np.array_equal(np.sort(rows), np.sort(theirs[name])) for name, rows in mine.items())
+    assert one.face_sets.keys() == other.face_sets.keys()
+    for name, rows in one.face_sets.items():
+        # The same triangles, each with the same sense of rotation.
+        turned = [
+            sorted(np.roll(row[:3], -int(np.argmin(row[:3]))).tolist() for row in faces)
+            for faces in (rows, other.face_sets[name])
+        ]
+        assert turned[0] == turned[1]
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("suffix", [".msh", ".vtu"])
+def test_what_is_written_is_read_again(tmp_path, order, suffix):
+    mesh = with_elements(order)
+    path = write_mesh(mesh, tmp_path / f"box{suffix}")
+    assert_same(mesh, read_mesh(path))
+    assert [file.name for file in tmp_path.iterdir()] == [f"box{suffix}"]
+
+
+def test_coordinates_are_scaled_to_metres(tmp_path):
+    mesh = box_mesh((1.0, 2.0, 3.0), (1, 1, 1))
+    path = write_mesh(mesh, tmp_path / "box.msh")
+    assert read_mesh(path, unit="mm").points == pytest.approx(mesh.points * 1e-3)
+    with pytest.raises(UnitError, match=r"box\.msh"):
+        read_mesh(path, unit="kg")
+
+
+def test_abaqus_sets_are_read(tmp_path):
+    path = tmp_path / "part.inp"
+    path.write_text(
+        "*HEADING\n*NODE\n"
+        "11, 0., 0., 0.\n12, 1., 0., 0.\n13, 0., 1., 0.\n14, 0., 0., 1.\n15, 1., 1., 1.\n"
+        "*ELEMENT, TYPE=C3D4, ELSET=solid\n1, 11, 12, 13, 14\n2, 12, 13, 14, 15\n"
+        "*ELEMENT, TYPE=S3, ELSET=base\n3, 11, 12, 13\n"
+        "*NSET, NSET=held, GENERATE\n11, 13, 1\n*ELSET, ELSET=upper\n2\n"
+    )
+    mesh = read_mesh(path, unit="mm")
+    assert mesh.n_tets == 2
+    assert mesh.points.max() == pytest.approx(1e-3)
+    assert mesh.node_sets["held"].tolist() == [0, 1, 2]
+    assert mesh.element_sets["solid"].tolist() == [0, 1]
+    assert mesh.element_sets["upper"].tolist() == [1]
+    # Given with its normal up, the base of the solid comes out looking down.
+    assert mesh.face_sets["base"].tolist() in ([[0, 2, 1]], [[2, 1, 0]], [[1, 0, 2]])
+    assert mesh.node_sets["base"].tolist() == [0, 1, 2]
+
+
+MSH = """$MeshFormat
+2.2 0 8
+$EndMeshFormat
+$PhysicalNames
+3
+0 1 "tip"
+2 1 "neck"
+3 2 "neck"
+$EndPhysicalNames
+$Nodes
+4
+1 0 0 0
+2 1 0 0
+3 0 1 0
+4 0 0 1
+$EndNodes
+$Elements
+5
+1 15 2 1 1 4
+2 2 2 1 1 1 3 2
+3 2 2 9 1 1 2 4
+4 4 2 2 1 1 2 3 4
+5 4 2 7 1 1 2 3 4
+$EndElements
+"""
+
+
+def test_gmsh_groups_of_one_name_unnamed_groups_and_tets_in_two_groups(tmp_path):
+    path = tmp_path / "neck.msh"
+    path.write_text(MSH)
+    mesh = read_mesh(path)
+    assert mesh.n_tets == 1
+    assert mesh.element_sets["neck"].tolist() == [0]
+    assert mesh.element_sets["7"].tolist() == [0]
+    assert mesh.node_sets["tip"].tolist() == [3]
+    assert sorted(mesh.face_sets["neck"][0].tolist()) == [0, 1, 2]
+    assert sorted(mesh.face_sets["9"][0].tolist()) == [0, 1, 3]
+    require_sound(mesh)
+
+
+def test_a_group_of_loose_triangles_is_refused(tmp_path):
+    path = tmp_path / "neck.msh"
+    path.write_text(MSH.replace("2 2 2 1 1 1 3 2", "2 2 2 1 1 1 3 5").replace("4\n1 0 0 0", "5\n5 9 9 9\n1 0 0 0"))
+    with pytest.raises(MeshError, match=r"neck\.msh, group 'neck': 1 of 1 triangles are not faces"):
+        read_mesh(path)
+
+
+def triangles_only(path):
+    meshio.Mesh(np.eye(3), [("triangle", [[0, 1, 2]])]).write(path)
+
+
+def two_orders(path):
+    mesh = box_mesh((1, 1, 1), (1, 1, 1), order=2)
+    meshio.Mesh(mesh.points, [("tetra10", mesh.tets), ("tetra", mesh.tets[:1, :4])]).write(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "told"),
+    [
+        ("empty.msh", "", "the file is empty"),
+        ("text.msh", "this is not a mesh", "cannot be read"),
+        ("text.vtk", "this is not a mesh", "cannot be read"),
+        ("text.vtu", "this is not a mesh", "cannot be read"),
+        ("text.inp", "this is not a mesh", "cannot be read|no tetrahedra"),
+        ("cut.msh", MSH[:-60], "cannot be read"),
+        ("cut.inp", "*NODE\n1, 0., 0.\n*ELEMENT, TYPE=C3D4\n1, 1, 2\n", "cannot be read"),
+        ("neck.obj", "v 0 0 0", r"got '\.obj'; allowed: \.msh, \.vtk, \.vtu, \.inp"),
+        ("neck.stl", "solid", "mesh_file"),
+        ("lid.vtu", triangles_only, "no tetrahedra; got 3 points, 1 triangle; allowed: tetra"),
+        ("two.vtu", two_orders, "mixes linear and quadratic"),
+        ("nan.msh", MSH.replace("4 0 0 1", "4 0 0 nan"), "no finite coordinates; got node 3"),
+    ],
+)
+def test_bad_files_are_told_in_one_sentence(tmp_path, capfd, name, content, told):
+    path = tmp_path / name
+    if callable(content):
+        content(path)
+    else:
+        path.write_text(content)
+    with pytest.raises(MeshError, match=told) as caught:
+        read_mesh(path)
+    assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_missing_file_is_told(tmp_path):
+    with pytest.raises(MeshError, match="does not exist"):
+        read_mesh(tmp_path / "none.msh")
+
+
+def test_what_a_format_cannot_hold_is_refused(tmp_path):
+    mesh = box_mesh((1, 1, 1), (1, 1, 1))
+    with pytest.raises(MeshError, match=r"allowed: \.msh, \.vtu"):
+        write_mesh(mesh, tmp_path / "box.stl")
+    overlapping = TetMesh(mesh.points, mesh.tets, element_sets={"a": np.array([0, 1]), "b": np.array([1])})
+    with pytest.raises(MeshError, match="overlap"):
+        write_mesh(overlapping, tmp_path / "box.msh")
+    assert_same(overlapping, read_mesh(write_mesh(overlapping, tmp_path / "box.vtu")))
+    clash = TetMesh(mesh.points, mesh.tets, {"x0": np.array([0])}, mesh.face_sets)
+    with pytest.raises(MeshError, match="share a name"):
+        write_mesh(clash, tmp_path / "box.msh")
+    with pytest.raises(StorageError, match="cannot be written"):
+        write_mesh(mesh, tmp_path / "none" / "box.msh")

@@ -14,6 +14,7 @@ from softcal.mechanics.state import State, moved
 from softcal.mechanics.system import NO_BORDER, Controls, Linearisation, System, solid_theta
 
 TOLERANCE = 1e-9  # residual over its scale
+ROUNDING = 4.0 * float(np.finfo(float).eps)  # of the farthest coordinate: what positions are known to
 MAX_ITERATIONS = 25
 REUSE_BELOW = 0.1  # a factorisation is kept while each step shrinks the residual at least tenfold
 SMALL_START = 1e-3  # and from a first residual as small as this
@@ -53,6 +54,9 @@ class Statics:
         shear = max(s.law.shear_modulus(solid_theta(theta, s.name)) for s in system.solids)
         self._force_floor = 1e-4 * shear * system.stiffness_length**2
         self._length = float(np.linalg.norm(np.ptp(layout.X, axis=0)))
+        self._farthest = float(np.abs(layout.X).max())
+        self._diagonal = system.pattern.indptr[: layout.first_plate_unknown]
+        self._rounding = 0.0
         volume = sum(float(s.w.sum()) for s in system.solids)
         self._volume = volume / max(layout.n_pressures, 1)
         self._unit = _units(system, shear, self._length)
@@ -61,10 +65,14 @@ class Statics:
         self._columns_solved = np.zeros((layout.first_tension_unknown, 0))
 
     def norm(self, at: Linearisation) -> float:
-        """The residual over its scale: forces over the reactions, volumes over a node's, lengths over the robot's."""
+        """The residual over its scale: forces over the reactions, volumes over a node's, lengths over the robot's.
+
+        Forces that the rounding of the positions makes count as none: with linear elements near nu = 0.5 and small
+        loads they exceed TOLERANCE times the reactions, and no iteration can remove them.
+        """
         layout = self.system.layout
         f = at.full[: 3 * layout.n_points]
-        force = max(float(np.sqrt(f @ f)), self._force_floor)
+        force = max(float(np.sqrt(f @ f)), self._force_floor, self._rounding / TOLERANCE)
         plates = at.reduced[layout.first_plate_unknown : layout.first_pressure_unknown].reshape(-1, 6)
         parts = (
             at.reduced[: layout.first_plate_unknown] / force,
@@ -86,6 +94,7 @@ class Statics:
         if at.data is None:
             raise SimulationError("There is no tangent to factorise.")
         self._factors.factorise(at.data * self._unit_entries)
+        self._rounding = ROUNDING * self._farthest * float(np.linalg.norm(at.data[self._diagonal]))
         self.n_factorisations += 1
         self._border = at.border
         if len(at.border.corner):

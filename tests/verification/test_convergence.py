@@ -95,6 +95,5 @@ def test_order_of_convergence(element, nu, divisions, order):
     measured = np.array([errors(element, nu, n) for n in divisions])
     h = 1.0 / np.array(divisions)
     in_position, in_gradient = (np.polyfit(np.log(h), np.log(column), 1)[0] for column in measured.T)
-    print(f"{element} nu {nu}: order {in_position:.2f} in L2, {in_gradient:.2f} in the gradient")
     assert in_position == pytest.approx(order, abs=0.25)
     assert in_gradient == pytest.approx(order - 1, abs=0.2)

@@ -13,7 +13,8 @@ DEMO_OUT ?= runs/demo-$(shell date +%Y%m%d-%H%M%S)
 PYTEST_ARGS ?=
 SLOW_LIMIT ?= 40m
 
-.PHONY: help demo test test-slow bench lint format clean
+.PHONY: help demo test test-slow bench format clean
+.PHONY: lint lint-ruff lint-format lint-types lint-layers lint-licences
 
 help:
 	@echo "make demo       set up, calibrate the neck on real bench data, print the result, write the report"
@@ -51,11 +52,22 @@ test-slow: $(DEV)
 bench: $(BENCH)
 	$(PYTHON_IN) benchmarks/run.py
 
-lint: $(DEV)
+# Parts of their own, so that `make --keep-going lint` tells all at once.
+lint: lint-ruff lint-format lint-types lint-layers lint-licences
+
+lint-ruff: $(DEV)
 	$(VENV)/bin/ruff check
+
+lint-format: $(DEV)
 	$(VENV)/bin/ruff format --check
+
+lint-types: $(DEV)
 	$(VENV)/bin/pyright
+
+lint-layers: $(DEV)
 	$(VENV)/bin/lint-imports
+
+lint-licences: $(DEV)
 	$(PYTHON_IN) scripts/check_licences.py
 
 format: $(DEV)

@@ -104,13 +104,20 @@ def potential(system: System, state: State, controls: Controls, theta: Mapping[s
 
 
 def full_matrix(system: System, at: Linearisation) -> np.ndarray:
-    """The tangent on all unknowns as a dense symmetric matrix."""
+    """The tangent on all unknowns as a dense matrix: symmetric but for the cables' friction."""
     import scipy.sparse as sp
 
-    n = system.layout.first_tension_unknown
+    layout, border = system.layout, at.border
+    n = layout.first_tension_unknown
     upper = sp.csr_matrix((at.data, system.pattern.indices, system.pattern.indptr), shape=(n, n)).toarray()
-    K = upper + np.triu(upper, 1).T
-    return np.block([[K, at.border], [at.border.T, np.zeros((system.layout.n_cables,) * 2)]])
+    K = np.zeros((layout.n_unknowns, layout.n_unknowns))
+    K[:n, :n] = upper + np.triu(upper, 1).T
+    n_taut = len(border.taut)
+    if len(border.corner):
+        K[:n, n + border.taut] = border.columns[:, :n_taut]
+        K[n + border.taut, :n] = border.rows[:, :n_taut].T
+        K[:n, :n] += border.columns[:, n_taut:] @ (border.rows[:, n_taut:] / -border.corner[n_taut:]).T
+    return K
 
 
 def column_robot(

@@ -144,6 +144,7 @@ def test_labels_do_not_overlap() -> None:
     figure = draw_side_by_side(scenes, cameras, Rendering((), "flat"), largest=found.largest).figure
     figure.draw_without_rendering()
     for axes in figure.axes[:2]:
+        assert axes._left_title.get_window_extent().y1 < figure.bbox.y1
         boxes = [Text.get_window_extent(text) for text in axes.texts]  # without the lines to the parts
         assert len(boxes) >= 8
         clashes = [(a, b) for i, a in enumerate(boxes) for b in boxes[i + 1 :] if a.overlaps(b)]

@@ -45,46 +45,55 @@ def draw_side_by_side(
     """Scenes next to each other; `largest` [m] adds the colour bar of a displacement, `colours` a legend."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
+    from matplotlib.patches import Patch
 
     left, right, bottom, top = cameras[0].window
-    panel = min(3.6, max(2.4, 3.4 * (right - left) / (top - bottom)))
-    height = panel * (top - bottom) / (right - left)
+    panel = min(max(3.4 * (right - left) / (top - bottom), 2.4), 3.6)  # all lengths of the layout in inches
+    tall = panel * (top - bottom) / (right - left)
+    title, foot = 0.32, (0.62 if largest or colours else 0.08)
+    width, height = 0.16 + panel * len(scenes), title + tall + foot
     with house_style():
-        figure = new_figure(panel * len(scenes) + 0.2, min(height, 6.0) + 0.85)
-        stack = figure.subplots(1, len(scenes), squeeze=False)[0]
-        for index, (axes, scene, camera) in enumerate(zip(stack, scenes, cameras, strict=True)):
+        figure = new_figure(width, height)
+        figure.set_layout_engine("none")  # pictures keep their aspect, so the places are given rather than found
+        for index, (scene, camera) in enumerate(zip(scenes, cameras, strict=True)):
+            place = ((0.08 + index * panel) / width, foot / height, panel / width, tall / height)
+            axes = figure.add_axes(place)
             _frame(axes, camera)
             if rendering.pictures:
-                axes.imshow(rendering.pictures[index], extent=tuple(1e3 * edge for edge in camera.window), zorder=1)
+                axes.imshow(rendering.pictures[index], extent=_millimetres(camera), aspect="auto", zorder=1)
             else:
                 draw_flat(axes, scene, camera)
             _name_parts(axes, scene, camera)
             axes.set_title(scene.title)
-        _scale_bar(stack[0], cameras[0])
+        _scale_bar(figure.axes[0], cameras[0])
         if largest:
             shades = ScalarMappable(Normalize(0, 1e3 * largest), DISPLACEMENT)
-            bar = figure.colorbar(shades, ax=list(stack), location="bottom", aspect=40, pad=0.02, shrink=0.8)
-            bar.set_label("Displacement from rest [mm]")
+            bar = figure.colorbar(
+                shades, cax=figure.add_axes((0.12, 0.45 / height, 0.76, 0.12 / height)), orientation="horizontal"
+            )
+            bar.set_label("Displacement from rest [mm]", labelpad=2)
             bar.outline.set_visible(False)  # type: ignore[operator]
         if colours:
-            from matplotlib.patches import Patch
-
             patches = [Patch(facecolor=colour, edgecolor=MUTED, label=name) for name, colour in colours.items()]
-            figure.legend(handles=patches, loc="outside lower center", ncols=3)
+            figure.legend(handles=patches, loc="lower center", ncols=3)
         return ScenePicture(figure, rendering.note)
 
 
+def _millimetres(camera: Camera) -> tuple[float, float, float, float]:
+    left, right, bottom, top = camera.window
+    return 1e3 * left, 1e3 * right, 1e3 * bottom, 1e3 * top
+
+
 def _frame(axes: Axes, camera: Camera) -> None:
-    left, right, bottom, top = (1e3 * edge for edge in camera.window)
+    left, right, bottom, top = _millimetres(camera)
     axes.set_xlim(left, right)
     axes.set_ylim(bottom, top)
-    axes.set_aspect("equal")
     axes.set_axis_off()
 
 
 def _name_parts(axes: Axes, scene: Scene, camera: Camera) -> None:
     """Names in the free margin on the nearer side, kept apart in height, each with a thin line to its part."""
-    left, right, bottom, top = (1e3 * edge for edge in camera.window)
+    left, right, bottom, top = _millimetres(camera)
     if not scene.labels:
         return
     crowd = 1e3 * camera.project(
@@ -115,7 +124,7 @@ def _clearest(candidates: Floats, crowd: Floats) -> Floats:
 
 
 def _scale_bar(axes: Axes, camera: Camera) -> None:
-    left, right, bottom, top = (1e3 * edge for edge in camera.window)
+    left, right, bottom, top = _millimetres(camera)
     wanted = 0.25 * (right - left)
     power = 10 ** np.floor(np.log10(wanted))
     length = max(step * power for step in (1, 2, 5) if step * power <= wanted)

@@ -85,10 +85,10 @@ def compile_law(law: Law) -> CompiledLaw:
     invariants = {name: sympy.Symbol(name, positive=True) for name in FIRST}
     scope: dict[str, Any] = {**letters, **invariants}
     for symbol, text in law.symbols.items():
-        scope[symbol] = sympy.sympify(text, locals=scope)
-    psi_d = sympy.sympify(law.distortional, locals=scope)
-    g = sympy.sympify(law.volumetric_strain, locals=scope)
-    kappa = sympy.sympify(law.bulk, locals=scope)
+        scope[symbol] = _parsed(text, scope)
+    psi_d = _parsed(law.distortional, scope)
+    g = _parsed(law.volumetric_strain, scope)
+    kappa = _parsed(law.bulk, scope)
     psi = psi_d + kappa / 2 * g**2
 
     arguments = [*invariants.values(), *letters.values()]
@@ -112,7 +112,7 @@ def compile_law(law: Law) -> CompiledLaw:
     return CompiledLaw(
         parameters=tuple(law.parameters),
         has_cross_terms=has_cross_terms,
-        shear=function(theta, sympy.sympify(law.shear, locals=scope)),
+        shear=function(theta, _parsed(law.shear, scope)),
         bulk=function(theta, kappa),
         energy=function(arguments, psi),
         energy_distortional=function(arguments, psi_d),
@@ -131,3 +131,10 @@ def stacked(rows: list[Any], n: int) -> Floats:
     for i, row in enumerate(rows):
         out[i] = row
     return out
+
+
+def _parsed(text: str, scope: dict[str, Any]) -> Any:
+    import sympy
+
+    parse: Any = sympy.sympify
+    return parse(text, locals=scope)

@@ -72,7 +72,9 @@ class CableTerm:
         """Length of each cable (n_cables,) [m]."""
         if len(self.cable) == 0:
             return np.zeros(self.n_cables)
-        return np.bincount(self.cable, np.linalg.norm(self.vectors(x), axis=1), minlength=self.n_cables)
+        lengths: Floats = np.zeros(self.n_cables)
+        np.add.at(lengths, self.cable, np.linalg.norm(self.vectors(x), axis=1))
+        return lengths
 
     def assemble(
         self, x: Floats, segment_tension: Floats, gradient: Floats, data: Floats | None, places: CablePlaces
@@ -138,9 +140,19 @@ def build_cables(X: Floats, supports: dict[str, list[list[tuple[int, float]]]], 
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _add(  # type: ignore[no-untyped-def]
-    gradient, data, with_tangent, v, length, ptr, support, sigma, tension, pairs, pair_ptr
-):
+def _add(
+    gradient: Floats,
+    data: Floats,
+    with_tangent: bool,
+    v: Floats,
+    length: Floats,
+    ptr: Ints,
+    support: Ints,
+    sigma: Floats,
+    tension: Floats,
+    pairs: Ints,
+    pair_ptr: Ints,
+) -> None:
     B = np.empty((3, 3))
     for k in range(len(tension)):
         T = tension[k]

@@ -157,8 +157,9 @@ def _mkl_pardiso() -> Any:
         from pypardiso import PyPardisoSolver
     except ImportError:
         return None
-    # Looked up by item, ctypes gives a function of our own: pypardiso's declares argument types that only its arrays fit.
-    return PyPardisoSolver().libmkl["pardiso"]
+    # Looked up by item, ctypes gives a function of our own: pypardiso's has argument types that only its arrays fit.
+    library: Any = PyPardisoSolver().libmkl
+    return library["pardiso"]
 
 
 def _pointer(array: np.ndarray) -> ctypes.c_void_p:

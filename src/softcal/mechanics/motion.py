@@ -55,24 +55,24 @@ def build_motion(layout: Layout, pattern: Pattern) -> Motion:
     weight_of = np.zeros(layout.n_points, dtype=np.int64)
     rigid = layout.rigid_points
     weight_of[rigid] = 1 + 6 * np.arange(len(rigid))
-    lists = (values.astype(np.int32) for values in triple_product(layout, pattern, weight_of))
+    source, weight_a, weight_b, target = triple_product(layout, pattern, weight_of)
     diagonal = np.zeros((layout.n_plates, 3, 3), dtype=np.int64)
     for p in range(layout.n_plates):
         omega = layout.first_plate_unknown + 6 * p + 3 + np.arange(3)
         for i in range(3):
             for j in range(i, 3):
                 diagonal[p, i, j] = pattern.entry(omega[i], omega[j])
-    return Motion(layout, *lists, diagonal)
+    return Motion(layout, source, weight_a, weight_b, target, diagonal)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _fold(data, source, weight_a, weight_b, target, w):  # type: ignore[no-untyped-def]
+def _fold(data: Floats, source: Ints, weight_a: Ints, weight_b: Ints, target: Ints, w: Floats) -> None:
     for k in range(len(source)):
         data[target[k]] += data[source[k]] * w[weight_a[k]] * w[weight_b[k]]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _gather(out, gradient, x, position, rigid, rider):  # type: ignore[no-untyped-def]
+def _gather(out: Floats, gradient: Floats, x: Floats, position: Floats, rigid: Ints, rider: Ints) -> None:
     """Forces and moments of the rigid points on their plates."""
     for p in rigid:
         k = rider[p]
@@ -87,7 +87,9 @@ def _gather(out, gradient, x, position, rigid, rider):  # type: ignore[no-untype
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _turn(data, gradient, x, position, rigid, rider, diagonal):  # type: ignore[no-untyped-def]
+def _turn(
+    data: Floats, gradient: Floats, x: Floats, position: Floats, rigid: Ints, rider: Ints, diagonal: Ints
+) -> None:
     """d2/domega2 of f . exp(omega) r at zero: (r f^T + f r^T)/2 - (f . r) I."""
     for p in rigid:
         k = rider[p]

@@ -185,7 +185,7 @@ def _row(layout: Layout, weight_of: Ints, entity: Ints, i: int) -> list[tuple[In
 
 
 @numba.njit(cache=True)
-def _expand(red_ptr, red_col, sizes, first):  # type: ignore[no-untyped-def]
+def _expand(red_ptr: Ints, red_col: Ints, sizes: Ints, first: Ints) -> tuple[Ints, Ints, Ints]:
     n_red = len(sizes)
     offset = np.zeros(len(red_col), dtype=np.int64)
     indptr = np.zeros(first[n_red] + 1, dtype=np.int64)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,15 +13,24 @@ from softcal.materials.law import CompiledLaw, Law, compile_law, stacked
 from softcal.mechanics import solid_kernels
 from softcal.mechanics.element import quadrature, reference_gradients
 from softcal.mechanics.pattern import Pattern
+from softcal.mechanics.solid_kernels import Places
 
 
 @dataclass(frozen=True)
 class SolidPlaces:
     """Where a solid's element blocks stand in the tangent's long array (see `Pattern`)."""
 
-    displacement: Ints  # (n_tets, pairs, 3)
-    coupling: Ints  # (n_tets, n_a, 4, 3) or empty
-    pressure: Ints  # (n_tets, 10) or empty
+    displacement: Places  # (n_tets, pairs, 3)
+    coupling: Places  # (n_tets, n_a, 4, 3) or empty
+    pressure: Places  # (n_tets, 10) or empty
+
+
+class _Volume(NamedTuple):
+    """Of a mixed element at its quadrature points: g, g', g'' (3, n); p (n,) [Pa]; 1/kappa [1/Pa]."""
+
+    g: Floats
+    p: Floats
+    compliance: float
 
 
 @dataclass(frozen=True)
@@ -83,33 +93,40 @@ class SolidTerm:
         """Add the gradient (3 n_points + n_scalars,) and, where `data` is given, the tangent. J must be positive."""
         F, I1, I2, J = kinematics
         values = self._theta(theta)
-        n = I1.size
         invariants = (I1.ravel(), I2.ravel(), J.ravel())
-        n_x = 3 * len(x)
-        if not self.is_mixed:
-            coefficients = stacked(self.compiled.full(*invariants, *values), n)
-        else:
-            coefficients = stacked(self.compiled.distortional(*invariants, *values), n)
-            g = stacked(self.compiled.strain(invariants[2]), n)
-            p = solid_kernels.interpolate(pressure, self.pressure_conn, self.N_p).ravel()
-            coefficients[2] += p * g[1]
-            coefficients[8] += p * g[2]
+        derivatives = self.compiled.distortional if self.is_mixed else self.compiled.full
+        coefficients = stacked(derivatives(*invariants, *values), I1.size)
+        volume = self._volume(invariants[2], pressure, values) if self.is_mixed else None
+        if volume is not None:
+            coefficients[2] += volume.p * volume.g[1]
+            coefficients[8] += volume.p * volume.g[2]
+            error = volume.g[0] - volume.compliance * volume.p
+            solid_kernels.add_volume_gradient(gradient, 3 * len(x), self.pressure_conn, self.N_p, self.w, error)
         solid_kernels.add_gradient(gradient, self.conn, self.dN, self.w, F, I1, J, coefficients)
-        if self.is_mixed:
-            compliance, _ = self.compiled.compliance(*values)
-            solid_kernels.add_volume_gradient(
-                gradient, n_x, self.pressure_conn, self.N_p, self.w, g[0] - float(compliance) * p
-            )
         if data is None:
             return
         if self.compiled.has_cross_terms:
             solid_kernels.add_tangent_general(data, places.displacement, self.dN, self.w, F, I1, J, coefficients)
         else:
             solid_kernels.add_tangent(data, places.displacement, self.dN, self.w, F, J, coefficients)
-        if self.is_mixed:
+        if volume is not None:
             solid_kernels.add_coupling(
-                data, places.coupling, places.pressure, self.dN, self.w, F, J, self.N_p, g[1], float(compliance)
+                data,
+                places.coupling,
+                places.pressure,
+                self.dN,
+                self.w,
+                F,
+                J,
+                self.N_p,
+                volume.g[1],
+                volume.compliance,
             )
+
+    def _volume(self, J: Floats, pressure: Floats, values: tuple[float, ...]) -> _Volume:
+        compliance, _ = self.compiled.compliance(*values)
+        p = solid_kernels.interpolate(pressure, self.pressure_conn, self.N_p).ravel()
+        return _Volume(stacked(self.compiled.strain(J), J.size), p, float(compliance))
 
     def gradient_by_parameters(
         self,

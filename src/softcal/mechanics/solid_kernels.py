@@ -13,13 +13,19 @@ from __future__ import annotations
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
+
+from softcal.checks import Floats, Ints
+
+# Places in the tangent's long array: half the memory of the default integers.
+Places = NDArray[np.int32]
 
 # Sums may be reordered and contracted; NaN and infinity keep their meaning.
 FAST = {"contract", "reassoc", "nsz"}
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=FAST)
-def kinematics(x, conn, dN, F, I1, I2, J):  # type: ignore[no-untyped-def]
+def kinematics(x: Floats, conn: Ints, dN: Floats, F: Floats, I1: Floats, I2: Floats, J: Floats) -> None:
     n, n_q, n_a, _ = dN.shape
     for e in range(n):
         for q in range(n_q):
@@ -54,7 +60,7 @@ def kinematics(x, conn, dN, F, I1, I2, J):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=FAST, inline="always")
-def _cofactor(f, c):  # type: ignore[no-untyped-def]
+def _cofactor(f: Floats, c: Floats) -> None:
     c[0, 0] = f[1, 1] * f[2, 2] - f[1, 2] * f[2, 1]
     c[0, 1] = f[1, 2] * f[2, 0] - f[1, 0] * f[2, 2]
     c[0, 2] = f[1, 0] * f[2, 1] - f[1, 1] * f[2, 0]
@@ -67,7 +73,9 @@ def _cofactor(f, c):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=FAST)
-def add_gradient(gradient, conn, dN, w, F, I1, J, coefficients):  # type: ignore[no-untyped-def]
+def add_gradient(
+    gradient: Floats, conn: Ints, dN: Floats, w: Floats, F: Floats, I1: Floats, J: Floats, coefficients: Floats
+) -> None:
     n, n_q, n_a, _ = dN.shape
     cof = np.empty((3, 3))
     P = np.empty((3, 3))
@@ -100,7 +108,9 @@ def add_gradient(gradient, conn, dN, w, F, I1, J, coefficients):  # type: ignore
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=FAST)
-def add_tangent(data, places, dN, w, F, J, coefficients):  # type: ignore[no-untyped-def]
+def add_tangent(
+    data: Floats, places: Places, dN: Floats, w: Floats, F: Floats, J: Floats, coefficients: Floats
+) -> None:
     """The tangent of a law without second derivatives in I1 and I2 (neo-Hookean and its like)."""
     n, n_q, n_a, _ = dN.shape
     n_pairs = places.shape[1]
@@ -164,7 +174,9 @@ def add_tangent(data, places, dN, w, F, J, coefficients):  # type: ignore[no-unt
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=FAST)
-def add_tangent_general(data, places, dN, w, F, I1, J, coefficients):  # type: ignore[no-untyped-def]
+def add_tangent_general(
+    data: Floats, places: Places, dN: Floats, w: Floats, F: Floats, I1: Floats, J: Floats, coefficients: Floats
+) -> None:
     """The tangent of any law in I1, I2, J."""
     n, n_q, n_a, _ = dN.shape
     G = np.empty((3, n_a, 3))  # derivatives of I1, I2, J along the nodes
@@ -222,7 +234,7 @@ def add_tangent_general(data, places, dN, w, F, I1, J, coefficients):  # type: i
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=FAST)
-def interpolate(pressure, pressure_conn, N_p):  # type: ignore[no-untyped-def]
+def interpolate(pressure: Floats, pressure_conn: Ints, N_p: Floats) -> Floats:
     n, n_q, n_b = N_p.shape
     p = np.zeros((n, n_q))
     for e in range(n):
@@ -233,7 +245,7 @@ def interpolate(pressure, pressure_conn, N_p):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=FAST)
-def add_volume_gradient(gradient, n_x, pressure_conn, N_p, w, value):  # type: ignore[no-untyped-def]
+def add_volume_gradient(gradient: Floats, n_x: int, pressure_conn: Ints, N_p: Floats, w: Floats, value: Floats) -> None:
     n, n_q, n_b = N_p.shape
     for e in range(n):
         for q in range(n_q):
@@ -243,7 +255,18 @@ def add_volume_gradient(gradient, n_x, pressure_conn, N_p, w, value):  # type: i
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=FAST)
-def add_coupling(data, coupling, pressure_places, dN, w, F, J, N_p, dg, compliance):  # type: ignore[no-untyped-def]
+def add_coupling(
+    data: Floats,
+    coupling: Places,
+    pressure_places: Places,
+    dN: Floats,
+    w: Floats,
+    F: Floats,
+    J: Floats,
+    N_p: Floats,
+    dg: Floats,
+    compliance: float,
+) -> None:
     """Displacement-pressure blocks g'(J) c_a N_b and pressure blocks -N_b N_d / kappa."""
     n, n_q, n_a, _ = dN.shape
     cof = np.empty((3, 3))

@@ -32,14 +32,19 @@ def simulate_many(
     shapes: list[Snapshot] = []
     status, succeeded = "", True
     try:
-        state = loaded_state(twin, statics)
-        controls = slack_line(twin).at(0.0)
+        start = state = loaded_state(twin, statics)
         # Lengths as they are: a cable that is commanded in length starts at its own.
         lengths = twin.system.cables.lengths(state.x)
-        controls = replace(controls, shortening=twin.system.cables.rest_length - lengths)
+        slack = replace(slack_line(twin).at(0.0), shortening=twin.system.cables.rest_length - lengths)
+        controls = slack
+        by_length = _by_length(twin, protocol)
         for i in range(protocol.n_samples):
             target = _target(twin, protocol, i, controls)
-            node, controls = _reach(twin, statics, state, controls, target, _by_length(twin, protocol), names)
+            try:
+                node, controls = _reach(twin, statics, state, controls, target, by_length, names)
+            except SimulationError:
+                # The way from the sample before may lead through states that have no equilibrium.
+                node, controls = _reach(twin, statics, start, slack, target, by_length, names)
             state = node.state
             values.append(_commanded(twin, protocol, i, sense(twin, state)))
             rates.append(sense_rates(twin, state, node.by_parameter))

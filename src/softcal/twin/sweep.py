@@ -86,6 +86,9 @@ class Sweep:
 
     def _curve(self, nodes: tuple[Node, ...]) -> Curve:
         values = np.array([sense(self.twin, node.state) for node in nodes])
+        # A neck that folds past half a turn turns on: atan2's jump is none of the curve's.
+        turns = [k for k, unit in enumerate(self._units.values()) if unit == "rad"]
+        values[:, turns] = np.unwrap(values[:, turns], axis=0)
         rates = [sense_rates(self.twin, node.state, np.column_stack([node.slope, node.by_parameter])) for node in nodes]
         c = np.array([node.c for node in nodes])
         return Curve(c, values, np.array([r[:, 0] for r in rates]), np.array([r[:, 1:] for r in rates]))

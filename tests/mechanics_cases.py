@@ -130,9 +130,11 @@ def column_robot(
     mass: float = 0.0,
     cables: Sequence[Cable] | None = None,
     law: str = "neo-hooke",
+    mesh: TetMesh | None = None,
 ) -> Robot:
     """A square column, 30 x 30 x 100 mm, clamped at its foot, a plate on top, a cable 50 mm off its axis in front."""
-    mesh = box_mesh((0.03, 0.03, 0.1), divisions, origin=(-0.015, -0.015, 0.0))
+    if mesh is None:
+        mesh = box_mesh((0.03, 0.03, 0.1), divisions, origin=(-0.015, -0.015, 0.0))
     body = Body(
         "neck",
         mesh,
@@ -152,6 +154,18 @@ def column_robot(
     if cables is None:
         cables = (side_cable("front", (0.05, 0.0)),)
     return Robot((body,), (plate,), tuple(cables), gravity=np.array(gravity, dtype=float))
+
+
+def mirrored_box(lengths: Sequence[float], divisions: Sequence[int]) -> TetMesh:
+    """A box about the z axis whose mesh is its own mirror image in x; `divisions` are those of the half x >= 0."""
+    half = box_mesh((lengths[0] / 2, lengths[1], lengths[2]), divisions, origin=(0.0, -lengths[1] / 2, 0.0))
+    image = half.points * [-1.0, 1.0, 1.0]
+    points, number = np.unique(np.round(np.vstack([half.points, image]), 12), axis=0, return_inverse=True)
+    number = number.ravel()
+    other = number[half.n_points + half.tets][:, [1, 0, 2, 3]]
+    z = points[:, 2]
+    ends = {"z0": np.flatnonzero(z == z.min()), "z1": np.flatnonzero(z == z.max())}
+    return TetMesh(points, np.vstack([number[half.tets], other]), ends)
 
 
 def side_cable(name: str, at: Sequence[float], height: float = 0.1) -> Cable:

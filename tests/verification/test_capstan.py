@@ -55,7 +55,7 @@ def test_drum_takes_its_share_of_the_tension(tension):
     assert rubbed.succeeded, rubbed.status
     shot = min(rubbed.snapshots, key=lambda shot: abs(shot.tensions["front"] - tension))
     phi = turn_of(shot.cables["front"])
-    assert abs(phi - 0.5 * np.pi) > 0.01  # the plate's end swings
+    assert abs(phi - 0.5 * np.pi) > 0.003  # the plate's end swings
 
     free = column_robot("P1", parameters=elastic(0.5e6, 0.4), cables=(side_cable("front", (0.05, 0.0)),))
     smooth = simulate(free, tensed(tension * np.exp(-MU * phi)), curve_tolerance=0.0)

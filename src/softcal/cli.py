@@ -268,11 +268,11 @@ class _Bars:
         self._tasks: dict[str, object] = {}
 
     def __enter__(self) -> _Bars:
-        self._progress.start()
         return self
 
     def __exit__(self, *exception: object) -> None:
-        self._progress.stop()
+        if self._tasks:
+            self._progress.stop()
 
     def show(self, label: str, state: object) -> None:
         """Move the bar of a calibration."""
@@ -282,6 +282,7 @@ class _Bars:
 
         if not isinstance(state, Progress):
             raise TypeError(type(state))
+        self._progress.start()
         if label not in self._tasks:
             self._tasks[label] = self._progress.add_task(label, total=state.total, best="")
         best = "" if state.best_loss is None else f"best loss {state.best_loss:.6g}"
@@ -302,42 +303,49 @@ def _print_results(results: Mapping[str, CalibrationResult]) -> None:
     if not results:
         return
     console = Console()
+    if not console.is_terminal:
+        console = Console(width=160)  # a log does not wrap
     console.print(_result_table(results))
     for label, result in results.items():
-        console.print(f"{label}: {result.status}", markup=False, highlight=False)
-    notes = dict.fromkeys(note for result in results.values() for note in result.notes)
-    for note in notes:
-        console.print(f"Note: {note}", markup=False, highlight=False)
+        typer.echo(f"{label}: {result.status}")
+    notes: dict[str, list[str]] = {}
+    for label, result in results.items():
+        for note in result.notes:
+            notes.setdefault(note, []).append(label)
+    for note, labels in notes.items():
+        typer.echo(f"Note ({', '.join(labels)}): {note}")
 
 
 def _result_table(results: Mapping[str, CalibrationResult]) -> Table:
+    """A column for each calibration; a line for each parameter, and for each experiment's errors."""
     from rich.table import Table
 
-    parameters = list(dict.fromkeys(_plain(name) for result in results.values() for name in result.parameters))
-    channels = list(dict.fromkeys(c for r in results.values() for fit in r.experiments.values() for c in fit.rmse))
-    table = Table("calibration", *parameters, *(f"RMSE of {channel}" for channel in channels), "loss", "trials")
-    for label, result in results.items():
-        estimates = [
-            "\n".join(_value(name, estimate) for name, estimate in result.parameters.items() if _plain(name) == one)
-            for one in parameters
-        ]
-        errors = [
-            "\n".join(
-                f"{fit.rmse[channel]:.3g} {fit.units[channel]}"
-                for fit in result.experiments.values()
-                if channel in fit.rmse
-            )
-            for channel in channels
-        ]
-        table.add_row(label, *estimates, *errors, f"{result.loss:.4g}", str(len(result.trials)))
+    table = Table("", *results)
+    parameters = dict.fromkeys(name for result in results.values() for name in result.parameters)
+    for name in parameters:
+        found = [result.parameters.get(name) for result in results.values()]
+        table.add_row(name.replace("[", r"\["), *("" if estimate is None else _value(estimate) for estimate in found))
+    table.add_section()
+    fits = [(name, channel) for r in results.values() for name, fit in r.experiments.items() for channel in fit.rmse]
+    for name, channel in dict.fromkeys(fits):
+        table.add_row(f"RMSE of {channel}, {name}", *(_error(result, name, channel) for result in results.values()))
+    table.add_section()
+    table.add_row("loss", *(f"{result.loss:.4g}" for result in results.values()))
+    table.add_row("trials", *(_count(result) for result in results.values()))
     return table
 
 
-def _plain(name: str) -> str:
-    return name.partition("[")[0]
+def _error(result: CalibrationResult, experiment: str, channel: str) -> str:
+    fit = result.experiments.get(experiment)
+    return "" if fit is None or channel not in fit.rmse else f"{fit.rmse[channel]:.3g} {fit.units[channel]}"
 
 
-def _value(name: str, estimate: Estimate) -> str:
+def _count(result: CalibrationResult) -> str:
+    failed = f", {result.n_failed_trials} failed" if result.n_failed_trials else ""
+    return f"{len(result.trials)}{failed}"
+
+
+def _value(estimate: Estimate) -> str:
     from softcal.units import format_quantity, readable_unit
 
     unit = readable_unit(estimate.value, estimate.unit)

@@ -16,14 +16,17 @@ from softcal.calibration.fingerprint import fingerprint
 from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.problem import Problem, Simulate
 from softcal.checks import Floats
-from softcal.twin.parameters import with_parameters
-from softcal.twin.protocol import Protocol
+from softcal.errors import Fault, ParameterError
+from softcal.twin.parameters import robot_parameters
+from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate as simulate_robot
 
 # Laws whose energy is proportional to Young's modulus at constant Poisson's ratio.
 PROPORTIONAL_LAWS = ("neo-hooke",)
+# Samples of a trajectory that others are read off.
+SAMPLES = 81
 
 
 @dataclass(frozen=True)
@@ -62,40 +65,69 @@ def loss_over(problem: Problem, theta: Mapping[str, float], x: str, y: str, shap
     KeyError
         For a label that is not free.
     """
-    simulate = problem.simulate or simulate_robot
-    if scales_with_modulus(problem):
-        simulate = _Proportional(f"{problem.robot.bodies[0].name}.youngs_modulus", simulate)
-    simulated = replace(problem, simulate=simulate)
     xs, ys = (_axis(problem.space, label, n) for label, n in ((x, shape[0]), (y, shape[1])))
     loss = np.full((len(ys), len(xs)), np.nan)
     for i, value_y in enumerate(ys):
         for j, value_x in enumerate(xs):
-            found = simulated.evaluate({**theta, x: float(value_x), y: float(value_y)}).loss
+            found = problem.evaluate({**theta, x: float(value_x), y: float(value_y)}).loss
             loss[i, j] = np.nan if found is None else found
     return LossGrid(xs, ys, loss)
 
 
 @dataclass
-class _Proportional:
-    """A simulate that solves once for each shape and scales the tensions by the modulus."""
+class ProportionalTwin:
+    """A stand-in for `simulate` where `scales_with_modulus`: one trajectory for each shape, scaled by the modulus.
 
-    name: str
-    solve: Simulate
+    reach: the largest shortening [m] that will be asked for. Each shape is solved once up to it, and read off between
+    the samples by cubic Hermite pieces with the exact slopes.
+    """
+
+    reach: float
+    solve: Simulate = simulate_robot
     solved: dict[str, tuple[float, Response]] = field(default_factory=dict[str, tuple[float, Response]])
 
     def __call__(
         self, robot: Robot, protocol: Protocol, *, sensitivities: Sequence[str] = (), snapshots: bool = False
     ) -> Response:
+        """As `softcal.twin.simulate.simulate`, for one cable driven by shortening, without sensitivities.
+
+        Raises
+        ------
+        ParameterError
+            For a protocol or sensitivities that cannot be read off.
+        """
         modulus = robot.bodies[0].parameters["youngs_modulus"]
-        key = fingerprint([with_parameters(robot, {self.name: 1.0}), protocol, list(sensitivities), snapshots])
-        if key not in self.solved:
-            self.solved[key] = modulus, self.solve(robot, protocol, sensitivities=sensitivities, snapshots=snapshots)
-        solved_at, response = self.solved[key]
-        channels = {
-            name: values * (modulus / solved_at) if name.endswith(".tension") else values
-            for name, values in response.channels.items()
+        if sensitivities or snapshots or [c.control for c in protocol.commands.values()] != ["shortening"]:
+            raise ParameterError(Fault("only the channels of one cable driven by shortening can be scaled"))
+        ((cable, command),) = protocol.commands.items()
+        solved_at, response = self._shape(robot, cable, modulus)
+        if not response.succeeded:
+            return response
+        grid = response.channels[f"{cable}.shortening"]
+        channels: dict[str, Floats] = {}
+        for name, values in response.channels.items():
+            slopes = response.slopes.get(name)
+            read = (
+                np.interp(command.values, grid, values) if slopes is None else _hermite(grid, values, slopes, command)
+            )
+            channels[name] = read * (modulus / solved_at) if name.endswith(".tension") else read
+        return replace(response, channels=channels, slopes={})
+
+    def _shape(self, robot: Robot, cable: str, modulus: float) -> tuple[float, Response]:
+        others = {
+            name: info.value for name, info in robot_parameters(robot).items() if not name.endswith("youngs_modulus")
         }
-        return replace(response, channels=channels)
+        key = fingerprint([cable, others])
+        if key not in self.solved:
+            command = Command("shortening", np.linspace(0.0, self.reach, SAMPLES))
+            self.solved[key] = modulus, self.solve(robot, Protocol({cable: command}))
+        return self.solved[key]
+
+
+def _hermite(grid: Floats, values: Floats, slopes: Floats, command: Command) -> Floats:
+    from scipy.interpolate import CubicHermiteSpline
+
+    return np.asarray(CubicHermiteSpline(grid, values, slopes)(command.values), dtype=np.float64)
 
 
 def _has_weight(robot: Robot) -> bool:

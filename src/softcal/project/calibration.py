@@ -19,6 +19,7 @@ from softcal.errors import CalibrationError, Fault, InputError, ParameterError
 from softcal.project.project import Project
 from softcal.project.run_folder import begin_run, calibration_folder, finish_run, reopen_run
 from softcal.project.schema import CalibrationSection
+from softcal.project.section import changed
 from softcal.twin.parameters import robot_parameters, with_parameters
 
 JOINT = "joint"
@@ -79,7 +80,7 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
         Where no trial could be simulated.
     """
     told = {"method": method, "fit": fit, "trials": trials, "seed": seed}
-    settings = project.calibration.model_copy(update={key: value for key, value in told.items() if value is not None})
+    settings = changed(project.calibration, {key: value for key, value in told.items() if value is not None}, "--")
     problem = make_problem(project, settings)
     problems = _problems(problem, settings.fit)
     folder = None if out is None else Path(out)

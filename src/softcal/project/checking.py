@@ -117,7 +117,7 @@ def _bench_rows(project: Project) -> list[tuple[str, str]]:
     for name, experiment in project.experiments.items():
         data = experiment.dataset
         spans = ", ".join(
-            f"{key} {format_quantity(float(c.values.min()), c.unit)} to {format_quantity(float(c.values.max()), c.unit)}"
+            f"{key} " + " to ".join(format_quantity(float(end), c.unit) for end in (c.values.min(), c.values.max()))
             for key, c in data.channels.items()
             if key != "time"
         )

@@ -113,7 +113,7 @@ def load(
     all_there = built is not None and len(whole) == len(_raw(document, "experiments"))
     known = _known(built, whole) if built is not None and all_there else None
     parameters = _entries(ParameterSection, "parameters", document, findings)
-    space = build_search(parameters, known, list(whole), given, findings)
+    space = build_search(parameters, known, list(_raw(document, "experiments")), given, findings)
     calibration = _section(CalibrationSection, "calibration", document, findings, {})
     print_infill = _print_infill(document, findings)
     findings.raise_if_any()

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from softcal.analysis.landscape import loss_over, scales_with_modulus
+from softcal.analysis.landscape import ProportionalTwin, loss_over, scales_with_modulus
+from softcal.calibration.problem import Problem
 from softcal.calibration.result import CalibrationResult
 from softcal.project.calibration import JOINT, calibrated, make_problem
 from softcal.project.project import Project
@@ -91,6 +93,7 @@ def _landscapes(
     problem = make_problem(project, settings)
     if not scales_with_modulus(problem):
         return {}
+    twin = ProportionalTwin(_reach(problem))
     found: dict[str, Landscape] = {}
     for label, result in results.items():
         pair = [
@@ -99,10 +102,17 @@ def _landscapes(
         ]
         if not all(pair) or len(result.trials) >= ENOUGH_TRIALS:
             continue
-        one = problem if label == JOINT else problem.alone(label)
+        one = replace(problem if label == JOINT else problem.alone(label), simulate=twin)
         theta = {name: estimate.value for name, estimate in result.parameters.items()}
         grid = loss_over(one, theta, pair[0], pair[1], LANDSCAPE_SHAPE)
         failed = np.isnan(grid.loss)
         filled = np.where(failed, 0.0, grid.loss)
         found[label] = Landscape(pair[0], pair[1], grid.x, grid.y, filled, failed.astype(np.int64))
     return found
+
+
+def _reach(problem: Problem) -> float:
+    """The largest shortening [m] that any slack within its bounds lets the twin see."""
+    slacks = [p.lower for p in problem.space.parameters if p.name.endswith(".slack")]
+    lowest = min([0.0, *slacks, *(experiment.rig.slack for experiment in problem.experiments)])
+    return max(float(np.max(e.dataset.values(e.drive))) for e in problem.experiments) - lowest

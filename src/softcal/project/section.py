@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, TypeVar
 
 from pydantic import (
@@ -16,7 +16,7 @@ from pydantic import (
 )
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
-from softcal.errors import UnitError
+from softcal.errors import Fault, InputError, UnitError
 from softcal.project.document import Findings, KeyPath, suggestion
 from softcal.units import parse_quantity
 
@@ -60,7 +60,13 @@ class Section(BaseModel):
         except ValidationError as error:
             if not errors:
                 raise
-            errors += [_details(found) for found in error.errors()]
+            # A required key that was only mistyped is one mistake, told once.
+            meant = {(suggestion(key, known).strip("'"),) for key in unknown}
+            errors += [
+                _details(found)
+                for found in error.errors()
+                if not (found["type"] == "missing" and found["loc"] in meant)
+            ]
         else:
             if not errors:
                 return section
@@ -128,6 +134,24 @@ def validated(model: type[S], data: object, path: KeyPath, findings: Findings) -
         for found in error.errors():
             _record(found, data, path, findings)
         return None
+
+
+def changed(section: S, changes: Mapping[str, object], where: str) -> S:
+    """A section with some values replaced, checked like those of a file.
+
+    Raises
+    ------
+    InputError
+        Where a value is not allowed; `where` comes before its key.
+    """
+    try:
+        return type(section).model_validate({**dict(section), **changes})
+    except ValidationError as error:
+        faults: list[Fault] = []
+        for found in error.errors():
+            what, got, allowed = _wording(found)
+            faults.append(Fault(what, where + ".".join(str(part) for part in found["loc"]), got, allowed))
+        raise InputError(faults) from error
 
 
 def _details(found: Any) -> InitErrorDetails:

@@ -1,0 +1,387 @@
+"""Bad input ends with exit code 2 and one clear message: no traceback, nothing written, every fault told."""
+
+from __future__ import annotations
+
+import errno
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from project_case import bench_csv, bench_values, write_project
+
+from softcal.cli import main
+from softcal.geometry.write import write_mesh
+from softcal.project import output
+
+Change = tuple[str, str]
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as left:
+        main([str(argument) for argument in arguments])
+    captured = capsys.readouterr()
+    return int(left.value.code or 0), captured.out, captured.err
+
+
+def refused(capsys: pytest.CaptureFixture[str], project: Path, *pieces: str, command: str = "calibrate") -> str:
+    """Run a command that must refuse the project, and return what it said."""
+    out = project.parent / "out"
+    before = sorted(project.parent.rglob("*"))
+    code, printed, err = run(capsys, command, project, "--out", out)
+    assert code == 2, err
+    assert err.startswith("Error: ")
+    assert "Traceback" not in err
+    assert printed == ""
+    assert sorted(project.parent.rglob("*")) == before, "something was written"
+    for piece in pieces:
+        assert piece in err, err
+    return err
+
+
+UNITS: dict[str, tuple[Change, tuple[str, ...]]] = {
+    "a missing unit": (
+        ("youngs_modulus: 2 MPa", "youngs_modulus: 2"),
+        ("project.yaml:8: robot.bodies.bar.youngs_modulus", "unit is missing", "got 2", "converts to Pa"),
+    ),
+    "a wrong unit": (
+        ("youngs_modulus: 2 MPa", "youngs_modulus: 2 mm"),
+        ("project.yaml:8:", "unit does not fit", "'mm'", "converts to Pa"),
+    ),
+    "an unknown unit": (("modulus: 2 MPa", "modulus: 2 MPascal_"), ("project.yaml:8:", "'MPascal_'")),
+    "not a quantity": (("modulus: 2 MPa", "modulus: soft"), ("project.yaml:8:", "not a quantity", "'soft'")),
+    "a wrong unit in a list": (
+        ("[30 mm, 0 mm, 0 mm]", "[30 mm, 0 N, 0 mm]"),
+        ("project.yaml:20: robot.cables.front.via[1].at[1]", "'N'", "converts to m"),
+    ),
+    "a missing unit of the mesh": (
+        ("unit: mm}\n      element", "}\n      element"),
+        ("project.yaml:6:", "unit of the mesh"),
+    ),
+    "a wrong unit of the mesh": (("unit: mm}\n      element", "unit: kg}\n      element"), ("project.yaml:6:", "'kg'")),
+    "a wrong unit of a column": (
+        ("{name: Force, unit: N}", "{name: Force, unit: mm}"),
+        ("project.yaml:26: experiments.pull.files[0]", "pull.csv", "column 'Force [N]'", "'mm'"),
+    ),
+    "a missing unit of a noise": (
+        ("tension: 0.05 N", "tension: 0.05"),
+        ("experiments.pull.noise.tension", "unit is missing"),
+    ),
+    "a missing unit of a bound": (
+        ("[0 mm, 5 mm]", "[0 mm, 5]"),
+        ("project.yaml:35: parameters.front.slack.bounds[1]", "unit is missing", "got 5"),
+    ),
+}
+
+KEYS: dict[str, tuple[Change, tuple[str, ...]]] = {
+    "an unknown key": (
+        ("poissons_ratio", "poisson_ratio"),
+        ("project.yaml:9:", "unknown key", "Try: 'poissons_ratio'"),
+    ),
+    "an unknown section": (
+        ("parameters:", "paramters:"),
+        ("project.yaml:33: paramters: unknown key", "Try: 'parameters'"),
+    ),
+    "a missing key": (("      youngs_modulus: 2 MPa\n", ""), ("robot.bodies.bar.youngs_modulus: a key is missing",)),
+    "a key that stands twice": (
+        ("      element: P1\n", "      element: P1\n      element: P2\n"),
+        ("project.yaml:8: robot.bodies.bar.element", "stands twice", "line 7"),
+    ),
+    "an unknown choice": (("element: P1", "element: Q1"), ("project.yaml:7:", "'Q1'", "'P1', 'P2', 'P2P1'")),
+    "an unknown method": (
+        ("least-squares", "simplex"),
+        ("calibration.method", "'simplex'", "'least-squares', 'tpe', 'grid'"),
+    ),
+    "not YAML": (("plates:", "plates: {"), ("project.yaml:", "not YAML")),
+    "a format of the future": (("softcal: 1", "softcal: 2"), ("project.yaml:1: softcal", "not known", "got 2")),
+}
+
+MODEL: dict[str, tuple[Change, tuple[str, ...]]] = {
+    "a ratio of one half": (
+        ("poissons_ratio: 0.42", "poissons_ratio: 0.5"),
+        ("project.yaml:9:", "out of range", "0.4999"),
+    ),
+    "a bound of one half": (
+        ("  front.slack:", "  bar.poissons_ratio: {bounds: [0.4, 0.5]}\n  front.slack:"),
+        ("project.yaml:35: parameters.bar.poissons_ratio", "upper bound", "got 0.5", "0.4999"),
+    ),
+    "bounds reversed": (
+        ("[0.1 MPa, 40 MPa]", "[40 MPa, 0.1 MPa]"),
+        ("project.yaml:34: parameters.bar.youngs_modulus", "reversed", "4e+07 to 100000 Pa", "lower < upper"),
+    ),
+    "a log scale through zero": (
+        ("front.slack: {bounds: [0 mm, 5 mm]", "front.slack: {bounds: [0 mm, 5 mm], scale: log"),
+        ("project.yaml:35: parameters.front.slack", "log scale needs bounds above zero"),
+    ),
+    "an unknown parameter": (
+        ("bar.youngs_modulus: {b", "bar.young_modulus: {b"),
+        ("no such parameter", "bar.youngs_modulus"),
+    ),
+    "a region that selects nothing": (
+        ("point: [0 mm, 0 mm, 0 mm]", "point: [0 mm, 0 mm, 7 m]"),
+        ("project.yaml:11: robot.bodies.bar.regions.foot", "selects no nodes", "spans", "unit"),
+    ),
+    "an unknown group": (("{group: z1}", "{group: z2}"), ("regions.head", "'z2'", "z0, z1", "Try: 'z1'")),
+    "an unknown region": (("fixed: foot", "fixed: fot"), ("robot.bodies.bar.fixed", "'fot'", "Try: 'foot'")),
+    "a cable point outside its body": (
+        ("{on: plate, at: [30 mm, 0 mm, 100 mm]}", "{on: bar, at: [30 mm, 0 mm, 100 mm]}"),
+        ("project.yaml:19: robot.cables.front.via[0].at", "outside its body by 20 mm", "spans"),
+    ),
+    "a cable on nothing": (("on: plate", "on: plat"), ("via[0].on", "'plat'", "Try: 'plate'")),
+    "a missing mesh": (
+        ("file: bar.msh", "file: baz.msh"),
+        ("project.yaml:6:", "no such mesh file", "'baz.msh'", "bar.msh"),
+    ),
+    "an unreadable kind of mesh": (
+        ("file: bar.msh", "file: project.yaml"),
+        ("project.yaml:6:", "'.yaml'", ".msh, .vtk"),
+    ),
+    "a missing data file": (("data/pull.csv", "data/push.csv"), ("project.yaml:26:", "no such data file", "pull.csv")),
+    "a missing column": (
+        ("name: Displacement", "name: Displacment"),
+        ("project.yaml:26: experiments.pull.files[0]", "pull.csv, line 1", "no column 'Displacment'", "'Displacement"),
+    ),
+    "an unknown channel": (("          tension:", "          tensoin:"), ("'tensoin'", "Try: 'tension'")),
+    "an unknown cable": (("    cable: front", "    cable: frnt"), ("experiments.pull.cable", "'frnt'", "Try: 'front'")),
+    "an unknown step": (("    noise:", "    prepare: [zeero]\n    noise:"), ("prepare[0]", "'zeero'", "Try: 'zero'")),
+}
+
+
+@pytest.mark.parametrize("case", [*UNITS, *KEYS, *MODEL])
+def test_a_project_with_one_fault(capsys: pytest.CaptureFixture[str], tmp_path: Path, case: str):
+    change, pieces = {**UNITS, **KEYS, **MODEL}[case]
+    err = refused(capsys, write_project(tmp_path, change), *pieces)
+    assert "faults" not in err, f"one mistake, several faults: {err}"
+
+
+def lines(change: Callable[[list[str]], None]) -> str:
+    rows = bench_csv().splitlines()
+    change(rows)
+    return "\n".join(rows) + "\n"
+
+
+def put(row: int, column: int, value: str) -> str:
+    def change(rows: list[str]) -> None:
+        cells = rows[row].split(",")
+        cells[column] = value
+        rows[row] = ",".join(cells)
+
+    return lines(change)
+
+
+DATA: dict[str, tuple[Callable[[], str], tuple[str, ...]]] = {
+    "text in a number column": (lambda: put(4, 2, "overload"), ("column 'Force [N]', line 5", "'overload'", "numbers")),
+    "NaN in a number column": (lambda: put(4, 2, "NaN"), ("column 'Force [N]', line 5", "'NaN'")),
+    "nothing in a number column": (lambda: put(7, 1, ""), ("column 'Displacement [mm]', line 8", "got nothing")),
+    "time that runs backwards": (
+        lambda: put(9, 0, "0.05"),
+        ("time runs backwards", "column 'Time [s]', line 10", "'0.05' after"),
+    ),
+    "an empty file": (lambda: "", ("pull.csv", "empty")),
+    "only a header": (lambda: bench_csv().splitlines()[0] + "\n", ("pull.csv",)),
+    "two columns of one name": (
+        lambda: bench_csv().replace("Pitch [deg]", "Force [N]"),
+        ("2 columns go by the name 'Force'",),
+    ),
+}
+
+
+@pytest.mark.parametrize("case", DATA)
+def test_a_data_file_with_a_fault(capsys: pytest.CaptureFixture[str], tmp_path: Path, case: str):
+    data, pieces = DATA[case]
+    refused(capsys, write_project(tmp_path, data=data()), "project.yaml:26: experiments.pull.files[0]", *pieces)
+
+
+def test_all_faults_of_a_data_file_and_of_the_project_at_once(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    data = put(4, 2, "overload").replace("Pitch", "Tilt")
+    path = write_project(tmp_path, ("element: P1", "element: Q1"), ("[0 mm, 5 mm]", "[5 mm, 0 mm]"), data=data)
+    err = refused(capsys, path, "4 faults", "'overload'", "no column 'Pitch'", "'Q1'", "reversed")
+    assert len(err.strip().splitlines()) == 5
+
+
+@pytest.mark.parametrize(
+    ("mesh", "piece"),
+    [
+        (b"", "empty"),
+        (b"nonsense\n", "cannot be read"),
+        (b"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n1\n1 0 0 0\n$EndNodes\n", "bar.msh"),
+    ],
+)
+def test_a_mesh_that_cannot_be_read(capsys: pytest.CaptureFixture[str], tmp_path: Path, mesh: bytes, piece: str):
+    refused(capsys, write_project(tmp_path, mesh=mesh), "project.yaml:6: robot.bodies.bar.mesh", piece)
+
+
+def test_a_mesh_without_tets(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    import meshio
+
+    path = write_project(tmp_path)
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    meshio.write(tmp_path / "bar.msh", meshio.Mesh(points, [("triangle", np.array([[0, 1, 2]]))]), file_format="gmsh22")
+    capsys.readouterr()
+    refused(capsys, path, "project.yaml:6:", "no tetrahedra", "triangle")
+
+
+def test_a_mesh_with_an_inverted_tet(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    from project_case import bar_mesh
+
+    from softcal.geometry.mesh import TetMesh
+
+    mesh = bar_mesh(in_millimetres=True)
+    tets = mesh.tets.copy()
+    tets[7] = tets[7][[0, 2, 1, 3]]
+    path = write_project(tmp_path)
+    write_mesh(TetMesh(mesh.points, tets, node_sets={"z1": mesh.node_sets["z1"]}), tmp_path / "bar.msh")
+    refused(capsys, path, "project.yaml:6:", "1 of 192 tets are inverted", "7")
+
+
+def test_no_free_parameter(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    path = write_project(tmp_path)
+    text = path.read_text()
+    path.write_text(text[: text.index("parameters:")] + text[text.index("calibration:") :])
+    refused(capsys, path, "no free parameter", "bounds:")
+
+
+def test_force_in_kilonewtons_by_mistake_is_warned_of(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    from softcal.report import check_figures
+    from softcal.report.scene_render import Rendering
+
+    monkeypatch.setattr(check_figures, "render_scenes", lambda *_: Rendering((), ""))
+    data = bench_csv().replace("Force [N]", "Force").replace("Displacement [mm]", "Displacement")
+    path = write_project(tmp_path, ("{name: Force, unit: N}", "{name: Force, unit: kN}"), data=data)
+    code, _, err = run(capsys, "check", path, "--out", tmp_path / "look")
+    assert code == 0
+    assert "Warning: project.yaml:22: experiments.pull: the stiffness dT/dd is" in err
+    assert "kN" in err
+    assert "implausible beside the twin's" in err
+
+
+def test_plausible_data_are_not_warned_of(tmp_path: Path):
+    from softcal.project.checking import check
+    from softcal.project.project import load
+
+    assert check(load(write_project(tmp_path))).warnings == ()
+
+
+@pytest.mark.parametrize("value", ["bar.youngs_modulus", "=2MPa", "bar.youngs_modulus="])
+def test_a_set_that_sets_nothing(capsys: pytest.CaptureFixture[str], tmp_path: Path, value: str):
+    path = write_project(tmp_path)
+    code, _, err = run(capsys, "simulate", path, "--set", value, "--out", tmp_path / "out")
+    assert code == 2
+    assert "NAME=VALUE" in err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "piece"),
+    [
+        (("--set", "bar.young=1MPa"), "bar.youngs_modulus"),
+        (("--set", "bar.youngs_modulus=1"), "unit is missing"),
+        (("--set", "bar.poissons_ratio=0.5"), "0.4999"),
+        (("--experiment", "push"), "allowed: pull"),
+        (("--pull", "left=4mm"), "allowed: front"),
+        (("--pull", "front=4"), "a cable and a length or force"),
+        (("--pull", "front=-4 mm"), "above zero"),
+        (("--pull", "front=4mm", "--experiment", "pull"), "exclude each other"),
+    ],
+)
+def test_simulate_with_bad_options(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: tuple[str, ...], piece: str
+):
+    code, _, err = run(capsys, "simulate", write_project(tmp_path), *arguments, "--out", tmp_path / "out")
+    assert code == 2
+    assert piece in err
+    assert "Traceback" not in err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "arguments", [("--method", "simplex"), ("--fit", "some"), ("--trials", "0"), ("--workers", "0")]
+)
+def test_calibrate_with_bad_options(capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: tuple[str, ...]):
+    code, _, err = run(capsys, "calibrate", write_project(tmp_path), *arguments, "--out", tmp_path / "out")
+    assert code == 2
+    assert arguments[0].strip("-") in err
+    assert "Traceback" not in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_project_file_that_is_not_there(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    code, _, err = run(capsys, "check", tmp_path / "none.yaml")
+    assert code == 2
+    assert "none.yaml" in err
+    assert "No such file" in err
+
+
+def test_a_report_of_what_is_no_run(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    code, _, err = run(capsys, "report", tmp_path)
+    assert code == 2
+    assert "there is no run here" in err
+
+
+@pytest.mark.parametrize("record", ["", "{", "[]", '{"format": 9}', json.dumps({"format": 1})])
+def test_a_run_with_a_broken_record(capsys: pytest.CaptureFixture[str], tmp_path: Path, record: str):
+    (tmp_path / "run.json").write_text(record)
+    code, _, err = run(capsys, "report", tmp_path)
+    assert code == 2
+    assert "run.json" in err
+    assert "Traceback" not in err
+
+
+@pytest.mark.parametrize("command", ["simulate", "calibrate"])
+def test_a_folder_with_files_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path, command: str):
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "precious.txt").write_text("mine")
+    code, _, err = run(capsys, command, write_project(tmp_path / "p"), "--out", out)
+    assert code == 2
+    assert "nothing is overwritten" in err
+    assert "precious.txt" in err
+    assert [path.name for path in out.iterdir()] == ["precious.txt"]
+
+
+@pytest.mark.parametrize("command", ["simulate", "calibrate"])
+def test_a_file_in_the_place_of_the_folder(capsys: pytest.CaptureFixture[str], tmp_path: Path, command: str):
+    (tmp_path / "out").write_text("mine")
+    code, _, err = run(capsys, command, write_project(tmp_path / "p"), "--out", tmp_path / "out")
+    assert code == 2
+    assert "this is a file" in err
+
+
+@pytest.mark.parametrize("command", ["check", "simulate", "calibrate"])
+def test_a_folder_that_cannot_be_written(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, command: str, monkeypatch: pytest.MonkeyPatch
+):
+    # Root may write anywhere, so the system's refusal is put in its place.
+    def no(*_: object, **__: object) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr(output.tempfile, "mkdtemp", no)
+    monkeypatch.setattr(output.tempfile, "TemporaryFile", no)
+    code, _, err = run(capsys, command, write_project(tmp_path / "p"), "--out", tmp_path / "out")
+    assert code == 2
+    assert "Permission denied" in err
+    assert "Traceback" not in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_disk_that_fills_up_leaves_nothing_half(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("softcal.project.run_folder.shutil.copyfile", full)
+    code, _, err = run(capsys, "calibrate", write_project(tmp_path / "p"), "--out", tmp_path / "out")
+    assert code == 2
+    assert "No space left on device" in err
+    assert [path.name for path in tmp_path.iterdir()] == ["p"]
+
+
+def test_the_good_project_is_not_refused(tmp_path: Path):
+    from softcal.project.project import load
+
+    assert load(write_project(tmp_path)).warnings == ()
+    assert len(bench_values()[0]) == 25

@@ -1,0 +1,266 @@
+"""load: sections to robot, experiments and search space; every fault at once, each with its place."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from project_case import MODULUS, bar_robot, bench_csv, bench_values, write_project
+
+from softcal.calibration.experiment import Pulleys
+from softcal.errors import ParameterError, ProjectFileError
+from softcal.geometry.neck import NeckShape
+from softcal.project.meshes import LENGTHS, neck_shape
+from softcal.project.project import Project, load
+from softcal.project.schema import MeshNeck
+
+
+def faults_of(path: Path, **options: object) -> list[str]:
+    with pytest.raises(ProjectFileError) as error:
+        load(path, **options)
+    return [str(fault) for fault in error.value.faults]
+
+
+@pytest.fixture
+def project(tmp_path: Path) -> Project:
+    return load(write_project(tmp_path))
+
+
+def test_the_robot_is_the_one_described(project: Project):
+    robot, expected = project.robot, bar_robot(2e6)
+    assert robot.bodies[0].parameters == {"youngs_modulus": 2e6, "poissons_ratio": 0.42}
+    assert robot.bodies[0].element == "P1"
+    np.testing.assert_allclose(robot.bodies[0].mesh.points, expected.bodies[0].mesh.points, atol=1e-15)
+    np.testing.assert_array_equal(robot.bodies[0].fixed, expected.bodies[0].fixed)
+    np.testing.assert_array_equal(robot.plates[0].nodes["bar"], expected.plates[0].nodes["bar"])
+    np.testing.assert_allclose(robot.cables[0].via_points[0].at, [0.03, 0, 0.1])
+    assert robot.cables[0].via_points[0].on == "plate"
+
+
+def test_the_data_are_in_si_with_their_noise(project: Project):
+    data = project.experiments["pull"].dataset
+    _, shortening, tension, pitch = bench_values()
+    np.testing.assert_allclose(data.values("shortening"), np.array(shortening) / 1e3, atol=1e-9)
+    np.testing.assert_allclose(data.values("tension"), tension, atol=1e-6)
+    np.testing.assert_allclose(data.values("pitch"), np.deg2rad(pitch), atol=1e-7)
+    assert data.channels["tension"].sigma == 0.05
+    assert data.channels["pitch"].sigma == pytest.approx(math.radians(0.2))
+    assert project.experiments["pull"].compared == ("tension", "pitch")
+
+
+def test_the_search_space(project: Project):
+    space = project.space
+    assert space is not None
+    assert space.labels == ("bar.youngs_modulus", "front.slack[pull]")
+    assert (space.parameters[0].lower, space.parameters[0].upper, space.parameters[0].scale) == (1e5, 4e7, "log")
+    assert (space.parameters[1].lower, space.parameters[1].upper) == (0.0, 0.005)
+
+
+def test_hashes_of_all_that_was_read(project: Project):
+    assert set(project.hashes) == {"project.yaml", "bar.msh", "data/pull.csv"}
+    assert all(len(value) == 64 for value in project.hashes.values())
+
+
+def test_held_values_are_no_longer_free(tmp_path: Path):
+    path = write_project(tmp_path)
+    project = load(path, values={"bar.youngs_modulus": "1.5MPa", "front.slack": 0.001})
+    assert project.robot.bodies[0].parameters["youngs_modulus"] == 1.5e6
+    assert project.experiments["pull"].rig.slack == 0.001
+    assert project.space is None
+    assert project.held == {"bar.youngs_modulus": 1.5e6, "front.slack": 0.001}
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"bar.youngs_modulu": "1 MPa"}, "no such parameter.*bar.youngs_modulus"),
+        ({"bar.youngs_modulus": "1"}, "unit is missing"),
+        ({"bar.youngs_modulus": "1 mm"}, "unit does not fit"),
+        ({"bar.poissons_ratio": "0.5"}, "outside its allowed range"),
+    ],
+)
+def test_held_values_that_do_not_fit(tmp_path: Path, values: dict[str, str], message: str):
+    with pytest.raises(ParameterError, match=message):
+        load(write_project(tmp_path), values=values)
+
+
+def test_pulleys_bring_the_tension_to_the_neck(tmp_path: Path):
+    rig = "rig:\n  pulleys: {count: 2, wrap: 180 deg, friction_coefficient: 0.1}\nexperiments:"
+    project = load(write_project(tmp_path, ("experiments:", rig)))
+    experiment = project.experiments["pull"]
+    assert experiment.rig.pulleys == Pulleys(2, math.pi, 0.1)
+    factor = math.exp(-2 * 0.1 * math.pi)
+    np.testing.assert_allclose(experiment.dataset.values("tension"), factor * np.array(bench_values()[2]), atol=1e-6)
+    np.testing.assert_allclose(project.records["pull"].values("tension"), bench_values()[2], atol=1e-6)
+    assert "pulleys.friction_coefficient" in project.parameters
+
+
+def test_held_friction_prepares_the_data_too(tmp_path: Path):
+    rig = "rig:\n  pulleys: {count: 2, wrap: 180 deg, friction_coefficient: 0.1}\nexperiments:"
+    path = write_project(tmp_path, ("experiments:", rig))
+    data = load(path, values={"pulleys.friction_coefficient": "0"}).experiments["pull"].dataset
+    np.testing.assert_allclose(data.values("tension"), bench_values()[2], atol=1e-6)
+
+
+def test_friction_is_not_taken_off_twice(tmp_path: Path):
+    rig = "rig:\n  pulleys: {wrap: 180 deg, friction_coefficient: 0.1}\nexperiments:"
+    step = (
+        "    prepare: [correct_pulley_friction: {n_pulleys: 2, friction_coefficient: 0.1}]\n"
+        "    noise: {tension: 0.05 N, pitch: 0.2 deg}"
+    )
+    path = write_project(tmp_path, ("experiments:", rig), ("    noise: {tension: 0.05 N, pitch: 0.2 deg}", step))
+    assert "taken off twice" in faults_of(path)[0]
+
+
+def test_preparation_steps_are_applied_in_order(tmp_path: Path):
+    steps = (
+        "    prepare:\n      - window: {channel: shortening, lower: 4 mm}\n      - resample: {by: shortening, n: 5}\n"
+    )
+    data = load(write_project(tmp_path, ("    noise:", steps + "    noise:"))).experiments["pull"].dataset
+    assert data.n_samples == 5
+    assert data.values("shortening")[0] >= 0.004
+    assert [step.name for step in data.provenance][:3] == ["read_table", "window", "resample"]
+
+
+def test_a_fault_of_a_step_is_placed_at_its_setting(tmp_path: Path):
+    steps = "    prepare:\n      - window: {channel: shortening, lower: 4 N}\n      - resampel: {n: 5}\n"
+    told = faults_of(write_project(tmp_path, ("    noise:", steps + "    noise:")))
+    assert told[0].startswith(
+        "project.yaml:33: experiments.pull.prepare[0].window.lower: the unit does not fit; got 'N'"
+    )
+    assert told[1].startswith("project.yaml:34: experiments.pull.prepare[1]: unknown preparation step")
+    assert "'resample'" in told[1]
+
+
+TWO_FILES = (
+    "          tension: {name: Force, unit: N}\n          pitch: {name: Pitch, unit: deg}\n",
+    "          tension: {name: Force, unit: N}\n"
+    "      - path: data/pull.csv\n"
+    "        columns: {time: {name: Time}, pitch: {name: Pitch, unit: deg}}\n",
+)
+
+
+def test_two_files_need_a_word_on_their_clocks(tmp_path: Path):
+    (told,) = faults_of(write_project(tmp_path, TWO_FILES))
+    assert "how the clocks of the files are related" in told
+    assert "one clock" in told
+
+
+def test_two_files_on_one_clock(tmp_path: Path):
+    path = write_project(tmp_path, TWO_FILES, ("    noise:", "    synchronise: one clock\n    noise:"))
+    data = load(path).experiments["pull"].dataset
+    np.testing.assert_allclose(data.values("pitch"), np.deg2rad(bench_values()[3]), atol=1e-7)
+    assert "merge_on_one_clock" in [step.name for step in data.provenance]
+
+
+def test_faults_of_all_sections_come_at_once_in_the_order_of_the_lines(tmp_path: Path):
+    path = write_project(
+        tmp_path,
+        ("youngs_modulus: 2 MPa", "youngs_modulus: 2"),
+        ("poissons_ratio: 0.42", "poisson_ratio: 0.42\n      poissons_ratio: 0.5"),
+        ("region: head", "region: haed"),
+        ("name: Displacement", "name: Displacment"),
+        ("bounds: [0.1 MPa, 40 MPa]", "bounds: [40 MPa, 0.1 MPa]"),
+        ("infill: 0.3", "infill: 1.3"),
+        ("calibration: {method", "calibrate: {}\ncalibration: {methd"),
+    )
+    told = "\n".join(faults_of(path))
+    for piece in (
+        "project.yaml:8: robot.bodies.bar.youngs_modulus: the unit is missing; got 2",
+        "project.yaml:9: robot.bodies.bar.poisson_ratio: unknown key",
+        "Try: 'poissons_ratio'",
+        "project.yaml:10: robot.bodies.bar.poissons_ratio: Poisson's ratio is out of range",
+        "no column 'Displacment'",
+        "bar.youngs_modulus: the bounds are reversed or equal",
+        "calibrate: unknown key",
+        "calibration.methd: unknown key",
+        "print: infill: the infill is no fraction",
+    ):
+        assert piece in told
+    lines = [int(line.split(":")[1]) for line in told.splitlines()]
+    assert lines == sorted(lines)
+
+
+def test_names_are_resolved_with_the_nearest_known(tmp_path: Path):
+    path = write_project(
+        tmp_path,
+        ("region: head", "region: haed"),
+        ("fixed: foot", "fixed: fot"),
+        ("    cable: front", "    cable: frnt"),
+        ("on: plate", "on: plat"),
+    )
+    told = "\n".join(faults_of(path))
+    for name in ("'head'", "'foot'", "'front'", "'plate'"):
+        assert f"Try: {name}" in told
+
+
+def test_an_unknown_parameter_and_what_is_known(tmp_path: Path):
+    (told,) = faults_of(write_project(tmp_path, ("  front.slack:", "  front.slak:")))
+    assert told.startswith("project.yaml:35: parameters.front.slak: there is no such parameter")
+    assert "front.slack" in told
+
+
+def test_a_project_without_experiments_can_be_simulated(tmp_path: Path):
+    path = write_project(tmp_path)
+    text = path.read_text()
+    path.write_text(text[: text.index("experiments:")])
+    project = load(path)
+    assert project.space is None
+    assert not project.experiments
+
+
+def test_nothing_may_be_both_fixed_and_on_the_plate(tmp_path: Path):
+    told = faults_of(write_project(tmp_path, ("region: head", "region: foot")))
+    assert "both fixed and tied to the plate" in told[0]
+
+
+def test_something_must_be_fixed(tmp_path: Path):
+    told = "\n".join(faults_of(write_project(tmp_path, ("      fixed: foot\n", ""))))
+    assert "nothing holds the robot" in told
+
+
+def test_a_point_load_and_a_surface_load(tmp_path: Path):
+    loads = (
+        "  loads:\n"
+        "    weight: {on: plate, at: [0 mm, 0 mm, 100 mm], force: [0 N, 0 N, -5 N]}\n"
+        "    wind: {on: bar, region: x1, traction: [1 kPa, 0 Pa, 0 Pa]}\n"
+        "  gravity: [0 m/s^2, 0 m/s^2, -9.81 m/s^2]\n"
+        "experiments:"
+    )
+    robot = load(write_project(tmp_path, ("experiments:", loads))).robot
+    np.testing.assert_allclose(robot.loads[0].force, [0, 0, -5])
+    np.testing.assert_allclose(robot.loads[1].traction, [1000, 0, 0])
+    np.testing.assert_allclose(robot.bodies[0].mesh.points[robot.loads[1].faces][..., 0], 0.01)
+    np.testing.assert_allclose(robot.gravity, [0, 0, -9.81])
+
+
+def test_a_load_that_is_neither(tmp_path: Path):
+    loads = "  loads: {odd: {on: bar, at: [0 mm, 0 mm, 5 mm]}}\nexperiments:"
+    (told,) = faults_of(write_project(tmp_path, ("experiments:", loads)))
+    assert "a force at a point or a traction on a region" in told
+
+
+def test_every_length_of_the_neck_can_be_told():
+    lengths = {field.name for field in dataclasses.fields(NeckShape)} - {"outer_diameter"}
+    assert set(LENGTHS) == lengths
+    assert lengths | {"outer_diameter"} <= set(MeshNeck.model_fields)
+    section = MeshNeck.model_validate(
+        {"primitive": "neck", "outer_diameter": "40 mm", "waist_diameter": "20 mm", "tets": 9}
+    )
+    expected = dataclasses.replace(NeckShape.of_diameter(0.04), waist_diameter=0.02)
+    assert neck_shape(section) == expected
+
+
+def test_copies_stand_in_for_the_files(tmp_path: Path):
+    path = write_project(tmp_path / "original")
+    moved = tmp_path / "moved"
+    moved.mkdir()
+    (moved / "project.yaml").write_text(path.read_text())
+    (moved / "mesh.msh").write_bytes((path.parent / "bar.msh").read_bytes())
+    (moved / "table.csv").write_text(bench_csv())
+    project = load(moved / "project.yaml", copies={"bar.msh": "mesh.msh", "data/pull.csv": "table.csv"})
+    assert project.hashes == load(path).hashes
+    assert project.robot.bodies[0].parameters["youngs_modulus"] != MODULUS

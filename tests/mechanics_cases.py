@@ -64,9 +64,7 @@ def elastic(E: float = 1.0e6, nu: float = 0.3) -> dict[str, float]:
     return {"youngs_modulus": E, "poissons_ratio": nu}
 
 
-def solid_system(
-    mesh: TetMesh, element: str, law: Law, fixed: np.ndarray, force: np.ndarray | None = None
-) -> System:
+def solid_system(mesh: TetMesh, element: str, law: Law, fixed: np.ndarray, force: np.ndarray | None = None) -> System:
     """One body "body" without plates or cables, the nodes `fixed` prescribed, forces (n_points, 3) [N] on the rest.
 
     Fixed points stay where a state has them, so prescribing a displacement is moving them in the state.
@@ -197,10 +195,7 @@ def moved_points(robot: Robot, turn: Callable[[np.ndarray], np.ndarray], rotatio
         for b in robot.bodies
     )
     plates = tuple(
-        replace(p, reference=turn(p.reference), centre_of_mass=turn(np.asarray(p.centre_of_mass)))
-        for p in robot.plates
+        replace(p, reference=turn(p.reference), centre_of_mass=turn(np.asarray(p.centre_of_mass))) for p in robot.plates
     )
-    cables = tuple(
-        replace(c, via_points=tuple(replace(v, at=turn(v.at)) for v in c.via_points)) for c in robot.cables
-    )
+    cables = tuple(replace(c, via_points=tuple(replace(v, at=turn(v.at)) for v in c.via_points)) for c in robot.cables)
     return replace(robot, bodies=bodies, plates=plates, cables=cables, gravity=rotation @ robot.gravity)

@@ -46,9 +46,7 @@ def calculix_displacements(mesh: TetMesh, forces: np.ndarray, fixed: np.ndarray,
         "*END STEP", "",
     ]  # fmt: skip
     (folder / "bar.inp").write_text("\n".join(deck))
-    done = subprocess.run(
-        [str(CCX), "-i", "bar"], cwd=folder, capture_output=True, text=True, timeout=120, check=False
-    )
+    done = subprocess.run([str(CCX), "-i", "bar"], cwd=folder, capture_output=True, text=True, timeout=120, check=False)
     text = (folder / "bar.dat").read_text() if (folder / "bar.dat").exists() else ""
     assert "for set ALL and time  0.1000000E+01" in text, done.stdout[-2000:]
     rows = text.split("for set ALL and time  0.1000000E+01")[1].split("\n")[1:]

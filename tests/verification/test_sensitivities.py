@@ -50,7 +50,11 @@ def test_sensitivities_are_the_differences(element, drive, nu):
         for channel in CHANNELS:
             got = response.sensitivities[channel][name]
             np.testing.assert_allclose(
-                got, expected[channel], rtol=1e-5, atol=1e-5 * np.abs(expected[channel]).max(), err_msg=f"{channel} {name}"
+                got,
+                expected[channel],
+                rtol=1e-5,
+                atol=1e-5 * np.abs(expected[channel]).max(),
+                err_msg=f"{channel} {name}",
             )
     moving = "plate.pitch" if drive == "tension" else "front.tension"
     assert all(np.all(response.sensitivities[moving][name] != 0.0) for name in NAMES)

@@ -184,9 +184,7 @@ def test_jacobian_of_the_gradient_is_symmetric_and_is_the_tangent(element, law, 
     for j in range(n):
         dz = np.zeros(layout.n_unknowns)
         dz[j] = 1e-4 * unit[j]
-        ends = [
-            system.linearise(moved(layout, state, s * dz), controls, theta, tangent=False).reduced for s in (1, -1)
-        ]
+        ends = [system.linearise(moved(layout, state, s * dz), controls, theta, tangent=False).reduced for s in (1, -1)]
         jacobian[:, j] = (ends[0] - ends[1])[:n] / 2e-4 * unit[:n]
     K = (unit[:, None] * K * unit)[:n, :n]
     scale = np.abs(K).max()

@@ -1,0 +1,83 @@
+"""Shape functions and quadrature of tetrahedra, and the solid's bookkeeping on them."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mechanics_cases import elastic, irregular_box, solid_system
+
+from softcal.errors import MeshError
+from softcal.geometry.primitives import box_mesh
+from softcal.materials.neo_hooke import NEO_HOOKE
+from softcal.mechanics.element import quadrature, reference_gradients, shape_functions, shape_gradients
+
+CORNERS = np.eye(4)
+EDGES = 0.5 * (CORNERS[[0, 1, 0, 0, 1, 2]] + CORNERS[[1, 2, 2, 3, 3, 3]])
+barycentric = st.lists(st.floats(0.01, 1.0), min_size=4, max_size=4).map(lambda v: np.array([v]) / sum(v))
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_shape_functions_are_one_at_their_node_and_zero_at_the_others(order):
+    nodes = CORNERS if order == 1 else np.vstack([CORNERS, EDGES])
+    np.testing.assert_allclose(shape_functions(nodes, order), np.eye(len(nodes)), atol=1e-15)
+
+
+@given(barycentric, st.sampled_from([1, 2]))
+def test_shape_functions_sum_to_one(at, order):
+    assert shape_functions(at, order).sum() == pytest.approx(1.0)
+
+
+@given(barycentric, st.sampled_from([1, 2]))
+def test_gradients_are_those_of_the_functions(at, order):
+    h = 1e-6
+    for k in range(4):
+        d = np.zeros((1, 4))
+        d[0, k] = h
+        slope = (shape_functions(at + d, order) - shape_functions(at - d, order)) / (2 * h)
+        np.testing.assert_allclose(shape_gradients(at, order)[:, :, k], slope, atol=1e-9)
+
+
+@pytest.mark.parametrize(("order", "degree"), [(1, 1), (2, 2)])
+def test_quadrature_is_exact_to_its_degree(order, degree):
+    """Integral of x^i y^j z^k over the unit tet: i! j! k! / (i + j + k + 3)!."""
+    from math import factorial
+
+    at, w = quadrature(order)
+    for i, j, k in np.ndindex(4, 4, 4):
+        got = np.sum(w * at[:, 1] ** i * at[:, 2] ** j * at[:, 3] ** k)
+        exact = factorial(i) * factorial(j) * factorial(k) / factorial(i + j + k + 3)
+        if i + j + k <= degree:
+            assert got == pytest.approx(exact, rel=1e-13)
+    cubic = np.sum(w * at[:, 1] ** (degree + 1))
+    assert cubic != pytest.approx(factorial(degree + 1) / factorial(degree + 4), rel=1e-6)
+
+
+@pytest.mark.parametrize("element", ["P1", "P2"])
+def test_weights_sum_to_the_volume_and_gradients_are_exact_for_affine_maps(element):
+    mesh = irregular_box((2.0, 3.0, 1.5), (2, 3, 2), element)
+    dN, w = reference_gradients(mesh.points, mesh.tets)
+    assert w.sum() == pytest.approx(9.0)
+    A = np.array([[1.0, 2.0, 3.0], [0.5, -1.0, 2.0], [0.0, 1.0, 1.0]])
+    F = np.einsum("eai,eqaj->eqij", (mesh.points @ A.T)[mesh.tets], dN)
+    np.testing.assert_allclose(F, np.broadcast_to(A, F.shape), atol=1e-12)
+
+
+def test_inverted_element_is_refused_by_number():
+    mesh = box_mesh((1.0, 1.0, 1.0), (1, 1, 1))
+    tets = mesh.tets.copy()
+    tets[3] = tets[3][[1, 0, 2, 3]]
+    with pytest.raises(MeshError, match=r"neck: 1 element\(s\) are inverted; got tets \[3\]"):
+        reference_gradients(mesh.points, tets, where="neck")
+
+
+@pytest.mark.parametrize("element", ["P1", "P2", "P2P1"])
+def test_energy_of_a_homogeneous_stretch_is_psi_times_volume(element):
+    mesh = irregular_box((2.0, 3.0, 1.5), (2, 2, 2), element)
+    (solid,) = solid_system(mesh, element, NEO_HOOKE, np.array([0])).solids
+    stretch, theta = np.array([1.2, 0.9, 1.1]), elastic(3.0, 0.35)
+    mu, lmbda = NEO_HOOKE.shear_modulus(theta), NEO_HOOKE.bulk_modulus(theta)
+    lnJ = np.log(np.prod(stretch))
+    psi = mu / 2 * (np.sum(stretch**2) - 3) - mu * lnJ + lmbda / 2 * lnJ**2
+    pressure = np.full(mesh.n_points, lmbda * lnJ)
+    got = solid.energy(pressure, solid.invariants(mesh.points * stretch), theta)
+    assert got == pytest.approx(9.0 * psi, rel=1e-12)

@@ -151,11 +151,11 @@ def run_gmsh(job: Mapping[str, Any], *, factor: float, where: str, timeout: floa
     source = str(Path(softcal.__file__).resolve().parent.parent)
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, [source, os.environ.get("PYTHONPATH")]))}
     with tempfile.TemporaryDirectory(prefix="softcal-") as folder:
-        out = Path(folder) / "mesh.npz"
+        mesh, fault = Path(folder) / "mesh.npz", Path(folder) / "fault.json"
         try:
             done = subprocess.run(
-                [sys.executable, "-P", "-m", "softcal.geometry.gmsh_worker", str(out)],
-                input=json.dumps({"options": OPTIONS, **job}),
+                [sys.executable, "-P", "-m", "softcal.geometry.gmsh_worker", folder],
+                input=json.dumps({"options": OPTIONS, "timeout": timeout, **job}),
                 capture_output=True,
                 text=True,
                 timeout=timeout,
@@ -171,23 +171,25 @@ def run_gmsh(job: Mapping[str, Any], *, factor: float, where: str, timeout: floa
                     attempt="a larger size, a smaller count, or a longer timeout",
                 )
             ) from error
-        if done.returncode or not out.is_file():
-            raise MeshError(_fault_of(done, where))
-        with np.load(out) as arrays:
+        if fault.is_file():
+            raise MeshError(_told(json.loads(fault.read_text()), where))
+        if done.returncode or not mesh.is_file():
+            raise MeshError(_crash(done, where))
+        with np.load(mesh) as arrays:
             return TetMesh(factor * arrays["points"], arrays["tets"])
 
 
-def _fault_of(done: subprocess.CompletedProcess[str], where: str) -> Fault:
-    try:
-        told = json.loads(done.stdout)
-    except json.JSONDecodeError:
-        last = (done.stderr or done.stdout).strip().splitlines()[-1:] or ["no message"]
-        end = f"signal {-done.returncode}" if done.returncode < 0 else f"exit code {done.returncode}"
-        return Fault("Gmsh crashed", where=where, got=f"{end}: {last[0]}", attempt="another size, or repair the model")
-    attempt = told["attempt"]
+def _told(fault: Mapping[str, str], where: str) -> Fault:
+    attempt = fault["attempt"]
     if attempt == "apt":
-        attempt = f"apt-get install {_apt_package(told['got'])}"
-    return Fault(told["fault"], where=where, got=told["got"], allowed=told["allowed"], attempt=attempt)
+        attempt = f"apt-get install {_apt_package(fault['got'])}"
+    return Fault(fault["fault"], where=where, got=fault["got"], allowed=fault["allowed"], attempt=attempt)
+
+
+def _crash(done: subprocess.CompletedProcess[str], where: str) -> Fault:
+    last = (done.stderr or done.stdout).strip().splitlines()[-1:] or ["no message"]
+    end = f"signal {-done.returncode}" if done.returncode < 0 else f"exit code {done.returncode}"
+    return Fault("Gmsh crashed", where=where, got=f"{end}: {last[0]}", attempt="another size, or repair the model")
 
 
 def _apt_package(message: str) -> str:

@@ -1,15 +1,17 @@
-"""Meshing in a process of its own: `python -m softcal.geometry.gmsh_worker OUT.npz`, the job as JSON on stdin.
+"""Meshing in a process of its own: `python -m softcal.geometry.gmsh_worker FOLDER`, the job as JSON on stdin.
 
 Gmsh is GPL, keeps global state and can crash or hang: nothing else in softcal may import it. The worker writes
-points and tets (VTK node order, unit of the job) to OUT.npz, or one JSON object {"fault", "got", "allowed",
-"attempt"} to stdout. It knows nothing of softcal, so that it can be run alone.
+mesh.npz (points in the job's unit, tets in VTK node order) into FOLDER, or fault.json with {"fault", "got",
+"allowed", "attempt"}. It knows nothing of softcal, so that it can be run alone.
 """
 
 from __future__ import annotations
 
 import json
 import math
+import signal
 import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,12 +21,20 @@ GMSH_TO_VTK = (0, 1, 2, 3, 4, 5, 6, 7, 9, 8)
 TET_TYPES = {1: (4, 4), 2: (11, 10)}
 # A target count is met when the mesh is this near to it; the search stops early when it is very near.
 COUNT_TOLERANCE, COUNT_GOAL, MAX_MESHES = 0.05, 0.03, 16
+# The search ends when sizes this near to each other give too few and too many tets.
+CLOSE = 0.99
+# More tets than anybody can compute with: a mistaken unit.
+MOST_TETS = 2e6
+# Quadratic tets whose Jacobian falls below this part of their greatest one are mended.
+LEAST_JACOBIAN = 0.1
+# Surfaces with fewer triangles than this are refined before they are split into faces.
+FEW_TRIANGLES = 400
 # Tetrahedra in a volume V meshed with edges of length s: about 6 sqrt(2) V / s^3.
 TETS_PER_CUBE = 6.0 * math.sqrt(2.0)
 
 
 class JobError(Exception):
-    """A job that cannot be done; its argument is what goes to stdout."""
+    """A job that cannot be done; its message goes to fault.json."""
 
     def __init__(self, fault: str, *, got: str = "", allowed: str = "", attempt: str = "") -> None:
         super().__init__(fault)
@@ -32,13 +42,18 @@ class JobError(Exception):
 
 
 def main() -> int:
+    """Do the job on stdin; the exit code says whether there is a mesh."""
     job = json.load(sys.stdin)
+    folder = Path(sys.argv[1])
+    if hasattr(signal, "alarm"):
+        # Where the parent was killed, nobody else would stop a Gmsh that hangs.
+        signal.alarm(math.ceil(job["timeout"]) + 10)
     try:
         points, tets = make_mesh(job)
     except JobError as error:
-        json.dump(error.message, sys.stdout)
+        (folder / "fault.json").write_text(json.dumps(error.message))
         return 1
-    np.savez(sys.argv[1], points=points, tets=tets)
+    np.savez(folder / "mesh.npz", points=points, tets=tets)
     return 0
 
 
@@ -50,10 +65,10 @@ def make_mesh(job: dict[str, Any]) -> tuple[Any, Any]:
         for option, value in job["options"].items():
             gmsh.option.setNumber(option, value)
         gmsh.option.setString("Geometry.OCCTargetUnit", "MM")
-        {"stl": load_stl, "step": load_step, "revolution": build_revolution}[job["kind"]](gmsh, job)
+        LOADERS[job["kind"]](gmsh, job)
         mesh_to_target(gmsh, job)
         if job["order"] == 2:
-            gmsh.model.mesh.setOrder(2)
+            curve(gmsh)
         return collect(gmsh, job["order"])
     except JobError:
         raise
@@ -64,6 +79,7 @@ def make_mesh(job: dict[str, Any]) -> tuple[Any, Any]:
 
 
 def import_gmsh() -> Any:
+    """The module, or a fault that says what is missing."""
     try:
         import gmsh
     except ImportError as error:
@@ -74,6 +90,7 @@ def import_gmsh() -> Any:
 
 
 def load_stl(gmsh: Any, job: dict[str, Any]) -> None:
+    """The volume inside a closed surface of triangles, split into faces at its sharp edges."""
     gmsh.merge(job["path"])
     corners, nodes = surface_triangles(gmsh)
     if len(nodes) == 0:
@@ -87,6 +104,9 @@ def load_stl(gmsh: Any, job: dict[str, Any]) -> None:
             allowed="a closed surface, two triangles at every edge",
             attempt="repair it in the CAD program and export it again",
         )
+    if len(nodes) < FEW_TRIANGLES:
+        # Gmsh never comes back from a face that is a single triangle.
+        gmsh.model.mesh.refine()
     gmsh.model.mesh.classifySurfaces(math.radians(job["feature_angle"]), True, True, math.pi)
     gmsh.model.mesh.createGeometry()
     surfaces = [tag for _, tag in gmsh.model.getEntities(2)]
@@ -96,6 +116,7 @@ def load_stl(gmsh: Any, job: dict[str, Any]) -> None:
 
 
 def load_step(gmsh: Any, job: dict[str, Any]) -> None:
+    """The solids of a CAD model, sharing their faces where they touch."""
     volumes = [shape for shape in gmsh.model.occ.importShapes(job["path"]) if shape[0] == 3]
     if not volumes:
         raise JobError("the file holds no solid", allowed="one or more solids", attempt="export solids, not surfaces")
@@ -137,55 +158,90 @@ def build_revolution(gmsh: Any, job: dict[str, Any]) -> None:
     job["volume"] = sum(occ.getMass(3, tag) for _, tag in gmsh.model.getEntities(3))
 
 
+LOADERS = {"stl": load_stl, "step": load_step, "revolution": build_revolution}
+
+
 def mesh_to_target(gmsh: Any, job: dict[str, Any]) -> None:
     """Mesh with linear tets at the target size, or search the size that gives the target count."""
     if job["size"] is not None:
+        expected = TETS_PER_CUBE * job["volume"] / job["size"] ** 3
+        if expected > MOST_TETS:
+            raise JobError(
+                "the target size is too small",
+                got=f"a size that gives about {expected:.2g} tets",
+                allowed=f"at most {MOST_TETS:.0e} tets",
+                attempt="check the unit of the model and of the size",
+            )
         mesh_at(gmsh, job, job["size"])
         return
-    target = job["count"]
-    size = (TETS_PER_CUBE * job["volume"] / target) ** (1 / 3)
+    target, volume = job["count"], job["volume"]
+    size = (TETS_PER_CUBE * volume / target) ** (1 / 3)
     tried: dict[float, int] = {}
-    for _ in range(MAX_MESHES):
+    while len(tried) < MAX_MESHES:
         tried[size] = mesh_at(gmsh, job, size)
         if abs(tried[size] / target - 1) <= COUNT_GOAL:
             return
-        size = next_size(tried, target)
+        coarse = min((size for size, count in tried.items() if count < target), default=math.inf)
+        fine = max((size for size, count in tried.items() if count > target), default=0.0)
+        size = next_size(tried, target, fine, coarse)
+        if fine > CLOSE * coarse or fine > largest_size(gmsh):
+            break
     best = min(tried, key=lambda size: abs(tried[size] / target - 1))
     if abs(tried[best] / target - 1) > COUNT_TOLERANCE:
+        reached = sorted(set(tried.values()), key=lambda count: abs(count - target))[:4]
         raise JobError(
             f"no mesh of about {target} tets was found",
             got=f"{tried[best]} tets at best",
-            allowed=f"what the shape permits, here {min(tried.values())} to {max(tried.values())} were reached",
+            allowed="what the shape permits, such as " + ", ".join(map(str, sorted(reached))),
             attempt="another count, or a size",
         )
     mesh_at(gmsh, job, best)
 
 
-def next_size(tried: dict[float, int], target: int) -> float:
-    """Secant on log(count) over log(size), kept inside the bracket where there is one."""
-    coarse = [size for size, count in tried.items() if count < target]
-    fine = [size for size, count in tried.items() if count > target]
-    nearest = sorted(tried, key=lambda size: abs(math.log(max(tried[size], 1) / target)))
+def next_size(tried: dict[float, int], target: int, fine: float, coarse: float) -> float:
+    """Secant on log(count) over log(size), inside the bracket of a too fine and a too coarse size."""
+    a, *others = sorted(tried, key=lambda size: abs(math.log(tried[size] / target)))
     slope = -3.0
-    if len(nearest) > 1 and tried[nearest[0]] != tried[nearest[1]]:
-        a, b = nearest[:2]
-        slope = math.log(tried[a] / tried[b]) / math.log(a / b)
-        slope = min(max(slope, -6.0), -1.0)
-    size = nearest[0] * (target / max(tried[nearest[0]], 1)) ** (1 / slope)
-    if coarse and fine and not max(fine) < size < min(coarse):
-        size = math.sqrt(max(fine) * min(coarse))
-    return size * 1.003 if size in tried else size
+    if others and tried[a] != tried[others[0]]:
+        slope = math.log(tried[a] / tried[others[0]]) / math.log(a / others[0])
+        slope = min(max(slope, -6.0), -1.5)
+    size = a * (target / tried[a]) ** (1 / slope)
+    if not fine < size < coarse:
+        size = math.sqrt(fine * coarse) if fine > 0 and coarse < math.inf else size * 1.1
+    return size
+
+
+def largest_size(gmsh: Any) -> float:
+    """The diagonal of the model: no size beyond it makes a difference."""
+    box = gmsh.model.getBoundingBox(-1, -1)
+    return math.dist(box[:3], box[3:])
 
 
 def mesh_at(gmsh: Any, job: dict[str, Any], size: float) -> int:
     """Number of tets of a mesh of this target size, finer near the circles of job["refine"]."""
-    gmsh.model.mesh.clear()
+    if job["kind"] == "stl" and gmsh.model.mesh.getElementsByType(TET_TYPES[1][0])[0].size:
+        # A surface of triangles is itself a mesh, which clearing would lose.
+        gmsh.clear()
+        load_stl(gmsh, job)
+    elif job["kind"] != "stl":
+        gmsh.model.mesh.clear()
     gmsh.option.setNumber("Mesh.MeshSizeMin", 0.0)
     gmsh.option.setNumber("Mesh.MeshSizeMax", size)
     if job.get("refine"):
         set_grading(gmsh, job["refine"], size)
     gmsh.model.mesh.generate(3)
-    return len(gmsh.model.mesh.getElementsByType(TET_TYPES[1][0])[0])
+    count = len(gmsh.model.mesh.getElementsByType(TET_TYPES[1][0])[0])
+    if count == 0:
+        raise JobError("Gmsh made no tetrahedra", got=gmsh.logger.getLastError())
+    return count
+
+
+def curve(gmsh: Any) -> None:
+    """Quadratic tets on the curved surface, mended where that turned one inside out."""
+    gmsh.model.mesh.setOrder(2)
+    tags, _ = gmsh.model.mesh.getElementsByType(TET_TYPES[2][0])
+    if min(gmsh.model.mesh.getElementQualities(tags, "minSJ")) < LEAST_JACOBIAN:
+        gmsh.model.mesh.optimize("HighOrder")
 
 
 def set_grading(gmsh: Any, refine: dict[str, Any], size: float) -> None:
@@ -218,8 +274,6 @@ def collect(gmsh: Any, order: int) -> tuple[Any, Any]:
     """Points and tets of the mesh, numbered densely, only points that tets use."""
     kind, n_nodes = TET_TYPES[order]
     _, connectivity = gmsh.model.mesh.getElementsByType(kind)
-    if len(connectivity) == 0:
-        raise JobError("Gmsh made no tetrahedra", got=gmsh.logger.getLastError())
     used, tets = np.unique(np.asarray(connectivity, dtype=np.int64), return_inverse=True)
     tets = tets.reshape(-1, n_nodes)
     tags, xyz, _ = gmsh.model.mesh.getNodes()

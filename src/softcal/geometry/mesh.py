@@ -51,10 +51,12 @@ class TetMesh:
 
     @property
     def n_points(self) -> int:
+        """Number of nodes, mid-edge nodes included."""
         return len(self.points)
 
     @property
     def n_tets(self) -> int:
+        """Number of tetrahedra."""
         return len(self.tets)
 
     @property

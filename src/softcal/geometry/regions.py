@@ -42,6 +42,7 @@ class Box:
             )
 
     def contains(self, points: Floats, slack: float) -> Mask:
+        """Which points (n, 3) [m] lie between the corners, give or take `slack` [m]."""
         low, high = np.asarray(self.lower) - slack, np.asarray(self.upper) + slack
         return np.all((points >= low) & (points <= high), axis=1)
 
@@ -65,6 +66,7 @@ class Plane:
             raise MeshError(Fault("a plane's side is unknown", got=f"'{self.side}'", allowed="on, above, below"))
 
     def contains(self, points: Floats, slack: float) -> Mask:
+        """Which points (n, 3) [m] lie on the asked side of it, give or take `slack` [m]."""
         normal = np.asarray(self.normal) / np.linalg.norm(self.normal)
         height = (points - np.asarray(self.point)) @ normal
         reach = self.tolerance + slack
@@ -89,6 +91,7 @@ class Cylinder:
         _check_radius("a cylinder", self.radius)
 
     def contains(self, points: Floats, slack: float) -> Mask:
+        """Which points (n, 3) [m] lie inside, give or take `slack` [m]."""
         axis = np.subtract(self.end, self.start)
         length = float(np.linalg.norm(axis))
         axis = axis / length
@@ -110,6 +113,7 @@ class Sphere:
         _check_radius("a sphere", self.radius)
 
     def contains(self, points: Floats, slack: float) -> Mask:
+        """Which points (n, 3) [m] lie inside, give or take `slack` [m]."""
         return np.linalg.norm(points - np.asarray(self.centre), axis=1) <= self.radius + slack
 
 

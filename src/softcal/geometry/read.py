@@ -1,0 +1,219 @@
+"""Mesh files in: .msh, .vtk, .vtu, .inp through meshio, with their named groups."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import shlex
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from softcal.checks import Floats, Ints
+from softcal.errors import Fault, MeshError
+from softcal.geometry.mesh import TetMesh
+from softcal.geometry.surface import matching_faces
+from softcal.units import unit_factor
+
+SUFFIXES = (".msh", ".vtk", ".vtu", ".inp")
+# meshio's names of the cells that are understood, and their dimension.
+DIMENSION = {
+    "vertex": 0,
+    "line": 1,
+    "line3": 1,
+    "triangle": 2,
+    "triangle6": 2,
+    "tetra": 3,
+    "tetra4": 3,
+    "tetra10": 3,
+}
+# Data arrays of 0 and 1 in which a .vtu keeps the sets, which its format lacks.
+NODE_SET = "node set "
+CELL_SETS = {"face set ": 2, "element set ": 3}
+# What meshio itself adds to the sets of a .msh.
+NOT_A_GROUP = "gmsh:bounding_entities"
+
+
+def read_mesh(path: str | Path, *, unit: str = "m") -> TetMesh:
+    """The tetrahedra of a mesh file with its named groups.
+
+    Groups of points and lines become node sets; groups of triangles face sets (outwards) and node sets; groups of
+    tets element sets. They are Gmsh's physical groups (by number where they have no name), Abaqus' NSET and ELSET,
+    and the 0/1 arrays that `write_mesh` puts into a .vtu. Cells of other kinds are left out.
+
+    Parameters
+    ----------
+    path
+        A .msh, .vtk, .vtu or .inp file with linear or quadratic tetrahedra.
+    unit
+        Unit of its coordinates.
+
+    Returns
+    -------
+    TetMesh
+        In metres.
+
+    Raises
+    ------
+    MeshError
+        Where the file is missing, empty, of another format, broken, or holds no tetrahedra.
+    UnitError
+        Where the unit is not a length.
+    """
+    path = Path(path)
+    factor = unit_factor(unit, "m", where=str(path))
+    raw = _read_raw(path)
+    blocks = [(block.type, np.asarray(block.data, dtype=np.int64)) for block in raw.cells]
+    kinds = {kind for kind, _ in blocks if DIMENSION.get(kind) == 3}
+    if not kinds or sum(len(cells) for kind, cells in blocks if kind in kinds) == 0:
+        raise MeshError(
+            Fault("the file holds no tetrahedra", where=str(path), got=_contents(raw), allowed="tetra or tetra10")
+        )
+    if len({4 if kind != "tetra10" else 10 for kind in kinds}) > 1:
+        raise MeshError(
+            Fault(
+                "the file mixes linear and quadratic tetrahedra",
+                where=str(path),
+                got=_contents(raw),
+                allowed="tetrahedra of one order",
+            )
+        )
+    numbered, tets = _numbered_tets(blocks)
+    mesh = _checked(path, factor * np.asarray(raw.points, dtype=np.float64), tets)
+    node_sets: dict[str, Ints] = {name: np.unique(nodes) for name, nodes in raw.point_sets.items()}
+    node_sets |= {
+        key.removeprefix(NODE_SET): np.flatnonzero(flags)
+        for key, flags in raw.point_data.items()
+        if key.startswith(NODE_SET)
+    }
+    face_sets: dict[str, Ints] = {}
+    element_sets: dict[str, Ints] = {}
+    for name, dimension, chosen in _groups(path, raw, blocks):
+        if dimension == 3:
+            element_sets[name] = np.unique(np.concatenate([numbered[i][rows] for i, rows in chosen]))
+            continue
+        nodes = [blocks[i][1][rows] for i, rows in chosen]
+        if dimension == 2:
+            corners = np.concatenate([rows[:, :3] for rows in nodes])
+            face_sets[name] = matching_faces(mesh, corners, where=f"{path}, group '{name}'")
+            node_sets.setdefault(name, np.unique(face_sets[name]))
+        else:
+            node_sets[name] = np.unique(np.concatenate([rows.ravel() for rows in nodes]))
+    return TetMesh(mesh.points, mesh.tets, node_sets=node_sets, face_sets=face_sets, element_sets=element_sets)
+
+
+def _read_raw(path: Path) -> Any:
+    if path.suffix.lower() not in SUFFIXES:
+        raise MeshError(
+            Fault(
+                "this is not a mesh file that can be read",
+                where=str(path),
+                got=f"'{path.suffix}'",
+                allowed=", ".join(SUFFIXES),
+                attempt="mesh_file for .stl and .step" if path.suffix.lower() in (".stl", ".step", ".stp") else "",
+            )
+        )
+    if not path.is_file():
+        raise MeshError(Fault("the file does not exist", where=str(path)))
+    if path.stat().st_size == 0:
+        raise MeshError(Fault("the file is empty", where=str(path)))
+    meshio: Any = import_module("meshio")
+    said = io.StringIO()
+    try:
+        # meshio prints what is wrong and leaves the program.
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+            return meshio.read(path)
+    except (Exception, SystemExit) as error:  # its readers raise whatever a broken file makes them stumble over
+        lines = [line.strip() for line in said.getvalue().splitlines() if line.strip()]
+        reason = lines[0] if isinstance(error, SystemExit) and lines else f"{type(error).__name__}: {error}"
+        raise MeshError(
+            Fault(
+                "the mesh file cannot be read",
+                where=str(path),
+                got=reason.rstrip(": "),
+                allowed=f"a valid {path.suffix.lower()} file",
+            )
+        ) from error
+
+
+def _checked(path: Path, points: Floats, tets: Ints) -> TetMesh:
+    faults: list[Fault] = []
+    if points.ndim != 2 or points.shape[1] != 3:
+        faults.append(Fault("the points are not in space", where=str(path), got=str(points.shape), allowed="(n, 3)"))
+    elif not np.isfinite(points).all():
+        bad = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
+        faults.append(Fault("a node has no finite coordinates", where=str(path), got=f"node {bad}: {points[bad]}"))
+    outside = (tets < 0) | (tets >= len(points))
+    if outside.any():
+        faults.append(
+            Fault(
+                "a tetrahedron names a node that the file does not hold",
+                where=str(path),
+                got=f"node {tets[outside][0]} in tet {int(np.flatnonzero(outside.any(axis=1))[0])}",
+                allowed=f"0 to {len(points) - 1}",
+            )
+        )
+    if faults:
+        raise MeshError(faults)
+    return TetMesh(points, tets)
+
+
+def _numbered_tets(blocks: list[tuple[str, Ints]]) -> tuple[dict[int, Ints], Ints]:
+    """Number of each row of each block of tets, and the tets; Gmsh writes a tet once for each group it is in."""
+    of_tets = [i for i, (kind, _) in enumerate(blocks) if DIMENSION.get(kind) == 3]
+    stacked = np.concatenate([blocks[i][1] for i in of_tets])
+    _, first, same = np.unique(np.sort(stacked, axis=1), axis=0, return_index=True, return_inverse=True)
+    rank = np.argsort(np.argsort(first))
+    numbers = np.split(rank[same], np.cumsum([len(blocks[i][1]) for i in of_tets])[:-1])
+    return dict(zip(of_tets, numbers, strict=True)), stacked[np.sort(first)]
+
+
+def _groups(path: Path, raw: Any, blocks: list[tuple[str, Ints]]) -> Iterator[tuple[str, int, list[tuple[int, Ints]]]]:
+    """Each group as its name, dimension and (block, rows of it)."""
+    found: dict[tuple[str, int], dict[int, set[int]]] = {}
+
+    def add(name: str, i: int, rows: Ints) -> None:
+        dimension = DIMENSION.get(blocks[i][0])
+        if dimension is not None and len(rows):
+            found.setdefault((name, dimension), {}).setdefault(i, set()).update(rows.tolist())
+
+    for name, by_block in raw.cell_sets.items():
+        for i, rows in enumerate(by_block if name != NOT_A_GROUP else ()):
+            if rows is not None:
+                add(name, i, np.asarray(rows, dtype=np.int64))
+    names = _physical_names(path) if path.suffix.lower() == ".msh" else {}
+    for i, tags in enumerate(raw.cell_data.get("gmsh:physical", ())):
+        for tag in np.unique(tags[np.asarray(tags) != 0]).tolist():
+            name = names.get((DIMENSION.get(blocks[i][0], -1), int(tag)), str(int(tag)))
+            add(name, i, np.flatnonzero(tags == tag))
+    for key, by_block in raw.cell_data.items():
+        prefix = next((prefix for prefix in CELL_SETS if key.startswith(prefix)), None)
+        for i, flags in enumerate(by_block if prefix else ()):
+            if prefix and DIMENSION.get(blocks[i][0]) == CELL_SETS[prefix]:
+                add(key.removeprefix(prefix), i, np.flatnonzero(flags))
+    for (name, dimension), chosen in found.items():
+        yield name, dimension, [(i, np.array(sorted(rows), dtype=np.int64)) for i, rows in chosen.items()]
+
+
+def _physical_names(path: Path) -> dict[tuple[int, int], str]:
+    """(dimension, number) -> name; meshio loses one of two groups of different dimension that share a name."""
+    names: dict[tuple[int, int], str] = {}
+    with path.open("rb") as file:
+        for line in file:
+            if line.strip() == b"$PhysicalNames":
+                for _ in range(int(next(file))):
+                    dimension, tag, name = shlex.split(next(file).decode())
+                    names[int(dimension), int(tag)] = name
+                break
+    return names
+
+
+def _contents(raw: Any) -> str:
+    counts: dict[str, int] = {}
+    for block in raw.cells:
+        counts[block.type] = counts.get(block.type, 0) + len(block.data)
+    cells = ", ".join(f"{count} {kind}" for kind, count in counts.items()) or "no cells"
+    return f"{len(raw.points)} points, {cells}"

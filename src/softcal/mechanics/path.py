@@ -120,19 +120,33 @@ def follow(
 
 
 def between(statics: Statics, line: Line, path: Path, c: float) -> Node:
-    """One more node inside a path, from the nearest one's tangent.
+    """One more node inside a path, from the cubic through its neighbours, or by small steps from the one before.
 
     Raises
     ------
     SimulationError
         Where no equilibrium was found from there.
     """
-    nearest = min(path.nodes, key=lambda node: abs(node.c - c))
-    guess = moved(statics.system.layout, nearest.state, (c - nearest.c) * nearest.slope)
-    solved = statics.equilibrium(guess, line.at(c))
-    if not solved.converged:
-        raise SimulationError(f"No equilibrium between two neighbouring ones: {solved.status}.")
-    return node_at(statics, line, c, solved.state, path.names)
+    before = max((node for node in path.nodes if node.c <= c), key=lambda node: node.c)
+    after = min((node for node in path.nodes if node.c >= c), key=lambda node: node.c)
+    solved = statics.equilibrium(_interpolated(statics.system.layout, before, after, c), line.at(c))
+    if solved.converged:
+        return node_at(statics, line, c, solved.state, path.names)
+    way = follow(statics, line, before, c, first_step=0.3 * (c - before.c), names=path.names)
+    if not way.reached:
+        raise SimulationError(f"No equilibrium between two neighbouring ones: {way.status}.")
+    return way.nodes[-1]
+
+
+def _interpolated(layout: Layout, before: Node, after: Node, c: float) -> State:
+    """The cubic Hermite state between two nodes."""
+    h = after.c - before.c
+    if h <= 0.0:
+        return before.state
+    t = (c - before.c) / h
+    whole = difference(layout, after.state, before.state)
+    dz = (3.0 - 2.0 * t) * t**2 * whole + h * t * (1.0 - t) * ((1.0 - t) * before.slope - t * after.slope)
+    return moved(layout, before.state, dz)
 
 
 def _predict(layout: Layout, nodes: list[Node], c: float) -> State:

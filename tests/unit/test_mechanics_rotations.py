@@ -12,12 +12,14 @@ from softcal.twin.sensors import angles, channel_units, sense, sense_rates
 vector = st.lists(st.floats(-1.8, 1.8), min_size=3, max_size=3).map(np.array)
 
 
+@settings(deadline=None)
 @given(vector)
 def test_logarithm_undoes_the_exponential(omega):
     assert np.linalg.norm(omega) < np.pi
     np.testing.assert_allclose(logarithm(exponential(omega[None]))[0], omega, atol=1e-12)
 
 
+@settings(deadline=None)
 @given(vector)
 def test_exponential_is_a_rotation_about_its_vector(omega):
     R = exponential(omega[None])[0]
@@ -57,6 +59,7 @@ def test_difference_is_the_step_between_two_states(first, second, seed):
         np.testing.assert_allclose(got, np.linalg.norm(b[rigid] - b[rigid[0]], axis=1), atol=1e-12)
 
 
+@settings(deadline=None)
 @given(st.floats(-3.1, 3.1), st.floats(-1.5, 1.5), st.floats(-3.1, 3.1))
 def test_angles_are_those_of_turns_about_y_then_x_then_z(pitch, roll, yaw):
     Ry, Rx, Rz = exponential(np.array([[0, pitch, 0], [roll, 0, 0], [0, 0, yaw]]))

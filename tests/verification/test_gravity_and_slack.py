@@ -160,7 +160,7 @@ def test_what_no_cable_can_do_is_refused():
         simulate(robot, pulled(0.02, 0.11))
     with pytest.raises(ParameterError, match="no such cable"):
         simulate(robot, tensed(1.0, cable="back"))
-    with pytest.raises(ParameterError, match="did you mean 'neck.youngs_modulus'"):
+    with pytest.raises(ParameterError, match=r"did you mean 'neck\.youngs_modulus'"):
         simulate(robot, tensed(1.0), sensitivities=("neck.young_modulus",))
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -236,3 +238,8 @@ def test_every_preparation_is_described() -> None:
         assert preparation.function.__name__ == name
         assert preparation.summary.endswith(".")
         assert set(preparation.settings) <= set(preparation.function.__annotations__)
+
+
+def test_every_step_stands_in_the_docs() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "bench-data.md").read_text(encoding="utf-8")
+    assert [name for name in PREPARATIONS if f"`{name}`" not in page] == []

@@ -21,7 +21,7 @@ ROUNDED = 12 * SMOOTH * MU  # what rounding the kink at a zero turn takes off, o
 
 def test_pulleys_of_the_rig():
     """Paper A: two pulleys, half a turn each, mu = 0.1: 0.5335 of the machine's tension reaches the neck."""
-    measured = Channel(np.array([0.0, 5.0, 12.0]), "N", np.full(3, 0.1))
+    measured = Channel(np.array([0.0, 5.0, 12.0]), "N", 0.1)
     dataset = Dataset("bench", {"tension": measured})
     at_neck = correct_pulley_friction(dataset, 2, 0.1, np.pi).channels["tension"]
     np.testing.assert_allclose(at_neck.values, np.exp(-0.2 * np.pi) * measured.values, rtol=1e-12)

@@ -1,0 +1,70 @@
+"""Derivatives of what the bench reads by the rig's parameters and the robot's, through the real twin."""
+
+import numpy as np
+import pytest
+from mechanics_cases import column_robot, elastic
+
+from softcal.calibration.experiment import Experiment, Pulleys, Rig, command, observe
+from softcal.experiments.dataset import Channel, Dataset
+from softcal.twin.parameters import robot_parameters, with_parameters
+from softcal.twin.protocol import Protocol
+from softcal.twin.simulate import simulate
+
+ROBOT = column_robot(
+    "P2P1",
+    parameters=elastic(0.4e6, 0.45),
+    divisions=(1, 1, 4),
+    gravity=(2.0, 0.0, -9.81),
+    density=1100.0,
+    mass=0.05,
+)
+OF_THE_ROBOT = ("neck.youngs_modulus", "neck.poissons_ratio", "neck.density", "plate.mass")
+D = np.array([0.0, 0.008, 0.015, 0.03])
+T = np.array([0.05, 0.3, 0.8, 1.6])
+AT = {
+    "front.slack": 0.002,
+    "front.tension_offset": 0.1,
+    "plate.pitch_offset": 0.02,
+    "pulleys.friction_coefficient": 0.12,
+}
+STEP = {"front.slack": 1e-6, "front.tension_offset": 1e-4, "plate.pitch_offset": 1e-3}
+
+
+def experiment(drive):
+    channels = {"shortening": Channel(D, "m", 1e-4), "tension": Channel(T, "N", 0.02), "pitch": Channel(D, "rad", 0.01)}
+    rig = Rig(slack=0.0, tension_offset=0.0, angle_offsets={"pitch": 0.0}, pulleys=Pulleys(2, np.pi, 0.1))
+    return Experiment("bench", Dataset("bench", channels), "front", "plate", drive, rig=rig)
+
+
+def read(drive, values, names=()):
+    """What the bench would read with robot and rig at `values`."""
+    test = experiment(drive)
+    robot = with_parameters(ROBOT, {name: value for name, value in values.items() if name in OF_THE_ROBOT})
+    rig = {name: value for name, value in values.items() if name not in OF_THE_ROBOT}
+    of_the_robot = tuple(name for name in names if name in OF_THE_ROBOT)
+    protocol = Protocol({"front": command(test, rig)})
+    response = simulate(robot, protocol, sensitivities=of_the_robot, curve_tolerance=0.0)
+    assert response.succeeded, response.status
+    return observe(test, rig, response, slice(0, len(D)), names)
+
+
+@pytest.mark.parametrize("drive", ["shortening", "tension"])
+def test_readings_have_exact_derivatives(drive, monkeypatch):
+    monkeypatch.setattr("softcal.mechanics.statics.TOLERANCE", 1e-11)
+    values = {**{name: robot_parameters(ROBOT)[name].value for name in OF_THE_ROBOT}, **AT}
+    got = read(drive, values, tuple(values))
+    assert set(got.predicted) == {"pitch", "tension" if drive == "shortening" else "shortening"}
+    for name, value in values.items():
+        h = STEP.get(name, 1e-4 * value)
+        ends = [read(drive, {**values, name: value + s * h}).predicted for s in (1, -1)]
+        for channel in got.predicted:
+            want = (ends[0][channel] - ends[1][channel]) / (2 * h)
+            np.testing.assert_allclose(
+                got.derivatives[channel][name],
+                want,
+                rtol=1e-5,
+                atol=1e-5 * np.abs(want).max() + 1e-9,
+                err_msg=f"{channel} by {name}",
+            )
+        if name != FRICTION or drive == "tension":
+            assert any(np.any(got.derivatives[channel][name] != 0.0) for channel in got.predicted)

@@ -1,0 +1,71 @@
+"""What a benchmark found: a table, goals with what was measured, and notes; as JSON between processes, as Markdown."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Goal:
+    """A goal, what was measured against it, and the limit that measured must not exceed."""
+
+    what: str
+    measured: float
+    limit: float
+    unit: str = ""
+
+    @property
+    def met(self) -> bool:
+        return self.measured <= self.limit
+
+
+@dataclass(frozen=True)
+class Section:
+    """One table of RESULTS.md."""
+
+    title: str
+    header: list[str]
+    rows: list[list[str]]
+    goals: list[Goal] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    def to_json(self) -> str:
+        return json.dumps(asdict(self))
+
+    @classmethod
+    def from_json(cls, text: str) -> Section:
+        held: dict[str, Any] = json.loads(text)
+        held["goals"] = [Goal(**goal) for goal in held["goals"]]
+        return cls(**held)
+
+    def markdown(self) -> str:
+        """Heading, table, notes."""
+        lines = [f"## {self.title}", "", *table(self.header, self.rows), ""]
+        for note in self.notes:
+            lines += [note, ""]
+        return "\n".join(lines)
+
+
+def table(header: list[str], rows: list[list[str]]) -> list[str]:
+    """A Markdown table."""
+    cells = [header, ["---"] * len(header), *rows]
+    return ["| " + " | ".join(row) + " |" for row in cells]
+
+
+def run_alone(measure: Callable[[bool], Section]) -> None:
+    """The main of a benchmark: JSON for `benchmarks.run`, else Markdown."""
+    parser = argparse.ArgumentParser(description=sys.modules["__main__"].__doc__)
+    parser.add_argument("--quick", action="store_true", help="fewer repetitions: to try it, not to quote it")
+    parser.add_argument("--json", action="store_true", help="what benchmarks.run reads")
+    arguments = parser.parse_args()
+    section = measure(arguments.quick)
+    print(section.to_json() if arguments.json else section.markdown())
+    if not arguments.json:
+        for goal in section.goals:
+            verdict = "met" if goal.met else "MISSED"
+            print(f"{goal.what}: {goal.measured:.4g} {goal.unit} (<= {goal.limit:g}) {verdict}")

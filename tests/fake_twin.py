@@ -117,7 +117,7 @@ def fake_experiment(
     seed: int = 0,
     true: dict[str, float] | None = None,
 ) -> Experiment:
-    """An experiment whose data the fake twin made at TRUE, with the given rig and noise [share of each channel's top]."""
+    """What the fake twin gives at TRUE, seen through a rig, with noise [share of each channel's top]."""
     from softcal.twin.protocol import Command
 
     shortening = np.linspace(0.0, reach, n_samples)

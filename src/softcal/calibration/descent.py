@@ -1,9 +1,9 @@
 """One local search by exact sensitivities: a trust region around `LocalModel`, asked and told.
 
-Why not `scipy.optimize.least_squares`: it has no way to be told that a point cannot be simulated (here the trust region
-shrinks and the search goes on from where it was), it minimises sums of squares while the papers' loss is a sum of RMSEs,
-it calls the function itself so that starts cannot share workers nor a run resume, and it cannot use what is known of
-the twin's scaling, which saves more than half of the trajectories.
+Why not `scipy.optimize.least_squares`: it cannot be told that a point has no equilibrium (here the trust region shrinks
+and the search goes on from where it was), it minimises sums of squares while the papers' loss is a sum of RMSEs, it
+calls the function itself so that starts cannot share workers nor a run resume, and it cannot use what is known of the
+twin's scaling, which saves more than half of the trajectories.
 """
 
 from __future__ import annotations
@@ -12,16 +12,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softcal.calibration.local_model import LocalModel, ceiling_powers
+from softcal.calibration.local_model import LocalModel, Point, ceiling_powers
 from softcal.calibration.loss import Loss, rms
 from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.problem import Evaluation
 from softcal.checks import Floats
 
 _SMALL_STEP = 3e-7  # of the search range: E over 0.1-40 MPa to 2e-6 relative
-_SMALL_GAIN = 1e-9  # of the loss
+_SMALL_GAIN = 1e-8  # of the loss
+_SHORT_STEP = 1e-4  # of the search range: one this short that does not keep its promise has met the twin's rounding
+_APART = 1e-3  # of the search range
 _EXACT = 1e-9  # RMSE over the root mean square of the measurement, in every channel
 _SMALLEST_RADIUS = 1e-7
+_EDGE = 1e-4  # of the search range: how near to what cannot be simulated a search goes before it stays there
+_WARY = (
+    3  # steps after a failed one in which the region does not grow: a quarter of it fits three times before the edge
+)
 _RETREATS = 8  # halvings of the way from a start that cannot be simulated to the middle of the box
 
 
@@ -44,6 +50,7 @@ class Descent:
         self._radius = 1.0
         self._promised = 0.0
         self._retreats = 0
+        self._since_failure = _WARY
         self._seen: list[tuple[Floats, Evaluation]] = []
 
     def tell(self, evaluation: Evaluation) -> None:
@@ -71,18 +78,33 @@ class Descent:
     def _judge_step(self, tried: Floats, evaluation: Evaluation, before: float) -> None:
         length = float(np.abs(tried - self.z).max())
         if evaluation.loss is None:
+            self._since_failure = 0
             self._radius = 0.25 * length
-            self._propose()
+            if self._radius < _EDGE:
+                self._end(
+                    f"Ended after {self.evaluations} trajectories at the edge of what can be simulated: the loss still "
+                    f"falls towards where it is not. {evaluation.failure}",
+                    converged=True,
+                )
+            else:
+                self._propose()
             return
+        self._since_failure += 1
         promised = before - self._promised
         kept = (before - evaluation.loss) / promised if promised > 0 else 0.0
         if kept < 0.25:
             self._radius = 0.35 * length
-        elif kept > 0.75 and length > 0.99 * self._radius:
+        elif kept > 0.75 and length > 0.99 * self._radius and self._since_failure > _WARY:
             self._radius = min(1.0, 3.0 * self._radius)
         if evaluation.loss < before:
             self._move(tried, evaluation)
-        else:
+        if kept < 0.25 and length < _SHORT_STEP:
+            self._end(
+                f"Converged in {self.evaluations} trajectories: a step of {length:.1e} of the search range changes the "
+                "loss by no more than the twin's rounding.",
+                converged=True,
+            )
+        elif not evaluation.loss < before:
             self._propose()
 
     def _move(self, z: Floats, evaluation: Evaluation) -> None:
@@ -99,24 +121,28 @@ class Descent:
             self._end("Stopped: no step, however small, lowers the loss or can be simulated.", converged=False)
             return
         lower, upper = np.maximum(self.z - self._radius, 0.0), np.minimum(self.z + self._radius, 1.0)
-        model = LocalModel(self.space, self.loss, self.z, self.best.blocks, self._powers())
+        here, other = Point(self.z, self.best.blocks), self._other()
+        powers = None if other is None else ceiling_powers(self.space, here, other)
+        model = LocalModel(self.space, self.loss, here, other, powers)
         candidate = model.minimise(lower, upper)
         self._promised = model.loss(candidate)
         step = float(np.abs(candidate - self.z).max())
-        if step <= _SMALL_STEP or self.best.loss - self._promised <= _SMALL_GAIN * self.best.loss:
+        gain = (self.best.loss - self._promised) / self.best.loss
+        if step <= _SMALL_STEP or gain <= _SMALL_GAIN:
             self._end(
-                f"Converged in {self.evaluations} trajectories: the next step would be {step:.1e} of the search range.",
+                f"Converged in {self.evaluations} trajectories: the next step would be {step:.1e} of the search range "
+                f"and lower the loss by {max(gain, 0.0):.1e} of itself.",
                 converged=True,
             )
             return
         self.next = candidate
 
-    def _powers(self) -> Floats | None:
-        """What the last other point tells of how a ceiling is felt."""
-        if self.best is None:
-            return None
-        others = [(z, evaluation.blocks) for z, evaluation in self._seen if evaluation is not self.best]
-        return ceiling_powers(self.space, (self.z, self.best.blocks), others[-1]) if others else None
+    def _other(self) -> Point | None:
+        """The last simulated point that is far enough from the best one to tell more than its own rounding."""
+        for z, evaluation in reversed(self._seen):
+            if float(np.abs(z - self.z).max()) > _APART:
+                return Point(z, evaluation.blocks)
+        return None
 
     def _retreat(self, tried: Floats, reason: str) -> None:
         if self._retreats >= _RETREATS or self.evaluations >= self.budget:

@@ -5,14 +5,15 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
 from softcal.calibration.problem import Problem
 
-if TYPE_CHECKING:
-    from hashlib import _Hash
+
+class _Digest(Protocol):
+    def update(self, data: bytes, /) -> None: ...
 
 
 def fingerprints(problem: Problem) -> dict[str, str]:
@@ -38,7 +39,7 @@ def fingerprint(data: object) -> str:
     return digest.hexdigest()
 
 
-def _feed(digest: _Hash, data: object) -> None:
+def _feed(digest: _Digest, data: object) -> None:
     digest.update(type(data).__name__.encode() if is_dataclass(data) else b"|")
     if is_dataclass(data) and not isinstance(data, type):
         for entry in fields(data):

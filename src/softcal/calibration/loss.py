@@ -110,7 +110,7 @@ class LikelihoodLoss(Loss):
     sigmas: noise [SI] by channel, in the place of what the datasets say.
     """
 
-    sigmas: Mapping[str, float] = field(default_factory=lambda: dict[str, float]())
+    sigmas: Mapping[str, float] = field(default_factory=dict[str, float])
     name: str = "likelihood"
     uses_priors: bool = True
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Mapping
+from dataclasses import dataclass
 from importlib import metadata
 from typing import Any
 
@@ -12,34 +13,32 @@ from softcal.calibration.loss import rms, rms_detrended
 from softcal.calibration.optimiser_tpe import fanova_importance
 from softcal.calibration.problem import Evaluation, Problem
 from softcal.calibration.result import CalibrationResult, Estimate, ExperimentFit, Trial
-from softcal.calibration.sensitivity import LocalStatistics, local_statistics
+from softcal.calibration.sensitivity import Statistics, local_statistics
 
 
-def conclude(
-    problem: Problem,
-    best: Evaluation,
-    trials: tuple[Trial, ...],
-    *,
-    method: str,
-    seed: int,
-    status: str,
-    n_solves: int,
-    wall_s: float,
-    hashes: Mapping[str, str],
-    versions: Mapping[str, str],
-    settings: Mapping[str, Any],
-) -> CalibrationResult:
+@dataclass(frozen=True)
+class Account:
+    """How a search went: its settings and final sentence, its cost (wall_s [s]), and what identifies it."""
+
+    settings: Mapping[str, Any]
+    status: str
+    n_solves: int
+    wall_s: float
+    hashes: Mapping[str, str]
+
+
+def conclude(problem: Problem, best: Evaluation, trials: tuple[Trial, ...], account: Account) -> CalibrationResult:
     """The result whose best evaluation is `best`."""
     if best.loss is None:
         raise ValueError("the best evaluation has no loss")
     space = problem.space
+    method, seed = str(account.settings["method"]), int(account.settings["seed"])
     if method == "least-squares":
         local = local_statistics(space, problem.loss, best.theta, best.blocks)
-        importance, kind = local.importance, "sensitivity"
+        kind = "sensitivity"
     else:
-        local = LocalStatistics(dict.fromkeys(space.labels), {}, ())
-        completed = [(dict(trial.theta), trial.loss) for trial in trials if trial.loss is not None]
-        importance, kind = fanova_importance(space, completed, seed), "fanova"
+        local = _global_statistics(problem, trials, seed)
+        kind = "fanova"
     at_bound = space.at_bound(best.theta)
     n_failed = sum(trial.state == "FAILED" for trial in trials)
     return CalibrationResult(
@@ -53,18 +52,18 @@ def conclude(
         loss_name=problem.loss.name,
         method=method,
         seed=seed,
-        n_solves=n_solves,
+        n_solves=account.n_solves,
         n_factorisations=sum(trial.n_factorisations for trial in trials),
-        wall_s=wall_s,
-        status=status,
+        wall_s=account.wall_s,
+        status=account.status,
         experiments={e.name: _fit(e, best.observations[e.name]) for e in problem.experiments},
-        importance=importance,
+        importance=local.importance,
         trials=trials,
         n_failed_trials=n_failed,
-        hashes=hashes,
-        versions=versions,
+        hashes=account.hashes,
+        versions=installed_versions(),
         notes=(*local.notes, *_notes(problem, at_bound, trials, n_failed)),
-        extra={"importance_kind": kind, **settings},
+        extra={"importance_kind": kind, **account.settings},
     )
 
 
@@ -77,6 +76,16 @@ def installed_versions() -> dict[str, str]:
         except metadata.PackageNotFoundError:
             versions[package] = "not installed"
     return versions
+
+
+def _global_statistics(problem: Problem, trials: tuple[Trial, ...], seed: int) -> Statistics:
+    errors: dict[str, float | None] = dict.fromkeys(problem.space.labels)
+    completed = [(dict(trial.theta), trial.loss) for trial in trials if trial.loss is not None]
+    try:
+        return Statistics(errors, fanova_importance(problem.space, completed, seed), ())
+    except KeyboardInterrupt:
+        # It takes long after a thousand trials, and what was searched for is found: only the importances are missing.
+        return Statistics(errors, {}, ("The importances are missing: their computation was stopped by the user.",))
 
 
 def _fit(experiment: Experiment, seen: Observation) -> ExperimentFit:
@@ -94,7 +103,9 @@ def _fit(experiment: Experiment, seen: Observation) -> ExperimentFit:
 
 def _notes(problem: Problem, at_bound: Mapping[str, bool], trials: tuple[Trial, ...], n_failed: int) -> list[str]:
     notes = [
-        f"{label} stands at a bound of its range; the bounds, not the data, decide it." for label in at_bound if at_bound[label]
+        f"{label} stands at a bound of its range; the bounds, not the data, decide it."
+        for label in at_bound
+        if at_bound[label]
     ]
     if n_failed:
         first = next(trial for trial in trials if trial.state == "FAILED")

@@ -159,7 +159,9 @@ def _faults(parameter: FreeParameter) -> list[Fault]:
     if parameter.lower >= parameter.upper:
         faults.append(Fault("the bounds are reversed or equal", label, got=bounds, allowed="lower < upper"))
     elif parameter.start is not None and not parameter.lower <= parameter.start <= parameter.upper:
-        faults.append(Fault("the start is outside the bounds", label, got=f"{parameter.start:.6g} {unit}", allowed=bounds))
+        faults.append(
+            Fault("the start is outside the bounds", label, got=f"{parameter.start:.6g} {unit}", allowed=bounds)
+        )
     if parameter.scale == "log" and parameter.lower <= 0:
         faults.append(
             Fault("a log scale needs bounds above zero", label, got=bounds, attempt="a linear scale, or a higher bound")

@@ -142,7 +142,9 @@ class Problem:
         if not self.loss.uses_priors:
             faults += [
                 Fault(
-                    f"the loss '{self.loss.name}' counts no prior", p.label, attempt="the loss 'likelihood', or no prior"
+                    f"the loss '{self.loss.name}' counts no prior",
+                    p.label,
+                    attempt="the loss 'likelihood', or no prior",
                 )
                 for p in self.space.parameters
                 if p.prior_sd is not None
@@ -159,12 +161,16 @@ class Problem:
     def _trajectories(self, theta: Mapping[str, float]) -> list[_Trajectory]:
         known = robot_parameters(self.robot)
         groups: dict[tuple[object, ...], list[tuple[Experiment, Command]]] = {}
+        robots: dict[tuple[object, ...], dict[str, float]] = {}
         for experiment in self.experiments:
             values = self.space.values_for(experiment.name, theta)
-            of_robot = tuple(sorted((name, value) for name, value in values.items() if name in known))
-            key = (experiment.cable, experiment.drive, of_robot)
+            of_robot = {name: value for name, value in values.items() if name in known}
+            key = (experiment.cable, experiment.drive, tuple(sorted(of_robot.items())))
+            robots[key] = of_robot
             groups.setdefault(key, []).append((experiment, command(experiment, self._rig(experiment, theta))))
-        return [_Trajectory(with_parameters(self.robot, dict(key[2])), tuple(members)) for key, members in groups.items()]  # type: ignore[arg-type]
+        return [
+            _Trajectory(with_parameters(self.robot, robots[key]), tuple(members)) for key, members in groups.items()
+        ]
 
     def _simulate(self, group: _Trajectory, jacobian: bool) -> Response:
         simulate = self.simulate or _real_simulate()
@@ -275,7 +281,11 @@ def _part_faults(robot: Robot, experiments: Sequence[Experiment]) -> list[Fault]
     faults = [Fault("two experiments share a name", got=name) for name in sorted(set(names)) if names.count(name) > 1]
     for name in sorted(name for name in names if not re.fullmatch(r"[\w.+-][\w.+ -]*", name)):
         faults.append(
-            Fault("the experiment's name cannot name a file", got=f"'{name}'", allowed="letters, digits, space and . _ + -")
+            Fault(
+                "the experiment's name cannot name a file",
+                got=f"'{name}'",
+                allowed="letters, digits, space and . _ + -",
+            )
         )
     if not experiments:
         faults.append(Fault("there is no experiment to calibrate with", "experiments", allowed="at least one"))

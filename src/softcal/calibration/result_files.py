@@ -1,4 +1,4 @@
-"""A result as files, and back: result.json, trials.csv, response-<experiment>.csv. SI throughout, units in the headers."""
+"""A result as files, and back: result.json, trials.csv, response-<experiment>.csv. SI, units in the headers."""
 
 from __future__ import annotations
 

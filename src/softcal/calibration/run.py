@@ -15,7 +15,7 @@ from softcal.calibration.optimiser import Optimiser, Proposal
 from softcal.calibration.optimiser_grid import GridOptimiser
 from softcal.calibration.optimiser_least_squares import LeastSquaresOptimiser
 from softcal.calibration.optimiser_tpe import OptunaJournal, TpeOptimiser
-from softcal.calibration.outcome import conclude, installed_versions
+from softcal.calibration.outcome import Account, conclude, installed_versions
 from softcal.calibration.payload import decode, encode
 from softcal.calibration.problem import Evaluation, Problem
 from softcal.calibration.result import CalibrationResult, Trial
@@ -42,14 +42,14 @@ class Progress:
 Observer = Callable[[Progress], None]
 
 
-def calibrate(
+def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
     problem: Problem,
     *,
     method: Method = "least-squares",
     trials: int | None = None,
     seed: int = 0,
     workers: int = 1,
-    starts: int = 1,
+    starts: int = 3,
     store: Path | None = None,
     resume: bool = False,
     hashes: Mapping[str, str] | None = None,
@@ -118,19 +118,9 @@ def calibrate(
         stopped = _search(optimiser, evaluator, tally, progress)
         if tally.best is None:
             raise CalibrationError(_no_result(tally, stopped))
-        result = conclude(
-            problem,
-            tally.best,
-            tuple(tally.trials),
-            method=method,
-            seed=seed,
-            status=_stopped_status(tally, optimiser) if stopped else optimiser.status,
-            n_solves=tally.n_solves,
-            wall_s=tally.elapsed(),
-            hashes=identity,
-            versions=installed_versions(),
-            settings=settings,
-        )
+        status = _stopped_status(tally, optimiser) if stopped else optimiser.status
+        account = Account(settings, status, tally.n_solves, tally.elapsed(), identity)
+        result = conclude(problem, tally.best, tuple(tally.trials), account)
         if run is not None:
             write_result(result, run.folder)
         return result

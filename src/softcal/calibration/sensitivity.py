@@ -22,7 +22,7 @@ _BLIND = 1e-7
 
 
 @dataclass(frozen=True)
-class LocalStatistics:
+class Statistics:
     """Standard errors [SI] by label (None where they make no sense), importances (sum 1), and notes as sentences."""
 
     standard_errors: Mapping[str, float | None]
@@ -30,9 +30,7 @@ class LocalStatistics:
     notes: tuple[str, ...]
 
 
-def local_statistics(
-    space: SearchSpace, loss: Loss, theta: Mapping[str, float], blocks: Sequence[Block]
-) -> LocalStatistics:
+def local_statistics(space: SearchSpace, loss: Loss, theta: Mapping[str, float], blocks: Sequence[Block]) -> Statistics:
     """Standard errors and importances at theta [SI by label]; the blocks must have jacobians.
 
     A parameter at a bound counts as fixed there. The importance of a parameter is the share of the squared, weighted
@@ -46,14 +44,14 @@ def local_statistics(
     free = [j for j, label in enumerate(space.labels) if not at_bound[label]]
     errors: dict[str, float | None] = dict.fromkeys(space.labels)
     if not free:
-        return LocalStatistics(errors, importance, ())
+        return Statistics(errors, importance, ())
     _, sizes, directions = np.linalg.svd(weighted[:, free], full_matrices=False)
     if len(sizes) < len(free) or sizes[-1] <= _BLIND * sizes[0]:
-        return LocalStatistics(errors, importance, (_blind_note(space, free, sizes, directions),))
+        return Statistics(errors, importance, (_blind_note(space, free, sizes, directions),))
     variances = ((directions / sizes[:, None]) ** 2).sum(axis=0)
     for j, variance in zip(free, variances, strict=True):
         errors[space.labels[j]] = math.sqrt(float(variance)) * abs(float(slopes[j]))
-    return LocalStatistics(errors, importance, ())
+    return Statistics(errors, importance, ())
 
 
 def _weighted(loss: Loss, block: Block, slopes: Floats) -> Floats:

@@ -68,8 +68,8 @@ class Evaluator:
                 yield proposal, future.result()
         except BrokenProcessPool as error:
             raise CalibrationError(
-                f"A worker process ended unexpectedly at trial {proposals[0].number} or soon after, perhaps for lack of "
-                f"memory. The trials so far are kept. Try: fewer workers than {self._workers}, and resume."
+                f"A worker process ended unexpectedly at trial {proposals[0].number} or soon after, perhaps for lack "
+                f"of memory. The trials so far are kept. Try: fewer workers than {self._workers}, and resume."
             ) from error
 
     def _start(self) -> concurrent.futures.ProcessPoolExecutor:

@@ -1,0 +1,114 @@
+"""What every optimiser promises, whichever it is; a new one joins the list and inherits the tests."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from fake_twin import NU, E, all_necks_fail, fake_experiment, fake_robot, fake_simulate, soft_necks_fail
+
+from softcal.calibration.optimiser import Optimiser, Proposal
+from softcal.calibration.optimiser_grid import GridOptimiser
+from softcal.calibration.optimiser_least_squares import LeastSquaresOptimiser
+from softcal.calibration.optimiser_tpe import TpeOptimiser
+from softcal.calibration.parameters import FreeParameter
+from softcal.calibration.problem import Evaluation, Problem, Simulate, make_problem
+
+Make = Callable[[Problem], Optimiser]
+
+OPTIMISERS: dict[str, Make] = {
+    "grid": lambda problem: GridOptimiser(problem.space, trials=36),
+    "tpe": lambda problem: TpeOptimiser(problem.space, trials=30, seed=5),
+    "tpe, four at once": lambda problem: TpeOptimiser(problem.space, trials=30, seed=5, batch=4),
+    "least-squares": lambda problem: LeastSquaresOptimiser(problem.space, problem.loss, trials=20, seed=5),
+    "least-squares, three starts": lambda problem: LeastSquaresOptimiser(
+        problem.space, problem.loss, trials=20, seed=5, starts=3
+    ),
+}
+
+
+def problem_of(simulate: Simulate = fake_simulate) -> Problem:
+    parameters = [FreeParameter(E, "Pa", 0.1e6, 40e6, "log"), FreeParameter(NU, "1", 0.4, 0.4999)]
+    return make_problem(fake_robot(), [fake_experiment(noise=0.02)], parameters, None, simulate)
+
+
+def play(optimiser: Optimiser, problem: Problem, limit: int = 200) -> list[tuple[Proposal, Evaluation]]:
+    told: list[tuple[Proposal, Evaluation]] = []
+    while proposals := optimiser.ask():
+        evaluations = [problem.evaluate(p.theta, jacobian=optimiser.needs_jacobian) for p in proposals]
+        for proposal, evaluation in zip(proposals, evaluations, strict=True):
+            optimiser.tell(proposal, evaluation)
+            told.append((proposal, evaluation))
+        assert len(told) <= limit, "the search does not end"
+    return told
+
+
+@pytest.fixture(params=OPTIMISERS)
+def make(request: pytest.FixtureRequest) -> Make:
+    return OPTIMISERS[request.param]
+
+
+def test_every_optimiser_is_in_this_list() -> None:
+    assert {type(make(problem_of())) for make in OPTIMISERS.values()} == set(Optimiser.__subclasses__())
+
+
+def test_numbers_count_up_and_points_lie_within_the_bounds(make: Make) -> None:
+    problem = problem_of()
+    told = play(make(problem), problem)
+    assert [proposal.number for proposal, _ in told] == list(range(len(told)))
+    for proposal, _ in told:
+        assert 0.1e6 <= proposal.theta[E] <= 40e6
+        assert 0.4 <= proposal.theta[NU] <= 0.4999
+
+
+def test_the_same_seed_and_answers_give_the_same_questions(make: Make) -> None:
+    problem = problem_of()
+    first, second = (play(make(problem), problem) for _ in range(2))
+    assert [p for p, _ in first] == [p for p, _ in second]
+
+
+def test_it_ends_within_the_total_it_names_and_stays_ended(make: Make) -> None:
+    problem = problem_of()
+    optimiser = make(problem)
+    told = play(optimiser, problem)
+    assert 0 < len(told) <= optimiser.total
+    assert optimiser.ask() == ()
+    assert optimiser.status.endswith(".")
+
+
+def test_told_again_what_it_was_told_it_asks_on_where_it_stopped(make: Make) -> None:
+    problem = problem_of()
+    whole = play(make(problem), problem)
+    known = {proposal.number: evaluation for proposal, evaluation in whole[: len(whole) // 2]}
+    again = make(problem)
+    numbers: list[Proposal] = []
+    while proposals := again.ask():
+        for proposal in proposals:
+            evaluation = known.get(proposal.number) or problem.evaluate(proposal.theta, jacobian=again.needs_jacobian)
+            again.tell(proposal, evaluation)
+            numbers.append(proposal)
+    assert numbers == [proposal for proposal, _ in whole]
+
+
+def test_failed_trials_are_taken_like_any_other(make: Make) -> None:
+    problem = problem_of(soft_necks_fail)
+    told = play(make(problem), problem)
+    losses = [evaluation.loss for _, evaluation in told if evaluation.loss is not None]
+    assert losses
+
+
+def test_it_ends_when_nothing_can_be_simulated(make: Make) -> None:
+    problem = problem_of(all_necks_fail)
+    optimiser = make(problem)
+    told = play(optimiser, problem)
+    assert told
+    assert all(evaluation.loss is None for _, evaluation in told)
+    assert optimiser.status.endswith(".")
+
+
+def test_it_finds_a_loss_not_far_above_the_least(make: Make) -> None:
+    problem = problem_of()
+    best = min(evaluation.loss for _, evaluation in play(make(problem), problem) if evaluation.loss is not None)
+    least = problem.evaluate({E: 2.246e6, NU: 0.4999}).loss
+    assert least is not None
+    assert best < 20 * least

@@ -1,0 +1,207 @@
+"""The search by exact sensitivities: from every corner, in few trajectories, to the minimiser of the loss itself."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import fake_twin
+import numpy as np
+import pytest
+from fake_twin import NU, TRUE, E, fake_experiment, fake_robot, fake_simulate, soft_necks_fail
+from scipy.optimize import minimize
+
+from softcal.calibration.descent import Descent
+from softcal.calibration.local_model import LocalModel, Point, ceiling_powers
+from softcal.calibration.loss import LikelihoodLoss, Loss, PapersLoss
+from softcal.calibration.optimiser_least_squares import LeastSquaresOptimiser
+from softcal.calibration.parameters import FreeParameter
+from softcal.calibration.problem import Problem, make_problem
+from softcal.calibration.sensitivity import local_statistics
+
+BOUNDS = {E: (0.1e6, 40e6), NU: (0.4, 0.4999)}
+CORNERS = list(itertools.product(*BOUNDS.values()))
+LIKELIHOOD = LikelihoodLoss({"tension": 0.1, "pitch": 0.01, "shortening": 1e-3})
+
+
+def problem_of(loss: Loss, *, drive: str = "shortening", noise: float = 0.0, scale: str = "log") -> Problem:
+    parameters = [FreeParameter(E, "Pa", *BOUNDS[E], scale), FreeParameter(NU, "1", *BOUNDS[NU])]  # type: ignore[arg-type]
+    experiment = fake_experiment(drive=drive, noise=noise)
+    return make_problem(fake_robot(), [experiment], parameters, loss, fake_simulate)
+
+
+def descend(problem: Problem, start: tuple[float, float], budget: int = 40) -> Descent:
+    z = problem.space.to_search(dict(zip((E, NU), start, strict=True)))
+    descent = Descent(problem.space, problem.loss, z, budget)
+    while descent.next is not None:
+        descent.tell(problem.evaluate(problem.space.to_model(descent.next), jacobian=True))
+    return descent
+
+
+@pytest.mark.parametrize("loss", [PapersLoss(), LIKELIHOOD])
+@pytest.mark.parametrize("drive", ["shortening", "tension"])
+@pytest.mark.parametrize("scale", ["log", "linear"])
+@pytest.mark.parametrize("corner", CORNERS)
+def test_noise_free_data_give_the_truth_back_from_every_corner(
+    loss: Loss, drive: str, scale: str, corner: tuple[float, float]
+) -> None:
+    descent = descend(problem_of(loss, drive=drive, scale=scale), corner)
+    assert descent.best is not None
+    assert descent.converged
+    assert descent.best.theta == pytest.approx(TRUE, rel=1e-5)
+    assert descent.evaluations <= 8
+
+
+def _locking_curve(d: np.ndarray, nu: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A neck whose elements lock: its stiffness grows thirteenfold towards nu = 0.4999, as that of linear tets does."""
+    f, f_nu = 1 + 0.05 * (0.5 - nu) ** -0.6, 0.03 * (0.5 - nu) ** -1.6
+    line, cube = 1.6e-4 * d, 0.02 * (1 + 2 * nu) * d**3
+    slope = 1.6e-4 * f + 0.06 * (1 + 2 * nu) * f**1.2 * d**2
+    return line * f + cube * f**1.2, slope, line * f_nu + 0.04 * d**3 * f**1.2 + cube * 1.2 * f**0.2 * f_nu
+
+
+@pytest.mark.parametrize("corner", CORNERS)
+def test_a_locking_neck_is_found_as_well(corner: tuple[float, float], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fake_twin, "_curve", _locking_curve)
+    descent = descend(problem_of(PapersLoss()), corner)
+    assert descent.best is not None
+    assert descent.best.theta == pytest.approx(TRUE, rel=1e-5)
+    assert descent.evaluations <= 15
+
+
+@pytest.mark.parametrize("loss", [PapersLoss(), LIKELIHOOD])
+@pytest.mark.parametrize("drive", ["shortening", "tension"])
+def test_with_noise_it_ends_where_no_general_minimiser_gets_lower(loss: Loss, drive: str) -> None:
+    problem = problem_of(loss, drive=drive, noise=0.02)
+    descent = descend(problem, (0.1e6, 0.4))
+    assert descent.best is not None
+    assert descent.best.loss is not None
+
+    def value(z: np.ndarray) -> float:
+        loss = problem.evaluate(problem.space.to_model(np.clip(z, 0, 1))).loss
+        assert loss is not None
+        return loss
+
+    polished = minimize(value, descent.z, method="Nelder-Mead", bounds=[(0, 1)] * 2, options={"xatol": 1e-9})
+    assert polished.fun >= descent.best.loss * (1 - 1e-7)
+
+
+def test_the_papers_minimiser_is_not_that_of_a_sum_of_squares() -> None:
+    papers = descend(problem_of(PapersLoss(), noise=0.02, drive="tension"), (1e6, 0.45))
+    squares = descend(problem_of(LIKELIHOOD, noise=0.02, drive="tension"), (1e6, 0.45))
+    assert papers.best is not None
+    assert squares.best is not None
+    assert papers.best.theta[E] != pytest.approx(squares.best.theta[E], rel=1e-3)
+
+
+def test_steps_that_cannot_be_simulated_are_shortened() -> None:
+    problem = problem_of(PapersLoss(), drive="tension")
+    descent = Descent(problem.space, problem.loss, np.array([0.9, 0.1]), 40)
+    failing = replace(problem.evaluate({E: 1e6, NU: 0.45}), loss=None, failure="No equilibrium.", blocks=())
+    lengths = []
+    while descent.next is not None:
+        lengths.append(float(np.abs(descent.next - descent.z).max()))
+        evaluation = problem.evaluate(problem.space.to_model(descent.next), jacobian=True)
+        descent.tell(failing if descent.evaluations in (1, 2) else evaluation)
+    assert lengths[2] <= 0.26 * lengths[1]
+    assert lengths[3] <= 0.26 * lengths[2]
+    assert descent.best is not None
+    assert descent.best.theta == pytest.approx(TRUE, rel=1e-5)
+
+
+def test_a_minimum_that_cannot_be_simulated_is_sought_up_to_the_edge_and_said_to_lie_beyond() -> None:
+    parameters = [FreeParameter(E, "Pa", *BOUNDS[E], "log"), FreeParameter(NU, "1", *BOUNDS[NU])]
+    experiment = fake_experiment(true={E: 0.9e6, NU: 0.45})
+    problem = make_problem(fake_robot(), [experiment], parameters, None, soft_necks_fail)
+    descent = descend(problem, (2e6, 0.45))
+    assert "at the edge of what can be simulated" in descent.status
+    assert "No equilibrium beyond 12.0 mm." in descent.status
+    assert descent.best is not None
+    assert descent.best.theta[E] == pytest.approx(1.0e6, rel=0.01)
+    assert descent.evaluations <= 30
+
+
+def test_a_start_that_cannot_be_simulated_is_left_towards_the_middle() -> None:
+    parameters = [FreeParameter(E, "Pa", *BOUNDS[E], "log"), FreeParameter(NU, "1", *BOUNDS[NU])]
+    problem = make_problem(fake_robot(), [fake_experiment()], parameters, None, soft_necks_fail)
+    descent = descend(problem, (0.1e6, 0.4999))
+    assert descent.best is not None
+    assert descent.best.theta == pytest.approx(TRUE, rel=1e-5)
+
+
+def test_the_budget_is_kept_and_said_to_be_spent() -> None:
+    descent = descend(problem_of(PapersLoss(), drive="tension"), (0.1e6, 0.4), budget=2)
+    assert descent.evaluations == 2
+    assert not descent.converged
+    assert "before the search had converged" in descent.status
+
+
+def test_other_starts_end_where_the_first_did_for_little_more() -> None:
+    problem = problem_of(PapersLoss(), noise=0.02)
+    optimiser = LeastSquaresOptimiser(problem.space, problem.loss, trials=40, seed=3, starts=4)
+    thetas = []
+    while proposals := optimiser.ask():
+        for proposal in proposals:
+            thetas.append(proposal.theta)
+            optimiser.tell(proposal, problem.evaluate(proposal.theta, jacobian=True))
+    assert len(thetas) <= 8
+    assert "4 of 4 starts converged" in optimiser.status
+
+
+@pytest.mark.parametrize("with_other", [False, True])
+def test_the_local_model_has_the_value_and_the_slope_of_the_twin(with_other: bool) -> None:
+    problem = problem_of(PapersLoss(), noise=0.02)
+
+    def point(z: np.ndarray) -> Point:
+        return Point(z, problem.evaluate(problem.space.to_model(z), jacobian=True).blocks)
+
+    here, other = point(np.array([0.5, 0.3])), point(np.array([0.4, 0.6]))
+    powers = ceiling_powers(problem.space, here, other) if with_other else None
+    model = LocalModel(problem.space, problem.loss, here, other if with_other else None, powers)
+    evaluation = problem.evaluate(problem.space.to_model(here.z), jacobian=True)
+    assert model.loss(here.z) == pytest.approx(evaluation.loss, rel=1e-12)
+    slopes = [
+        (model.loss(here.z + s) - model.loss(here.z - s)) / (2 * s.max()) for s in (1e-6 * np.eye(2)[j] for j in (0, 1))
+    ]
+    assert evaluation.gradient is not None
+    assert slopes == pytest.approx(list(evaluation.gradient * problem.space.jacobian(here.z)), rel=1e-5)
+    if with_other:
+        there = problem.evaluate(problem.space.to_model(other.z))
+        assert model.loss(other.z) == pytest.approx(there.loss, rel=1e-9)
+
+
+def test_standard_errors_are_those_of_repeated_noise() -> None:
+    sigma = 0.02
+    found, stated = [], []
+    for seed in range(40):
+        experiment = fake_experiment(noise=sigma, seed=seed)
+        tops = {c: float(fake_experiment().dataset.values(c).max()) for c in ("tension", "pitch")}
+        loss = LikelihoodLoss({channel: sigma * top for channel, top in tops.items()})
+        problem = make_problem(
+            fake_robot(), [experiment], [FreeParameter(E, "Pa", *BOUNDS[E], "log")], loss, fake_simulate
+        )
+        optimiser = LeastSquaresOptimiser(problem.space, loss, trials=20, seed=0)
+        best = None
+        while proposals := optimiser.ask():
+            best = problem.evaluate(proposals[0].theta, jacobian=True)
+            optimiser.tell(proposals[0], best)
+        assert best is not None
+        found.append(best.theta[E])
+        stated.append(local_statistics(problem.space, loss, best.theta, best.blocks).standard_errors[E])
+    assert np.std(found) == pytest.approx(np.mean(stated), rel=0.3)
+
+
+def test_what_the_data_cannot_tell_apart_is_named() -> None:
+    from softcal.calibration.experiment import Pulleys, Rig
+
+    experiment = fake_experiment(rig=Rig(pulleys=Pulleys(2, np.pi, 0.1)))
+    parameters = [
+        FreeParameter(E, "Pa", *BOUNDS[E], "log"),
+        FreeParameter("pulleys.friction_coefficient", "1", 0.0, 0.3),
+    ]
+    problem = make_problem(fake_robot(), [experiment], parameters, None, fake_simulate)
+    evaluation = problem.evaluate({E: 2e6, "pulleys.friction_coefficient": 0.12}, jacobian=True)
+    statistics = local_statistics(problem.space, problem.loss, evaluation.theta, evaluation.blocks)
+    assert statistics.standard_errors == {E: None, "pulleys.friction_coefficient": None}
+    assert f"cannot tell {E} and pulleys.friction_coefficient apart" in statistics.notes[0]
+    assert sum(statistics.importance.values()) == pytest.approx(1.0)

@@ -1,0 +1,127 @@
+"""theta in, residuals out: trajectories shared, failures kept as values, faults told."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fake_twin import NU, TRUE, E, fake_experiment, fake_robot, fake_simulate, soft_necks_fail
+
+from softcal.calibration.fingerprint import fingerprint, fingerprints
+from softcal.calibration.loss import PapersLoss
+from softcal.calibration.parameters import FreeParameter, SearchSpace
+from softcal.calibration.problem import Problem, make_problem
+from softcal.errors import InputError, ParameterError, SimulationError
+from softcal.twin.protocol import Protocol
+from softcal.twin.response import Response
+from softcal.twin.robot import Robot
+
+MODULUS = FreeParameter(E, "Pa", 0.1e6, 40e6, "log")
+RATIO = FreeParameter(NU, "1", 0.4, 0.4999)
+SLACK = FreeParameter("front.slack", "m", -0.001, 0.01, per_experiment=True)
+THETA = {E: 2.0e6, NU: 0.45, "front.slack[a]": 0.001, "front.slack[b]": 0.003, "front.slack[c]": 0.002}
+
+
+def three(drive_of_c: str = "shortening") -> Problem:
+    experiments = [
+        fake_experiment("a"),
+        fake_experiment("b", reach=0.02, n_samples=17),
+        fake_experiment("c", reach=0.03, n_samples=9, drive=drive_of_c),
+    ]
+    return make_problem(fake_robot(), experiments, (MODULUS, RATIO, SLACK), None, fake_simulate)
+
+
+def test_tests_of_one_cable_share_one_trajectory_in_spite_of_their_own_slacks() -> None:
+    assert three().evaluate(THETA).n_solves == 1
+    assert three("tension").evaluate(THETA).n_solves == 2
+
+
+def test_a_shared_trajectory_gives_each_test_what_it_would_get_alone() -> None:
+    problem = three()
+    jointly = problem.evaluate(THETA, jacobian=True)
+    for name in ("a", "b", "c"):
+        alone = problem.alone(name)
+        theta = {label: THETA[label] for label in alone.space.labels}
+        one = alone.evaluate(theta, jacobian=True)
+        assert one.loss == pytest.approx(jointly.experiment_losses[name], rel=1e-14)
+        for mine, block in zip(one.blocks, [b for b in jointly.blocks if b.experiment == name], strict=True):
+            np.testing.assert_array_equal(mine.residual, block.residual)
+            assert block.jacobian is not None
+            columns = [problem.space.labels.index(label) for label in alone.space.labels]
+            np.testing.assert_array_equal(mine.jacobian, block.jacobian[:, columns])
+
+
+def test_a_modulus_per_experiment_takes_a_trajectory_each() -> None:
+    own = replace(MODULUS, per_experiment=True)
+    problem = make_problem(
+        fake_robot(), [fake_experiment("a"), fake_experiment("b")], (own,), PapersLoss(), fake_simulate
+    )
+    evaluation = problem.evaluate({f"{E}[a]": 1e6, f"{E}[b]": 2e6}, jacobian=True)
+    assert evaluation.n_solves == 2
+    assert evaluation.n_factorisations == 40
+    jacobians = {b.experiment: b.jacobian for b in evaluation.blocks if b.channel == "tension"}
+    assert np.all(jacobians["a"][:, 1] == 0)
+    assert np.all(jacobians["b"][:, 0] == 0)
+    assert jacobians["b"][-1, 1] > 0
+
+
+def test_a_failed_solve_is_a_value_with_its_reason_and_no_loss() -> None:
+    problem = make_problem(fake_robot(), [fake_experiment("pull")], (MODULUS,), None, soft_necks_fail)
+    evaluation = problem.evaluate({E: 0.2e6})
+    assert evaluation.loss is None
+    assert evaluation.failure == "pull: No equilibrium beyond 12.0 mm."
+    assert evaluation.n_solves == 1
+    assert evaluation.n_factorisations == 7
+
+
+def test_a_response_that_is_not_finite_or_an_error_of_the_twin_is_a_failure_too() -> None:
+    def odd(
+        robot: Robot, protocol: Protocol, *, sensitivities: Sequence[str] = (), snapshots: bool = False
+    ) -> Response:
+        response = fake_simulate(robot, protocol, sensitivities=sensitivities)
+        channels = {**response.channels, "plate.pitch": np.full(41, np.nan)}
+        return replace(response, channels=channels)
+
+    def raising(
+        robot: Robot, protocol: Protocol, *, sensitivities: Sequence[str] = (), snapshots: bool = False
+    ) -> Response:
+        raise SimulationError("The twin gave up.")
+
+    for simulate, words in ((odd, "plate.pitch is not finite"), (raising, "The twin gave up.")):
+        evaluation = make_problem(fake_robot(), [fake_experiment()], (MODULUS,), None, simulate).evaluate({E: 2e6})
+        assert evaluation.loss is None
+        assert words in evaluation.failure
+
+
+def test_faults_of_a_problem_are_told_together() -> None:
+    experiments = (replace(fake_experiment("a"), cable="fron"), fake_experiment("a"), fake_experiment("a/b"))
+    with pytest.raises(InputError) as caught:
+        Problem(fake_robot(), experiments, SearchSpace((FreeParameter(NU, "1", 0.4, 0.5),)), PapersLoss())
+    text = str(caught.value)
+    for words in ("no such cable; got fron; allowed: front, back", "share a name", "cannot name a file", "0.4999"):
+        assert words in text
+
+
+def test_an_unknown_parameter_is_refused_with_the_nearest() -> None:
+    with pytest.raises(ParameterError, match=r"did you mean 'front\.slack'"):
+        make_problem(fake_robot(), [fake_experiment()], (FreeParameter("front.slak", "m", 0.0, 0.01),))
+
+
+def test_the_fingerprint_sees_every_number_and_no_order() -> None:
+    one, other = three(), three()
+    assert fingerprints(one) == fingerprints(other)
+    changed = make_problem(fake_robot(1.1e6), one.experiments, (MODULUS,), None, fake_simulate)
+    differing = {k for k, v in fingerprints(changed).items() if fingerprints(one)[k] != v}
+    assert differing == {"robot", "free parameters"}
+    assert fingerprint({"a": 1, "b": 2}) == fingerprint({"b": 2, "a": 1})
+    assert fingerprint([1, 2]) != fingerprint([2, 1])
+    assert fingerprint(["ab", "c"]) != fingerprint(["a", "bc"])
+    with pytest.raises(TypeError):
+        fingerprint(object())
+
+
+def test_the_truth_has_no_residual() -> None:
+    problem = make_problem(fake_robot(), [fake_experiment()], (MODULUS, RATIO), None, fake_simulate)
+    assert problem.evaluate(TRUE).loss == 0.0

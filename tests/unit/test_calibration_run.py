@@ -1,0 +1,302 @@
+"""calibrate: joint and one by one, with workers, stopped, resumed, and when all fails."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fake_twin import (
+    NU,
+    TRUE,
+    E,
+    all_necks_fail,
+    fake_experiment,
+    fake_robot,
+    fake_simulate,
+    soft_necks_fail,
+)
+
+from softcal.calibration.parameters import FreeParameter
+from softcal.calibration.problem import Problem, Simulate, make_problem
+from softcal.calibration.result import CalibrationResult
+from softcal.calibration.result_files import load_result
+from softcal.calibration.run import Method, Progress, calibrate, calibrate_each
+from softcal.errors import CalibrationError, ParameterError, StorageError
+from softcal.twin.protocol import Protocol
+from softcal.twin.response import Response
+from softcal.twin.robot import Robot
+
+METHODS: tuple[tuple[Method, int], ...] = (("least-squares", 30), ("tpe", 24), ("grid", 36))
+
+
+def problem_of(simulate: Simulate = fake_simulate, *, noise: float = 0.02) -> Problem:
+    parameters = [
+        FreeParameter(E, "Pa", 0.1e6, 40e6, "log", start=0.2e6),
+        FreeParameter(NU, "1", 0.4, 0.4999, start=0.41),
+    ]
+    experiments = [fake_experiment("20mm", reach=0.02, noise=noise), fake_experiment("40mm", noise=noise, seed=1)]
+    return make_problem(fake_robot(), experiments, parameters, None, simulate)
+
+
+def dying_twin(
+    robot: Robot, protocol: Protocol, *, sensitivities: Sequence[str] = (), snapshots: bool = False
+) -> Response:
+    os._exit(9)
+
+
+def same(one: CalibrationResult, other: CalibrationResult) -> None:
+    """The same result but for how long it took."""
+    assert one.parameters == other.parameters
+    assert one.loss == other.loss
+    assert one.importance == other.importance
+    assert one.n_solves == other.n_solves
+    assert [(t.number, t.theta, t.loss, t.reason) for t in one.trials] == [
+        (t.number, t.theta, t.loss, t.reason) for t in other.trials
+    ]
+
+
+class Stop:
+    """An observer at whose `at`-th trial the user presses Ctrl-C."""
+
+    def __init__(self, at: int) -> None:
+        self.at = at
+
+    def __call__(self, progress: Progress) -> None:
+        if progress.done == self.at:
+            raise KeyboardInterrupt
+
+
+def test_the_truth_is_found_jointly_and_one_by_one() -> None:
+    problem = problem_of(noise=0.0)
+    joint = calibrate(problem)
+    assert {name: p.value for name, p in joint.parameters.items()} == pytest.approx(TRUE, rel=1e-5)
+    assert joint.n_solves == len(joint.trials) <= 12
+    assert joint.n_factorisations == 20 * joint.n_solves
+    assert joint.extra["importance_kind"] == "sensitivity"
+    assert set(joint.experiments) == {"20mm", "40mm"}
+    each = calibrate_each(problem, starts=1)
+    assert set(each) == {"20mm", "40mm"}
+    for name, result in each.items():
+        assert set(result.experiments) == {name}
+        assert result.parameters[E].value == pytest.approx(TRUE[E], rel=1e-5)
+
+
+def test_a_result_says_how_sure_it_is_and_what_stands_at_a_bound() -> None:
+    result = calibrate(problem_of())
+    modulus = result.parameters[E]
+    assert modulus.standard_error is not None
+    assert abs(modulus.value - TRUE[E]) < 8 * modulus.standard_error
+    narrow = make_problem(
+        fake_robot(), [fake_experiment()], [FreeParameter(E, "Pa", 3e6, 40e6, "log")], None, fake_simulate
+    )
+    bound = calibrate(narrow)
+    assert bound.parameters[E].at_bound
+    assert bound.parameters[E].standard_error is None
+    assert any("stands at a bound" in note for note in bound.notes)
+
+
+def test_tpe_has_fanova_importances_and_a_failed_trial_its_reason() -> None:
+    result = calibrate(problem_of(soft_necks_fail), method="tpe", trials=40, seed=1)
+    assert result.extra["importance_kind"] == "fanova"
+    assert sum(result.importance.values()) == pytest.approx(1.0)
+    assert result.importance[E] > result.importance[NU]
+    failed = [trial for trial in result.trials if trial.state == "FAILED"]
+    assert len(failed) == result.n_failed_trials > 0
+    for trial in failed:
+        assert trial.loss is None
+        assert "No equilibrium beyond 12.0 mm." in trial.reason
+        assert trial.theta[E] < 1.0e6 or trial.theta[NU] > 0.49
+    assert any("could not be simulated" in note for note in result.notes)
+
+
+@pytest.mark.slow
+def test_a_thousand_trials_of_tpe_find_the_modulus_within_two_percent() -> None:
+    result = calibrate(problem_of(noise=0.0), method="tpe", trials=1000, seed=1)
+    assert result.parameters[E].value == pytest.approx(TRUE[E], rel=0.02)
+
+
+@pytest.mark.parametrize(("method", "trials"), [("least-squares", 30), ("grid", 16)])
+def test_any_number_of_workers_gives_the_same_result(method: Method, trials: int) -> None:
+    one = calibrate(problem_of(soft_necks_fail), method=method, trials=trials, workers=1)
+    two = calibrate(problem_of(soft_necks_fail), method=method, trials=trials, workers=2)
+    same(one, two)
+
+
+def test_tpe_with_workers_depends_on_the_seed_and_their_number_only() -> None:
+    first, second = (calibrate(problem_of(), method="tpe", trials=14, seed=4, workers=2) for _ in range(2))
+    same(first, second)
+
+
+def test_a_worker_that_dies_is_told_in_a_sentence() -> None:
+    with pytest.raises(CalibrationError, match="A worker process ended unexpectedly"):
+        calibrate(problem_of(dying_twin), method="grid", trials=9, workers=2)
+
+
+@pytest.mark.parametrize(("method", "trials"), METHODS)
+@pytest.mark.parametrize("at", [1, 3])
+def test_stopped_and_resumed_it_is_as_if_it_had_never_stopped(
+    method: Method, trials: int, at: int, tmp_path: Path
+) -> None:
+    whole = calibrate(problem_of(soft_necks_fail), method=method, trials=trials, seed=7)
+    options: dict[str, Any] = {"method": method, "trials": trials, "seed": 7, "store": tmp_path / "run"}
+    with contextlib.suppress(CalibrationError):  # where all trials so far had failed there is no result yet
+        partial = calibrate(problem_of(soft_necks_fail), **options, progress=Stop(at))
+        assert f"Stopped by the user after {at} of at most" in partial.status
+        assert load_result(tmp_path / "run").status == partial.status
+    with sqlite3.connect(tmp_path / "run" / "trials.sqlite") as database:
+        assert database.execute("SELECT COUNT(*) FROM trials").fetchone() == (at,)
+    database.close()
+    seen: list[int] = []
+    resumed = calibrate(
+        problem_of(soft_necks_fail), **options, resume=True, progress=lambda progress: seen.append(progress.done)
+    )
+    same(whole, resumed)
+    same(whole, load_result(tmp_path / "run"))
+    assert seen == list(range(1, len(whole.trials) + 1))
+
+
+@pytest.mark.parametrize(("method", "trials"), METHODS)
+def test_a_finished_run_is_resumed_without_a_single_solve(method: Method, trials: int, tmp_path: Path) -> None:
+    whole = calibrate(problem_of(), method=method, trials=trials, store=tmp_path / "run")
+
+    def never(
+        robot: Robot, protocol: Protocol, *, sensitivities: Sequence[str] = (), snapshots: bool = False
+    ) -> Response:
+        raise AssertionError("simulated again")
+
+    resumed = calibrate(problem_of(never), method=method, trials=trials, store=tmp_path / "run", resume=True)
+    same(whole, resumed)
+    assert resumed.experiments["40mm"].rmse == whole.experiments["40mm"].rmse
+
+
+def test_tpe_resumed_with_more_workers_keeps_its_course_and_takes_more_trials(tmp_path: Path) -> None:
+    calibrate(problem_of(), method="tpe", trials=8, seed=3, store=tmp_path / "run")
+    more = calibrate(problem_of(), method="tpe", trials=16, seed=3, store=tmp_path / "run", resume=True, workers=2)
+    same(calibrate(problem_of(), method="tpe", trials=16, seed=3), more)
+
+
+def test_optunas_own_tools_read_the_run(tmp_path: Path) -> None:
+    import optuna
+    from optuna.storages.journal import JournalFileBackend
+
+    result = calibrate(problem_of(soft_necks_fail), method="tpe", trials=20, store=tmp_path / "run")
+    storage = optuna.storages.JournalStorage(JournalFileBackend(str(tmp_path / "run" / "optuna.journal")))
+    study = optuna.load_study(study_name="softcal", storage=storage)
+    assert len(study.trials) == 20
+    assert study.best_params == pytest.approx({name: p.value for name, p in result.parameters.items()})
+    assert sum(t.state == optuna.trial.TrialState.FAIL for t in study.trials) == result.n_failed_trials
+
+
+def test_tpe_runs_with_the_papers_settings(monkeypatch: pytest.MonkeyPatch) -> None:
+    import optuna
+
+    given: dict[str, object] = {}
+    real = optuna.samplers.TPESampler
+
+    def spy(**settings: object) -> optuna.samplers.TPESampler:
+        given.update(settings)
+        return real(**settings)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(optuna.samplers, "TPESampler", spy)
+    calibrate(problem_of(), method="tpe", trials=2, seed=11)
+    assert given == {
+        "multivariate": False,
+        "group": False,
+        "n_startup_trials": 10,
+        "n_ei_candidates": 24,
+        "constant_liar": False,
+        "seed": 11,
+    }
+
+
+@pytest.mark.parametrize(("method", "trials"), METHODS)
+def test_when_every_trial_fails_there_is_no_result_but_a_sentence(method: Method, trials: int, tmp_path: Path) -> None:
+    with pytest.raises(CalibrationError, match=r"All \d+ trials failed.*No equilibrium beyond 1\.0 mm\."):
+        calibrate(problem_of(all_necks_fail), method=method, trials=trials, store=tmp_path / "run")
+    assert not (tmp_path / "run" / "result.json").exists()
+    assert (tmp_path / "run" / "trials.sqlite").exists()
+
+
+def test_progress_tells_the_best_so_far() -> None:
+    seen: list[Progress] = []
+    result = calibrate(problem_of(soft_necks_fail), method="tpe", trials=20, progress=seen.append)
+    assert [p.done for p in seen] == list(range(1, 21))
+    assert {p.total for p in seen} == {20}
+    losses = [p.best_loss for p in seen if p.best_loss is not None]
+    assert losses == sorted(losses, reverse=True)
+    assert seen[-1].best_loss == result.loss
+    assert seen[-1].failed == result.n_failed_trials
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"method": "simplex"}, "no such method"),
+        ({"trials": 0}, "must be a trial"),
+        ({"method": "grid", "trials": 3}, "needs more trials; got 3; allowed: at least 4"),
+        ({"workers": 0}, "must be a worker"),
+        ({"starts": 0}, "must be a start"),
+        ({"seed": -1}, "seed is out of range"),
+    ],
+)
+def test_options_that_make_no_sense_are_refused(options: dict[str, object], message: str) -> None:
+    with pytest.raises(ParameterError, match=message):
+        calibrate(problem_of(), **options)  # type: ignore[arg-type]
+
+
+def test_to_resume_there_must_be_a_folder_with_a_run(tmp_path: Path) -> None:
+    with pytest.raises(StorageError, match="without its folder"):
+        calibrate(problem_of(), resume=True)
+    with pytest.raises(StorageError, match="no run to resume"):
+        calibrate(problem_of(), store=tmp_path, resume=True)
+
+
+_SLOW_SCRIPT = """
+import sys, time
+sys.path[:0] = {path!r}
+from pathlib import Path
+from fake_twin import fake_simulate
+from test_calibration_run import problem_of
+from softcal.calibration.run import calibrate
+
+def slow(robot, protocol, **options):
+    time.sleep(0.05)
+    return fake_simulate(robot, protocol, **options)
+
+if __name__ == "__main__":
+    print(calibrate(problem_of(slow), method="grid", trials=400, workers=2, store=Path({folder!r})).status)
+"""
+
+
+def test_a_real_ctrl_c_ends_the_workers_and_keeps_every_trial(tmp_path: Path) -> None:
+    here = Path(__file__).parent
+    script = tmp_path / "slow.py"
+    folder = tmp_path / "run"
+    script.write_text(_SLOW_SCRIPT.format(path=[str(here), str(here.parent)], folder=str(folder)))
+    process = subprocess.Popen(
+        [sys.executable, str(script)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    try:
+        deadline = time.monotonic() + 60
+        wal = folder / "trials.sqlite-wal"
+        while time.monotonic() < deadline and not (wal.exists() and wal.stat().st_size > 40_000):
+            time.sleep(0.05)
+        # To the whole group, as a terminal does.
+        os.killpg(process.pid, signal.SIGINT)
+        out, error = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert "Stopped by the user after" in out, error
+    assert "Traceback" not in error
+    kept = load_result(folder)
+    assert 0 < len(kept.trials) < 400
+    assert f"after {len(kept.trials)} of at most 400" in out

@@ -1,0 +1,212 @@
+"""The run folder: never overwritten, never half written, and read back as it was."""
+
+from __future__ import annotations
+
+import csv
+import errno
+import json
+import os
+import sqlite3
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fake_twin import NU, E, fake_experiment, fake_robot, fake_simulate, soft_necks_fail
+
+from softcal.calibration.parameters import FreeParameter
+from softcal.calibration.payload import decode, encode
+from softcal.calibration.problem import Problem, make_problem
+from softcal.calibration.result import CalibrationResult
+from softcal.calibration.result_files import load_result, result_json
+from softcal.calibration.run import calibrate
+from softcal.calibration.store import RunStore, write_text
+from softcal.errors import StorageError
+
+MODULUS = FreeParameter(E, "Pa", 0.1e6, 40e6, "log", start=0.2e6)
+RATIO = FreeParameter(NU, "1", 0.4, 0.4999)
+
+
+def problem_of(reach: float = 0.04) -> Problem:
+    experiments = [fake_experiment("pull", reach=reach, noise=0.02)]
+    return make_problem(fake_robot(), experiments, [MODULUS, RATIO], None, soft_necks_fail)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, CalibrationResult]:
+    folder = tmp_path_factory.mktemp("runs") / "run"
+    return folder, calibrate(problem_of(), store=folder, files={"project.yaml": "name: neck\n"})
+
+
+def test_result_json_holds_what_is_promised_in_si(run: tuple[Path, CalibrationResult]) -> None:
+    folder, result = run
+    held = json.loads((folder / "result.json").read_text())
+    assert held["parameters"][E] == {
+        "value": result.parameters[E].value,
+        "unit": "Pa",
+        "at_bound": False,
+        "lower": 0.1e6,
+        "upper": 40e6,
+        "standard_error": result.parameters[E].standard_error,
+    }
+    for key in ("loss", "method", "seed", "n_solves", "n_factorisations", "wall_s", "status", "n_failed_trials"):
+        assert held[key] == getattr(result, key)
+    assert held["loss_name"] == "papers"
+    assert set(held["importance"]) == {E, NU}
+    errors = held["experiments"]["pull"]
+    residual = result.experiments["pull"].simulated["tension"] - result.experiments["pull"].measured["tension"]
+    assert errors["tension_rmse"] == pytest.approx(np.sqrt(np.mean(residual**2)))
+    assert errors["tension_rmse_detrended"] <= errors["tension_rmse"]
+    assert {"pitch_rmse", "pitch_rmse_detrended"} <= set(errors)
+    assert (folder / "project.yaml").read_text() == "name: neck\n"
+
+
+def test_a_channel_that_is_not_compared_has_null_errors() -> None:
+    experiment = fake_experiment()
+    only = type(experiment)("pull", experiment.dataset, "front", "plate", compared=("tension",))
+    result = calibrate(make_problem(fake_robot(), [only], [MODULUS], None, fake_simulate))
+    assert result_json(result)["experiments"]["pull"]["pitch_rmse"] is None
+
+
+def test_every_header_of_the_tables_has_its_unit(run: tuple[Path, CalibrationResult]) -> None:
+    folder, result = run
+    with (folder / "response-pull.csv").open() as file:
+        header, *rows = csv.reader(file)
+    assert header == [
+        "front.shortening [m]",
+        "front.tension [N]",
+        "plate.pitch [rad]",
+        "plate.roll [rad]",
+        "measured.shortening [m]",
+        "measured.tension [N]",
+        "measured.pitch [rad]",
+        "simulated.tension [N]",
+        "simulated.pitch [rad]",
+    ]
+    assert len(rows) == 41
+    with (folder / "trials.csv").open() as file:
+        header, *rows = csv.reader(file)
+    assert header == [
+        "number",
+        "state",
+        "loss",
+        "seconds [s]",
+        "n_factorisations",
+        "reason",
+        f"{E} [Pa]",
+        f"{NU} [1]",
+        "loss of pull",
+    ]
+    assert len(rows) == len(result.trials)
+    assert {row[1] for row in rows} == {"COMPLETE", "FAILED"}
+
+
+def test_a_result_is_read_back_as_it_was_written(run: tuple[Path, CalibrationResult]) -> None:
+    folder, result = run
+    held = load_result(folder)
+    for key in ("parameters", "loss", "importance", "trials", "status", "notes", "hashes", "versions", "extra"):
+        assert getattr(held, key) == getattr(result, key)
+    fit, again = result.experiments["pull"], held.experiments["pull"]
+    assert again.rmse == fit.rmse
+    assert again.rmse_detrended == fit.rmse_detrended
+    assert again.units == {name: fit.units[name] for name in again.units}
+    for family in ("measured", "simulated", "response"):
+        assert set(getattr(again, family)) == set(getattr(fit, family))
+        for channel, values in getattr(fit, family).items():
+            np.testing.assert_array_equal(getattr(again, family)[channel], values)
+
+
+@pytest.mark.parametrize(
+    ("file", "text"),
+    [("result.json", "{"), ("result.json", "{}"), ("trials.csv", ""), ("response-pull.csv", "front.tension [N]\nx\n")],
+)
+def test_a_broken_result_is_told_in_a_sentence(
+    file: str, text: str, run: tuple[Path, CalibrationResult], tmp_path: Path
+) -> None:
+    for name in ("result.json", "trials.csv", "response-pull.csv"):
+        (tmp_path / name).write_text((run[0] / name).read_text())
+    (tmp_path / file).write_text(text)
+    with pytest.raises(StorageError, match="cannot be read"):
+        load_result(tmp_path)
+
+
+def test_a_folder_without_a_result_is_told(tmp_path: Path) -> None:
+    with pytest.raises(StorageError, match="there is no result"):
+        load_result(tmp_path)
+
+
+def test_a_folder_that_holds_anything_is_refused_and_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").write_text("years of work")
+    with pytest.raises(StorageError, match="not empty"):
+        calibrate(problem_of(), store=tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+    with pytest.raises(StorageError, match="a file, not a folder"):
+        calibrate(problem_of(), store=tmp_path / "thesis.tex")
+
+
+def test_a_folder_that_cannot_be_made_is_told(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(StorageError, match="cannot be kept"):
+        calibrate(problem_of(), store=tmp_path / "file" / "run")
+
+
+def test_a_full_disk_is_told_and_leaves_no_half_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "result.json"
+    path.write_text("before")
+
+    def full(_: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(StorageError, match="No space left on device"):
+        write_text(path, "after")
+    assert path.read_text() == "before"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_resume_of_something_else_is_refused_with_every_difference(run: tuple[Path, CalibrationResult]) -> None:
+    folder, _ = run
+    with pytest.raises(StorageError) as caught:
+        calibrate(problem_of(reach=0.03), store=folder, resume=True, seed=9, hashes={"project file": "abc"})
+    text = str(caught.value)
+    assert len(caught.value.faults) == 3
+    for words in ("experiment pull", "project file", "begun otherwise: seed; got 9"):
+        assert words in text
+
+
+def test_another_number_of_trials_is_another_grid(tmp_path: Path) -> None:
+    calibrate(problem_of(), method="grid", trials=9, store=tmp_path / "run")
+    with pytest.raises(StorageError, match="another grid"):
+        calibrate(problem_of(), method="grid", trials=16, store=tmp_path / "run", resume=True)
+
+
+def test_two_calibrations_cannot_share_a_folder(tmp_path: Path) -> None:
+    with (
+        RunStore.create(tmp_path / "run", identity={}, settings={}, versions={}),
+        pytest.raises(StorageError, match="locked"),
+    ):
+        RunStore.resume(tmp_path / "run", identity={}, settings={})
+
+
+def test_trials_that_do_not_fit_the_search_stop_a_resume(tmp_path: Path) -> None:
+    calibrate(problem_of(), method="grid", trials=9, store=tmp_path / "run")
+    with sqlite3.connect(tmp_path / "run" / "trials.sqlite") as database:
+        database.execute("UPDATE trials SET theta = ? WHERE number = 4", (json.dumps({E: 1e6, NU: 0.45}),))
+    database.close()
+    with pytest.raises(StorageError, match="trial 4 on disk is not the one"):
+        calibrate(problem_of(), method="grid", trials=9, store=tmp_path / "run", resume=True)
+
+
+def test_a_damaged_record_is_told(tmp_path: Path) -> None:
+    calibrate(problem_of(), method="grid", trials=4, store=tmp_path / "run")
+    (tmp_path / "run" / "run.json").write_text("{")
+    with pytest.raises(StorageError, match="record of the run cannot be read"):
+        calibrate(problem_of(), method="grid", trials=4, store=tmp_path / "run", resume=True)
+
+
+def test_observations_come_back_from_bytes_bit_by_bit() -> None:
+    problem = make_problem(fake_robot(), [fake_experiment(noise=0.02)], [MODULUS, RATIO], None, fake_simulate)
+    evaluation = problem.evaluate({E: 1.23456789e6, NU: 0.4321}, jacobian=True)
+    again = problem.judge(evaluation.theta, decode(encode(evaluation.observations)), 1, 20, 0.0)
+    assert again.loss == evaluation.loss
+    assert again.gradient is not None
+    np.testing.assert_array_equal(again.gradient, evaluation.gradient)

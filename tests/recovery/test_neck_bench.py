@@ -65,7 +65,7 @@ def project() -> Project:
 
 @pytest.fixture(scope="module")
 def joint(project: Project) -> CalibrationResult:
-    return calibrate(make_problem(project), method="least-squares")
+    return calibrate(make_problem(project), method="least-squares", starts=1)
 
 
 @pytest.fixture(scope="module")
@@ -126,7 +126,7 @@ def test_with_the_mesh_counted_the_modulus_is_the_true_one(
 ) -> None:
     mesh = mesh_factor(generator, project, true_values)
     assert 1.0 < mesh < 1.0 + MESH_AT_MOST + 0.02
-    found = calibrate(at_ratio(make_problem(project), true_values[NU]), method="least-squares")
+    found = calibrate(at_ratio(make_problem(project), true_values[NU]), method="least-squares", starts=1)
     assert found.parameters[E].value == pytest.approx(loading_modulus / mesh, rel=0.01)
     assert "Converged" in found.status
 
@@ -135,7 +135,7 @@ def test_poissons_ratio_hardly_matters(project: Project, joint: CalibrationResul
     """Paper A's Table I: E decides. The loss at any other ratio is the same but for some per cent, at another E."""
     assert joint.importance[E] > 0.9
     assert joint.importance[NU] < 0.01
-    there = calibrate(at_ratio(make_problem(project), 0.48), method="least-squares")
+    there = calibrate(at_ratio(make_problem(project), 0.48), method="least-squares", starts=1)
     assert there.loss < 1.05 * joint.loss
     assert there.parameters[E].value == pytest.approx(joint.parameters[E].value, rel=0.05)
 
@@ -163,7 +163,7 @@ def test_by_tension_the_modulus_is_the_same(
     """Paper A's wording: the twin is pulled by the measured force; shortening and pitch are compared."""
     problem = at_ratio(make_problem(project).alone("20mm_5mms"), true_values[NU])
     by_force = tuple(replace(experiment, drive="tension", compared=()) for experiment in problem.experiments)
-    found = calibrate(replace(problem, experiments=by_force), method="least-squares")
+    found = calibrate(replace(problem, experiments=by_force), method="least-squares", starts=1)
     assert set(found.experiments["20mm_5mms"].rmse) == {"shortening", "pitch"}
     assert found.parameters[E].value == pytest.approx(joint.parameters[E].value, rel=0.03)
 

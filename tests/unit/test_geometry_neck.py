@@ -120,6 +120,31 @@ def test_a_target_count_is_met(count, order, refinement):
 
 
 @needs_gmsh
+@pytest.mark.parametrize(("count", "sectors"), [(2000, 6), (3000, 8)])
+def test_a_swept_neck_meets_its_count_and_is_its_own_mirror_image(count, sectors):
+    shape = NeckShape()
+    mesh = neck_mesh(shape, count=count, order=2, waist_refinement=12, sectors=sectors)
+    report = require_sound(mesh)
+    assert mesh.n_tets == pytest.approx(count, rel=0.05)
+    assert report.volume == pytest.approx(volume_of_revolution(shape.profile(2000)), rel=4e-3)
+    assert mesh.points[mesh.node_sets["socket"], 2].max() == pytest.approx(shape.clamp_depth, abs=1e-9)
+    assert mesh.points[mesh.node_sets["collar"], 2].min() == pytest.approx(shape.collar_start, abs=1e-9)
+    places = np.round(mesh.points, 9) + 0.0
+    twin = {tuple(place): i for i, place in enumerate(places)}
+    mirror = np.array([twin[x, -y + 0.0, z] for x, y, z in places])
+    cells = {frozenset(tet) for tet in mesh.tets.tolist()}
+    assert cells == {frozenset(tet) for tet in mirror[mesh.tets].tolist()}
+
+
+@needs_gmsh
+def test_a_swept_neck_can_be_linear():
+    mesh = neck_mesh(size=0.008, order=1, sectors=8)
+    assert mesh.order == 1
+    assert require_sound(mesh).n_parts == 1
+    assert len(mesh.face_sets["top"]) > 0
+
+
+@needs_gmsh
 def test_refined_waists_have_smaller_tets():
     shape = NeckShape()
     even = neck_mesh(shape, size=0.006)
@@ -180,8 +205,9 @@ def test_a_target_that_cannot_be_met_is_told():
         ({"size": -1.0}, "target size is not positive; got -1 m"),
         ({"count": 0}, "target count is not positive"),
         ({"size": 0.01, "waist_refinement": 0.5}, "got 0.5; allowed: >= 1"),
+        ({"size": 0.01, "sectors": 5}, "got 5 sectors; allowed: 4, 6, 8"),
     ],
-    ids=["none", "both", "size", "count", "refinement"],
+    ids=["none", "both", "size", "count", "refinement", "sectors"],
 )
 def test_a_wrong_target_is_refused(target, told):
     with pytest.raises(MeshError, match=told):

@@ -111,7 +111,8 @@ def mesh_file(
         **target_of(size, count, factor, where=str(path)),
         "order": order,
     }
-    mesh = run_gmsh(job, factor=factor, where=str(path), timeout=timeout)
+    arrays = run_gmsh(job, where=str(path), timeout=timeout)
+    mesh = TetMesh(factor * arrays["points"], arrays["tets"])
     faces = boundary_faces(mesh)
     return TetMesh(mesh.points, mesh.tets, node_sets={"surface": np.unique(faces)}, face_sets={"surface": faces})
 
@@ -140,8 +141,8 @@ def target_of(size: float | None, count: int | None, factor: float, *, where: st
     return {"size": None if size is None else size / factor, "count": count}
 
 
-def run_gmsh(job: Mapping[str, Any], *, factor: float, where: str, timeout: float) -> TetMesh:
-    """The mesh of a job of the worker, its lengths times `factor` to give metres.
+def run_gmsh(job: Mapping[str, Any], *, where: str, timeout: float) -> dict[str, np.ndarray[Any, Any]]:
+    """What the worker makes of a job: "points" and "tets", or "section" and "triangles", in the job's unit.
 
     Raises
     ------
@@ -176,7 +177,7 @@ def run_gmsh(job: Mapping[str, Any], *, factor: float, where: str, timeout: floa
         if done.returncode or not mesh.is_file():
             raise MeshError(_crash(done, where))
         with np.load(mesh) as arrays:
-            return TetMesh(factor * arrays["points"], arrays["tets"])
+            return dict(arrays)
 
 
 def _told(fault: Mapping[str, str], where: str) -> Fault:

@@ -1,8 +1,8 @@
 """Meshing in a process of its own: `python -m softcal.geometry.gmsh_worker FOLDER`, the job as JSON on stdin.
 
 Gmsh is GPL, keeps global state and can crash or hang: nothing else in softcal may import it. The worker writes
-mesh.npz (points in the job's unit, tets in VTK node order) into FOLDER, or fault.json with {"fault", "got",
-"allowed", "attempt"}. It knows nothing of softcal, so that it can be run alone.
+mesh.npz into FOLDER: points in the job's unit and tets in VTK node order, or a half section and its triangles; or it
+writes fault.json with {"fault", "got", "allowed", "attempt"}. It knows nothing of softcal, so that it can be run alone.
 """
 
 from __future__ import annotations
@@ -18,19 +18,24 @@ import numpy as np
 
 # Gmsh numbers the last two edges of a quadratic tet the other way round than VTK.
 GMSH_TO_VTK = (0, 1, 2, 3, 4, 5, 6, 7, 9, 8)
+# Gmsh's number and the nodes of the elements: tets by order, and quadratic triangles.
 TET_TYPES = {1: (4, 4), 2: (11, 10)}
+TRIANGLE_TYPES = {1: (2, 3), 2: (9, 6)}
 # A target count is met when the mesh is this near to it; the search stops early when it is very near.
 COUNT_TOLERANCE, COUNT_GOAL, MAX_MESHES = 0.05, 0.03, 16
 # The search ends when sizes this near to each other give too few and too many tets.
 CLOSE = 0.99
+AROUND_A_JUMP = (0.97, 1.03, 0.94, 1.06, 0.9, 1.1, 0.85, 1.15, 0.8, 1.2)
 # More tets than anybody can compute with: a mistaken unit.
 MOST_TETS = 2e6
 # Quadratic tets whose Jacobian falls below this part of their greatest one are mended.
 LEAST_JACOBIAN = 0.1
 # Surfaces with fewer triangles than this are refined before they are split into faces.
 FEW_TRIANGLES = 400
-# Tetrahedra in a volume V meshed with edges of length s: about 6 sqrt(2) V / s^3.
-TETS_PER_CUBE = 6.0 * math.sqrt(2.0)
+# Tets in a cube, and triangles in a square, of the edge's length.
+TETS_PER_CUBE, TRIANGLES_PER_SQUARE = 6.0 * math.sqrt(2.0), 4.0 / math.sqrt(3.0)
+# Nodes of a half section this near to the axis lie on it.
+ON_AXIS = 1e-9
 
 
 class JobError(Exception):
@@ -49,16 +54,16 @@ def main() -> int:
         # Where the parent was killed, nobody else would stop a Gmsh that hangs.
         signal.alarm(math.ceil(job["timeout"]) + 10)
     try:
-        points, tets = make_mesh(job)
+        arrays = make_mesh(job)
     except JobError as error:
         (folder / "fault.json").write_text(json.dumps(error.message))
         return 1
-    np.savez(folder / "mesh.npz", points=points, tets=tets)
+    np.savez(folder / "mesh.npz", **arrays)
     return 0
 
 
-def make_mesh(job: dict[str, Any]) -> tuple[Any, Any]:
-    """Points and tets of a job; see generate.py for its keys."""
+def make_mesh(job: dict[str, Any]) -> dict[str, Any]:
+    """Points and elements of a job; see generate.py and neck.py for its keys."""
     gmsh = import_gmsh()
     gmsh.initialize(["softcal"], readConfigFiles=False)
     try:
@@ -68,8 +73,8 @@ def make_mesh(job: dict[str, Any]) -> tuple[Any, Any]:
         LOADERS[job["kind"]](gmsh, job)
         mesh_to_target(gmsh, job)
         if job["order"] == 2:
-            curve(gmsh)
-        return collect(gmsh, job["order"])
+            curve(gmsh, job)
+        return collect(gmsh, job)
     except JobError:
         raise
     except Exception as error:  # Gmsh raises nothing finer; the parent makes a sentence of it
@@ -127,13 +132,29 @@ def load_step(gmsh: Any, job: dict[str, Any]) -> None:
 
 
 def build_revolution(gmsh: Any, job: dict[str, Any]) -> None:
-    """A solid of revolution about z: regions, each a closed chain of curves in (r, z), conforming to each other.
+    """The solid that the regions of a half section make when they turn about z, conforming to each other."""
+    section = draw_section(gmsh, job)
+    gmsh.model.occ.revolve(section, 0, 0, 0, 0, 0, 1, 2 * math.pi)
+    gmsh.model.occ.remove(section, recursive=True)
+    gmsh.model.occ.synchronize()
+    job["volume"] = sum(gmsh.model.occ.getMass(3, tag) for _, tag in gmsh.model.getEntities(3))
+
+
+def build_section(gmsh: Any, job: dict[str, Any]) -> None:
+    """The half section alone, which the parent sweeps around."""
+    section = draw_section(gmsh, job)
+    gmsh.model.occ.synchronize()
+    job["area"] = sum(gmsh.model.occ.getMass(2, tag) for _, tag in section)
+
+
+def draw_section(gmsh: Any, job: dict[str, Any]) -> list[tuple[int, int]]:
+    """Regions, each a closed chain of curves in (r, z), as surfaces in the plane y = 0 that share their edges.
 
     A curve is {"from", "to"}, and "centre" and "major" for an arc of an ellipse.
     """
     occ = gmsh.model.occ
     points: dict[tuple[float, float], int] = {}
-    curves: dict[tuple[int, int], int] = {}
+    lines: dict[tuple[int, int], int] = {}
 
     def point(place: list[float]) -> int:
         r, z = place
@@ -146,25 +167,21 @@ def build_revolution(gmsh: Any, job: dict[str, Any]) -> None:
         if "centre" in item:
             return occ.addEllipseArc(start, point(item["centre"]), point(item["major"]), end)
         ends = (min(start, end), max(start, end))
-        if ends not in curves:
-            curves[ends] = occ.addLine(*ends)
-        return curves[ends]
+        if ends not in lines:
+            lines[ends] = occ.addLine(*ends)
+        return lines[ends]
 
     loops = [occ.addCurveLoop([curve(item) for item in region]) for region in job["regions"]]
-    outlines = [(2, occ.addPlaneSurface([loop])) for loop in loops]
-    occ.revolve(outlines, 0, 0, 0, 0, 0, 1, 2 * math.pi)
-    occ.remove(outlines, recursive=True)
-    occ.synchronize()
-    job["volume"] = sum(occ.getMass(3, tag) for _, tag in gmsh.model.getEntities(3))
+    return [(2, occ.addPlaneSurface([loop])) for loop in loops]
 
 
-LOADERS = {"stl": load_stl, "step": load_step, "revolution": build_revolution}
+LOADERS = {"stl": load_stl, "step": load_step, "revolution": build_revolution, "section": build_section}
 
 
 def mesh_to_target(gmsh: Any, job: dict[str, Any]) -> None:
     """Mesh with linear tets at the target size, or search the size that gives the target count."""
     if job["size"] is not None:
-        expected = TETS_PER_CUBE * job["volume"] / job["size"] ** 3
+        expected = expected_count(job, job["size"])
         if expected > MOST_TETS:
             raise JobError(
                 "the target size is too small",
@@ -174,8 +191,8 @@ def mesh_to_target(gmsh: Any, job: dict[str, Any]) -> None:
             )
         mesh_at(gmsh, job, job["size"])
         return
-    target, volume = job["count"], job["volume"]
-    size = (TETS_PER_CUBE * volume / target) ** (1 / 3)
+    target = job["count"]
+    size = (expected_count(job, 1.0) / target) ** (1 / dimension(job))
     tried: dict[float, int] = {}
     while len(tried) < MAX_MESHES:
         tried[size] = mesh_at(gmsh, job, size)
@@ -187,6 +204,8 @@ def mesh_to_target(gmsh: Any, job: dict[str, Any]) -> None:
         if fine > CLOSE * coarse or fine > largest_size(gmsh):
             break
     best = min(tried, key=lambda size: abs(tried[size] / target - 1))
+    if abs(tried[best] / target - 1) > COUNT_TOLERANCE and mesh_around_jump(gmsh, job, best):
+        return
     if abs(tried[best] / target - 1) > COUNT_TOLERANCE:
         reached = sorted(set(tried.values()), key=lambda count: abs(count - target))[:4]
         raise JobError(
@@ -196,6 +215,44 @@ def mesh_to_target(gmsh: Any, job: dict[str, Any]) -> None:
             attempt="another count, or a size",
         )
     mesh_at(gmsh, job, best)
+
+
+def mesh_around_jump(gmsh: Any, job: dict[str, Any], size: float) -> bool:
+    """Whether a mesh near this size meets the count: it jumps where many edges take one division more at once."""
+    for factor in AROUND_A_JUMP:
+        varied = dict(job)
+        if job.get("refine"):
+            # The more the further up, so that the circles do not all jump at once.
+            ratios = job["refine"]["ratios"]
+            steps = max(len(ratios) - 1, 1)
+            varied_ratios = [ratio * factor ** (i / steps) for i, ratio in enumerate(ratios)]
+            varied["refine"] = {**job["refine"], "ratios": varied_ratios}
+            count = mesh_at(gmsh, varied, size)
+        else:
+            count = mesh_at(gmsh, varied, factor * size)
+        if abs(count / job["count"] - 1) <= COUNT_TOLERANCE:
+            return True
+    return False
+
+
+def dimension(job: dict[str, Any]) -> int:
+    """Of the elements that Gmsh is to make."""
+    return 2 if job["kind"] == "section" else 3
+
+
+def expected_count(job: dict[str, Any], size: float) -> float:
+    """Number of tets to be expected for a target size."""
+    if job["kind"] == "section":
+        return 3 * job["sectors"] * TRIANGLES_PER_SQUARE * job["area"] / size**2
+    return TETS_PER_CUBE * job["volume"] / size**3
+
+
+def count_tets(gmsh: Any, job: dict[str, Any]) -> int:
+    """Number of tets of the linear mesh, or that its triangles give when they are swept around."""
+    if dimension(job) == 3:
+        return len(gmsh.model.mesh.getElementsByType(TET_TYPES[1][0])[0])
+    corners, _ = surface_triangles(gmsh)
+    return int(job["sectors"] * (3 - (abs(corners[:, :, 0]) < ON_AXIS).sum(axis=1)).sum())
 
 
 def next_size(tried: dict[float, int], target: int, fine: float, coarse: float) -> float:
@@ -229,17 +286,18 @@ def mesh_at(gmsh: Any, job: dict[str, Any], size: float) -> int:
     gmsh.option.setNumber("Mesh.MeshSizeMax", size)
     if job.get("refine"):
         set_grading(gmsh, job["refine"], size)
-    gmsh.model.mesh.generate(3)
-    count = len(gmsh.model.mesh.getElementsByType(TET_TYPES[1][0])[0])
+    gmsh.model.mesh.generate(dimension(job))
+    count = count_tets(gmsh, job)
     if count == 0:
         raise JobError("Gmsh made no tetrahedra", got=gmsh.logger.getLastError())
     return count
 
 
-def curve(gmsh: Any) -> None:
-    """Quadratic tets on the curved surface, mended where that turned one inside out."""
+def curve(gmsh: Any, job: dict[str, Any]) -> None:
+    """Quadratic elements on the curved surface, mended where that turned one inside out."""
     gmsh.model.mesh.setOrder(2)
-    tags, _ = gmsh.model.mesh.getElementsByType(TET_TYPES[2][0])
+    kind, _ = (TET_TYPES if dimension(job) == 3 else TRIANGLE_TYPES)[2]
+    tags, _ = gmsh.model.mesh.getElementsByType(kind)
     if min(gmsh.model.mesh.getElementQualities(tags, "minSJ")) < LEAST_JACOBIAN:
         gmsh.model.mesh.optimize("HighOrder")
 
@@ -250,13 +308,13 @@ def set_grading(gmsh: Any, refine: dict[str, Any], size: float) -> None:
     for tag in field.list():
         field.remove(tag)
     graded: list[int] = []
-    for r, z in refine["circles"]:
+    for (r, z), ratio in zip(refine["circles"], refine["ratios"], strict=True):
         distance = field.add("MathEval")
         field.setString(distance, "F", f"Sqrt((Sqrt(x*x+y*y)-{r!r})^2+(z-{z!r})^2)")
         growth = field.add("Threshold")
         for key, value in (
             ("InField", distance),
-            ("SizeMin", size / refine["ratio"]),
+            ("SizeMin", size / ratio),
             ("SizeMax", size),
             ("DistMin", 0.0),
             ("DistMax", refine["reach"]),
@@ -270,16 +328,20 @@ def set_grading(gmsh: Any, refine: dict[str, Any], size: float) -> None:
     gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 0)
 
 
-def collect(gmsh: Any, order: int) -> tuple[Any, Any]:
-    """Points and tets of the mesh, numbered densely, only points that tets use."""
-    kind, n_nodes = TET_TYPES[order]
+def collect(gmsh: Any, job: dict[str, Any]) -> dict[str, Any]:
+    """Points and elements of the mesh, numbered densely, only points that the elements use."""
+    kind, n_nodes = (TET_TYPES if dimension(job) == 3 else TRIANGLE_TYPES)[job["order"]]
     _, connectivity = gmsh.model.mesh.getElementsByType(kind)
-    used, tets = np.unique(np.asarray(connectivity, dtype=np.int64), return_inverse=True)
-    tets = tets.reshape(-1, n_nodes)
+    used, elements = np.unique(np.asarray(connectivity, dtype=np.int64), return_inverse=True)
+    elements = elements.reshape(-1, n_nodes)
     tags, xyz, _ = gmsh.model.mesh.getNodes()
     rows = np.argsort(tags)
     points = xyz.reshape(-1, 3)[rows[np.searchsorted(tags, used, sorter=rows)]]
-    return points, tets if order == 1 else tets[:, GMSH_TO_VTK]
+    if dimension(job) == 2:
+        section = points[:, [0, 2]]
+        section[abs(section[:, 0]) < ON_AXIS, 0] = 0.0
+        return {"section": section, "triangles": elements}
+    return {"points": points, "tets": elements if job["order"] == 1 else elements[:, GMSH_TO_VTK]}
 
 
 def surface_triangles(gmsh: Any) -> Any:

@@ -12,7 +12,9 @@ from softcal.checks import Floats, Ints
 from softcal.errors import Fault, MeshError
 from softcal.geometry.generate import run_gmsh, target_of
 from softcal.geometry.mesh import TetMesh
+from softcal.geometry.quadratic import to_linear
 from softcal.geometry.surface import boundary_faces
+from softcal.geometry.sweep import sweep
 
 Place = tuple[float, float]
 
@@ -132,9 +134,14 @@ def neck_mesh(
     count: int | None = None,
     order: Literal[1, 2] = 1,
     waist_refinement: float = 1.0,
+    sectors: int | None = None,
     timeout: float = 300.0,
 ) -> TetMesh:
-    """A mesh of the neck, z upwards, base at z = 0, conforming to the clamp's and the collar's plane; Delaunay.
+    """A mesh of the neck, z upwards, base at z = 0, conforming to the clamp's and the collar's plane.
+
+    Delaunay, or swept around the axis in `sectors`: elements that are long around the axis and small across reach
+    the same accuracy with far fewer of them, since the stress at the waists changes fast across and slowly around.
+    For quadratic tets, 6 or 8 sectors with a refinement of about 12 do well.
 
     Parameters
     ----------
@@ -145,7 +152,11 @@ def neck_mesh(
     order
         1 for linear tets, 2 for quadratic ones, curved on the surface of revolution.
     waist_refinement
-        How many times smaller the elements are at the waists, where the neck bends and stress is singular [-].
+        How many times smaller the elements are at the waists, where the neck bends and stress is singular [-]; up to
+        a fifth more or less at some waists where only so the target count is met.
+    sectors
+        Number of sectors to sweep the half section through, even and at least 4; the mesh is then its own mirror
+        image in the plane y = 0. By default the solid is meshed as a whole.
     timeout
         Longest time that Gmsh may take [s].
 
@@ -166,21 +177,31 @@ def neck_mesh(
         raise MeshError(
             Fault("the refinement of the waists is too small", where=where, got=f"{waist_refinement:g}", allowed=">= 1")
         )
+    if sectors is not None and (sectors < 4 or sectors % 2):
+        raise MeshError(
+            Fault("the neck cannot be swept like this", where=where, got=f"{sectors} sectors", allowed="4, 6, 8, ...")
+        )
     job: dict[str, Any] = {
-        "kind": "revolution",
+        "kind": "revolution" if sectors is None else "section",
+        "sectors": sectors,
         "regions": _regions(shape),
         **target_of(size, count, MILLIMETRE, where=where),
-        "order": order,
+        "order": order if sectors is None else 2,
     }
     if waist_refinement > 1.0:
         radius = 0.5 * shape.waist_diameter
         circles = [_in_millimetres((radius, z)) for z in shape.waists]
         job["refine"] = {
             "circles": circles,
-            "ratio": waist_refinement,
+            "ratios": [waist_refinement] * len(circles),
             "reach": REFINED_REACH * radius / MILLIMETRE,
         }
-    mesh = run_gmsh(job, factor=MILLIMETRE, where=where, timeout=timeout)
+    arrays = run_gmsh(job, where=where, timeout=timeout)
+    if sectors is None:
+        mesh = TetMesh(MILLIMETRE * arrays["points"], arrays["tets"])
+    else:
+        mesh = sweep(MILLIMETRE * arrays["section"], arrays["triangles"], sectors=sectors)
+        mesh = mesh if order == 2 else to_linear(mesh)
     z, near = mesh.points[:, 2], ON_PLANE * shape.height
     faces = boundary_faces(mesh)
     bottom = (np.abs(z) <= near)[faces].all(axis=1)

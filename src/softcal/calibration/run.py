@@ -72,7 +72,8 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
     seed
         Of the starts and of TPE. Everything else has no chance in it.
     workers
-        Processes. `grid` and `least-squares` give the same result for any number; `tpe` asks for as many points
+        Processes. `grid` and `least-squares` give the same result for any number, up to the last digits, in which
+        the linear solver's threads (cores over workers) round differently; `tpe` asks for as many points
         at once as there are workers, so its course depends on their number (a resumed run keeps its first).
     starts
         Local searches of "least-squares": the first from the parameters' start, the others from a Latin hypercube.

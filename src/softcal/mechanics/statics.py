@@ -16,6 +16,7 @@ from softcal.mechanics.system import NO_BORDER, Controls, Linearisation, System,
 TOLERANCE = 1e-9  # residual over its scale
 ROUNDING = 4.0 * float(np.finfo(float).eps)  # of the farthest coordinate: what positions are known to
 MAX_ITERATIONS = 25
+PATIENCE = 6  # iterations without a smaller residual
 REUSE_BELOW = 0.1  # a factorisation is kept while each step shrinks the residual at least tenfold
 SMALL_START = 1e-3  # and from a first residual as small as this
 MAX_CUTS = 8  # halvings of a step that would invert an element
@@ -123,9 +124,15 @@ class Statics:
         at = system.linearise(state, controls, self.theta)
         if at.J_min <= 0.0:
             return Equilibrium(state, False, 0, np.inf, f"the guess inverts an element (J = {at.J_min:.2g})")
-        previous = residual = np.inf
+        previous = residual = best = np.inf
+        best_iteration = 0
         for iteration in range(MAX_ITERATIONS):
             residual = self.norm(at)
+            if residual < best:
+                best, best_iteration = residual, iteration
+            elif iteration - best_iteration >= PATIENCE:
+                status = f"Newton's method stalled (residual {best:.1e}, tolerance {TOLERANCE:.0e})"
+                return Equilibrium(state, False, iteration, residual, status)
             if residual < TOLERANCE:
                 return Equilibrium(state, True, iteration, residual)
             if not residual < min(1e3 * previous, 1e6):

@@ -19,6 +19,10 @@ from softcal.checks import Floats
 
 # Singular value over the largest, in units of the search range, below which a direction counts as not seen at all.
 _BLIND = 1e-7
+NOISE_ALONE = (
+    "The standard errors hold for independent noise alone; what the mesh, the law and the rig's model get wrong is not "
+    "in them and is usually larger."
+)
 
 
 @dataclass(frozen=True)
@@ -51,7 +55,7 @@ def local_statistics(space: SearchSpace, loss: Loss, theta: Mapping[str, float],
     variances = ((directions / sizes[:, None]) ** 2).sum(axis=0)
     for j, variance in zip(free, variances, strict=True):
         errors[space.labels[j]] = math.sqrt(float(variance)) * abs(float(slopes[j]))
-    return Statistics(errors, importance, ())
+    return Statistics(errors, importance, (NOISE_ALONE,))
 
 
 def _weighted(loss: Loss, block: Block, slopes: Floats) -> Floats:

@@ -23,6 +23,11 @@ def correct_pulley_friction(
     T_neck = T_UTM exp(-n mu theta): the cable is pulled over n pulleys with friction mu [-], each wrapped by
     theta [rad].
 
+    Raises
+    ------
+    DatasetError
+        Where the dataset has no tension, or a setting is negative.
+
     References
     ----------
     "FEM-Based Optimization of the Mechanical Properties of a Soft Robotic Neck", eq. (1).
@@ -51,7 +56,13 @@ def correct_pulley_friction(
 def zero(
     dataset: Dataset, channel: str, by: Literal["first", "min"] | float = "first", *, n_samples: int = 1
 ) -> Dataset:
-    """The channel less its first value (the mean of the first n_samples), its least value, or a number [its unit]."""
+    """The channel less its first value (the mean of the first n_samples), its least value, or a number [its unit].
+
+    Raises
+    ------
+    DatasetError
+        Where there is no such channel, or `by` is none of the three.
+    """
     values = dataset.values(channel)
     if by == "first":
         offset = float(values[:n_samples].mean())
@@ -101,7 +112,13 @@ def detrend(dataset: Dataset, channel: str, *, at: Literal["returns", "ends"] = 
 
 
 def smooth(dataset: Dataset, channel: str, n_samples: int, *, order: int = 2) -> Dataset:
-    """The channel smoothed by a Savitzky-Golay filter of n_samples (odd) and polynomial order."""
+    """The channel smoothed by a Savitzky-Golay filter of n_samples (odd) and polynomial order.
+
+    Raises
+    ------
+    DatasetError
+        Where the window is even, longer than the data, or no longer than the order.
+    """
     if n_samples % 2 == 0 or not order < n_samples <= dataset.n_samples:
         raise DatasetError(
             Fault(

@@ -23,7 +23,13 @@ def white_noise(values: Floats) -> float:
 
 
 def set_noise(dataset: Dataset, channel: str, sigma: float) -> Dataset:
-    """The dataset with the standard deviation of a channel's noise set to sigma [the channel's unit]."""
+    """The dataset with the standard deviation of a channel's noise set to sigma [the channel's unit].
+
+    Raises
+    ------
+    DatasetError
+        Where there is no such channel, or sigma is not positive.
+    """
     dataset.values(channel)
     if not sigma >= 0.0:
         raise DatasetError(

@@ -66,7 +66,13 @@ def resample(dataset: Dataset, by: str = "shortening", *, n: int | None = None, 
 
 
 def window(dataset: Dataset, channel: str, *, lower: float | None = None, upper: float | None = None) -> Dataset:
-    """The samples with lower <= channel <= upper [its unit]; None leaves a side open."""
+    """The samples with lower <= channel <= upper [its unit]; None leaves a side open.
+
+    Raises
+    ------
+    DatasetError
+        Where there is no such channel, or the window holds no sample.
+    """
     values = dataset.values(channel)
     unit = dataset.channels[channel].unit
     mask = np.ones(len(values), dtype=bool)

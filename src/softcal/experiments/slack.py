@@ -83,6 +83,11 @@ def remove_slack(
         Whether the force floor before the taut point is an offset of the load cell, to be taken off the tension.
     keep_slack_samples
         Whether the samples before the taut point stay, at negative shortening.
+
+    Raises
+    ------
+    DatasetError
+        Where no taut point is found, or no sample lies beyond it.
     """
     found = find_slack(dataset, threshold_force) if slack is None or subtract_floor else None
     taut = slack if slack is not None else (found.shortening if found is not None else 0.0)

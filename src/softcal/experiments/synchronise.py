@@ -123,7 +123,13 @@ def fit_clock(
     estimate_rate: bool = True,
     min_correlation: float = 0.8,
 ) -> ClockFit:
-    """Lag and rate of the IMU's clock against the UTM's by cross-correlation; settings as in `synchronise`."""
+    """Lag and rate of the IMU's clock against the UTM's by cross-correlation; settings as in `synchronise`.
+
+    Raises
+    ------
+    DatasetError
+        Where the peak of the correlation is weak, ambiguous or at the edge of the search.
+    """
     where = f"{utm.name} and {imu.name}"
     x_time, x_raw = _distinct(utm.values("time"), utm.values(reference))
     y_time, y_raw = _distinct(imu.values("time"), imu.values(signal))

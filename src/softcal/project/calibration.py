@@ -125,6 +125,8 @@ def make_problem(project: Project, settings: CalibrationSection | None = None) -
     ------
     InputError
         Where nothing is free or nothing was measured.
+    ParameterError
+        Where a parameter has a wrong name, value or bound.
     """
     faults: list[Fault] = []
     if not project.experiments:

@@ -27,6 +27,11 @@ def build_search(
 
     known: the parameters there are; None where the robot or an experiment has faults of its own, so that names cannot
     be checked, but bounds still are.
+
+    Raises
+    ------
+    ParameterError
+        Never past this function: `findings` keeps it among the faults of the file.
     """
     n_faults = len(findings.faults)
     free: list[FreeParameter] = []

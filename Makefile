@@ -21,6 +21,7 @@ help:
 	@echo "make test       set up, run the tests (all but the slow ones)"
 	@echo "make test-slow  run the slow tests, for $(SLOW_LIMIT) at most"
 	@echo "make bench      run the benchmarks, write benchmarks/RESULTS.md"
+	@echo "make mesh-table compute docs/mesh-table.md anew: half an hour and 8 GB"
 	@echo "make lint       ruff, pyright, layers, licences"
 	@echo "make format     let ruff format and mend what it can"
 	@echo "make clean      remove the environment and the caches (runs are kept)"
@@ -50,7 +51,10 @@ test-slow: $(DEV)
 	timeout --signal=INT --kill-after=60 $(SLOW_LIMIT) $(PYTHON_IN) -m pytest -m slow $(PYTEST_ARGS) || [ $$? -eq 5 ]
 
 bench: $(BENCH)
-	$(PYTHON_IN) benchmarks/run.py
+	$(PYTHON_IN) -m benchmarks.run
+
+mesh-table: $(RUN)
+	$(PYTHON_IN) -m benchmarks.mesh_table
 
 # Parts of their own, so that `make --keep-going lint` tells all at once.
 lint: lint-ruff lint-format lint-types lint-layers lint-licences

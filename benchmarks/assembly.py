@@ -50,24 +50,24 @@ def measure(quick: bool) -> Section:
                 continue
             found = assembler.common(assembler.assemble())
             reference = reference or found
-            differs[name] = _difference(found, reference)
+            differs[name] = difference(found, reference)
             if differs[name] <= AGREEMENT:
                 ready[name] = assembler
         times = interleaved(
             {name: assembler.assemble for name, assembler in ready.items()}, repeats=5 if quick else 50, seconds=20.0
         )
         medians = {name: float(np.median(seconds)) for name, seconds in times.items()}
-        for name, difference in differs.items():
+        for name, disagreement in differs.items():
             cells = ["not timed", "–"]
             if name in medians:
                 cells = [milliseconds(medians[name]), f"{medians[name] / medians['softcal']:.1f}"]
             rows.append(
-                [f"P{order}", f"{len(case.mesh.tets):,}", name, metadata.version(name), f"{difference:.0e}", *cells]
+                [f"P{order}", f"{len(case.mesh.tets):,}", name, metadata.version(name), f"{disagreement:.0e}", *cells]
             )
     return Section("Assembly beside other libraries", header, rows, [], notes)
 
 
-def _difference(found: Common, reference: Common) -> float:
+def difference(found: Common, reference: Common) -> float:
     (r, K), (r_0, K_0) = found, reference
     residual = float(np.linalg.norm(r - r_0) / np.linalg.norm(r_0))
     return max(residual, float(scipy.sparse.linalg.norm(K - K_0) / scipy.sparse.linalg.norm(K_0)))

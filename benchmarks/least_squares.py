@@ -47,8 +47,8 @@ def measure(quick: bool) -> Section:
         rows.append(_row(f"examples/neck, {name}", "2.3, 0.43", found, seconds))
     goals.append(Goal("the same for examples/neck, a slack for each test free too, the worst", worst, LIMIT))
     notes = [
-        "One local search each, one process. Bounds as in paper A: E 0.1 to 40 MPa, ν 0.4 to 0.4999. *Trajectories* are "
-        "forward solves with derivatives; the three tests of examples/neck share one. Without pitch, which was not "
+        "One local search each, one process. Bounds as in paper A: E 0.1 to 40 MPa, ν 0.4 to 0.4999. *Trajectories* "
+        "are forward solves with derivatives; the three tests of examples/neck share one. Without pitch, which was not "
         "published, E and ν of examples/neck cannot be told apart, so its ν is of no meaning."
     ]
     return Section("Least squares", header, rows, goals, notes)

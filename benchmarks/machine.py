@@ -10,6 +10,7 @@ import subprocess
 from importlib import metadata
 from pathlib import Path
 
+HERE = Path(__file__).parent
 PACKAGES = ("numpy", "scipy", "numba", "pypardiso", "optuna")
 
 

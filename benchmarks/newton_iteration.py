@@ -103,8 +103,8 @@ def measure(quick: bool) -> Section:
                 goals.append(Goal(what, ratio, LIMIT))
     notes = [
         "Milliseconds. *Iteration*: residual and tangent, their reduction to the plate, the residual's norm, numeric "
-        "factorisation, solve (the cable's border column and the step), update of the state, half way through the 40 mm "
-        "pull. *Bare*: MKL PARDISO's phase 22 on the very same values. The two are called in turn "
+        "factorisation, solve (the cable's border column and the step), update of the state, half way through the "
+        "40 mm pull. *Bare*: MKL PARDISO's phase 22 on the very same values. The two are called in turn "
         f"({repeats['P1']} rounds P1, {repeats['P2P1']} P2P1) and their medians compared; the parts are timed in "
         "rounds of their own. Only tets that can deform are counted."
     ]

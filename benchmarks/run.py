@@ -81,7 +81,8 @@ def _page(
         "# Benchmarks",
         "",
         "Written by `make bench`; every ratio is of times taken in one run, in turn. The neck is the published one "
-        "(outer diameter 38 mm, E 2.3 MPa, ν 0.43, cable at 50 mm); P1 on some 3.7k tets, P2P1 on some 1.7k curved ones.",
+        "(outer diameter 38 mm, E 2.3 MPa, ν 0.43, cable at 50 mm); P1 on some 3.7k tets, P2P1 on some 1.7k curved "
+        "ones.",
         "",
     ]
     if quick:

@@ -175,5 +175,8 @@ def test_what_a_format_cannot_hold_is_refused(tmp_path):
     clash = TetMesh(mesh.points, mesh.tets, {"x0": np.array([0])}, mesh.face_sets)
     with pytest.raises(MeshError, match="share a name"):
         write_mesh(clash, tmp_path / "box.msh")
+    shared = TetMesh(mesh.points, mesh.tets, face_sets=mesh.face_sets, element_sets={"x0": np.array([0])})
+    with pytest.raises(MeshError, match=r"share a name; got 'x0'"):
+        write_mesh(shared, tmp_path / "box.msh")
     with pytest.raises(StorageError, match="cannot be written"):
         write_mesh(mesh, tmp_path / "none" / "box.msh")

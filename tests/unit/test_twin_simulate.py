@@ -1,0 +1,100 @@
+"""simulate's own bookkeeping: what comes back where a path ends early, without cables, without samples to reach."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mechanics_cases import column_robot, elastic, pulled, side_cable, tensed
+
+from softcal.mechanics import path as path_module
+from softcal.twin.protocol import Command, Protocol
+from softcal.twin.simulate import simulate
+
+NAMES = ("neck.youngs_modulus",)
+
+
+@pytest.fixture
+def wall(monkeypatch):
+    """No equilibrium beyond a shortening of 12 mm."""
+    original = path_module.Statics.equilibrium
+
+    def stopped(self, guess, controls):
+        found = original(self, guess, controls)
+        beyond = np.any(controls.shortening[~controls.is_held] > 0.012)
+        return replace(found, converged=False, status="a wall") if beyond else found
+
+    monkeypatch.setattr(path_module.Statics, "equilibrium", stopped)
+
+
+@pytest.mark.parametrize("tolerance", [0.0, 1e-4])
+def test_path_that_ends_early_gives_the_samples_before_and_a_sentence(wall, tolerance):
+    robot = column_robot("P1", parameters=elastic(0.5e6, 0.4), divisions=(1, 1, 4))
+    d = np.array([0.002, 0.006, 0.011, 0.02, 0.004])
+    response = simulate(robot, pulled(*d), sensitivities=NAMES, curve_tolerance=tolerance)
+    assert not response.succeeded
+    assert response.status.startswith("No equilibrium beyond 12 mm of shortening of front (3 of 5 samples reached)")
+    np.testing.assert_allclose(response.channels["front.shortening"], d[:3])
+    assert len(response.sensitivities["front.tension"][NAMES[0]]) == 3
+
+
+@pytest.mark.parametrize("tolerance", [0.0, 1e-4])
+def test_tension_that_is_not_reached_ends_the_channels_before_it(wall, tolerance):
+    robot = column_robot("P1", parameters=elastic(0.5e6, 0.4), divisions=(1, 1, 4))
+    T = np.array([0.2, 0.5, 9.0, 0.3])
+    response = simulate(robot, tensed(*T), curve_tolerance=tolerance)
+    assert not response.succeeded
+    assert "2 of 4 samples reached" in response.status
+    np.testing.assert_allclose(response.channels["front.tension"], T[:2])
+    assert all(len(values) == 2 and np.all(np.isfinite(values)) for values in response.channels.values())
+
+
+def test_sample_of_several_cables_that_is_not_reached(wall):
+    robot = column_robot(
+        "P1",
+        parameters=elastic(0.5e6, 0.4),
+        divisions=(1, 1, 4),
+        cables=(side_cable("front", (0.05, 0.0)), side_cable("left", (0.0, 0.05))),
+    )
+    protocol = Protocol(
+        {name: Command("shortening", np.array([0.005, 0.01, 0.02, 0.001])) for name in ("front", "left")}
+    )
+    response = simulate(robot, protocol)
+    assert not response.succeeded
+    assert response.status.startswith("Sample 3 of 4 was not reached")
+    assert all(len(values) == 2 for values in response.channels.values())
+
+
+def test_robot_without_cables_or_commands_rests():
+    robot = replace(column_robot("P1", gravity=(1.0, 0, -9.81), mass=0.1), cables=())
+    response = simulate(robot, Protocol({}), sensitivities=("plate.mass",))
+    assert response.succeeded
+    assert response.status == "Solved: no cable is driven."
+    assert set(response.channels) == {f"plate.{key}" for key in ("x", "y", "z", "pitch", "roll", "yaw")}
+    assert response.sensitivities["plate.x"]["plate.mass"][0] > 0.0
+
+
+def test_snapshots_hold_what_the_channels_say():
+    robot = column_robot("P2P1", divisions=(1, 1, 4))
+    response = simulate(robot, pulled(0.01, 0.03), snapshots=True, curve_tolerance=0.0)
+    for d, T, pitch in zip(
+        *(response.channels[name] for name in ("front.shortening", "front.tension", "plate.pitch")), strict=True
+    ):
+        shot = min(response.snapshots, key=lambda shot: abs(shot.controls["front"] - d))
+        assert shot.tensions["front"] == pytest.approx(T)
+        length = np.linalg.norm(np.diff(shot.cables["front"], axis=0), axis=1).sum()
+        assert length == pytest.approx(0.1 - d, abs=1e-9)
+        _, R = shot.plates["plate"]
+        assert np.arctan2(R[0, 2], R[2, 2]) == pytest.approx(pitch)
+    assert shot.points["neck"].shape[0] == response.tets["neck"].max() + 1
+    assert response.snapshots[0].controls["front"] == 0.0
+
+
+def test_two_robots_in_turn_do_not_mix():
+    """The kept twins: the same answers whichever was asked for before."""
+    robots = [
+        column_robot(e, divisions=(1, 1, 3), parameters=elastic(E, 0.4)) for e in ("P1", "P2") for E in (1e6, 2e6)
+    ]
+    first = [simulate(robot, pulled(0.02)).channels["front.tension"][0] for robot in robots]
+    again = [simulate(robot, pulled(0.02)).channels["front.tension"][0] for robot in reversed(robots)]
+    assert again[::-1] == first
+    assert first[1] == pytest.approx(2.0 * first[0], rel=1e-7)

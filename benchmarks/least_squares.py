@@ -56,9 +56,9 @@ def measure(quick: bool) -> Section:
     notes = [
         f"The twin's own data are of {YOUNGS_MODULUS / 1e6:g} MPa and {POISSONS_RATIO:g}: tension and pitch at "
         f"{N_SAMPLES} samples over 40 mm, noise {SIGMA_TENSION:g} N and {1e3 * SIGMA_PITCH:g} mrad. One process. "
-        "Bounds as in paper A: E 0.1 to 40 MPa, ν 0.4 to 0.4999. *Trajectories* are forward solves with derivatives, of all "
-        "starts together; the three tests of examples/neck share one. No pitch was published with examples/neck, so "
-        "its E and ν cannot be told apart, and its ν means nothing."
+        "Bounds as in paper A: E 0.1 to 40 MPa, ν 0.4 to 0.4999. *Trajectories* are forward solves with derivatives, "
+        "of all starts together; the three tests of examples/neck share one. No pitch was published with "
+        "examples/neck, so its E and ν cannot be told apart, and its ν means nothing."
     ]
     return Section("Least squares", HEADER, rows, goals, notes)
 

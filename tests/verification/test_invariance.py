@@ -43,7 +43,8 @@ def test_response_does_not_depend_on_where_the_scene_stands(element, omega, shif
 @given(st.floats(-3.0, 3.0), st.floats(0.4, 0.4999), st.sampled_from(["P1", "P2P1"]))
 def test_tension_is_linear_in_the_modulus(exponent, nu, element):
     """At given shortening and nu, without weight: E scales the tension and moves nothing."""
-    d = (0.005, 0.02, 0.04)
+    # Not further: the four locked cells of P1 buckle beyond 20 mm, and have no equilibrium to compare.
+    d = (0.002, 0.005, 0.01)
     ones, other = (
         simulate(column_robot(element, parameters=elastic(E, nu), divisions=(1, 1, 4)), pulled(*d), curve_tolerance=0.0)
         for E in (1.0e6, 1.0e6 * 10.0**exponent)

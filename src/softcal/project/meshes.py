@@ -61,6 +61,7 @@ def _neck(section: MeshNeck) -> TetMesh:
         count=section.tets,
         order=section.order,
         waist_refinement=section.waist_refinement,
+        sectors=section.sectors,
     )
 
 

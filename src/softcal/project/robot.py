@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -51,13 +51,13 @@ def build_robot(section: RobotSection, make_mesh: MeshMaker, findings: Findings)
             mesh = make_mesh(name, body)
             meshes[name] = mesh
             qualities[name] = require_sound(mesh)
-            if qualities[name].warning:
-                findings.warn((*path, "mesh"), qualities[name].warning)
         if body.law not in LAWS:
             findings.unknown((*path, "law"), "law", body.law, LAWS)
         if name in meshes:
             regions[name] = _regions(body, meshes[name], path, findings)
             fixed = _fixed(body, meshes[name], regions[name], path, findings)
+            if name in qualities and (warning := _poor(qualities[name], meshes[name], fixed)):
+                findings.warn((*path, "mesh"), warning)
             parameters = {"youngs_modulus": body.youngs_modulus, "poissons_ratio": body.poissons_ratio}
             bodies.append(Body(name, meshes[name], fixed, parameters, body.law, body.element, body.density))
     plates = [_plate(n, p, section, meshes, regions, findings) for n, p in section.plates.items()]
@@ -109,6 +109,12 @@ def _check_names(section: RobotSection, findings: Findings) -> None:
             if name in seen:
                 findings.add(path, "two parts of the robot share a name", got=f"'{name}', first as {seen[name][1]}")
             seen[name] = path
+
+
+def _poor(quality: MeshReport, mesh: TetMesh, fixed: Ints) -> str:
+    """What is poor about a mesh where it matters: a sliver that is fixed throughout is not computed with."""
+    still = np.isin(mesh.tets, fixed).all(axis=1)
+    return replace(quality, slivers=tuple(tet for tet in quality.slivers if not still[tet])).warning
 
 
 def _regions(body: BodySection, mesh: TetMesh, path: KeyPath, findings: Findings) -> dict[str, Ints]:

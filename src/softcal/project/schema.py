@@ -98,6 +98,7 @@ class MeshNeck(Section):
     tets: Annotated[int, Positive] | None = None
     order: Literal[1, 2] = 2
     waist_refinement: Annotated[Ratio, Positive] = 1.0
+    sectors: Annotated[int, Positive] | None = None
 
     @model_validator(mode="after")
     def _one_target(self) -> MeshNeck:

@@ -113,8 +113,8 @@ def _check_names(section: RobotSection, findings: Findings) -> None:
 
 def _poor(quality: MeshReport, mesh: TetMesh, fixed: Ints) -> str:
     """What is poor about a mesh where it matters: a sliver that is fixed throughout is not computed with."""
-    still = np.isin(mesh.tets, fixed).all(axis=1)
-    return replace(quality, slivers=tuple(tet for tet in quality.slivers if not still[tet])).warning
+    slivers = tuple(tet for tet in quality.slivers if not np.isin(mesh.tets[tet], fixed).all())
+    return replace(quality, slivers=slivers).warning
 
 
 def _regions(body: BodySection, mesh: TetMesh, path: KeyPath, findings: Findings) -> dict[str, Ints]:

@@ -21,7 +21,7 @@ help:
 	@echo "make test       set up, run the tests (all but the slow ones)"
 	@echo "make test-slow  run the slow tests, for $(SLOW_LIMIT) at most"
 	@echo "make bench      run the benchmarks, write benchmarks/RESULTS.md"
-	@echo "make mesh-table compute docs/mesh-table.md anew: half an hour and 8 GB"
+	@echo "make mesh-table compute docs/mesh-table.md anew: ten minutes and 4 GB"
 	@echo "make lint       ruff, pyright, layers, licences"
 	@echo "make format     let ruff format and mend what it can"
 	@echo "make clean      remove the environment and the caches (runs are kept)"
@@ -40,8 +40,10 @@ $(BENCH): $(SETUP)
 
 demo: OUT := $(DEMO_OUT)
 demo: $(RUN)
-	$(VENV)/bin/softcal calibrate $(DEMO_PROJECT) --out $(OUT) --no-report
-	$(VENV)/bin/softcal report $(OUT)
+	$(VENV)/bin/softcal calibrate $(DEMO_PROJECT) --set neck.poissons_ratio=0.45 --out $(OUT)/nu-0.45 --no-report
+	$(VENV)/bin/softcal report $(OUT)/nu-0.45
+	$(VENV)/bin/softcal calibrate $(DEMO_PROJECT) --out $(OUT)/nu-free --no-report
+	$(VENV)/bin/softcal report $(OUT)/nu-free
 
 test: $(DEV)
 	$(PYTHON_IN) -m pytest $(PYTEST_ARGS)

@@ -108,7 +108,9 @@ class SolidTerm:
         if self.compiled.has_cross_terms:
             solid_kernels.add_tangent_general(data, places.displacement, self.dN, self.w, F, I1, J, coefficients)
         else:
-            solid_kernels.add_tangent(data, places.displacement, self.dN, self.w, F, J, coefficients)
+            is_linear = self.conn.shape[1] == 4
+            add_tangent = solid_kernels.add_tangent_linear if is_linear else solid_kernels.add_tangent
+            add_tangent(data, places.displacement, self.dN, self.w, F, J, coefficients)
         if volume is not None:
             solid_kernels.add_coupling(
                 data,

@@ -174,6 +174,52 @@ def add_tangent(
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=FAST)
+def add_tangent_linear(
+    data: Floats, places: Places, dN: Floats, w: Floats, F: Floats, J: Floats, coefficients: Floats
+) -> None:
+    """`add_tangent` for linear tets, whose one quadrature point leaves nothing to be summed: twice as fast."""
+    c = np.empty((4, 3))
+    cof = np.empty((3, 3))
+    for e in range(len(w)):
+        _cofactor(F[e, 0], cof)
+        turn = coefficients[2, e] / J[e, 0] * w[e, 0]
+        s = 2.0 * coefficients[0, e] * w[e, 0]
+        t = coefficients[8, e] * w[e, 0] + turn
+        v = t - turn
+        g = dN[e, 0]
+        for a in range(4):
+            for i in range(3):
+                c[a, i] = cof[i, 0] * g[a, 0] + cof[i, 1] * g[a, 1] + cof[i, 2] * g[a, 2]
+        m = 0
+        for a in range(4):
+            a0, a1, a2 = c[a, 0], c[a, 1], c[a, 2]
+            g0, g1, g2 = s * g[a, 0], s * g[a, 1], s * g[a, 2]
+            d = g0 * g[a, 0] + g1 * g[a, 1] + g2 * g[a, 2]
+            p0, p1, p2 = places[e, m, 0], places[e, m, 1], places[e, m, 2]
+            data[p0] += d + v * a0 * a0
+            data[p0 + 1] += v * a0 * a1
+            data[p0 + 2] += v * a0 * a2
+            data[p1 + 1] += d + v * a1 * a1
+            data[p1 + 2] += v * a1 * a2
+            data[p2 + 2] += d + v * a2 * a2
+            m += 1
+            for b in range(a + 1, 4):
+                b0, b1, b2 = c[b, 0], c[b, 1], c[b, 2]
+                d = g0 * g[b, 0] + g1 * g[b, 1] + g2 * g[b, 2]
+                p0, p1, p2 = places[e, m, 0], places[e, m, 1], places[e, m, 2]
+                data[p0] += d + v * a0 * b0
+                data[p0 + 1] += t * a0 * b1 - turn * a1 * b0
+                data[p0 + 2] += t * a0 * b2 - turn * a2 * b0
+                data[p1] += t * a1 * b0 - turn * a0 * b1
+                data[p1 + 1] += d + v * a1 * b1
+                data[p1 + 2] += t * a1 * b2 - turn * a2 * b1
+                data[p2] += t * a2 * b0 - turn * a0 * b2
+                data[p2 + 1] += t * a2 * b1 - turn * a1 * b2
+                data[p2 + 2] += d + v * a2 * b2
+                m += 1
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath=FAST)
 def add_tangent_general(
     data: Floats, places: Places, dN: Floats, w: Floats, F: Floats, I1: Floats, J: Floats, coefficients: Floats
 ) -> None:

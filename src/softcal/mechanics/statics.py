@@ -63,7 +63,7 @@ class Statics:
         self._unit = _units(system, shear, self._length)
         self._unit_entries = self._unit[system.pattern.rows] * self._unit[system.pattern.indices]
         self._border = NO_BORDER
-        self._columns_solved = np.zeros((layout.first_tension_unknown, 0))
+        self._columns_solved: Floats | None = None
 
     def norm(self, at: Linearisation) -> float:
         """The residual over its scale: forces over the reactions, volumes over a node's, lengths over the robot's.
@@ -98,17 +98,21 @@ class Statics:
         self._rounding = ROUNDING * self._farthest * float(np.linalg.norm(at.data[self._diagonal]))
         self.n_factorisations += 1
         self._border = at.border
-        if len(at.border.corner):
-            self._columns_solved = self._sparse_solve(at.border.columns)
+        self._columns_solved = None
 
     def solve(self, b: Floats) -> Floats:
         """The unknowns' response to b (n_unknowns,) or (n_unknowns, k), with the tangent factorised last."""
         n = self.system.layout.first_tension_unknown
         columns = b.reshape(len(b), -1)
         out = np.zeros_like(columns)
-        y = self._sparse_solve(columns[:n])
         border = self._border
-        if len(border.corner):
+        k = len(border.corner)
+        if k and self._columns_solved is None:  # with the first right-hand side: one pass over the factors, not two
+            both = self._sparse_solve(np.concatenate([border.columns, columns[:n]], axis=1))
+            self._columns_solved, y = both[:, :k], both[:, k:]
+        else:
+            y = self._sparse_solve(columns[:n])
+        if k and self._columns_solved is not None:
             rows_y = border.rows.T @ y
             rows_y[: len(border.taut)] -= columns[n + border.taut]
             w = np.linalg.solve(border.rows.T @ self._columns_solved - np.diag(border.corner), rows_y)

@@ -142,8 +142,9 @@ class System:
     def _border(self, state: State, controls: Controls, loss: Loss) -> Border:
         taut = np.flatnonzero(~controls.is_held)
         columns = [self._segment_gradient(state, np.where(self.cables.cable == i, loss.factor, 0.0)) for i in taut]
-        rows = [self.length_gradient(state, int(i)) for i in taut]
+        rows = columns.copy()
         if loss.vias:
+            rows = [self.length_gradient(state, int(i)) for i in taut]
             size = 3 * self.layout.n_points + self.layout.n_pressures
             u, v = loss_border(self.cables, state.x, loss, state.tension, size)
             columns += [self.motion.reduce_gradient(state, column) for column in u.T]

@@ -9,7 +9,7 @@ import bench_record
 import numpy as np
 import pytest
 from bench_record import Motion
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
@@ -51,6 +51,7 @@ def agreement(found: Dataset, moved: Motion) -> float:
     n_cycles=st.integers(1, 10),
     seed=st.integers(0, 99),
 )
+@example(noise=1.0061877534394982e-14, drift=0.0, bottom=0.5, top=1.0, n_cycles=1, seed=3)
 def test_cycles_under_noise_drift_and_dwell(
     noise: float, drift: float, bottom: float, top: float, n_cycles: int, seed: int
 ) -> None:

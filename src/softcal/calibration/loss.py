@@ -143,6 +143,29 @@ class LikelihoodLoss(Loss):
         return found
 
 
+@dataclass(frozen=True)
+class RelativeSquares(Loss):
+    """sum of mean squares, each over the mean square of what was measured: smooth where the papers' loss has kinks.
+
+    No loss to judge a result by: `Descent` goes by it until it is near.
+    """
+
+    name: str = "relative squares"
+    uses_priors: bool = False
+
+    def block_value(self, block: Block, residual: Floats) -> float:
+        return float(residual @ residual) * self.square_weight(block, residual)
+
+    def square_weight(self, block: Block, residual: Floats) -> float:
+        return 1.0 / max(float(block.measured @ block.measured), 1e-300)
+
+    def share(self, blocks: Sequence[Block]) -> float:
+        return 1.0
+
+    def faults(self, experiments: Sequence[Experiment]) -> list[Fault]:
+        return []
+
+
 LOSSES: Mapping[str, type[Loss]] = {"papers": PapersLoss, "likelihood": LikelihoodLoss}
 
 

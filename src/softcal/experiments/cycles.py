@@ -228,7 +228,13 @@ def _peaks(tension: Floats, prominence: float) -> Ints:
     for _ in range(2):
         peaks = find_peaks(smooth, prominence=max(prominence * span, 1e-12))[0]
         smooth = uniform_filter1d(tension, max(1, len(tension) // (200 * max(len(peaks), 1))))
-    return peaks.astype(np.int64)
+    # Two samples of a dwell that are equally high to the last digit are each other's equal, not two peaks.
+    distinct: list[int] = []
+    for peak in peaks.tolist():
+        if distinct and smooth[distinct[-1] : peak + 1].min() > smooth[peak] - prominence * span:
+            continue
+        distinct.append(peak)
+    return np.array(distinct, dtype=np.int64)
 
 
 def _with_ways_out_and_back(shortening: Floats, bounds: list[tuple[int, int]]) -> list[tuple[int, int]]:

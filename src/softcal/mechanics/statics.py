@@ -151,14 +151,17 @@ class Statics:
                 return Equilibrium(state, False, iteration, residual, f"the tangent is singular: {error}")
             step = self._limited(dz)
             serves = step == 1.0 and residual < (SMALL_START if np.isinf(previous) else REUSE_BELOW * previous)
+            work = float(dz @ at.reduced)
             for _ in range(MAX_CUTS):
                 candidate = moved(system.layout, state, step * dz)
                 at = system.linearise(candidate, controls, self.theta, tangent=not serves)
-                if at.J_min > 0.0:
+                # The line search: a step must not invert an element, nor leave more work along itself than it began
+                # with. Small residuals are let through; there Newton's method converges by itself.
+                if at.J_min > 0.0 and (residual < SMALL_START or abs(dz @ at.reduced) <= abs(work)):
                     break
                 step, serves = 0.5 * step, False
             else:
-                return Equilibrium(state, False, iteration, residual, "every step inverts an element (J <= 0)")
+                return Equilibrium(state, False, iteration, residual, "no step along Newton's direction is admissible")
             state, previous = candidate, residual
         return Equilibrium(
             state,

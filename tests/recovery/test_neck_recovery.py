@@ -1,0 +1,85 @@
+"""The twin's own noise-free data gives its parameters back, from any corner of paper A's bounds."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from softcal.calibration.experiment import Experiment
+from softcal.calibration.parameters import FreeParameter
+from softcal.calibration.problem import Problem, make_problem
+from softcal.calibration.run import calibrate
+from softcal.experiments.dataset import Channel, Dataset
+from softcal.geometry.quadratic import to_linear
+from softcal.geometry.read import read_mesh
+from softcal.twin.parameters import with_parameters
+from softcal.twin.protocol import Command, Protocol
+from softcal.twin.robot import Body, Cable, ElementKind, Plate, Robot, ViaPoint
+from softcal.twin.simulate import simulate
+
+E, NU = "neck.youngs_modulus", "neck.poissons_ratio"
+TRUE = {E: 2.3e6, NU: 0.43}
+E_BOUNDS, NU_BOUNDS = (0.1e6, 40e6), (0.4, 0.4999)  # paper A, section II.D
+CORNERS = [(e, nu) for e in E_BOUNDS for nu in NU_BOUNDS]
+D = np.linspace(0.0, 0.03, 31)
+
+
+def neck(element: ElementKind) -> Robot:
+    mesh = read_mesh(Path(__file__).parents[2] / "examples" / "neck-bench" / "neck.msh", unit="mm")
+    mesh = to_linear(mesh) if element == "P1" else mesh
+    top = (0.0, 0.0, 0.106704)
+    return Robot(
+        bodies=(
+            Body(
+                "neck",
+                mesh,
+                mesh.node_sets["socket"],
+                {"youngs_modulus": TRUE[E], "poissons_ratio": TRUE[NU]},
+                element=element,
+            ),
+        ),
+        plates=(Plate("plate", {"neck": mesh.node_sets["collar"]}, top),),
+        cables=(Cable("front", (ViaPoint((0.05, 0.0, 0.106704), "plate"), ViaPoint((0.05, 0.0, 0.01406)))),),
+    )
+
+
+def problem(element: ElementKind, start: tuple[float, float] | None = None) -> Problem:
+    robot = neck(element)
+    seen = simulate(robot, Protocol({"front": Command("shortening", D)}))
+    channels = {
+        "shortening": Channel(D, "m"),
+        "tension": Channel(seen.channels["front.tension"], "N"),
+        "pitch": Channel(seen.channels["plate.pitch"], "rad"),
+    }
+    test = Experiment("bench", Dataset("bench", channels), "front", "plate", "shortening")
+    begin = (None, None) if start is None else start
+    free = (
+        FreeParameter(E, "Pa", *E_BOUNDS, scale="log", start=begin[0]),
+        FreeParameter(NU, "1", *NU_BOUNDS, start=begin[1]),
+    )
+    # The search must not begin at the truth.
+    return make_problem(with_parameters(robot, {E: 1.0e6, NU: 0.45}), (test,), free)
+
+
+@pytest.mark.parametrize("start", CORNERS)
+def test_least_squares_recovers_from_every_corner_with_linear_tets(start: tuple[float, float]) -> None:
+    result = calibrate(problem("P1", start), method="least-squares", starts=1)
+    for name, true in TRUE.items():
+        assert result.parameters[name].value == pytest.approx(true, rel=1e-5), name
+    assert result.n_solves <= 12
+    assert not any(estimate.at_bound for estimate in result.parameters.values())
+
+
+@pytest.mark.parametrize("start", [CORNERS[0], CORNERS[-1]])
+def test_least_squares_recovers_with_locking_free_tets(start: tuple[float, float]) -> None:
+    result = calibrate(problem("P2P1", start), method="least-squares", starts=1)
+    for name, true in TRUE.items():
+        assert result.parameters[name].value == pytest.approx(true, rel=1e-5), name
+    assert result.n_solves <= 12
+
+
+@pytest.mark.slow
+def test_a_thousand_trials_of_tpe_find_the_modulus_of_the_neck() -> None:
+    result = calibrate(problem("P1"), method="tpe", trials=1000, seed=1, workers=2)
+    assert result.parameters[E].value == pytest.approx(TRUE[E], rel=0.02)
+    assert len(result.trials) == 1000

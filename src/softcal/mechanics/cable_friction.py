@@ -39,8 +39,9 @@ def friction_loss(term: CableTerm, x: Floats, mu: Floats) -> Loss:
     vias: list[tuple[int, int, Ints]] = []
     turn: list[tuple[Floats, Floats]] = []
     mu_of: list[float] = []
-    v = term.vectors(x) if n else np.zeros((0, 3))
-    for c in np.flatnonzero(mu > 0.0):
+    rough = np.flatnonzero(mu > 0.0)
+    v = term.vectors(x) if len(rough) else np.zeros((0, 3))
+    for c in rough:
         segments = np.flatnonzero(term.cable == c)
         if term.pulled_last[c]:
             segments = segments[::-1]

@@ -37,6 +37,7 @@ class _Handle(NamedTuple):
     options: np.ndarray
     indptr: np.ndarray
     indices: np.ndarray
+    pointers: tuple[ctypes.c_void_p, ...]  # to the four, made once
 
 
 class Pardiso:
@@ -55,9 +56,13 @@ class Pardiso:
             23: 1,  # two-level factorisation
         }.items():
             options[key] = value
-        self._handle = _Handle(
-            np.zeros(64, dtype=np.int64), options, (indptr + 1).astype(np.int32), (indices + 1).astype(np.int32)
+        arrays = (
+            np.zeros(64, dtype=np.int64),
+            options,
+            (indptr + 1).astype(np.int32),
+            (indices + 1).astype(np.int32),
         )
+        self._handle = _Handle(*arrays, tuple(_pointer(array) for array in arrays))
         self._finalizer = weakref.finalize(self, _release, self._handle)
         self._data = np.zeros(0)
 
@@ -104,12 +109,12 @@ def _pardiso(handle: _Handle, phase: int, data: Floats, b: Floats, x: Floats) ->
     maxfct, mnum, mtype, phase_c, n, nrhs, msglvl = (
         ctypes.c_int32(value) for value in (1, 1, -2, phase, len(handle.indptr) - 1, n_rhs, 0)
     )
-    permutation = np.zeros(1, dtype=np.int32)
+    permutation = ctypes.c_int32(0)  # not read: the order is PARDISO's own
+    memory, options, indptr, indices = handle.pointers
     by = ctypes.byref
     _mkl_pardiso()(
-        _pointer(handle.memory), by(maxfct), by(mnum), by(mtype), by(phase_c), by(n), _pointer(data),
-        _pointer(handle.indptr), _pointer(handle.indices), _pointer(permutation), by(nrhs), _pointer(handle.options),
-        by(msglvl), _pointer(b), _pointer(x), by(error),
+        memory, by(maxfct), by(mnum), by(mtype), by(phase_c), by(n), _pointer(data), indptr, indices, by(permutation),
+        by(nrhs), options, by(msglvl), _pointer(b), _pointer(x), by(error),
     )  # fmt: skip
     return int(error.value)
 

@@ -10,6 +10,8 @@ from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import Problem, make_problem
 from softcal.calibration.run import calibrate
 from softcal.experiments.dataset import Channel, Dataset
+from softcal.geometry.mesh import TetMesh
+from softcal.geometry.neck import neck_mesh
 from softcal.geometry.quadratic import to_linear
 from softcal.geometry.read import read_mesh
 from softcal.twin.parameters import with_parameters
@@ -24,9 +26,12 @@ CORNERS = [(e, nu) for e in E_BOUNDS for nu in NU_BOUNDS]
 D = np.linspace(0.0, 0.03, 31)
 
 
-def neck(element: ElementKind) -> Robot:
+def shipped_mesh(element: ElementKind) -> TetMesh:
     mesh = read_mesh(Path(__file__).parents[2] / "examples" / "neck-bench" / "neck.msh", unit="mm")
-    mesh = to_linear(mesh) if element == "P1" else mesh
+    return to_linear(mesh) if element == "P1" else mesh
+
+
+def neck(element: ElementKind, mesh: TetMesh) -> Robot:
     top = (0.0, 0.0, 0.106704)
     return Robot(
         bodies=(
@@ -43,11 +48,15 @@ def neck(element: ElementKind) -> Robot:
     )
 
 
-def problem(element: ElementKind, start: tuple[float, float] | None = None) -> Problem:
-    robot = neck(element)
-    seen = simulate(robot, Protocol({"front": Command("shortening", D)}))
+def problem(element: ElementKind, start: tuple[float, float]) -> Problem:
+    return problem_of(neck(element, shipped_mesh(element)), D, start)
+
+
+def problem_of(robot: Robot, d: np.ndarray, start: tuple[float, float] | None = None) -> Problem:
+    """E and nu of a robot from its own tension and pitch at shortenings d [m]."""
+    seen = simulate(robot, Protocol({"front": Command("shortening", d)}))
     channels = {
-        "shortening": Channel(D, "m"),
+        "shortening": Channel(d, "m"),
         "tension": Channel(seen.channels["front.tension"], "N"),
         "pitch": Channel(seen.channels["plate.pitch"], "rad"),
     }
@@ -80,6 +89,9 @@ def test_least_squares_recovers_with_locking_free_tets(start: tuple[float, float
 
 @pytest.mark.slow
 def test_a_thousand_trials_of_tpe_find_the_modulus_of_the_neck() -> None:
-    result = calibrate(problem("P1"), method="tpe", trials=1000, seed=1, workers=2)
+    """Paper A's pipeline on a mesh like its own; on coarser linear tets E and nu trade off further."""
+    pytest.importorskip("gmsh")
+    robot = neck("P1", neck_mesh(count=3700))
+    result = calibrate(problem_of(robot, np.linspace(0.0, 0.04, 41)), method="tpe", trials=1000, seed=1, workers=2)
     assert result.parameters[E].value == pytest.approx(TRUE[E], rel=0.02)
     assert len(result.trials) == 1000

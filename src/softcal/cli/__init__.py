@@ -1,0 +1,20 @@
+"""The command line: reads the arguments, calls the library, prints. Heavy libraries are imported by the commands.
+
+One module for each group of commands; importing it adds them to the application, in the order in which `--help` lists
+them.
+"""
+
+# isort: off
+from softcal.cli import project_commands
+from softcal.cli import simulate_command
+from softcal.cli import calibrate_commands
+
+# isort: on
+from softcal.cli.app import app
+
+COMMAND_GROUPS = (project_commands, simulate_command, calibrate_commands)
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Run the command line and leave with its exit code: 0, 1 failed, 2 bad input, 130 stopped by Ctrl-C."""
+    app(args=argv)

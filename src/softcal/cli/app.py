@@ -1,0 +1,49 @@
+"""The typer application that every group of commands joins, and how errors end: a message and an exit code."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, ParamSpec
+
+import typer
+
+from softcal.errors import InputError, SoftcalError
+
+P = ParamSpec("P")
+
+BAD_INPUT, FAILED, INTERRUPTED = 2, 1, 130
+
+app = typer.Typer(
+    name="softcal",
+    help="From bench measurements of a printed, cable-driven soft robot to a calibrated finite-element twin.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+ProjectFile = Annotated[Path, typer.Argument(metavar="PROJECT", help="The project file.", show_default=False)]
+
+
+def told(command: Callable[P, None]) -> Callable[P, None]:
+    """A command whose errors on purpose end as a message and an exit code, without a traceback."""
+
+    @functools.wraps(command)
+    def run(*args: P.args, **kwargs: P.kwargs) -> None:
+        try:
+            command(*args, **kwargs)
+        except InputError as error:
+            n = len(error.faults)
+            heading = f"Error: {n} faults:\n" if n > 1 else "Error: "
+            typer.echo(heading + str(error), err=True)
+            raise typer.Exit(BAD_INPUT) from None
+        except SoftcalError as error:
+            typer.echo(f"Error: {error}", err=True)
+            raise typer.Exit(FAILED) from None
+        except KeyboardInterrupt:
+            typer.echo("Stopped.", err=True)
+            raise typer.Exit(INTERRUPTED) from None
+
+    return run

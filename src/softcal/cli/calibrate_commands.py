@@ -1,0 +1,90 @@
+"""Commands that fit a project's parameters and tell what came of it: calibrate, report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from softcal.cli.app import INTERRUPTED, ProjectFile, app, told
+from softcal.cli.calibration_bars import CalibrationBars
+from softcal.cli.calibration_table import print_results
+from softcal.cli.values import Values, parsed_values
+
+
+@app.command()
+@told
+def calibrate(  # noqa: PLR0913 (one argument for each option)
+    project: ProjectFile,
+    method: Annotated[
+        str | None, typer.Option(help="least-squares, tpe or grid; as the project says by default.", show_default=False)
+    ] = None,
+    fit: Annotated[
+        str | None, typer.Option(help="each, joint or both; as the project says by default.", show_default=False)
+    ] = None,
+    trials: Annotated[
+        int | None, typer.Option(min=1, help="Budget of trials, or trajectories of each start.", show_default=False)
+    ] = None,
+    workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    seed: Annotated[int | None, typer.Option(min=0, help="Of all chance in the search.", show_default=False)] = None,
+    values: Values = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Run folder; 'run' beside the project by default.")
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in the folder.")] = False,
+    report: Annotated[bool, typer.Option(help="Write the report at the end.")] = True,
+) -> None:
+    """Find the free parameters; keeps every trial, and writes tables, figures and a report into a run folder."""
+    from softcal.project.calibration import calibrate as calibrate_project
+    from softcal.project.project import load
+
+    loaded = load(project, values=parsed_values(values))
+    for warning in loaded.warnings:
+        typer.echo(f"Warning: {warning}", err=True)
+    folder = out if out is not None else project.parent / "run"
+    with CalibrationBars() as bars:
+        found = calibrate_project(
+            loaded,
+            out=folder,
+            resume=resume,
+            method=method,
+            fit=fit,
+            trials=trials,
+            seed=seed,
+            workers=workers,
+            progress=bars.show,
+        )
+    print_results(found.results)
+    if found.interrupted:
+        held = "".join(f" --set {value}" for value in values or [])
+        typer.echo(
+            f"Stopped. Everything so far is kept in {folder}. "
+            f"Go on with: softcal calibrate {project} --out {folder}{held} --resume",
+            err=True,
+        )
+        raise typer.Exit(INTERRUPTED)
+    typer.echo(f"Run: {folder}")
+    if report:
+        _report(folder, None)
+
+
+@app.command()
+@told
+def report(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="A folder that calibrate wrote.", show_default=False)],
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Where it goes; into the run folder by default.")
+    ] = None,
+) -> None:
+    """Write the report of a run: one HTML page, figures as PNG and SVG, tables as CSV."""
+    _report(run, out)
+
+
+def _report(run: Path, out: Path | None) -> None:
+    from softcal.project.reporting import write_report
+
+    paths = write_report(run, out)
+    for note in paths.notes:
+        typer.echo(f"Note: {note}", err=True)
+    typer.echo(f"Report: {paths.page}")

@@ -1,0 +1,40 @@
+"""The option `--set NAME=VALUE`, which many commands take."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from softcal.errors import Fault, InputError
+
+Values = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set", metavar="NAME=VALUE", help="Hold a parameter at a value, such as neck.youngs_modulus=2.3MPa."
+    ),
+]
+
+
+def parsed_values(given: list[str] | None) -> dict[str, str]:
+    """Parameter -> value as written, from what `--set` was given.
+
+    Raises
+    ------
+    InputError
+        Where a text is no NAME=VALUE.
+    """
+    pairs = [text.partition("=") for text in given or []]
+    faults = [
+        Fault(
+            "this sets no parameter",
+            "--set",
+            f"'{name}{sign}{value}'",
+            "NAME=VALUE, such as neck.youngs_modulus=2.3MPa",
+        )
+        for name, sign, value in pairs
+        if not (name.strip() and value.strip())
+    ]
+    if faults:
+        raise InputError(faults)
+    return {name.strip(): value.strip() for name, _, value in pairs}

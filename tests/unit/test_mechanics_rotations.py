@@ -45,14 +45,14 @@ def test_difference_is_the_step_between_two_states(first, second, seed):
     layout = twin.system.layout
     rng = np.random.default_rng(seed)
     steps = rng.uniform(-1.0, 1.0, (2, layout.n_unknowns))
-    turn = slice(layout.first_plate_unknown + 3, layout.first_plate_unknown + 6)
+    turn = slice(layout.first_frame_unknown + 3, layout.first_frame_unknown + 6)
     steps[0, turn], steps[1, turn] = first, second
     before = moved(layout, rest_state(layout), steps[0])
     after = moved(layout, before, steps[1])
     if np.linalg.norm(second) < 3.0:
         np.testing.assert_allclose(difference(layout, after, before), steps[1], atol=1e-9)
     # points on the plate keep their distances
-    rigid = layout.rigid_points
+    rigid = layout.links.followers
     for a, b in ((before, layout.X), (after.x, layout.X)):
         x = a if isinstance(a, np.ndarray) else a.x
         got = np.linalg.norm(x[rigid] - x[rigid[0]], axis=1)
@@ -73,7 +73,7 @@ def test_rates_of_the_channels_are_their_differences(turn, seed):
     layout = twin.system.layout
     rng = np.random.default_rng(seed)
     start = rng.uniform(-0.01, 0.01, layout.n_unknowns)
-    at = slice(layout.first_plate_unknown + 3, layout.first_plate_unknown + 6)
+    at = slice(layout.first_frame_unknown + 3, layout.first_frame_unknown + 6)
     start[at] = turn
     state = moved(layout, rest_state(layout), start)
     dz = rng.uniform(-0.01, 0.01, layout.n_unknowns)

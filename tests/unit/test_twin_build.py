@@ -67,7 +67,7 @@ def test_points_on_the_plate_ride_on_it():
     twin = build_twin(column_robot("P1"))
     layout = twin.system.layout
     dz = np.zeros(layout.n_unknowns)
-    dz[layout.first_plate_unknown : layout.first_plate_unknown + 6] = [0, 0, 0, 0, np.pi / 2, 0]
+    dz[layout.first_frame_unknown : layout.first_frame_unknown + 6] = [0, 0, 0, 0, np.pi / 2, 0]
     state = moved(layout, rest_state(layout), dz)
     ((point, weight),) = twin.via["front"][0]
     assert weight == 1.0

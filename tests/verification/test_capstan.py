@@ -122,7 +122,7 @@ def test_tangent_with_friction_is_the_jacobian():
     at = system.linearise(state, controls, theta)
     unit = np.full(layout.n_unknowns, 1e-3)
     unit[layout.first_tension_unknown :] = 1e-4
-    plate = slice(layout.first_plate_unknown + 3, layout.first_plate_unknown + 6)
+    plate = slice(layout.first_frame_unknown + 3, layout.first_frame_unknown + 6)
     unit[plate] = 0.1
     K = full_matrix(system, at) * unit * unit[:, None]
     jacobian = np.zeros_like(K)

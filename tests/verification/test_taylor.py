@@ -124,9 +124,9 @@ def far_state(system, theta):
     phi = X[:, 2] / radius
     bent = np.column_stack([radius - (radius - X[:, 0]) * np.cos(phi), X[:, 1], (radius - X[:, 0]) * np.sin(phi)])
     dz = np.zeros(layout.n_unknowns)
-    dz[: layout.first_plate_unknown] = (bent - X + rng.uniform(-4e-4, 4e-4, X.shape)).ravel()
+    dz[: layout.first_frame_unknown] = (bent - X + rng.uniform(-4e-4, 4e-4, X.shape)).ravel()
     top = [radius * (1.0 - np.cos(0.9)), 1e-3, radius * np.sin(0.9) - 0.1]
-    dz[layout.first_plate_unknown : layout.first_pressure_unknown] = [*top, 0.05, 0.9, -0.05]
+    dz[layout.first_frame_unknown : layout.first_pressure_unknown] = [*top, 0.05, 0.9, -0.05]
     dz[layout.first_pressure_unknown : layout.first_tension_unknown] = rng.uniform(-0.5, 0.5, layout.n_pressures)
     dz[layout.first_tension_unknown :] = [1e-4, 3e-4]
     return moved(layout, rest_state(layout), dz)
@@ -136,7 +136,7 @@ def rough_direction(system, seed):
     layout = system.layout
     rng = np.random.default_rng(seed)
     d = rng.uniform(-1e-3, 1e-3, layout.n_unknowns)
-    d[layout.first_plate_unknown + 3 : layout.first_pressure_unknown] = rng.uniform(-0.2, 0.2, 3)
+    d[layout.first_frame_unknown + 3 : layout.first_pressure_unknown] = rng.uniform(-0.2, 0.2, 3)
     d[layout.first_pressure_unknown :] = rng.uniform(-0.5, 0.5, layout.n_pressures + layout.n_cables)
     d[layout.first_tension_unknown :] *= 1e-3
     return d
@@ -177,7 +177,7 @@ def test_jacobian_of_the_gradient_is_symmetric_and_is_the_tangent(element, law, 
     at = system.linearise(state, controls, theta)
     K = full_matrix(system, at)
     unit = np.full(layout.n_unknowns, 1e-3)
-    unit[layout.first_plate_unknown + 3 : layout.first_pressure_unknown] = 0.1
+    unit[layout.first_frame_unknown + 3 : layout.first_pressure_unknown] = 0.1
     unit[layout.first_pressure_unknown :] = 1.0
     n = layout.n_unknowns - 1  # without the tension that is given
     jacobian = np.zeros((n, n))
@@ -190,7 +190,7 @@ def test_jacobian_of_the_gradient_is_symmetric_and_is_the_tangent(element, law, 
     scale = np.abs(K).max()
     np.testing.assert_allclose(0.5 * (jacobian + jacobian.T), K, rtol=0, atol=1e-6 * scale)
     skew = 0.5 * (jacobian - jacobian.T)
-    turn = slice(layout.first_plate_unknown + 3, layout.first_plate_unknown + 6)
+    turn = slice(layout.first_frame_unknown + 3, layout.first_frame_unknown + 6)
     m = at.reduced[turn]
     expected = 0.5 * 0.1**2 * np.array([[0, m[2], -m[1]], [-m[2], 0, m[0]], [m[1], -m[0], 0]])
     np.testing.assert_allclose(np.abs(skew[turn, turn]), np.abs(expected), rtol=0, atol=1e-6 * scale)
@@ -229,7 +229,7 @@ def test_tangent_of_a_body_between_two_plates(element):
     system = twin.system
     controls = Controls(np.zeros(1, dtype=bool), np.zeros(1), np.array([0.004]))
     start = np.zeros(system.layout.n_unknowns)
-    plate_z = start[system.layout.first_plate_unknown : system.layout.first_pressure_unknown]
+    plate_z = start[system.layout.first_frame_unknown : system.layout.first_pressure_unknown]
     plate_z[:] = [0.001, 0, 0.002, 0.2, -0.3, 0.1, -0.001, 0.001, 0.003, -0.1, 0.3, 0.2]
     start[system.layout.first_pressure_unknown :] = 1e-3
     state = moved(system.layout, rest_state(system.layout), start)
@@ -239,7 +239,7 @@ def test_tangent_of_a_body_between_two_plates(element):
     rng = np.random.default_rng(0)
     for _ in range(3):
         d = rng.uniform(-1e-3, 1e-3, system.layout.n_unknowns)
-        turns = d[system.layout.first_plate_unknown : system.layout.first_pressure_unknown].reshape(2, 6)[:, 3:]
+        turns = d[system.layout.first_frame_unknown : system.layout.first_pressure_unknown].reshape(2, 6)[:, 3:]
         turns[:] = rng.uniform(-0.1, 0.1, (2, 3))
         energies = np.array(
             [potential(system, moved(system.layout, state, h * d), controls, theta) for h in [0.0, *STEPS]]

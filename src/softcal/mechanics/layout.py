@@ -1,27 +1,30 @@
 """Which point moves how, and where its unknowns stand.
 
-Points are every body's nodes and the few extra ones that cables, masses and loads need. A point is free, fixed, or
-rides on a rigid plate. Points and nodal pressures are the *entities* that terms connect; the unknowns z are the free
-points, then six per plate, then the pressures, then the cables' tensions. The tangent of all but the tensions is a
-sparse matrix; the few tensions border it.
+Points are every body's nodes and the few extra ones that cables, masses and loads need. A point is free, fixed, rides
+on a frame, or is tied to other points as their weighted sum. A frame is a pose with six unknowns: a rigid plate's, or
+that of a rod's cross-section. Points and nodal pressures are the *entities* that terms connect; the unknowns z are the
+free points, then six per moving frame, then the pressures, then the cables' tensions. The tangent of all but the
+tensions is a sparse matrix; the few tensions border it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.mechanics.links import NO_TIES, Links, Ties, compose
 
-FREE, FIXED = -1, -2
+FREE, FIXED, TIED = -1, -2, -3
 
 
 @dataclass(frozen=True)
 class Layout:
-    """X: rest positions (n_points, 3) [m]; rider: FREE, FIXED or the plate's number, per point;
-    references: rest positions of the plates' reference points (n_plates, 3) [m].
+    """X: rest positions (n_points, 3) [m]; rider: FREE, FIXED, TIED or the frame's number, per point;
+    references: rest positions of the frames' reference points (n_frames, 3) [m], of which the last `n_fixed_frames`
+    do not move; ties: what the tied points follow.
     """
 
     X: Floats
@@ -29,14 +32,21 @@ class Layout:
     references: Floats
     n_pressures: int
     n_cables: int
+    n_fixed_frames: int = 0
+    ties: Ties = field(default=NO_TIES)
 
     @property
     def n_points(self) -> int:
         return len(self.X)
 
     @property
-    def n_plates(self) -> int:
+    def n_frames(self) -> int:
+        """All frames, the fixed ones last."""
         return len(self.references)
+
+    @property
+    def n_moving_frames(self) -> int:
+        return len(self.references) - self.n_fixed_frames
 
     @property
     def n_entities(self) -> int:
@@ -47,16 +57,18 @@ class Layout:
         return np.flatnonzero(self.rider == FREE)
 
     @cached_property
-    def rigid_points(self) -> Ints:
-        return np.flatnonzero(self.rider >= 0)
+    def links(self) -> Links:
+        """How the points that are neither free nor fixed follow those that are, and the moving frames."""
+        rider = np.where(self.rider >= self.n_moving_frames, FIXED, self.rider)
+        return compose(self.X, rider, rider == FREE, self.references, self.ties)
 
     @cached_property
-    def first_plate_unknown(self) -> int:
+    def first_frame_unknown(self) -> int:
         return 3 * len(self.free_points)
 
     @cached_property
     def first_pressure_unknown(self) -> int:
-        return self.first_plate_unknown + 6 * self.n_plates
+        return self.first_frame_unknown + 6 * self.n_moving_frames
 
     @cached_property
     def first_tension_unknown(self) -> int:

@@ -9,60 +9,143 @@ import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.mechanics.layout import Layout
-from softcal.mechanics.pattern import Pattern, triple_product
+from softcal.mechanics.pattern import Pattern
 from softcal.mechanics.state import State
+
+WEIGHTS_OF_FRAME_LINK = 7  # its weight w, its arm s, and -s
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Points that ride on a plate move as dx = dc + omega x r, r = x - c; all others move freely or not at all."""
+    """Followers move as dx = sum of w dx_m + w_k dc_k + omega_k x s_k (see `Links`); all others freely or not at all.
+
+    source, weight_a, weight_b, target: data[target] += data[source] w[weight_a] w[weight_b] folds the side blocks of
+    the tangent into its triangle, K_z = P^T K P.
+    """
 
     layout: Layout
     source: Ints
     weight_a: Ints
     weight_b: Ints
     target: Ints
-    plate_diagonal: Ints  # (n_plates, 3, 3): places of the rotation block in `data` (upper triangle)
-
-    def weights(self, state: State) -> Floats:
-        """The nonzeros of P that change: one, then (r, -r) for every rigid point."""
-        rigid = self.layout.rigid_points
-        r = state.x[rigid] - state.position[self.layout.rider[rigid]]
-        return np.concatenate([[1.0], np.concatenate([r, -r], axis=1).ravel()])
+    frame_diagonal: Ints  # (n_moving_frames, 3, 3): places of the rotation block in `data` (upper triangle)
 
     def reduce_gradient(self, state: State, gradient: Floats) -> Floats:
         """P^T g for a gradient g on all entities (3 n_points + n_pressures,) -> (n_unknowns - n_cables,)."""
-        layout = self.layout
+        layout, links = self.layout, self.layout.links
         n = 3 * layout.n_points
+        forces = gradient[:n].reshape(-1, 3)
+        if len(links.follower):
+            forces = forces.copy()
+            _gather(forces, links.followers, links.follower, links.master, links.weight)
         out = np.empty(layout.first_tension_unknown)
-        out[: layout.first_plate_unknown] = gradient[:n].reshape(-1, 3)[layout.free_points].ravel()
-        out[layout.first_plate_unknown : layout.first_pressure_unknown] = 0.0
-        _gather(out[layout.first_plate_unknown :], gradient, state.x, state.position, layout.rigid_points, layout.rider)
+        out[: layout.first_frame_unknown] = forces[layout.free_points].ravel()
+        out[layout.first_frame_unknown : layout.first_pressure_unknown] = 0.0
+        _gather_frames(
+            out[layout.first_frame_unknown :],
+            gradient,
+            links.followers,
+            links.frame_follower,
+            links.frame,
+            links.frame_weight,
+            links.arms(state.rotation),
+        )
         out[layout.first_pressure_unknown :] = gradient[n:]
         return out
 
     def reduce_tangent(self, state: State, gradient: Floats, data: Floats) -> None:
-        """Fold the side blocks of `data` into the triangle, and add what the forces do as the plates turn."""
-        layout = self.layout
-        if len(layout.rigid_points) == 0:
+        """Fold the side blocks of `data` into the triangle, and add what the forces do as the frames turn."""
+        links = self.layout.links
+        if len(links.followers) == 0:
             return
-        _fold(data, self.source, self.weight_a, self.weight_b, self.target, self.weights(state))
-        _turn(data, gradient, state.x, state.position, layout.rigid_points, layout.rider, self.plate_diagonal)
+        arms = links.arms(state.rotation)
+        of_frames = np.concatenate([links.frame_weight[:, None], arms, -arms], axis=1)
+        weights = np.concatenate([[1.0], links.weight, of_frames.ravel()])
+        _fold(data, self.source, self.weight_a, self.weight_b, self.target, weights)
+        _turn(data, gradient, links.followers, links.frame_follower, links.frame, arms, self.frame_diagonal)
 
 
 def build_motion(layout: Layout, pattern: Pattern) -> Motion:
     """Plan the reduction for a layout and its pattern."""
-    weight_of = np.zeros(layout.n_points, dtype=np.int64)
-    rigid = layout.rigid_points
-    weight_of[rigid] = 1 + 6 * np.arange(len(rigid))
-    source, weight_a, weight_b, target = triple_product(layout, pattern, weight_of)
-    diagonal = np.zeros((layout.n_plates, 3, 3), dtype=np.int64)
-    for p in range(layout.n_plates):
-        omega = layout.first_plate_unknown + 6 * p + 3 + np.arange(3)
-        for i in range(3):
-            for j in range(i, 3):
-                diagonal[p, i, j] = pattern.entry(omega[i], omega[j])
-    return Motion(layout, source, weight_a, weight_b, target, diagonal)
+    diagonal = np.zeros((layout.n_moving_frames, 3, 3), dtype=np.int64)
+    omega = layout.first_frame_unknown + 6 * np.arange(layout.n_moving_frames) + 3
+    for i in range(3):
+        for j in range(i, 3):
+            diagonal[:, i, j] = pattern.entry(omega + i, omega + j)
+    return Motion(layout, *_folding(layout, pattern), diagonal)
+
+
+def _rows(layout: Layout) -> tuple[Ints, Ints, Ints]:
+    """P by rows: row 3 p + i of point p, then one per pressure: ptr, unknown, number of the weight."""
+    links = layout.links
+    n_free, n_points = len(layout.free_points), layout.n_points
+    number = np.full(n_points, -1, dtype=np.int64)
+    number[layout.free_points] = np.arange(n_free)
+    row: list[Ints] = []
+    unknown: list[Ints] = []
+    weight: list[Ints] = []
+
+    def add(rows: Ints, unknowns: Ints, weights: Ints) -> None:
+        row.append(rows)
+        unknown.append(unknowns)
+        weight.append(weights)
+
+    of_frame = 1 + len(links.follower) + WEIGHTS_OF_FRAME_LINK * np.arange(len(links.frame))
+    at = layout.first_frame_unknown + 6 * links.frame
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3  # (omega x s)_i = omega_j s_k - omega_k s_j
+        add(3 * layout.free_points + i, 3 * np.arange(n_free) + i, np.zeros(n_free, dtype=np.int64))
+        add(
+            3 * links.followers[links.follower] + i,
+            3 * number[links.master] + i,
+            1 + np.arange(len(links.follower)),
+        )
+        rows = 3 * links.followers[links.frame_follower] + i
+        add(rows, at + i, of_frame)
+        add(rows, at + 3 + j, of_frame + 1 + k)
+        add(rows, at + 3 + k, of_frame + 4 + j)
+    scalars = np.arange(layout.n_pressures)
+    add(3 * n_points + scalars, layout.first_pressure_unknown + scalars, np.zeros_like(scalars))
+    rows = np.concatenate(row)
+    order = np.argsort(rows, kind="stable")
+    ptr = np.searchsorted(rows[order], np.arange(3 * n_points + layout.n_pressures + 1))
+    return ptr, np.concatenate(unknown)[order], np.concatenate(weight)[order]
+
+
+def _folding(layout: Layout, pattern: Pattern) -> tuple[Ints, Ints, Ints, Ints]:
+    """The lists (source, weight_a, weight_b, target) of `Motion`."""
+    a, b = pattern.side_pairs.T
+    if len(a) == 0:
+        empty = np.zeros(0, dtype=np.int64)
+        return empty, empty, empty, empty
+    ptr, unknown, weight = _rows(layout)
+    start = pattern.pair(a, b)
+    n_points = layout.n_points
+    parts: list[tuple[Ints, Ints, Ints, Ints]] = []
+    for i in range(3):
+        for j in range(3):
+            same = a == b
+            ok = ((a < n_points) | (i == 0)) & ((b < n_points) | (j == 0)) & (~same | (j >= i))
+            row_a = np.where(a < n_points, 3 * a + i, 2 * n_points + a)[ok]
+            row_b = np.where(b < n_points, 3 * b + j, 2 * n_points + b)[ok]
+            n_b = ptr[row_b + 1] - ptr[row_b]
+            count = (ptr[row_a + 1] - ptr[row_a]) * n_b
+            pair = np.repeat(np.arange(len(count)), count)
+            within = np.arange(len(pair)) - np.repeat(np.cumsum(count) - count, count)
+            first, second = np.divmod(within, np.maximum(n_b[pair], 1))
+            at_a, at_b = ptr[row_a][pair] + first, ptr[row_b][pair] + second
+            ua, ub = unknown[at_a], unknown[at_b]
+            source = (start[ok, i] + j)[pair]
+            # An off-diagonal entry stands for its mirror image too.
+            mirrored = ~(same[ok][pair] & (i == j))
+            low, high = np.minimum(ua, ub), np.maximum(ua, ub)
+            target = pattern.entry(low, high)
+            keep = mirrored | (ua <= ub)
+            twice = mirrored & (ua == ub)
+            parts += [(source[m], weight[at_a][m], weight[at_b][m], target[m]) for m in (keep, twice)]
+    lists = [np.concatenate(part) for part in zip(*parts, strict=True)]
+    order = np.argsort(lists[3], kind="stable")
+    return lists[0][order], lists[1][order], lists[2][order], lists[3][order]
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -72,15 +155,26 @@ def _fold(data: Floats, source: Ints, weight_a: Ints, weight_b: Ints, target: In
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _gather(out: Floats, gradient: Floats, x: Floats, position: Floats, rigid: Ints, rider: Ints) -> None:
-    """Forces and moments of the rigid points on their plates."""
-    for p in rigid:
-        k = rider[p]
+def _gather(forces: Floats, followers: Ints, follower: Ints, master: Ints, weight: Floats) -> None:
+    """Forces of tied points on their masters."""
+    for n in range(len(follower)):
+        p, m = followers[follower[n]], master[n]
+        for i in range(3):
+            forces[m, i] += weight[n] * forces[p, i]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _gather_frames(
+    out: Floats, gradient: Floats, followers: Ints, follower: Ints, frame: Ints, weight: Floats, arms: Floats
+) -> None:
+    """Forces and moments of the followers on their frames."""
+    for n in range(len(frame)):
+        p, k, w = followers[follower[n]], frame[n], weight[n]
         f0, f1, f2 = gradient[3 * p], gradient[3 * p + 1], gradient[3 * p + 2]
-        r0, r1, r2 = x[p, 0] - position[k, 0], x[p, 1] - position[k, 1], x[p, 2] - position[k, 2]
-        out[6 * k] += f0
-        out[6 * k + 1] += f1
-        out[6 * k + 2] += f2
+        r0, r1, r2 = arms[n, 0], arms[n, 1], arms[n, 2]
+        out[6 * k] += w * f0
+        out[6 * k + 1] += w * f1
+        out[6 * k + 2] += w * f2
         out[6 * k + 3] += r1 * f2 - r2 * f1
         out[6 * k + 4] += r2 * f0 - r0 * f2
         out[6 * k + 5] += r0 * f1 - r1 * f0
@@ -88,16 +182,15 @@ def _gather(out: Floats, gradient: Floats, x: Floats, position: Floats, rigid: I
 
 @numba.njit(cache=True, error_model="numpy")
 def _turn(
-    data: Floats, gradient: Floats, x: Floats, position: Floats, rigid: Ints, rider: Ints, diagonal: Ints
+    data: Floats, gradient: Floats, followers: Ints, follower: Ints, frame: Ints, arms: Floats, diagonal: Ints
 ) -> None:
-    """d2/domega2 of f . exp(omega) r at zero: (r f^T + f r^T)/2 - (f . r) I."""
-    for p in rigid:
-        k = rider[p]
-        fr = 0.0
+    """d2/domega2 of f . exp(omega) s at zero: (s f^T + f s^T)/2 - (f . s) I."""
+    for n in range(len(frame)):
+        p, k = followers[follower[n]], frame[n]
+        fs = 0.0
         for i in range(3):
-            fr += gradient[3 * p + i] * (x[p, i] - position[k, i])
+            fs += gradient[3 * p + i] * arms[n, i]
         for i in range(3):
             for j in range(i, 3):
-                ri, rj = x[p, i] - position[k, i], x[p, j] - position[k, j]
-                h = 0.5 * (ri * gradient[3 * p + j] + gradient[3 * p + i] * rj)
-                data[diagonal[k, i, j]] += h - fr if i == j else h
+                h = 0.5 * (arms[n, i] * gradient[3 * p + j] + gradient[3 * p + i] * arms[n, j])
+                data[diagonal[k, i, j]] += h - fs if i == j else h

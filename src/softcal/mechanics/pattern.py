@@ -1,9 +1,9 @@
 """The sparsity of the tangent, planned once.
 
 One long array `data` holds, one after the other: the upper triangle of the symmetric tangent on the unknowns z
-(compressed rows, what the factorisation reads); *side* blocks for pairs of entities of which at least one rides on a
-plate; and a waste slot for pairs with a fixed point. Terms add straight into `data`; `Motion.reduce` then folds the
-side blocks into the triangle by the plates' present rotations. So nothing is sorted, searched or copied in a Newton
+(compressed rows, what the factorisation reads); *side* blocks for pairs of entities of which at least one follows
+others; and a waste slot for pairs with a fixed point. Terms add straight into `data`; `Motion.reduce` then folds the
+side blocks into the triangle by the frames' present rotations. So nothing is sorted, searched or copied in a Newton
 iteration.
 """
 
@@ -16,7 +16,7 @@ import numba
 import numpy as np
 
 from softcal.checks import Ints
-from softcal.mechanics.layout import FIXED, FREE, Layout
+from softcal.mechanics.layout import Layout
 
 
 @dataclass(frozen=True)
@@ -52,8 +52,10 @@ class Pattern:
         return np.searchsorted(self.rows * n + self.indices, alpha * n + beta)
 
 
-def build_pattern(layout: Layout, connectivities: list[Ints]) -> Pattern:
-    """Plan the tangent for terms that connect entities as in `connectivities`, each (n, k), rows ascending."""
+def build_pattern(layout: Layout, connectivities: list[Ints], frame_pairs: Ints) -> Pattern:
+    """Plan the tangent for terms that connect entities as in `connectivities`, each (n, k), rows ascending, and for
+    terms that connect moving frames with each other, `frame_pairs` (n, 2).
+    """
     n = np.int64(layout.n_entities)
     parts = []
     for conn in connectivities:
@@ -62,40 +64,45 @@ def build_pattern(layout: Layout, connectivities: list[Ints]) -> Pattern:
     keys = np.unique(np.concatenate([*parts, np.arange(n) * (n + 1)]))
     a, b = keys // n, keys % n
 
-    # Entities of the reduced problem: free points, plates, scalars, in the order of their unknowns.
+    # Entities of the reduced problem: free points, frames, scalars, in the order of their unknowns.
     free = layout.free_points
-    n_free, n_plates = len(free), layout.n_plates
-    reduced = np.full(n, -1, dtype=np.int64)
-    reduced[free] = np.arange(n_free)
-    rigid = layout.rigid_points
-    reduced[rigid] = n_free + layout.rider[rigid]
-    reduced[layout.n_points :] = n_free + n_plates + np.arange(layout.n_pressures)
-    sizes = np.concatenate([np.full(n_free, 3), np.full(n_plates, 6), np.ones(layout.n_pressures, int)]).astype(
-        np.int64
-    )
+    n_free, n_frames = len(free), layout.n_moving_frames
+    sizes = np.concatenate([np.full(n_free, 3), np.full(n_frames, 6), np.ones(layout.n_pressures, int)])
+    sizes = sizes.astype(np.int64)
     first = np.concatenate([[0], np.cumsum(sizes)])
     n_red = np.int64(len(sizes))
+    reduced = np.full(n, -1, dtype=np.int64)
+    reduced[free] = np.arange(n_free)
+    reduced[layout.n_points :] = n_free + n_frames + np.arange(layout.n_pressures)
 
-    ra, rb = reduced[a], reduced[b]
-    moving = (ra >= 0) & (rb >= 0)
-    low, high = np.minimum(ra, rb)[moving], np.maximum(ra, rb)[moving]
-    red_keys = np.unique(np.concatenate([low * n_red + high, np.arange(n_red) * (n_red + 1)]))
+    links = layout.links
+    follows = np.zeros(n, dtype=bool)
+    follows[links.followers[np.concatenate([links.follower, links.frame_follower])]] = True
+    moving = ((reduced[a] >= 0) | follows[a]) & ((reduced[b] >= 0) | follows[b])
+    side = moving & (follows[a] | follows[b])
+    direct = moving & ~side
+    red_keys = np.unique(
+        np.concatenate(
+            [
+                reduced[a[direct]] * n_red + reduced[b[direct]],
+                _side_keys(layout, reduced, a[side], b[side], n_red),
+                n_free * (n_red + 1) + frame_pairs.min(axis=1) * n_red + frame_pairs.max(axis=1),
+                np.arange(n_red) * (n_red + 1),
+            ]
+        )
+    )
     red_row, red_col = red_keys // n_red, red_keys % n_red
     red_ptr = np.searchsorted(red_row, np.arange(n_red + 1))
     indptr, indices, offset = _expand(red_ptr, red_col, sizes, first)
     nnz = int(indptr[-1])
 
     # Where each pair's rows start.
-    on_plate = np.zeros(n, dtype=bool)
-    on_plate[rigid] = True
     entity_size = np.ones(n, dtype=np.int64)
     entity_size[: layout.n_points] = 3
-    side = moving & (on_plate[a] | on_plate[b])
-    direct = moving & ~side
     start = np.zeros((len(keys), 3), dtype=np.int64)
-    k = np.searchsorted(red_keys, ra[direct] * n_red + rb[direct])
+    k = np.searchsorted(red_keys, reduced[a[direct]] * n_red + reduced[b[direct]])
     for i in range(3):
-        row = first[ra[direct]] + np.minimum(i, entity_size[a[direct]] - 1)
+        row = first[reduced[a[direct]]] + np.minimum(i, entity_size[a[direct]] - 1)
         start[direct, i] = indptr[row] + offset[k] - np.minimum(i, entity_size[a[direct]] - 1)
     block = entity_size[a[side]] * entity_size[b[side]]
     side_start = nnz + np.concatenate([[0], np.cumsum(block)])
@@ -115,73 +122,20 @@ def build_pattern(layout: Layout, connectivities: list[Ints]) -> Pattern:
     )
 
 
-def triple_product(layout: Layout, pattern: Pattern, weight_of: Ints) -> tuple[Ints, Ints, Ints, Ints]:
-    """Lists (source, weight_a, weight_b, target) with data[target] += data[source] w[weight_a] w[weight_b].
+def _side_keys(layout: Layout, reduced: Ints, a: Ints, b: Ints, n_red: np.int64) -> Ints:
+    """Keys of the reduced pairs that pairs (a, b) of entities, at least one of which follows, spread over."""
+    import scipy.sparse as sp
 
-    They fold the side blocks into the triangle: K_z = P^T K P for a motion dx = P dz. weight_of: number of a rigid
-    point's first weight; its six weights are its arm r and -r, weight 0 is one (see `Motion`).
-    """
-    source: list[Ints] = []
-    wa: list[Ints] = []
-    wb: list[Ints] = []
-    alpha: list[Ints] = []
-    beta: list[Ints] = []
-    a, b = pattern.side_pairs.T
-    if len(a) == 0:
-        empty = np.zeros(0, dtype=np.int64)
-        return empty, empty, empty, empty
-    start = pattern.pair(a, b)
-    for i in range(3):
-        for j in range(3):
-            same = a == b
-            exists = ((b < layout.n_points) | (j == 0)) & (~same | (j >= i))
-            for unknown_a, weight_a, has_a in _row(layout, weight_of, a, i):
-                for unknown_b, weight_b, has_b in _row(layout, weight_of, b, j):
-                    ok = exists & has_a & has_b
-                    src = start[ok, i] + j
-                    # An off-diagonal entry stands for its mirror image too.
-                    mirrored = ~(same[ok] & (i == j))
-                    ua, ub, pa, pb = unknown_a[ok], unknown_b[ok], weight_a[ok], weight_b[ok]
-                    upper = ua <= ub
-                    keep = mirrored | upper
-                    low, high = np.minimum(ua, ub), np.maximum(ua, ub)
-                    source.append(src[keep])
-                    wa.append(pa[keep])
-                    wb.append(pb[keep])
-                    alpha.append(low[keep])
-                    beta.append(high[keep])
-                    twice = mirrored & (ua == ub)
-                    source.append(src[twice])
-                    wa.append(pa[twice])
-                    wb.append(pb[twice])
-                    alpha.append(low[twice])
-                    beta.append(high[twice])
-    target = pattern.entry(np.concatenate(alpha), np.concatenate(beta))
-    lists = (np.concatenate(source), np.concatenate(wa), np.concatenate(wb), target)
-    order = np.argsort(lists[3], kind="stable")
-    return lists[0][order], lists[1][order], lists[2][order], lists[3][order]
-
-
-def _row(layout: Layout, weight_of: Ints, entity: Ints, i: int) -> list[tuple[Ints, Ints, np.ndarray]]:
-    """Nonzeros of row i of P for each entity: (unknown, weight number, exists)."""
-    is_point = entity < layout.n_points
-    point = np.where(is_point, entity, 0)
-    rider = np.where(is_point, layout.rider[point], FREE)
-    rigid = is_point & (rider >= 0)
-    free_number = np.cumsum(layout.rider == FREE) - 1
-    plate = layout.first_plate_unknown + 6 * np.maximum(rider, 0)
-    scalar = layout.first_pressure_unknown + entity - layout.n_points
-    own = np.where(is_point, np.where(rigid, plate + i, 3 * free_number[point] + i), scalar)
-    one = np.zeros(len(entity), dtype=np.int64)
-    everywhere = rider != FIXED
-    # (omega x r)_i = omega_{i+1} r_{i+2} - omega_{i+2} r_{i+1}
-    j, k = (i + 1) % 3, (i + 2) % 3
-    weights = np.where(rigid, weight_of[point], 0)
-    return [
-        (own, one, everywhere),
-        (plate + 3 + j, weights + k, rigid),
-        (plate + 3 + k, weights + 3 + j, rigid),
-    ]
+    links = layout.links
+    n, n_free = layout.n_entities, len(layout.free_points)
+    own = np.flatnonzero(reduced >= 0)
+    rows = np.concatenate([own, links.followers[links.follower], links.followers[links.frame_follower]])
+    columns = np.concatenate([reduced[own], reduced[links.master], n_free + links.frame])
+    spread = sp.csr_matrix((np.ones(len(rows)), (rows, columns)), shape=(n, int(n_red)))
+    pairs = sp.csr_matrix((np.ones(len(a)), (a, b)), shape=(n, n))
+    reached = (spread.T @ pairs @ spread).tocoo()
+    low, high = np.minimum(reached.row, reached.col), np.maximum(reached.row, reached.col)
+    return low.astype(np.int64) * n_red + high
 
 
 @numba.njit(cache=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 
 from softcal.checks import Floats
@@ -12,8 +13,8 @@ from softcal.mechanics.layout import Layout
 
 @dataclass(frozen=True)
 class State:
-    """x: positions of all points (n_points, 3) [m]; position (n_plates, 3) [m] and rotation (n_plates, 3, 3) of the
-    plates; pressure (n_pressures,) [Pa]; tension (n_cables,) [N].
+    """x: positions of all points (n_points, 3) [m]; position (n_frames, 3) [m] and rotation (n_frames, 3, 3) of the
+    frames; pressure (n_pressures,) [Pa]; tension (n_cables,) [N].
     """
 
     x: Floats
@@ -28,7 +29,7 @@ def rest_state(layout: Layout) -> State:
     return State(
         x=layout.X.copy(),
         position=layout.references.copy(),
-        rotation=np.broadcast_to(np.eye(3), (layout.n_plates, 3, 3)).copy(),
+        rotation=np.broadcast_to(np.eye(3), (layout.n_frames, 3, 3)).copy(),
         pressure=np.zeros(layout.n_pressures),
         tension=np.zeros(layout.n_cables),
     )
@@ -39,12 +40,9 @@ def moved(layout: Layout, state: State, dz: Floats) -> State:
     x = state.x.copy()
     free = layout.free_points
     x[free] += dz[: 3 * len(free)].reshape(-1, 3)
-    plates = dz[layout.first_plate_unknown : layout.first_pressure_unknown].reshape(-1, 6)
-    position = state.position + plates[:, :3]
-    rotation = exponential(plates[:, 3:]) @ state.rotation
-    rigid = layout.rigid_points
-    k = layout.rider[rigid]
-    x[rigid] = position[k] + np.einsum("nij,nj->ni", rotation[k], layout.X[rigid] - layout.references[k])
+    position, rotation = state.position.copy(), state.rotation.copy()
+    _move_frames(position, rotation, dz[layout.first_frame_unknown : layout.first_pressure_unknown].reshape(-1, 6))
+    layout.links.place(x, position, rotation)
     return State(
         x=x,
         position=position,
@@ -57,12 +55,13 @@ def moved(layout: Layout, state: State, dz: Floats) -> State:
 def difference(layout: Layout, after: State, before: State) -> Floats:
     """The dz with moved(layout, before, dz) = after."""
     free = layout.free_points
-    omega = logarithm(after.rotation @ np.swapaxes(before.rotation, 1, 2))
-    plates = np.concatenate([after.position - before.position, omega], axis=1)
+    n = layout.n_moving_frames
+    omega = logarithm(after.rotation[:n] @ np.swapaxes(before.rotation[:n], 1, 2))
+    frames = np.concatenate([after.position[:n] - before.position[:n], omega], axis=1)
     return np.concatenate(
         [
             (after.x[free] - before.x[free]).ravel(),
-            plates.ravel(),
+            frames.ravel(),
             after.pressure - before.pressure,
             after.tension - before.tension,
         ]
@@ -71,11 +70,30 @@ def difference(layout: Layout, after: State, before: State) -> Floats:
 
 def exponential(omega: Floats) -> Floats:
     """Rotation matrices (n, 3, 3) of rotation vectors (n, 3) [rad] (Rodrigues)."""
-    from scipy.spatial.transform import Rotation
+    rotation = np.broadcast_to(np.eye(3), (len(omega), 3, 3)).copy()
+    _move_frames(np.zeros((len(omega), 3)), rotation, np.concatenate([np.zeros_like(omega), omega], axis=1))
+    return rotation
 
-    if len(omega) == 0:
-        return np.zeros((0, 3, 3))
-    return Rotation.from_rotvec(omega).as_matrix()
+
+@numba.njit(cache=True, error_model="numpy")
+def _move_frames(position: Floats, rotation: Floats, step: Floats) -> None:
+    """c <- c + dc, R <- exp(omega) R (Rodrigues) for the moving frames."""
+    for k in range(len(step)):
+        for i in range(3):
+            position[k, i] += step[k, i]
+        w0, w1, w2 = step[k, 3], step[k, 4], step[k, 5]
+        square = w0 * w0 + w1 * w1 + w2 * w2
+        if square == 0.0:
+            continue
+        angle = np.sqrt(square)
+        half = np.sin(0.5 * angle) / angle
+        a, b = np.sin(angle) / angle, 2.0 * half * half
+        for j in range(3):
+            r0, r1, r2 = rotation[k, 0, j], rotation[k, 1, j], rotation[k, 2, j]
+            c0, c1, c2 = w1 * r2 - w2 * r1, w2 * r0 - w0 * r2, w0 * r1 - w1 * r0
+            rotation[k, 0, j] = r0 + a * c0 + b * (w1 * c2 - w2 * c1)
+            rotation[k, 1, j] = r1 + a * c1 + b * (w2 * c0 - w0 * c2)
+            rotation[k, 2, j] = r2 + a * c2 + b * (w0 * c1 - w1 * c0)
 
 
 def logarithm(rotation: Floats) -> Floats:

@@ -56,7 +56,7 @@ class Statics:
         self._force_floor = 1e-4 * shear * system.stiffness_length**2
         self._length = float(np.linalg.norm(np.ptp(layout.X, axis=0)))
         self._farthest = float(np.abs(layout.X).max())
-        self._diagonal = system.pattern.indptr[: layout.first_plate_unknown]
+        self._diagonal = system.pattern.indptr[: layout.first_frame_unknown]
         self._rounding = 0.0
         volume = sum(float(s.w.sum()) for s in system.solids)
         self._volume = volume / max(layout.n_pressures, 1)
@@ -74,9 +74,9 @@ class Statics:
         layout = self.system.layout
         f = at.full[: 3 * layout.n_points]
         force = max(float(np.sqrt(f @ f)), self._force_floor, self._rounding / TOLERANCE)
-        plates = at.reduced[layout.first_plate_unknown : layout.first_pressure_unknown].reshape(-1, 6)
+        plates = at.reduced[layout.first_frame_unknown : layout.first_pressure_unknown].reshape(-1, 6)
         parts = (
-            at.reduced[: layout.first_plate_unknown] / force,
+            at.reduced[: layout.first_frame_unknown] / force,
             plates[:, :3].ravel() / force,
             plates[:, 3:].ravel() / (force * self._length),
             at.reduced[layout.first_pressure_unknown : layout.first_tension_unknown] / self._volume,
@@ -193,9 +193,9 @@ class Statics:
     def _limited(self, dz: Floats) -> float:
         """A step length that neither turns a plate nor moves a point too far at once."""
         layout = self.system.layout
-        plates = dz[layout.first_plate_unknown : layout.first_pressure_unknown].reshape(-1, 6)
+        plates = dz[layout.first_frame_unknown : layout.first_pressure_unknown].reshape(-1, 6)
         turn = float(np.abs(plates[:, 3:]).max(initial=0.0))
-        move = float(np.abs(dz[: layout.first_plate_unknown]).max(initial=0.0)) / self._length
+        move = float(np.abs(dz[: layout.first_frame_unknown]).max(initial=0.0)) / self._length
         return min(1.0, LARGEST_TURN / max(turn, 1e-300), LARGEST_MOVE / max(move, 1e-300))
 
 
@@ -206,7 +206,7 @@ def _units(system: System, shear: float, length: float) -> Floats:
     volume = sum(float(s.w.sum()) for s in system.solids)
     h = (6.0 * volume / n_tets) ** (1.0 / 3.0)
     unit = np.ones(layout.first_tension_unknown)
-    plates = unit[layout.first_plate_unknown : layout.first_pressure_unknown].reshape(-1, 6)
+    plates = unit[layout.first_frame_unknown : layout.first_pressure_unknown].reshape(-1, 6)
     plates[:, 3:] = 4.0 / length
     unit[layout.first_pressure_unknown :] = shear / h
     return unit

@@ -183,7 +183,7 @@ class System:
 def build_system(layout: Layout, solids: tuple[SolidTerm, ...], cables: CableTerm, loads: Loads) -> System:
     """Plan the pattern of all terms together."""
     connectivities = [solid.connectivity(layout.n_points) for solid in solids] + cables.connectivities()
-    pattern = build_pattern(layout, connectivities)
+    pattern = build_pattern(layout, connectivities, np.zeros((0, 2), dtype=np.int64))
     volume = sum(float(solid.w.sum()) for solid in solids)
     extent = float(np.linalg.norm(np.ptp(layout.X, axis=0)))
     return System(

@@ -38,7 +38,7 @@ def sense_rates(twin: Twin, state: State, dz: Floats) -> Floats:
     """The channels' rates for rates dz (n_unknowns, k) of the unknowns; shape (n_channels, k)."""
     layout, cables = twin.system.layout, twin.system.cables
     tensions = dz[layout.first_tension_unknown :]
-    plates = dz[layout.first_plate_unknown : layout.first_pressure_unknown]
+    plates = dz[layout.first_frame_unknown : layout.first_pressure_unknown]
     rows: list[Floats] = []
     for i in range(cables.n_cables):
         rate = twin.system.length_gradient(state, i) @ dz[: layout.first_tension_unknown]

@@ -56,7 +56,7 @@ def snapshot(twin: Twin, state: State, label: str, controls: dict[str, float]) -
     }
     plates = {
         plate.name: (state.position[i].copy(), state.rotation[i].copy())
-        for i, plate in enumerate(robot.plates[: layout.n_plates])
+        for i, plate in enumerate(robot.plates[: layout.n_moving_frames])
     }
     tensions = {cable.name: float(state.tension[i]) for i, cable in enumerate(robot.cables)}
     return Snapshot(label, points, cables, plates, controls, tensions)

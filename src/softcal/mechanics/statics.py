@@ -7,11 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from softcal.checks import Floats
+from softcal.checks import Floats, Ints
 from softcal.errors import SimulationError
+from softcal.mechanics.layout import Layout
 from softcal.mechanics.linear_solve import Factorisation, factorisation
-from softcal.mechanics.state import State, moved
-from softcal.mechanics.system import NO_BORDER, Controls, Linearisation, System, solid_theta
+from softcal.mechanics.rod import RodTerm
+from softcal.mechanics.state import State, moved, rest_state
+from softcal.mechanics.system import NO_BORDER, Controls, Linearisation, System, part_theta
 
 TOLERANCE = 1e-9  # residual over its scale
 ROUNDING = 4.0 * float(np.finfo(float).eps)  # of the farthest coordinate: what positions are known to
@@ -52,15 +54,17 @@ class Statics:
         self.n_factorisations = 0
         self._factors: Factorisation = factorisation(system.pattern.indptr, system.pattern.indices)
         layout = system.layout
-        shear = max(s.law.shear_modulus(solid_theta(theta, s.name)) for s in system.solids)
+        shear = _largest_shear_modulus(system, theta)
         self._force_floor = 1e-4 * shear * system.stiffness_length**2
         self._length = float(np.linalg.norm(np.ptp(layout.X, axis=0)))
         self._farthest = float(np.abs(layout.X).max())
-        self._diagonal = system.pattern.indptr[: layout.first_frame_unknown]
+        moves = [layout.first_frame_unknown + 6 * _moving(layout, rod) for rod in system.rods]
+        rows = [np.arange(layout.first_frame_unknown), *(first + i for first in moves for i in range(3))]
+        self._diagonal = system.pattern.indptr[np.concatenate(rows)]
         self._rounding = 0.0
         volume = sum(float(s.w.sum()) for s in system.solids)
         self._volume = volume / max(layout.n_pressures, 1)
-        self._unit = _units(system, shear, self._length)
+        self._unit = _units(system, self.theta, shear, self._length)
         self._unit_entries = self._unit[system.pattern.rows] * self._unit[system.pattern.indices]
         self._border = NO_BORDER
         self._columns_solved: Floats | None = None
@@ -72,8 +76,7 @@ class Statics:
         loads they exceed TOLERANCE times the reactions, and no iteration can remove them.
         """
         layout = self.system.layout
-        f = at.full[: 3 * layout.n_points]
-        force = max(float(np.sqrt(f @ f)), self._force_floor, self._rounding / TOLERANCE)
+        force = max(at.forces, self._force_floor, self._rounding / TOLERANCE)
         plates = at.reduced[layout.first_frame_unknown : layout.first_pressure_unknown].reshape(-1, 6)
         parts = (
             at.reduced[: layout.first_frame_unknown] / force,
@@ -126,8 +129,8 @@ class Statics:
         system = self.system
         state = replace(guess, tension=np.where(controls.is_held, controls.tension, guess.tension))
         at = system.linearise(state, controls, self.theta)
-        if at.J_min <= 0.0:
-            return Equilibrium(state, False, 0, np.inf, f"the guess inverts an element (J = {at.J_min:.2g})")
+        if not at.is_admissible:
+            return Equilibrium(state, False, 0, np.inf, f"the guess cannot be: {at.why_not}")
         previous = residual = best = np.inf
         best_iteration = 0
         for iteration in range(MAX_ITERATIONS):
@@ -155,9 +158,9 @@ class Statics:
             for _ in range(MAX_CUTS):
                 candidate = moved(system.layout, state, step * dz)
                 at = system.linearise(candidate, controls, self.theta, tangent=not serves)
-                # The line search: a step must not invert an element, nor leave more work along itself than it began
-                # with. Small residuals are let through; there Newton's method converges by itself.
-                if at.J_min > 0.0 and (residual < SMALL_START or abs(dz @ at.reduced) <= abs(work)):
+                # The line search: a step must not lead to what cannot be, nor leave more work along itself than it
+                # began with. Small residuals are let through; there Newton's method converges by itself.
+                if at.is_admissible and (residual < SMALL_START or abs(dz @ at.reduced) <= abs(work)):
                     break
                 step, serves = 0.5 * step, False
             else:
@@ -199,14 +202,38 @@ class Statics:
         return min(1.0, LARGEST_TURN / max(turn, 1e-300), LARGEST_MOVE / max(move, 1e-300))
 
 
-def _units(system: System, shear: float, length: float) -> Floats:
+def _largest_shear_modulus(system: System, theta: Mapping[str, float]) -> float:
+    moduli = [solid.law.shear_modulus(part_theta(theta, solid.name)) for solid in system.solids]
+    for rod in system.rods:
+        own = part_theta(theta, rod.name)
+        moduli.append(0.5 * own["youngs_modulus"] / (1.0 + own["poissons_ratio"]))
+    return max(moduli)
+
+
+def _moving(layout: Layout, rod: RodTerm) -> Ints:
+    frames = np.unique(rod.frames)
+    return frames[frames < layout.n_moving_frames]
+
+
+def _units(system: System, theta: Mapping[str, float], shear: float, length: float) -> Floats:
     """Units of the unknowns in which the tangent's entries are of one size; pivots are judged against each other."""
     layout = system.layout
     n_tets = sum(len(s.conn) for s in system.solids)
     volume = sum(float(s.w.sum()) for s in system.solids)
-    h = (6.0 * volume / n_tets) ** (1.0 / 3.0)
+    h = (6.0 * volume / n_tets) ** (1.0 / 3.0) if n_tets else length
     unit = np.ones(layout.first_tension_unknown)
-    plates = unit[layout.first_frame_unknown : layout.first_pressure_unknown].reshape(-1, 6)
-    plates[:, 3:] = 4.0 / length
+    frames = unit[layout.first_frame_unknown : layout.first_pressure_unknown].reshape(-1, 6)
+    frames[:, 3:] = 4.0 / length
+    stiffness = np.zeros_like(frames)
+    rest = rest_state(layout)
+    for rod, blocks in zip(system.rods, system.rod_blocks, strict=True):
+        tangent = rod.assemble(rest.position, rest.rotation, part_theta(theta, rod.name)).tangent
+        if tangent is not None:
+            diagonal = np.concatenate([np.zeros(layout.first_frame_unknown), stiffness.ravel()])
+            blocks.add_gradient(diagonal, np.einsum("nii->ni", tangent).copy())
+            stiffness = diagonal[layout.first_frame_unknown :].reshape(-1, 6)
+    on_rod = stiffness[:, 0] > 0.0
+    frames[on_rod, :3] = np.sqrt(shear * h / stiffness[on_rod, :3].mean(axis=1))[:, None]
+    frames[on_rod, 3:] = np.sqrt(shear * h / stiffness[on_rod, 3:].mean(axis=1))[:, None]
     unit[layout.first_pressure_unknown :] = shear / h
     return unit

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.mechanics.cable import CablePlaces, CableTerm
 from softcal.mechanics.cable_friction import Loss, friction_loss, loss_border
+from softcal.mechanics.frame_blocks import FrameBlocks, frame_blocks, moving_pairs
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.motion import Motion, build_motion
 from softcal.mechanics.pattern import Pattern, build_pattern
+from softcal.mechanics.rod import RodTerm
 from softcal.mechanics.solid import SolidPlaces, SolidTerm
 from softcal.mechanics.state import State
 
@@ -68,17 +71,34 @@ class Border:
 class Linearisation:
     """Gradient and tangent at a state.
 
-    full: gradient on all entities; reduced: on the unknowns; J_min: the smallest volume ratio; data: the sparse
-    tangent's triangle, or None; border: what the tensions and the cables' friction add to it.
+    full: gradient on all entities; reduced: on the unknowns; forces: the norm of the nodal forces before they cancel
+    [N]; J_min: the smallest volume ratio; turn: the largest angle between neighbouring nodes of rods [rad]; data: the
+    sparse tangent's triangle, or None; border: what the tensions and the cables' friction add to it.
     """
 
     full: Floats
     reduced: Floats
+    forces: float
     J_min: float
+    turn: float
     data: Floats | None
     border: Border
     kinematics: tuple[tuple[Floats, Floats, Floats, Floats], ...]
 
+    @property
+    def is_admissible(self) -> bool:
+        """Whether no element is inverted, and no rod winds by half a turn between two nodes."""
+        return self.J_min > 0.0 and self.turn < LARGEST_TURN
+
+    @property
+    def why_not(self) -> str:
+        """What is inadmissible, in words."""
+        if not self.J_min > 0.0:
+            return f"it inverts an element (J = {self.J_min:.2g})"
+        return f"a rod turns by {np.degrees(self.turn):.0f} deg between two nodes"
+
+
+LARGEST_TURN = 0.9 * np.pi  # [rad] between two neighbouring nodes of a rod
 
 NO_BORDER = Border(np.zeros(0, dtype=np.int64), np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0))
 
@@ -92,6 +112,8 @@ class System:
     motion: Motion
     solids: tuple[SolidTerm, ...]
     solid_places: tuple[SolidPlaces, ...]
+    rods: tuple[RodTerm, ...]
+    rod_blocks: tuple[FrameBlocks, ...]
     cables: CableTerm
     cable_places: CablePlaces
     loads: Loads
@@ -100,27 +122,40 @@ class System:
     def linearise(
         self, state: State, controls: Controls, theta: Mapping[str, float], *, tangent: bool = True
     ) -> Linearisation:
-        """Gradient and, on demand, tangent. Where J <= 0 somewhere, only J_min counts and the gradient is empty."""
+        """Gradient and, on demand, tangent. Where the state is inadmissible the gradient is empty."""
         layout = self.layout
         kinematics = tuple(solid.invariants(state.x) for solid in self.solids)
-        J_min = min(float(k[3].min()) for k in kinematics)
-        if not J_min > 0.0:
-            return Linearisation(np.zeros(0), np.zeros(0), J_min, None, NO_BORDER, kinematics)
+        J_min = min((float(k[3].min()) for k in kinematics), default=1.0)
+        rods = tuple(
+            rod.assemble(state.position, state.rotation, part_theta(theta, rod.name), tangent=tangent)
+            for rod in self.rods
+        )
+        turn = max((rod.turn for rod in rods), default=0.0)
+        if not J_min > 0.0 or not turn < LARGEST_TURN:
+            return Linearisation(np.zeros(0), np.zeros(0), 0.0, J_min, turn, None, NO_BORDER, kinematics)
         full = np.zeros(3 * layout.n_points + layout.n_pressures)
         data = np.zeros(self.pattern.size) if tangent else None
         for solid, places, known in zip(self.solids, self.solid_places, kinematics, strict=True):
-            solid.assemble(state.x, state.pressure, known, solid_theta(theta, solid.name), full, data, places)
+            solid.assemble(state.x, state.pressure, known, part_theta(theta, solid.name), full, data, places)
         loss = friction_loss(self.cables, state.x, self._friction(theta))
         pull = state.tension[self.cables.cable] * loss.factor
         self.cables.assemble(state.x, pull, full, data, self.cable_places)
         full[: 3 * layout.n_points] -= controls.load * self.loads.total(theta).ravel()
         gap = self.cables.lengths(state.x) - self.cables.rest_length + controls.shortening
         reduced = np.concatenate([self.motion.reduce_gradient(state, full), np.where(controls.is_held, 0.0, gap)])
+        nodal = full[: 3 * layout.n_points]
+        square = float(nodal @ nodal)
+        for rod, blocks in zip(rods, self.rod_blocks, strict=True):
+            blocks.add_gradient(reduced, rod.gradient)
+            square += float(np.square(rod.gradient[:, :3]).sum())
+        at = Linearisation(full, reduced, float(np.sqrt(square)), J_min, turn, None, NO_BORDER, kinematics)
         if data is None:
-            return Linearisation(full, reduced, J_min, None, NO_BORDER, kinematics)
+            return at
         self.motion.reduce_tangent(state, full, data)
-        border = self._border(state, controls, loss)
-        return Linearisation(full, reduced, J_min, data[: self.pattern.nnz], border, kinematics)
+        for rod, blocks in zip(rods, self.rod_blocks, strict=True):
+            if rod.tangent is not None:
+                blocks.add_tangent(data, rod.tangent)
+        return replace(at, data=data[: self.pattern.nnz], border=self._border(state, controls, loss))
 
     def length_gradient(self, state: State, i_cable: int) -> Floats:
         """dL/dz of one cable on the unknowns but the tensions (n_unknowns - n_cables,)."""
@@ -161,10 +196,8 @@ class System:
         layout = self.layout
         full = {name: np.zeros(3 * layout.n_points + layout.n_pressures) for name in names}
         for solid, known in zip(self.solids, at.kinematics, strict=True):
-            own = {
-                name.removeprefix(f"{solid.name}."): full[name] for name in names if name.startswith(f"{solid.name}.")
-            }
-            solid.gradient_by_parameters(state.x, state.pressure, known, solid_theta(theta, solid.name), own)
+            own = part_theta(full, solid.name)
+            solid.gradient_by_parameters(state.x, state.pressure, known, part_theta(theta, solid.name), own)
         for name, unit in self.loads.per_unit.items():
             if name in full:
                 full[name][: 3 * layout.n_points] -= unit.ravel()
@@ -177,14 +210,30 @@ class System:
         out = np.zeros((layout.n_unknowns, len(names)))
         for k, name in enumerate(names):
             out[: layout.first_tension_unknown, k] = self.motion.reduce_gradient(state, full[name])
+        for rod, blocks in zip(self.rods, self.rod_blocks, strict=True):
+            wanted = {key: k for k, name in enumerate(names) if (key := name.removeprefix(f"{rod.name}.")) != name}
+            if not wanted:
+                continue
+            by = rod.gradient_by_parameters(state.position, state.rotation, part_theta(theta, rod.name))
+            for key in wanted.keys() & by.keys():
+                blocks.add_gradient(out[:, wanted[key]], by[key])
         return out
 
 
-def build_system(layout: Layout, solids: tuple[SolidTerm, ...], cables: CableTerm, loads: Loads) -> System:
+def build_system(
+    layout: Layout,
+    solids: tuple[SolidTerm, ...],
+    cables: CableTerm,
+    loads: Loads,
+    rods: tuple[RodTerm, ...] = (),
+) -> System:
     """Plan the pattern of all terms together."""
     connectivities = [solid.connectivity(layout.n_points) for solid in solids] + cables.connectivities()
-    pattern = build_pattern(layout, connectivities, np.zeros((0, 2), dtype=np.int64))
+    none = np.zeros((0, 2), dtype=np.int64)
+    pairs = np.concatenate([none, *(moving_pairs(layout, rod.frames) for rod in rods)])
+    pattern = build_pattern(layout, connectivities, pairs)
     volume = sum(float(solid.w.sum()) for solid in solids)
+    volume += sum(float(rod.length.sum()) * rod.section.area for rod in rods)
     extent = float(np.linalg.norm(np.ptp(layout.X, axis=0)))
     return System(
         layout=layout,
@@ -192,6 +241,8 @@ def build_system(layout: Layout, solids: tuple[SolidTerm, ...], cables: CableTer
         motion=build_motion(layout, pattern),
         solids=solids,
         solid_places=tuple(solid.places(pattern, layout.n_points) for solid in solids),
+        rods=rods,
+        rod_blocks=tuple(frame_blocks(layout, pattern, rod.frames) for rod in rods),
         cables=cables,
         cable_places=cables.places(pattern),
         loads=loads,
@@ -199,7 +250,10 @@ def build_system(layout: Layout, solids: tuple[SolidTerm, ...], cables: CableTer
     )
 
 
-def solid_theta(theta: Mapping[str, float], name: str) -> dict[str, float]:
-    """The parameters of one body without its name in front."""
+Of = TypeVar("Of")
+
+
+def part_theta(theta: Mapping[str, Of], name: str) -> dict[str, Of]:
+    """What belongs to one body or rod, without its name in front."""
     prefix = f"{name}."
     return {key.removeprefix(prefix): value for key, value in theta.items() if key.startswith(prefix)}

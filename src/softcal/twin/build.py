@@ -3,40 +3,42 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Hashable
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.errors import Fault, MeshError, ParameterError
-from softcal.geometry.locate import locate_points
-from softcal.geometry.mesh import TET_EDGES, TetMesh
+from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quadratic import to_linear, to_quadratic
 from softcal.materials.catalogue import LAWS
+from softcal.mechanics.attachment import attach
 from softcal.mechanics.cable import build_cables
-from softcal.mechanics.element import nodal_volumes, shape_functions
-from softcal.mechanics.layout import FIXED, FREE, Layout
+from softcal.mechanics.layout import FIXED, FREE, TIED, Layout
+from softcal.mechanics.rod import build_rod
 from softcal.mechanics.solid import SolidTerm, build_solid
-from softcal.mechanics.system import Loads, System, build_system
-from softcal.twin.robot import Body, Plate, PointLoad, Robot, SurfaceLoad
-
-Weights = list[tuple[int, float]]
+from softcal.mechanics.system import System, build_system
+from softcal.twin.joints import join_ties, nodes_in_use, number_frames
+from softcal.twin.loads import PointForce, Weights, build_loads, surface_forces
+from softcal.twin.robot import Body, PointLoad, Robot
 
 
 @dataclass(frozen=True)
 class Twin:
     """A robot's system, and where its parts stand in it.
 
-    first_point: body -> its first point; meshes: body -> the mesh of its element; via: cable -> its via points as
-    weighted points.
+    first_point: body or rod -> its first point; meshes: body -> the mesh of its element; frame: plate -> its frame;
+    via: cable -> its via points as weighted points; markers: marker -> its weighted points.
     """
 
     robot: Robot
     system: System
     first_point: dict[str, int]
     meshes: dict[str, TetMesh]
+    frame: dict[str, int]
     via: dict[str, list[Weights]]
+    markers: dict[str, Weights]
 
 
 def build_twin(robot: Robot) -> Twin:
@@ -45,19 +47,19 @@ def build_twin(robot: Robot) -> Twin:
     Raises
     ------
     MeshError
-        For a node that is both fixed and on a plate, a plate without nodes, a via point outside its body.
+        For a node that is held twice or a part that nothing holds, a plate without nodes, a via point outside its body.
     ParameterError
         For an unknown law or element.
     """
+    frames = number_frames(robot)
     builder = _Points()
     meshes: dict[str, TetMesh] = {}
     solids: list[SolidTerm] = []
     n_pressures = 0
-    number = {plate.name: i for i, plate in enumerate(robot.plates)}
     for body in robot.bodies:
         mesh = _element_mesh(body)
         meshes[body.name] = mesh
-        rider = _riders(body, mesh, robot.plates, number)
+        rider = _riders(body, mesh, robot, frames.of_plate)
         first = builder.add(mesh.points, rider)
         builder.first[body.name] = first
         if body.law not in LAWS:
@@ -75,42 +77,52 @@ def build_twin(robot: Robot) -> Twin:
         )
         solids.append(solid)
         n_pressures += count
+    for rod in robot.rods:
+        builder.first[rod.name] = builder.add(rod.centreline.nodes, frames.of_rod[rod.name])
+    rods = tuple(
+        build_rod(rod.name, rod.section, rod.centreline, frames.of_rod[rod.name], frames.references)
+        for rod in robot.rods
+    )
 
-    def support(at: Floats, on: str, where: str) -> Weights:
+    def support(at: Floats, on: str, where: str, tolerance: float | None = None) -> Weights:
         if on == "":
             return [(builder.add(at[None, :], np.array([FIXED])), 1.0)]
-        if on in number:
-            return [(builder.add(at[None, :], np.array([number[on]])), 1.0)]
+        if on in frames.of_plate:
+            return [(builder.add(at[None, :], np.array([frames.of_plate[on]])), 1.0)]
         if on not in meshes:
-            known = ", ".join([*meshes, *number])
+            known = ", ".join([*meshes, *frames.of_plate])
             raise MeshError(Fault("there is no such body or plate", where=where, got=on, allowed=known))
-        return _inside(meshes[on], at, builder.first[on], where)
+        nodes, weights = attach(meshes[on], at[None, :], tolerance=tolerance, where=where)
+        return [(builder.first[on] + int(n), float(w)) for n, w in zip(nodes[0], weights[0], strict=True)]
 
     via = {
         cable.name: [support(p.at, p.on, f"{cable.name}, via point {i + 1}") for i, p in enumerate(cable.via_points)]
         for cable in robot.cables
     }
-    forces: list[tuple[str | None, Weights, Floats]] = []
+    markers = {marker.name: support(marker.at, marker.on, marker.name, np.inf) for marker in robot.markers}
+    forces: list[PointForce] = []
     for plate in robot.plates:
         assert plate.centre_of_mass is not None  # noqa: S101
         forces.append((f"{plate.name}.mass", support(plate.centre_of_mass, plate.name, plate.name), robot.gravity))
     for load in robot.loads:
         if isinstance(load, PointLoad):
-            forces.append((None, support(load.at, load.on, load.name), load.force))
+            forces.append((f"{load.name}.force", support(load.at, load.on, load.name), np.asarray(load.direction)))
         else:
-            forces.extend(_surface_forces(load, meshes, builder.first))
+            forces.extend(surface_forces(load, meshes, builder.first))
 
     layout = Layout(
         X=np.concatenate(builder.X),
         rider=np.concatenate(builder.rider),
-        references=np.array([p.reference for p in robot.plates]).reshape(-1, 3),
+        references=frames.references,
         n_pressures=n_pressures,
         n_cables=len(robot.cables),
+        n_fixed_frames=frames.n_fixed,
+        ties=join_ties(robot, meshes, builder.first),
     )
     pulled_last = np.array([cable.pulled_end == "last" for cable in robot.cables], dtype=bool)
-    loads = _loads(robot, meshes, builder.first, forces, layout.n_points)
-    system = build_system(layout, tuple(solids), build_cables(layout.X, via, pulled_last), loads)
-    return Twin(robot, system, builder.first, meshes, via)
+    loads = build_loads(robot, meshes, builder.first, forces, layout.n_points)
+    system = build_system(layout, tuple(solids), build_cables(layout.X, via, pulled_last), loads, rods)
+    return Twin(robot, system, builder.first, meshes, frames.of_plate, via, markers)
 
 
 def cached_twin(robot: Robot) -> Twin:
@@ -131,25 +143,27 @@ _CACHE: OrderedDict[Hashable, Twin] = OrderedDict()
 
 
 def _key(robot: Robot) -> Hashable:
-    # Meshes by identity: a cached twin keeps its robot, and so its meshes, alive.
+    # Meshes and centrelines by identity: a cached twin keeps its robot, and so these, alive.
     bodies = tuple((b.name, id(b.mesh), b.fixed.tobytes(), b.law, b.element) for b in robot.bodies)
+    rods = tuple((r.name, id(r.centreline), r.section, _arrays(r.clamped), r.fixed.tobytes()) for r in robot.rods)
     plates = tuple(
-        (
-            p.name,
-            tuple((body, nodes.tobytes()) for body, nodes in p.nodes.items()),
-            p.reference.tobytes(),
-            np.asarray(p.centre_of_mass).tobytes(),
-        )
+        (p.name, _arrays(p.nodes), p.reference.tobytes(), np.asarray(p.centre_of_mass).tobytes(), p.fixed)
         for p in robot.plates
     )
+    ties = tuple((t.name, t.body, t.nodes.tobytes(), t.on, t.tolerance) for t in robot.ties)
     cables = tuple((c.name, tuple((v.on, v.at.tobytes()) for v in c.via_points), c.pulled_end) for c in robot.cables)
     loads = tuple(
-        (x.name, x.on, x.at.tobytes(), x.force.tobytes())
+        (x.name, x.on, x.at.tobytes(), np.asarray(x.direction).tobytes())
         if isinstance(x, PointLoad)
         else (x.name, x.on, x.faces.tobytes(), x.traction.tobytes())
         for x in robot.loads
     )
-    return bodies, plates, cables, loads, robot.gravity.tobytes()
+    markers = tuple((m.name, m.on, m.at.tobytes()) for m in robot.markers)
+    return bodies, rods, plates, ties, cables, loads, markers, robot.gravity.tobytes()
+
+
+def _arrays(nodes: Mapping[str, Ints]) -> Hashable:
+    return tuple((name, array.tobytes()) for name, array in nodes.items())
 
 
 class _Points:
@@ -180,101 +194,51 @@ def _element_mesh(body: Body) -> TetMesh:
     )
 
 
-def _riders(body: Body, mesh: TetMesh, plates: tuple[Plate, ...], number: dict[str, int]) -> Ints:
+def _riders(body: Body, mesh: TetMesh, robot: Robot, number: dict[str, int]) -> Ints:
     rider = np.full(mesh.n_points, FREE, dtype=np.int64)
-    for plate in plates:
+    for plate in robot.plates:
         if body.name not in plate.nodes:
             continue
-        nodes = _extended(body.mesh, mesh, plate.nodes[body.name])
+        nodes = nodes_in_use(body.mesh, mesh, plate.nodes[body.name])
         taken = nodes[rider[nodes] != FREE]
         if len(taken):
             raise MeshError(Fault(f"{len(taken)} node(s) are tied to two plates", where=f"{plate.name} on {body.name}"))
         rider[nodes] = number[plate.name]
-    fixed = _extended(body.mesh, mesh, body.fixed)
+    fixed = nodes_in_use(body.mesh, mesh, body.fixed)
     both = fixed[rider[fixed] != FREE]
     if len(both):
         raise MeshError(
             Fault(f"{len(both)} node(s) are both fixed and tied to a plate", where=body.name, got=f"node {both[0]}")
         )
     rider[fixed] = FIXED
-    if np.all(rider == FREE):
-        raise MeshError(Fault("nothing holds the body: no node is fixed or tied to a plate", where=body.name))
+    for tie in robot.ties:
+        if tie.body != body.name:
+            continue
+        nodes = nodes_in_use(body.mesh, mesh, tie.nodes)
+        held = nodes[rider[nodes] != FREE]
+        if len(held):
+            raise MeshError(
+                Fault(
+                    f"{len(held)} node(s) are tied to a body and held otherwise too",
+                    where=tie.name,
+                    got=f"node {held[0]} of {body.name}",
+                    allowed="regions that do not meet",
+                )
+            )
+        rider[nodes] = TIED
+    if np.all(rider == FREE) and all(tie.on != body.name for tie in robot.ties):
+        raise MeshError(
+            Fault("nothing holds the body: no node is fixed or tied to a plate or another body", where=body.name)
+        )
     return rider
-
-
-def _extended(given: TetMesh, used: TetMesh, nodes: Ints) -> Ints:
-    """Node numbers of the mesh in use for node numbers of the mesh as given (middle nodes gained or lost)."""
-    if given.order == used.order:
-        return nodes
-    chosen = np.zeros(max(given.n_points, used.n_points), dtype=bool)
-    chosen[nodes] = True
-    if used.order == 1:
-        old = given.corners
-        return np.flatnonzero(chosen[old])
-    for i, (a, b) in enumerate(TET_EDGES):
-        chosen[used.tets[:, 4 + i]] |= chosen[used.tets[:, a]] & chosen[used.tets[:, b]]
-    return np.flatnonzero(chosen)
 
 
 def _deformable(body: Body, mesh: TetMesh, rider: Ints) -> Ints:
     """The tets that can deform: one whose nodes are all fixed, or all on one plate, stays as it is, free of stress."""
     riders = rider[mesh.tets]
-    stiff = (riders == riders[:, :1]).all(axis=1) & (riders[:, 0] != FREE)
+    stiff = (riders == riders[:, :1]).all(axis=1) & (riders[:, 0] != FREE) & (riders[:, 0] != TIED)
     if stiff.all():
         raise MeshError(
             Fault("no tet of the body can deform: its nodes are all fixed or on one plate", where=body.name)
         )
     return mesh.tets[~stiff]
-
-
-def _inside(mesh: TetMesh, at: Floats, first: int, where: str) -> Weights:
-    tets, barycentric = locate_points(mesh, at[None, :], where=where)
-    N = shape_functions(barycentric, mesh.order)[0]
-    return [(first + int(node), float(weight)) for node, weight in zip(mesh.tets[tets[0]], N, strict=True)]
-
-
-def _surface_forces(
-    load: SurfaceLoad, meshes: dict[str, TetMesh], first: dict[str, int]
-) -> list[tuple[str | None, Weights, Floats]]:
-    """Consistent nodal forces of a constant traction; quadratic straight faces load their middle nodes alone."""
-    if load.on not in meshes:
-        raise MeshError(Fault("there is no such body", where=load.name, got=load.on, allowed=", ".join(meshes)))
-    mesh = meshes[load.on]
-    faces = load.faces[:, :3]
-    X = mesh.points
-    area = 0.5 * np.linalg.norm(np.cross(X[faces[:, 1]] - X[faces[:, 0]], X[faces[:, 2]] - X[faces[:, 0]]), axis=1)
-    if mesh.order == 1:
-        return [
-            (None, [(first[load.on] + int(n), 1.0)], a / 3.0 * load.traction)
-            for f, a in zip(faces, area, strict=True)
-            for n in f
-        ]
-    middle: dict[tuple[int, int], int] = {}
-    for i, (a, b) in enumerate(TET_EDGES):
-        low, high = np.sort(mesh.tets[:, [a, b]], axis=1).T
-        middle.update(zip(zip(low.tolist(), high.tolist(), strict=True), mesh.tets[:, 4 + i].tolist(), strict=True))
-    forces: list[tuple[str | None, Weights, Floats]] = []
-    for f, a in zip(faces.tolist(), area, strict=True):
-        for i, j in ((0, 1), (1, 2), (2, 0)):
-            node = middle[min(f[i], f[j]), max(f[i], f[j])]
-            forces.append((None, [(first[load.on] + node, 1.0)], a / 3.0 * load.traction))
-    return forces
-
-
-def _loads(
-    robot: Robot,
-    meshes: dict[str, TetMesh],
-    first: dict[str, int],
-    forces: list[tuple[str | None, Weights, Floats]],
-    n_points: int,
-) -> Loads:
-    constant = np.zeros((n_points, 3))
-    per_unit: dict[str, Floats] = {}
-    for name, weights, force in forces:
-        target = constant if name is None else per_unit.setdefault(name, np.zeros((n_points, 3)))
-        for point, weight in weights:
-            target[point] += weight * force
-    for name, mesh in meshes.items():
-        unit = per_unit[f"{name}.density"] = np.zeros((n_points, 3))
-        unit[first[name] : first[name] + mesh.n_points] = nodal_volumes(mesh.points, mesh.tets)[:, None] * robot.gravity
-    return Loads(constant, per_unit)

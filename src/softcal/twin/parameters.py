@@ -5,9 +5,14 @@ from __future__ import annotations
 import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
 
 from softcal.errors import Fault, ParameterError
-from softcal.twin.robot import Robot
+from softcal.twin.robot import Body, PointLoad, Robot, Rod
+
+Part = TypeVar("Part", Body, Rod)
 
 
 @dataclass(frozen=True)
@@ -28,17 +33,19 @@ KINDS: Mapping[str, tuple[str, float, float]] = {
     "density": ("kg/m^3", -1e-300, float("inf")),
     "mass": ("kg", -1e-300, float("inf")),
     "friction_coefficient": ("1", -1e-300, float("inf")),
+    "force": ("N", float("-inf"), float("inf")),
 }
 
 
 def robot_parameters(robot: Robot) -> dict[str, ParameterInfo]:
     """Every parameter of the robot by dotted name, such as `neck.youngs_modulus`."""
     found: dict[str, float] = {}
-    for body in robot.bodies:
-        found.update({f"{body.name}.{key}": value for key, value in body.parameters.items()})
-        found[f"{body.name}.density"] = body.density
+    for part in (*robot.bodies, *robot.rods):
+        found.update({f"{part.name}.{key}": value for key, value in part.parameters.items()})
+        found[f"{part.name}.density"] = part.density
     found.update({f"{plate.name}.mass": plate.mass for plate in robot.plates})
     found.update({f"{cable.name}.friction_coefficient": cable.friction_coefficient for cable in robot.cables})
+    found.update({f"{x.name}.force": float(x.force @ x.direction) for x in robot.loads if isinstance(x, PointLoad)})
     return {name: ParameterInfo(name, *_kind(name, value)) for name, value in found.items()}
 
 
@@ -58,20 +65,28 @@ def with_parameters(robot: Robot, values: Mapping[str, float]) -> Robot:
     ]
     if faults:
         raise ParameterError(faults)
-    bodies = tuple(
-        replace(
-            body,
-            parameters={key: values.get(f"{body.name}.{key}", old) for key, old in body.parameters.items()},
-            density=values.get(f"{body.name}.density", body.density),
-        )
-        for body in robot.bodies
-    )
+    bodies = tuple(_with_material(body, values) for body in robot.bodies)
+    rods = tuple(_with_material(rod, values) for rod in robot.rods)
     plates = tuple(replace(p, mass=values.get(f"{p.name}.mass", p.mass)) for p in robot.plates)
     cables = tuple(
         replace(c, friction_coefficient=values.get(f"{c.name}.friction_coefficient", c.friction_coefficient))
         for c in robot.cables
     )
-    return replace(robot, bodies=bodies, plates=plates, cables=cables)
+    loads = tuple(_with_force(x, values) if isinstance(x, PointLoad) else x for x in robot.loads)
+    return replace(robot, bodies=bodies, rods=rods, plates=plates, cables=cables, loads=loads)
+
+
+def _with_material(part: Part, values: Mapping[str, float]) -> Part:
+    return replace(
+        part,
+        parameters={key: values.get(f"{part.name}.{key}", old) for key, old in part.parameters.items()},
+        density=values.get(f"{part.name}.density", part.density),
+    )
+
+
+def _with_force(load: PointLoad, values: Mapping[str, float]) -> PointLoad:
+    name = f"{load.name}.force"
+    return replace(load, force=values[name] * np.asarray(load.direction)) if name in values else load
 
 
 def unknown_name(name: str, known: Mapping[str, object]) -> Fault:

@@ -18,6 +18,7 @@ class Snapshot:
     plates: Mapping[str, tuple[Floats, Floats]]  # plate -> (position (3,) [m], rotation (3, 3))
     controls: Mapping[str, float]  # cable -> commanded tension [N] or shortening [m]
     tensions: Mapping[str, float] = field(default_factory=dict)  # cable -> tension [N]
+    rods: Mapping[str, Floats] = field(default_factory=dict)  # rod -> (n_nodes, 3) [m]
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,7 @@ class Response:
     """Channels by name, each of shape (n_samples,), in SI.
 
     Names: `<cable>.shortening` [m], `<cable>.tension` [N], `<cable>.slack` [-] (1 where slack),
-    `<plate>.x`, `.y`, `.z` [m], `<plate>.pitch`, `.roll`, `.yaw` [rad].
+    `<plate>.x`, `.y`, `.z` [m], `<plate>.pitch`, `.roll`, `.yaw` [rad], `<marker>.x`, `.y`, `.z` [m].
     sensitivities: channel -> parameter -> d channel / d parameter, shape (n_samples,).
     slopes: channel -> d channel / d control, shape (n_samples,), along the one cable that is driven.
     status: a sentence. n_solved: samples up to the first that could not be reached (all when the solve succeeded).

@@ -1,4 +1,4 @@
-"""What the robot is: deformable bodies, rigid plates, cables, loads. Frozen; numbers in SI."""
+"""What the robot is: deformable bodies, rods, rigid plates, cables, loads, markers. Frozen; numbers in SI."""
 
 from __future__ import annotations
 
@@ -6,9 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+import numpy as np
+
 from softcal.checks import Floats, Ints, frozen_floats, frozen_ints
 from softcal.errors import Fault, InputError
+from softcal.geometry.centreline import Centreline
 from softcal.geometry.mesh import TetMesh
+from softcal.geometry.section import Section
 
 ElementKind = Literal["P1", "P2", "P2P1"]
 Control = Literal["tension", "shortening"]
@@ -40,11 +44,44 @@ class Body:
 
 
 @dataclass(frozen=True)
+class Rod:
+    """A slender elastic part as a geometrically exact rod: a backbone, or the wire of a helical spring.
+
+    centreline [m]: its undeformed, stress-free shape; section: its cross-section.
+    parameters: youngs_modulus [Pa], poissons_ratio [-]; density [kg/m^3].
+    clamped: plate name -> node numbers of the centreline that move with the plate as one.
+    fixed: node numbers that do not move.
+    """
+
+    name: str
+    centreline: Centreline
+    section: Section
+    parameters: Mapping[str, float]
+    clamped: Mapping[str, Ints] = field(default_factory=dict)
+    fixed: Ints = field(default_factory=lambda: frozen_ints([], name="fixed", shape=(None,)))
+    density: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parameters", dict(self.parameters))
+        object.__setattr__(self, "fixed", frozen_ints(self.fixed, name=f"fixed nodes of {self.name}", shape=(None,)))
+        clamped = {key: frozen_ints(n, name=f"nodes of {self.name}", shape=(None,)) for key, n in self.clamped.items()}
+        object.__setattr__(self, "clamped", clamped)
+        n = len(self.centreline.nodes)
+        held = np.concatenate([self.fixed, *clamped.values()])
+        if len(held) and not (held.min() >= 0 and held.max() < n):
+            raise InputError(
+                Fault("the rod has no such node", self.name, got=str(int(held.max())), allowed=f"0 to {n - 1}")
+            )
+        if len(np.unique(held)) != len(held):
+            raise InputError(Fault("a node of the rod is held twice", self.name, got=str(np.sort(held).tolist())))
+
+
+@dataclass(frozen=True)
 class Plate:
-    """A rigid plate tied to nodes of one body (or of several).
+    """A rigid plate tied to nodes of one body (or of several), or clamped to rods.
 
     nodes: body name -> node numbers of its mesh. reference: point whose position and rotation is the pose [m].
-    mass [kg] at centre_of_mass [m] (rest frame).
+    mass [kg] at centre_of_mass [m] (rest frame). fixed: whether it does not move at all.
     """
 
     name: str
@@ -52,6 +89,7 @@ class Plate:
     reference: Floats
     mass: float = 0.0
     centre_of_mass: Floats | None = None
+    fixed: bool = False
 
     def __post_init__(self) -> None:
         nodes = {body: frozen_ints(n, name=f"nodes of {self.name}", shape=(None,)) for body, n in self.nodes.items()}
@@ -61,6 +99,38 @@ class Plate:
         object.__setattr__(
             self, "centre_of_mass", frozen_floats(centre, name=f"{self.name}.centre_of_mass", shape=(3,))
         )
+
+
+@dataclass(frozen=True)
+class Tie:
+    """Nodes of a body bonded to another body, whose mesh need not match; tie the finer side to the coarser.
+
+    tolerance [m]: how far from it the nodes may lie; by default a quarter of an edge of the nearest tet.
+    """
+
+    name: str
+    body: str
+    nodes: Ints
+    on: str
+    tolerance: float | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "nodes", frozen_ints(self.nodes, name=f"nodes of {self.name}", shape=(None,)))
+
+
+@dataclass(frozen=True)
+class Marker:
+    """A point whose position is seen: at [m] in the rest frame; on: the plate or body that it is stuck to.
+
+    On a body it may stand off: it then follows the nearest element as if that went on.
+    """
+
+    name: str
+    on: str
+    at: Floats
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "at", frozen_floats(self.at, name=f"{self.name}.at", shape=(3,)))
 
 
 @dataclass(frozen=True)
@@ -97,16 +167,24 @@ class Cable:
 
 @dataclass(frozen=True)
 class PointLoad:
-    """A dead force [N] at a point [m] (rest frame) of a body or plate."""
+    """A dead force [N] at a point [m] (rest frame) of a body or plate.
+
+    direction: unit vector of the force, needed where its magnitude is zero now and another value later.
+    """
 
     name: str
     on: str
     at: Floats
     force: Floats
+    direction: Floats | None = None
 
     def __post_init__(self) -> None:
         for key in ("at", "force"):
             object.__setattr__(self, key, frozen_floats(getattr(self, key), name=f"{self.name}.{key}", shape=(3,)))
+        direction = self.force if self.direction is None else np.asarray(self.direction)
+        length = float(np.linalg.norm(direction))
+        unit = direction / length if length > 0.0 else direction
+        object.__setattr__(self, "direction", frozen_floats(unit, name=f"{self.name}.direction", shape=(3,)))
 
 
 @dataclass(frozen=True)
@@ -125,19 +203,25 @@ class SurfaceLoad:
 
 @dataclass(frozen=True)
 class Robot:
-    """Bodies, plates, cables and loads; gravity [m/s^2]."""
+    """Bodies, rods, plates, ties, cables, loads and markers; gravity [m/s^2]."""
 
-    bodies: tuple[Body, ...]
+    bodies: tuple[Body, ...] = ()
     plates: tuple[Plate, ...] = ()
     cables: tuple[Cable, ...] = ()
     loads: tuple[PointLoad | SurfaceLoad, ...] = ()
     gravity: Floats = field(default_factory=lambda: frozen_floats((0.0, 0.0, 0.0), name="gravity"))
+    rods: tuple[Rod, ...] = ()
+    ties: tuple[Tie, ...] = ()
+    markers: tuple[Marker, ...] = ()
 
     def __post_init__(self) -> None:
-        for key in ("bodies", "plates", "cables", "loads"):
+        kinds = ("bodies", "plates", "cables", "loads", "rods", "ties", "markers")
+        for key in kinds:
             object.__setattr__(self, key, tuple(getattr(self, key)))
         object.__setattr__(self, "gravity", frozen_floats(self.gravity, name="gravity", shape=(3,)))
-        names = [part.name for parts in (self.bodies, self.plates, self.cables, self.loads) for part in parts]
+        names = [part.name for key in kinds for part in getattr(self, key)]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise InputError(Fault("two parts of the robot share a name", got=", ".join(twice)))
+        if not self.bodies and not self.rods:
+            raise InputError(Fault("the robot has nothing that bends", got="no body and no rod", allowed="one or more"))

@@ -7,6 +7,7 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.mechanics.state import State
 from softcal.twin.build import Twin
+from softcal.twin.loads import Weights
 
 PLATE_CHANNELS = {"x": "m", "y": "m", "z": "m", "pitch": "rad", "roll": "rad", "yaw": "rad"}
 
@@ -19,6 +20,8 @@ def channel_units(twin: Twin) -> dict[str, str]:
         units[f"{cable.name}.tension"] = "N"
     for plate in twin.robot.plates:
         units.update({f"{plate.name}.{key}": unit for key, unit in PLATE_CHANNELS.items()})
+    for marker in twin.robot.markers:
+        units.update({f"{marker.name}.{axis}": "m" for axis in "xyz"})
     return units
 
 
@@ -29,8 +32,11 @@ def sense(twin: Twin, state: State) -> Floats:
     values: list[float] = []
     for i in range(cables.n_cables):
         values += [cables.rest_length[i] - lengths[i], state.tension[i]]
-    for i in range(len(twin.robot.plates)):
-        values += [*state.position[i], *angles(state.rotation[i])]
+    for plate in twin.robot.plates:
+        k = twin.frame[plate.name]
+        values += [*state.position[k], *angles(state.rotation[k])]
+    for marker in twin.robot.markers:
+        values += sum((w * state.x[p] for p, w in twin.markers[marker.name]), np.zeros(3)).tolist()
     return np.array(values)
 
 
@@ -38,14 +44,32 @@ def sense_rates(twin: Twin, state: State, dz: Floats) -> Floats:
     """The channels' rates for rates dz (n_unknowns, k) of the unknowns; shape (n_channels, k)."""
     layout, cables = twin.system.layout, twin.system.cables
     tensions = dz[layout.first_tension_unknown :]
-    plates = dz[layout.first_frame_unknown : layout.first_pressure_unknown]
     rows: list[Floats] = []
     for i in range(cables.n_cables):
         rate = twin.system.length_gradient(state, i) @ dz[: layout.first_tension_unknown]
         rows += [-rate[None, :], tensions[i : i + 1]]
-    for i in range(len(twin.robot.plates)):
-        rows += [plates[6 * i : 6 * i + 3], _angle_rates(state.rotation[i]) @ plates[6 * i + 3 : 6 * i + 6]]
+    for plate in twin.robot.plates:
+        k = twin.frame[plate.name]
+        first = layout.first_frame_unknown + 6 * k
+        if k < layout.n_moving_frames:
+            rows += [dz[first : first + 3], _angle_rates(state.rotation[k]) @ dz[first + 3 : first + 6]]
+        else:
+            rows.append(np.zeros((6, dz.shape[1])))
+    for marker in twin.robot.markers:
+        rows.append(_point_rates(twin, state, twin.markers[marker.name]) @ dz[: layout.first_tension_unknown])
     return np.concatenate(rows) if rows else np.zeros((0, dz.shape[1]))
+
+
+def _point_rates(twin: Twin, state: State, weights: Weights) -> Floats:
+    """d(weighted point)/dz, shape (3, n_unknowns - n_cables)."""
+    layout = twin.system.layout
+    rows: list[Floats] = []
+    for axis in range(3):
+        gradient = np.zeros(3 * layout.n_points + layout.n_pressures)
+        for point, weight in weights:
+            gradient[3 * point + axis] += weight
+        rows.append(twin.system.motion.reduce_gradient(state, gradient))
+    return np.array(rows)
 
 
 def angles(R: Floats) -> tuple[float, float, float]:

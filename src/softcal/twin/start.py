@@ -46,17 +46,17 @@ def loaded_state(twin: Twin, statics: Statics) -> State:
 
 def snapshot(twin: Twin, state: State, label: str, controls: dict[str, float]) -> Snapshot:
     """A state's shape, to draw."""
-    robot, layout = twin.robot, twin.system.layout
+    robot = twin.robot
     points = {
-        name: state.x[first : first + twin.meshes[name].n_points].copy() for name, first in twin.first_point.items()
+        name: state.x[first : first + twin.meshes[name].n_points].copy()
+        for name, first in twin.first_point.items()
+        if name in twin.meshes
     }
+    rods = {rod.name: state.x[twin.first_point[rod.name] :][: len(rod.centreline.nodes)].copy() for rod in robot.rods}
     cables = {
         name: np.array([sum((w * state.x[p] for p, w in weights), np.zeros(3)) for weights in via])
         for name, via in twin.via.items()
     }
-    plates = {
-        plate.name: (state.position[i].copy(), state.rotation[i].copy())
-        for i, plate in enumerate(robot.plates[: layout.n_moving_frames])
-    }
+    plates = {name: (state.position[i].copy(), state.rotation[i].copy()) for name, i in twin.frame.items()}
     tensions = {cable.name: float(state.tension[i]) for i, cable in enumerate(robot.cables)}
-    return Snapshot(label, points, cables, plates, controls, tensions)
+    return Snapshot(label, points, cables, plates, controls, tensions, rods)

@@ -1,0 +1,116 @@
+"""How the robot's parts meet: the frames that plates and rods share, and the ties between bodies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from softcal.checks import Floats, Ints
+from softcal.errors import Fault, MeshError
+from softcal.geometry.mesh import TET_EDGES, TetMesh
+from softcal.mechanics.attachment import attach
+from softcal.mechanics.links import Ties
+from softcal.twin.robot import Robot
+
+
+@dataclass(frozen=True)
+class Frames:
+    """references (n_frames, 3) [m], the moving ones first; of_plate: plate -> its frame; of_rod: rod -> the frame of
+    each of its nodes; n_fixed: how many do not move.
+    """
+
+    references: Floats
+    of_plate: dict[str, int]
+    of_rod: dict[str, Ints]
+    n_fixed: int
+
+
+def number_frames(robot: Robot) -> Frames:
+    """The frames of plates and rods: one per plate, one per node of a rod that no plate holds, one for all fixed nodes.
+
+    Raises
+    ------
+    MeshError
+        For a rod that is clamped to a plate that does not exist, or that nothing holds; a plate on nothing.
+    """
+    plates = {plate.name: plate for plate in robot.plates}
+    moving = [plate for plate in robot.plates if not plate.fixed]
+    references: list[Floats] = [np.asarray(plate.reference)[None] for plate in moving]
+    of_plate = {plate.name: i for i, plate in enumerate(moving)}
+    n = len(moving)
+    own: dict[str, Ints] = {}
+    for rod in robot.rods:
+        unknown = [name for name in rod.clamped if name not in plates]
+        if unknown:
+            allowed = ", ".join(plates) or "none"
+            raise MeshError(Fault("there is no such plate", f"{rod.name}, clamped", ", ".join(unknown), allowed))
+        held = np.concatenate([rod.fixed, *rod.clamped.values()])
+        if len(held) == 0:
+            raise MeshError(Fault("nothing holds the rod: no node is fixed or clamped to a plate", where=rod.name))
+        free = np.setdiff1d(np.arange(len(rod.centreline.nodes)), held)
+        frame = np.full(len(rod.centreline.nodes), -1, dtype=np.int64)
+        frame[free] = n + np.arange(len(free))
+        references.append(rod.centreline.nodes[free])
+        own[rod.name] = frame
+        n += len(free)
+    for plate in moving:
+        if not any(len(nodes) for nodes in plate.nodes.values()) and not any(
+            plate.name in r.clamped for r in robot.rods
+        ):
+            raise MeshError(Fault("the plate is tied to no body and no rod", where=plate.name))
+    still = [plate for plate in robot.plates if plate.fixed]
+    of_plate.update({plate.name: n + i for i, plate in enumerate(still)})
+    references += [np.asarray(plate.reference)[None] for plate in still]
+    n_fixed = len(still)
+    if any(len(rod.fixed) for rod in robot.rods):
+        references.append(np.zeros((1, 3)))
+        n_fixed += 1
+    ground = n + n_fixed - 1
+    for rod in robot.rods:
+        own[rod.name][rod.fixed] = ground
+        for plate, nodes in rod.clamped.items():
+            own[rod.name][nodes] = of_plate[plate]
+    return Frames(np.concatenate([np.zeros((0, 3)), *references]), of_plate, own, n_fixed)
+
+
+def join_ties(robot: Robot, meshes: dict[str, TetMesh], first: dict[str, int]) -> Ties:
+    """What the tied nodes follow: each the element of the other body next to it.
+
+    Raises
+    ------
+    MeshError
+        For bodies that do not exist, and nodes that touch nothing.
+    """
+    point: list[Ints] = []
+    master: list[Ints] = []
+    weight: list[Floats] = []
+    bodies = {body.name: body for body in robot.bodies}
+    for tie in robot.ties:
+        for key, name in (("body", tie.body), ("on", tie.on)):
+            if name not in bodies:
+                raise MeshError(Fault("there is no such body", f"{tie.name}.{key}", name, ", ".join(bodies)))
+        if tie.body == tie.on:
+            raise MeshError(Fault("a body cannot be tied to itself", where=tie.name, got=tie.body))
+        mesh = meshes[tie.body]
+        nodes = nodes_in_use(bodies[tie.body].mesh, mesh, tie.nodes)
+        masters, weights = attach(meshes[tie.on], mesh.points[nodes], tolerance=tie.tolerance, where=tie.name)
+        point.append(np.repeat(first[tie.body] + nodes, masters.shape[1]))
+        master.append(first[tie.on] + masters.ravel())
+        weight.append(weights.ravel())
+    none = np.zeros(0, dtype=np.int64)
+    return Ties(np.concatenate([none, *point]), np.concatenate([none, *master]), np.concatenate([np.zeros(0), *weight]))
+
+
+def nodes_in_use(given: TetMesh, used: TetMesh, nodes: Ints) -> Ints:
+    """Node numbers of the mesh in use for node numbers of the mesh as given (middle nodes gained or lost)."""
+    if given.order == used.order:
+        return nodes
+    chosen = np.zeros(max(given.n_points, used.n_points), dtype=bool)
+    chosen[nodes] = True
+    if used.order == 1:
+        old = given.corners
+        return np.flatnonzero(chosen[old])
+    for i, (a, b) in enumerate(TET_EDGES):
+        chosen[used.tets[:, 4 + i]] |= chosen[used.tets[:, a]] & chosen[used.tets[:, b]]
+    return np.flatnonzero(chosen)

@@ -1,0 +1,68 @@
+"""The dead loads of a robot as forces on points: weight, forces at points, tractions on faces."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.errors import Fault, MeshError
+from softcal.geometry.mesh import TET_EDGES, TetMesh
+from softcal.mechanics.element import nodal_volumes
+from softcal.mechanics.system import Loads
+from softcal.twin.robot import Robot, SurfaceLoad
+
+Weights = list[tuple[int, float]]
+# The parameter a force is per unit of (None: none), the weighted points it acts on, the force.
+PointForce = tuple[str | None, Weights, Floats]
+
+
+def surface_forces(load: SurfaceLoad, meshes: dict[str, TetMesh], first: dict[str, int]) -> list[PointForce]:
+    """Consistent nodal forces of a constant traction; quadratic straight faces load their middle nodes alone."""
+    if load.on not in meshes:
+        raise MeshError(Fault("there is no such body", where=load.name, got=load.on, allowed=", ".join(meshes)))
+    mesh = meshes[load.on]
+    faces = load.faces[:, :3]
+    X = mesh.points
+    area = 0.5 * np.linalg.norm(np.cross(X[faces[:, 1]] - X[faces[:, 0]], X[faces[:, 2]] - X[faces[:, 0]]), axis=1)
+    if mesh.order == 1:
+        return [
+            (None, [(first[load.on] + int(n), 1.0)], a / 3.0 * load.traction)
+            for f, a in zip(faces, area, strict=True)
+            for n in f
+        ]
+    middle: dict[tuple[int, int], int] = {}
+    for i, (a, b) in enumerate(TET_EDGES):
+        low, high = np.sort(mesh.tets[:, [a, b]], axis=1).T
+        middle.update(zip(zip(low.tolist(), high.tolist(), strict=True), mesh.tets[:, 4 + i].tolist(), strict=True))
+    forces: list[PointForce] = []
+    for f, a in zip(faces.tolist(), area, strict=True):
+        for i, j in ((0, 1), (1, 2), (2, 0)):
+            node = middle[min(f[i], f[j]), max(f[i], f[j])]
+            forces.append((None, [(first[load.on] + node, 1.0)], a / 3.0 * load.traction))
+    return forces
+
+
+def build_loads(
+    robot: Robot,
+    meshes: dict[str, TetMesh],
+    first: dict[str, int],
+    forces: list[PointForce],
+    n_points: int,
+) -> Loads:
+    """Every dead load of the robot, by the parameter it is proportional to."""
+    constant = np.zeros((n_points, 3))
+    per_unit: dict[str, Floats] = {}
+    for name, weights, force in forces:
+        target = constant if name is None else per_unit.setdefault(name, np.zeros((n_points, 3)))
+        for point, weight in weights:
+            target[point] += weight * force
+    for name, mesh in meshes.items():
+        unit = per_unit[f"{name}.density"] = np.zeros((n_points, 3))
+        unit[first[name] : first[name] + mesh.n_points] = nodal_volumes(mesh.points, mesh.tets)[:, None] * robot.gravity
+    for rod in robot.rods:
+        unit = per_unit[f"{rod.name}.density"] = np.zeros((n_points, 3))
+        half = 0.5 * rod.section.area * rod.centreline.lengths[:, None] * robot.gravity
+        n = first[rod.name]
+        unit[n : n + len(half)] += half
+        unit[n + 1 : n + 1 + len(half)] += half
+    return Loads(constant, per_unit)

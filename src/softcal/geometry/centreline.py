@@ -1,0 +1,254 @@
+"""Centrelines of rods: nodes with the triads of their cross-sections, and arc lengths between them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from softcal.checks import Floats, frozen_floats
+from softcal.errors import Fault, MeshError
+
+
+@dataclass(frozen=True)
+class Centreline:
+    """nodes (m, 3) [m]; triads (m, 3, 3): columns d1, d2, d3 of each node's cross-section, d3 along the tangent;
+    lengths (m - 1,): arc length from node to node [m].
+    """
+
+    nodes: Floats
+    triads: Floats
+    lengths: Floats
+
+    def __post_init__(self) -> None:
+        m = len(np.asarray(self.nodes))
+        object.__setattr__(self, "nodes", frozen_floats(self.nodes, name="nodes", shape=(None, 3)))
+        object.__setattr__(self, "triads", frozen_floats(self.triads, name="triads", shape=(m, 3, 3)))
+        object.__setattr__(self, "lengths", frozen_floats(self.lengths, name="lengths", shape=(m - 1,)))
+        if m < 2:
+            raise MeshError(Fault("a centreline needs two nodes or more", got=str(m), allowed=">= 2"))
+        if not self.lengths.min() > 0.0:
+            at = int(np.argmin(self.lengths))
+            raise MeshError(
+                Fault(
+                    "two nodes of a centreline coincide",
+                    where=f"node {at + 1}",
+                    got=f"an arc of {self.lengths[at]:.6g} m",
+                    allowed="> 0",
+                )
+            )
+        off = np.abs(np.swapaxes(self.triads, 1, 2) @ self.triads - np.eye(3)).max(axis=(1, 2))
+        if off.max() > 1e-9 or np.linalg.det(self.triads).min() < 0.0:
+            raise MeshError(Fault("a triad is no rotation", where=f"node {int(np.argmax(off))}"))
+
+    @property
+    def stations(self) -> Floats:
+        """Arc length from the first node (m,) [m]."""
+        return np.concatenate([[0.0], np.cumsum(self.lengths)])
+
+
+def spaced(stations: ArrayLike, longest: float) -> Floats:
+    """Fractions from 0 to 1 that hit every one of `stations` (also fractions), no two further apart than `longest`.
+
+    For `straight` and `helix`, where discs sit at given stations.
+
+    Raises
+    ------
+    MeshError
+        Where a station is not between 0 and 1, or `longest` is not positive.
+    """
+    inner = np.asarray(stations, dtype=np.float64).ravel()
+    if inner.size and not (inner.min() >= 0.0 and inner.max() <= 1.0):
+        raise MeshError(Fault("a station lies off the rod", got=str(inner), allowed="fractions from 0 to 1"))
+    if not longest > 0.0:
+        raise MeshError(Fault("the longest element must have a length", got=f"{longest:.6g}", allowed="> 0"))
+    ends = np.unique(np.concatenate([[0.0, 1.0], inner]))
+    pieces = [np.linspace(a, b, math.ceil((b - a) / longest - 1e-9) + 1)[1:] for a, b in pairwise(ends)]
+    return np.concatenate([[0.0], *pieces])
+
+
+def straight(
+    start: Sequence[float], end: Sequence[float], at: int | ArrayLike, *, first: Sequence[float] | None = None
+) -> Centreline:
+    """A straight rod.
+
+    Parameters
+    ----------
+    start, end
+        Its ends [m].
+    at
+        Number of elements of equal length, or the nodes as fractions ascending from 0 to 1.
+    first
+        A vector that is made normal to the rod and becomes axis 1 of the sections; any if None.
+
+    Raises
+    ------
+    MeshError
+        Where the ends coincide, the fractions do not ascend, or `first` is along the rod.
+    """
+    a, b = _vector(start, "start"), _vector(end, "end")
+    length = float(np.linalg.norm(b - a))
+    if not length > 0.0:
+        raise MeshError(Fault("a rod's ends coincide", got=str(a), allowed="two different points"))
+    s = _fractions(at)
+    triad = _triad((b - a) / length, first)
+    return Centreline(a + s[:, None] * (b - a), np.repeat(triad[None], len(s), axis=0), length * np.diff(s))
+
+
+def helix(
+    base: Sequence[float],
+    axis: Sequence[float],
+    *,
+    diameter: float,
+    pitch: float,
+    turns: float,
+    at: int | ArrayLike,
+    towards: Sequence[float] | None = None,
+    left_handed: bool = False,
+) -> Centreline:
+    """The wire of a helical spring. Axis 1 of its sections points to the coil's axis (Frenet's triad).
+
+    Parameters
+    ----------
+    base
+        Point on the coil's axis, level with the wire's first node [m].
+    axis
+        Direction in which the coil climbs.
+    diameter
+        Of the coil, from wire centre to wire centre [m].
+    pitch
+        Climb per turn [m]; 0 for a ring.
+    turns
+        Number of turns, of any fraction.
+    at
+        Number of elements of equal length, or the nodes as fractions ascending from 0 to 1.
+    towards
+        Direction from the axis to the first node; any if None.
+    left_handed
+        Whether the wire climbs clockwise, seen against `axis`.
+
+    Raises
+    ------
+    MeshError
+        Where a measure is out of range, or `towards` is along the axis.
+    """
+    faults = [
+        Fault(f"a helix's {name} must be positive", got=f"{value:.6g}", allowed="> 0")
+        for name, value in {"diameter": diameter, "turns": turns}.items()
+        if not 0.0 < value < math.inf
+    ]
+    if not 0.0 <= pitch < math.inf:
+        faults.append(Fault("a helix's pitch must not be negative", got=f"{pitch:.6g} m", allowed=">= 0"))
+    if faults:
+        raise MeshError(faults)
+    origin = _vector(base, "base")
+    e1, e2, e3 = _triad(_direction(axis, "axis"), towards).T
+    if left_handed:
+        e2 = -e2
+    radius, climb = diameter / 2.0, pitch / (2.0 * math.pi)
+    angle = 2.0 * math.pi * turns * _fractions(at)
+    per_angle = math.hypot(radius, climb)
+    outwards = np.cos(angle)[:, None] * e1 + np.sin(angle)[:, None] * e2
+    around = np.cos(angle)[:, None] * e2 - np.sin(angle)[:, None] * e1
+    nodes = origin + radius * outwards + climb * angle[:, None] * e3
+    d3 = (radius * around + climb * e3) / per_angle
+    d1 = -outwards
+    triads = np.stack([d1, np.cross(d3, d1), d3], axis=2)
+    return Centreline(nodes, triads, per_angle * np.diff(angle))
+
+
+def polyline(points: ArrayLike, *, first: Sequence[float] | None = None) -> Centreline:
+    """A smooth curve through points: a circle through each three gives the tangent, arcs between them the lengths.
+
+    The sections do not turn about the tangent from node to node (double reflection; Wang, Juettler, Zheng and Liu,
+    2008). Axis 1 of the first one is `first`, made normal to the curve.
+
+    Raises
+    ------
+    MeshError
+        Where points coincide, or the curve turns by a right angle or more at one of them.
+    """
+    nodes = frozen_floats(points, name="points", shape=(None, 3))
+    chords = np.diff(nodes, axis=0)
+    h = np.linalg.norm(chords, axis=1)
+    if len(nodes) < 2 or not h.min() > 0.0:
+        raise MeshError(Fault("a polyline needs two points or more, all different", got=f"{len(nodes)} points"))
+    u = chords / h[:, None]
+    turning = (u[1:] * u[:-1]).sum(axis=1)
+    sharp = np.flatnonzero(turning <= 0.0)
+    if sharp.size:
+        at = int(sharp[0])
+        raise MeshError(
+            Fault(
+                "a polyline is too coarse for a smooth curve",
+                where=f"point {at + 1}",
+                got=f"a turn of {math.degrees(math.acos(max(-1.0, turning[at]))):.0f} deg",
+                allowed="less than 90 deg",
+                attempt="more points along the curve",
+            )
+        )
+    tangents = np.empty_like(nodes)
+    tangents[1:-1] = h[1:, None] * u[:-1] + h[:-1, None] * u[1:]
+    tangents[1:-1] /= np.linalg.norm(tangents[1:-1], axis=1)[:, None]
+    tangents[0] = 2.0 * (u[0] @ tangents[1]) * u[0] - tangents[1] if len(nodes) > 2 else u[0]
+    tangents[-1] = 2.0 * (u[-1] @ tangents[-2]) * u[-1] - tangents[-2] if len(nodes) > 2 else u[0]
+    half = 0.5 * np.linalg.norm(np.diff(tangents, axis=0), axis=1)  # sine of half the angle of an arc
+    lengths = h * np.where(half > 1e-8, np.arcsin(np.minimum(half, 1.0)) / np.maximum(half, 1e-300), 1.0)
+    return Centreline(nodes, _without_twist(nodes, tangents, _triad(tangents[0], first)), lengths)
+
+
+def _without_twist(nodes: Floats, tangents: Floats, triad: Floats) -> Floats:
+    triads = [triad]
+    for i in range(len(nodes) - 1):
+        v = nodes[i + 1] - nodes[i]
+        d1 = _reflected(triads[-1][:, 0], v)
+        w = tangents[i + 1] - _reflected(tangents[i], v)
+        if w @ w > 1e-30:
+            d1 = _reflected(d1, w)
+        triads.append(_triad(tangents[i + 1], d1))
+    return np.array(triads)
+
+
+def _reflected(vector: Floats, normal: Floats) -> Floats:
+    return vector - 2.0 * (normal @ vector) / (normal @ normal) * normal
+
+
+def _triad(d3: Floats, first: ArrayLike | None) -> Floats:
+    """Columns d1, d2, d3 with d1 the part of `first` normal to the unit vector d3."""
+    if first is None:
+        wanted = np.eye(3)[np.argmin(np.abs(d3))]
+    else:
+        wanted = _direction(first, "first")
+    d1 = wanted - (wanted @ d3) * d3
+    norm = float(np.linalg.norm(d1))
+    if norm < 1e-9:
+        raise MeshError(Fault("a section's first axis is along the tangent", got=str(first), allowed="any other"))
+    d1 /= norm
+    return np.stack([d1, np.cross(d3, d1), d3], axis=1)
+
+
+def _vector(values: ArrayLike, name: str) -> Floats:
+    return frozen_floats(values, name=name, shape=(3,))
+
+
+def _direction(values: ArrayLike, name: str) -> Floats:
+    vector = _vector(values, name)
+    norm = float(np.linalg.norm(vector))
+    if not norm > 0.0:
+        raise MeshError(Fault(f"{name} has no direction", got=str(vector), allowed="a vector that is not zero"))
+    return vector / norm
+
+
+def _fractions(at: int | ArrayLike) -> Floats:
+    if isinstance(at, int):
+        if at < 1:
+            raise MeshError(Fault("a rod needs one element or more", got=str(at), allowed=">= 1"))
+        return np.linspace(0.0, 1.0, at + 1)
+    s = np.array(at, dtype=np.float64)
+    if s.ndim != 1 or len(s) < 2 or s[0] != 0.0 or s[-1] != 1.0 or not np.diff(s).min() > 0.0:
+        raise MeshError(Fault("a rod's nodes are not in order", got=str(s), allowed="fractions ascending from 0 to 1"))
+    return s

@@ -1,0 +1,285 @@
+"""Geometrically exact rods (Simo-Reissner): two-node elements whose strains are constant along them.
+
+An element's ends have the positions x_a, x_b and the triads Lambda_a, Lambda_b. What lies between is the helix that
+screws the one into the other, so with (rho, theta) the screw's translation and rotation, in the axes of a,
+
+    exp(theta) = Lambda_a^T Lambda_b,    rho = Jl^-1(theta) Lambda_a^T (x_b - x_a)
+
+force and moment strains are rho/L and theta/L (Sonneville, Cardona and Bruels, 2014: a straight line in SE(3)), less
+those at rest. They do not change in a rigid motion. The energy is
+
+    E_el = 1/2 (xi - xi_0) . S (xi - xi_0),    xi = (rho, theta)
+
+where S is no diag(kGA, kGA, EA, EI1, EI2, GJ) / L but the inverse of the flexibility of the whole element,
+
+    S^-1 = Z int_0^L B(s)^T diag(1/kGA, 1/kGA, 1/EA, 1/EI1, 1/EI2, 1/GJ) B(s) ds Z^T
+
+with B(s) what equilibrium makes of a wrench at the middle on the way along the rod at rest (MacNeal's residual bending
+flexibility, and its counterpart for curved rods), and Z the step from the middle's twist to xi. In small displacements
+from rest, straight rods and helices loaded at their nodes so are exact with one element; in large ones, those in pure
+bending, stretching and twisting still are, and others converge with the square of the element's length or faster.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from softcal.checks import Floats, Ints
+from softcal.errors import Fault, MeshError
+from softcal.geometry.centreline import Centreline
+from softcal.geometry.section import Section
+from softcal.mechanics import rod_kernels
+
+# Gauss points for an element's flexibility and terms of the exponential: enough for the last digits while an element
+# turns by less than pi.
+N_GAUSS = 8
+N_SERIES = 28
+
+
+class RodForces(NamedTuple):
+    """energy [J]; gradient (n, 12) by (dc_a, omega_a, dc_b, omega_b) of each element; tangent (n, 12, 12) or None;
+    turn: the largest angle between two neighbouring nodes [rad], which must stay well below pi.
+    """
+
+    energy: float
+    gradient: Floats
+    tangent: Floats | None
+    turn: float
+
+
+class RodResultants(NamedTuple):
+    """In the middle of each element and in its section's axes: strain (n, 3) [-] and curvature (n, 3) [1/m] less those
+    at rest; force (n, 3) [N] and moment (n, 3) [N m] of the later part of the rod on the earlier one.
+    """
+
+    strain: Floats
+    curvature: Floats
+    force: Floats
+    moment: Floats
+
+
+@dataclass(frozen=True)
+class RodTerm:
+    """frames (n, 2): numbers of the frames that each element's ends ride on; arm (n, 2, 3): the ends less their frames'
+    reference points at rest [m]; triad (n, 2, 3, 3): the ends' sections at rest, columns d1, d2, d3;
+    length (n,): arc length of each element at rest [m].
+
+    xi_rest (n, 6): (rho, theta) at rest; by_bending, by_shear (n, 6, 6): the flexibility of the elements is
+    (by_bending + (1 + nu) by_shear) / E.
+    """
+
+    name: str
+    section: Section
+    frames: Ints
+    arm: Floats
+    triad: Floats
+    length: Floats
+    xi_rest: Floats
+    by_bending: Floats
+    by_shear: Floats
+
+    def assemble(
+        self, position: Floats, rotation: Floats, theta: Mapping[str, float], *, tangent: bool = True
+    ) -> RodForces:
+        """Energy, gradient and, on demand, the exact symmetric tangent at frames with the given poses.
+
+        Derivatives are by increments from there, position + dc and exp(omega) rotation, at zero.
+
+        Parameters
+        ----------
+        position, rotation
+            Of all frames of the robot (n_frames, 3) [m] and (n_frames, 3, 3).
+        theta
+            youngs_modulus [Pa] and poissons_ratio.
+        tangent
+            Whether to work it out; None if not.
+        """
+        S = self._stiffness(theta)
+        xi, turn = self._coordinates(position, rotation)
+        deviation = xi - self.xi_rest
+        conjugate = _times(S, deviation)
+        gradient, hessian = self._derivatives(position, rotation, conjugate, S if tangent else None)
+        return RodForces(0.5 * float(np.sum(conjugate * deviation)), gradient, hessian, float(turn.max()))
+
+    def gradient_by_parameters(
+        self, position: Floats, rotation: Floats, theta: Mapping[str, float]
+    ) -> dict[str, Floats]:
+        """d gradient / d parameter (n, 12) of youngs_modulus and poissons_ratio."""
+        E = theta["youngs_modulus"]
+        S = self._stiffness(theta)
+        xi, _ = self._coordinates(position, rotation)
+        by_E = _times(S, xi - self.xi_rest) / E
+        by_nu = -_times(S, _times(self.by_shear, by_E))
+        return {
+            "youngs_modulus": self._derivatives(position, rotation, by_E, None)[0],
+            "poissons_ratio": self._derivatives(position, rotation, by_nu, None)[0],
+        }
+
+    def turn(self, position: Floats, rotation: Floats) -> Floats:
+        """Angle between each element's ends (n,) [rad]."""
+        return self._coordinates(position, rotation)[1]
+
+    def resultants(self, position: Floats, rotation: Floats, theta: Mapping[str, float]) -> RodResultants:
+        """Strains and section forces in the middle of the elements."""
+        xi, _ = self._coordinates(position, rotation)
+        deviation = xi - self.xi_rest
+        wrench = _times(np.swapaxes(_middle_to_coordinates(xi), 1, 2), _times(self._stiffness(theta), deviation))
+        strain = deviation / self.length[:, None]
+        return RodResultants(strain[:, :3], strain[:, 3:], wrench[:, :3], wrench[:, 3:])
+
+    def _stiffness(self, theta: Mapping[str, float]) -> Floats:
+        S = np.empty_like(self.by_bending)
+        E, nu = theta["youngs_modulus"], theta["poissons_ratio"]
+        rod_kernels.stiffness(self.by_bending, self.by_shear, E, nu, S)
+        return S
+
+    def _coordinates(self, position: Floats, rotation: Floats) -> tuple[Floats, Floats]:
+        xi, turn = np.empty((len(self.frames), 6)), np.empty(len(self.frames))
+        rod_kernels.coordinates(position, rotation, self.frames, self.arm, self.triad, xi, turn)
+        return xi, turn
+
+    def _derivatives(
+        self, position: Floats, rotation: Floats, conjugate: Floats, S: Floats | None
+    ) -> tuple[Floats, Floats | None]:
+        n = len(self.frames)
+        gradient = np.empty((n, 12))
+        tangent = np.empty((n if S is not None else 0, 12, 12))
+        rod_kernels.derivatives(
+            position,
+            rotation,
+            self.frames,
+            self.arm,
+            self.triad,
+            conjugate,
+            self.by_bending if S is None else S,
+            S is not None,
+            gradient,
+            tangent,
+        )
+        return gradient, None if S is None else tangent
+
+
+def build_rod(
+    name: str, section: Section, centreline: Centreline, node_frames: ArrayLike, references: Floats
+) -> RodTerm:
+    """The term of a rod whose nodes ride on frames.
+
+    Parameters
+    ----------
+    name
+        What its parameters' names begin with.
+    section
+        The same all along.
+    centreline
+        The rod at rest; stress-free there.
+    node_frames
+        The frame that each node (m,) rides on: one of its own, or a disc's.
+    references
+        Rest positions of all frames' reference points (n_frames, 3) [m].
+
+    Returns
+    -------
+    RodTerm
+        Without the elements that have both ends on one frame, which cannot deform.
+
+    Raises
+    ------
+    MeshError
+        Where the numbers do not fit, no element is left, or the rod turns by more than a right angle from one node to
+        the next.
+    """
+    frame = np.asarray(node_frames, dtype=np.int64)
+    m = len(centreline.nodes)
+    if frame.shape != (m,) or frame.min() < 0 or frame.max() >= len(references):
+        raise MeshError(
+            Fault(
+                "the frames of a rod's nodes do not fit",
+                where=name,
+                got=f"{frame.size} numbers from {frame.min()} to {frame.max()}",
+                allowed=f"one per node ({m}), from 0 to {len(references) - 1}",
+            )
+        )
+    ends = np.stack([np.arange(m - 1), np.arange(1, m)], axis=1)
+    ends = ends[frame[ends[:, 0]] != frame[ends[:, 1]]]
+    if len(ends) == 0:
+        raise MeshError(Fault("all of a rod rides on one frame", where=name, attempt="leave the rod out"))
+    nodes, triads = np.array(centreline.nodes), np.array(centreline.triads)
+    xi, turn = np.empty((len(ends), 6)), np.empty(len(ends))
+    still, no_arm = np.tile(np.eye(3), (m, 1, 1)), np.zeros((len(ends), 2, 3))
+    rod_kernels.coordinates(nodes, still, ends, no_arm, triads[ends], xi, turn)
+    if turn.max() > np.pi / 2:
+        at = int(np.argmax(turn))
+        raise MeshError(
+            Fault(
+                "a rod turns too much from one node to the next",
+                where=f"{name}, node {ends[at, 1]}",
+                got=f"{np.degrees(turn[at]):.0f} deg",
+                allowed="at most 90 deg",
+                attempt="more elements",
+            )
+        )
+    length = centreline.lengths[ends[:, 0]]
+    bending, shear = _flexibility(section, xi, length)
+    return RodTerm(
+        name=name,
+        section=section,
+        frames=frame[ends],
+        arm=nodes[ends] - references[frame[ends]],
+        triad=triads[ends],
+        length=length,
+        xi_rest=xi,
+        by_bending=bending,
+        by_shear=shear,
+    )
+
+
+def _flexibility(section: Section, xi: Floats, length: Floats) -> tuple[Floats, Floats]:
+    """E times the elements' flexibility: what does not depend on Poisson's ratio, and what goes with 1 + nu."""
+    (a1, b1), (a2, b2), A = section.shear1, section.shear2, section.area
+    bending = np.array([a1 / A, a2 / A, 1.0 / A, 1.0 / section.I1, 1.0 / section.I2, 0.0])
+    shear = np.array([b1 / A, b2 / A, 0.0, 0.0, 0.0, 2.0 / section.J])
+    X = _bracket(xi)
+    parts = np.zeros((2, len(xi), 6, 6))
+    for point, weight in zip(*np.polynomial.legendre.leggauss(N_GAUSS), strict=True):
+        B = np.swapaxes(_series(0.5 * point * X, [1.0 / math.factorial(k) for k in range(N_SERIES)]), 1, 2)
+        for part, compliance in zip(parts, (bending, shear), strict=True):
+            part += 0.5 * weight * np.swapaxes(B, 1, 2) @ (compliance[:, None] * B)
+    Z = _middle_to_coordinates(xi)
+    parts = length[:, None, None] * (Z @ parts @ np.swapaxes(Z, 1, 2))
+    return parts[0], parts[1]
+
+
+def _middle_to_coordinates(xi: Floats) -> Floats:
+    """Z (n, 6, 6) with d xi = Z (twist of b against a, seen from the middle's frame): the inverse of the mean of
+    exp(t ad xi) over t from -1/2 to 1/2.
+    """
+    X = _bracket(xi)
+    inverse = _series(X @ X, [0.25**k / math.factorial(2 * k + 1) for k in range(N_SERIES // 2)])
+    return np.asarray(np.linalg.inv(inverse), dtype=np.float64)
+
+
+def _bracket(xi: Floats) -> Floats:
+    """ad xi (n, 6, 6) on twists (velocity, spin): (v, w) -> (theta x v + rho x w, theta x w)."""
+    spin = np.cross(np.eye(3), xi.reshape(-1, 2, 1, 3))  # (n, 2, 3, 3): rows e_i x rho, that is [rho], and [theta]
+    out = np.zeros((len(xi), 6, 6))
+    out[:, :3, :3] = out[:, 3:, 3:] = spin[:, 1]
+    out[:, :3, 3:] = spin[:, 0]
+    return out
+
+
+def _series(X: Floats, coefficients: Sequence[float]) -> Floats:
+    """Sum of c_k X^k."""
+    out = np.zeros_like(X)
+    for c in reversed(coefficients):
+        out = out @ X + c * np.eye(6)
+    return out
+
+
+def _times(matrices: Floats, vectors: Floats) -> Floats:
+    return np.einsum("nij,nj->ni", matrices, vectors)

@@ -13,9 +13,9 @@ from project_case import MODULUS, bar_robot, bench_csv, bench_values, write_proj
 from softcal.calibration.experiment import Pulleys
 from softcal.errors import ParameterError, ProjectFileError
 from softcal.geometry.neck import NeckShape
+from softcal.project.mesh_schema import MeshNeck
 from softcal.project.meshes import LENGTHS, neck_shape
 from softcal.project.project import Project, load
-from softcal.project.schema import MeshNeck
 
 
 def faults_of(path: Path, **options: object) -> list[str]:

@@ -18,9 +18,10 @@ from softcal.experiments.plausibility import check_plausible
 from softcal.experiments.prepare import PlannedStep, parse_steps
 from softcal.experiments.read import ColumnSpec, read_table
 from softcal.experiments.synchronise import synchronise
+from softcal.project.bench_schema import ONE_CLOCK, ExperimentSection, FileSection, RigSection
 from softcal.project.document import Findings, KeyPath
 from softcal.project.files import InputFiles
-from softcal.project.schema import ONE_CLOCK, ExperimentSection, FileSection, RigSection, RobotSection
+from softcal.project.robot_schema import RobotSection
 from softcal.units import parse_quantity
 
 # From these steps on, the dataset no longer holds every cycle.

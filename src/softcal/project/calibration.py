@@ -16,9 +16,9 @@ from softcal.calibration.result import CalibrationResult
 from softcal.calibration.run import Progress
 from softcal.calibration.run import calibrate as calibrate_problem
 from softcal.errors import CalibrationError, Fault, InputError, ParameterError
+from softcal.project.calibration_schema import CalibrationSection
 from softcal.project.project import Project
 from softcal.project.run_folder import begin_run, calibration_folder, finish_run, reopen_run
-from softcal.project.schema import CalibrationSection
 from softcal.project.section import changed
 from softcal.twin.parameters import robot_parameters, with_parameters
 

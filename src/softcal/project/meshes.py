@@ -10,7 +10,8 @@ from softcal.geometry.mesh import TetMesh
 from softcal.geometry.neck import NeckShape, neck_mesh
 from softcal.geometry.read import read_mesh
 from softcal.project.files import InputFiles
-from softcal.project.schema import TO_FILL, BodySection, MeshFile, MeshNeck
+from softcal.project.mesh_schema import TO_FILL, MeshFile, MeshNeck
+from softcal.project.robot_schema import BodySection
 
 LENGTHS = (
     "n_bells",

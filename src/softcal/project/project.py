@@ -14,20 +14,13 @@ from softcal.errors import Fault, ProjectFileError
 from softcal.experiments.dataset import Dataset
 from softcal.geometry.quality import MeshReport
 from softcal.project.bench import Bench, build_bench
+from softcal.project.bench_schema import ExperimentSection, RigSection
+from softcal.project.calibration_schema import CalibrationSection, ParameterSection, PrintSection
 from softcal.project.document import Document, Findings, read_document, suggestion
 from softcal.project.files import InputFiles, sha256
 from softcal.project.meshes import is_generated, mesh_maker
 from softcal.project.robot import BuiltRobot, build_robot
-from softcal.project.schema import (
-    FORMAT,
-    SECTIONS,
-    CalibrationSection,
-    ExperimentSection,
-    ParameterSection,
-    PrintSection,
-    RigSection,
-    RobotSection,
-)
+from softcal.project.robot_schema import RobotSection
 from softcal.project.search import RIG_UNITS, build_search, held_values, rig_value
 from softcal.project.section import Section, validated
 from softcal.report.content import PrintInfill
@@ -35,6 +28,9 @@ from softcal.twin.parameters import ParameterInfo, robot_parameters, with_parame
 from softcal.twin.robot import Robot
 
 S = TypeVar("S", bound=Section)
+
+SECTIONS = ("softcal", "name", "robot", "rig", "experiments", "parameters", "calibration", "print")
+FORMAT = 1
 
 
 @dataclass(frozen=True)

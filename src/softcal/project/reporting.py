@@ -12,9 +12,9 @@ from softcal.analysis.landscape import ProportionalTwin, loss_over, scales_with_
 from softcal.calibration.problem import Problem
 from softcal.calibration.result import CalibrationResult
 from softcal.project.calibration import JOINT, calibrated, make_problem
+from softcal.project.calibration_schema import CalibrationSection
 from softcal.project.project import Project
 from softcal.project.run_folder import Run, load_run
-from softcal.project.schema import CalibrationSection
 from softcal.project.simulation import simulate, twin_view
 from softcal.report.content import ExperimentContent, Landscape, ReportContent, TwinView
 from softcal.report.write import ReportPaths

@@ -14,14 +14,8 @@ from softcal.geometry.quality import MeshReport, require_sound
 from softcal.geometry.regions import Box, Cylinder, Named, Plane, Region, Sphere, select_faces, select_nodes
 from softcal.materials.catalogue import LAWS
 from softcal.project.document import Findings, KeyPath
-from softcal.project.schema import (
-    BodySection,
-    CableSection,
-    LoadSection,
-    PlateSection,
-    RegionSection,
-    RobotSection,
-)
+from softcal.project.mesh_schema import RegionSection
+from softcal.project.robot_schema import BodySection, CableSection, LoadSection, PlateSection, RobotSection
 from softcal.twin.robot import Body, Cable, Plate, PointLoad, Robot, SurfaceLoad, ViaPoint
 
 # Makes the mesh of a body from its section; the project decides where files lie.

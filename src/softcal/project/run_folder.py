@@ -23,10 +23,10 @@ from softcal.calibration.result_files import load_result, response_file, result_
 from softcal.calibration.store import write_text
 from softcal.errors import Fault, StorageError
 from softcal.geometry.write import write_mesh
+from softcal.project.calibration_schema import CalibrationSection
 from softcal.project.meshes import stored_name
 from softcal.project.output import new_folder, require_writable, unwritable
 from softcal.project.project import Project, load
-from softcal.project.schema import CalibrationSection
 
 FORMAT = 1
 KEYS = ("values", "copies", "calibrations", "settings", "hashes", "versions", "created")

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 
 from softcal.calibration.parameters import FreeParameter, SearchSpace, search_space
 from softcal.errors import Fault, ParameterError, UnitError
+from softcal.project.calibration_schema import ParameterSection
 from softcal.project.document import Findings, KeyPath
-from softcal.project.schema import ParameterSection
 from softcal.twin.parameters import KINDS, ParameterInfo, out_of_range, unknown_name
 from softcal.units import parse_quantity
 

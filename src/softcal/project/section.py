@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Annotated, Any, TypeVar
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -124,6 +125,9 @@ def above(limit: float, unit: str = "") -> Callable[[float], float]:
         return value
 
     return check
+
+
+Positive = AfterValidator(above(0.0))
 
 
 def validated(model: type[S], data: object, path: KeyPath, findings: Findings) -> S | None:

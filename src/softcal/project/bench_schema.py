@@ -1,0 +1,98 @@
+"""What may stand in the `rig` and `experiments` sections of a project file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import Discriminator, Field, PlainValidator, Tag
+
+from softcal.project.section import Angle, Duration, Force, Given, Length, Positive, Ratio, Section, fault_error
+
+ONE_CLOCK = "one clock"
+Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
+
+
+class PulleysSection(Section):
+    """The pulleys between the testing machine and the neck (Euler-Eytelwein)."""
+
+    count: Annotated[int, Positive] = 2
+    wrap: Angle
+    friction_coefficient: Ratio = 0.0
+
+
+class RigSection(Section):
+    """What stands between the robot and the instruments."""
+
+    pulleys: PulleysSection | None = None
+
+
+class ColumnSection(Section):
+    """Where a channel stands in a file; the unit may be left out where the file names it."""
+
+    name: str
+    unit: str | None = None
+    scale: float = 1.0
+
+
+class FileSection(Section):
+    """One bench file."""
+
+    path: str
+    columns: Annotated[Mapping[str, ColumnSection], Field(min_length=1)]
+    where: Mapping[str, Given] = Field(default_factory=dict)
+    delimiter: str | None = None
+    decimal: Literal[".", ","] | None = None
+    header_row: int | None = None
+    units_row: int | None = None
+    skip_rows: int = 0
+    skip_footer: int = 0
+    axes: tuple[Axis, Axis, Axis] = ("x", "y", "z")
+    rest_samples: int = 10
+
+
+def _step(value: object) -> object:
+    if not isinstance(value, (str, dict)):
+        raise fault_error("this is no preparation step", got=repr(value), allowed="a name, or a name with settings")
+    return value
+
+
+class SynchroniseSection(Section):
+    """How records of two clocks are matched: by the motion that both saw."""
+
+    max_lag: Duration | None = None
+    reference: str = "shortening"
+    signal: str = "pitch"
+    estimate_rate: bool = True
+    min_correlation: Ratio = 0.8
+
+    def settings(self) -> dict[str, Any]:
+        """As keyword arguments of `softcal.experiments.synchronise.synchronise`."""
+        return dict(self)
+
+
+def _clock_kind(data: Any) -> str:
+    return "one" if isinstance(data, str) else "two"
+
+
+Synchronise = Annotated[
+    Annotated[Literal["one clock"], Tag("one")] | Annotated[SynchroniseSection, Tag("two")],
+    Discriminator(_clock_kind),
+]
+
+
+class ExperimentSection(Section):
+    """One bench test: which cable was pulled, what was written, and what is done to it before it is compared."""
+
+    cable: str
+    plate: str | None = None
+    drive: Literal["shortening", "tension"] = "shortening"
+    compare: Annotated[list[Literal["tension", "shortening", "pitch", "roll"]], Field(min_length=1)] | None = None
+    files: Annotated[list[FileSection], Field(min_length=1)]
+    synchronise: Synchronise | None = None
+    prepare: list[Annotated[str | Mapping[str, Any], PlainValidator(_step)]] = Field(default_factory=list)
+    noise: Mapping[str, Given] = Field(default_factory=dict)
+    slack: Length = 0.0
+    tension_offset: Force = 0.0
+    pitch_offset: Angle = 0.0
+    roll_offset: Angle = 0.0

@@ -1,0 +1,135 @@
+"""What may stand under `mesh` and `regions` of a body in a project file."""
+
+from __future__ import annotations
+
+from pathlib import PurePath
+from typing import Annotated, Any, Literal
+
+from pydantic import Discriminator, Tag, model_validator
+
+from softcal.project.section import Direction, Length, Point, Positive, Ratio, Section, fault_error
+
+TO_FILL = (".stl", ".step", ".stp")
+CARRIES_UNIT = (".step", ".stp")
+ONE_TARGET = "one of size, the length of an edge, and tets, their number"
+
+
+class MeshFile(Section):
+    """A file of tetrahedra, or a surface or solid (.stl, .step) to fill with them by Gmsh."""
+
+    file: str
+    unit: str | None = None
+    size: Annotated[Length, Positive] | None = None
+    tets: Annotated[int, Positive] | None = None
+    order: Literal[1, 2] | None = None
+
+    @model_validator(mode="after")
+    def _complete(self) -> MeshFile:
+        kind = PurePath(self.file).suffix.lower()
+        if self.unit is None and kind not in CARRIES_UNIT:
+            raise fault_error(
+                "the unit of the mesh is missing", got="no key 'unit'", allowed="unit: mm, or m, cm, inch"
+            )
+        target = [key for key in ("size", "tets") if getattr(self, key) is not None]
+        if kind in TO_FILL and len(target) != 1:
+            raise fault_error(f"a {kind} file is filled with tets to a target", got=_and(target), allowed=ONE_TARGET)
+        extra = [key for key in ("size", "tets", "order") if getattr(self, key) is not None]
+        if kind not in TO_FILL and extra:
+            raise fault_error(
+                f"a {kind or 'mesh'} file is used as it is",
+                got=_and(extra),
+                allowed="file and unit, or an .stl or .step",
+            )
+        return self
+
+
+class MeshNeck(Section):
+    """The soft neck, made by Gmsh from its lengths; what is left out is as published, scaled to the outer diameter."""
+
+    primitive: Literal["neck"]
+    outer_diameter: Annotated[Length, Positive] = 0.038
+    n_bells: Annotated[int, Positive] | None = None
+    bottom_link_height: Annotated[Length, Positive] | None = None
+    link_pitch: Annotated[Length, Positive] | None = None
+    dome_height: Annotated[Length, Positive] | None = None
+    waist_diameter: Annotated[Length, Positive] | None = None
+    collar_diameter: Annotated[Length, Positive] | None = None
+    collar_height: Annotated[Length, Positive] | None = None
+    clamp_depth: Annotated[Length, Positive] | None = None
+    size: Annotated[Length, Positive] | None = None
+    tets: Annotated[int, Positive] | None = None
+    order: Literal[1, 2] = 2
+    waist_refinement: Annotated[Ratio, Positive] = 1.0
+    sectors: Annotated[int, Positive] | None = None
+
+    @model_validator(mode="after")
+    def _one_target(self) -> MeshNeck:
+        target = [key for key in ("size", "tets") if getattr(self, key) is not None]
+        if len(target) != 1:
+            raise fault_error("the mesh needs a target", got=_and(target), allowed=ONE_TARGET)
+        return self
+
+
+def _and(keys: list[str]) -> str:
+    return " and ".join(keys) or "neither size nor tets"
+
+
+def _mesh_kind(data: Any) -> str:
+    if isinstance(data, dict):
+        return "primitive" if "primitive" in data else "file"
+    return "primitive" if isinstance(data, MeshNeck) else "file"
+
+
+Mesh = Annotated[Annotated[MeshFile, Tag("file")] | Annotated[MeshNeck, Tag("primitive")], Discriminator(_mesh_kind)]
+
+
+class PlaneRegion(Section):
+    """What lies on a plane, or above or below it as seen along its normal."""
+
+    point: Point
+    normal: Direction
+    side: Literal["on", "above", "below"] = "on"
+    tolerance: Length = 0.0
+
+
+class BoxRegion(Section):
+    """What lies between two corners."""
+
+    lower: Point
+    upper: Point
+
+
+class CylinderRegion(Section):
+    """What lies in a solid cylinder between the centres of its ends."""
+
+    start: Point
+    end: Point
+    radius: Annotated[Length, Positive]
+
+
+class SphereRegion(Section):
+    """What lies in a ball."""
+
+    centre: Point
+    radius: Annotated[Length, Positive]
+
+
+class RegionSection(Section):
+    """A part of a mesh: by a group of its file, or by a shape."""
+
+    group: str | None = None
+    plane: PlaneRegion | None = None
+    box: BoxRegion | None = None
+    cylinder: CylinderRegion | None = None
+    sphere: SphereRegion | None = None
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> RegionSection:
+        kinds = sorted(self.model_fields_set)
+        if len(kinds) != 1:
+            raise fault_error(
+                "a region is one shape or one group",
+                got=", ".join(kinds) or "nothing",
+                allowed="one of group, plane, box, cylinder, sphere",
+            )
+        return self

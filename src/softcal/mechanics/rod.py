@@ -85,7 +85,13 @@ class RodTerm:
     by_shear: Floats
 
     def assemble(
-        self, position: Floats, rotation: Floats, theta: Mapping[str, float], *, tangent: bool = True
+        self,
+        position: Floats,
+        rotation: Floats,
+        theta: Mapping[str, float],
+        *,
+        tangent: bool = True,
+        carried: Floats | None = None,
     ) -> RodForces:
         """Energy, gradient and, on demand, the exact symmetric tangent at frames with the given poses.
 
@@ -99,13 +105,33 @@ class RodTerm:
             youngs_modulus [Pa] and poissons_ratio.
         tangent
             Whether to work it out; None if not.
+        carried
+            What `predicted` gave for the last step (n, 6): section forces for the tangent's geometric part, in place of
+            those that the strains make. Energy and gradient do not change.
         """
         S = self._stiffness(theta)
         xi, turn = self._coordinates(position, rotation)
         deviation = xi - self.xi_rest
         conjugate = _times(S, deviation)
-        gradient, hessian = self._derivatives(position, rotation, conjugate, S if tangent else None)
+        gradient, hessian = self._derivatives(position, rotation, conjugate, S if tangent and carried is None else None)
+        if tangent and carried is not None:
+            _, hessian = self._derivatives(position, rotation, carried, S)
         return RodForces(0.5 * float(np.sum(conjugate * deviation)), gradient, hessian, float(turn.max()))
+
+    def predicted(self, position: Floats, rotation: Floats, theta: Mapping[str, float], increments: Floats) -> Floats:
+        """Section forces (n, 6), linear in increments (n, 12) of each element from the given poses, for `assemble` at
+        the moved ones.
+
+        A step that turns a rod also stretches it, to second order, and where it is stiff that makes large forces which
+        the next step takes back. In the tangent they do harm; Newton's method for the mixed problem, where section
+        forces are unknowns, never sees them, and goes many times further in one load step. This is that method with the
+        section forces eliminated (Magisano, Leonetti and Garcea, 2017: mixed integration points); where it ends, the
+        tangent is the exact one.
+        """
+        rate = np.empty_like(self.xi_rest)
+        rod_kernels.velocities(position, rotation, self.frames, self.arm, self.triad, increments, rate)
+        xi, _ = self._coordinates(position, rotation)
+        return _times(self._stiffness(theta), xi - self.xi_rest + rate)
 
     def gradient_by_parameters(
         self, position: Floats, rotation: Floats, theta: Mapping[str, float]

@@ -5,8 +5,8 @@ With everything in space, about the current state (see `rod.py` for the element)
     P = x_b - x_a,   exp(theta) = Lambda_b Lambda_a^T,   A = Jl^-1(theta) = I - [theta]/2 + beta [theta]^2
     rho = A P,       d theta = A eta,                    eta = omega_b - omega_a - omega_a x omega_b / 2 + ...
 
-Lambda_a^T (rho, theta) are the coordinates that the energy is quadratic in. beta and its derivatives
-b1 = beta'/|theta|, b2 = b1'/|theta| are all the transcendental functions there are.
+Lambda_a^T (rho, theta) are the coordinates that the energy is quadratic in. A and its derivatives by theta stand in
+`rotation_kernels.py`.
 """
 
 from __future__ import annotations
@@ -17,21 +17,15 @@ import numba
 import numpy as np
 
 from softcal.checks import Floats, Ints
-
-# beta = sum of BETA[k] |theta|^(2k): the coefficients of (1 - x/2 cot x/2) / x^2.
-BETA = (
-    1.0 / 12.0,
-    1.0 / 720.0,
-    1.0 / 30240.0,
-    1.0 / 1209600.0,
-    1.0 / 47900160.0,
-    691.0 / 1307674368000.0,
-    1.0 / 74724249600.0,
-    3617.0 / 10670622842880000.0,
-    43867.0 / 5109094217170944000.0,
-    174611.0 / 802857662698291200000.0,
-    77683.0 / 14101100039391805440000.0,
-    236364091.0 / 1693824136731743669452800000.0,
+from softcal.mechanics.rotation_kernels import (
+    add_spin,
+    coefficients,
+    cross,
+    relative,
+    rotation_vector,
+    second_derivative,
+    tangent_map,
+    turning,
 )
 
 
@@ -77,16 +71,53 @@ def coordinates(
     La, Lb, Q = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     for e in range(len(frames)):
         _ends(position, rotation, frames[e], arm[e], triad[e], La, Lb, w)
-        _relative(La, Lb, Q)
-        _rotation_vector(Q, w[4])
-        beta, _, _ = _beta(w[4])
-        _tangent_matrix(w[4], beta, Q)
+        relative(La, Lb, Q)
+        rotation_vector(Q, w[4])
+        beta, _, _ = coefficients(w[4])
+        tangent_map(w[4], beta, Q)
         for i in range(3):
             w[5, i] = Q[i, 0] * w[3, 0] + Q[i, 1] * w[3, 1] + Q[i, 2] * w[3, 2]
         turn[e] = math.sqrt(w[4, 0] ** 2 + w[4, 1] ** 2 + w[4, 2] ** 2)
         for i in range(3):
             xi[e, i] = La[0, i] * w[5, 0] + La[1, i] * w[5, 1] + La[2, i] * w[5, 2]
             xi[e, 3 + i] = La[0, i] * w[4, 0] + La[1, i] * w[4, 1] + La[2, i] * w[4, 2]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def velocities(
+    position: Floats,
+    rotation: Floats,
+    frames: Ints,
+    arm: Floats,
+    triad: Floats,
+    increments: Floats,
+    rate: Floats,
+) -> None:
+    """d(Lambda_a^T (rho, theta)) (n, 6) by increments (n, 12), to first order."""
+    w = np.zeros((16, 3))
+    La, Lb, A, D = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    for e in range(len(frames)):
+        dz = increments[e]
+        _ends(position, rotation, frames[e], arm[e], triad[e], La, Lb, w)
+        relative(La, Lb, A)
+        rotation_vector(A, w[4])
+        beta, b1, _ = coefficients(w[4])
+        tangent_map(w[4], beta, A)
+        turning(w[3], w[4], beta, b1, D, w)
+        add_spin(-w[3, 0], -w[3, 1], -w[3, 2], D)
+        cross(dz[3:6], w[2], w[5])
+        cross(dz[9:12], w[1], w[6])
+        for i in range(3):
+            w[7, i] = dz[6 + i] - dz[i] + w[6, i] - w[5, i]
+            w[8, i] = dz[9 + i] - dz[3 + i]
+        for i in range(3):
+            w[9, i] = A[i, 0] * w[8, 0] + A[i, 1] * w[8, 1] + A[i, 2] * w[8, 2]
+        for i in range(3):
+            w[10, i] = A[i, 0] * w[7, 0] + A[i, 1] * w[7, 1] + A[i, 2] * w[7, 2]
+            w[10, i] += D[0, i] * w[9, 0] + D[1, i] * w[9, 1] + D[2, i] * w[9, 2]
+        for i in range(3):
+            rate[e, i] = La[0, i] * w[10, 0] + La[1, i] * w[10, 1] + La[2, i] * w[10, 2]
+            rate[e, 3 + i] = La[0, i] * w[9, 0] + La[1, i] * w[9, 1] + La[2, i] * w[9, 2]
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -103,7 +134,7 @@ def derivatives(
     tangent: Floats,
 ) -> None:
     """Gradient (n, 12) that conjugate (n, 6) = dE/d(Lambda_a^T (rho, theta)) makes, and the tangent (n, 12, 12) with S
-    the second derivative of E.
+    the second derivative of E and the same conjugate.
     """
     w = np.zeros((16, 3))
     La, Lb = np.empty((3, 3)), np.empty((3, 3))
@@ -115,14 +146,14 @@ def derivatives(
     f, mu, g_P, g_eta, g_theta = w[5], w[6], w[7], w[8], w[9]
     for e in range(len(frames)):
         _ends(position, rotation, frames[e], arm[e], triad[e], La, Lb, w)
-        _relative(La, Lb, A)
-        _rotation_vector(A, theta)
-        beta, b1, b2 = _beta(theta)
-        _tangent_matrix(theta, beta, A)
+        relative(La, Lb, A)
+        rotation_vector(A, theta)
+        beta, b1, b2 = coefficients(theta)
+        tangent_map(theta, beta, A)
         for i in range(3):
             f[i] = La[i, 0] * conjugate[e, 0] + La[i, 1] * conjugate[e, 1] + La[i, 2] * conjugate[e, 2]
             mu[i] = La[i, 0] * conjugate[e, 3] + La[i, 1] * conjugate[e, 4] + La[i, 2] * conjugate[e, 5]
-        _turning(f, theta, beta, b1, G, w)
+        turning(f, theta, beta, b1, G, w)
         for i in range(3):
             g_theta[i] = mu[i] + G[i, 0] * P[0] + G[i, 1] * P[1] + G[i, 2] * P[2]
         for i in range(3):
@@ -131,8 +162,8 @@ def derivatives(
         for i in range(3):
             gradient[e, i] = -g_P[i]
             gradient[e, 6 + i] = g_P[i]
-        _cross(e_ab, g_P, w[10])
-        _cross(arm_b, g_P, w[11])
+        cross(e_ab, g_P, w[10])
+        cross(arm_b, g_P, w[11])
         for i in range(3):
             gradient[e, 3 + i] = -w[10, i] - g_eta[i]
             gradient[e, 9 + i] = w[11, i] + g_eta[i]
@@ -140,8 +171,8 @@ def derivatives(
             continue
 
         # J: Lambda_a^T (rho, theta) by (P, eta).
-        _turning(P, theta, beta, b1, D, w)
-        _add_spin(-P[0], -P[1], -P[2], D)
+        turning(P, theta, beta, b1, D, w)
+        add_spin(-P[0], -P[1], -P[2], D)
         for i in range(3):
             for j in range(3):
                 M[i, j] = D[0, i] * A[0, j] + D[1, i] * A[1, j] + D[2, i] * A[2, j]
@@ -173,8 +204,8 @@ def derivatives(
         for i in range(3):
             for j in range(3):
                 K[j, 3 + i] += A[0, i] * G[0, j] + A[1, i] * G[1, j] + A[2, i] * G[2, j]
-        _second(f, P, theta, beta, b1, b2, H)
-        _turning(g_theta, theta, beta, b1, G, w)
+        second_derivative(f, P, theta, beta, b1, b2, H)
+        turning(g_theta, theta, beta, b1, G, w)
         for i in range(3):
             for j in range(3):
                 M[i, j] = H[i, 0] * A[0, j] + H[i, 1] * A[1, j] + H[i, 2] * A[2, j]
@@ -233,17 +264,17 @@ def _bend(out: Floats, g: Floats, g_eta: Floats, e_ab: Floats, arm_b: Floats) ->
         out[9 + i, 9 + i] -= gl
     for i in range(3):
         for j in range(3):
-            cross = 0.0
+            spin = 0.0
             if i != j:
                 k = 3 - i - j
                 sign = 1.0 if (j - i) % 3 == 2 else -1.0
-                cross = sign * g[k]
+                spin = sign * g[k]
                 out[3 + i, 9 + j] += sign * 0.5 * g_eta[k]
                 out[9 + j, 3 + i] += sign * 0.5 * g_eta[k]
-            out[3 + i, 6 + j] += cross
-            out[6 + j, 3 + i] += cross
-            out[3 + i, j] -= cross
-            out[j, 3 + i] -= cross
+            out[3 + i, 6 + j] += spin
+            out[6 + j, 3 + i] += spin
+            out[3 + i, j] -= spin
+            out[j, 3 + i] -= spin
             turned = arm_b[i] * g[j]  # -[g][arm_b] = (g . arm_b) I - arm_b g^T
             out[3 + i, 9 + j] -= turned
             out[9 + j, 3 + i] -= turned
@@ -273,122 +304,3 @@ def _ends(
         w[1, i] = rotation[b, i, 0] * arm[1, 0] + rotation[b, i, 1] * arm[1, 1] + rotation[b, i, 2] * arm[1, 2]
         w[2, i] = (position[b, i] - position[a, i]) + w[1, i]
         w[3, i] = w[2, i] - w[0, i]
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _relative(La: Floats, Lb: Floats, Q: Floats) -> None:
-    """Lambda_b Lambda_a^T."""
-    for i in range(3):
-        for j in range(3):
-            Q[i, j] = Lb[i, 0] * La[j, 0] + Lb[i, 1] * La[j, 1] + Lb[i, 2] * La[j, 2]
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _rotation_vector(Q: Floats, out: Floats) -> None:
-    """Logarithm of a rotation by way of the unit quaternion's largest entry, so that no angle is ill-conditioned."""
-    trace = Q[0, 0] + Q[1, 1] + Q[2, 2]
-    k = 0
-    if Q[1, 1] > Q[0, 0]:
-        k = 1
-    if Q[2, 2] > Q[k, k]:
-        k = 2
-    if trace > Q[k, k]:
-        s = 1.0 + trace
-        x, y, z = Q[2, 1] - Q[1, 2], Q[0, 2] - Q[2, 0], Q[1, 0] - Q[0, 1]
-    else:
-        i, j = (k + 1) % 3, (k + 2) % 3
-        s = Q[j, i] - Q[i, j]
-        out[k] = 1.0 + Q[k, k] - Q[i, i] - Q[j, j]
-        out[i] = Q[i, k] + Q[k, i]
-        out[j] = Q[j, k] + Q[k, j]
-        if s < 0.0:
-            s = -s
-            out[0], out[1], out[2] = -out[0], -out[1], -out[2]
-        x, y, z = out[0], out[1], out[2]
-    # (s, x, y, z) is the quaternion but for its length.
-    sine = math.sqrt(x * x + y * y + z * z)
-    t = sine / s
-    factor = 2.0 * (1.0 - t * t / 3.0) / s if t < 1e-4 else 2.0 * math.atan2(sine, s) / sine
-    out[0], out[1], out[2] = factor * x, factor * y, factor * z
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _beta(theta: Floats) -> tuple[float, float, float]:
-    t = theta[0] * theta[0] + theta[1] * theta[1] + theta[2] * theta[2]
-    if t < 1.0:
-        beta = 0.0
-        first = 0.0
-        second = 0.0
-        for k in range(len(BETA) - 1, -1, -1):
-            second = second * t + 2.0 * first
-            first = first * t + beta
-            beta = beta * t + BETA[k]
-        return beta, 2.0 * first, 4.0 * second
-    y = 0.5 * math.sqrt(t)
-    g = y / math.sin(y)
-    c = g * math.cos(y)
-    beta = (1.0 - c) / t
-    p = (g * g - c) / t
-    b1 = (p - 2.0 * beta) / t
-    return beta, b1, ((2.0 * g * g * beta - p) / t - 4.0 * b1) / t
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _cross(a: Floats, b: Floats, out: Floats) -> None:
-    out[0] = a[1] * b[2] - a[2] * b[1]
-    out[1] = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _add_spin(a0: float, a1: float, a2: float, out: Floats) -> None:
-    """out += [a]."""
-    out[0, 1] -= a2
-    out[0, 2] += a1
-    out[1, 0] += a2
-    out[1, 2] -= a0
-    out[2, 0] -= a1
-    out[2, 1] += a0
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _tangent_matrix(theta: Floats, beta: float, A: Floats) -> None:
-    """Jl^-1(theta) = I - [theta]/2 + beta [theta]^2."""
-    t = theta[0] * theta[0] + theta[1] * theta[1] + theta[2] * theta[2]
-    for i in range(3):
-        for j in range(3):
-            A[i, j] = beta * theta[i] * theta[j]
-        A[i, i] += 1.0 - beta * t
-    _add_spin(-0.5 * theta[0], -0.5 * theta[1], -0.5 * theta[2], A)
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _turning(f: Floats, theta: Floats, beta: float, b1: float, G: Floats, w: Floats) -> None:
-    """G(f) with w . G v = f . (dJl^-1(theta)[w] v). As a map of w, dJl^-1(theta)[w] v is (G(v) - [v])^T w."""
-    _cross(theta, f, w[14])
-    _cross(theta, w[14], w[15])
-    k = w[15]
-    ft = f[0] * theta[0] + f[1] * theta[1] + f[2] * theta[2]
-    for i in range(3):
-        for j in range(3):
-            G[i, j] = -beta * (2.0 * theta[i] * f[j] - f[i] * theta[j]) + b1 * theta[i] * k[j]
-        G[i, i] += beta * ft
-    _add_spin(0.5 * f[0], 0.5 * f[1], 0.5 * f[2], G)
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _second(f: Floats, P: Floats, theta: Floats, beta: float, b1: float, b2: float, H: Floats) -> None:
-    """Second derivative of f . Jl^-1(theta) P by theta."""
-    t = theta[0] * theta[0] + theta[1] * theta[1] + theta[2] * theta[2]
-    ft = f[0] * theta[0] + f[1] * theta[1] + f[2] * theta[2]
-    pt = P[0] * theta[0] + P[1] * theta[1] + P[2] * theta[2]
-    fp = f[0] * P[0] + f[1] * P[1] + f[2] * P[2]
-    q = ft * pt - t * fp
-    for i in range(3):
-        qi = f[i] * pt + P[i] * ft - 2.0 * fp * theta[i]
-        for j in range(3):
-            qj = f[j] * pt + P[j] * ft - 2.0 * fp * theta[j]
-            H[i, j] = (
-                beta * (f[i] * P[j] + P[i] * f[j]) + b1 * (theta[i] * qj + qi * theta[j]) + b2 * q * theta[i] * theta[j]
-            )
-        H[i, i] += b1 * q - 2.0 * beta * fp

@@ -17,7 +17,13 @@ PointForce = tuple[str | None, Weights, Floats]
 
 
 def surface_forces(load: SurfaceLoad, meshes: dict[str, TetMesh], first: dict[str, int]) -> list[PointForce]:
-    """Consistent nodal forces of a constant traction; quadratic straight faces load their middle nodes alone."""
+    """Consistent nodal forces of a constant traction; quadratic straight faces load their middle nodes alone.
+
+    Raises
+    ------
+    MeshError
+        For a body that does not exist.
+    """
     if load.on not in meshes:
         raise MeshError(Fault("there is no such body", where=load.name, got=load.on, allowed=", ".join(meshes)))
     mesh = meshes[load.on]

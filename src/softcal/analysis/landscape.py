@@ -44,6 +44,7 @@ def scales_with_modulus(problem: Problem) -> bool:
     dead = bool(robot.loads) or (bool(np.any(robot.gravity)) and _has_weight(robot))
     return (
         len(robot.bodies) == 1
+        and not robot.rods
         and robot.bodies[0].law in PROPORTIONAL_LAWS
         and not dead
         and all(experiment.drive == "shortening" for experiment in problem.experiments)

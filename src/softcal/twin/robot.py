@@ -77,11 +77,44 @@ class Rod:
 
 
 @dataclass(frozen=True)
+class Disc:
+    """The shape of a plate: a flat cylinder. centre [m]; axis: made a unit vector; diameter, thickness [m].
+
+    hole_diameter [m] of the plate's guide holes. It is drawn and kept clear of bodies; the statics do not need it.
+    """
+
+    centre: Floats
+    axis: Floats
+    diameter: float
+    thickness: float
+    hole_diameter: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "centre", frozen_floats(self.centre, name="centre of a disc", shape=(3,)))
+        axis = frozen_floats(self.axis, name="axis of a disc", shape=(3,))
+        size = float(np.linalg.norm(axis))
+        faults = [
+            Fault(f"a disc's {name} is out of range", got=f"{value:.6g}", allowed=allowed)
+            for name, value, allowed, is_right in (
+                ("axis", size, "a direction", size > 0.0),
+                ("diameter", self.diameter, "> 0", 0.0 < self.diameter < np.inf),
+                ("thickness", self.thickness, "> 0", 0.0 < self.thickness < np.inf),
+                ("hole diameter", self.hole_diameter, ">= 0", 0.0 <= self.hole_diameter < np.inf),
+            )
+            if not is_right
+        ]
+        if faults:
+            raise InputError(faults)
+        object.__setattr__(self, "axis", frozen_floats(axis / size, name="axis of a disc"))
+
+
+@dataclass(frozen=True)
 class Plate:
     """A rigid plate tied to nodes of one body (or of several), or clamped to rods.
 
     nodes: body name -> node numbers of its mesh. reference: point whose position and rotation is the pose [m].
     mass [kg] at centre_of_mass [m] (rest frame). fixed: whether it does not move at all.
+    holes: name -> point [m] (rest frame) where a cable may run through. disc: its shape, where known.
     """
 
     name: str
@@ -90,6 +123,8 @@ class Plate:
     mass: float = 0.0
     centre_of_mass: Floats | None = None
     fixed: bool = False
+    holes: Mapping[str, Floats] = field(default_factory=dict)
+    disc: Disc | None = None
 
     def __post_init__(self) -> None:
         nodes = {body: frozen_ints(n, name=f"nodes of {self.name}", shape=(None,)) for body, n in self.nodes.items()}
@@ -99,6 +134,21 @@ class Plate:
         object.__setattr__(
             self, "centre_of_mass", frozen_floats(centre, name=f"{self.name}.centre_of_mass", shape=(3,))
         )
+        holes = {name: frozen_floats(at, name=f"{self.name}.{name}", shape=(3,)) for name, at in self.holes.items()}
+        object.__setattr__(self, "holes", holes)
+
+    def via(self, hole: str) -> ViaPoint:
+        """The point of a cable in one of the plate's holes.
+
+        Raises
+        ------
+        InputError
+            Where the plate has no such hole.
+        """
+        if hole not in self.holes:
+            known = ", ".join(self.holes) or "none: the plate has no holes"
+            raise InputError(Fault("the plate has no such hole", where=self.name, got=f"'{hole}'", allowed=known))
+        return ViaPoint(self.holes[hole], self.name)
 
 
 @dataclass(frozen=True)

@@ -189,7 +189,13 @@ class Sweep:
         if is_wound and beyond.any():
             limit = float(curve.values[:, i_tension].max())
             status += f" Cable {self.cable} is wound up to zero length from {limit:.4g} N on."
-        return self._response(values, slopes, by_parameter, status, n == len(T), path.nodes, snapshots)
+        shown = self._up_to(path, float(at.max(initial=start.c))) if snapshots else path.nodes
+        return self._response(values, slopes, by_parameter, status, n == len(T), shown, snapshots)
+
+    def _up_to(self, path: Path, c: float) -> tuple[Node, ...]:
+        """The nodes up to c, with one there: a path to a tension ends beyond it."""
+        path = self._with_nodes(path, self._missing(path, np.array([c])))
+        return tuple(node for node in path.nodes if node.c <= c + SAME * self._length)
 
     def _follow(self, start: Node, end: float, *, until: float = np.inf) -> Path:
         i = self._i_cable

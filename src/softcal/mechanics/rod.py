@@ -239,7 +239,7 @@ def build_rod(
     xi, turn = np.empty((len(ends), 6)), np.empty(len(ends))
     still, no_arm = np.tile(np.eye(3), (m, 1, 1)), np.zeros((len(ends), 2, 3))
     rod_kernels.coordinates(nodes, still, ends, no_arm, triads[ends], xi, turn)
-    if turn.max() > np.pi / 2:
+    if turn.max() > np.pi / 2 + 1e-9:
         at = int(np.argmax(turn))
         raise MeshError(
             Fault(

@@ -1,0 +1,102 @@
+"""Building rods, and what the parts of an element give by themselves."""
+
+import numpy as np
+import pytest
+from rod_cases import at_rest, modulus, on_own_frames
+from scipy.spatial.transform import Rotation
+
+from softcal.errors import MeshError
+from softcal.geometry.centreline import helix, straight
+from softcal.geometry.section import circular
+from softcal.mechanics import rotation_kernels
+from softcal.mechanics.rod import build_rod
+
+THETA = modulus(1e6, 0.3)
+LINE = straight((0, 0, 0), (0, 0, 1), 4)
+
+
+def test_elements_within_one_frame_are_left_out():
+    """A disc holds the middle nodes: what is inside it cannot deform."""
+    references = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.4], [0.0, 0.0, 1.0]])
+    rod = build_rod("rod", circular(0.1), LINE, [0, 1, 1, 1, 2], references)
+    assert rod.frames.tolist() == [[0, 1], [1, 2]]
+    assert rod.arm[:, 1] == pytest.approx(np.array([[-0.1, 0.0, -0.15], [0.0, 0.0, 0.0]]))
+    assert rod.length == pytest.approx([0.25, 0.25])
+
+
+@pytest.mark.parametrize(
+    ("frames", "n_frames", "message"),
+    [
+        ([0, 1, 2, 3], 5, "rod: the frames of a rod's nodes do not fit"),
+        ([0, 1, 2, 3, 5], 5, "from 0 to 5.*from 0 to 4"),
+        ([0, 1, 2, 3, -1], 5, "do not fit"),
+        ([1, 1, 1, 1, 1], 5, "rides on one frame"),
+    ],
+)
+def test_frames_that_do_not_fit_are_refused(frames, n_frames, message):
+    with pytest.raises(MeshError, match=message):
+        build_rod("rod", circular(0.1), LINE, frames, np.zeros((n_frames, 3)))
+
+
+def test_too_few_elements_around_a_coil_are_refused():
+    def coil(n):
+        return helix((0, 0, 0), (0, 0, 1), diameter=1.0, pitch=0.1, turns=1.0, at=n)
+
+    on_own_frames(circular(0.1), coil(4))
+    with pytest.raises(MeshError, match=r"turns too much .* more elements"):
+        on_own_frames(circular(0.1), coil(3))
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-5, 0.3, 0.999999, 1.000001, 2.0, 3.1, np.pi - 1e-9, np.pi])
+def test_rotation_vector_at_any_angle(angle):
+    rng = np.random.default_rng(0)
+    for axis in [*np.eye(3), *rng.normal(size=(20, 3))]:
+        theta = angle * axis / np.linalg.norm(axis)
+        out = np.empty(3)
+        rotation_kernels.rotation_vector(Rotation.from_rotvec(theta).as_matrix(), out)
+        error = min(np.abs(out - theta).max(), np.abs(out + theta).max() if angle > 3.14 else np.inf)
+        assert error < 4e-15 * max(1.0, angle) if angle < 3.0 else error < 1e-8
+
+
+def test_coefficients_meet_where_series_and_closed_form_do():
+    below, above = (rotation_kernels.coefficients(np.array([x, 0.0, 0.0])) for x in (1.0 - 1e-12, 1.0 + 1e-12))
+    assert below == pytest.approx(above, rel=1e-11)
+    x, h = 1.7, 1e-5
+    middle, plus, minus = (rotation_kernels.coefficients(np.array([y, 0.0, 0.0])) for y in (x, x + h, x - h))
+    assert middle[0] == pytest.approx((1.0 - x / 2 / np.tan(x / 2)) / x**2, rel=1e-14)
+    assert middle[1] == pytest.approx((plus[0] - minus[0]) / (2 * h) / x, rel=1e-9)
+    assert middle[2] == pytest.approx((plus[1] - minus[1]) / (2 * h) / x, rel=1e-9)
+
+
+def test_turn_is_the_angle_between_neighbours():
+    rod, pose = on_own_frames(circular(0.1), LINE)
+    R = Rotation.from_rotvec([[0, 0, 0], [0.3, 0, 0], [2.0, 0, 0], [2.0, 0, 0], [2.0, 0.1, 0]]).as_matrix()
+    assert rod.turn(pose.c, R)[:3] == pytest.approx([0.3, 1.7, 0.0], abs=1e-12)
+    assert rod.assemble(pose.c, R, THETA, tangent=False).turn == pytest.approx(1.7)
+
+
+def test_no_tangent_unless_asked_for():
+    rod, pose = on_own_frames(circular(0.1), LINE)
+    R = Rotation.from_rotvec(0.1 * np.arange(15).reshape(5, 3)).as_matrix()
+    with_tangent, without = (rod.assemble(pose.c, R, THETA, tangent=t) for t in (True, False))
+    assert without.tangent is None
+    assert without.energy == with_tangent.energy > 0.0
+    assert np.array_equal(without.gradient, with_tangent.gradient)
+
+
+def test_resultants_of_a_bar_pulled_bent_and_twisted():
+    rod, pose = on_own_frames(circular(0.1), LINE)
+    section = rod.section
+    E, G = 1e6, 1e6 / 2.6
+    pulled = rod.resultants(1.01 * pose.c, pose.R, THETA)
+    assert pulled.strain == pytest.approx(np.tile([0.0, 0.0, 0.01], (4, 1)), abs=1e-14)
+    assert pulled.force == pytest.approx(np.tile([0.0, 0.0, 0.01 * E * section.area], (4, 1)), abs=1e-8)
+    twisted = rod.resultants(pose.c, Rotation.from_rotvec(np.outer(pose.c[:, 2], [0, 0, 2.0])).as_matrix(), THETA)
+    assert twisted.curvature == pytest.approx(np.tile([0.0, 0.0, 2.0], (4, 1)), abs=1e-14)
+    assert twisted.moment == pytest.approx(np.tile([0.0, 0.0, 2.0 * G * section.J], (4, 1)), abs=1e-8)
+    z = pose.c[:, 2]  # an arc in the x-z plane of radius 1, about y
+    arc = at_rest(np.stack([1.0 - np.cos(z), 0 * z, np.sin(z)], axis=1)).c
+    bent = rod.resultants(arc, Rotation.from_rotvec(np.outer(z, [0, 1.0, 0])).as_matrix(), THETA)
+    d2 = rod.triad[0, 0].T @ [0.0, 1.0, 0.0]
+    assert bent.moment == pytest.approx(np.tile(E * section.I1 * d2, (4, 1)), abs=1e-8)
+    assert bent.force == pytest.approx(np.zeros((4, 3)), abs=1e-8)

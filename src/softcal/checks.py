@@ -11,8 +11,12 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-def frozen_floats(values: ArrayLike, *, name: str, shape: tuple[int | None, ...] | None = None) -> Floats:
+def frozen_floats(
+    values: ArrayLike, *, name: str, shape: tuple[int | None, ...] | None = None, missing: bool = False
+) -> Floats:
     """A read-only float64 copy of `values`; None in `shape` lets an axis be of any length.
+
+    missing: whether NaN may stand for a value that is not there.
 
     Raises
     ------
@@ -21,7 +25,7 @@ def frozen_floats(values: ArrayLike, *, name: str, shape: tuple[int | None, ...]
     """
     array = np.array(values, dtype=np.float64)
     _check_shape(array.shape, shape, name)
-    bad = np.flatnonzero(~np.isfinite(array.ravel()))
+    bad = np.flatnonzero(np.isinf(array.ravel()) if missing else ~np.isfinite(array.ravel()))
     if bad.size:
         raise InputError(
             Fault(f"{name} holds {bad.size} value(s) that are not finite", where=f"{name}, flat index {bad[0]}")

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from fake_twin import NU, TRUE, E, fake_experiment, fake_robot, fake_simulate
 
-from softcal.calibration.experiment import Experiment, Observation, Pulleys, Rig, command, observe, rig_parameters
+from softcal.calibration.experiment import Experiment, Pulleys, Rig, rig_parameters
+from softcal.calibration.observation import Observation, commands, observe
 from softcal.errors import DatasetError
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Protocol
@@ -19,7 +20,7 @@ AT = dict(zip(NAMES, (2.0e6, 0.44, 1.7e-3, 0.3, 0.02, 0.13), strict=True))
 def read(experiment: Experiment, values: dict[str, float], names: tuple[str, ...] = ()) -> Observation:
     rig = {name: value for name, value in values.items() if name not in TRUE}
     robot = with_parameters(fake_robot(), {name: values[name] for name in TRUE})
-    told = command(experiment, rig)
+    told = commands(experiment, rig)["front"]
     response = fake_simulate(robot, Protocol({"front": told}), sensitivities=(E, NU))
     return observe(experiment, rig, response, slice(0, len(told.values)), names)
 
@@ -45,13 +46,13 @@ def test_driven_by_shortening_tension_and_pitch_are_compared_and_the_other_way_r
 
 def test_slack_is_taken_off_and_the_cable_never_pushes() -> None:
     experiment = fake_experiment(reach=0.04, n_samples=5)
-    told = command(experiment, {**experiment.rig_values(), "front.slack": 0.015})
+    told = commands(experiment, {**experiment.rig_values(), "front.slack": 0.015})["front"]
     np.testing.assert_allclose(told.values, [0.0, 0.0, 0.005, 0.015, 0.025])
 
 
 def test_a_tension_below_the_offset_leaves_the_cable_slack() -> None:
     experiment = fake_experiment(drive="tension")
-    told = command(experiment, {**experiment.rig_values(), "front.tension_offset": 1.0})
+    told = commands(experiment, {**experiment.rig_values(), "front.tension_offset": 1.0})["front"]
     assert told.values.min() == 0.0
     assert told.values.max() == pytest.approx(experiment.dataset.values("tension").max() - 1.0)
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from mechanics_cases import column_robot, elastic
 
-from softcal.calibration.experiment import Experiment, Pulleys, Rig, command, observe
+from softcal.calibration.experiment import Experiment, Pulleys, Rig
+from softcal.calibration.observation import commands, observe
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.twin.parameters import robot_parameters, with_parameters
 from softcal.twin.protocol import Protocol
@@ -42,7 +43,7 @@ def read(drive, values, names=()):
     robot = with_parameters(ROBOT, {name: value for name, value in values.items() if name in OF_THE_ROBOT})
     rig = {name: value for name, value in values.items() if name not in OF_THE_ROBOT}
     of_the_robot = tuple(name for name in names if name in OF_THE_ROBOT)
-    protocol = Protocol({"front": command(test, rig)})
+    protocol = Protocol(commands(test, rig))
     response = simulate(robot, protocol, sensitivities=of_the_robot, curve_tolerance=0.0)
     assert response.succeeded, response.status
     return observe(test, rig, response, slice(0, len(D)), names)

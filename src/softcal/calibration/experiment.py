@@ -1,14 +1,18 @@
-"""One bench test as the calibration sees it: what drives the twin, what is compared, and how the rig reads it.
+"""One bench test as the calibration sees it: what drives the twin, what is compared, and the rig between the two.
 
 The rig stands between the twin and the instruments:
 
     shortening on the bench = the cable's shortening + slack
     tension in the dataset  = T exp(n theta (mu - mu_nominal)) + tension offset
     angle of the IMU        = the plate's angle + its offset
+    position of a marker    = R(frame) (the twin's position) + t(frame)
 
 The dataset's tension is T_UTM exp(-n theta mu_nominal): the neck's side under the *nominal* friction. It stays so while
 mu is free; the twin's tension is brought to that side instead. Were the data corrected by the free mu, a large mu
 would shrink both curves and the residual with them, and the search would run off to it.
+
+Channels of a dataset go by the twin's names (`cable1.tension`, `S4.pitch`, `m4.x`). With one cable and one plate, their
+channels may go by the last part alone (`tension`, `pitch`).
 """
 
 from __future__ import annotations
@@ -21,16 +25,24 @@ from typing import Literal
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.errors import DatasetError, Fault, ParameterError
+from softcal.errors import DatasetError, Fault
 from softcal.experiments.dataset import Dataset
+from softcal.experiments.names import deviation_channel, is_deviation
 from softcal.twin.parameters import ParameterInfo
-from softcal.twin.protocol import Command
-from softcal.twin.response import Response
 
 Drive = Literal["shortening", "tension"]
 PULLEY_FRICTION = "pulleys.friction_coefficient"
 CABLE_CHANNELS = ("shortening", "tension")
 ANGLES = ("pitch", "roll", "yaw")
+AXES = ("x", "y", "z")
+FRAME_UNITS = {"x": "m", "y": "m", "z": "m", "rx": "rad", "ry": "rad", "rz": "rad"}
+FRAME = tuple(f"frame.{axis}" for axis in FRAME_UNITS)
+RIG_UNITS = {
+    "slack": "m",
+    "tension_offset": "N",
+    **{f"{angle}_offset": "rad" for angle in ANGLES},
+}
+"""Units of the rig's parameters by the last part of their names; `FRAME_UNITS` has those of the frame."""
 
 
 @dataclass(frozen=True)
@@ -51,82 +63,166 @@ class Pulleys:
 
 @dataclass(frozen=True)
 class Rig:
-    """Nominal values of the bench: slack [m], tension_offset [N], angle_offsets [rad] by channel, and the pulleys."""
+    """Nominal values of the bench.
+
+    slack [m] and tension_offset [N] of every cable; angle_offsets [rad] by channel; the pulleys; frame: `x`, `y`, `z`
+    [m], `rx`, `ry`, `rz` [rad, rotation vector] of the frame that positions were measured in, 0 where not given;
+    length [m]: what distances are told in per cent of, or None.
+    """
 
     slack: float = 0.0
     tension_offset: float = 0.0
-    angle_offsets: Mapping[str, float] = field(default_factory=dict)
+    angle_offsets: Mapping[str, float] = field(default_factory=dict[str, float])
     pulleys: Pulleys | None = None
+    frame: Mapping[str, float] = field(default_factory=dict[str, float])
+    length: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "angle_offsets", dict(self.angle_offsets))
+        object.__setattr__(self, "frame", dict(self.frame))
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """A prepared dataset, the cable that was pulled, the plate that was watched, and what is compared.
+    """A prepared dataset, what drives the twin, what is compared with it, and how the rig reads it.
 
-    drive: "shortening" (tension and pitch are compared: paper A, Eq. 4) or "tension" (shortening and pitch are).
-    compared: channels of the dataset; when empty, those two of them that the dataset has.
+    drive: "shortening" or "tension" of `cable`; or channels of the dataset such as ("cable1.tension",
+    "cable6.tension"), each row a state of its own; none for a robot that only stands or hangs under its loads.
+    compared: channels of the dataset; when empty, all that the twin answers and that does not drive it (of a cable and
+    plate by their short names: tension or shortening, and pitch; paper A, Eq. 4).
+    settings: parameters [SI] of the robot or the rig that have this value in this experiment.
 
     Raises
     ------
     DatasetError
-        Where the dataset lacks the driving or a compared channel, or nothing is left to compare.
+        Where the dataset lacks a driving or a compared channel, or nothing is left to compare.
     """
 
     name: str
     dataset: Dataset
-    cable: str
-    plate: str
-    drive: Drive = "shortening"
+    cable: str = ""
+    plate: str = ""
+    drive: Drive | tuple[str, ...] = "shortening"
     compared: tuple[str, ...] = ()
     rig: Rig = field(default_factory=Rig)
+    settings: Mapping[str, float] = field(default_factory=dict[str, float])
 
     def __post_init__(self) -> None:
-        other = "tension" if self.drive == "shortening" else "shortening"
-        default = tuple(channel for channel in (other, "pitch") if channel in self.dataset.channels)
-        object.__setattr__(self, "compared", tuple(self.compared) or default)
+        if not isinstance(self.drive, str):
+            object.__setattr__(self, "drive", tuple(self.drive))
+        object.__setattr__(self, "compared", tuple(self.compared) or self._comparable())
+        object.__setattr__(self, "settings", dict(self.settings))
         faults = [
             Fault(f"no channel '{channel}'", self.name, allowed=", ".join(self.dataset.channels))
-            for channel in (self.drive, *self.compared)
+            for channel in (*self.drives, *self.compared)
             if channel not in self.dataset.channels
         ]
-        if not self.compared:
-            faults.append(Fault("there is nothing to compare", self.name, allowed=f"a dataset with {other} or pitch"))
-        if self.drive in self.compared:
-            faults.append(Fault("the channel that drives the twin cannot be compared", self.name, got=self.drive))
+        faults += [*self._drive_faults(), *self._compare_faults()]
         if faults:
             raise DatasetError(faults)
 
+    @property
+    def drives(self) -> tuple[str, ...]:
+        """The channels of the dataset that drive the twin."""
+        if isinstance(self.drive, tuple):
+            return self.drive
+        return (self.drive,) if self.cable else ()
+
+    @property
+    def cables(self) -> tuple[str, ...]:
+        """The cables that are driven or seen."""
+        seen = [name.rsplit(".", 1)[0] for name in map(self.twin_channel, self._cable_channels())]
+        return tuple(dict.fromkeys([*([self.cable] if self.cable else []), *seen]))
+
+    @property
+    def points(self) -> tuple[str, ...]:
+        """The markers and plates whose positions are compared."""
+        return tuple(dict.fromkeys(p for c in self.compared if (p := self.point_of(c))))
+
     def twin_channel(self, channel: str) -> str:
         """The name under which the twin answers a channel of the dataset, such as `front.tension`."""
+        if "." in channel:
+            return channel
         return f"{self.cable}.{channel}" if channel in CABLE_CHANNELS else f"{self.plate}.{channel}"
+
+    def point_of(self, channel: str) -> str:
+        """The marker or plate whose position a channel is a part of; "" for any other channel."""
+        owner, _, kind = self.twin_channel(channel).rpartition(".")
+        return owner if kind in AXES else ""
+
+    def seen(self, channel: str) -> np.ndarray:
+        """Which samples of a compared channel were measured: of a position, those where all its compared parts were."""
+        point = self.point_of(channel)
+        parts = [c for c in self.compared if self.point_of(c) == point] if point else [channel]
+        parts = [c for c in parts if c in self.dataset.channels]
+        return np.all([np.isfinite(self.dataset.values(part)) for part in parts], axis=0)
+
+    def sigma(self, channel: str) -> Floats:
+        """The noise of every sample of a channel, 0 where unknown: the table's `_sd` column, or the channel's own."""
+        deviation = self.dataset.channels.get(deviation_channel(channel))
+        if deviation is not None:
+            return deviation.values
+        return np.full(self.dataset.n_samples, self.dataset.channels[channel].sigma)
 
     def rig_values(self) -> dict[str, float]:
         """The nominal rig parameters by dotted name."""
-        values = {f"{self.cable}.slack": self.rig.slack, f"{self.cable}.tension_offset": self.rig.tension_offset}
-        for angle in ANGLES:
-            if angle in self.dataset.channels:
-                values[f"{self.plate}.{angle}_offset"] = self.rig.angle_offsets.get(angle, 0.0)
+        values: dict[str, float] = {}
+        for cable in self.cables:
+            values |= {f"{cable}.slack": self.rig.slack, f"{cable}.tension_offset": self.rig.tension_offset}
+        for channel in self.dataset.channels:
+            name = self.twin_channel(channel)
+            if name.rsplit(".", 1)[-1] in ANGLES:
+                values[f"{name}_offset"] = self.rig.angle_offsets.get(channel, 0.0)
         if self.rig.pulleys is not None:
             values[PULLEY_FRICTION] = self.rig.pulleys.friction_coefficient
-        return values
+        if self.points:
+            values |= {f"frame.{axis}": self.rig.frame.get(axis, 0.0) for axis in FRAME_UNITS}
+        return {name: self.settings.get(name, value) for name, value in values.items()}
 
+    def _cable_channels(self) -> list[str]:
+        return [c for c in self.dataset.channels if "." in c and c.rsplit(".", 1)[1] in CABLE_CHANNELS]
 
-@dataclass(frozen=True)
-class Observation:
-    """What the bench would have read, had the twin stood on it.
+    def _comparable(self) -> tuple[str, ...]:
+        channels = [c for c in self.dataset.channels if c not in self.drives and not is_deviation(c)]
+        short = [c for c in channels if c in (*CABLE_CHANNELS, "pitch") and (self.cable or c == "pitch")]
+        short.sort(key=("tension", "shortening", "pitch").index)
+        return (*short, *(c for c in channels if "." in c))
 
-    predicted: channel of the dataset -> values [SI], shape (n_samples,).
-    derivatives: channel -> parameter -> d predicted / d parameter, shape (n_samples,).
-    response: the twin's own channels by dotted name, [SI]; units: theirs.
-    """
+    def _drive_faults(self) -> list[Fault]:
+        faults: list[Fault] = []
+        for channel in self.drives:
+            if self.twin_channel(channel).rsplit(".", 1)[-1] not in CABLE_CHANNELS:
+                allowed = "the tension or shortening of a cable, such as cable1.tension"
+                faults.append(Fault("this channel cannot drive the twin", self.name, got=channel, allowed=allowed))
+            elif channel in self.dataset.channels and not np.all(np.isfinite(self.dataset.values(channel))):
+                rows = _rows(~np.isfinite(self.dataset.values(channel)))
+                faults.append(Fault("a channel that drives the twin has no value", self.name, f"{channel}, {rows}"))
+        owners = [self.twin_channel(channel).rsplit(".", 1)[0] for channel in self.drives]
+        faults += [
+            Fault("a cable is driven twice", self.name, got=owner)
+            for owner in sorted(set(owners))
+            if owners.count(owner) > 1
+        ]
+        return faults
 
-    predicted: Mapping[str, Floats]
-    derivatives: Mapping[str, Mapping[str, Floats]]
-    response: Mapping[str, Floats]
-    units: Mapping[str, str]
+    def _compare_faults(self) -> list[Fault]:
+        faults: list[Fault] = []
+        if not self.compared:
+            allowed = "a dataset with positions, angles, or the tension or shortening that does not drive the twin"
+            faults.append(Fault("there is nothing to compare", self.name, allowed=allowed))
+        faults += [
+            Fault("the channel that drives the twin cannot be compared", self.name, got=channel)
+            for channel in self.compared
+            if channel in self.drives
+        ]
+        for channel in [c for c in self.compared if c in self.dataset.channels]:
+            known, sigma = self.seen(channel), self.sigma(channel)
+            if not np.any(known):
+                faults.append(Fault("a compared channel has no value at all", self.name, got=channel))
+            if not np.all(sigma[known] >= 0):
+                rows = _rows(known & ~(sigma >= 0))
+                faults.append(Fault("a standard deviation is missing or negative", self.name, f"{channel}, {rows}"))
+        return faults
 
 
 def rig_parameters(experiments: Iterable[Experiment]) -> dict[str, ParameterInfo]:
@@ -134,103 +230,19 @@ def rig_parameters(experiments: Iterable[Experiment]) -> dict[str, ParameterInfo
     found: dict[str, ParameterInfo] = {}
     for experiment in experiments:
         for name, value in experiment.rig_values().items():
-            kind = name.rsplit(".", 1)[1]
-            unit = {"slack": "m", "tension_offset": "N", "friction_coefficient": "1"}.get(kind, "rad")
             lower = -1e-300 if name == PULLEY_FRICTION else -math.inf
-            found.setdefault(name, ParameterInfo(name, unit, value, lower, math.inf))
+            found.setdefault(name, ParameterInfo(name, rig_unit(name) or "1", value, lower, math.inf))
     return found
 
 
-def command(experiment: Experiment, rig: Mapping[str, float]) -> Command:
-    """What the twin's cable is told to do, sample by sample, under the given rig values."""
-    return Command(experiment.drive, _controls(experiment, rig)[0])
+def rig_unit(name: str) -> str | None:
+    """The unit of a rig parameter by its dotted name, or None where it is none of the rig's."""
+    owner, _, kind = name.rpartition(".")
+    if name == PULLEY_FRICTION:
+        return "1"
+    return FRAME_UNITS.get(kind) if owner == "frame" else RIG_UNITS.get(kind)
 
 
-def observe(
-    experiment: Experiment, rig: Mapping[str, float], response: Response, samples: slice, names: Iterable[str] = ()
-) -> Observation:
-    """Read the twin's response through the rig, with exact derivatives by `names` (robot and rig parameters).
-
-    `samples` are the experiment's own in a response that may hold those of others too.
-
-    Raises
-    ------
-    ParameterError
-        Where the twin has no channel that is to be compared.
-    """
-    missing = [c for c in experiment.compared if experiment.twin_channel(c) not in response.channels]
-    if missing:
-        raise ParameterError(
-            [
-                Fault(f"the twin does not answer '{experiment.twin_channel(c)}'", experiment.name,
-                      allowed=", ".join(response.channels))
-                for c in missing
-            ]
-        )  # fmt: skip
-    _, control_derivatives = _controls(experiment, rig)
-    wanted = tuple(names)
-    predicted: dict[str, Floats] = {}
-    derivatives: dict[str, dict[str, Floats]] = {}
-    for channel in experiment.compared:
-        twin_name = experiment.twin_channel(channel)
-        raw = response.channels[twin_name][samples]
-        gain, gain_derivatives, offset, offset_name = _reading(experiment, rig, channel)
-        predicted[channel] = gain * raw + offset
-        derivatives[channel] = {}
-        for name in wanted:
-            if name in response.sensitivities.get(twin_name, {}):
-                slope = gain * response.sensitivities[twin_name][name][samples]
-            else:
-                slope = np.zeros(len(raw))
-            if name in control_derivatives:
-                slope = slope + gain * response.slopes[twin_name][samples] * control_derivatives[name]
-            if name in gain_derivatives:
-                slope = slope + gain_derivatives[name] * raw
-            if name == offset_name:
-                slope = slope + 1.0
-            derivatives[channel][name] = slope
-    return Observation(
-        predicted,
-        derivatives,
-        {name: values[samples] for name, values in response.channels.items()},
-        dict(response.units),
-    )
-
-
-def _controls(experiment: Experiment, rig: Mapping[str, float]) -> tuple[Floats, dict[str, Floats]]:
-    """The twin's control per sample and its derivatives by the rig parameters it depends on."""
-    cable = experiment.cable
-    measured = experiment.dataset.values(experiment.drive)
-    if experiment.drive == "shortening":
-        free = measured - rig[f"{cable}.slack"]
-        pulled = (free > 0).astype(float)
-        return np.maximum(free, 0.0), {f"{cable}.slack": -pulled}
-    gain, by_friction = _pulley_gain(experiment, rig)
-    free = (measured - rig[f"{cable}.tension_offset"]) / gain
-    pulled = (free > 0).astype(float)
-    controls = np.maximum(free, 0.0)
-    return controls, {
-        f"{cable}.tension_offset": -pulled / gain,
-        PULLEY_FRICTION: -controls * by_friction / gain,
-    }
-
-
-def _reading(
-    experiment: Experiment, rig: Mapping[str, float], channel: str
-) -> tuple[float, dict[str, float], float, str]:
-    """How the rig reads a channel: gain, the gain's derivatives, offset, and the name of the offset parameter."""
-    if channel == "tension":
-        gain, by_friction = _pulley_gain(experiment, rig)
-        name = f"{experiment.cable}.tension_offset"
-        return gain, {PULLEY_FRICTION: by_friction}, rig[name], name
-    name = f"{experiment.cable}.slack" if channel == "shortening" else f"{experiment.plate}.{channel}_offset"
-    return 1.0, {}, rig.get(name, 0.0), name
-
-
-def _pulley_gain(experiment: Experiment, rig: Mapping[str, float]) -> tuple[float, float]:
-    """Tension under the nominal friction over the true one, and its derivative by the friction coefficient."""
-    pulleys = experiment.rig.pulleys
-    if pulleys is None:
-        return 1.0, 0.0
-    gain = math.exp(pulleys.turning * (rig[PULLEY_FRICTION] - pulleys.friction_coefficient))
-    return gain, pulleys.turning * gain
+def _rows(missing: np.ndarray) -> str:
+    rows = [str(i + 1) for i in np.flatnonzero(missing)]
+    return ("row " if len(rows) == 1 else "rows ") + ", ".join(rows[:8]) + (", …" if len(rows) > 8 else "")

@@ -99,10 +99,11 @@ class LocalModel:
     def loss(self, x: Floats) -> float:
         """The modelled loss."""
         residuals = self._residuals(x)
-        return self._share * sum(
+        summed = self._share * sum(
             self._loss.block_value(c.block, residual)
             for c, (residual, _) in zip(self._channels, residuals, strict=True)
         )
+        return math.sqrt(summed) if self._loss.rooted else summed
 
     def minimise(self, lower: Floats, upper: Floats, *, max_iterations: int = 60) -> Floats:
         """The minimiser of the modelled loss in a box that holds z.
@@ -163,8 +164,8 @@ class LocalModel:
         rows: list[Floats] = []
         right: list[Floats] = []
         for c, (residual, jacobian) in zip(self._channels, self._residuals(x), strict=True):
-            root = math.sqrt(self._loss.square_weight(c.block, residual))
-            rows.append(root * jacobian)
+            root = np.sqrt(self._loss.square_weights(c.block, residual))
+            rows.append(root[:, None] * jacobian)
             right.append(-root * residual)
         q, r = np.linalg.qr(np.concatenate(rows))
         return r, q.T @ np.concatenate(right)

@@ -1,8 +1,8 @@
 """How far the twin is from the bench, as one number, with exact gradients.
 
-Every loss here is a sum over blocks, a block being one channel of one experiment, and each block's share is a convex
-function of its residual. The least-squares optimiser uses just that: `square_weights` gives, for the residuals at hand,
-the weighted squares that touch the loss from above.
+Every loss here is a sum over blocks, or the root of one, a block being one channel of one experiment, and each block's
+share is a convex function of its residual. The least-squares optimiser uses just that: `square_weights` gives, for the
+residuals at hand, the weighted squares that touch the sum from above.
 """
 
 from __future__ import annotations
@@ -31,35 +31,38 @@ PAPER_WEIGHTS: Mapping[str, float] = {
 class Block:
     """One channel of one experiment: measured and residual = predicted - measured [SI], shape (n,).
 
-    jacobian: d residual / d theta, shape (n, size of the search space), or None. sigma: the channel's noise, 0 unknown.
-    experiment is "" for a prior.
+    Samples that were not measured are left out. jacobian: d residual / d theta, shape (n, size of the search space),
+    or None. sigma: the noise of all samples or of each (n,), 0 where unknown. point: the marker or plate whose position
+    the channel is a part of, "" for any other channel. experiment is "" for a prior.
     """
 
     experiment: str
     channel: str
     measured: Floats
     residual: Floats
-    sigma: float = 0.0
+    sigma: float | Floats = 0.0
     jacobian: Floats | None = None
+    point: str = ""
 
 
 class Loss(ABC):
-    """A loss: a sum over blocks of a convex function of the block's residual."""
+    """A loss: a sum over blocks of a convex function of the block's residual; where `rooted`, the root of that sum."""
 
     name: str
     uses_priors: bool
+    rooted: bool = False
 
     @abstractmethod
     def block_value(self, block: Block, residual: Floats) -> float:
-        """The loss of one block, its experiment taken alone."""
+        """The term of one block."""
 
     @abstractmethod
-    def square_weight(self, block: Block, residual: Floats) -> float:
-        """w such that d block_value = 2 w residual . d residual, and w |r|^2 + const >= block_value for every r."""
+    def square_weights(self, block: Block, residual: Floats) -> Floats:
+        """w (n,) such that d block_value = 2 (w residual) . d residual, and sum w r^2 + const >= block_value."""
 
     @abstractmethod
     def share(self, blocks: Sequence[Block]) -> float:
-        """The factor of every block in the joint loss: 1, or one over the number of experiments."""
+        """The factor of every block in the sum, such as one over the number of experiments."""
 
     @abstractmethod
     def faults(self, experiments: Sequence[Experiment]) -> list[Fault]:
@@ -81,10 +84,11 @@ class PapersLoss(Loss):
     def block_value(self, block: Block, residual: Floats) -> float:
         return self.weights[block.channel] * rms(residual)
 
-    def square_weight(self, block: Block, residual: Floats) -> float:
+    def square_weights(self, block: Block, residual: Floats) -> Floats:
         # A block that is met exactly has no gradient; the floor keeps its weight finite and still very large.
         floor = 1e-12 * rms(block.measured) + 1e-300
-        return self.weights[block.channel] / (2 * len(residual) * max(rms(residual), floor))
+        weight = self.weights[block.channel] / (2 * len(residual) * max(rms(residual), floor))
+        return np.full(len(residual), weight)
 
     def share(self, blocks: Sequence[Block]) -> float:
         return 1.0 / max(len({block.experiment for block in blocks}), 1)
@@ -95,7 +99,7 @@ class PapersLoss(Loss):
                 f"the papers' loss has no weight for '{channel}'",
                 experiment.name,
                 allowed=", ".join(self.weights),
-                attempt="give it a weight, or leave the channel out",
+                attempt="the loss 'distance' or 'likelihood', or leave the channel out",
             )
             for experiment in experiments
             for channel in experiment.compared
@@ -107,7 +111,7 @@ class PapersLoss(Loss):
 class LikelihoodLoss(Loss):
     """sum (residual / sigma)^2 over all samples and experiments, plus ((theta - mean) / sd)^2 of the priors.
 
-    sigmas: noise [SI] by channel, in the place of what the datasets say.
+    sigma is each sample's own where the dataset has it. sigmas: noise [SI] by channel, in the place of what it says.
     """
 
     sigmas: Mapping[str, float] = field(default_factory=dict[str, float])
@@ -115,11 +119,11 @@ class LikelihoodLoss(Loss):
     uses_priors: bool = True
 
     def block_value(self, block: Block, residual: Floats) -> float:
-        return float(residual @ residual) * self.square_weight(block, residual)
+        return float(residual**2 @ self.square_weights(block, residual))
 
-    def square_weight(self, block: Block, residual: Floats) -> float:
+    def square_weights(self, block: Block, residual: Floats) -> Floats:
         sigma = self.sigmas.get(block.channel, block.sigma) if block.experiment else block.sigma
-        return 1.0 / sigma**2
+        return np.broadcast_to(1.0 / np.asarray(sigma) ** 2, len(residual))
 
     def share(self, blocks: Sequence[Block]) -> float:
         return 1.0
@@ -128,18 +132,64 @@ class LikelihoodLoss(Loss):
         found: list[Fault] = []
         for experiment in experiments:
             for channel in experiment.compared:
-                held = experiment.dataset.channels[channel]
-                sigma = self.sigmas.get(channel, held.sigma)
-                if not (math.isfinite(sigma) and sigma > 0):
+                unit = experiment.dataset.channels[channel].unit
+                own = experiment.sigma(channel)[experiment.seen(channel)]
+                sigma = np.atleast_1d(np.asarray(self.sigmas.get(channel, own)))
+                bad = sigma[~(np.isfinite(sigma) & (sigma > 0))]
+                if len(bad):
                     found.append(
                         Fault(
                             f"the likelihood loss needs the noise of '{channel}'",
                             experiment.name,
-                            got=f"sigma {sigma:g} {held.unit}",
-                            allowed=f"a sigma above 0 {held.unit}",
-                            attempt="state the channel's sigma, or take the loss 'papers'",
+                            got=f"sigma {bad[0]:g} {unit}",
+                            allowed=f"a sigma above 0 {unit}",
+                            attempt="state the channel's sigma, or take the loss 'papers' or 'distance'",
                         )
                     )
+        return found
+
+
+@dataclass(frozen=True)
+class DistanceLoss(Loss):
+    """Paper B's Eq. (1), d = |r - s| / L_T 100 %: the root of its mean square over all markers, states and experiments.
+
+    Not the plain mean: the root of the mean square is smooth where one marker is met exactly, and its minimiser is that
+    of least squares, with their standard errors. length: L_T [m].
+    """
+
+    length: float
+    name: str = "distance"
+    uses_priors: bool = False
+    rooted: bool = True
+
+    def block_value(self, block: Block, residual: Floats) -> float:
+        return float(residual @ residual) * (100.0 / self.length) ** 2
+
+    def square_weights(self, block: Block, residual: Floats) -> Floats:
+        return np.full(len(residual), (100.0 / self.length) ** 2)
+
+    def share(self, blocks: Sequence[Block]) -> float:
+        return 3.0 / max(sum(len(block.residual) for block in blocks), 1)
+
+    def faults(self, experiments: Sequence[Experiment]) -> list[Fault]:
+        found: list[Fault] = []
+        for experiment in experiments:
+            other = [channel for channel in experiment.compared if not experiment.point_of(channel)]
+            if other or not experiment.points:
+                found.append(
+                    Fault(
+                        "the loss 'distance' judges positions alone",
+                        experiment.name,
+                        got=", ".join(experiment.compared),
+                        allowed="positions such as m4.x, m4.y, m4.z",
+                        attempt="compare: […] without the others, or the loss 'likelihood'",
+                    )
+                )
+            for point in experiment.points:
+                parts = [channel for channel in experiment.compared if experiment.point_of(channel) == point]
+                if len(parts) < 3:
+                    allowed = f"{point}.x, {point}.y and {point}.z"
+                    found.append(Fault("a distance needs all three parts", experiment.name, ", ".join(parts), allowed))
         return found
 
 
@@ -154,10 +204,10 @@ class RelativeSquares(Loss):
     uses_priors: bool = False
 
     def block_value(self, block: Block, residual: Floats) -> float:
-        return float(residual @ residual) * self.square_weight(block, residual)
+        return float(residual**2 @ self.square_weights(block, residual))
 
-    def square_weight(self, block: Block, residual: Floats) -> float:
-        return 1.0 / max(float(block.measured @ block.measured), 1e-300)
+    def square_weights(self, block: Block, residual: Floats) -> Floats:
+        return np.full(len(residual), 1.0 / max(float(block.measured @ block.measured), 1e-300))
 
     def share(self, blocks: Sequence[Block]) -> float:
         return 1.0
@@ -166,31 +216,31 @@ class RelativeSquares(Loss):
         return []
 
 
-LOSSES: Mapping[str, type[Loss]] = {"papers": PapersLoss, "likelihood": LikelihoodLoss}
-
-
 def total(loss: Loss, blocks: Sequence[Block]) -> float:
     """The joint loss."""
-    return loss.share(blocks) * sum(loss.block_value(block, block.residual) for block in blocks)
+    summed = loss.share(blocks) * sum(loss.block_value(block, block.residual) for block in blocks)
+    return math.sqrt(summed) if loss.rooted else summed
 
 
 def gradient(loss: Loss, blocks: Sequence[Block]) -> Floats:
     """d total / d theta, shape (size of the search space,); every block must have its jacobian."""
     parts = [
-        2 * loss.square_weight(block, block.residual) * (block.residual @ block.jacobian)
+        2 * (loss.square_weights(block, block.residual) * block.residual) @ block.jacobian
         for block in blocks
         if block.jacobian is not None
     ]
-    return loss.share(blocks) * np.sum(parts, axis=0)
+    summed = loss.share(blocks) * np.sum(parts, axis=0)
+    # Where all is met exactly the root has no gradient, only a kink.
+    return summed / (2 * max(total(loss, blocks), 1e-300)) if loss.rooted else summed
 
 
 def by_experiment(loss: Loss, blocks: Sequence[Block]) -> dict[str, float]:
     """Each experiment's loss, taken alone."""
-    losses: dict[str, float] = {}
+    own: dict[str, list[Block]] = {}
     for block in blocks:
         if block.experiment:
-            losses[block.experiment] = losses.get(block.experiment, 0.0) + loss.block_value(block, block.residual)
-    return losses
+            own.setdefault(block.experiment, []).append(block)
+    return {experiment: total(loss, held) for experiment, held in own.items()}
 
 
 def require(loss: Loss, experiments: Sequence[Experiment]) -> None:

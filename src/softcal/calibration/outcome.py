@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from importlib import metadata
 from typing import Any
 
-from softcal.calibration.experiment import PULLEY_FRICTION, Experiment, Observation
+from softcal.calibration.experiment import PULLEY_FRICTION, Experiment
 from softcal.calibration.loss import rms, rms_detrended
+from softcal.calibration.observation import Observation
 from softcal.calibration.optimiser_tpe import fanova_importance
 from softcal.calibration.problem import Evaluation, Problem
 from softcal.calibration.result import CalibrationResult, Estimate, ExperimentFit, Trial
@@ -111,7 +112,7 @@ def _notes(problem: Problem, at_bound: Mapping[str, bool], trials: tuple[Trial, 
         first = next(trial for trial in trials if trial.state == "FAILED")
         where = ", ".join(f"{name} = {value:.4g}" for name, value in first.theta.items())
         notes.append(f"{n_failed} of {len(trials)} trials could not be simulated; the first at {where}: {first.reason}")
-    if any(p.name == PULLEY_FRICTION for p in problem.space.parameters):
+    if PULLEY_FRICTION in problem.space.targets:
         notes.append(
             "Tensions and their errors are on the neck's side under the nominal pulley friction, "
             "so that the friction that was found cannot make them look smaller."

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 from typing import Literal
 
 import numpy as np
@@ -21,6 +22,7 @@ class FreeParameter:
     """A parameter to be found: dotted name, SI unit, lower and upper bound [unit].
 
     scale: "log" searches the logarithm. start [unit]: where a local search begins; None for the robot's own value.
+    of: the parameters that all have this value; none for the one that `name` names.
     per_experiment: a nuisance with a value of its own in every experiment.
     prior_mean, prior_sd [unit]: a normal prior, counted by the likelihood loss. experiment: whose value it is once
     expanded, "" when shared. ceiling [unit]: what the parameter may never reach, such as 0.5 for Poisson's ratio.
@@ -37,6 +39,12 @@ class FreeParameter:
     prior_sd: float | None = None
     experiment: str = ""
     ceiling: float = math.inf
+    of: tuple[str, ...] = ()
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """The parameters of the robot or the rig that have this value."""
+        return self.of or (self.name,)
 
     @property
     def label(self) -> str:
@@ -59,11 +67,8 @@ class SearchSpace:
     def __post_init__(self) -> None:
         object.__setattr__(self, "parameters", tuple(self.parameters))
         faults = [fault for parameter in self.parameters for fault in _faults(parameter)]
-        labels = self.labels
-        faults += [
-            Fault("the parameter is free twice", label) for label in sorted(set(labels)) if labels.count(label) > 1
-        ]
-        if not labels:
+        faults += _doubled(self.parameters)
+        if not self.parameters:
             faults.append(Fault("there is no free parameter", "free parameters", allowed="at least one"))
         if faults:
             raise ParameterError(faults)
@@ -94,13 +99,23 @@ class SearchSpace:
             ]
         )
 
-    def restricted(self, experiment: str) -> SearchSpace:
-        """The space of one experiment alone: what is shared, and its own nuisances."""
-        return SearchSpace(tuple(p for p in self.parameters if p.experiment in ("", experiment)))
+    def restricted(self, *experiments: str) -> SearchSpace:
+        """The space of some experiments alone: what is shared, and their own nuisances."""
+        return SearchSpace(tuple(p for p in self.parameters if p.experiment in ("", *experiments)))
+
+    def without(self, names: Collection[str]) -> SearchSpace:
+        """The space in which some parameters of the robot and the rig are not free."""
+        kept = [(p, tuple(t for t in p.targets if t not in names)) for p in self.parameters]
+        return SearchSpace(tuple(replace(p, of=t if p.of else ()) for p, t in kept if t))
 
     def values_for(self, experiment: str, theta: Mapping[str, float]) -> dict[str, float]:
-        """The values [SI] that one experiment uses, by plain parameter name."""
-        return {p.name: theta[p.label] for p in self.parameters if p.experiment in ("", experiment)}
+        """The values [SI] that one experiment uses, by the name of the robot's or the rig's parameter."""
+        return {t: theta[p.label] for p in self.parameters if p.experiment in ("", experiment) for t in p.targets}
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """Every parameter of the robot and the rig that is free, alone or with others."""
+        return tuple(dict.fromkeys(target for p in self.parameters for target in p.targets))
 
     def at_bound(self, theta: Mapping[str, float], *, within: float = 1e-3) -> dict[str, bool]:
         """Whether each parameter stands within that share of its range from a bound, by label."""
@@ -109,11 +124,16 @@ class SearchSpace:
 
 
 def search_space(
-    parameters: Iterable[FreeParameter], experiments: Sequence[str], known: Mapping[str, ParameterInfo]
+    parameters: Iterable[FreeParameter],
+    experiments: Sequence[str],
+    known: Mapping[str, ParameterInfo],
+    own: Mapping[str, Mapping[str, float]] | None = None,
 ) -> SearchSpace:
-    """Expand the per-experiment nuisances, and check every parameter against those that exist.
+    """Expand patterns of names and per-experiment nuisances, and check every parameter against those that exist.
 
-    A start that is not given is the parameter's present value where that lies within the bounds.
+    A start that is not given is the present value where that lies within the bounds: of tied parameters the mean, and
+    of a nuisance the experiment's own (`own`: values by experiment and name). A parameter for each experiment is made
+    only for those of `own` that have it.
 
     Raises
     ------
@@ -121,27 +141,91 @@ def search_space(
         As `SearchSpace`, and for names that do not exist (with the nearest that does), a wrong unit, or bounds outside
         what the parameter may ever be (such as a Poisson's ratio of 0.5).
     """
-    given = tuple(parameters)
     faults: list[Fault] = []
     expanded: list[FreeParameter] = []
-    for parameter in given:
-        if parameter.name not in known:
-            faults += [unknown_name(parameter.name, known), *_faults(parameter)]
+    for given in parameters:
+        parameter, unknown = _resolved(given, known)
+        faults += [*unknown, *_faults(parameter)]
+        if unknown:
             continue
-        info = known[parameter.name]
-        faults += [*_faults(parameter), *_limit_faults(parameter, info)]
-        started = replace(parameter, ceiling=info.upper)
-        if parameter.start is None and parameter.lower <= info.value <= parameter.upper:
-            started = replace(started, start=info.value)
-        if parameter.per_experiment and not parameter.experiment:
-            expanded += [replace(started, experiment=experiment) for experiment in experiments]
-        else:
-            expanded.append(started)
-    labels = [parameter.label for parameter in expanded]
-    faults += [Fault("the parameter is free twice", label) for label in sorted(set(labels)) if labels.count(label) > 1]
+        infos = [known[target] for target in parameter.targets]
+        faults += [fault for info in infos for fault in _limit_faults(parameter, info)]
+        started = replace(parameter, ceiling=min(info.upper for info in infos))
+        present = sum(info.value for info in infos) / len(infos)
+        if not parameter.per_experiment or parameter.experiment:
+            expanded.append(_started(started, present))
+            continue
+        for experiment in experiments:
+            values = {} if own is None else own.get(experiment, {})
+            of_rig = own is not None and any(parameter.targets[0] in held for held in own.values())
+            if not of_rig or parameter.targets[0] in values:
+                one = replace(started, experiment=experiment)
+                expanded.append(_started(one, values.get(parameter.targets[0], present)))
+    faults += _doubled(expanded)
     if faults:
         raise ParameterError(faults)
     return SearchSpace(tuple(expanded))
+
+
+def split(space: SearchSpace, label: str, known: Mapping[str, ParameterInfo]) -> SearchSpace:
+    """The space in which each of the parameters that are tied in `label` is free by itself.
+
+    Raises
+    ------
+    ParameterError
+        Where nothing is tied under that label.
+    """
+    tied = [p.label for p in space.parameters if len(p.targets) > 1]
+    if label not in tied:
+        allowed = ", ".join(tied) or "none is tied in this project"
+        raise ParameterError(Fault("no tied parameter goes by this name", label, allowed=allowed))
+    parts: list[FreeParameter] = []
+    for p in space.parameters:
+        if p.label != label:
+            parts.append(p)
+            continue
+        parts += [replace(p, name=t, of=(), ceiling=known[t].upper) for t in p.targets]
+    return SearchSpace(tuple(parts))
+
+
+def _resolved(parameter: FreeParameter, known: Mapping[str, ParameterInfo]) -> tuple[FreeParameter, list[Fault]]:
+    """The parameter with the patterns among its targets written out, and what no parameter goes by."""
+    if not parameter.of:
+        return parameter, [] if parameter.name in known else [unknown_name(parameter.name, known)]
+    faults: list[Fault] = []
+    targets: dict[str, None] = {}
+    for wanted in parameter.of:
+        matches = [name for name in known if fnmatchcase(name, wanted)]
+        if not matches:
+            faults.append(unknown_name(wanted, known))
+        targets.update(dict.fromkeys(matches))
+    if parameter.name in known and parameter.name not in targets:
+        faults.append(Fault("the name is that of another parameter", parameter.label, attempt="a name of its own"))
+    return replace(parameter, of=tuple(targets) or parameter.of), faults
+
+
+def _started(parameter: FreeParameter, present: float) -> FreeParameter:
+    if parameter.start is None and parameter.lower <= present <= parameter.upper:
+        return replace(parameter, start=present)
+    return parameter
+
+
+def _doubled(parameters: Iterable[FreeParameter]) -> list[Fault]:
+    """The faults of what is free twice, be it by itself or tied to others, in all experiments or in one."""
+    given = tuple(parameters)
+    holders: dict[str, list[FreeParameter]] = {}
+    for p in given:
+        for target in p.targets:
+            holders.setdefault(target, []).append(p)
+    faults: dict[str, Fault] = {}
+    for target, found in holders.items():
+        scopes = [p.experiment for p in found]
+        if len(set(scopes)) == len(scopes) and ("" not in scopes or len(scopes) == 1):
+            continue
+        labels = [p.label for p in found]
+        one = labels[0] if len(set(labels)) == 1 else target
+        faults[one] = Fault("the parameter is free twice", one, got="" if one in labels else " and ".join(labels))
+    return list(faults.values())
 
 
 def _faults(parameter: FreeParameter) -> list[Fault]:
@@ -176,7 +260,8 @@ def _faults(parameter: FreeParameter) -> list[Fault]:
 def _limit_faults(parameter: FreeParameter, info: ParameterInfo) -> list[Fault]:
     faults: list[Fault] = []
     if parameter.unit != info.unit:
-        faults.append(Fault("the unit is not the parameter's", parameter.label, parameter.unit, info.unit))
+        of = f" ({info.name})" if info.name != parameter.name else ""
+        faults.append(Fault("the unit is not the parameter's" + of, parameter.label, parameter.unit, info.unit))
     for what, bound in (("lower bound", parameter.lower), ("upper bound", parameter.upper)):
         if not info.lower < bound < info.upper:
             faults.append(

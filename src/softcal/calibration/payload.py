@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from softcal.calibration.experiment import Observation
+from softcal.calibration.observation import Observation
 from softcal.checks import Floats
 
 # Between the parts of a key; a character that no name holds.

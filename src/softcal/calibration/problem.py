@@ -1,25 +1,27 @@
 """The inverse problem: theta in, residuals and loss out. It knows no optimiser.
 
-Experiments that pull the same cable in the same way on a robot of the same parameters share one trajectory: the twin is
-elastic, so the states of the 20, 40 and 60 mm tests are points of one curve, even when each test has its own slack.
+Experiments that pull the same cables in the same way on a robot of the same parameters share one trajectory: the twin
+is elastic, so the states of the 20, 40 and 60 mm tests are points of one curve, even when each test has its own slack.
 """
 
 from __future__ import annotations
 
+import difflib
 import re
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol as TypingProtocol
 
 import numpy as np
 
-from softcal.calibration.experiment import Experiment, Observation, command, observe, rig_parameters
+from softcal.calibration.experiment import AXES, Experiment, rig_parameters
 from softcal.calibration.loss import Block, Loss, PapersLoss, by_experiment, gradient, require, total
+from softcal.calibration.observation import Observation, Samples, commands, control_parameters, observe
 from softcal.calibration.parameters import FreeParameter, SearchSpace, search_space
 from softcal.checks import Floats
 from softcal.errors import Fault, InputError, ParameterError, SimulationError
-from softcal.twin.parameters import robot_parameters, with_parameters
+from softcal.twin.parameters import ParameterInfo, out_of_range, robot_parameters, unknown_name, with_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
 from softcal.twin.robot import Robot
@@ -72,15 +74,26 @@ class Problem:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "experiments", tuple(self.experiments))
-        faults = [*_part_faults(self.robot, self.experiments), *self._space_faults()]
+        faults = [*_part_faults(self.robot, self.experiments), *self._space_faults(), *self._setting_faults()]
         if faults:
             raise InputError(faults)
         require(self.loss, self.experiments)
 
+    @property
+    def known(self) -> dict[str, ParameterInfo]:
+        """Every parameter of the robot and the rig."""
+        return {**robot_parameters(self.robot), **rig_parameters(self.experiments)}
+
     def alone(self, experiment: str) -> Problem:
         """The problem of one experiment by itself."""
-        chosen = tuple(e for e in self.experiments if e.name == experiment)
-        return Problem(self.robot, chosen, self.space.restricted(experiment), self.loss, self.simulate)
+        return self.only([experiment])
+
+    def only(self, experiments: Sequence[str]) -> Problem:
+        """The problem of some of the experiments; a rig parameter that none of them has is no longer free."""
+        chosen = tuple(e for e in self.experiments if e.name in experiments)
+        known = {**robot_parameters(self.robot), **rig_parameters(chosen)}
+        space = self.space.restricted(*(e.name for e in chosen)).without(set(self.known) - set(known))
+        return replace(self, experiments=chosen, space=space)
 
     def evaluate(self, theta: Mapping[str, float], *, jacobian: bool = False) -> Evaluation:
         """Simulate every experiment at theta [SI by label] and judge it. A failed simulation is a value, not an error.
@@ -102,7 +115,7 @@ class Problem:
                 seconds = time.perf_counter() - began
                 return Evaluation(dict(theta), None, failure, (), {}, {}, None, n_solves, n_factorisations, seconds)
             for experiment, samples in group.samples():
-                names = {p.name for p in self.space.parameters} if jacobian else ()
+                names = self.space.targets if jacobian else ()
                 rig = self._rig(experiment, theta)
                 observations[experiment.name] = observe(experiment, rig, response, samples, names)
         return self.judge(theta, observations, n_solves, n_factorisations, time.perf_counter() - began)
@@ -131,8 +144,26 @@ class Problem:
             seconds=seconds,
         )
 
+    def _setting_faults(self) -> list[Fault]:
+        known = self.known
+        faults: list[Fault] = []
+        for experiment in self.experiments:
+            where = f"settings of {experiment.name}"
+            here = {**robot_parameters(self.robot), **rig_parameters([experiment])}
+            free = {t for p in self.space.parameters if p.experiment in ("", experiment.name) for t in p.targets}
+            for name, value in experiment.settings.items():
+                if name not in here:
+                    faults.append(replace(unknown_name(name, here), where=f"{where}, {name}"))
+                elif fault := out_of_range(known[name], value):
+                    faults.append(replace(fault, where=f"{where}, {name}"))
+                if name in free:
+                    faults.append(
+                        Fault("the parameter is set and free at once", f"{where}, {name}", attempt="one of the two")
+                    )
+        return faults
+
     def _space_faults(self) -> list[Fault]:
-        known = {**robot_parameters(self.robot), **rig_parameters(self.experiments)}
+        known = self.known
         names = {experiment.name for experiment in self.experiments}
         faults = [
             Fault("the parameter belongs to no experiment of the problem", p.label, allowed=", ".join(sorted(names)))
@@ -160,14 +191,16 @@ class Problem:
 
     def _trajectories(self, theta: Mapping[str, float]) -> list[_Trajectory]:
         known = robot_parameters(self.robot)
-        groups: dict[tuple[object, ...], list[tuple[Experiment, Command]]] = {}
+        groups: dict[tuple[object, ...], list[_Member]] = {}
         robots: dict[tuple[object, ...], dict[str, float]] = {}
         for experiment in self.experiments:
-            values = self.space.values_for(experiment.name, theta)
+            values = {**experiment.settings, **self.space.values_for(experiment.name, theta)}
             of_robot = {name: value for name, value in values.items() if name in known}
-            key = (experiment.cable, experiment.drive, tuple(sorted(of_robot.items())))
+            told = commands(experiment, self._rig(experiment, theta))
+            driven = sorted((cable, command.control) for cable, command in told.items())
+            key = (*driven, tuple(sorted(of_robot.items())))
             robots[key] = of_robot
-            groups.setdefault(key, []).append((experiment, command(experiment, self._rig(experiment, theta))))
+            groups.setdefault(key, []).append((experiment, told))
         return [
             _Trajectory(with_parameters(self.robot, robots[key]), tuple(members)) for key, members in groups.items()
         ]
@@ -175,7 +208,9 @@ class Problem:
     def _simulate(self, group: _Trajectory, jacobian: bool) -> Response:
         simulate = self.simulate or _real_simulate()
         known = robot_parameters(self.robot)
-        names = list(dict.fromkeys(p.name for p in self.space.parameters if p.name in known)) if jacobian else []
+        names = [name for name in self.space.targets if name in known] if jacobian else []
+        if jacobian:
+            names += group.controls(set(self.space.targets))
         try:
             return simulate(group.robot, group.protocol(), sensitivities=names)
         except SimulationError as error:
@@ -186,15 +221,18 @@ class Problem:
         for experiment in self.experiments:
             seen = observations[experiment.name]
             for channel in experiment.compared:
-                held = experiment.dataset.channels[channel]
+                there = experiment.seen(channel)
+                values = experiment.dataset.values(channel)[there]
+                jacobian = self._columns(experiment.name, seen.derivatives.get(channel, {}), len(there))
                 blocks.append(
                     Block(
                         experiment.name,
                         channel,
-                        held.values,
-                        seen.predicted[channel] - held.values,
-                        held.sigma,
-                        self._columns(experiment.name, seen.derivatives.get(channel, {}), len(held.values)),
+                        values,
+                        seen.predicted[channel][there] - values,
+                        experiment.sigma(channel)[there],
+                        None if jacobian is None else jacobian[there],
+                        experiment.point_of(channel),
                     )
                 )
         return blocks
@@ -205,7 +243,9 @@ class Problem:
         zeros = np.zeros(n_samples)
         return np.column_stack(
             [
-                derivatives.get(p.name, zeros) if p.experiment in ("", experiment) else zeros
+                sum((derivatives.get(t, zeros) for t in p.targets), zeros)
+                if p.experiment in ("", experiment)
+                else zeros
                 for p in self.space.parameters
             ]
         )
@@ -240,8 +280,12 @@ def make_problem(
         As `search_space` and `Problem`.
     """
     known = {**robot_parameters(robot), **rig_parameters(experiments)}
-    space = search_space(parameters, [experiment.name for experiment in experiments], known)
+    own = {experiment.name: experiment.rig_values() for experiment in experiments}
+    space = search_space(parameters, list(own), known, own)
     return Problem(robot, tuple(experiments), space, loss or PapersLoss(), simulate)
+
+
+_Member = tuple[Experiment, dict[str, Command]]
 
 
 @dataclass(frozen=True)
@@ -249,15 +293,29 @@ class _Trajectory:
     """One forward solve that serves several experiments."""
 
     robot: Robot
-    members: tuple[tuple[Experiment, Command], ...]
+    members: tuple[_Member, ...]
 
     def protocol(self) -> Protocol:
-        first = self.members[0]
-        values = np.concatenate([told.values for _, told in self.members])
-        return Protocol({first[0].cable: Command(first[0].drive, values)})
+        _, first = self.members[0]
+        return Protocol(
+            {
+                cable: Command(command.control, np.concatenate([told[cable].values for _, told in self.members]))
+                for cable, command in first.items()
+            }
+        )
 
-    def samples(self) -> list[tuple[Experiment, slice]]:
-        ends = np.cumsum([0, *(len(told.values) for _, told in self.members)])
+    def controls(self, free: set[str]) -> list[str]:
+        """The commands by which the response must be derived too: of several cables, where free rig values change them."""
+        _, told = self.members[0]
+        if len(told) < 2 or not any(free & control_parameters(experiment) for experiment, _ in self.members):
+            return []
+        return [f"{cable}.{command.control}" for cable, command in told.items()]
+
+    def samples(self) -> list[tuple[Experiment, Samples]]:
+        if not self.members[0][1]:
+            # Nothing is driven: every row of every table is the one state of rest.
+            return [(experiment, np.zeros(experiment.dataset.n_samples, dtype=int)) for experiment, _ in self.members]
+        ends = np.cumsum([0, *(experiment.dataset.n_samples for experiment, _ in self.members)])
         return [(member[0], slice(int(a), int(b))) for member, a, b in zip(self.members, ends, ends[1:], strict=False)]
 
 
@@ -278,6 +336,7 @@ def _part_faults(robot: Robot, experiments: Sequence[Experiment]) -> list[Fault]
     names = [experiment.name for experiment in experiments]
     cables = [cable.name for cable in robot.cables]
     plates = [plate.name for plate in robot.plates]
+    markers = [marker.name for marker in robot.markers]
     faults = [Fault("two experiments share a name", got=name) for name in sorted(set(names)) if names.count(name) > 1]
     for name in sorted(name for name in names if not re.fullmatch(r"[\w.+-][\w.+ -]*", name)):
         faults.append(
@@ -290,15 +349,34 @@ def _part_faults(robot: Robot, experiments: Sequence[Experiment]) -> list[Fault]
     if not experiments:
         faults.append(Fault("there is no experiment to calibrate with", "experiments", allowed="at least one"))
     for experiment in experiments:
-        if experiment.cable not in cables:
-            faults.append(
-                Fault("the robot has no such cable", experiment.name, got=experiment.cable, allowed=", ".join(cables))
-            )
-        if experiment.plate not in plates and any(c not in ("tension", "shortening") for c in experiment.compared):
-            faults.append(
-                Fault("the robot has no such plate", experiment.name, got=experiment.plate, allowed=", ".join(plates))
-            )
+        faults += [
+            Fault("the robot has no such cable", experiment.name, got=cable, allowed=", ".join(cables) or "none")
+            for cable in experiment.cables
+            if cable not in cables
+        ]
+        owners = {experiment.twin_channel(c).rpartition(".")[0] for c in experiment.compared} - set(experiment.cables)
+        faults += [_unknown_owner(experiment, owner, plates, markers) for owner in sorted(owners - {*plates, *markers})]
+        faults += [
+            Fault("a marker has no angles", experiment.name, got=channel, allowed=f"{owner}.x, {owner}.y, {owner}.z")
+            for channel in experiment.compared
+            for owner, kind in [experiment.twin_channel(channel).rsplit(".", 1)]
+            if owner in markers and kind not in AXES
+        ]
     return faults
+
+
+def _unknown_owner(experiment: Experiment, owner: str, plates: Sequence[str], markers: Sequence[str]) -> Fault:
+    if not any("." in c and c.rpartition(".")[0] == owner for c in experiment.compared):
+        return Fault("the robot has no such plate", experiment.name, got=owner, allowed=", ".join(plates) or "none")
+    known = [*markers, *plates]
+    close = difflib.get_close_matches(owner, known, n=1, cutoff=0.0)
+    return Fault(
+        "the robot has no such marker or plate",
+        experiment.name,
+        got=owner,
+        allowed=", ".join(known) or "none",
+        attempt=f"did you mean '{close[0]}'?" if close else "",
+    )
 
 
 def _real_simulate() -> Simulate:

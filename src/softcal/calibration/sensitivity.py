@@ -1,24 +1,31 @@
-"""What the jacobian at the optimum tells: standard errors, and which parameters the data feels.
+"""What the jacobian at the optimum tells: standard errors, intervals, and which parameters the data feels.
 
-The standard errors are Laplace's: the covariance is the inverse of J^T W J, each channel weighted by its stated noise
-(likelihood) or by the RMSE that it was met with (papers). Neighbouring samples of one test share most of their error
-(friction, hysteresis, the mesh), so these are lower limits.
+The covariance is Gauss-Newton's: the inverse of J^T W J over all free parameters, the rig's nuisances included, times
+the variance per degree of freedom that the residuals leave. W is one over the square of the stated noise (likelihood;
+there the variance is not let below one), of the RMSE that each channel was met with (papers), or the same for all
+(distance). Intervals are Student's t. Neighbouring samples of one test share most of their error (friction, hysteresis,
+the mesh), so these are lower limits.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from softcal.calibration.loss import Block, Loss, rms
-from softcal.calibration.parameters import SearchSpace
+from softcal.calibration.loss import Block, DistanceLoss, Loss, rms
+from softcal.calibration.parameters import FreeParameter, SearchSpace
 from softcal.checks import Floats
 
 # Singular value over the largest, in units of the search range, below which a direction counts as not seen at all.
 _BLIND = 1e-7
+# A parameter whose share of an unseen direction is above this is not told from the others in it.
+_MIXED = 0.01
+# Residuals this many times what the stated noise explains are worth a sentence.
+_TOO_LARGE = 1.5
+CONFIDENCE = 0.95
 NOISE_ALONE = (
     "The standard errors hold for independent noise alone; what the mesh, the law and the rig's model get wrong is not "
     "in them and is usually larger."
@@ -27,49 +34,93 @@ NOISE_ALONE = (
 
 @dataclass(frozen=True)
 class Statistics:
-    """Standard errors [SI] by label (None where they make no sense), importances (sum 1), and notes as sentences."""
+    """Standard errors and 95 % intervals [SI] by label (None where they make no sense), importances (sum 1), notes."""
 
     standard_errors: Mapping[str, float | None]
     importance: Mapping[str, float]
     notes: tuple[str, ...]
+    intervals: Mapping[str, tuple[float, float] | None] = field(default_factory=dict[str, tuple[float, float] | None])
 
 
 def local_statistics(space: SearchSpace, loss: Loss, theta: Mapping[str, float], blocks: Sequence[Block]) -> Statistics:
-    """Standard errors and importances at theta [SI by label]; the blocks must have jacobians.
+    """Standard errors, intervals and importances at theta [SI by label]; the blocks must have jacobians.
 
     A parameter at a bound counts as fixed there. The importance of a parameter is the share of the squared, weighted
     change of all channels per range of the parameter: a local measure, unlike fANOVA.
     """
     slopes = space.jacobian(space.to_search(theta))
-    weighted = np.concatenate([_weighted(loss, block, slopes) for block in blocks])
+    weights = [_weights(loss, block) for block in blocks]
+    weighted = np.concatenate([_jacobian(b) * slopes * w[:, None] for b, w in zip(blocks, weights, strict=True)])
+    residuals = np.concatenate([b.residual * w for b, w in zip(blocks, weights, strict=True)])
     felt = (weighted**2).sum(axis=0)
     importance = dict(zip(space.labels, (felt / felt.sum()).tolist(), strict=True)) if felt.sum() > 0 else {}
     at_bound = space.at_bound(theta)
     free = [j for j, label in enumerate(space.labels) if not at_bound[label]]
     errors: dict[str, float | None] = dict.fromkeys(space.labels)
+    intervals: dict[str, tuple[float, float] | None] = dict.fromkeys(space.labels)
     if not free:
-        return Statistics(errors, importance, ())
-    _, sizes, directions = np.linalg.svd(weighted[:, free], full_matrices=False)
-    if len(sizes) < len(free) or sizes[-1] <= _BLIND * sizes[0]:
-        return Statistics(errors, importance, (_blind_note(space, free, sizes, directions),))
-    variances = ((directions / sizes[:, None]) ** 2).sum(axis=0)
-    for j, variance in zip(free, variances, strict=True):
-        errors[space.labels[j]] = math.sqrt(float(variance)) * abs(float(slopes[j]))
-    return Statistics(errors, importance, (NOISE_ALONE,))
+        return Statistics(errors, importance, (), intervals)
+    _, sizes, directions = np.linalg.svd(weighted[:, free], full_matrices=True)
+    seen = np.zeros(len(free), dtype=bool)
+    seen[: len(sizes)] = sizes > _BLIND * sizes[0]
+    mixed = np.abs(directions[~seen]).max(axis=0, initial=0.0) > _MIXED
+    notes: list[str] = []
+    if mixed.any():
+        notes.append(_blind_note([space.labels[j] for j, is_mixed in zip(free, mixed, strict=True) if is_mixed]))
+    dof = len(residuals) - int(seen.sum())
+    # With as many parameters as residuals nothing is left that could tell the noise.
+    variance = float(residuals @ residuals) / dof if dof > 0 else math.inf
+    if loss.uses_priors:
+        if math.isfinite(variance) and variance > _TOO_LARGE**2:
+            notes.append(_excess_note(math.sqrt(variance)))
+        variance = max(1.0, variance) if dof > 0 else 1.0
+    if not math.isfinite(variance):
+        notes.append("There are as many parameters as measurements: the noise cannot be told, nor standard errors.")
+        return Statistics(errors, importance, tuple(notes), intervals)
+    parts = ((directions[seen] / sizes[seen[: len(sizes)], None]) ** 2).sum(axis=0)
+    for j, part, is_mixed in zip(free, parts, mixed, strict=True):
+        if not is_mixed:
+            p = space.parameters[j]
+            errors[p.label] = math.sqrt(variance * float(part)) * abs(float(slopes[j]))
+            intervals[p.label] = _interval(p, theta[p.label], errors[p.label] or 0.0, dof)
+    if any(error is not None for error in errors.values()):
+        notes.append(NOISE_ALONE)
+    return Statistics(errors, importance, tuple(notes), intervals)
 
 
-def _weighted(loss: Loss, block: Block, slopes: Floats) -> Floats:
+def _jacobian(block: Block) -> Floats:
     if block.jacobian is None:
         raise ValueError(f"the block '{block.channel}' has no jacobian")
-    if loss.uses_priors:
-        return block.jacobian * slopes * math.sqrt(loss.square_weight(block, block.residual))
-    sigma = max(rms(block.residual), 1e-12 * rms(block.measured) + 1e-300)
-    return block.jacobian * slopes / sigma
+    return block.jacobian
 
 
-def _blind_note(space: SearchSpace, free: Sequence[int], sizes: Floats, directions: Floats) -> str:
-    unseen = directions[-1] if len(sizes) == len(free) else np.ones(len(free))
-    mixed = [space.labels[j] for j, part in zip(free, unseen, strict=True) if abs(part) > 0.01]
+def _weights(loss: Loss, block: Block) -> Floats:
+    """One over the noise of each sample, but for a factor that all have in common."""
+    if loss.uses_priors or isinstance(loss, DistanceLoss):
+        return np.sqrt(loss.square_weights(block, block.residual))
+    return np.full(len(block.residual), 1.0 / max(rms(block.residual), 1e-12 * rms(block.measured) + 1e-300))
+
+
+def _interval(parameter: FreeParameter, value: float, error: float, dof: int) -> tuple[float, float]:
+    """The interval of a parameter; of one that is searched by its logarithm, in the logarithm."""
+    from scipy.special import ndtri, stdtrit
+
+    upper_tail = 0.5 * (1.0 + CONFIDENCE)
+    reach = float(stdtrit(dof, upper_tail) if dof > 0 else ndtri(upper_tail)) * error
+    if parameter.scale == "log":
+        factor = math.exp(min(reach / value, 700.0))
+        return value / factor, value * factor
+    return value - reach, value + reach
+
+
+def _excess_note(factor: float) -> str:
+    return (
+        f"The residuals are {factor:.2g} times what the stated noise explains: the twin or the rig's model misses "
+        "something, or the noise was stated too small. The standard errors are widened by that."
+    )
+
+
+def _blind_note(mixed: Sequence[str]) -> str:
     if len(mixed) == 1:
-        return f"The data does not feel {mixed[0]}: its value is arbitrary and no standard errors are given."
+        return f"The data does not feel {mixed[0]}: its value is arbitrary and no standard error is given."
     return f"The data cannot tell {' and '.join(mixed)} apart: only a combination of them is found; fix one of them."

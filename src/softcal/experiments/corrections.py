@@ -18,7 +18,7 @@ from softcal.units import format_quantity
 def correct_pulley_friction(
     dataset: Dataset, n_pulleys: int, friction_coefficient: float, wrap_angle: float = np.pi
 ) -> Dataset:
-    """The tension at the neck from that at the testing machine, as the loss over the pulleys leaves it.
+    """The tension of every cable at the neck from that at the machine, as the loss over the pulleys leaves it.
 
     T_neck = T_UTM exp(-n mu theta): the cable is pulled over n pulleys with friction mu [-], each wrapped by
     theta [rad].
@@ -42,15 +42,20 @@ def correct_pulley_friction(
             )
         )
     factor = float(np.exp(-n_pulleys * friction_coefficient * wrap_angle))
-    at_neck = dataset.values("tension") * factor
+    tensions = [name for name in dataset.channels if name.rsplit(".", 1)[-1] in ("tension", "tension_sd")]
+    if not tensions:
+        dataset.values("tension")
     step = Step(
         "correct_pulley_friction",
         {"n_pulleys": n_pulleys, "friction_coefficient": friction_coefficient, "wrap_angle": wrap_angle},
         f"tension at the neck is {factor:.4f} of that at the machine",
     )
-    measured = dataset.channels["tension"]
-    channels = {**dataset.channels, "tension": replace(measured, values=at_neck, sigma=measured.sigma * factor)}
-    return replace(dataset, channels=channels, provenance=(*dataset.provenance, step))
+    at_neck = {
+        name: replace(measured, values=measured.values * factor, sigma=measured.sigma * factor)
+        for name in tensions
+        for measured in [dataset.channels[name]]
+    }
+    return replace(dataset, channels={**dataset.channels, **at_neck}, provenance=(*dataset.provenance, step))
 
 
 def zero(

@@ -14,14 +14,17 @@ from softcal.errors import DatasetError, Fault
 
 @dataclass(frozen=True)
 class Channel:
-    """One measured quantity: values [unit, SI], shape (n_samples,); sigma: its noise [unit], 0 where unknown."""
+    """One measured quantity: values [unit, SI], shape (n_samples,); sigma: its noise [unit], 0 where unknown.
+
+    A value that is missing, such as the place of a marker that was not seen, is NaN.
+    """
 
     values: Floats
     unit: str
     sigma: float = 0.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "values", frozen_floats(self.values, name="channel", shape=(None,)))
+        object.__setattr__(self, "values", frozen_floats(self.values, name="channel", shape=(None,), missing=True))
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,8 @@ class Step:
 class Dataset:
     """Channels of one length by name (`time`, `shortening`, `tension`, `pitch`, `roll`, …) and their provenance.
 
+    With several cables or markers they go by the twin's names: `cable1.tension`, `m4.x`; `m4.x_sd` holds the standard
+    deviation of each of its values.
     `shortening` is the crosshead's (slack included), `tension` the cable's at the neck once the pulleys' friction
     has been taken off. cycle: the cycle number of each sample (0-based; -1 outside any), or None.
     """
@@ -62,6 +67,11 @@ class Dataset:
     def n_samples(self) -> int:
         """Number of samples of every channel."""
         return len(next(iter(self.channels.values())).values)
+
+    @property
+    def incomplete(self) -> tuple[str, ...]:
+        """The channels in which values are missing."""
+        return tuple(name for name, channel in self.channels.items() if np.isnan(channel.values).any())
 
     def values(self, channel: str) -> Floats:
         """Values of a channel [SI].

@@ -9,6 +9,7 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
 from softcal.experiments.dataset import Dataset, Step
+from softcal.experiments.names import deviation_channel
 from softcal.units import format_quantity
 
 
@@ -23,7 +24,7 @@ def white_noise(values: Floats) -> float:
 
 
 def set_noise(dataset: Dataset, channel: str, sigma: float) -> Dataset:
-    """The dataset with the standard deviation of a channel's noise set to sigma [the channel's unit].
+    """The dataset with the standard deviation of a channel's noise set to sigma [the channel's unit] at every sample.
 
     Raises
     ------
@@ -52,4 +53,5 @@ def estimate_noise(dataset: Dataset, channel: str) -> Dataset:
 
 def _with_sigma(dataset: Dataset, channel: str, sigma: float, step: Step) -> Dataset:
     channels = {**dataset.channels, channel: replace(dataset.channels[channel], sigma=float(sigma))}
+    channels.pop(deviation_channel(channel), None)
     return replace(dataset, channels=channels, provenance=(*dataset.provenance, step))

@@ -16,7 +16,7 @@ from softcal.experiments.branches import take_branch
 from softcal.experiments.corrections import correct_pulley_friction, detrend, smooth, zero
 from softcal.experiments.cycles import classify_cycles, find_cycles, select_cycles
 from softcal.experiments.dataset import Dataset
-from softcal.experiments.names import CHANNEL_UNITS, nearest
+from softcal.experiments.names import CHANNEL_UNITS, channel_unit, nearest
 from softcal.experiments.noise import estimate_noise, set_noise
 from softcal.experiments.sampling import resample, window
 from softcal.experiments.slack import remove_slack
@@ -69,9 +69,27 @@ class PlannedStep:
     settings: Mapping[str, Any] = field(default_factory=dict)
 
     def apply(self, dataset: Dataset) -> Dataset:
-        """The dataset after this step."""
+        """The dataset after this step.
+
+        Raises
+        ------
+        DatasetError
+            Where the data do not allow the step.
+        """
+        if dataset.incomplete and self.name not in _PER_SAMPLE:
+            raise DatasetError(
+                Fault(
+                    f"{self.name} cannot be done where values are missing",
+                    where=dataset.name,
+                    got=", ".join(dataset.incomplete),
+                    allowed=", ".join(_PER_SAMPLE),
+                )
+            )
         return PREPARATIONS[self.name].function(dataset, **self.settings)
 
+
+# What looks at each sample by itself, and so does not mind values that are missing.
+_PER_SAMPLE = ("correct_pulley_friction", "window", "set_noise")
 
 _CHANNEL = Setting("channel")
 
@@ -235,7 +253,7 @@ def _parse_setting(preparation: Preparation, key: str, value: object, given: Map
                 return value
             raise _wrong(where, value, "true or false")
         case "channel":
-            if isinstance(value, str) and value in CHANNEL_UNITS:
+            if isinstance(value, str) and channel_unit(value) is not None:
                 return value
             raise _wrong(where, value, ", ".join(CHANNEL_UNITS), nearest(str(value), CHANNEL_UNITS))
         case "cycles":
@@ -254,14 +272,15 @@ def _parse_of_channel(
 ) -> float:
     default = inspect.signature(preparation.function).parameters[setting.channel_from].default
     channel = given.get(setting.channel_from, default)
-    if channel not in CHANNEL_UNITS:
+    unit = channel_unit(str(channel))
+    if unit is None:
         # That setting is itself at fault and told as such; the unit of this one cannot be known.
         raise _wrong(where, value, f"a quantity in the unit of the channel that '{setting.channel_from}' names")
     try:
-        return parse_quantity(value, CHANNEL_UNITS[channel], where=where)
+        return parse_quantity(value, unit, where=where)
     except InputError:
         if setting.choices and isinstance(value, str) and not any(c.isdigit() for c in value):
-            allowed = f"{', '.join(setting.choices)}, or a quantity such as '1 {CHANNEL_UNITS[channel]}'"
+            allowed = f"{', '.join(setting.choices)}, or a quantity such as '1 {unit}'"
             raise _wrong(where, value, allowed, nearest(value, setting.choices)) from None
         raise
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softcal.calibration.experiment import command
+from softcal.calibration.observation import commands
 from softcal.errors import Fault, ParameterError
 from softcal.project.project import Project
 from softcal.twin.protocol import Command, Protocol
@@ -84,7 +84,7 @@ def protocol_of(project: Project, experiment: str = "") -> Protocol:
             )
         )
     chosen = project.experiments[name]
-    return Protocol({chosen.cable: command(chosen, chosen.rig_values())})
+    return Protocol(commands(chosen, chosen.rig_values()))
 
 
 def pull(robot: Robot, cable: str, control: Control, end: float, samples: int = PULL_SAMPLES) -> Protocol:

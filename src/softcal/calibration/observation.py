@@ -1,0 +1,189 @@
+"""What the bench would have read, had the twin stood on it, with exact derivatives by robot and rig."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from softcal.calibration.experiment import AXES, FRAME, PULLEY_FRICTION, Experiment
+from softcal.calibration.frame import rotation, rotation_rates
+from softcal.checks import Floats
+from softcal.errors import Fault, ParameterError
+from softcal.twin.protocol import Command
+from softcal.twin.response import Response
+
+Samples = slice | np.ndarray
+Derivatives = dict[str, Floats]
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What the bench would have read, had the twin stood on it.
+
+    predicted: channel of the dataset -> values [SI], shape (n_samples,).
+    derivatives: channel -> parameter -> d predicted / d parameter, shape (n_samples,).
+    response: the twin's own channels by dotted name, [SI]; units: theirs.
+    """
+
+    predicted: Mapping[str, Floats]
+    derivatives: Mapping[str, Mapping[str, Floats]]
+    response: Mapping[str, Floats]
+    units: Mapping[str, str]
+
+
+def commands(experiment: Experiment, rig: Mapping[str, float]) -> dict[str, Command]:
+    """What the twin's cables are told to do, sample by sample, under the given rig values."""
+    told: dict[str, Command] = {}
+    for channel in experiment.drives:
+        cable, _, control = experiment.twin_channel(channel).rpartition(".")
+        told[cable] = Command(
+            "tension" if control == "tension" else "shortening", _controls(experiment, rig, channel)[0]
+        )
+    return told
+
+
+def control_parameters(experiment: Experiment) -> set[str]:
+    """The rig parameters that change what the twin's cables are told to do."""
+    rig = experiment.rig_values()
+    return {name for channel in experiment.drives for name in _controls(experiment, rig, channel)[1]}
+
+
+def observe(
+    experiment: Experiment, rig: Mapping[str, float], response: Response, samples: Samples, names: Iterable[str] = ()
+) -> Observation:
+    """Read the twin's response through the rig, with exact derivatives by `names` (robot and rig parameters).
+
+    `samples` are the experiment's own in a response that may hold those of others too. With several driven cables, the
+    response must hold derivatives by each command (`cable1.tension`) that a rig parameter among `names` changes.
+
+    Raises
+    ------
+    ParameterError
+        Where the twin has no channel that is to be compared.
+    """
+    points = [f"{point}.{axis}" for point in experiment.points for axis in AXES]
+    wanted_channels = dict.fromkeys([*map(experiment.twin_channel, experiment.compared), *points])
+    missing = [name for name in wanted_channels if name not in response.channels]
+    if missing:
+        allowed = ", ".join(response.channels)
+        raise ParameterError(
+            [Fault(f"the twin does not answer '{name}'", experiment.name, allowed=allowed) for name in missing]
+        )
+    wanted = tuple(names)
+    by_control = {channel: _controls(experiment, rig, channel)[1] for channel in experiment.drives}
+    raw = {name: response.channels[name][samples] for name in wanted_channels}
+    slopes = {
+        name: {p: _slope(experiment, response, samples, by_control, name, p) for p in wanted}
+        for name in wanted_channels
+    }
+    placed = {point: _placed(point, rig, raw, slopes, wanted) for point in experiment.points}
+    predicted: dict[str, Floats] = {}
+    derivatives: dict[str, dict[str, Floats]] = {}
+    for channel in experiment.compared:
+        point = experiment.point_of(channel)
+        if point:
+            axis = AXES.index(channel.rsplit(".", 1)[-1])
+            predicted[channel] = placed[point][0][:, axis]
+            derivatives[channel] = {p: values[:, axis] for p, values in placed[point][1].items()}
+        else:
+            name = experiment.twin_channel(channel)
+            predicted[channel], derivatives[channel] = _read(experiment, rig, channel, raw[name], slopes[name])
+    return Observation(
+        predicted,
+        derivatives,
+        {name: values[samples] for name, values in response.channels.items()},
+        dict(response.units),
+    )
+
+
+def _slope(
+    experiment: Experiment,
+    response: Response,
+    samples: Samples,
+    by_control: Mapping[str, Mapping[str, Floats]],
+    name: str,
+    parameter: str,
+) -> Floats:
+    """d (a channel of the twin) / d parameter: by itself, and by what it does to the commands."""
+    own = response.sensitivities.get(name, {})
+    slope = own[parameter][samples] if parameter in own else np.zeros(len(response.channels[name][samples]))
+    for channel, changed in by_control.items():
+        if parameter not in changed:
+            continue
+        if len(experiment.drives) == 1:
+            along = response.slopes[name][samples]
+        else:
+            along = own[experiment.twin_channel(channel)][samples]
+        slope = slope + along * changed[parameter]
+    return slope
+
+
+def _placed(
+    point: str,
+    rig: Mapping[str, float],
+    raw: Mapping[str, Floats],
+    slopes: Mapping[str, Mapping[str, Floats]],
+    names: tuple[str, ...],
+) -> tuple[Floats, Derivatives]:
+    """A point of the twin as seen in the rig's frame, (n, 3), and its derivatives."""
+    frame = np.array([rig.get(name, 0.0) for name in FRAME])
+    R = rotation(frame[3:])
+    p = np.column_stack([raw[f"{point}.{axis}"] for axis in AXES])
+    rates = rotation_rates(frame[3:])
+    derivatives: Derivatives = {}
+    for name in names:
+        if name in FRAME:
+            k = FRAME.index(name)
+            derivatives[name] = np.tile(np.eye(3)[k], (len(p), 1)) if k < 3 else p @ rates[k - 3].T
+        else:
+            derivatives[name] = np.column_stack([slopes[f"{point}.{axis}"][name] for axis in AXES]) @ R.T
+    return p @ R.T + frame[:3], derivatives
+
+
+def _read(
+    experiment: Experiment,
+    rig: Mapping[str, float],
+    channel: str,
+    raw: Floats,
+    slopes: Mapping[str, Floats],
+) -> tuple[Floats, Derivatives]:
+    """A channel of the twin as its instrument shows it: gain and offset, and the derivatives."""
+    name = experiment.twin_channel(channel)
+    owner, _, kind = name.rpartition(".")
+    gain, by_friction = _pulley_gain(experiment, rig) if kind == "tension" else (1.0, 0.0)
+    offset = {"tension": f"{owner}.tension_offset", "shortening": f"{owner}.slack"}.get(kind, f"{name}_offset")
+    derivatives = {p: gain * slope for p, slope in slopes.items()}
+    if PULLEY_FRICTION in derivatives:
+        derivatives[PULLEY_FRICTION] = derivatives[PULLEY_FRICTION] + by_friction * raw
+    if offset in derivatives:
+        derivatives[offset] = derivatives[offset] + 1.0
+    return gain * raw + rig.get(offset, 0.0), derivatives
+
+
+def _controls(experiment: Experiment, rig: Mapping[str, float], channel: str) -> tuple[Floats, Derivatives]:
+    """A cable's control per sample, and its derivatives by the rig parameters that it depends on."""
+    cable, _, control = experiment.twin_channel(channel).rpartition(".")
+    measured = experiment.dataset.values(channel)
+    if control == "shortening":
+        free = measured - rig[f"{cable}.slack"]
+        return np.maximum(free, 0.0), {f"{cable}.slack": -(free > 0).astype(float)}
+    gain, by_friction = _pulley_gain(experiment, rig)
+    free = (measured - rig[f"{cable}.tension_offset"]) / gain
+    pulled = (free > 0).astype(float)
+    controls = np.maximum(free, 0.0)
+    derivatives = {f"{cable}.tension_offset": -pulled / gain}
+    if experiment.rig.pulleys is not None:
+        derivatives[PULLEY_FRICTION] = -controls * by_friction / gain
+    return controls, derivatives
+
+
+def _pulley_gain(experiment: Experiment, rig: Mapping[str, float]) -> tuple[float, float]:
+    """Tension under the nominal friction over the true one, and its derivative by the friction coefficient."""
+    pulleys = experiment.rig.pulleys
+    if pulleys is None:
+        return 1.0, 0.0
+    gain = math.exp(pulleys.turning * (rig[PULLEY_FRICTION] - pulleys.friction_coefficient))
+    return gain, pulleys.turning * gain

@@ -9,7 +9,7 @@ import sys
 import pytest
 
 HEAVY = (
-    "gmsh", "jinja2", "llvmlite", "matplotlib", "meshio", "numba", "optuna", "pandas", "pint", "pydantic",
+    "cv2", "gmsh", "jinja2", "llvmlite", "matplotlib", "meshio", "numba", "optuna", "pandas", "pint", "pydantic",
     "pypardiso", "pyvista", "ruamel", "scipy", "sqlalchemy", "sympy", "vtk", "vtkmodules",
 )  # fmt: skip
 LIST_HEAVY = f"import sys; sys.stdout.write('loaded: ' + ' '.join(n for n in {HEAVY!r} if n in sys.modules))"

@@ -107,8 +107,15 @@ def suggestion(got: str, known: Iterable[str]) -> str:
     return f"'{nearest[0]}'" if nearest else ""
 
 
-def read_document(path: Path) -> Document:
+def read_document(
+    path: Path,
+    kind: str = "project file",
+    keys: str = "keys such as softcal, name, robot, experiments, parameters",
+    attempt: str = "softcal init neck DIR writes one to start from",
+) -> Document:
     """Parse a YAML file; equal keys and the like are kept as faults of the document.
+
+    `kind`, `keys` and `attempt` tell in messages what the file is, what stands in it and where to get one.
 
     Raises
     ------
@@ -122,7 +129,7 @@ def read_document(path: Path) -> Document:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise StorageError(
-            Fault("the project file cannot be read", str(path), _reason(error), "a YAML file in UTF-8")
+            Fault(f"the {kind} cannot be read", str(path), _reason(error), "a YAML file in UTF-8")
         ) from error
     try:
         root: Node | None = YAML(typ="safe", pure=True).compose(text)  # pyright: ignore[reportUnknownMemberType]
@@ -137,11 +144,11 @@ def read_document(path: Path) -> Document:
     if not isinstance(root, MappingNode):
         raise ProjectFileError(
             Fault(
-                "the project file holds no keys",
+                f"the {kind} holds no keys",
                 name,
                 "an empty file" if root is None else "a list or a bare value",
-                "keys such as softcal, name, robot, experiments, parameters",
-                "softcal init neck DIR writes one to start from",
+                keys,
+                attempt,
             )
         )
     reader = _Reader(name)

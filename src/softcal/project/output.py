@@ -1,7 +1,8 @@
-"""Result folders: refused where something would be overwritten, written whole or not at all."""
+"""Result folders and files: refused where something would be overwritten, written whole or not at all."""
 
 from __future__ import annotations
 
+import os
 import shutil
 import tempfile
 from collections.abc import Generator
@@ -74,6 +75,40 @@ def new_folder(folder: Path, attempt: str = "another --out") -> Generator[Path]:
         raise unwritable(folder, error) from error
     finally:
         shutil.rmtree(part, ignore_errors=True)
+
+
+def require_free_file(path: Path) -> None:
+    """Check that nothing stands where a file is to be written, and that it can be written.
+
+    Raises
+    ------
+    StorageError
+        Where something does, or it cannot.
+    """
+    if path.exists():
+        what = "this is a folder, where a file is to be written" if path.is_dir() else "the file exists"
+        raise StorageError(Fault(f"{what}, and nothing is overwritten", str(path), attempt="another --out"))
+    require_writable(path.parent)
+
+
+def write_new_file(path: Path, text: str) -> None:
+    """Write a file that does not exist yet, whole or not at all.
+
+    Raises
+    ------
+    StorageError
+        Where it exists already, or cannot be written.
+    """
+    require_free_file(path)
+    part = path.with_name(f".{path.name}-{os.getpid()}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part.write_text(text, encoding="utf-8")
+        part.replace(path)
+    except OSError as error:
+        raise unwritable(path, error) from error
+    finally:
+        part.unlink(missing_ok=True)
 
 
 def unwritable(path: Path, error: OSError) -> StorageError:

@@ -1,0 +1,103 @@
+"""What stands still on a bench with markers: one marker, several at places to be found, or those of a base file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+from softcal.errors import Fault, InputError, ProjectFileError
+from softcal.experiments.pose import Pose
+from softcal.project.document import Document, Findings, read_document
+from softcal.project.section import Angle, Length, Positive, Section, validated
+
+FORMAT = 1
+
+Turn = tuple[Angle, Angle, Angle]
+
+
+@dataclass(frozen=True)
+class Base:
+    """Markers that stand still: at known places in the base's frame, at places to be found, and sizes that differ."""
+
+    placed: Mapping[int, Pose]
+    companions: tuple[int, ...] = ()
+    sizes: Mapping[int, float] = field(default_factory=dict[int, float])
+
+
+class BaseMarkerSection(Section):
+    """Where a marker of the base is."""
+
+    at: tuple[Length, Length, Length]
+    rotation_vector: Turn = (0.0, 0.0, 0.0)
+    size: Annotated[Length, Positive] | None = None
+
+
+def read_base(text: str) -> Base:
+    """The base from `0`, from `0,5,6` (the first gives the frame, the others stand still with it) or from a file.
+
+    Raises
+    ------
+    InputError
+        Where the text is neither, or names a marker twice.
+    ProjectFileError
+        With everything that is wrong in the file.
+    StorageError
+        Where the file cannot be read.
+    """
+    if re.fullmatch(r"\s*\d+(\s*,\s*\d+)*\s*", text):
+        numbers = [int(part) for part in text.split(",")]
+        twice = sorted({number for number in numbers if numbers.count(number) > 1})
+        if twice:
+            raise InputError([Fault(f"marker {number} is named twice", "--base", f"'{text}'") for number in twice])
+        return Base({numbers[0]: Pose.of()}, tuple(numbers[1:]))
+    if not text.lower().endswith((".yaml", ".yml")):
+        raise InputError(
+            Fault(
+                "this is no base",
+                "--base",
+                f"'{text}'",
+                "a marker's number (0), several (0,5,6), or a file with their layout (base.yaml)",
+            )
+        )
+    return _from_file(Path(text))
+
+
+def _from_file(path: Path) -> Base:
+    document = read_document(path, "base file", "base, markers", "see the documentation's page on markers")
+    findings = Findings(document)
+    for key in document.data:
+        if key not in ("base", "markers"):
+            findings.add((key,), "unknown key", got=f"'{key}'", allowed="base, markers")
+    if document.data.get("base") != FORMAT:
+        findings.add(
+            ("base",), "the format is not known", got=repr(document.data.get("base")), allowed=f"base: {FORMAT}"
+        )
+    sections = _sections(document, findings)
+    findings.raise_if_any()
+    if not sections:
+        raise ProjectFileError(Fault("the base file is not whole", document.name))
+    return Base(
+        {number: Pose.of(section.rotation_vector, section.at) for number, section in sections.items()},
+        (),
+        {number: section.size for number, section in sections.items() if section.size is not None},
+    )
+
+
+def _sections(document: Document, findings: Findings) -> dict[int, BaseMarkerSection]:
+    given = document.data.get("markers")
+    example = "0: {at: [0 mm, 0 mm, 0 mm]}"
+    if not isinstance(given, dict) or not given:
+        findings.add(("markers",), "there are no markers", got=repr(given)[:60], allowed=f"entries such as {example}")
+        return {}
+    found: dict[int, BaseMarkerSection] = {}
+    for key, data in given.items():
+        if not str(key).isdecimal():
+            findings.add(("markers", key), "this is no marker's number", got=f"'{key}'", allowed=example)
+            continue
+        section = validated(BaseMarkerSection, data, ("markers", key), findings)
+        if section is not None:
+            found[int(key)] = section
+    return found

@@ -114,6 +114,8 @@ class Plate:
 
     nodes: body name -> node numbers of its mesh. reference: point whose position and rotation is the pose [m].
     mass [kg] at centre_of_mass [m] (rest frame). fixed: whether it does not move at all.
+    inertia: its tensor about the centre of mass [kg m^2] (rest frame), which counts in time alone; None: that of its
+    disc with its mass, or of a point where there is no disc.
     holes: name -> point [m] (rest frame) where a cable may run through. disc: its shape, where known.
     """
 
@@ -125,6 +127,7 @@ class Plate:
     fixed: bool = False
     holes: Mapping[str, Floats] = field(default_factory=dict)
     disc: Disc | None = None
+    inertia: Floats | None = None
 
     def __post_init__(self) -> None:
         nodes = {body: frozen_ints(n, name=f"nodes of {self.name}", shape=(None,)) for body, n in self.nodes.items()}
@@ -136,6 +139,8 @@ class Plate:
         )
         holes = {name: frozen_floats(at, name=f"{self.name}.{name}", shape=(3,)) for name, at in self.holes.items()}
         object.__setattr__(self, "holes", holes)
+        if self.inertia is not None:
+            object.__setattr__(self, "inertia", _inertia_tensor(self.inertia, f"{self.name}.inertia"))
 
     def via(self, hole: str) -> ViaPoint:
         """The point of a cable in one of the plate's holes.
@@ -149,6 +154,23 @@ class Plate:
             known = ", ".join(self.holes) or "none: the plate has no holes"
             raise InputError(Fault("the plate has no such hole", where=self.name, got=f"'{hole}'", allowed=known))
         return ViaPoint(self.holes[hole], self.name)
+
+
+def _inertia_tensor(values: Floats, name: str) -> Floats:
+    tensor = frozen_floats(values, name=name, shape=(3, 3))
+    moments = np.linalg.eigvalsh(tensor)
+    size = float(np.abs(tensor).max())
+    # Of mass that is nowhere negative, none exceeds the sum of the other two.
+    if np.abs(tensor - tensor.T).max() > 1e-9 * size or not moments[2] <= (1.0 + 1e-9) * (moments[0] + moments[1]):
+        raise InputError(
+            Fault(
+                "no rigid body has this inertia",
+                where=name,
+                got=np.array2string(tensor, precision=4),
+                allowed="a symmetric matrix whose largest principal moment is at most the sum of the others [kg m^2]",
+            )
+        )
+    return tensor
 
 
 @dataclass(frozen=True)

@@ -305,7 +305,7 @@ class _Trajectory:
         )
 
     def controls(self, free: set[str]) -> list[str]:
-        """The commands by which the response must be derived too: of several cables, where free rig values change them."""
+        """The commands to derive the response by too: those of several cables, where free rig values change them."""
         _, told = self.members[0]
         if len(told) < 2 or not any(free & control_parameters(experiment) for experiment, _ in self.members):
             return []

@@ -23,9 +23,17 @@ SLACK_LENGTH = 1e-9  # of a cable's length
 
 
 def simulate_many(
-    twin: Twin, statics: Statics, protocol: Protocol, names: tuple[str, ...], *, snapshots: bool
+    twin: Twin,
+    statics: Statics,
+    protocol: Protocol,
+    names: tuple[str, ...],
+    *,
+    snapshots: bool,
+    commanded: tuple[str, ...] = (),
 ) -> Response:
-    """See `simulate`. Slopes are not given: there is no single control."""
+    """See `simulate`. Slopes are not given, there being no single control, but derivatives by the commands of the
+    cables that `commanded` names.
+    """
     units = channel_units(twin)
     values: list[Floats] = []
     rates: list[Floats] = []
@@ -47,21 +55,24 @@ def simulate_many(
                 node, controls = _reach(twin, statics, start, slack, target, by_length, names)
             state = node.state
             values.append(_commanded(twin, protocol, i, sense(twin, state)))
-            rates.append(sense_rates(twin, state, node.by_parameter))
+            by_command = _by_command(twin, statics, state, controls, by_length, commanded)
+            rates.append(sense_rates(twin, state, np.column_stack([node.by_parameter, by_command])))
+            rates[-1][:, len(names) :] = _commanded_rates(twin, protocol, commanded, rates[-1][:, len(names) :])
             if snapshots:
                 shapes.append(snapshot(twin, state, f"sample {i + 1}", _shown(protocol, i)))
         status = f"Solved: {protocol.n_samples} equilibria, {statics.n_factorisations} factorisations."
     except SimulationError as error:
         status, succeeded = f"Sample {len(values) + 1} of {protocol.n_samples} was not reached: {error}", False
     table = np.array(values).reshape(len(values), len(units))
-    by_parameter = np.array(rates).reshape(len(values), len(units), len(names))
+    labels = (*names, *(f"{cable}.{protocol.commands[cable].control}" for cable in commanded))
+    by_parameter = np.array(rates).reshape(len(values), len(units), len(labels))
     return Response(
         channels={name: table[:, k] for k, name in enumerate(units)},
         units=units,
         status=status,
         succeeded=succeeded,
         n_factorisations=statics.n_factorisations,
-        sensitivities={name: {p: by_parameter[:, k, j] for j, p in enumerate(names)} for k, name in enumerate(units)},
+        sensitivities={name: {p: by_parameter[:, k, j] for j, p in enumerate(labels)} for k, name in enumerate(units)},
         snapshots=tuple(shapes),
         tets={name: mesh.tets for name, mesh in twin.meshes.items()} if snapshots else {},
     )
@@ -140,6 +151,41 @@ def _reach(
             state = released.state
             start = replace(start, shortening=cables.rest_length - cables.lengths(state.x))
     raise SimulationError("cables keep switching between taut and slack.")
+
+
+def _by_command(
+    twin: Twin, statics: Statics, state: State, now: Controls, by_length: np.ndarray, commanded: tuple[str, ...]
+) -> Floats:
+    """dz / d command of each cable, by the tangent factorised last: (n_unknowns, number of `commanded`)."""
+    layout = twin.system.layout
+    cables = [cable.name for cable in twin.robot.cables]
+    right = np.zeros((layout.n_unknowns, len(commanded)))
+    for column, name in enumerate(commanded):
+        i = cables.index(name)
+        if not now.is_held[i]:
+            right[layout.first_tension_unknown + i, column] = 1.0
+        elif not by_length[i]:
+            right[: layout.first_tension_unknown, column] = twin.system.pull(state, i, statics.theta)
+    if not commanded:
+        return right
+    dz = -statics.solve(right)
+    tensions = dz[layout.first_tension_unknown :]
+    tensions[now.is_held] = 0.0
+    for column, name in enumerate(commanded):
+        i = cables.index(name)
+        if now.is_held[i] and not by_length[i]:
+            tensions[i, column] = 1.0
+    return dz
+
+
+def _commanded_rates(twin: Twin, protocol: Protocol, commanded: tuple[str, ...], rates: Floats) -> Floats:
+    """The rates of the channels by the commands; a shortening that is commanded follows its own alone, taut or not."""
+    out = rates.copy()
+    for k, cable in enumerate(twin.robot.cables):
+        command = protocol.commands.get(cable.name)
+        if command is not None and command.control == "shortening":
+            out[2 * k] = [float(name == cable.name) for name in commanded]
+    return out
 
 
 def _commanded(twin: Twin, protocol: Protocol, i: int, values: Floats) -> Floats:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -37,7 +38,8 @@ def simulate(
     Parameters
     ----------
     sensitivities
-        Dotted names of robot parameters; the response then holds exact derivatives of every channel by each.
+        Dotted names of robot parameters, or commands of the protocol (`cable1.tension`); the response then holds exact
+        derivatives of every channel by each.
     snapshots
         Whether shapes to draw are kept: at rest, and at every solved node.
 
@@ -55,10 +57,13 @@ def simulate(
         For a robot that cannot be built.
     """
     known = robot_parameters(robot)
-    faults = [unknown_name(name, known) for name in sensitivities if name not in known]
+    commands = {f"{cable}.{command.control}": cable for cable, command in protocol.commands.items()}
+    faults = [unknown_name(name, {**known, **commands}) for name in sensitivities if name not in {**known, **commands}]
     faults += command_faults(robot, protocol)
     if faults:
         raise ParameterError(faults)
+    names = tuple(name for name in sensitivities if name in known)
+    commanded = tuple(commands[name] for name in sensitivities if name in commands)
     twin = cached_twin(robot)
     statics = Statics(twin.system, {name: info.value for name, info in known.items()})
     try:
@@ -68,8 +73,28 @@ def simulate(
             if command.control == "shortening" or np.any(command.values != 0.0)
         ]
         if len(driven) > 1:
-            return simulate_many(twin, statics, protocol, tuple(sensitivities), snapshots=snapshots)
-        sweep = Sweep(twin, statics, tuple(sensitivities), driven[0] if driven else None, curve_tolerance)
-        return sweep.response(protocol, snapshots=snapshots)
+            return simulate_many(twin, statics, protocol, names, snapshots=snapshots, commanded=commanded)
+        sweep = Sweep(twin, statics, names, driven[0] if driven else None, curve_tolerance)
+        response = sweep.response(protocol, snapshots=snapshots)
+        return _with_commands(response, protocol, driven, commanded)
     finally:
         statics.release()
+
+
+def _with_commands(response: Response, protocol: Protocol, driven: Sequence[str], commanded: Sequence[str]) -> Response:
+    """The response with its slopes as derivatives by the driven cable's command; a slack cable's changes nothing."""
+    if not commanded:
+        return response
+    sensitivities = {
+        channel: {
+            **response.sensitivities.get(channel, {}),
+            **{
+                f"{cable}.{protocol.commands[cable].control}": response.slopes[channel]
+                if cable in driven and channel in response.slopes
+                else np.zeros(len(values))
+                for cable in commanded
+            },
+        }
+        for channel, values in response.channels.items()
+    }
+    return replace(response, sensitivities=sensitivities)

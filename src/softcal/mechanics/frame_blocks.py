@@ -35,7 +35,7 @@ def frame_unknowns(layout: Layout, frames: Ints) -> Ints:
     """The unknowns (n, 6 m) of frames (n, m), -1 where one is fixed."""
     unknown = layout.first_frame_unknown + 6 * frames[:, :, None] + np.arange(6)
     unknown[frames >= layout.n_moving_frames] = -1
-    return unknown.reshape(len(frames), -1)
+    return unknown.reshape(len(frames), 6 * frames.shape[1])
 
 
 def moving_pairs(layout: Layout, frames: Ints) -> Ints:

@@ -1,0 +1,183 @@
+"""Motion in time by backward Euler: each step converged by Newton's method, or one linear solve as in SOFA.
+
+A converged step is an equilibrium of the system with inertia (`inertial_system.py`), found like any other, with cables'
+forces at the step's end. One linear solve is the first iteration of that from the step's start, with the cables taken
+out and put back as constraints: their directions are those at the step's start, a prescribed tension adds its force
+along them, and a prescribed length is met to first order by the tensions that take the free motion there. That is
+SOFA's sequence of free motion and correction, with one exception: no cable ever pushes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.errors import SimulationError
+from softcal.mechanics.inertia import Inertia
+from softcal.mechanics.inertial_system import Damping, InertialSystem, Instant, Stepper, after, stepper
+from softcal.mechanics.state import State, moved
+from softcal.mechanics.statics import Statics
+from softcal.mechanics.system import Controls, System
+
+Scheme = Literal["converged", "one-solve"]
+# Controls by time: `is_held` says which cables have their tension given, all others their length.
+Drive = Callable[[float], Controls]
+
+MAX_HALVINGS = 6
+SLACK_TENSION = 1e-7  # of the largest tension around: less is none
+SLACK_LENGTH = 1e-9  # of a cable's length
+
+
+class Dynamics:
+    """A system with mass and damping at parameters theta, and the factorisation that goes from step to step."""
+
+    def __init__(
+        self,
+        system: System,
+        inertia: Inertia,
+        theta: Mapping[str, float],
+        damping: Damping,
+        scheme: Scheme = "converged",
+    ) -> None:
+        self.system = system
+        self.inertia = inertia
+        self.damping = damping
+        self.scheme: Scheme = scheme
+        self.theta = dict(theta)
+        self.n_halvings = 0
+        self._statics = Statics(system, theta)
+        self._steppers: dict[float, Stepper] = {}
+
+    @property
+    def n_factorisations(self) -> int:
+        """Of all steps so far."""
+        return self._statics.n_factorisations
+
+    def advance(self, now: Instant, step: float, drive: Drive) -> Instant:
+        """The instant one step [s] later. A step that cannot be converged is taken in halves, and these again.
+
+        Raises
+        ------
+        SimulationError
+            Where a step of 1/64 of the length does not converge either; at once with one linear solve, which would not
+            be itself with another step.
+        """
+        if self.scheme == "one-solve":
+            return self._one_solve(now, step, drive(now.time + step))
+        return self._halved(now, step, drive, MAX_HALVINGS)
+
+    def release(self) -> None:
+        """Give the factors' memory back."""
+        self._statics.release()
+
+    def _begin(self, now: Instant, step: float) -> InertialSystem:
+        if step not in self._steppers:
+            self._steppers[step] = stepper(self.system, self.inertia, self.damping, step)
+        system = self._steppers[step].begin(now, self.theta)
+        self._statics.system = system
+        return system
+
+    def _halved(self, now: Instant, step: float, drive: Drive, halvings: int) -> Instant:
+        try:
+            return self._converged(now, step, drive(now.time + step))
+        except SimulationError as error:
+            if halvings == 0:
+                raise SimulationError(
+                    f"No motion found from {now.time:.6g} s on: with a step of {step:.3g} s, {error}"
+                ) from error
+        self.n_halvings += 1
+        middle = self._halved(now, 0.5 * step, drive, halvings - 1)
+        return self._halved(middle, 0.5 * step, drive, halvings - 1)
+
+    def _converged(self, now: Instant, step: float, wanted: Controls) -> Instant:
+        """Newton's method; cables of prescribed length switched between taut and slack until none pushes and none is
+        too long.
+        """
+        self._begin(now, step)
+        cables = self.system.cables
+        by_length = ~wanted.is_held
+        state = now.state
+        slack = by_length & (self._excess(state, wanted) <= 0.0) & (state.tension <= 0.0)
+        for _ in range(4 * cables.n_cables + 4):
+            tension = np.where(by_length, 0.0, wanted.tension)
+            controls = replace(wanted, is_held=wanted.is_held | slack, tension=tension)
+            solved = self._statics.equilibrium(replace(state, tension=np.where(slack, 0.0, state.tension)), controls)
+            if not solved.converged:
+                raise SimulationError(f"{solved.status}.")
+            state = solved.state
+            scale = max(float(np.abs(state.tension).max(initial=0.0)), 1e-12)
+            pushes = by_length & ~slack & (state.tension < -SLACK_TENSION * scale)
+            too_long = slack & (self._excess(state, wanted) > SLACK_LENGTH * cables.rest_length)
+            if not pushes.any() and not too_long.any():
+                return after(now, state, step)
+            slack = (slack | pushes) & ~too_long
+        raise SimulationError("cables keep switching between taut and slack.")
+
+    def _excess(self, state: State, wanted: Controls) -> Floats:
+        """By how much each cable is longer than its prescribed length (n_cables,) [m]."""
+        cables = self.system.cables
+        return cables.lengths(state.x) - cables.rest_length + wanted.shortening
+
+    def _one_solve(self, now: Instant, step: float, wanted: Controls) -> Instant:
+        system = self._begin(now, step)
+        statics, n_cables = self._statics, system.cables.n_cables
+        free = Controls(np.ones(n_cables, dtype=bool), np.zeros(n_cables), wanted.shortening, wanted.load)
+        start = replace(now.state, tension=np.zeros(n_cables))
+        at = system.linearise(start, free, self.theta)
+        if not at.is_admissible:
+            raise SimulationError(f"At {now.time:.6g} s the state cannot be: {at.why_not}. {ADVICE}")
+        statics.factorise(at)
+        acting = np.flatnonzero(~wanted.is_held | (wanted.tension != 0.0))
+        columns = np.zeros((len(at.reduced), 1 + len(acting)))
+        columns[:, 0] = at.reduced
+        for k, i in enumerate(acting):
+            columns[: system.layout.first_tension_unknown, 1 + k] = system.pull(start, int(i), self.theta)
+        solved = statics.solve(columns)
+        dz, responses = -solved[:, 0], solved[:, 1:]
+        tension = np.where(wanted.is_held, wanted.tension, 0.0)
+        dz -= responses @ tension[acting]
+        taut = ~wanted.is_held[acting]
+        if taut.any():
+            rows = np.stack([system.length_gradient(start, int(i)) for i in acting[taut]])
+            rows = np.concatenate([rows, np.zeros((len(rows), n_cables))], axis=1)
+            excess = self._excess(start, wanted)[acting[taut]] + rows @ dz
+            pulls = pulls_without_push(rows @ responses[:, taut], excess)
+            dz -= responses[:, taut] @ pulls
+            tension[acting[taut]] = pulls
+        dz[system.layout.first_tension_unknown :] = tension
+        state = moved(system.layout, start, dz)
+        end = system.linearise(state, free, self.theta, tangent=False)
+        time = now.time + step
+        if not np.isfinite(state.x).all() or not end.is_admissible:
+            raise SimulationError(f"One linear solve went astray at {time:.6g} s: {end.why_not}. {ADVICE}")
+        if system.free_way(start, state) < 1.0:
+            raise SimulationError(f"One linear solve passes through a contact at {time:.6g} s. {ADVICE}")
+        return after(now, state, step)
+
+
+ADVICE = "Try a shorter time step, a slower pull, or converged steps."
+
+
+def pulls_without_push(compliance: Floats, excess: Floats) -> Floats:
+    """Tensions T >= 0 (n,) with C T >= e, and equal to it where T > 0: cables of prescribed length, taut or slack.
+
+    Raises
+    ------
+    SimulationError
+        Where none are found.
+    """
+    n = len(excess)
+    taut = excess > 0.0
+    for _ in range(4 * n + 4):
+        T = np.zeros(n)
+        T[taut] = np.linalg.solve(compliance[np.ix_(taut, taut)], excess[taut])
+        left = excess - compliance @ T
+        pushes, too_long = T < 0.0, ~taut & (left > 1e-12 * np.abs(excess).max(initial=0.0))
+        if not pushes.any() and not too_long.any():
+            return T
+        taut = (taut & ~pushes) | too_long
+    raise SimulationError("Cables keep switching between taut and slack.")

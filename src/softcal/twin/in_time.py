@@ -1,0 +1,206 @@
+"""simulate_in_time(robot, schedule): motion, and settling as in the papers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.errors import Fault, InputError, ParameterError, SimulationError
+from softcal.mechanics.dynamics import Dynamics
+from softcal.mechanics.inertial_system import Damping, Instant, at_rest
+from softcal.mechanics.state import rest_state
+from softcal.mechanics.statics import Statics
+from softcal.mechanics.system import Controls
+from softcal.twin.build import Twin, cached_twin
+from softcal.twin.masses import robot_inertia
+from softcal.twin.parameters import robot_parameters
+from softcal.twin.protocol import Protocol, command_faults
+from softcal.twin.response import Response, Snapshot
+from softcal.twin.robot import Robot
+from softcal.twin.schedule import Schedule, Settling, TimeSettings
+from softcal.twin.sensors import channel_units, sense
+from softcal.twin.start import loaded_state, snapshot
+
+DEFAULT = TimeSettings()
+
+
+def simulate_in_time(
+    robot: Robot, schedule: Schedule, settings: TimeSettings = DEFAULT, *, snapshots: int = 0
+) -> Response:
+    """The twin's motion under a schedule of commands.
+
+    Parameters
+    ----------
+    robot, schedule, settings
+        What moves, what is done to it, and how that is computed.
+    snapshots
+        How many shapes to draw are kept, evenly over the run's steps; 0 keeps none.
+
+    Returns
+    -------
+    Response
+        Channels at the start and after every step, `time` [s] among them; a sentence in `status`. With `succeeded`
+        False where no motion was found, the channels ending before, or where the robot did not settle.
+
+    Raises
+    ------
+    ParameterError
+        For a cable that the robot does not have, or a command that it cannot follow.
+    InputError
+        For a settling point that the robot does not have.
+    MeshError
+        For a robot that cannot be built.
+    """
+    faults = command_faults(robot, Protocol(schedule.commands))
+    if faults:
+        raise ParameterError(faults)
+    settling = settings.until_settled
+    watched = [part.name for part in (*robot.plates, *robot.markers)]
+    if settling is not None and settling.on not in ("", *watched):
+        allowed = ", ".join(watched) or "none: leave it empty"
+        raise InputError(Fault("there is no such plate or marker", "settling", settling.on, allowed))
+    twin = cached_twin(robot)
+    theta = {name: info.value for name, info in robot_parameters(robot).items()}
+    damping = Damping(settings.rayleigh_stiffness, settings.rayleigh_mass)
+    inertia = robot_inertia(twin, robot, settings.masses)
+    dynamics = Dynamics(twin.system, inertia, theta, damping, settings.scheme)
+    run = _Run(twin, schedule, settings, snapshots)
+    try:
+        run.to_the_end(dynamics, _start(twin, theta, settings))
+    except SimulationError as error:
+        run.fail(str(error))
+    finally:
+        dynamics.release()
+    return run.response(dynamics)
+
+
+def _start(twin: Twin, theta: Mapping[str, float], settings: TimeSettings) -> Instant:
+    if settings.start == "undeformed":
+        return at_rest(rest_state(twin.system.layout))
+    statics = Statics(twin.system, theta)
+    try:
+        return at_rest(loaded_state(twin, statics))
+    finally:
+        statics.release()
+
+
+@dataclass
+class _Run:
+    """A run as it goes: what was seen so far."""
+
+    twin: Twin
+    schedule: Schedule
+    settings: TimeSettings
+    n_snapshots: int
+    times: list[float] = field(default_factory=list[float])
+    rows: list[Floats] = field(default_factory=list[Floats])
+    shapes: list[Snapshot] = field(default_factory=list[Snapshot])
+    status: str = ""
+    succeeded: bool = True
+
+    def to_the_end(self, dynamics: Dynamics, now: Instant) -> None:
+        """Step until the schedule is over, and then until nothing moves where that is asked for."""
+        h, settling = self.settings.time_step, self.settings.until_settled
+        end = float(self.schedule.times[-1])
+        n_steps = max(int(np.ceil(end / h - 1e-9)), 0)
+        longest = n_steps + (0 if settling is None else int(np.ceil(settling.longest / h)))
+        self._keep(now, n_steps)
+        still_since = np.inf
+        for k in range(1, longest + 1):
+            now = replace(dynamics.advance(now, h, self._controls), time=k * h)
+            self._keep(now, n_steps)
+            if settling is None or k < n_steps:
+                continue
+            still_since = min(still_since, now.time) if self._speed(now) <= settling.speed else np.inf
+            if now.time - still_since >= settling.hold - 1e-9 * h:
+                self.status = (
+                    f"Settled after {now.time:.6g} s, {k} steps: {self._watched} slower than "
+                    f"{settling.speed:.3g} m/s for {settling.hold:.3g} s."
+                )
+                break
+        else:
+            self._end_without(now, settling, longest)
+        if dynamics.n_halvings:
+            self.status += f" {dynamics.n_halvings} step(s) were taken in halves."
+        if self.n_snapshots and (not self.shapes or self.shapes[-1].label != _label(now)):
+            self.shapes.append(self._shape(now))
+
+    def fail(self, why: str) -> None:
+        """No motion was found."""
+        self.status, self.succeeded = why, False
+
+    def response(self, dynamics: Dynamics) -> Response:
+        """What was seen."""
+        units = {"time": "s", **channel_units(self.twin)}
+        table = np.array(self.rows).reshape(len(self.rows), len(units) - 1)
+        columns = [np.array(self.times), *table.T]
+        return Response(
+            channels=dict(zip(units, columns, strict=True)),
+            units=units,
+            status=self.status,
+            succeeded=self.succeeded,
+            n_factorisations=dynamics.n_factorisations,
+            snapshots=tuple(self.shapes),
+            tets={name: mesh.tets for name, mesh in self.twin.meshes.items()} if self.shapes else {},
+        )
+
+    @property
+    def _watched(self) -> str:
+        settling = self.settings.until_settled
+        return settling.on if settling is not None and settling.on else "every point"
+
+    def _end_without(self, now: Instant, settling: Settling | None, n_steps: int) -> None:
+        speed = self._speed(now)
+        if settling is None:
+            self.status = f"Moved for {now.time:.6g} s in {n_steps} steps; speed at the end {speed:.3g} m/s."
+            return
+        self.succeeded = False
+        self.status = (
+            f"Not settled after {now.time:.6g} s, {n_steps} steps: {self._watched} still at {speed:.3g} m/s, tolerance "
+            f"{settling.speed:.3g} m/s. Try more rayleigh_mass, a longer step, or a slower ramp."
+        )
+
+    def _controls(self, time: float) -> Controls:
+        cables = self.twin.robot.cables
+        is_held, tension, shortening = np.ones(len(cables), dtype=bool), np.zeros(len(cables)), np.zeros(len(cables))
+        values = self.schedule.at(time)
+        for i, cable in enumerate(cables):
+            if cable.name not in values:
+                continue
+            if self.schedule.commands[cable.name].control == "tension":
+                tension[i] = values[cable.name]
+            else:
+                is_held[i], shortening[i] = False, values[cable.name]
+        return Controls(is_held, tension, shortening)
+
+    def _keep(self, now: Instant, n_steps: int) -> None:
+        row = sense(self.twin, now.state)
+        controls = self._controls(now.time)
+        slack = ~controls.is_held & (now.state.tension == 0.0)
+        shortenings = 2 * np.flatnonzero(slack)  # a slack cable's shortening is what was commanded
+        row[shortenings] = controls.shortening[slack]
+        if self.n_snapshots and len(self.rows) % max(n_steps // self.n_snapshots, 1) == 0:
+            self.shapes.append(self._shape(now))
+        self.times.append(now.time)
+        self.rows.append(row)
+
+    def _shape(self, now: Instant) -> Snapshot:
+        return snapshot(self.twin, now.state, _label(now), self.schedule.at(now.time))
+
+    def _speed(self, now: Instant) -> float:
+        """Of what is watched [m/s]."""
+        settling, velocities = self.settings.until_settled, now.velocities
+        on = "" if settling is None else settling.on
+        if on in self.twin.frame:
+            return float(np.linalg.norm(velocities.frames[self.twin.frame[on]]))
+        if on in self.twin.markers:
+            parts = [w * velocities.points[p] for p, w in self.twin.markers[on]]
+            return float(np.linalg.norm(np.sum(parts, axis=0)))
+        return float(np.sqrt(np.square(velocities.points).sum(axis=1).max(initial=0.0)))
+
+
+def _label(now: Instant) -> str:
+    return f"{now.time:.6g} s"

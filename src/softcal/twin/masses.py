@@ -1,0 +1,77 @@
+"""What a robot's parts weigh on in motion: bodies' elements, rods' nodes and their sections, plates."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from softcal.checks import Floats, Ints
+from softcal.mechanics.inertia import (
+    FrameMasses,
+    Inertia,
+    build_inertia,
+    element_masses,
+    no_frame_masses,
+    ride_along,
+    second_moments,
+)
+from softcal.mechanics.layout import FREE, TIED
+from softcal.twin.build import Twin
+from softcal.twin.robot import Plate, Robot, Rod
+
+MassMatrix = Literal["consistent", "lumped"]
+
+
+def robot_inertia(twin: Twin, robot: Robot, masses: MassMatrix = "consistent") -> Inertia:
+    """The inertia of `robot`, of which `twin` is the twin but for parameters.
+
+    A body's mass is consistent or lumped. A rod's is lumped at its nodes, with the rotary inertia of its section. A
+    plate has its mass, its inertia tensor (see `Plate`) and the mass of whatever tets lie on it whole.
+    """
+    layout = twin.system.layout
+    carried = no_frame_masses(layout)
+    elements: list[tuple[Ints, Floats]] = []
+    for body in robot.bodies:
+        mesh = twin.meshes[body.name]
+        points = twin.first_point[body.name] + mesh.tets
+        matrices = body.density * element_masses(mesh, lumped=masses == "lumped")
+        riders = layout.rider[points]
+        as_one = (riders == riders[:, :1]).all(axis=1)
+        on_frame = as_one & (riders[:, 0] >= 0)
+        ride_along(carried, layout, points[on_frame], matrices[on_frame])
+        bends = ~as_one | (riders[:, 0] == FREE) | (riders[:, 0] == TIED)
+        elements.append((points[bends], matrices[bends]))
+    for rod in robot.rods:
+        _add_rod(carried, twin, rod)
+    for plate in robot.plates:
+        _add_plate(carried, twin, plate)
+    return build_inertia(layout, twin.system.pattern, elements, carried)
+
+
+def _add_rod(carried: FrameMasses, twin: Twin, rod: Rod) -> None:
+    layout = twin.system.layout
+    m = len(rod.centreline.nodes)
+    frames = layout.rider[twin.first_point[rod.name] :][:m]
+    half = 0.5 * rod.centreline.lengths
+    line = rod.density * (np.append(half, 0.0) + np.insert(half, 0, 0.0))  # [kg/m^2]: times area is mass
+    triads = rod.centreline.triads
+    along = np.array([rod.section.I2, rod.section.I1, 0.0])  # second moment along axis 1 is I2, that about axis 2
+    tensors = line[:, None, None] * (triads * along) @ np.swapaxes(triads, 1, 2)
+    carried.add(frames, rod.section.area * line, rod.centreline.nodes - layout.references[frames], tensors)
+
+
+def _add_plate(carried: FrameMasses, twin: Twin, plate: Plate) -> None:
+    frame = twin.frame[plate.name]
+    arm = np.asarray(plate.centre_of_mass) - twin.system.layout.references[frame]
+    carried.add(np.array([frame]), np.array([plate.mass]), arm[None], _plate_moments(plate)[None])
+
+
+def _plate_moments(plate: Plate) -> Floats:
+    if plate.inertia is not None:
+        return second_moments(plate.inertia)
+    if plate.disc is None:
+        return np.zeros((3, 3))
+    axis = np.asarray(plate.disc.axis)
+    across, along = plate.mass * plate.disc.diameter**2 / 16.0, plate.mass * plate.disc.thickness**2 / 12.0
+    return across * (np.eye(3) - np.outer(axis, axis)) + along * np.outer(axis, axis)

@@ -6,6 +6,7 @@ import functools
 import math
 import re
 import tokenize
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from softcal.errors import Fault, UnitError
@@ -72,7 +73,16 @@ def unit_factor(unit: str, si_unit: str, *, where: str = "") -> float:
     try:
         return float(registry.Quantity(1.0, _plain(unit)).to(_plain(si_unit)).magnitude)
     except _pint_errors() as error:
+        if si_unit == "N" and _is_mass(unit):
+            fault = replace(fault, attempt="kgf for a weight; a mass may hang only where a key says that it is one")
         raise UnitError(fault) from error
+
+
+def _is_mass(unit: str) -> bool:
+    try:
+        return bool(_registry().Quantity(1.0, _plain(unit)).check("[mass]"))
+    except _pint_errors():
+        return False
 
 
 def parse_quantity(value: object, si_unit: str, *, where: str = "") -> float:

@@ -171,7 +171,7 @@ def test_what_cannot_be_tied_says_so():
     robot = two_bars("P1")
     apart = TetMesh(robot.bodies[1].mesh.points + [0.0, 0.0, 0.03], robot.bodies[1].mesh.tets)
     far = Body("above", apart, [], MATERIAL, element="P1")
-    with pytest.raises(MeshError, match="outside its body by 30 mm"):
+    with pytest.raises(MeshError, match="touches nothing; got the nearest of 16 nodes is 30 mm from below"):
         build_twin(Robot(bodies=(robot.bodies[0], far), ties=robot.ties))
     with pytest.raises(MeshError, match="there is no such body"):
         build_twin(Robot(bodies=robot.bodies, ties=(Tie("seam", "above", robot.ties[0].nodes, "beside"),)))

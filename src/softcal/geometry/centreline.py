@@ -201,6 +201,29 @@ def polyline(points: ArrayLike, *, first: Sequence[float] | None = None) -> Cent
     return Centreline(nodes, _without_twist(nodes, tangents, _triad(tangents[0], first)), lengths)
 
 
+def curve_through(
+    points: ArrayLike, stations: ArrayLike, longest: float, *, first: Sequence[float] | None = None
+) -> Centreline:
+    """`polyline` with more nodes on it: at arc lengths `stations` [m], none further apart than `longest` [m].
+
+    Raises
+    ------
+    MeshError
+        As `polyline`; where a station lies off the curve.
+    """
+    from scipy.interpolate import CubicHermiteSpline
+
+    coarse = polyline(points, first=first)
+    known, total = coarse.stations, float(coarse.stations[-1])
+    wanted = np.concatenate([known, np.asarray(stations, dtype=np.float64).ravel()])
+    same = 1e-9 * total
+    wanted[np.abs(wanted - total) < same] = total
+    s = total * spaced(wanted / total, longest / total)
+    s = s[np.append(True, np.diff(s) > same)]  # a station at one of the points
+    curve = CubicHermiteSpline(known, coarse.nodes, coarse.triads[:, :, 2])
+    return polyline(curve(s), first=first)
+
+
 def _without_twist(nodes: Floats, tangents: Floats, triad: Floats) -> Floats:
     triads = [triad]
     for i in range(len(nodes) - 1):

@@ -70,9 +70,8 @@ def locate_points(
         if weights[i].min() < -INSIDE:
             outside.append(i)
     if outside:
-        nearest, distances = _nearest_tets(mesh, points[outside])
-        edges = corners[nearest] - np.roll(corners[nearest], 1, axis=1)
-        allowed = OUTSIDE * np.linalg.norm(edges, axis=2).mean(axis=1) if tolerance is None else tolerance
+        nearest, distances = nearest_tets(mesh, points[outside])
+        allowed = OUTSIDE * mean_edges(mesh, nearest) if tolerance is None else tolerance
         allowed = np.broadcast_to(allowed, distances.shape)
         faults = [
             _outside(points[i], float(distance), float(limit), mesh, where)
@@ -87,12 +86,27 @@ def locate_points(
     return tets, weights
 
 
-def _barycentric(point: Floats, origins: Floats, inverse: Floats) -> Floats:
-    last = np.einsum("eij,ej->ei", inverse, point - origins)
-    return np.column_stack([1.0 - last.sum(axis=1), last])
+def tets_holding(mesh: TetMesh, points: Floats) -> Ints:
+    """Of each point (n, 3) the tet that it lies in, -1 outside, by the straight-sided tets between the corners."""
+    corners = mesh.points[mesh.tets[:, :4]]
+    inverse = np.linalg.inv(np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)).astype(np.float64)
+    found = np.full(len(points), -1, dtype=np.int64)
+    for i, point in enumerate(points):
+        least = _barycentric(point, corners[:, 0], inverse).min(axis=1)
+        tet = int(np.argmax(least))
+        if least[tet] >= -INSIDE:
+            found[i] = tet
+    return found
 
 
-def _nearest_tets(mesh: TetMesh, points: Floats) -> tuple[Ints, Floats]:
+def mean_edges(mesh: TetMesh, tets: Ints) -> Floats:
+    """A length of an edge of each of the tets [m]: the mean of four of them."""
+    corners = mesh.points[mesh.tets[tets, :4]]
+    return np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean(axis=1)
+
+
+def nearest_tets(mesh: TetMesh, points: Floats) -> tuple[Ints, Floats]:
+    """Of each point (n, 3) the tet behind the nearest triangle of the surface, and the distance to that [m]."""
     triangles = mesh.points[boundary_faces(mesh)[:, :3]]
     owners = boundary_owners(mesh)
     nearest = np.zeros(len(points), dtype=np.int64)
@@ -102,6 +116,11 @@ def _nearest_tets(mesh: TetMesh, points: Floats) -> tuple[Ints, Floats]:
         closest = int(np.argmin(to_faces))
         nearest[i], distances[i] = owners[closest], to_faces[closest]
     return nearest, distances
+
+
+def _barycentric(point: Floats, origins: Floats, inverse: Floats) -> Floats:
+    last = np.einsum("eij,ej->ei", inverse, point - origins)
+    return np.column_stack([1.0 - last.sum(axis=1), last])
 
 
 def _distances_to_triangles(point: Floats, triangles: Floats) -> Floats:

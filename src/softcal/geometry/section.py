@@ -33,6 +33,11 @@ class Section:
         if faults:
             raise MeshError(faults)
 
+    @property
+    def outer_diameter(self) -> float:
+        """Of the round bar or tube with this area and these second moments on average [m]."""
+        return math.sqrt(4.0 * (self.I1 + self.I2) / self.area + 2.0 * self.area / math.pi)
+
 
 def circular(diameter: float, *, inner_diameter: float = 0.0) -> Section:
     """A round bar or, with an inner diameter [m], a tube.

@@ -115,17 +115,18 @@ class _Prepared:
 def _check_names(section: ExperimentSection, robot: RobotSection | None, path: KeyPath, findings: Findings) -> None:
     if robot is None:
         return
-    if section.cable not in robot.cables:
-        findings.unknown((*path, "cable"), "cable", section.cable, robot.cables)
-    if section.plate is not None and section.plate not in robot.plates:
-        findings.unknown((*path, "plate"), "plate", section.plate, robot.plates)
+    cables, plates = robot.names("cables"), robot.names("plates")
+    if section.cable not in cables:
+        findings.unknown((*path, "cable"), "cable", section.cable, cables)
+    if section.plate is not None and section.plate not in plates:
+        findings.unknown((*path, "plate"), "plate", section.plate, plates)
     angles = [key for file in section.files for key in file.columns if key in ("pitch", "roll", "yaw", "qw")]
     if section.plate is None and angles:
         findings.add(
             (*path, "plate"),
             "it is not said which plate carries the IMU",
             got=f"the channel {angles[0]}, no plate",
-            allowed=", ".join(robot.plates) or "a plate of the robot",
+            allowed=", ".join(plates) or "a plate of the robot",
         )
 
 

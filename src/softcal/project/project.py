@@ -12,6 +12,7 @@ from softcal.calibration.parameters import SearchSpace
 from softcal.checks import Ints
 from softcal.errors import Fault, ProjectFileError
 from softcal.experiments.dataset import Dataset
+from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quality import MeshReport
 from softcal.project.bench import Bench, build_bench
 from softcal.project.bench_schema import ExperimentSection, RigSection
@@ -40,7 +41,8 @@ class Project:
     path: of the file. experiments, records (as read), cycles (every cycle after the corrections; None where none were
     looked for): by experiment. space: the free parameters, None where none is free. held: parameters given from
     outside. hashes: SHA-256 of the project file and of every file it names. inputs: those files by path as written.
-    generated: bodies whose mesh Gmsh made. warnings: what is allowed but looks wrong.
+    generated: body -> the mesh that Gmsh made of it, before it was put in place.
+    warnings: what is allowed but looks wrong.
     """
 
     path: Path
@@ -55,7 +57,7 @@ class Project:
     held: Mapping[str, float]
     hashes: Mapping[str, str]
     inputs: Mapping[str, Path]
-    generated: tuple[str, ...]
+    generated: Mapping[str, TetMesh]
     qualities: Mapping[str, MeshReport]
     regions: Mapping[str, Mapping[str, Ints]]
     warnings: tuple[Fault, ...]
@@ -132,7 +134,7 @@ def load(
         held=held,
         hashes={path.name: sha256(path), **files.hashes()},
         inputs=dict(files.used),
-        generated=tuple(name for name, body in section.bodies.items() if is_generated(body)),
+        generated={name: built.made[name] for name, body in section.bodies.items() if is_generated(body)},
         qualities=built.qualities,
         regions=built.regions,
         warnings=tuple(dict.fromkeys(findings.warnings)),

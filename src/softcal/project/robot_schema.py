@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, PlainValidator, field_validator, model_validator
 
+from softcal.project.manipulator_schema import ManipulatorSection
 from softcal.project.mesh_schema import Mesh, RegionSection
+from softcal.project.rod_schema import PlacementSection, RodSection
 from softcal.project.section import (
     Acceleration,
+    Angle,
     Density,
-    ForceVector,
+    Direction,
+    Length,
     Mass,
     Point,
     Positive,
@@ -19,18 +23,17 @@ from softcal.project.section import (
     Ratio,
     Section,
     Traction,
+    checked_poissons_ratio,
     fault_error,
+    listed,
+    quantity,
 )
 
 Element = Literal["P1", "P2", "P2P1"]
 
 
-def _listed(value: object) -> object:
-    return [value] if isinstance(value, str) else value
-
-
 class BodySection(Section):
-    """A deformable body: its mesh, material and fixed region."""
+    """A deformable body: its mesh, material, fixed region, and where it is put."""
 
     mesh: Mesh
     element: Element = "P2P1"
@@ -39,7 +42,8 @@ class BodySection(Section):
     poissons_ratio: Ratio
     density: Density = 0.0
     regions: Mapping[str, RegionSection] = Field(default_factory=dict)
-    fixed: Annotated[list[str], BeforeValidator(_listed)] = Field(default_factory=list)
+    fixed: Annotated[list[str], BeforeValidator(listed)] = Field(default_factory=list)
+    placement: PlacementSection | None = None
 
     @field_validator("poissons_ratio")
     @classmethod
@@ -47,33 +51,134 @@ class BodySection(Section):
         return checked_poissons_ratio(value)
 
 
-def checked_poissons_ratio(value: float) -> float:
-    """The ratio, where it is that of a material that can be computed with."""
-    if not -1.0 < value < 0.5:
-        raise fault_error(
-            "Poisson's ratio is out of range",
-            got=f"{value:g}",
-            allowed="-1 < ratio < 0.5",
-            attempt="0.4999, with element P2P1" if value >= 0.5 else "",
-        )
-    return value
+class DiscSection(Section):
+    """The shape of a plate: a flat cylinder around `centre`, by default the plate's reference."""
+
+    diameter: Annotated[Length, Positive]
+    thickness: Annotated[Length, Positive]
+    axis: Direction = (0.0, 0.0, 1.0)
+    centre: Point | None = None
+    hole_diameter: Length = 0.0
+
+
+class RingSection(Section):
+    """Holes evenly spaced on a circle; angles count about `axis` from `zero`."""
+
+    count: Annotated[int, Positive]
+    radius: Annotated[Length, Positive]
+    first_angle: Angle = 0.0
+    names: list[str] | None = None
+    centre: Point | None = None
+    axis: Direction = (0.0, 0.0, 1.0)
+    zero: Direction = (1.0, 0.0, 0.0)
+
+    @model_validator(mode="after")
+    def _one_name_each(self) -> RingSection:
+        names = self.names
+        if names is not None and (len(names) != self.count or len(set(names)) != self.count):
+            raise fault_error(
+                "the ring needs one name for each hole", got=", ".join(names) or "none", allowed=f"{self.count} names"
+            )
+        return self
+
+    @property
+    def hole_names(self) -> list[str]:
+        """The names given, or h1, h2, …"""
+        return self.names or [f"h{k + 1}" for k in range(self.count)]
+
+
+class HolesSection(Section):
+    """The guide holes of a plate: points by name, or a ring of them, or both."""
+
+    points: Mapping[str, Point] = Field(default_factory=dict)
+    ring: RingSection | None = None
+
+    @model_validator(mode="after")
+    def _names_once(self) -> HolesSection:
+        twice = sorted(set(self.points) & set(self.ring.hole_names if self.ring else []))
+        if twice:
+            raise fault_error("a hole stands in both points and ring", got=", ".join(twice), allowed="one of each name")
+        return self
+
+    @property
+    def names(self) -> list[str]:
+        """Every hole's name."""
+        return [*self.points, *(self.ring.hole_names if self.ring else [])]
 
 
 class PlateSection(Section):
-    """A rigid plate tied to a region of a body."""
+    """A rigid plate: tied to a region of one body or of several, clamped to rods, or fixed."""
+
+    reference: Point
+    body: str | None = None
+    region: str | None = None
+    bodies: Mapping[str, str] = Field(default_factory=dict)
+    mass: Mass = 0.0
+    centre_of_mass: Point | None = None
+    fixed: bool = False
+    holes: HolesSection = HolesSection()
+    disc: DiscSection | None = None
+
+    @model_validator(mode="after")
+    def _body_with_region(self) -> PlateSection:
+        if (self.body is None) != (self.region is None):
+            given = "body" if self.region is None else "region"
+            raise fault_error("a plate is tied to a region of a body", got=f"only {given}", allowed="body and region")
+        if self.body is not None and self.bodies:
+            raise fault_error(
+                "it is said twice what the plate is tied to", got="body and bodies", allowed="one of the two"
+            )
+        return self
+
+    @property
+    def tied(self) -> Mapping[str, str]:
+        """Body -> region that the plate is tied to."""
+        return self.bodies if self.body is None or self.region is None else {self.body: self.region}
+
+
+class TieSection(Section):
+    """A region of a body bonded to another body, whose mesh need not match."""
 
     body: str
     region: str
-    reference: Point
-    mass: Mass = 0.0
-    centre_of_mass: Point | None = None
+    on: str
+    tolerance: Annotated[Length, Positive] | None = None
+
+
+def _one_place(on: str, at: object, hole: str | None) -> None:
+    given = [key for key, value in (("at", at), ("hole", hole)) if value is not None]
+    if len(given) != 1:
+        raise fault_error(
+            "it is not said where the point is", got=" and ".join(given) or "neither", allowed="at, or hole"
+        )
+    if hole is not None and not on:
+        raise fault_error("it is not said which plate has the hole", got=f"hole {hole}", allowed="on: PLATE")
 
 
 class ViaSection(Section):
-    """A point that a cable runs through: on a plate or body, or fixed in space."""
+    """A point that a cable runs through: on a plate, in a hole of it, on a body, or fixed in space."""
 
-    at: Point
     on: str = ""
+    at: Point | None = None
+    hole: str | None = None
+
+    @model_validator(mode="after")
+    def _placed(self) -> ViaSection:
+        _one_place(self.on, self.at, self.hole)
+        return self
+
+
+class MarkerSection(Section):
+    """A point whose position is seen, on a plate or body."""
+
+    on: str
+    at: Point | None = None
+    hole: str | None = None
+
+    @model_validator(mode="after")
+    def _placed(self) -> MarkerSection:
+        _one_place(self.on, self.at, self.hole)
+        return self
 
 
 class CableSection(Section):
@@ -84,32 +189,75 @@ class CableSection(Section):
     pulled_end: Literal["first", "last"] = "last"
 
 
+def _force(value: object) -> float | tuple[float, float, float]:
+    read = quantity("N")
+    if not isinstance(value, list):
+        return read(value)
+    parts: list[Any] = value
+    if len(parts) != 3:
+        raise fault_error(
+            "the list has the wrong length", got=str(len(parts)), allowed="three components, or one force"
+        )
+    return (read(parts[0]), read(parts[1]), read(parts[2]))
+
+
+POINT_LOADS = ({"at", "force"}, {"at", "direction", "force"}, {"at", "mass"})
+
+
 class LoadSection(Section):
-    """A dead force at a point, or a traction on a region of a body's surface."""
+    """A dead force at a point, a mass that hangs from one, or a traction on a region of a body's surface."""
 
     on: str
     at: Point | None = None
-    force: ForceVector | None = None
+    hole: str | None = None
+    force: Annotated[float | tuple[float, float, float] | None, PlainValidator(_force)] = None
+    direction: Direction | None = None
+    mass: Mass | None = None
     region: str | None = None
     traction: Traction | None = None
 
     @model_validator(mode="after")
-    def _point_or_surface(self) -> LoadSection:
-        given = {key for key in ("at", "force", "region", "traction") if getattr(self, key) is not None}
-        if given not in ({"at", "force"}, {"region", "traction"}):
+    def _one_kind(self) -> LoadSection:
+        keys = ("at", "hole", "force", "direction", "mass", "region", "traction")
+        given = [key for key in keys if getattr(self, key) is not None]
+        kind = {"at" if key == "hole" else key for key in given}
+        if len(kind) != len(given) or kind not in (*POINT_LOADS, {"region", "traction"}):
             raise fault_error(
-                "a load is a force at a point or a traction on a region",
-                got=", ".join(sorted(given)) or "neither",
-                allowed="at and force, or region and traction",
+                "a load is a force or a mass at a point, or a traction on a region",
+                got=", ".join(given) or "neither",
+                allowed="at (or hole) and force; at, direction and force; at and mass; region and traction",
+            )
+        if isinstance(self.force, tuple) and self.direction is not None:
+            raise fault_error("the load's direction is given twice", got="a vector as force", allowed="force: 2 N")
+        if isinstance(self.force, float) and self.direction is None:
+            raise fault_error(
+                "the load has no direction", got="force without direction", allowed="force: [x, y, z], or a direction"
             )
         return self
 
 
 class RobotSection(Section):
-    """Bodies, plates, cables, loads and gravity."""
+    """Bodies, rods, plates, ties, cables, loads, markers, gravity; or a manipulator, with more of them or without."""
 
-    bodies: Annotated[Mapping[str, BodySection], Field(min_length=1)]
+    manipulator: ManipulatorSection | None = None
+    bodies: Mapping[str, BodySection] = Field(default_factory=dict)
+    rods: Mapping[str, RodSection] = Field(default_factory=dict)
     plates: Mapping[str, PlateSection] = Field(default_factory=dict)
+    ties: Mapping[str, TieSection] = Field(default_factory=dict)
     cables: Mapping[str, CableSection] = Field(default_factory=dict)
     loads: Mapping[str, LoadSection] = Field(default_factory=dict)
+    markers: Mapping[str, MarkerSection] = Field(default_factory=dict)
     gravity: tuple[Acceleration, Acceleration, Acceleration] = (0.0, 0.0, 0.0)
+
+    @model_validator(mode="after")
+    def _something_bends(self) -> RobotSection:
+        if not (self.bodies or self.rods or self.manipulator):
+            raise fault_error(
+                "the robot has nothing that bends", got="neither", allowed="bodies, rods, or a manipulator"
+            )
+        return self
+
+    def names(self, kind: str) -> list[str]:
+        """Every part of a kind such as "plates", the manipulator's own among them."""
+        own = self.manipulator.part_names(kind) if self.manipulator else []
+        return [*own, *(name for name in getattr(self, kind) if name not in own)]

@@ -217,12 +217,11 @@ def _copy_inputs(project: Project, folder: Path) -> dict[str, str]:
         (folder / place).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, folder / place)
         copies[written] = place.as_posix()
-    for body in project.robot.bodies:
-        if body.name in project.generated:
-            place = Path(INPUTS, "meshes", f"{body.name}.vtu")
-            (folder / place).parent.mkdir(parents=True, exist_ok=True)
-            write_mesh(body.mesh, folder / place)
-            copies[stored_name(body.name)] = place.as_posix()
+    for name, mesh in project.generated.items():
+        place = Path(INPUTS, "meshes", f"{name}.vtu")
+        (folder / place).parent.mkdir(parents=True, exist_ok=True)
+        write_mesh(mesh, folder / place)
+        copies[stored_name(name)] = place.as_posix()
     return copies
 
 

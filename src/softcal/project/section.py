@@ -99,6 +99,8 @@ Acceleration = Annotated[float, BeforeValidator(quantity("m/s^2"))]
 Angle = Annotated[float, BeforeValidator(quantity("rad"))]
 Duration = Annotated[float, BeforeValidator(quantity("s"))]
 Ratio = Annotated[float, BeforeValidator(quantity("1"))]
+Area = Annotated[float, BeforeValidator(quantity("m^2"))]
+SecondMoment = Annotated[float, BeforeValidator(quantity("m^4"))]
 Point = tuple[Length, Length, Length]
 ForceVector = tuple[Force, Force, Force]
 Traction = tuple[Pressure, Pressure, Pressure]
@@ -128,6 +130,23 @@ def above(limit: float, unit: str = "") -> Callable[[float], float]:
 
 
 Positive = AfterValidator(above(0.0))
+
+
+def listed(value: object) -> object:
+    """One entry as a list of it."""
+    return [value] if isinstance(value, str | dict) else value
+
+
+def checked_poissons_ratio(value: float) -> float:
+    """The ratio, where it is that of a material that can be computed with."""
+    if not -1.0 < value < 0.5:
+        raise fault_error(
+            "Poisson's ratio is out of range",
+            got=f"{value:g}",
+            allowed="-1 < ratio < 0.5",
+            attempt="0.4999, with element P2P1" if value >= 0.5 else "",
+        )
+    return value
 
 
 def validated(model: type[S], data: object, path: KeyPath, findings: Findings) -> S | None:

@@ -9,9 +9,11 @@ import numpy as np
 from softcal.checks import Floats, Ints
 from softcal.errors import Fault, MeshError
 from softcal.geometry.mesh import TET_EDGES, TetMesh
+from softcal.geometry.overlap import distances_outside
 from softcal.mechanics.attachment import attach
 from softcal.mechanics.links import Ties
-from softcal.twin.robot import Robot
+from softcal.twin.robot import Robot, Tie
+from softcal.units import format_quantity
 
 
 @dataclass(frozen=True)
@@ -92,6 +94,9 @@ def join_ties(robot: Robot, meshes: dict[str, TetMesh], first: dict[str, int]) -
                 raise MeshError(Fault("there is no such body", f"{tie.name}.{key}", name, ", ".join(bodies)))
         if tie.body == tie.on:
             raise MeshError(Fault("a body cannot be tied to itself", where=tie.name, got=tie.body))
+        fault = tie_fault(tie, bodies[tie.body].mesh, meshes[tie.on])
+        if fault is not None:
+            raise MeshError(fault)
         mesh = meshes[tie.body]
         nodes = nodes_in_use(bodies[tie.body].mesh, mesh, tie.nodes)
         masters, weights = attach(meshes[tie.on], mesh.points[nodes], tolerance=tie.tolerance, where=tie.name)
@@ -100,6 +105,39 @@ def join_ties(robot: Robot, meshes: dict[str, TetMesh], first: dict[str, int]) -
         weight.append(weights.ravel())
     none = np.zeros(0, dtype=np.int64)
     return Ties(np.concatenate([none, *point]), np.concatenate([none, *master]), np.concatenate([np.zeros(0), *weight]))
+
+
+def tie_fault(tie: Tie, mesh: TetMesh, on: TetMesh) -> Fault | None:
+    """What is wrong with where a tie's nodes lie: too far from the body that they are to be bonded to.
+
+    mesh: that of the tied body, whose numbering the tie's nodes have.
+    """
+    if len(tie.nodes) == 0:
+        return Fault("the tie has no nodes", where=tie.name)
+    distance, by_default = distances_outside(on, mesh.points[tie.nodes])
+    allowed = by_default if tie.tolerance is None else np.full_like(distance, tie.tolerance)
+    loose = distance > allowed
+    if not loose.any():
+        return None
+    limit = float(allowed[loose].max())
+    tolerance = f"at most {format_quantity(limit, 'm')} from {tie.on}"
+    attempt = f"another region or placement, or a tolerance above {format_quantity(float(distance.max()), 'm')}"
+    if loose.all():
+        nearest = format_quantity(float(distance.min()), "m")
+        return Fault(
+            "the tie touches nothing",
+            where=tie.name,
+            got=f"the nearest of {len(distance)} nodes is {nearest} from {tie.on}",
+            allowed=tolerance,
+            attempt=attempt,
+        )
+    return Fault(
+        f"{int(loose.sum())} of {len(distance)} nodes of the tie are off {tie.on}",
+        where=tie.name,
+        got=f"up to {format_quantity(float(distance.max()), 'm')}",
+        allowed=tolerance,
+        attempt=attempt,
+    )
 
 
 def nodes_in_use(given: TetMesh, used: TetMesh, nodes: Ints) -> Ints:

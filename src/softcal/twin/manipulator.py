@@ -1,8 +1,8 @@
 """The continuum manipulator of paper B: discs joined by helical springs, bent by cables that end at some of them.
 
 The base's mounting face is the origin; the discs follow along z, downwards where the manipulator hangs. Azimuths count
-about +z from +x. Parts: base, S1, S2, …; spring1, …; cable1, …, numbered end by end; marker1, … on the discs. Every disc
-has a guide hole for every cable, h1, h2, …, in its middle plane.
+about +z from +x. Parts: base, S1, S2, …; spring1, …; cable1, …, numbered end by end; marker1, … on the discs. Every
+disc has a guide hole for every cable, h1, h2, …, in its middle plane.
 """
 
 from __future__ import annotations

@@ -1,0 +1,31 @@
+"""How far points are from a mesh, or how deep in it: what ties reach, and what overlaps at rest."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.geometry.locate import OUTSIDE, mean_edges, nearest_tets, tets_holding
+from softcal.geometry.mesh import TetMesh
+
+
+def distances_outside(mesh: TetMesh, points: Floats) -> tuple[Floats, Floats]:
+    """How far outside a mesh points (n, 3) lie, 0 for those in it, and what the default tolerance there is [m]."""
+    outside = tets_holding(mesh, points) < 0
+    distance, allowed = np.zeros(len(points)), np.zeros(len(points))
+    if outside.any():
+        tets, distance[outside] = nearest_tets(mesh, points[outside])
+        allowed[outside] = OUTSIDE * mean_edges(mesh, tets)
+    return distance, allowed
+
+
+def depths_inside(mesh: TetMesh, points: Floats) -> tuple[Floats, Floats]:
+    """How deep in a mesh points (n, 3) lie, 0 for those outside, and how coarse the mesh is there [m]."""
+    depth, allowed = np.zeros(len(points)), np.zeros(len(points))
+    low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
+    near = np.flatnonzero(((points > low) & (points < high)).all(axis=1))
+    inside = near[tets_holding(mesh, points[near]) >= 0]
+    if len(inside):
+        tets, depth[inside] = nearest_tets(mesh, points[inside])
+        allowed[inside] = OUTSIDE * mean_edges(mesh, tets)
+    return depth, allowed

@@ -1,0 +1,169 @@
+"""What may stand under `robot.manipulator` in a project file; what is left out is as in `ManipulatorShape`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, PlainValidator, field_validator
+
+from softcal.project.section import (
+    Angle,
+    Density,
+    Length,
+    Mass,
+    Positive,
+    Ratio,
+    Section,
+    checked_poissons_ratio,
+    fault_error,
+    quantity,
+)
+from softcal.twin.manipulator import BASE, ManipulatorShape
+
+# Where each field of the shape stands in the section.
+KEYS: Mapping[str, tuple[str, ...]] = {
+    "total_length": ("total_length",),
+    "n_sections": ("sections",),
+    "hanging": ("hanging",),
+    "base_diameter": ("base", "diameter"),
+    "base_thickness": ("base", "thickness"),
+    "disc_diameter": ("discs", "diameter"),
+    "disc_thickness": ("discs", "thickness"),
+    "hole_diameter": ("discs", "hole_diameter"),
+    "coil_diameter": ("springs", "coil_diameter"),
+    "wire_diameter": ("springs", "wire_diameter"),
+    "turns": ("springs", "turns"),
+    "left_handed": ("springs", "left_handed"),
+    "spring_azimuth": ("springs", "azimuth"),
+    "cable_radius": ("cables", "radius"),
+    "cable_ends": ("cables", "ends"),
+    "cables_per_end": ("cables", "per_end"),
+    "cable_exit": ("cables", "exit"),
+    "marker_radius": ("markers", "radius"),
+    "marker_azimuth": ("markers", "azimuth"),
+}
+
+
+class BaseSection(Section):
+    """The disc that does not move."""
+
+    diameter: Length | None = None
+    thickness: Length | None = None
+
+
+class DiscsSection(Section):
+    """The discs that move, all alike; without a mass, they weigh their volume times the springs' density."""
+
+    diameter: Length | None = None
+    thickness: Length | None = None
+    hole_diameter: Length | None = None
+    mass: Mass | None = None
+
+
+def _moduli(value: object) -> float | dict[str, float]:
+    read = quantity("Pa")
+    if not isinstance(value, dict):
+        return read(value)
+    given: dict[str, object] = value
+    return {name: read(entry) for name, entry in given.items()}
+
+
+class SpringsSection(Section):
+    """The springs, all alike but, where given by name, in their modulus."""
+
+    wire_diameter: Length | None = None
+    coil_diameter: Length | None = None
+    turns: Ratio | None = None
+    left_handed: bool | None = None
+    azimuth: Angle | None = None
+    elements_per_turn: Annotated[int, Positive] = 12
+    youngs_modulus: Annotated[float | dict[str, float], PlainValidator(_moduli)]
+    poissons_ratio: Ratio
+    density: Density = 0.0
+
+    @field_validator("poissons_ratio")
+    @classmethod
+    def _compressible(cls, value: float) -> float:
+        return checked_poissons_ratio(value)
+
+
+def _disc_number(name: object) -> int:
+    match = re.fullmatch(r"S(\d+)", str(name))
+    if match is None:
+        raise fault_error("cables end at a disc", got=f"'{name}'", allowed="S1, S2, …")
+    return int(match[1])
+
+
+def _by_disc(value: object) -> object:
+    if not isinstance(value, dict) or not value:
+        raise fault_error(
+            "this is of the wrong kind",
+            got=repr(value),
+            allowed="discs with the azimuth of their first cable: {S2: 0 deg}",
+        )
+    given: dict[object, object] = value
+    return {_disc_number(name): azimuth for name, azimuth in given.items()}
+
+
+class CablesSection(Section):
+    """The cables: at which discs they end, with the azimuth of the first of each end's."""
+
+    radius: Length | None = None
+    per_end: Annotated[int, Positive] | None = None
+    ends: Annotated[dict[int, Angle] | None, BeforeValidator(_by_disc)] = None
+    exit: Length | None = None
+    friction_coefficient: Ratio = 0.0
+
+
+class MarkersSection(Section):
+    """Where the marker of each disc is, in its middle plane."""
+
+    radius: Length | None = None
+    azimuth: Angle | None = None
+
+
+class ManipulatorSection(Section):
+    """Discs joined by helical springs, and cables that end at some of them (paper B)."""
+
+    total_length: Length | None = None
+    sections: Annotated[int, Positive] | None = None
+    hanging: bool | None = None
+    base: BaseSection = BaseSection()
+    discs: DiscsSection = DiscsSection()
+    springs: SpringsSection
+    cables: CablesSection = CablesSection()
+    markers: MarkersSection = MarkersSection()
+
+    def shape(self) -> ManipulatorShape:
+        """Its lengths and angles.
+
+        Raises
+        ------
+        MeshError
+            Where they do not fit together.
+        """
+        given = {field: self._value(path) for field, path in KEYS.items() if self._value(path) is not None}
+        if self.cables.ends is not None:
+            given |= {"cable_ends": tuple(self.cables.ends), "first_azimuths": tuple(self.cables.ends.values())}
+        return ManipulatorShape(**given)
+
+    def _value(self, path: tuple[str, ...]) -> Any:
+        value: Any = self
+        for key in path:
+            value = getattr(value, key)
+        return None if isinstance(value, dict) else value
+
+    def part_names(self, kind: str) -> list[str]:
+        """The names of its parts of a kind such as "plates"; none where its numbers are wrong."""
+        sections = self.sections or ManipulatorShape.n_sections
+        ends = self.cables.ends or dict.fromkeys(ManipulatorShape.cable_ends, 0.0)
+        n_cables = len(ends) * (self.cables.per_end or ManipulatorShape.cables_per_end)
+        names = {
+            "plates": [BASE, *(f"S{k + 1}" for k in range(sections))],
+            "rods": [f"spring{k + 1}" for k in range(sections)],
+            "cables": [f"cable{k + 1}" for k in range(n_cables)],
+            "markers": [f"marker{k + 1}" for k in range(sections)],
+        }
+        return names.get(kind, [])

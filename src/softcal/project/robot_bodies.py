@@ -1,0 +1,136 @@
+"""From a project's `bodies` to Bodies: meshes made and put in place, regions selected, materials checked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from softcal.checks import Ints
+from softcal.geometry.mesh import TetMesh
+from softcal.geometry.placement import placement
+from softcal.geometry.quality import MeshReport, check_quality, require_sound
+from softcal.geometry.regions import Box, Cylinder, Named, Plane, Region, Sphere, select_faces, select_nodes
+from softcal.materials.catalogue import LAWS
+from softcal.project.document import Findings, KeyPath
+from softcal.project.mesh_schema import RegionSection
+from softcal.project.robot_schema import BodySection, LoadSection
+from softcal.twin.robot import Body
+
+# Makes the mesh of a body from its section; the project decides where files lie.
+MeshMaker = Callable[[str, BodySection], TetMesh]
+
+
+@dataclass
+class BuiltBodies:
+    """What has come of the bodies so far, by name.
+
+    sections: as written, whether in order or not; made: meshes before they are put in place; meshes: in place;
+    regions: name -> node numbers.
+    """
+
+    sections: Mapping[str, BodySection]
+    made: dict[str, TetMesh] = field(default_factory=dict[str, TetMesh])
+    meshes: dict[str, TetMesh] = field(default_factory=dict[str, TetMesh])
+    qualities: dict[str, MeshReport] = field(default_factory=dict[str, MeshReport])
+    regions: dict[str, dict[str, Ints]] = field(default_factory=dict[str, dict[str, Ints]])
+    bodies: list[Body] = field(default_factory=list[Body])
+
+    def nodes(self, body: str, region: str, path: KeyPath, findings: Findings) -> Ints | None:
+        """The nodes of a body's region, or None with the fault recorded; None too where the body has no mesh."""
+        if body not in self.meshes:
+            return None
+        if region in self.regions[body]:
+            return self.regions[body][region]
+        known = self.known_regions(body)
+        if region not in known:
+            findings.unknown(path, "region", region, known)
+        elif region not in self.sections[body].regions:  # else its own fault is on record
+            with findings.at(path):
+                return select_nodes(self.meshes[body], Named(region))
+        return None
+
+    def known_regions(self, body: str) -> list[str]:
+        """The regions that the project defines, and the groups of the mesh file."""
+        mesh = self.meshes[body]
+        return [*self.sections[body].regions, *mesh.node_sets, *mesh.face_sets, *mesh.element_sets]
+
+    def faces(self, load: LoadSection, path: KeyPath, findings: Findings) -> Ints | None:
+        """The triangles that a load presses on, or None with the fault recorded."""
+        if load.on not in self.sections:
+            findings.unknown((*path, "on"), "body", load.on, self.sections)
+        elif load.on in self.meshes and load.region is not None:
+            regions = self.sections[load.on].regions
+            if load.region not in self.known_regions(load.on):
+                findings.unknown((*path, "region"), "region", load.region, self.known_regions(load.on))
+                return None
+            region = region_of(regions[load.region]) if load.region in regions else Named(load.region)
+            with findings.at((*path, "region")):
+                return select_faces(self.made[load.on], region)
+        return None
+
+
+def build_bodies(sections: Mapping[str, BodySection], make_mesh: MeshMaker, findings: Findings) -> BuiltBodies:
+    """Every body that is in order; every fault goes to `findings`."""
+    built = BuiltBodies(sections)
+    for name, body in sections.items():
+        path = ("robot", "bodies", name)
+        with findings.at((*path, "mesh")):
+            mesh = make_mesh(name, body)
+            built.made[name] = built.meshes[name] = mesh
+            built.qualities[name] = require_sound(mesh)
+        if body.law not in LAWS:
+            findings.unknown((*path, "law"), "law", body.law, LAWS)
+        if name not in built.made:
+            continue
+        built.regions[name] = _regions(body, built.made[name], path, findings)
+        if body.placement is not None:
+            put = body.placement
+            with findings.at((*path, "placement")):
+                place = placement(put.position, [(turn.axis, turn.angle) for turn in put.rotation])
+                built.meshes[name] = place.mesh(built.made[name])
+                if name in built.qualities:
+                    built.qualities[name] = check_quality(built.meshes[name])
+        found = [built.nodes(name, region, (*path, "fixed"), findings) for region in body.fixed]
+        held = [np.empty(0, dtype=np.int64), *(nodes for nodes in found if nodes is not None)]
+        fixed = np.unique(np.concatenate(held))
+        if name in built.qualities and (warning := _poor(built.qualities[name], built.meshes[name], fixed)):
+            findings.warn((*path, "mesh"), warning)
+        parameters = {"youngs_modulus": body.youngs_modulus, "poissons_ratio": body.poissons_ratio}
+        built.bodies.append(Body(name, built.meshes[name], fixed, parameters, body.law, body.element, body.density))
+    return built
+
+
+def region_of(section: RegionSection) -> Region:
+    """The geometric region that a section describes.
+
+    Raises
+    ------
+    MeshError
+        For a shape that is none, such as a box turned inside out.
+    """
+    if section.plane:
+        return Plane(section.plane.point, section.plane.normal, section.plane.tolerance, section.plane.side)
+    if section.box:
+        return Box(section.box.lower, section.box.upper)
+    if section.cylinder:
+        return Cylinder(section.cylinder.start, section.cylinder.end, section.cylinder.radius)
+    if section.sphere:
+        return Sphere(section.sphere.centre, section.sphere.radius)
+    return Named(section.group or "")
+
+
+def _poor(quality: MeshReport, mesh: TetMesh, fixed: Ints) -> str:
+    """What is poor about a mesh where it matters: a sliver that is fixed throughout is not computed with."""
+    slivers = tuple(tet for tet in quality.slivers if not np.isin(mesh.tets[tet], fixed).all())
+    return replace(quality, slivers=slivers).warning
+
+
+def _regions(body: BodySection, mesh: TetMesh, path: KeyPath, findings: Findings) -> dict[str, Ints]:
+    """Selected before the body is put in place, as its own frame has them."""
+    found: dict[str, Ints] = {}
+    for name, region in body.regions.items():
+        with findings.at((*path, "regions", name)):
+            found[name] = select_nodes(mesh, region_of(region))
+    return found

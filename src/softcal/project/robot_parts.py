@@ -1,0 +1,201 @@
+"""From a project's plates, ties, cables, loads and markers to the robot's, names and holes resolved."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from softcal.checks import Floats, frozen_floats
+from softcal.geometry.locate import locate_points
+from softcal.geometry.ring import ring_points
+from softcal.project.document import Findings, KeyPath
+from softcal.project.robot_bodies import BuiltBodies
+from softcal.project.robot_schema import (
+    CableSection,
+    HolesSection,
+    LoadSection,
+    MarkerSection,
+    PlateSection,
+    RingSection,
+    TieSection,
+    ViaSection,
+)
+from softcal.twin.joints import tie_fault
+from softcal.twin.robot import Cable, Disc, Marker, Plate, PointLoad, SurfaceLoad, Tie, ViaPoint
+
+
+@dataclass(frozen=True)
+class Carriers:
+    """What points can be on: bodies, and plates by name with their holes' names as written.
+
+    plates: those in order; holes: of all plates that are named, in order or not; built: the bodies.
+    """
+
+    built: BuiltBodies
+    plates: Mapping[str, Plate]
+    holes: Mapping[str, list[str]]
+    findings: Findings
+
+    def place(self, where: ViaSection | MarkerSection | LoadSection, path: KeyPath) -> Floats | None:
+        """A point [m] that a section describes, or None with its fault recorded (or that of its plate)."""
+        if where.hole is not None:
+            if where.on in self.built.sections:
+                known = ", ".join(name for name, holes in self.holes.items() if holes) or "none has any"
+                self.findings.add((*path, "on"), "only plates have holes", got=f"'{where.on}', a body", allowed=known)
+            elif where.on not in self.holes:
+                self.findings.unknown((*path, "on"), "plate", where.on, self.holes)
+            elif where.hole not in self.holes[where.on]:
+                self.findings.unknown((*path, "hole"), f"hole in {where.on}", where.hole, self.holes[where.on])
+            elif where.on in self.plates:
+                return self.plates[where.on].holes[where.hole]
+            return None
+        return None if where.at is None else frozen_floats(where.at, name="point")
+
+    def support(self, on: str, at: Floats | None, path: KeyPath, *, may_stand_off: bool = False) -> None:
+        """Record that something is on nothing, or outside the body that it is on."""
+        if on and on not in self.built.sections and on not in self.holes:
+            self.findings.unknown((*path, "on"), "body or plate", on, [*self.built.sections, *self.holes])
+        elif on in self.built.meshes and at is not None and not may_stand_off:
+            with self.findings.at((*path, "at")):
+                locate_points(self.built.meshes[on], at[None])
+
+
+def build_plate(name: str, plate: PlateSection, built: BuiltBodies, findings: Findings) -> Plate | None:
+    """One plate, or None where something of it is wrong."""
+    path = ("robot", "plates", name)
+    nodes = {}
+    for body, region in plate.tied.items():
+        at = (*path, "bodies", body) if plate.bodies else (*path, "region")
+        if body not in built.sections:
+            findings.unknown(at if plate.bodies else (*path, "body"), "body", body, built.sections)
+        else:
+            nodes[body] = built.nodes(body, region, at, findings)
+    if len(nodes) < len(plate.tied) or any(found is None for found in nodes.values()):
+        return None
+    with findings.at(path):
+        reference = frozen_floats(plate.reference, name=f"{name}.reference")
+        with findings.at((*path, "holes")):
+            holes = _holes(plate.holes, reference)
+            with findings.at((*path, "disc")):
+                disc = plate.disc
+                shape = None
+                if disc is not None:
+                    centre = reference if disc.centre is None else np.asarray(disc.centre)
+                    shape = Disc(centre, np.asarray(disc.axis), disc.diameter, disc.thickness, disc.hole_diameter)
+                centre_of_mass = None if plate.centre_of_mass is None else np.asarray(plate.centre_of_mass)
+                return Plate(name, nodes, reference, plate.mass, centre_of_mass, plate.fixed, holes, shape)
+    return None
+
+
+def _holes(section: HolesSection, reference: Floats) -> dict[str, Floats]:
+    found = {name: frozen_floats(at, name=name) for name, at in section.points.items()}
+    return found | ({} if section.ring is None else _ring(section.ring, reference))
+
+
+def _ring(ring: RingSection, reference: Floats) -> dict[str, Floats]:
+    centre = reference if ring.centre is None else np.asarray(ring.centre)
+    points = ring_points(centre, ring.axis, ring.zero, ring.radius, ring.count, ring.first_angle)
+    return dict(zip(ring.hole_names, points, strict=True))
+
+
+def build_tie(name: str, tie: TieSection, built: BuiltBodies, findings: Findings) -> Tie | None:
+    """One tie, or None where something of it is wrong, such as that it touches nothing."""
+    path = ("robot", "ties", name)
+    for key, body in (("body", tie.body), ("on", tie.on)):
+        if body not in built.sections:
+            findings.unknown((*path, key), "body", body, built.sections)
+    if tie.body == tie.on:
+        findings.add((*path, "on"), "a body cannot be tied to itself", got=tie.on, allowed="another body")
+        return None
+    if tie.body not in built.sections or tie.on not in built.sections:
+        return None
+    nodes = built.nodes(tie.body, tie.region, (*path, "region"), findings)
+    if nodes is None or tie.on not in built.meshes:
+        return None
+    found = Tie(name, tie.body, nodes, tie.on, tie.tolerance)
+    fault = tie_fault(found, built.meshes[tie.body], built.meshes[tie.on])
+    if fault is None:
+        return found
+    findings.add(path, fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt)
+    return None
+
+
+def build_cable(name: str, cable: CableSection, carriers: Carriers) -> Cable | None:
+    """One cable, or None where something of it is wrong."""
+    path = ("robot", "cables", name)
+    via: list[ViaPoint] = []
+    for i, section in enumerate(cable.via):
+        at = carriers.place(section, (*path, "via", i))
+        if section.hole is None:
+            carriers.support(section.on, at, (*path, "via", i))
+        if at is not None:
+            via.append(ViaPoint(at, section.on))
+    if not any(section.on for section in cable.via):
+        carriers.findings.add(
+            (*path, "via"),
+            "the cable is fixed in space from end to end",
+            got="no via point with `on`",
+            allowed="at least one via point on a body or plate",
+            attempt=f"on: {next(iter([*carriers.holes, *carriers.built.sections]), 'PLATE')}",
+        )
+    if len(via) < len(cable.via):
+        return None
+    with carriers.findings.at(path):
+        return Cable(name, tuple(via), cable.friction_coefficient, cable.pulled_end)
+    return None
+
+
+def build_load(name: str, load: LoadSection, gravity: Floats, carriers: Carriers) -> PointLoad | SurfaceLoad | None:
+    """One load, or None where something of it is wrong."""
+    path = ("robot", "loads", name)
+    findings = carriers.findings
+    if load.traction is not None:
+        faces = carriers.built.faces(load, path, findings)
+        if faces is None:
+            return None
+        return SurfaceLoad(name, load.on, faces, frozen_floats(load.traction, name=name))
+    at = carriers.place(load, path)
+    if load.hole is None:
+        carriers.support(load.on, at, path)
+    force = _force(load, gravity, path, findings)
+    if at is None or force is None:
+        return None
+    with findings.at(path):
+        return PointLoad(name, load.on, at, force[0], force[1])
+    return None
+
+
+def _force(
+    load: LoadSection, gravity: Floats, path: KeyPath, findings: Findings
+) -> tuple[Floats, Floats | None] | None:
+    """The force [N] of a point load, and its direction where it is given by itself."""
+    if load.mass is not None:
+        if not np.any(gravity):
+            findings.add(
+                (*path, "mass"),
+                "a mass hangs, but there is no gravity",
+                got=f"{load.mass:g} kg",
+                allowed="gravity in the robot, or a force",
+                attempt="gravity: [0 m/s^2, 0 m/s^2, -9.81 m/s^2]",
+            )
+            return None
+        return load.mass * gravity, gravity
+    if isinstance(load.force, tuple):
+        return frozen_floats(load.force, name="force"), None
+    direction = np.asarray(load.direction, dtype=np.float64)
+    size = float(np.linalg.norm(direction))
+    if not size > 0.0:
+        findings.add((*path, "direction"), "the direction has no length", got=str(list(direction)), allowed="not zero")
+        return None
+    return (load.force or 0.0) * direction / size, direction
+
+
+def build_marker(name: str, marker: MarkerSection, carriers: Carriers) -> Marker | None:
+    """One marker, or None where something of it is wrong; on a body it may stand off."""
+    path = ("robot", "markers", name)
+    at = carriers.place(marker, path)
+    if marker.hole is None:
+        carriers.support(marker.on, at, path, may_stand_off=True)
+    return None if at is None else Marker(name, marker.on, at)

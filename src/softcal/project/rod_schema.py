@@ -1,0 +1,156 @@
+"""What may stand under `rods` in a project file, and under `placement` of rods and bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated
+
+from pydantic import BeforeValidator, Field, PlainValidator, field_validator, model_validator
+
+from softcal.project.section import (
+    Angle,
+    Area,
+    Density,
+    Direction,
+    Length,
+    Point,
+    Positive,
+    Pressure,
+    Ratio,
+    SecondMoment,
+    Section,
+    checked_poissons_ratio,
+    fault_error,
+    listed,
+    quantity,
+)
+
+
+class RotationSection(Section):
+    """A turn about an axis through the part's own origin."""
+
+    axis: Direction
+    angle: Angle
+
+
+class PlacementSection(Section):
+    """Where a part is put: turned about its own origin, one turn after the other, then moved."""
+
+    position: Point = (0.0, 0.0, 0.0)
+    rotation: Annotated[list[RotationSection], BeforeValidator(listed)] = Field(default_factory=list)
+
+
+class StraightSection(Section):
+    """A straight rod between two points."""
+
+    start: Point
+    end: Point
+    first: Direction | None = None
+
+
+class HelixSection(Section):
+    """The wire of a helical spring; it climbs along `axis` from the level of `base`."""
+
+    base: Point
+    axis: Direction = (0.0, 0.0, 1.0)
+    coil_diameter: Annotated[Length, Positive]
+    turns: Annotated[Ratio, Positive]
+    pitch: Annotated[Length, Positive] | None = None
+    height: Annotated[Length, Positive] | None = None
+    towards: Direction | None = None
+    left_handed: bool = False
+
+    @model_validator(mode="after")
+    def _one_climb(self) -> HelixSection:
+        given = [key for key in ("pitch", "height") if getattr(self, key) is not None]
+        if len(given) != 1:
+            raise fault_error(
+                "it is not said how far the helix climbs",
+                got=" and ".join(given) or "neither",
+                allowed="one of pitch, per turn, and height, in all",
+            )
+        return self
+
+
+class PolylineSection(Section):
+    """A smooth curve through points."""
+
+    points: Annotated[list[Point], Field(min_length=2)]
+    first: Direction | None = None
+
+
+class CrossSection(Section):
+    """A rod's section: a round bar or tube, a rectangular bar, or given constants."""
+
+    diameter: Annotated[Length, Positive] | None = None
+    inner_diameter: Annotated[Length, Positive] | None = None
+    width: Annotated[Length, Positive] | None = None
+    height: Annotated[Length, Positive] | None = None
+    area: Annotated[Area, Positive] | None = None
+    I1: Annotated[SecondMoment, Positive] | None = None
+    I2: Annotated[SecondMoment, Positive] | None = None
+    J: Annotated[SecondMoment, Positive] | None = None
+    shear_coefficients: tuple[Ratio, Ratio] | None = None
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> CrossSection:
+        given = {key for key in type(self).model_fields if getattr(self, key) is not None}
+        constants = {"area", "I1", "I2", "J"}
+        kinds = (
+            {"diameter"},
+            {"diameter", "inner_diameter"},
+            {"width", "height"},
+            constants,
+            constants | {"shear_coefficients"},
+        )
+        if given not in kinds:
+            raise fault_error(
+                "the section is not of one kind",
+                got=", ".join(sorted(given)) or "nothing",
+                allowed="diameter (and inner_diameter), width and height, or area, I1, I2 and J",
+            )
+        return self
+
+
+def _station(value: object) -> float | str:
+    if value in ("start", "end"):
+        return str(value)
+    length = quantity("m")(value)
+    if length < 0.0:
+        raise fault_error("the station lies off the rod", got=str(value), allowed="start, end, or an arc length")
+    return length
+
+
+# A place on a rod: "start", "end", or an arc length from its start [m].
+Station = Annotated[float | str, PlainValidator(_station)]
+Stations = Annotated[list[Station], BeforeValidator(lambda value: value if isinstance(value, list) else [value])]
+
+
+class RodSection(Section):
+    """A slender elastic part: its shape, section, material, and what holds it."""
+
+    straight: StraightSection | None = None
+    helix: HelixSection | None = None
+    polyline: PolylineSection | None = None
+    elements: Annotated[int, Positive] | None = None
+    section: CrossSection
+    youngs_modulus: Annotated[Pressure, Positive]
+    poissons_ratio: Ratio
+    density: Density = 0.0
+    clamped: Mapping[str, Stations] = Field(default_factory=dict)
+    fixed: Stations = Field(default_factory=list)
+    placement: PlacementSection | None = None
+
+    @field_validator("poissons_ratio")
+    @classmethod
+    def _compressible(cls, value: float) -> float:
+        return checked_poissons_ratio(value)
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> RodSection:
+        given = [key for key in ("straight", "helix", "polyline") if getattr(self, key) is not None]
+        if len(given) != 1:
+            raise fault_error(
+                "a rod has one shape", got=" and ".join(given) or "none", allowed="straight, helix or polyline"
+            )
+        return self

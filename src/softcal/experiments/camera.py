@@ -79,7 +79,10 @@ class Camera:
             error = self._distorted(found) - seen
             if not error.size or np.abs(error).max() < 1e-13:
                 break
-            found -= np.linalg.solve(self._distorted_slope(found), error[..., None])[..., 0]
+            slope = self._distorted_slope(found)
+            (a, b), (c, d) = (slope[..., 0, 0], slope[..., 0, 1]), (slope[..., 1, 0], slope[..., 1, 1])
+            u, v = error[..., 0], error[..., 1]
+            found -= np.stack([d * u - b * v, a * v - c * u], axis=-1) / (a * d - b * c)[..., None]
         return found
 
     def _distorted(self, directions: Floats) -> Floats:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
 from softcal.experiments.camera import Camera
 from softcal.experiments.fiducials import CharucoBoard
+from softcal.experiments.pose import Pose
 from softcal.experiments.render import Image
 
 FEWEST_IMAGES = 4
@@ -26,6 +28,8 @@ _CELLS = (6, 4)  # into which the image is divided to tell how much of it the bo
 _ENOUGH_COVERAGE = 0.7
 _LARGEST_FOCAL_SD = 2e-3  # relative
 _LARGEST_RMS = 1.0  # [px]
+_SMALLEST_TILT = np.radians(15.0)  # of the most tilted view
+_FIELD = (np.radians(10.0), np.radians(130.0))  # horizontal fields of view of cameras without fisheye
 
 
 @dataclass(frozen=True)
@@ -95,7 +99,7 @@ def calibrate_camera(views: Sequence[BoardView], width: int, height: int) -> Cal
     points = [view.points.astype(np.float32)[:, None] for view in views]
     pixels = [view.pixels.astype(np.float32)[:, None] for view in views]
     try:
-        rms, matrix, distortion, _, _, sd, _, each = cv2.calibrateCameraExtended(
+        rms, matrix, distortion, turns, _, sd, _, each = cv2.calibrateCameraExtended(
             points, pixels, (width, height), np.eye(3), np.zeros(5)
         )
     except cv2.error as error:
@@ -106,7 +110,7 @@ def calibrate_camera(views: Sequence[BoardView], width: int, height: int) -> Cal
     spread = np.ravel(sd).astype(np.float64)
     rms_by_image = {view.image: float(one) for view, one in zip(views, np.ravel(each), strict=True)}
     focal_sd, centre_sd, coverage = spread[:2], spread[2:4], _coverage(views, width, height)
-    warnings = _warnings(camera, rms_by_image, float(rms), focal_sd, coverage)
+    warnings = _warnings(camera, rms_by_image, float(rms), focal_sd, coverage, _tilt(turns))
     return Calibration(camera, float(rms), rms_by_image, focal_sd, centre_sd, coverage, warnings)
 
 
@@ -116,8 +120,14 @@ def _coverage(views: Sequence[BoardView], width: int, height: int) -> float:
     return len({(int(x), int(y)) for x, y in cells}) / (_CELLS[0] * _CELLS[1])
 
 
+def _tilt(turns: Sequence[Any]) -> float:
+    """The largest angle [rad] between the board and the image plane."""
+    normals = [Pose.of(np.ravel(turn)).rotation[:, 2] for turn in turns]
+    return float(np.arccos(np.clip(min(abs(normal[2]) for normal in normals), 0.0, 1.0)))
+
+
 def _warnings(
-    camera: Camera, rms_by_image: Mapping[str, float], rms: float, focal_sd: Floats, coverage: float
+    camera: Camera, rms_by_image: Mapping[str, float], rms: float, focal_sd: Floats, coverage: float, tilt: float
 ) -> tuple[str, ...]:
     found: list[str] = []
     if len(rms_by_image) < _ENOUGH_IMAGES:
@@ -128,9 +138,19 @@ def _warnings(
             "images with the board near the edges and in the corners"
         )
     relative = float(np.max(focal_sd / camera.focal))
-    if relative > _LARGEST_FOCAL_SD:
+    field = 2 * np.arctan(camera.width / 2 / camera.focal[0])
+    doubts = [
+        text
+        for doubtful, text in (
+            (relative > _LARGEST_FOCAL_SD, f"it is known to {relative:.1%} only"),
+            (tilt < _SMALLEST_TILT, f"the board was tilted by {np.degrees(tilt):.0f}° at most"),
+            (not _FIELD[0] < field < _FIELD[1], f"a field of view of {np.degrees(field):.0f}° is unlike a camera's"),
+        )
+        if doubtful
+    ]
+    if doubts:
         found.append(
-            f"the focal length is known to {relative:.1%} only: add images with the board tilted by 30° to 45° this "
+            f"the focal length is in doubt ({', '.join(doubts)}): add images with the board tilted by 30° to 45° this "
             "way and that"
         )
     if rms > _LARGEST_RMS:

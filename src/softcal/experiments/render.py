@@ -18,7 +18,7 @@ from softcal.experiments.pose import Pose
 
 Image = NDArray[np.uint8]
 
-_BAND = 64  # rows painted at a time, to bound the memory
+_CHUNK = 20_000  # pixels at edges seen to at a time, to bound the memory
 
 
 @dataclass(frozen=True)
@@ -74,86 +74,93 @@ def render(
         Of the noise.
     """
     optics = optics or Optics()
-    seen = [one for panel in panels if (one := _seen(camera, viewpoint, panel)) is not None]
-    bands = [
-        _band(camera, seen, top, min(top + _BAND, camera.height), optics) for top in range(0, camera.height, _BAND)
-    ]
-    grey = optics.black + (optics.white - optics.black) * np.concatenate(bands) * _light(camera, optics)
+    share: Floats = np.full((camera.height, camera.width), optics.background)
+    scene = [_Part(panel, viewpoint.after(panel.pose)) for panel in panels]
+    windows = [window for part in scene if (window := _window(camera, part)) is not None]
+    if windows:
+        left, top = np.min([window[:2] for window in windows], axis=0)
+        right, bottom = np.max([window[2:] for window in windows], axis=0)
+        share[top:bottom, left:right] = _window_share(camera, scene, (left, top, right, bottom), optics)
+    grey = optics.black + (optics.white - optics.black) * share * _light(camera, optics)
     return _exposed(grey, optics, seed)
 
 
 @dataclass(frozen=True)
-class _Seen:
-    """A panel that shows its face: its pose in the camera's frame, and the window of pixels it may cover."""
+class _Part:
+    """A panel and its pose in the camera's frame."""
 
     panel: Panel
     pose: Pose
-    left: int
-    right: int
-    top: int
-    bottom: int
 
 
-def _seen(camera: Camera, viewpoint: Pose, panel: Panel) -> _Seen | None:
-    pose = viewpoint.after(panel.pose)
+def _window(camera: Camera, part: _Part) -> tuple[int, int, int, int] | None:
+    """Left, top, right and bottom [px] of what a panel may cover; None where its face is not seen."""
+    half = (part.panel.width / 2, part.panel.height / 2)
     edge = np.linspace(-1.0, 1.0, 33)
-    rim = np.concatenate([[(t, s), (s, t)] for s in (-1.0, 1.0) for t in edge]) * (panel.width / 2, panel.height / 2)
-    outline = pose.apply(np.column_stack([rim, np.zeros(len(rim))]))
-    if outline[:, 2].min() <= 0 or pose.rotation[:, 2] @ pose.position >= 0:
+    rim = np.concatenate([[(t, s), (s, t)] for s in (-1.0, 1.0) for t in edge]) * half
+    outline = part.pose.apply(np.column_stack([rim, np.zeros(len(rim))]))
+    if outline[:, 2].min() <= 0 or part.pose.rotation[:, 2] @ part.pose.position >= 0:
         return None
     pixels = camera.project(outline)
-    left, top = np.maximum(np.floor(pixels.min(axis=0)).astype(int) - 1, 0)
-    right, bottom = np.minimum(np.ceil(pixels.max(axis=0)).astype(int) + 2, (camera.width, camera.height))
-    return None if left >= right or top >= bottom else _Seen(panel, pose, left, right, top, bottom)
+    left, top = np.maximum(np.floor(pixels.min(axis=0)).astype(int) - 2, 0)
+    right, bottom = np.minimum(np.ceil(pixels.max(axis=0)).astype(int) + 3, (camera.width, camera.height))
+    return None if left >= right or top >= bottom else (int(left), int(top), int(right), int(bottom))
 
 
-def _band(camera: Camera, seen: Sequence[_Seen], top: int, bottom: int, optics: Optics) -> Floats:
-    """Share of light (bottom - top, width) that reaches some rows of the image."""
-    found: Floats = np.full((bottom - top, camera.width), optics.background)
-    here = [one for one in seen if max(top, one.top) < min(bottom, one.bottom)]
-    if not here:
-        return found
-    left, right = min(one.left for one in here), max(one.right for one in here)
-    depth: Floats = np.full((bottom - top, right - left, optics.rays), np.inf)
-    share: Floats = np.full((bottom - top, right - left, optics.rays), optics.background)
-    for one in here:
-        rows = (max(top, one.top), min(bottom, one.bottom))
-        window = np.s_[rows[0] - top : rows[1] - top, one.left - left : one.right - left]
-        _paint(one, _rays(camera, (one.left, one.right), rows, optics.rays), depth[window], share[window])
-    found[:, left:right] = share.mean(axis=2)
-    return found
+def _window_share(camera: Camera, scene: Sequence[_Part], window: tuple[int, int, int, int], optics: Optics) -> Floats:
+    """Share of light in each pixel of a window: by one ray where all around is alike, by many at edges."""
+    from scipy.ndimage import maximum_filter, minimum_filter
+
+    left, top, right, bottom = window
+    x, y = np.meshgrid(np.arange(left, right), np.arange(top, bottom))
+    pixels = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
+    found = _seen(scene, camera.directions(pixels), optics.background)
+    coarse = found.reshape(x.shape)
+    at_edge = np.flatnonzero(maximum_filter(coarse, 3) != minimum_filter(coarse, 3))
+    offsets = _spread(optics.rays)
+    for first in range(0, len(at_edge), _CHUNK):
+        chunk = at_edge[first : first + _CHUNK]
+        rays = _rays(camera, pixels[chunk], offsets)
+        found[chunk] = _seen(scene, rays.reshape(-1, 2), optics.background).reshape(len(chunk), -1).mean(axis=1)
+    return coarse
 
 
-def _paint(one: _Seen, rays: Floats, depth: Floats, share: Floats) -> None:
-    """Paint what can be seen of a panel over what is behind it."""
-    panel, normal = one.panel, one.pose.rotation[:, 2]
-    along = np.concatenate([rays, np.ones((*rays.shape[:-1], 1))], axis=-1)
-    z = (normal @ one.pose.position) / (along @ normal)
-    local = (along * z[..., None] - one.pose.position) @ one.pose.rotation[:, :2]
-    n_rows, n_columns = panel.texture.shape
-    column = np.floor((local[..., 0] / panel.width + 0.5) * n_columns).astype(int)
-    row = np.floor((0.5 - local[..., 1] / panel.height) * n_rows).astype(int)
-    inside = (column >= 0) & (column < n_columns) & (row >= 0) & (row < n_rows)
-    texel = panel.texture[row.clip(0, n_rows - 1), column.clip(0, n_columns - 1)]
-    front = inside & (z > 0) & (z < depth) & ~np.isnan(texel)
-    depth[front] = z[front]
-    share[front] = texel[front]
+def _seen(scene: Sequence[_Part], rays: Floats, background: float) -> Floats:
+    """Share of light (n,) sent back by what rays (n, 2) meet first."""
+    along = np.column_stack([rays, np.ones(len(rays))])
+    depth = np.full(len(rays), np.inf)
+    share = np.full(len(rays), background)
+    for part in scene:
+        panel, normal = part.panel, part.pose.rotation[:, 2]
+        if normal @ part.pose.position >= 0:
+            continue
+        facing = along @ normal
+        z = (normal @ part.pose.position) / np.where(facing < 0, facing, -np.inf)
+        local = (along * z[:, None] - part.pose.position) @ part.pose.rotation[:, :2]
+        n_rows, n_columns = panel.texture.shape
+        across, down = local[:, 0] / panel.width + 0.5, 0.5 - local[:, 1] / panel.height
+        near = np.flatnonzero((across >= 0) & (across < 1) & (down >= 0) & (down < 1) & (z > 0) & (z < depth))
+        rows = np.minimum((down[near] * n_rows).astype(int), n_rows - 1)
+        columns = np.minimum((across[near] * n_columns).astype(int), n_columns - 1)
+        texel = panel.texture[rows, columns]
+        opaque = ~np.isnan(texel)
+        depth[near[opaque]] = z[near[opaque]]
+        share[near[opaque]] = texel[opaque]
+    return share
 
 
-def _rays(camera: Camera, columns: tuple[int, int], rows: tuple[int, int], n: int) -> Floats:
-    """Directions (height, width, n, 2) of the rays through a window of pixels.
+def _rays(camera: Camera, pixels: Floats, offsets: Floats) -> Floats:
+    """Directions (n, k, 2) of rays through pixels (n, 2) at offsets (k, 2) from their upper left corners.
 
     Between the corners of a pixel they are interpolated: distortion bends by far less than can be seen over one.
     """
-    x = np.arange(columns[0], columns[1] + 1) - 0.5
-    y = np.arange(rows[0], rows[1] + 1) - 0.5
-    grid = np.stack(np.meshgrid(x, y), axis=-1).astype(np.float64)
-    corners = camera.directions(grid.reshape(-1, 2)).reshape(grid.shape)
-    offsets = _spread(n)
+    corners = [
+        camera.directions(pixels + shift)[:, None] for shift in ((-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5))
+    ]
     x, y = offsets[:, :1], offsets[:, 1:]
-    top = corners[:-1, :-1, None] * (1 - x) + corners[:-1, 1:, None] * x
-    bottom = corners[1:, :-1, None] * (1 - x) + corners[1:, 1:, None] * x
-    return top * (1 - y) + bottom * y
+    upper = corners[0] * (1 - x) + corners[1] * x
+    lower = corners[2] * (1 - x) + corners[3] * x
+    return upper * (1 - y) + lower * y
 
 
 def _spread(n: int) -> Floats:

@@ -1,4 +1,4 @@
-"""A manipulator like paper B's, hanging: four discs on helical springs, six cables, and what its bench would measure."""
+"""A manipulator like paper B's, hanging: discs on helical springs, six cables, and what its bench would measure."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ TIED = FreeParameter("springs.youngs_modulus", "Pa", 0.1e9, 10e9, "log", of=("sp
 
 
 def manipulator(youngs_modulus: float = 1.6e9) -> Robot:
-    """Discs `base`, `S1` to `S4`, springs between them, cables 1 to 3 ending at S2 and 4 to 6 at S4, a marker a disc."""
+    """Discs `base`, `S1` to `S4` with springs between, cables 1 to 3 to S2 and 4 to 6 to S4, a marker on every disc."""
     height = LENGTH / 4
     discs = ("base", "S1", "S2", "S3", "S4")
     plates = tuple(
@@ -88,7 +88,7 @@ def experiment(
     nominal: Mapping[str, float] | None = None,
     forces: tuple[float, ...] = FORCES,
 ) -> Experiment:
-    """The markers at each force as a camera saw them from its frame (t [m], r [rad]), with noise [m] on every number."""
+    """The markers at each force as a camera sees them in its frame (t [m], r [rad]), with noise [m] on every number."""
     random = np.random.default_rng([seed, CABLES.index(cable)])
     channels = {f"{cable}.tension": Channel(np.array(forces), "N")}
     for marker, places in true_places(cable, forces).items():

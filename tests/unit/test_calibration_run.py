@@ -101,7 +101,8 @@ def test_a_result_says_how_sure_it_is_and_what_stands_at_a_bound() -> None:
     bound = calibrate(narrow)
     assert bound.parameters[E].at_bound
     assert bound.parameters[E].standard_error is None
-    assert any("stands at a bound" in note for note in bound.notes)
+    assert bound.parameters[E].interval is None
+    assert any("stands at its lower bound of 3 MPa" in note for note in bound.notes)
 
 
 def test_tpe_has_fanova_importances_and_a_failed_trial_its_reason() -> None:

@@ -8,13 +8,14 @@ from dataclasses import dataclass
 from importlib import metadata
 from typing import Any
 
-from softcal.calibration.experiment import PULLEY_FRICTION, Experiment
-from softcal.calibration.loss import rms, rms_detrended
-from softcal.calibration.observation import Observation
+from softcal.calibration.experiment import PULLEY_FRICTION
+from softcal.calibration.fit import experiment_fit, missing_rows
 from softcal.calibration.optimiser_tpe import fanova_importance
+from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import Evaluation, Problem
-from softcal.calibration.result import CalibrationResult, Estimate, ExperimentFit, Trial
+from softcal.calibration.result import CalibrationResult, Estimate, Trial
 from softcal.calibration.sensitivity import Statistics, local_statistics
+from softcal.units import format_quantity
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,14 @@ def conclude(problem: Problem, best: Evaluation, trials: tuple[Trial, ...], acco
     return CalibrationResult(
         parameters={
             p.label: Estimate(
-                best.theta[p.label], p.unit, at_bound[p.label], p.lower, p.upper, local.standard_errors[p.label]
+                best.theta[p.label],
+                p.unit,
+                at_bound[p.label],
+                p.lower,
+                p.upper,
+                local.standard_errors[p.label],
+                local.intervals.get(p.label),
+                p.of,
             )
             for p in space.parameters
         },
@@ -57,13 +65,13 @@ def conclude(problem: Problem, best: Evaluation, trials: tuple[Trial, ...], acco
         n_factorisations=sum(trial.n_factorisations for trial in trials),
         wall_s=account.wall_s,
         status=account.status,
-        experiments={e.name: _fit(e, best.observations[e.name]) for e in problem.experiments},
+        experiments={e.name: experiment_fit(e, best.observations[e.name]) for e in problem.experiments},
         importance=local.importance,
         trials=trials,
         n_failed_trials=n_failed,
         hashes=account.hashes,
         versions=installed_versions(),
-        notes=(*local.notes, *_notes(problem, at_bound, trials, n_failed)),
+        notes=(*local.notes, *_notes(problem, best, at_bound, trials, n_failed)),
         extra={"importance_kind": kind, **account.settings},
     )
 
@@ -89,25 +97,17 @@ def _global_statistics(problem: Problem, trials: tuple[Trial, ...], seed: int) -
         return Statistics(errors, {}, ("The importances are missing: their computation was stopped by the user.",))
 
 
-def _fit(experiment: Experiment, seen: Observation) -> ExperimentFit:
-    channels = experiment.dataset.channels
-    errors = {channel: seen.predicted[channel] - channels[channel].values for channel in experiment.compared}
-    return ExperimentFit(
-        rmse={channel: rms(error) for channel, error in errors.items()},
-        rmse_detrended={channel: rms_detrended(error) for channel, error in errors.items()},
-        measured={name: channel.values for name, channel in channels.items()},
-        simulated=dict(seen.predicted),
-        units={**seen.units, **{name: channel.unit for name, channel in channels.items()}},
-        response=dict(seen.response),
-    )
-
-
-def _notes(problem: Problem, at_bound: Mapping[str, bool], trials: tuple[Trial, ...], n_failed: int) -> list[str]:
-    notes = [
-        f"{label} stands at a bound of its range; the bounds, not the data, decide it."
-        for label in at_bound
-        if at_bound[label]
-    ]
+def _notes(
+    problem: Problem, best: Evaluation, at_bound: Mapping[str, bool], trials: tuple[Trial, ...], n_failed: int
+) -> list[str]:
+    notes = [_bound_note(p, best.theta[p.label]) for p in problem.space.parameters if at_bound[p.label]]
+    for experiment in problem.experiments:
+        rows = missing_rows(experiment)
+        if rows:
+            named = "; ".join(f"{name} in {_rows(held)}" for name, held in rows.items())
+            notes.append(
+                f"{experiment.name}: not measured and left out, of {experiment.dataset.n_samples} states: {named}."
+            )
     if n_failed:
         first = next(trial for trial in trials if trial.state == "FAILED")
         where = ", ".join(f"{name} = {value:.4g}" for name, value in first.theta.items())
@@ -118,3 +118,15 @@ def _notes(problem: Problem, at_bound: Mapping[str, bool], trials: tuple[Trial, 
             "so that the friction that was found cannot make them look smaller."
         )
     return notes
+
+
+def _bound_note(parameter: FreeParameter, value: float) -> str:
+    upper = abs(value - parameter.upper) <= abs(value - parameter.lower)
+    bound = format_quantity(parameter.upper if upper else parameter.lower, parameter.unit)
+    side = "upper" if upper else "lower"
+    return f"{parameter.label} stands at its {side} bound of {bound}: the bounds of its range, not the data, decide it."
+
+
+def _rows(rows: list[int]) -> str:
+    shown = ", ".join(str(row + 1) for row in rows[:6]) + (", …" if len(rows) > 6 else "")
+    return f"state {shown}" if len(rows) == 1 else f"{len(rows)} states ({shown})"

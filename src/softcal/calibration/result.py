@@ -27,7 +27,11 @@ class Trial:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A calibrated parameter: value [unit, SI], whether it stands at a bound, and the bounds it had."""
+    """A calibrated parameter: value [unit, SI], whether it stands at a bound, and the bounds it had.
+
+    interval: 95 %, where there is a standard error. of: the parameters that were tied to have this value; none where
+    the name says which it is.
+    """
 
     value: float
     unit: str
@@ -35,23 +39,57 @@ class Estimate:
     lower: float
     upper: float
     standard_error: float | None = None
+    interval: tuple[float, float] | None = None
+    of: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "of", tuple(self.of))
+        if self.interval is not None:
+            object.__setattr__(self, "interval", (self.interval[0], self.interval[1]))
+
+
+@dataclass(frozen=True)
+class Distance:
+    """How far a marker or plate of the twin is from where it was measured [m], over n states."""
+
+    mean: float
+    max: float
+    rms: float
+    n: int
 
 
 @dataclass(frozen=True)
 class ExperimentFit:
-    """How well one experiment is met: SI root-mean-square errors, None for a channel it does not have.
+    """How well one experiment is met: SI root-mean-square errors of the channels that are compared.
 
-    `measured`: every channel of the dataset; `simulated`: the compared ones, as the bench would have read them;
-    "detrended" removes the best straight line of the error over the samples (paper A, Table II).
+    `measured`: every channel of the dataset, NaN where a value is missing; `simulated`: the compared ones, as the bench
+    would have read them; "detrended" removes the best straight line of the error over the samples (paper A, Table II).
     response: the twin's own channels by dotted name (`front.tension`), without the rig. units: of all three.
+    distances: by marker or plate; length [m]: what they are told in per cent of, or None. missing: how many states were
+    left out, by marker, plate or channel.
     """
 
-    rmse: Mapping[str, float]  # channel ("tension", "pitch", "shortening") -> RMSE
+    rmse: Mapping[str, float]  # channel ("tension", "pitch", "m4.x") -> RMSE
     rmse_detrended: Mapping[str, float]
     measured: Mapping[str, Floats]
     simulated: Mapping[str, Floats]
     units: Mapping[str, str]
     response: Mapping[str, Floats] = field(default_factory=dict)
+    distances: Mapping[str, Distance] = field(default_factory=dict[str, Distance])
+    length: float | None = None
+    missing: Mapping[str, int] = field(default_factory=dict[str, int])
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """An experiment that was predicted, not fitted: its loss, its errors, and its own nuisances [SI] by label.
+
+    The nuisances (a frame, a slack) belong to its set-up alone and were fitted to it; nothing else was.
+    """
+
+    loss: float
+    fit: ExperimentFit
+    own: Mapping[str, float] = field(default_factory=dict[str, float])
 
 
 @dataclass(frozen=True)
@@ -75,3 +113,4 @@ class CalibrationResult:
     versions: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     extra: Mapping[str, Any] = field(default_factory=dict)
+    held_out: Mapping[str, HeldOut] = field(default_factory=dict[str, HeldOut])

@@ -7,12 +7,13 @@ import io
 import json
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from softcal.calibration.result import CalibrationResult, Estimate, ExperimentFit, Trial
+from softcal.calibration.result import CalibrationResult, Distance, Estimate, ExperimentFit, HeldOut, Trial
 from softcal.calibration.store import storing, write_text
 from softcal.checks import Floats
 from softcal.errors import Fault, StorageError
@@ -28,7 +29,7 @@ def write_result(result: CalibrationResult, folder: Path) -> None:
     StorageError
         Where a file cannot be written.
     """
-    for name, fit in result.experiments.items():
+    for name, fit in fits_of(result).items():
         write_text(folder / response_file(name), _response_csv(fit))
     write_text(folder / "trials.csv", _trials_csv(result))
     write_text(folder / "result.json", json.dumps(result_json(result), indent=2, allow_nan=False) + "\n")
@@ -65,6 +66,7 @@ def load_result(folder: Path) -> CalibrationResult:
             versions=held["versions"],
             notes=tuple(held["notes"]),
             extra=held["extra"],
+            held_out={name: _held_out(folder, entry) for name, entry in held.get("held_out", {}).items()},
         )
     except (ValueError, KeyError, TypeError, StopIteration) as error:
         raise StorageError(
@@ -73,7 +75,11 @@ def load_result(folder: Path) -> CalibrationResult:
 
 
 def result_json(result: CalibrationResult) -> dict[str, Any]:
-    """What result.json holds; a channel that an experiment does not compare has null errors."""
+    """What result.json holds.
+
+    Of an experiment of one cable and one plate (paper A's), the errors of tension and pitch stand there in any case,
+    null where they were not compared; of any other, those alone that were.
+    """
     return {
         "parameters": {
             name: {
@@ -83,6 +89,8 @@ def result_json(result: CalibrationResult) -> dict[str, Any]:
                 "lower": p.lower,
                 "upper": p.upper,
                 "standard_error": p.standard_error,
+                "interval": None if p.interval is None else list(p.interval),
+                **({"of": list(p.of)} if p.of else {}),
             }
             for name, p in result.parameters.items()
         },
@@ -96,6 +104,11 @@ def result_json(result: CalibrationResult) -> dict[str, Any]:
         "wall_s": result.wall_s,
         "status": result.status,
         "experiments": {name: _errors(name, fit) for name, fit in result.experiments.items()},
+        **(
+            {"held_out": {name: _held_out_json(name, one) for name, one in result.held_out.items()}}
+            if result.held_out
+            else {}
+        ),
         "importance": dict(result.importance),
         "notes": list(result.notes),
         "extra": dict(result.extra),
@@ -109,20 +122,49 @@ def response_file(experiment: str) -> str:
     return f"response-{experiment}.csv"
 
 
+def fits_of(result: CalibrationResult) -> dict[str, ExperimentFit]:
+    """Every experiment of a result, fitted or predicted."""
+    return {**result.experiments, **{name: one.fit for name, one in result.held_out.items()}}
+
+
 def _errors(name: str, fit: ExperimentFit) -> dict[str, Any]:
-    channels = dict.fromkeys(("tension", "pitch", *fit.rmse))
+    of_paper_a = any("." not in channel for channel in fit.rmse)
+    channels = dict.fromkeys(("tension", "pitch", *fit.rmse) if of_paper_a else fit.rmse)
     errors: dict[str, Any] = {}
     for channel in channels:
         errors[f"{channel}_rmse"] = fit.rmse.get(channel)
         errors[f"{channel}_rmse_detrended"] = fit.rmse_detrended.get(channel)
+    if fit.distances:
+        errors["distances"] = {point: _distance_json(d, fit.length) for point, d in fit.distances.items()}
+    if fit.length is not None:
+        errors["length"] = fit.length
+    if fit.missing:
+        errors["missing"] = dict(fit.missing)
     return {**errors, "file": response_file(name)}
+
+
+def _distance_json(distance: Distance, length: float | None) -> dict[str, float | int]:
+    entry: dict[str, float | int] = asdict(distance)
+    if length is not None:
+        entry |= {f"{key}_percent": 100 * entry[key] / length for key in ("mean", "max", "rms")}
+    return entry
+
+
+def _held_out_json(name: str, held: HeldOut) -> dict[str, Any]:
+    return {"loss": held.loss, "own": dict(held.own), **_errors(name, held.fit)}
+
+
+def _held_out(folder: Path, entry: Mapping[str, Any]) -> HeldOut:
+    return HeldOut(entry["loss"], _fit(folder / entry["file"], entry), entry["own"])
 
 
 def _response_csv(fit: ExperimentFit) -> str:
     columns: dict[str, Floats] = {f"{name} [{fit.units[name]}]": values for name, values in fit.response.items()}
     for family, channels in (("measured", fit.measured), ("simulated", fit.simulated)):
         columns |= {f"{family}.{name} [{fit.units[name]}]": values for name, values in channels.items()}
-    return _csv(list(columns), zip(*(map(float, values) for values in columns.values()), strict=True))
+    # A value that was not measured is an empty cell.
+    cells = ([float(value) if np.isfinite(value) else "" for value in values] for values in columns.values())
+    return _csv(list(columns), zip(*cells, strict=True))
 
 
 def _trials_csv(result: CalibrationResult) -> str:
@@ -161,7 +203,8 @@ def _table(path: Path) -> tuple[list[str], list[list[str]]]:
 
 def _fit(path: Path, entry: Mapping[str, Any]) -> ExperimentFit:
     header, rows = _table(path)
-    values = np.array(rows, dtype=np.float64).reshape(len(rows), len(header))
+    cells = [float(cell) if cell else math.nan for row in rows for cell in row]
+    values = np.array(cells, dtype=np.float64).reshape(len(rows), len(header))
     parts: dict[str, dict[str, Floats]] = {"measured": {}, "simulated": {}, "": {}}
     units: dict[str, str] = {}
     for column, title in enumerate(header):
@@ -178,6 +221,12 @@ def _fit(path: Path, entry: Mapping[str, Any]) -> ExperimentFit:
         simulated=parts["simulated"],
         units=units,
         response=parts[""],
+        distances={
+            point: Distance(**{key: held[key] for key in ("mean", "max", "rms", "n")})
+            for point, held in entry.get("distances", {}).items()
+        },
+        length=entry.get("length"),
+        missing=entry.get("missing", {}),
     )
 
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import contextlib
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
 from softcal.calibration.fingerprint import fingerprints
+from softcal.calibration.hold_out import fitted_part, predicted
 from softcal.calibration.optimiser import Optimiser, Proposal
 from softcal.calibration.optimiser_grid import GridOptimiser
 from softcal.calibration.optimiser_least_squares import LeastSquaresOptimiser
@@ -50,6 +51,7 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
     seed: int = 0,
     workers: int = 1,
     starts: int = 3,
+    hold_out: Sequence[str] = (),
     store: Path | None = None,
     resume: bool = False,
     hashes: Mapping[str, str] | None = None,
@@ -77,6 +79,8 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
         at once as there are workers, so its course depends on their number (a resumed run keeps its first).
     starts
         Local searches of "least-squares": the first from the parameters' start, the others from a Latin hypercube.
+    hold_out
+        Experiments that are not fitted but predicted afterwards; see `softcal.calibration.hold_out`.
     store
         Run folder: every trial is kept there as it comes, and the result at the end. None keeps nothing.
     resume
@@ -89,7 +93,7 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
     Raises
     ------
     ParameterError
-        For a method, budget or number that makes no sense.
+        For a method, budget, number or experiment to hold out that makes no sense.
     StorageError
         Where the folder cannot be used, or holds a run of something else.
     CalibrationError
@@ -103,8 +107,11 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
         "starts": starts if method == "least-squares" else 1,
         "batch": workers if method == "tpe" else 1,
     }
+    if hold_out:
+        settings["hold_out"] = list(hold_out)
     _check(settings)
     identity = {**fingerprints(problem), **(hashes or {})}
+    whole, problem = problem, fitted_part(problem, hold_out)
     with contextlib.ExitStack() as stack:
         run = _open(store, resume, identity, settings, files)
         if run is not None:
@@ -122,6 +129,10 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
         status = _stopped_status(tally, optimiser) if stopped else optimiser.status
         account = Account(settings, status, tally.n_solves, tally.elapsed(), identity)
         result = conclude(problem, tally.best, tuple(tally.trials), account)
+        if hold_out:
+            theta = {name: estimate.value for name, estimate in result.parameters.items()}
+            held_out, notes = predicted(whole, theta, hold_out)
+            result = replace(result, held_out=held_out, notes=(*result.notes, *notes))
         if run is not None:
             write_result(result, run.folder)
         return result

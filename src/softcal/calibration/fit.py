@@ -1,0 +1,55 @@
+"""How well one experiment is met: errors by channel, distances by marker, and what was not seen."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from softcal.calibration.experiment import AXES, Experiment
+from softcal.calibration.loss import rms, rms_detrended
+from softcal.calibration.observation import Observation
+from softcal.calibration.result import Distance, ExperimentFit
+from softcal.checks import Floats
+
+
+def experiment_fit(experiment: Experiment, seen: Observation) -> ExperimentFit:
+    """The errors of what the bench would have read."""
+    channels = experiment.dataset.channels
+    errors = {
+        channel: (seen.predicted[channel] - channels[channel].values)[experiment.seen(channel)]
+        for channel in experiment.compared
+    }
+    return ExperimentFit(
+        rmse={channel: rms(error) for channel, error in errors.items()},
+        rmse_detrended={channel: rms_detrended(error) for channel, error in errors.items()},
+        measured={name: channel.values for name, channel in channels.items()},
+        simulated=dict(seen.predicted),
+        units={**seen.units, **{name: channel.unit for name, channel in channels.items()}},
+        response=dict(seen.response),
+        distances=_distances(experiment, errors),
+        length=experiment.rig.length,
+        missing=_missing(experiment),
+    )
+
+
+def missing_rows(experiment: Experiment) -> dict[str, list[int]]:
+    """Rows (from 0) in which a marker or a compared channel was not measured, by its name; none where all were."""
+    rows: dict[str, list[int]] = {}
+    for channel in experiment.compared:
+        name = experiment.point_of(channel) or channel
+        rows[name] = np.flatnonzero(~experiment.seen(channel)).tolist()
+    return {name: held for name, held in rows.items() if held}
+
+
+def _missing(experiment: Experiment) -> dict[str, int]:
+    return {name: len(rows) for name, rows in missing_rows(experiment).items()}
+
+
+def _distances(experiment: Experiment, errors: dict[str, Floats]) -> dict[str, Distance]:
+    """Of every marker and plate of which all three coordinates are compared."""
+    found: dict[str, Distance] = {}
+    for point in experiment.points:
+        parts = {c.rsplit(".", 1)[-1]: c for c in experiment.compared if experiment.point_of(c) == point}
+        if set(parts) == set(AXES):
+            away = np.sqrt(sum(errors[parts[axis]] ** 2 for axis in AXES))
+            found[point] = Distance(float(away.mean()), float(away.max()), rms(away), len(away))
+    return found

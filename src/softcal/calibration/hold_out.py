@@ -1,0 +1,101 @@
+"""Experiments that are kept out of a fit and predicted by it afterwards: how far the twin can be trusted elsewhere.
+
+What is shared by all experiments keeps the value that was found without them. What is an experiment's own (the frame of
+its set-up, its slack) nothing else can know; it is fitted to the experiment that is predicted, and nothing but that.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from softcal.calibration.descent import Descent
+from softcal.calibration.experiment import Experiment
+from softcal.calibration.fit import experiment_fit
+from softcal.calibration.parameters import FreeParameter, SearchSpace
+from softcal.calibration.problem import Evaluation, Problem
+from softcal.calibration.result import HeldOut
+from softcal.errors import Fault, ParameterError
+from softcal.twin.parameters import robot_parameters
+
+# Trajectories for the fit of an experiment's own nuisances; they are near linear.
+_BUDGET = 30
+
+
+def fitted_part(problem: Problem, hold_out: Sequence[str]) -> Problem:
+    """The problem without the experiments that are held out.
+
+    Raises
+    ------
+    ParameterError
+        For an experiment that does not exist, where none is left, or where one has a parameter of the robot of its own.
+    """
+    names = [experiment.name for experiment in problem.experiments]
+    faults: list[Fault] = []
+    for name in dict.fromkeys(hold_out):
+        if name not in names:
+            close = difflib.get_close_matches(name, names, n=1, cutoff=0.0)
+            attempt = f"did you mean '{close[0]}'?" if close else ""
+            faults.append(
+                Fault("there is no such experiment to hold out", "hold_out", f"'{name}'", ", ".join(names), attempt)
+            )
+    if set(names) <= set(hold_out):
+        faults.append(Fault("no experiment is left to fit", "hold_out", got=", ".join(hold_out)))
+    of_robot = robot_parameters(problem.robot)
+    faults += [
+        Fault("an experiment with a robot of its own cannot be predicted", "hold_out", p.label, "shared parameters")
+        for p in problem.space.parameters
+        if p.experiment in hold_out and any(target in of_robot for target in p.targets)
+    ]
+    if faults:
+        raise ParameterError(faults)
+    return problem.only([name for name in names if name not in hold_out])
+
+
+def predicted(
+    problem: Problem, theta: Mapping[str, float], hold_out: Sequence[str]
+) -> tuple[dict[str, HeldOut], tuple[str, ...]]:
+    """Each experiment of `hold_out` as the twin at theta predicts it, and sentences on those that it cannot."""
+    found: dict[str, HeldOut] = {}
+    notes: list[str] = []
+    for experiment in problem.experiments:
+        if experiment.name not in hold_out:
+            continue
+        evaluation, own = _predict(problem, theta, experiment)
+        if evaluation is None or evaluation.loss is None:
+            reason = "" if evaluation is None else evaluation.failure
+            notes.append(f"{experiment.name} was held out and cannot be predicted: {reason}")
+            continue
+        fit = experiment_fit(experiment, evaluation.observations[experiment.name])
+        values = {p.label: evaluation.theta[p.label] for p in own}
+        found[experiment.name] = HeldOut(evaluation.experiment_losses[experiment.name], fit, values)
+    return found, tuple(notes)
+
+
+def _predict(
+    problem: Problem, theta: Mapping[str, float], experiment: Experiment
+) -> tuple[Evaluation | None, list[FreeParameter]]:
+    alone = problem.alone(experiment.name)
+    own = [p for p in alone.space.parameters if p.label not in theta]
+    if not own:
+        return alone.evaluate({label: theta[label] for label in alone.space.labels}), own
+    shared = [p for p in alone.space.parameters if p.label in theta]
+    held = {target: theta[p.label] for p in shared for target in p.targets}
+    placed = replace(experiment, settings={**experiment.settings, **held})
+    return _nuisances(replace(alone, experiments=(placed,), space=SearchSpace(tuple(own)))), own
+
+
+def _nuisances(problem: Problem) -> Evaluation | None:
+    """The best evaluation over the nuisances of one experiment."""
+    space = problem.space
+    middle = space.to_model(np.full(space.size, 0.5))
+    start = {p.label: middle[p.label] if p.start is None else p.start for p in space.parameters}
+    descent = Descent(space, problem.loss, np.clip(space.to_search(start), 0.0, 1.0), _BUDGET)
+    last: Evaluation | None = None
+    while descent.next is not None:
+        last = problem.evaluate(space.to_model(descent.next), jacobian=True)
+        descent.tell(last)
+    return descent.best if descent.best is not None else last

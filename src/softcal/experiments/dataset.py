@@ -43,21 +43,26 @@ class Dataset:
     With several cables or markers they go by the twin's names: `cable1.tension`, `m4.x`; `m4.x_sd` holds the standard
     deviation of each of its values.
     `shortening` is the crosshead's (slack included), `tension` the cable's at the neck once the pulleys' friction
-    has been taken off. cycle: the cycle number of each sample (0-based; -1 outside any), or None.
+    has been taken off. cycle: the cycle number of each sample (0-based; -1 outside any), or None. labels: what people
+    call each sample, where the table says it; else none.
     """
 
     name: str
     channels: Mapping[str, Channel]
     provenance: tuple[Step, ...] = ()
     cycle: Floats | None = None
+    labels: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "channels", dict(self.channels))
+        object.__setattr__(self, "labels", tuple(self.labels))
         object.__setattr__(self, "provenance", tuple(self.provenance))
         lengths = {key: len(channel.values) for key, channel in self.channels.items()}
         if self.cycle is not None:
             object.__setattr__(self, "cycle", frozen_floats(self.cycle, name="cycle", shape=(None,)))
             lengths["cycle"] = len(self.cycle)
+        if self.labels:
+            lengths["labels"] = len(self.labels)
         if len(set(lengths.values())) != 1 or min(lengths.values()) == 0:
             raise DatasetError(
                 Fault("a dataset needs channels of one length, above zero", where=self.name, got=str(lengths))
@@ -96,4 +101,5 @@ class Dataset:
         """The dataset with only the given rows (indices or mask), and the step that chose them on record."""
         channels = {k: replace(c, values=c.values[rows]) for k, c in self.channels.items()}
         cycle = None if self.cycle is None else self.cycle[rows]
-        return replace(self, channels=channels, cycle=cycle, provenance=(*self.provenance, step))
+        labels = tuple(np.array(self.labels)[rows].tolist()) if self.labels else ()
+        return replace(self, channels=channels, cycle=cycle, provenance=(*self.provenance, step), labels=labels)

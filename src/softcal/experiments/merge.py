@@ -1,4 +1,4 @@
-"""Two records on one clock, brought onto the samples of the first."""
+"""Two records of one test as one: on one clock, or by the labels of their states."""
 
 from __future__ import annotations
 
@@ -41,3 +41,34 @@ def merge_on_one_clock(first: Dataset, second: Dataset) -> Dataset:
     step = Step("merge_on_one_clock", {"with": second.name}, outcome)
     both = replace(first, provenance=(*first.provenance, *second.provenance)).take(inside, step)
     return replace(both, channels={**both.channels, **added})
+
+
+def merge_on_labels(first: Dataset, second: Dataset) -> Dataset:
+    """The first record with the channels of the second at the states that have the same label; other states of the
+    second are left out.
+
+    Raises
+    ------
+    DatasetError
+        Where both hold the same channel, or the second has no row for a state of the first (all of them are named).
+    """
+    where = f"{first.name} and {second.name}"
+    shared = [key for key in second.channels if key in first.channels]
+    faults = [Fault("both records hold the same channel", where, ", ".join(shared))] if shared else []
+    place = {label: row for row, label in enumerate(second.labels)}
+    absent = [label for label in first.labels if label not in place]
+    if absent:
+        shown = ", ".join(f"'{label}'" for label in second.labels[:10]) + (", …" if len(second.labels) > 10 else "")
+        got = ", ".join(f"'{label}'" for label in absent)
+        faults.append(Fault(f"{len(absent)} state(s) of the first file are not in the other", where, got, shown))
+    if faults:
+        raise DatasetError(faults)
+    rows = np.array([place[label] for label in first.labels])
+    added = {key: replace(channel, values=channel.values[rows]) for key, channel in second.channels.items()}
+    outcome = f"{', '.join(added)} at {len(rows)} of {second.n_samples} states"
+    step = Step("merge_on_labels", {"with": second.name}, outcome)
+    return replace(
+        first,
+        channels={**first.channels, **added},
+        provenance=(*first.provenance, *second.provenance, step),
+    )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault, InputError, UnitError
 from softcal.experiments.dataset import Channel, Dataset, Step
-from softcal.experiments.names import ANGLES, CHANNEL_UNITS, QUATERNION, nearest
+from softcal.experiments.names import ANGLES, CHANNEL_UNITS, QUATERNION, channel_unit, nearest
 from softcal.experiments.orientation import plate_angles
 from softcal.experiments.table import (
     WHITESPACE,
@@ -25,7 +25,7 @@ from softcal.experiments.table import (
 )
 from softcal.units import unit_factor
 
-_COLUMN_UNITS = {**CHANNEL_UNITS, **dict.fromkeys(QUATERNION, "1")}
+_COLUMN_UNITS = {**CHANNEL_UNITS, **dict.fromkeys(QUATERNION, "1"), "mass": "kg"}
 _N_NAMED = 5  # lines named in a fault
 
 
@@ -56,8 +56,10 @@ def read_table(  # noqa: PLR0913 (one keyword for each thing in which files diff
     where: Mapping[str, object] | None = None,
     axes: Sequence[str] = ("x", "y", "z"),
     rest_samples: int = 10,
+    optional: Collection[str] = (),
+    label: str | None = None,
 ) -> Dataset:
-    """Read a CSV or TXT file of a testing machine or an IMU.
+    """Read a CSV or TXT file of a testing machine, an IMU, or of markers.
 
     Parameters
     ----------
@@ -65,8 +67,10 @@ def read_table(  # noqa: PLR0913 (one keyword for each thing in which files diff
         Text in UTF-8, Latin-1 or UTF-16. Lines that start with #, %, ! or // are comments; lines above the column
         names are skipped.
     columns
-        Channel -> its column. Channels: time, shortening, tension, pitch, roll, yaw, x, y, z; the four columns
-        qw, qx, qy, qz become pitch, roll and yaw (`orientation.plate_angles`).
+        Channel -> its column. Channels: time, shortening, tension, pitch, roll, yaw, x, y, z; the same but time of
+        several cables, plates and markers, such as `cable1.tension` or `m4.x` (there an empty cell is a missing value),
+        and their standard deviations, such as `m4.x_sd`; mass [kg] of what hangs from a cable. The four columns qw, qx,
+        qy, qz become pitch, roll and yaw (`orientation.plate_angles`).
     name
         Name of the dataset; the file's stem where empty.
     delimiter, decimal
@@ -79,6 +83,10 @@ def read_table(  # noqa: PLR0913 (one keyword for each thing in which files diff
         Column -> value: only rows that hold this value, compared as a number where both are numbers.
     axes, rest_samples
         For quaternions: the robot's x, y, z as seen by the sensor, and the samples at rest at the beginning.
+    optional
+        Channels that are left out where the file has no such column.
+    label
+        Column that names each row.
 
     Raises
     ------
@@ -94,7 +102,7 @@ def read_table(  # noqa: PLR0913 (one keyword for each thing in which files diff
     _check_channels(path, columns)
     table = load_table(
         path,
-        [*(spec.name for spec in columns.values()), *(where or {})],
+        [*(spec.name for spec in columns.values()), *(where or {}), *([label] if label else [])],
         delimiter=delimiter,
         header_row=header_row,
         units_row=units_row,
@@ -103,6 +111,7 @@ def read_table(  # noqa: PLR0913 (one keyword for each thing in which files diff
     )
     faults: list[Fault] = []
     unit_faults: list[Fault] = []
+    columns = {key: spec for key, spec in columns.items() if key not in optional or table.find(spec.name)}
     places = {key: _find_column(table, spec.name, faults) for key, spec in columns.items()}
     rows = _matching_rows(table, where or {}, faults)
     used_decimal = decimal or _sniff_decimal(table, [place for place in places.values() if place is not None])
@@ -113,9 +122,10 @@ def read_table(  # noqa: PLR0913 (one keyword for each thing in which files diff
         if place is None:
             continue
         factor = _unit_of(table, key, spec, place, units, unit_faults)
-        numbers = _numbers(table, place, rows, used_decimal, faults)
+        numbers = _numbers(table, place, rows, used_decimal, faults, may_miss="." in key)
         if factor is not None and numbers is not None:
             values[key] = numbers * factor * spec.scale
+    labels = () if label is None else _labels(table, label, rows, faults)
     n_equal_times = _check_time(table, rows, values, places, faults)
     if faults:
         raise DatasetError([*faults, *unit_faults])
@@ -138,7 +148,29 @@ def read_table(  # noqa: PLR0913 (one keyword for each thing in which files diff
     kept = f"{len(rows)} of {len(table.rows)} rows" if where else f"{len(rows)} rows"
     units_read = ", ".join(f"{key} from '{spec.name}' in {units[key]}" for key, spec in columns.items())
     outcome = "; ".join([f"{kept} read: {units_read}", *notes])
-    return Dataset(name or path.stem, channels, (Step("read_table", settings, outcome),))
+    return Dataset(name or path.stem, channels, (Step("read_table", settings, outcome),), labels=labels)
+
+
+def _column_unit(channel: str) -> str | None:
+    """The SI unit of what a column may hold, None where no channel goes by the name."""
+    if channel in _COLUMN_UNITS:
+        return _COLUMN_UNITS[channel]
+    owner, _, kind = channel.rpartition(".")
+    return "kg" if owner and "." not in owner and kind == "mass" else channel_unit(channel)
+
+
+def _labels(table: Table, name: str, rows: Sequence[int], faults: list[Fault]) -> tuple[str, ...]:
+    """What each row is called; every one by a name of its own."""
+    place = _find_column(table, name, faults)
+    if place is None:
+        return ()
+    labels = [table.rows[row][place] for row in rows]
+    where = f"{table.path}, column '{table.headers[place]}'"
+    twice = [i for i, text in enumerate(labels) if labels.index(text) < i]
+    if twice:
+        lines = _lines(table, [rows[i] for i in twice])
+        faults.append(Fault("two rows go by one label", f"{where}, {lines}", got=f"'{labels[twice[0]]}'"))
+    return tuple(labels)
 
 
 def _check_channels(path: Path, columns: Mapping[str, ColumnSpec]) -> None:
@@ -147,11 +179,11 @@ def _check_channels(path: Path, columns: Mapping[str, ColumnSpec]) -> None:
         Fault(
             f"no channel goes by the name '{key}'",
             where=where,
-            allowed=", ".join(_COLUMN_UNITS),
+            allowed=", ".join(_COLUMN_UNITS) + "; with the part's name before it, such as cable1.tension or m4.x",
             attempt=nearest(key, _COLUMN_UNITS),
         )
         for key in columns
-        if key not in _COLUMN_UNITS
+        if _column_unit(key) is None
     ]
     quaternion = [key for key in QUATERNION if key in columns]
     if quaternion and len(quaternion) < 4:
@@ -226,7 +258,7 @@ def _unit_of(
     table: Table, key: str, spec: ColumnSpec, place: int, units: dict[str, str], faults: list[Fault]
 ) -> float | None:
     """Factor to SI: from the project where it says, but never against what the file says."""
-    si_unit = _COLUMN_UNITS[key]
+    si_unit = _column_unit(key) or "1"
     header = table.headers[place]
     where = f"{table.path}, line {table.header_line}, column '{header}'"
     in_file = bare_unit(table.unit_cells[place]) or split_header(header)[1]
@@ -267,7 +299,9 @@ def _unit_of(
     return factor
 
 
-def _numbers(table: Table, place: int, rows: Sequence[int], decimal: str, faults: list[Fault]) -> Floats | None:
+def _numbers(
+    table: Table, place: int, rows: Sequence[int], decimal: str, faults: list[Fault], *, may_miss: bool
+) -> Floats | None:
     import pandas as pd
 
     cells = [table.rows[row][place] for row in rows]
@@ -277,7 +311,8 @@ def _numbers(table: Table, place: int, rows: Sequence[int], decimal: str, faults
     else:
         plain = cells
     numbers = np.asarray(pd.to_numeric(pd.Series(plain, dtype="object"), errors="coerce"), dtype=np.float64)
-    bad = [int(i) for i in np.flatnonzero(~np.isfinite(numbers))]
+    missing = [may_miss and cell.casefold() in ("", "nan") for cell in cells]
+    bad = [int(i) for i in np.flatnonzero(~np.isfinite(numbers) & ~np.array(missing, dtype=bool))]
     if not bad:
         return numbers
     shown = ", ".join(repr(cells[i]) if cells[i] else "nothing" for i in bad[:_N_NAMED])
@@ -348,4 +383,7 @@ def _channels(
                 if not np.array_equal(unwrapped, values[key]):
                     notes.append(f"jumps of a full turn taken out of {key}")
                 values[key] = unwrapped
-    return {key: Channel(value, CHANNEL_UNITS[key]) for key, value in values.items()}, notes
+    for key, value in values.items():
+        if np.isnan(value).any():
+            notes.append(f"{key} is missing in {int(np.isnan(value).sum())} row(s)")
+    return {key: Channel(value, _column_unit(key) or "1") for key, value in values.items()}, notes

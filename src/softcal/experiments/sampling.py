@@ -62,7 +62,7 @@ def resample(dataset: Dataset, by: str = "shortening", *, n: int | None = None, 
         f"{format_quantity(lower, unit)} to {format_quantity(float(grid[-1]), unit)}"
     )
     record = Step("resample", {"by": by, "n": n, "step": step}, outcome)
-    return replace(dataset, channels=channels, cycle=new_cycle, provenance=(*dataset.provenance, record))
+    return replace(dataset, channels=channels, cycle=new_cycle, provenance=(*dataset.provenance, record), labels=())
 
 
 def window(dataset: Dataset, channel: str, *, lower: float | None = None, upper: float | None = None) -> Dataset:

@@ -11,7 +11,7 @@ Triggs, McLauchlan, Hartley and Fitzgibbon, Bundle adjustment: a modern synthesi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -24,7 +24,8 @@ from softcal.experiments.pose import Pose
 BASE = -1  # the number of the body that stands still
 
 _MOST_STEPS = 100
-_SMALLEST_GAIN = 1e-10  # of the cost, relative
+_SMALLEST_GAIN = 1e-7  # of the cost, relative
+_SMALL = 400  # unknowns up to which matrices are full: quicker there
 _NEAREST = 1e-3  # depth below which a point counts as behind the camera [m]
 
 
@@ -96,22 +97,21 @@ class Adjustment:
     bundle: Bundle
     cost: float
     converged: bool
-    normal: Any  # sparse (n, n): the squared slopes, viewpoints first unless held
+    normal: Any  # (n, n), full or sparse: the squared slopes, viewpoints first unless held
     n_held: int  # viewpoints that were not free
 
     def covariances(self, bodies: Sequence[int]) -> Floats:
         """Covariance (n, 6, 6) of the step of each body, for residuals of 1 px: turn [rad], shift [m]."""
-        from scipy.sparse.linalg import splu
-
         n_views = len(self.bundle.views) - self.n_held
         scale = 1 / np.sqrt(self.normal.diagonal())
-        factors = splu((self.normal.multiply(scale[:, None]).multiply(scale[None, :])).tocsc())
+        scaling = _diagonal(scale, self.normal)
+        solve = _solver(scaling @ self.normal @ scaling)
         found = np.empty((len(bodies), 6, 6))
         for i, body in enumerate(bodies):
             place = 6 * (n_views + body) + np.arange(6)
             unit = np.zeros((self.normal.shape[0], 6))
             unit[place, np.arange(6)] = 1.0
-            found[i] = factors.solve(unit)[place] * scale[place, None] * scale[place]
+            found[i] = solve(unit)[place] * scale[place, None] * scale[place]
         return found
 
 
@@ -127,16 +127,13 @@ def adjust(start: Bundle, sightings: Sequence[Sighting], *, hold_views: bool = F
     hold_views
         Whether the viewpoints stay where they are.
     """
-    from scipy.sparse import diags
-    from scipy.sparse.linalg import splu
-
     bundle, cost, damping = start, start.cost(sightings), 1e-4
     normal, downhill = _normal_equations(bundle, sightings, hold_views)
     converged = False
     for _ in range(_MOST_STEPS):
         diagonal = normal.diagonal()
-        damped = (normal + diags(damping * diagonal + 1e-12 * diagonal.max())).tocsc()
-        candidate = bundle.moved(splu(damped).solve(downhill), hold_views=hold_views)
+        solve = _solver(normal + _diagonal(damping * diagonal + 1e-12 * diagonal.max(), normal))
+        candidate = bundle.moved(solve(downhill), hold_views=hold_views)
         lower = candidate.cost(sightings)
         if not lower <= cost:
             damping *= 10
@@ -154,15 +151,11 @@ def adjust(start: Bundle, sightings: Sequence[Sighting], *, hold_views: bool = F
 
 
 def _normal_equations(bundle: Bundle, sightings: Sequence[Sighting], hold_views: bool) -> tuple[Any, Floats]:
-    """Squared slopes (sparse) and the downhill direction of half the cost."""
-    from scipy.sparse import coo_matrix
-
+    """Squared slopes (full or sparse) and the downhill direction of half the cost."""
     n_views = 0 if hold_views else len(bundle.views)
     size = 6 * (n_views + len(bundle.bodies))
     downhill = np.zeros(size)
-    rows: list[Ints] = []
-    columns: list[Ints] = []
-    values: list[Floats] = []
+    blocks: list[tuple[Ints, Floats]] = []
     for sighting in sightings:
         by_view, by_body = bundle.slopes(sighting)
         parts: list[tuple[int, Floats]] = []
@@ -175,11 +168,40 @@ def _normal_equations(bundle: Bundle, sightings: Sequence[Sighting], hold_views:
         slope = np.concatenate([part for _, part in parts], axis=1)
         place = np.concatenate([first + np.arange(6) for first, _ in parts])
         downhill[place] -= slope.T @ bundle.residuals(sighting).ravel()
-        rows.append(np.repeat(place, len(place)))
-        columns.append(np.tile(place, len(place)))
-        values.append((slope.T @ slope).ravel())
-    entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
-    return coo_matrix(entries, shape=(size, size)).tocsc(), downhill
+        blocks.append((place, slope.T @ slope))
+    return _assembled(blocks, size), downhill
+
+
+def _assembled(blocks: Sequence[tuple[Ints, Floats]], size: int) -> Any:
+    """The sum of square blocks at their places, as a full matrix where it is small."""
+    from scipy.sparse import coo_matrix
+
+    if size <= _SMALL:
+        matrix = np.zeros((size, size))
+        for place, block in blocks:
+            matrix[np.ix_(place, place)] += block
+        return matrix
+    rows = np.concatenate([np.repeat(place, len(place)) for place, _ in blocks])
+    columns = np.concatenate([np.tile(place, len(place)) for place, _ in blocks])
+    return coo_matrix((np.concatenate([block.ravel() for _, block in blocks]), (rows, columns)), (size, size)).tocsc()
+
+
+def _diagonal(values: Floats, like: Any) -> Any:
+    """A diagonal matrix, full or sparse like another."""
+    from scipy.sparse import diags
+
+    return np.diag(values) if isinstance(like, np.ndarray) else diags(values)
+
+
+def _solver(matrix: Any) -> Callable[[Floats], Floats]:
+    """Solves with a matrix, full or sparse."""
+    from scipy.linalg import lu_factor, lu_solve
+    from scipy.sparse.linalg import splu
+
+    if not isinstance(matrix, np.ndarray):
+        return splu(matrix.tocsc()).solve
+    factors = lu_factor(matrix, check_finite=False)
+    return lambda right: lu_solve(factors, right, check_finite=False)
 
 
 def _cross(vectors: Floats) -> Floats:

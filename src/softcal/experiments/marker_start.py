@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softcal.experiments.bundle import BASE, Bundle, Sighting, adjust
+from softcal.experiments.bundle import BASE, Adjustment, Bundle, Sighting, adjust
 from softcal.experiments.camera import Camera
 from softcal.experiments.marker_scene import Glimpse, MarkerSet
 from softcal.experiments.pose import Pose
@@ -21,7 +21,7 @@ from softcal.experiments.square_pose import Candidate, pose_candidates
 # Cost [px²] by which a pose must be worse to be left out at once: a chance of nil for corners good to 0.1 px.
 _CLEARLY_WORSE = 0.3
 _MOST_COMBINATIONS = 32
-_SAME = np.radians(1.0)
+_SAME, _NEAR = np.radians(1.0), np.radians(4.0)
 
 
 @dataclass(frozen=True)
@@ -83,6 +83,15 @@ def start_group(
     return GroupStart(poses, bodies, min(others, default=np.inf))
 
 
+def _best(camera: Camera, views: tuple[Pose, ...], options: Sequence[Pose], seen: Sequence[Sighting]) -> Adjustment:
+    """The best pose of one body near any of several; options near a pose that was found already are left out."""
+    tries: list[Adjustment] = []
+    for option in options:
+        if all(option.angle_to(other.bundle.bodies[0]) > _NEAR for other in tries):
+            tries.append(adjust(Bundle(camera, views, (option,)), seen, hold_views=True))
+    return min(tries, key=lambda one: one.cost)
+
+
 def _settled(
     camera: Camera,
     markers: MarkerSet,
@@ -108,8 +117,7 @@ def _settled(
             for candidate in candidates
         ]
         if options:
-            tries = [adjust(Bundle(camera, views, (pose,)), seen, hold_views=True) for pose in options]
-            best = min(tries, key=lambda one: one.cost)
+            best = _best(camera, views, options, seen)
             sightings += [Sighting(s.view, len(bodies), s.points, s.pixels) for s in seen]
             bodies[number] = best.bundle.bodies[0]
     sightings += [

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numba
 import numpy as np
@@ -58,11 +60,28 @@ class Motion:
         links = self.layout.links
         if len(links.followers) == 0:
             return
+        _fold(data, self.source, self.weight_a, self.weight_b, self.target, self._weights(state))
+        arms = links.arms(state.rotation)
+        _turn(data, gradient, links.followers, links.frame_follower, links.frame, arms, self.frame_diagonal)
+
+    def matrix(self, state: State) -> Any:
+        """P itself, sparse, (3 n_points + n_pressures, n_unknowns - n_cables): for what is planned in no pattern."""
+        import scipy.sparse as sp
+
+        ptr, unknown, weight = self._rows
+        shape = (len(ptr) - 1, self.layout.first_tension_unknown)
+        return sp.csr_matrix((self._weights(state)[weight], unknown, ptr), shape=shape)
+
+    def _weights(self, state: State) -> Floats:
+        """The nonzeros of P: one, the ties' weights, then for every link to a frame its weight and its arm, +- ."""
+        links = self.layout.links
         arms = links.arms(state.rotation)
         of_frames = np.concatenate([links.frame_weight[:, None], arms, -arms], axis=1)
-        weights = np.concatenate([[1.0], links.weight, of_frames.ravel()])
-        _fold(data, self.source, self.weight_a, self.weight_b, self.target, weights)
-        _turn(data, gradient, links.followers, links.frame_follower, links.frame, arms, self.frame_diagonal)
+        return np.concatenate([[1.0], links.weight, of_frames.ravel()])
+
+    @cached_property
+    def _rows(self) -> tuple[Ints, Ints, Ints]:
+        return _rows(self.layout)
 
 
 def build_motion(layout: Layout, pattern: Pattern) -> Motion:

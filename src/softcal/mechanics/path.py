@@ -102,7 +102,7 @@ def follow(
         remaining = end - last.c
         step = min(remaining / max(1, int(np.ceil(remaining / h - 1e-9))), largest_step)
         c = end if abs(last.c + step - end) < 1e-12 * scale else last.c + step
-        guess = _predict(layout, nodes, c)
+        guess = statics.reachable(last.state, _predicted_step(layout, nodes, c))
         solved = statics.equilibrium(guess, line.at(c))
         if solved.converged:
             nodes.append(node_at(statics, line, c, solved.state, names))
@@ -129,9 +129,11 @@ def between(statics: Statics, line: Line, path: Path, c: float) -> Node:
     """
     before = max((node for node in path.nodes if node.c <= c), key=lambda node: node.c)
     after = min((node for node in path.nodes if node.c >= c), key=lambda node: node.c)
-    solved = statics.equilibrium(_interpolated(statics.system.layout, before, after, c), line.at(c))
-    if solved.converged:
-        return node_at(statics, line, c, solved.state, path.names)
+    guess = _interpolated(statics.system.layout, before, after, c)
+    if statics.system.free_way(before.state, guess) == 1.0:
+        solved = statics.equilibrium(guess, line.at(c))
+        if solved.converged:
+            return node_at(statics, line, c, solved.state, path.names)
     way = follow(statics, line, before, c, first_step=0.3 * (c - before.c), names=path.names)
     if not way.reached:
         raise SimulationError(f"No equilibrium between two neighbouring ones: {way.status}.")
@@ -149,8 +151,8 @@ def _interpolated(layout: Layout, before: Node, after: Node, c: float) -> State:
     return moved(layout, before.state, dz)
 
 
-def _predict(layout: Layout, nodes: list[Node], c: float) -> State:
-    """z + h z' + h^2/2 z'' with z'' from the last two nodes."""
+def _predicted_step(layout: Layout, nodes: list[Node], c: float) -> Floats:
+    """h z' + h^2/2 z'' with z'' from the last two nodes."""
     last = nodes[-1]
     h = c - last.c
     dz = h * last.slope
@@ -160,7 +162,7 @@ def _predict(layout: Layout, nodes: list[Node], c: float) -> State:
         back = difference(layout, before.state, last.state)  # z(c - width) - z(c)
         curvature = 2.0 * (back + width * last.slope) / width**2
         dz = dz + 0.5 * h**2 * curvature
-    return moved(layout, last.state, dz)
+    return dz
 
 
 def _rate_of_gradient(statics: Statics, line: Line, state: State) -> Floats:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.errors import SimulationError
+from softcal.mechanics.contact import CLEARANCE
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.linear_solve import Factorisation, factorisation
 from softcal.mechanics.rod import RodTerm
@@ -52,7 +54,8 @@ class Statics:
         self.system = system
         self.theta = dict(theta)
         self.n_factorisations = 0
-        self._factors: Factorisation = factorisation(system.pattern.indptr, system.pattern.indices)
+        self._planned: Factorisation = factorisation(system.pattern.indptr, system.pattern.indices)
+        self._factors = self._planned
         layout = system.layout
         shear = _largest_shear_modulus(system, theta)
         self._force_floor = 1e-4 * shear * system.stiffness_length**2
@@ -97,11 +100,28 @@ class Statics:
         """
         if at.data is None:
             raise SimulationError("There is no tangent to factorise.")
-        self._factors.factorise(at.data * self._unit_entries)
+        self._factors = self._planned
+        if at.touch is None:
+            self._factors.factorise(at.data * self._unit_entries)
+        else:
+            self._factors = self._with_touch(at.data, at.touch)
         self._rounding = ROUNDING * self._farthest * float(np.linalg.norm(at.data[self._diagonal]))
         self.n_factorisations += 1
         self._border = at.border
         self._columns_solved = None
+
+    def _with_touch(self, data: Floats, touch: Any) -> Factorisation:
+        """The factors of the tangent with contacts, whose pattern is theirs: analysed anew."""
+        import scipy.sparse as sp
+
+        pattern = self.system.pattern
+        n = len(pattern.indptr) - 1
+        upper = (sp.csr_matrix((data, pattern.indices, pattern.indptr), shape=(n, n)) + touch).tocsr()
+        upper.sort_indices()
+        rows = np.repeat(np.arange(n), np.diff(upper.indptr))
+        factors = factorisation(upper.indptr.astype(np.int64), upper.indices.astype(np.int64))
+        factors.factorise(upper.data * self._unit[rows] * self._unit[upper.indices])
+        return factors
 
     def solve(self, b: Floats) -> Floats:
         """The unknowns' response to b (n_unknowns,) or (n_unknowns, k), with the tangent factorised last."""
@@ -156,7 +176,8 @@ class Statics:
             serves = step == 1.0 and residual < (SMALL_START if np.isinf(previous) else REUSE_BELOW * previous)
             work = float(dz @ at.reduced)
             for _ in range(MAX_CUTS):
-                candidate = moved(system.layout, state, step * dz)
+                candidate, free = self._before_touch(state, step * dz)
+                step, serves = step * free, serves and free == 1.0
                 at = system.linearise(candidate, controls, self.theta, tangent=not serves)
                 # The line search: a step must not lead to what cannot be, nor leave more work along itself than it
                 # began with. Small residuals are let through; there Newton's method converges by itself.
@@ -174,6 +195,22 @@ class Statics:
             f"residual {residual:.1e} after {MAX_ITERATIONS} iterations, tolerance {TOLERANCE:.0e}",
         )
 
+    def reachable(self, state: State, dz: Floats) -> State:
+        """The state after a step dz, or as far that way as nothing passes through anything."""
+        return self._before_touch(state, dz)[0]
+
+    def _before_touch(self, state: State, dz: Floats) -> tuple[State, float]:
+        """The state after dz, or after the part of it, also given, that leads through no contact."""
+        part = 1.0
+        candidate = moved(self.system.layout, state, dz)
+        for _ in range(MAX_CUTS):
+            free = self.system.free_way(state, candidate)
+            if free == 1.0:
+                return candidate, part
+            part *= CLEARANCE * free
+            candidate = moved(self.system.layout, state, part * dz)
+        return state, 0.0
+
     def tangent_at(self, state: State, controls: Controls) -> Linearisation:
         """Linearise and factorise at an equilibrium, for predictors and sensitivities.
 
@@ -189,6 +226,7 @@ class Statics:
     def release(self) -> None:
         """Give the factors' memory back."""
         self._factors.release()
+        self._planned.release()
 
     def _sparse_solve(self, b: Floats) -> Floats:
         return self._unit[:, None] * self._factors.solve(self._unit[:, None] * b)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.mechanics.cable import CablePlaces, CableTerm
 from softcal.mechanics.cable_friction import Loss, friction_loss, loss_border
+from softcal.mechanics.contact import ContactTerm, Touch
 from softcal.mechanics.frame_blocks import FrameBlocks, frame_blocks, moving_pairs
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.motion import Motion, build_motion
@@ -73,7 +74,8 @@ class Linearisation:
 
     full: gradient on all entities; reduced: on the unknowns; forces: the norm of the nodal forces before they cancel
     [N]; J_min: the smallest volume ratio; turn: the largest angle between neighbouring nodes of rods [rad]; data: the
-    sparse tangent's triangle, or None; border: what the tensions and the cables' friction add to it.
+    sparse tangent's triangle, or None; border: what the tensions and the cables' friction add to it; touch: what
+    contacts add to the tangent outside its pattern (sparse, upper triangle), or None.
     """
 
     full: Floats
@@ -84,6 +86,7 @@ class Linearisation:
     data: Floats | None
     border: Border
     kinematics: tuple[tuple[Floats, Floats, Floats, Floats], ...]
+    touch: Any = None
 
     @property
     def is_admissible(self) -> bool:
@@ -117,6 +120,7 @@ class System:
     cables: CableTerm
     cable_places: CablePlaces
     loads: Loads
+    contacts: tuple[ContactTerm, ...]
     stiffness_length: float  # [m]: area over length of the robot, for scales of force
 
     def linearise(
@@ -141,6 +145,9 @@ class System:
         pull = state.tension[self.cables.cable] * loss.factor
         self.cables.assemble(state.x, pull, full, data, self.cable_places)
         full[: 3 * layout.n_points] -= controls.load * self.loads.total(theta).ravel()
+        touches = [contact.at(state.x, hessian=tangent) for contact in self.contacts]
+        for touch in touches:
+            full[: 3 * layout.n_points] += touch.gradient.ravel()
         gap = self.cables.lengths(state.x) - self.cables.rest_length + controls.shortening
         reduced = np.concatenate([self.motion.reduce_gradient(state, full), np.where(controls.is_held, 0.0, gap)])
         nodal = full[: 3 * layout.n_points]
@@ -155,7 +162,22 @@ class System:
         for rod, blocks in zip(rods, self.rod_blocks, strict=True):
             if rod.tangent is not None:
                 blocks.add_tangent(data, rod.tangent)
-        return replace(at, data=data[: self.pattern.nnz], border=self._border(state, controls, loss))
+        border = self._border(state, controls, loss)
+        return replace(at, data=data[: self.pattern.nnz], border=border, touch=self._touch(state, touches))
+
+    def free_way(self, state: State, to: State) -> float:
+        """The part of the straight way between two states that leads through no contact, one where all of it does."""
+        return min((contact.free_way(state.x, to.x) for contact in self.contacts), default=1.0)
+
+    def _touch(self, state: State, touches: list[Touch]) -> Any:
+        """The contacts' tangent on the unknowns, upper triangle, or None where nothing touches."""
+        import scipy.sparse as sp
+
+        hessians = [touch.hessian for touch in touches if touch.hessian is not None]
+        if not hessians:
+            return None
+        P = self.motion.matrix(state)[: 3 * self.layout.n_points]
+        return sp.triu(P.T @ sum(hessians[1:], hessians[0]) @ P, format="csr")
 
     def length_gradient(self, state: State, i_cable: int) -> Floats:
         """dL/dz of one cable on the unknowns but the tensions (n_unknowns - n_cables,)."""
@@ -226,6 +248,7 @@ def build_system(
     cables: CableTerm,
     loads: Loads,
     rods: tuple[RodTerm, ...] = (),
+    contacts: tuple[ContactTerm, ...] = (),
 ) -> System:
     """Plan the pattern of all terms together."""
     connectivities = [solid.connectivity(layout.n_points) for solid in solids] + cables.connectivities()
@@ -246,6 +269,7 @@ def build_system(
         cables=cables,
         cable_places=cables.places(pattern),
         loads=loads,
+        contacts=contacts,
         stiffness_length=volume / extent**2,
     )
 

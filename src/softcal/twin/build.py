@@ -19,6 +19,7 @@ from softcal.mechanics.layout import FIXED, FREE, TIED, Layout
 from softcal.mechanics.rod import build_rod
 from softcal.mechanics.solid import SolidTerm, build_solid
 from softcal.mechanics.system import System, build_system
+from softcal.twin.contacts import build_contacts
 from softcal.twin.joints import join_ties, nodes_in_use, number_frames
 from softcal.twin.loads import PointForce, Weights, build_loads, surface_forces
 from softcal.twin.robot import Body, PointLoad, Robot
@@ -121,7 +122,8 @@ def build_twin(robot: Robot) -> Twin:
     )
     pulled_last = np.array([cable.pulled_end == "last" for cable in robot.cables], dtype=bool)
     loads = build_loads(robot, meshes, builder.first, forces, layout.n_points)
-    system = build_system(layout, tuple(solids), build_cables(layout.X, via, pulled_last), loads, rods)
+    contacts = build_contacts(robot, layout, meshes, builder.first)
+    system = build_system(layout, tuple(solids), build_cables(layout.X, via, pulled_last), loads, rods, contacts)
     return Twin(robot, system, builder.first, meshes, frames.of_plate, via, markers)
 
 
@@ -159,7 +161,7 @@ def _key(robot: Robot) -> Hashable:
         for x in robot.loads
     )
     markers = tuple((m.name, m.on, m.at.tobytes()) for m in robot.markers)
-    return bodies, rods, plates, ties, cables, loads, markers, robot.gravity.tobytes()
+    return bodies, rods, plates, ties, cables, loads, markers, robot.gravity.tobytes(), robot.contact
 
 
 def _arrays(nodes: Mapping[str, Ints]) -> Hashable:

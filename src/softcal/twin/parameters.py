@@ -45,7 +45,8 @@ def robot_parameters(robot: Robot) -> dict[str, ParameterInfo]:
         found[f"{part.name}.density"] = part.density
     found.update({f"{plate.name}.mass": plate.mass for plate in robot.plates})
     found.update({f"{cable.name}.friction_coefficient": cable.friction_coefficient for cable in robot.cables})
-    found.update({f"{x.name}.force": float(np.dot(x.force, np.asarray(x.direction))) for x in robot.loads if isinstance(x, PointLoad)})
+    points = [load for load in robot.loads if isinstance(load, PointLoad)]
+    found.update({f"{load.name}.force": float(np.dot(load.force, np.asarray(load.direction))) for load in points})
     return {name: ParameterInfo(name, *_kind(name, value)) for name, value in found.items()}
 
 

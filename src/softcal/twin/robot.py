@@ -274,8 +274,25 @@ class SurfaceLoad:
 
 
 @dataclass(frozen=True)
+class Contact:
+    """That surfaces of bodies, and wires of rods, do not pass through each other.
+
+    gap [m]: distance at which they begin to push; stiffness [Pa] of the barrier: both say how far apart what touches
+    stays, not with what force. `softcal.twin.contacts.fitting_contact` chooses them for a robot.
+    """
+
+    gap: float
+    stiffness: float
+
+    def __post_init__(self) -> None:
+        for key in ("gap", "stiffness"):
+            if not 0.0 < getattr(self, key) < float("inf"):
+                raise InputError(Fault(f"the contact's {key} must be positive", "contact", f"{getattr(self, key):g}"))
+
+
+@dataclass(frozen=True)
 class Robot:
-    """Bodies, rods, plates, ties, cables, loads and markers; gravity [m/s^2]."""
+    """Bodies, rods, plates, ties, cables, loads and markers; gravity [m/s^2]; contact, or None: parts may overlap."""
 
     bodies: tuple[Body, ...] = ()
     plates: tuple[Plate, ...] = ()
@@ -285,6 +302,7 @@ class Robot:
     rods: tuple[Rod, ...] = ()
     ties: tuple[Tie, ...] = ()
     markers: tuple[Marker, ...] = ()
+    contact: Contact | None = None
 
     def __post_init__(self) -> None:
         kinds = ("bodies", "plates", "cables", "loads", "rods", "ties", "markers")

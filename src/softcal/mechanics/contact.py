@@ -1,0 +1,127 @@
+"""Contact that cannot be crossed: the barrier of IPC Toolkit between surfaces, and between round rods.
+
+    Pi = sum over contacts of area * kappa * b(d - thickness),   b = 0 beyond `gap`, infinite at touch
+
+with areas of the undeformed surface and one count of each contact (Li et al., 2023, Convergent incremental potential
+contact), so that kappa [Pa] and the pressure do not depend on the mesh. Equilibrium sets the force; kappa and `gap`
+only set how far apart what touches stays: between nothing and `gap`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from softcal.checks import Floats, Ints
+
+CLEARANCE = 0.8  # of the way to touch, at most, in one step
+CCD_ITERATIONS = 1000  # of the search for the time of touch, which stays on the safe side
+
+
+class Touch(NamedTuple):
+    """gradient (n_points, 3) [N]; hessian (3 n_points, 3 n_points), sparse, or None; n: contacts that press."""
+
+    gradient: Floats
+    hessian: Any
+    n: int
+
+
+@dataclass(frozen=True)
+class ContactTerm:
+    """points (n,): the layout's points that are the vertices of the surfaces; X (n, 3) [m]: at rest.
+
+    edges (m, 2) and faces (k, 3) of vertices, those of faces among the edges; gap: distance at which contact begins
+    to push [m]; thickness: what lies between touching vertices, edges and faces [m] (for wires, given by their axes,
+    the diameter); stiffness kappa [Pa]; apart: pairs of vertices (i < j) that never touch, such as neighbours along a
+    rod; patch (n,): vertices of one patch never touch each other (-1: none).
+    """
+
+    points: Ints
+    X: Floats
+    edges: Ints
+    faces: Ints
+    gap: float
+    thickness: float
+    stiffness: float
+    apart: Ints
+    patch: Ints
+
+    def at(self, x: Floats, *, hessian: bool) -> Touch:
+        """What the contacts at positions x (n_points, 3) [m] push."""
+        import ipctk
+        import scipy.sparse as sp
+
+        V = self._vertices(x)
+        collisions = ipctk.NormalCollisions()
+        collisions.use_area_weighting = True
+        collisions.collision_set_type = ipctk.NormalCollisions.IMPROVED_MAX_APPROX
+        collisions.build(self._mesh, V, self.gap, self.thickness)
+        gradient = np.zeros_like(x)
+        n = len(collisions)
+        if n == 0:
+            return Touch(gradient, None, 0)
+        gradient[self.points] = self._potential.gradient(collisions, self._mesh, V).reshape(-1, 3)
+        if not hessian:
+            return Touch(gradient, None, n)
+        H = self._potential.hessian(collisions, self._mesh, V).tocoo()
+        place = (3 * self.points[:, None] + np.arange(3)).ravel()
+        size = 3 * len(x)
+        return Touch(gradient, sp.csr_matrix((H.data, (place[H.row], place[H.col])), shape=(size, size)), n)
+
+    def free_way(self, x: Floats, to: Floats) -> float:
+        """How far one may go straight from x to `to` before anything touches, as a fraction (one: all the way)."""
+        import ipctk
+
+        before, after = self._vertices(x), self._vertices(to)
+        narrow = ipctk.AdditiveCCD(max_iterations=CCD_ITERATIONS)
+        free = ipctk.compute_collision_free_stepsize(
+            self._mesh, before, after, self.thickness, narrow_phase_ccd=narrow
+        )
+        return float(free)
+
+    def smallest_distance(self, x: Floats) -> float:
+        """The smallest distance within `gap` [m], less the thickness; infinite where nothing is as near."""
+        import ipctk
+
+        V = self._vertices(x)
+        collisions = ipctk.NormalCollisions()
+        collisions.build(self._mesh, V, self.gap, self.thickness)
+        if len(collisions) == 0:
+            return np.inf
+        return float(np.sqrt(collisions.compute_minimum_distance(self._mesh, V))) - self.thickness
+
+    def crosses(self, x: Floats) -> bool:
+        """Whether surfaces pass through each other."""
+        import ipctk
+
+        return bool(ipctk.has_intersections(self._mesh, self._vertices(x)))
+
+    def _vertices(self, x: Floats) -> Floats:
+        return np.asfortranarray(x[self.points])
+
+    @cached_property
+    def _mesh(self) -> Any:
+        import ipctk
+
+        edges, faces = self.edges.astype(np.int32), self.faces.astype(np.int32)
+        mesh = ipctk.CollisionMesh(np.asfortranarray(self.X), np.asfortranarray(edges), np.asfortranarray(faces))
+        alone = np.arange(len(self.points)) + self.patch.max(initial=0) + 1
+        patches = np.where(self.patch >= 0, self.patch, alone).astype(np.int32)
+        apart = {(int(i), int(j)): False for i, j in self.apart}
+        mesh.can_collide = ipctk.make_vertex_patches_filter(patches) & ipctk.make_sparse_filter(apart, True)
+        return mesh
+
+    @cached_property
+    def _potential(self) -> Any:
+        import ipctk
+
+        return ipctk.BarrierPotential(self.gap, self.stiffness, use_physical_barrier=True)
+
+
+def edges_of(faces: Ints) -> Ints:
+    """Every edge of the triangles (k, 3) once, (m, 2)."""
+    pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    return np.unique(np.sort(pairs, axis=1), axis=0)

@@ -1,0 +1,135 @@
+"""Which surfaces of the robot can touch: the skins of its bodies, and the wires of its rods."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from softcal.checks import Floats, Ints
+from softcal.errors import Fault, MeshError
+from softcal.geometry.mesh import TetMesh
+from softcal.geometry.surface import boundary_faces
+from softcal.mechanics.contact import ContactTerm, edges_of
+from softcal.mechanics.layout import FIXED, Layout
+from softcal.twin.robot import Contact, Robot, Rod
+
+GAP = 0.02  # of a surface's mean edge, or of a wire's diameter
+STIFFNESS = 0.05  # of the largest modulus
+NEIGHBOURS = 4.0  # wire diameters along a rod within which it does not touch itself
+SEAM = 2.0  # longest edges around a tied node within which the bodies it joins do not touch each other
+
+
+def fitting_contact(robot: Robot) -> Contact:
+    """A contact whose gap is small beside the robot's meshes and wires, and whose barrier is near its stiffness."""
+    lengths = [_mean_edge(body.mesh) for body in robot.bodies] + [wire_diameter(rod) for rod in robot.rods]
+    modulus = max(part.parameters["youngs_modulus"] for part in (*robot.bodies, *robot.rods))
+    return Contact(GAP * min(lengths), STIFFNESS * modulus)
+
+
+def wire_diameter(rod: Rod) -> float:
+    """The diameter [m] of the round wire with the section's area."""
+    return math.sqrt(4.0 * rod.section.area / math.pi)
+
+
+def build_contacts(
+    robot: Robot, layout: Layout, meshes: dict[str, TetMesh], first: dict[str, int]
+) -> tuple[ContactTerm, ...]:
+    """The contact of all bodies with each other and themselves, and of all rods of one diameter.
+
+    Raises
+    ------
+    MeshError
+        Where surfaces pass through each other at rest.
+    """
+    if robot.contact is None:
+        return ()
+    terms: list[ContactTerm] = []
+    if robot.bodies:
+        faces = np.concatenate([first[name] + _triangles(mesh) for name, mesh in meshes.items()])
+        apart = _across_seams(robot, layout, meshes, first, np.unique(faces))
+        terms.append(_term(robot.contact, layout, edges_of(faces), faces, 0.0, apart))
+    diameters = sorted({wire_diameter(rod) for rod in robot.rods})
+    for diameter in diameters:
+        rods = [rod for rod in robot.rods if wire_diameter(rod) == diameter]
+        edges = [first[r.name] + np.arange(len(r.centreline.nodes) - 1)[:, None] + [0, 1] for r in rods]
+        apart = np.concatenate([first[r.name] + _neighbours(r, NEIGHBOURS * diameter) for r in rods])
+        none = np.zeros((0, 3), dtype=np.int64)
+        terms.append(_term(robot.contact, layout, np.concatenate(edges), none, diameter, apart))
+    for term in terms:
+        if len(term.faces) and term.crosses(layout.X):
+            raise MeshError(Fault("surfaces pass through each other at rest", where="contact"))
+        distance = term.smallest_distance(layout.X)
+        if distance <= 0.0:
+            raise MeshError(
+                Fault(
+                    "wires of rods pass through each other at rest",
+                    where="contact",
+                    got=f"a distance of {1e3 * (distance + term.thickness):.4g} mm between their axes",
+                    allowed=f"more than their diameter of {1e3 * term.thickness:.4g} mm",
+                )
+            )
+    return tuple(terms)
+
+
+def _term(contact: Contact, layout: Layout, edges: Ints, faces: Ints, thickness: float, apart: Ints) -> ContactTerm:
+    points = np.unique(np.concatenate([edges.ravel(), faces.ravel()]))
+    rider = layout.rider[points]
+    held = np.where(rider == FIXED, layout.n_frames, rider)
+    return ContactTerm(
+        points=points,
+        X=layout.X[points],
+        edges=np.searchsorted(points, edges),
+        faces=np.searchsorted(points, faces),
+        gap=contact.gap,
+        thickness=thickness,
+        stiffness=contact.stiffness,
+        apart=np.sort(np.searchsorted(points, apart), axis=1),
+        patch=np.maximum(held, -1),
+    )
+
+
+def _triangles(mesh: TetMesh) -> Ints:
+    """The skin as flat triangles: a face with middle nodes makes four."""
+    faces = boundary_faces(mesh)
+    if mesh.order == 1:
+        return faces
+    a, b, c, ab, bc, ca = faces.T
+    quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+    return np.concatenate([np.stack(quarter, axis=1) for quarter in quarters])
+
+
+def _mean_edge(mesh: TetMesh) -> float:
+    edges = edges_of(boundary_faces(mesh)[:, :3])
+    return float(np.linalg.norm(mesh.points[edges[:, 0]] - mesh.points[edges[:, 1]], axis=1).mean())
+
+
+def _neighbours(rod: Rod, distance: float) -> Ints:
+    """Pairs of nodes of a rod less than a distance apart along it."""
+    s = rod.centreline.stations
+    i, j = np.triu_indices(len(s), 1)
+    near = s[j] - s[i] < distance
+    return np.stack([i[near], j[near]], axis=1)
+
+
+def _across_seams(
+    robot: Robot, layout: Layout, meshes: dict[str, TetMesh], first: dict[str, int], on_skin: Ints
+) -> Ints:
+    """Pairs of points of tied bodies close to where they are bonded: what is one there does not touch."""
+    from scipy.spatial import KDTree
+
+    pairs = [np.zeros((0, 2), dtype=np.int64)]
+    for tie in robot.ties:
+        sides = [on_skin[(on_skin >= first[n]) & (on_skin < first[n] + meshes[n].n_points)] for n in (tie.body, tie.on)]
+        edge = max(_longest_edge(meshes[name]) for name in (tie.body, tie.on))
+        seam = KDTree(meshes[tie.body].points[tie.nodes])
+        near = [side[seam.query(layout.X[side])[0] < SEAM * edge] for side in sides]
+        a, b = np.meshgrid(*near)
+        pairs.append(np.stack([a.ravel(), b.ravel()], axis=1))
+    return np.sort(np.concatenate(pairs), axis=1)
+
+
+def _longest_edge(mesh: TetMesh) -> float:
+    edges = edges_of(boundary_faces(mesh)[:, :3])
+    longest: Floats = np.linalg.norm(mesh.points[edges[:, 0]] - mesh.points[edges[:, 1]], axis=1)
+    return float(longest.max())

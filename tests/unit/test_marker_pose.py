@@ -207,7 +207,7 @@ def test_images_without_the_base():
 def test_images_of_different_states_do_not_fit_together():
     seen = [replace(one, group="rest") for i in range(2) for one in views_of(manipulator(seed=i), 1, f"state{i}")]
     seen[1] = replace(seen[1], viewpoint="other")
-    with pytest.raises(DatasetError, match="do not fit together with the other images of 'rest'.*px away on average"):
+    with pytest.raises(DatasetError, match=r"do not fit together with the other images of 'rest'.*px away on average"):
         estimate_poses(WEBCAM, MARKERS, seen)
 
 

@@ -27,6 +27,7 @@ _FEWEST = 5  # places along an edge
 _SMALLEST_RISE = 15.0  # from black to white [grey levels]
 _WIDEST_BLUR = 4.0  # [px]
 _OUTLYING = 12.0  # residual from which a sample counts less [grey levels]
+_STRAY, _MOST_STRAY = 0.25, 0.08  # residual as a share of the rise, and the share of samples beyond it
 _FARTHEST = 2.5  # how far a corner may move [px]
 
 
@@ -155,5 +156,7 @@ def _offset(strip: _Strip) -> Floats | None:
     )
     d0, d1, blur, rise = found.x[0], found.x[1], found.x[2], found.x[5]
     if not found.success or rise < _SMALLEST_RISE or max(abs(d0 - d1), abs(d0 + d1)) > reach - 0.5 * blur:
+        return None
+    if np.mean(np.abs(residuals(found.x)) > max(_STRAY * rise, 2 * _OUTLYING)) > _MOST_STRAY:
         return None
     return np.array([d0 - d1, d0 + d1])

@@ -9,11 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
+from softcal.checks import Ints
 from softcal.errors import Fault
 from softcal.project.output import require_writable
 from softcal.project.project import Project
 from softcal.project.simulation import simulate
 from softcal.twin.build import build_twin
+from softcal.twin.robot import Plate, Rod
 from softcal.units import format_quantity
 
 # The twin at its bounds may be this much too soft or too stiff before the data are called implausible.
@@ -52,7 +54,8 @@ def check(project: Project, out_dir: str | Path | None = None) -> CheckReport:
     if project.experiments and project.space is None:
         warnings.append("no parameter is free: there is nothing to calibrate")
     warnings += [sentence for name in project.experiments if (sentence := _against_twin(project, name))]
-    rows = (*_body_rows(project), *_part_rows(project), *_bench_rows(project), *_search_rows(project))
+    parts = (*_body_rows(project), *_rod_rows(project), *_part_rows(project))
+    rows = (*parts, *_bench_rows(project), *_search_rows(project))
     if out_dir is None:
         return CheckReport(rows, tuple(warnings))
     from softcal.report.check_figures import draw_check
@@ -97,7 +100,9 @@ def _part_rows(project: Project) -> list[tuple[str, str]]:
     rows = [
         (
             f"plate {plate.name}",
-            f"on {', '.join(f'{len(n)} nodes of {b}' for b, n in plate.nodes.items())}, mass {plate.mass:.4g} kg",
+            f"{_carriers(project, plate)}, "
+            + (f"{len(plate.holes)} holes, " if plate.holes else "")
+            + ("fixed" if plate.fixed else f"mass {plate.mass:.4g} kg"),
         )
         for plate in robot.plates
     ]
@@ -106,10 +111,42 @@ def _part_rows(project: Project) -> list[tuple[str, str]]:
         length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
         via = " → ".join(via.on or "space" for via in cable.via_points)
         rows.append((f"cable {cable.name}", f"{format_quantity(length, 'm')} long, {via}"))
+    rows += [(f"tie {tie.name}", f"{len(tie.nodes)} nodes of {tie.body} on {tie.on}") for tie in robot.ties]
+    rows += [(f"marker {marker.name}", f"on {marker.on}") for marker in robot.markers]
     if np.any(robot.gravity):
         rows.append(("gravity", "(" + ", ".join(f"{g:.4g}" for g in robot.gravity) + ") m/s²"))
     rows += [(f"load {load.name}", f"on {load.on}") for load in robot.loads]
     return rows
+
+
+def _rod_rows(project: Project) -> list[tuple[str, str]]:
+    rows: list[tuple[str, str]] = []
+    for rod in project.robot.rods:
+        line, held = rod.centreline, [f"{plate} at {_arcs(rod, nodes)}" for plate, nodes in rod.clamped.items()]
+        held += [f"fixed at {_arcs(rod, rod.fixed)}"] if len(rod.fixed) else []
+        rows += [
+            (
+                f"rod {rod.name}",
+                f"{format_quantity(float(line.stations[-1]), 'm')} long, {len(line.lengths)} elements, "
+                f"{format_quantity(rod.section.outer_diameter, 'm')} thick, held: {', '.join(held)}",
+            ),
+            (
+                "  material",
+                f"E {format_quantity(rod.parameters['youngs_modulus'], 'Pa')}, "
+                f"ν {rod.parameters['poissons_ratio']:.4g}" + (f", {rod.density:.4g} kg/m³" if rod.density else ""),
+            ),
+        ]
+    return rows
+
+
+def _arcs(rod: Rod, nodes: Ints) -> str:
+    return " and ".join(format_quantity(float(rod.centreline.stations[n]), "m") for n in nodes)
+
+
+def _carriers(project: Project, plate: Plate) -> str:
+    on = [f"{len(nodes)} nodes of {body}" for body, nodes in plate.nodes.items()]
+    on += [f"{rod.name}" for rod in project.robot.rods if plate.name in rod.clamped]
+    return "on " + ", ".join(on) if on else "on nothing"
 
 
 def _bench_rows(project: Project) -> list[tuple[str, str]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,9 +14,10 @@ from softcal.calibration.observation import commands
 from softcal.errors import Fault, ParameterError
 from softcal.project.project import Project
 from softcal.twin.protocol import Command, Protocol
-from softcal.twin.response import Response
+from softcal.twin.response import Response, Snapshot
 from softcal.twin.robot import Control, Robot
 from softcal.twin.simulate import simulate as simulate_robot
+from softcal.units import format_quantity
 
 if TYPE_CHECKING:
     from softcal.report.content import TwinView
@@ -112,12 +114,26 @@ def twin_view(robot: Robot, response: Response) -> TwinView | None:
     rest = response.snapshots[0]
 
     def bending(index: int) -> float:
-        moved = [np.linalg.norm(now - rest.points[body], axis=1).max() for body, now in shapes[index].points.items()]
-        return max((_turned(rotation) for _, rotation in shapes[index].plates.values()), default=float(max(moved)))
+        now = shapes[index]
+        turns = [_turned(rotation) for _, rotation in now.plates.values()]
+        moved = [np.linalg.norm(x - rest.points[body], axis=1).max() for body, x in now.points.items()]
+        moved += [np.linalg.norm(x - rest.rods[rod], axis=1).max() for rod, x in now.rods.items()]
+        return float(max(turns or moved))
 
     shapes = response.snapshots
     bent = shapes[max(range(1, len(shapes)), key=bending)]
-    return TwinView(robot, rest, bent, response.tets)
+    return TwinView(robot, replace(rest, label=_title(rest)), replace(bent, label=_title(bent)), response.tets)
+
+
+def _title(shape: Snapshot) -> str:
+    """What is done to the robot in a shape: the cables that pull, with their tensions."""
+    largest = max(shape.tensions.values(), default=0.0)
+    pulled = [name for name, tension in shape.tensions.items() if tension > 1e-6 * largest]
+    if largest <= 0.0:
+        return "At rest"
+    if len(pulled) > 2:
+        return f"{len(pulled)} cables pulled, by up to {format_quantity(largest, 'N')}"
+    return ", ".join(f"{name}: {format_quantity(shape.tensions[name], 'N')}" for name in pulled)
 
 
 def _turned(rotation: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> float:

@@ -10,8 +10,9 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.report.content import TwinView
-from softcal.report.scene import Camera, Scene, Surface, twin_scenes
+from softcal.report.scene import Camera, Scene, Surface
 from softcal.report.scene_render import Rendering, draw_flat, render_scenes
+from softcal.report.scene_twin import twin_scenes
 from softcal.report.style import DISPLACEMENT, FAINT, INK, MUTED, house_style, new_figure
 
 if TYPE_CHECKING:
@@ -101,13 +102,16 @@ def _name_parts(axes: Axes, scene: Scene, camera: Camera) -> None:
     )
     anchors = np.stack([_clearest(1e3 * camera.project(label.at)[:, :2], crowd[:, :2]) for label in scene.labels])
     height = 0.06 * (top - bottom)
+    middle = 0.5 * (crowd[:, 0].min() + crowd[:, 0].max())
+    edge = 0.02 * (right - left)
     lowest = np.inf
     for index in np.argsort(-anchors[:, 1]):
         x, y = anchors[index]
         lowest = min(y + 1.5 * height, lowest - height, top - 0.3 * height)
-        near_left = x < 0.5 * (left + right)
+        near_left = x < middle
         axes.annotate(
-            scene.labels[index].text, (x, y), xytext=(left if near_left else right, lowest), fontsize=9, color=INK,
+            scene.labels[index].text, (x, y), xytext=(left + edge if near_left else right - edge, lowest),
+            fontsize=9, color=INK,
             ha="left" if near_left else "right", va="center", zorder=5,
             bbox={"facecolor": "white", "edgecolor": FAINT, "alpha": 0.9, "boxstyle": "round,pad=0.25"},
             arrowprops={"arrowstyle": "-", "color": INK, "linewidth": 0.7, "shrinkA": 0, "shrinkB": 0},

@@ -12,6 +12,7 @@ from softcal.checks import Floats
 from softcal.experiments.dataset import Dataset
 from softcal.report.chart_bench import draw_record
 from softcal.report.chart_twin import draw_side_by_side
+from softcal.report.robot_view import plate_rim, plate_surface, robot_points, up_direction
 from softcal.report.scene import (
     Arrow,
     Ball,
@@ -26,14 +27,15 @@ from softcal.report.scene import (
     boundary_triangles,
     extent_points,
     length_scale,
-    plate_normal,
     refined,
 )
 from softcal.report.scene_render import render_scenes
-from softcal.report.style import BLUE, GREEN, INK, ORANGE, PURPLE, RED, encode
+from softcal.report.scene_twin import cable_radius
+from softcal.report.shapes import rod_surface
+from softcal.report.style import BLUE, GREEN, INK, ORANGE, PURPLE, RED, SKY, encode
 from softcal.report.wording import file_stem, number
 from softcal.report.write import write_files
-from softcal.twin.robot import Body, PointLoad, Robot, SurfaceLoad
+from softcal.twin.robot import Body, PointLoad, Robot, Rod, SurfaceLoad
 
 _BODY = "#d6d3cd"
 
@@ -73,21 +75,35 @@ def draw_check(robot: Robot, datasets: Mapping[str, Dataset], out_dir: str | Pat
 
 def robot_scenes(robot: Robot) -> tuple[tuple[Scene, ...], tuple[Camera, ...]]:
     """The robot at rest from the side and, turned by a quarter and seen from higher up, once more."""
-    points = np.concatenate([body.mesh.points for body in robot.bodies])
+    points = robot_points(robot)
     size = length_scale(points)
     parts: list[Part] = [_surface(robot, body) for body in robot.bodies]
-    labels: list[Label] = []
+    parts += [_wire(rod) for rod in robot.rods]
+    plates, others = _plates(robot)
+    parts += plates
+    names: list[Label] = []
+    shaped = {plate.name for plate in robot.plates if plate.disc is not None}
+    radius = cable_radius(robot, size)
     for cable in robot.cables:
         path = np.stack([via.at for via in cable.via_points])
-        parts.append(Tube(path, 0.006 * size, ORANGE))
-        parts += [Ball(via.at, 0.014 * size, _carrier_colour(robot, via.on)) for via in cable.via_points]
-        labels.append(Label(cable.name, refined(path)))
-    up = plate_normal(robot, robot.plates[0]) if robot.plates else np.array([0.0, 0.0, 1.0])
+        parts.append(Tube(path, radius, ORANGE))
+        parts += [
+            Ball(via.at, 2 * radius, _carrier_colour(robot, via.on)) for via in cable.via_points if via.on not in shaped
+        ]
+        names.append(Label(cable.name, refined(path)))
+    parts += [Ball(marker.at, 0.012 * size, SKY) for marker in robot.markers]
+    others += [Label(marker.name, marker.at[None]) for marker in robot.markers]
+    up = up_direction(robot)
     towards = _first_cable_side(robot, points, up)
+    labels: list[Label] = []
     for arrows, words in (_load_arrows(robot, size), _gravity_arrow(robot, points, up, towards)):
         parts += arrows
         labels += words
-    scenes = (Scene("From the side", tuple(parts), tuple(labels)), Scene("Turned by 90 deg", tuple(parts)))
+    first, second = (others, names) if others else (names, others)
+    scenes = (
+        Scene("From the side", tuple(parts), (*first, *labels)),
+        Scene("Turned by 90 deg", tuple(parts), tuple(second)),
+    )
     extent = extent_points(scenes)
     return scenes, alike((bending_camera(extent, up, towards), bending_camera(extent, up, np.cross(up, towards))))
 
@@ -117,6 +133,27 @@ def _surface(robot: Robot, body: Body) -> Surface:
     )
 
 
+def _wire(rod: Rod) -> Surface:
+    from matplotlib.colors import to_rgb
+
+    return rod_surface(rod, rod.centreline.nodes, np.tile(to_rgb(_BODY), (len(rod.centreline.nodes), 1)))
+
+
+def _plates(robot: Robot) -> tuple[list[Part], list[Label]]:
+    """Plates of known shape, and those that no body's mesh shows, with their names."""
+    parts: list[Part] = []
+    labels: list[Label] = []
+    for plate in robot.plates:
+        if plate.disc is None and plate.nodes:
+            continue
+        pose = plate.reference, np.eye(3)
+        surface = plate_surface(robot, plate, pose, INK if plate.fixed else BLUE, opacity=1.0 if plate.disc else 0.5)
+        if surface is not None:
+            parts.append(surface)
+            labels.append(Label(plate.name, plate_rim(robot, plate, pose)))
+    return parts, labels
+
+
 def _carrier_colour(robot: Robot, carrier: str) -> str:
     if carrier in {plate.name for plate in robot.plates}:
         return BLUE
@@ -126,11 +163,12 @@ def _carrier_colour(robot: Robot, carrier: str) -> str:
 def _legend(robot: Robot) -> dict[str, str]:
     """What each colour that occurs means."""
     carriers = {_carrier_colour(robot, via.on) for cable in robot.cables for via in cable.via_points}
-    legend = {"body": _BODY}
-    if any(len(body.fixed) for body in robot.bodies):
+    bends = " and ".join(kind for kind, parts in (("body", robot.bodies), ("rod", robot.rods)) if parts)
+    legend = {bends: _BODY}
+    if any(len(body.fixed) for body in robot.bodies) or any(plate.fixed for plate in robot.plates):
         legend["fixed"] = INK
-    if robot.plates:
-        legend["plate (nodes, via points)"] = BLUE
+    if any(not plate.fixed for plate in robot.plates):
+        legend["plate (nodes, via points)" if robot.bodies else "plate"] = BLUE
     if robot.cables:
         legend["cable"] = ORANGE
     legend |= {
@@ -138,6 +176,8 @@ def _legend(robot: Robot) -> dict[str, str]:
         for colour, name in ((GREEN, "via point in space"), (PURPLE, "via point on a body"))
         if colour in carriers
     }
+    if robot.markers:
+        legend["marker"] = SKY
     if robot.loads or np.any(robot.gravity):
         legend["load, gravity"] = RED
     return legend
@@ -168,7 +208,10 @@ def _gravity_arrow(robot: Robot, points: Floats, up: Floats, towards: Floats) ->
         return [], []
     size = length_scale(points)
     side = np.cross(up, towards) - towards
-    tail = points.mean(axis=0) + 0.65 * size * side / np.linalg.norm(side)
+    side = side / np.linalg.norm(side)
+    middle = points.mean(axis=0)
+    every = np.concatenate([points, *(via.at[None] for cable in robot.cables for via in cable.via_points)])
+    tail = middle + (float(((every - middle) @ side).max()) + 0.22 * size) * side
     arrow = Arrow(tail, tail + 0.2 * size * robot.gravity / strength, 0.009 * size, RED)
     return [arrow], [Label(f"gravity: {number(strength)} m/s²", tail[None])]
 

@@ -9,8 +9,6 @@ import numpy as np
 
 from softcal.checks import Floats, Ints, frozen_floats, frozen_ints
 from softcal.geometry.mesh import TET_FACE_EDGES, TET_FACES
-from softcal.report.content import TwinView
-from softcal.twin.robot import Plate, Robot
 
 
 @dataclass(frozen=True)
@@ -117,50 +115,6 @@ def length_scale(points: Floats) -> float:
     return float(np.linalg.norm(np.ptp(points, axis=0)))
 
 
-def plate_normal(robot: Robot, plate: Plate) -> Floats:
-    """Unit normal of a plate at rest: from the middle of what is fixed, or of the body, to the plate's nodes."""
-    tied = np.concatenate(
-        [body.mesh.points[plate.nodes[body.name]] for body in robot.bodies if body.name in plate.nodes]
-    )
-    held = [body.mesh.points[body.fixed] for body in robot.bodies if len(body.fixed)]
-    base = np.concatenate(held or [body.mesh.points for body in robot.bodies])
-    axis = tied.mean(axis=0) - base.mean(axis=0)
-    size = float(np.linalg.norm(axis))
-    return axis / size if size > 0 else np.array([0.0, 0.0, 1.0])
-
-
-def plate_radius(robot: Robot, plate: Plate) -> float:
-    """Radius [m] of the disc that covers the plate's nodes and the cable points that ride on it."""
-    normal = plate_normal(robot, plate)
-    points = [body.mesh.points[plate.nodes[body.name]] for body in robot.bodies if body.name in plate.nodes]
-    points += [via.at[None] for cable in robot.cables for via in cable.via_points if via.on == plate.name]
-    offsets = np.concatenate(points) - plate.reference
-    across = offsets - np.outer(offsets @ normal, normal)
-    return 1.08 * float(np.max(np.linalg.norm(across, axis=1)))
-
-
-def disc(centre: Floats, normal: Floats, radius: float, colour: str, *, opacity: float) -> Surface:
-    """A flat cylinder of triangles, its thickness a twentieth of its radius."""
-    from matplotlib.colors import to_rgb
-
-    ring = radius * _ring(normal)
-    half = radius / 40 * normal
-    points = np.concatenate([centre + half + ring, centre - half + ring, [centre + half, centre - half]])
-    one, two = np.arange(64), np.roll(np.arange(64), -1)
-    top, bottom = np.full(64, 128), np.full(64, 129)
-    faces = [(one, two, top), (two + 64, one + 64, bottom), (one, one + 64, two), (two, one + 64, two + 64)]
-    triangles = np.concatenate([np.stack(face, axis=1) for face in faces])
-    return Surface(points, triangles, np.tile(to_rgb(colour), (len(triangles), 1)), opacity)
-
-
-def _ring(normal: Floats) -> Floats:
-    """64 points on the unit circle around a unit normal."""
-    side = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
-    side /= np.linalg.norm(side)
-    angle = np.linspace(0, 2 * np.pi, 64, endpoint=False)
-    return np.outer(np.cos(angle), side) + np.outer(np.sin(angle), np.cross(normal, side))
-
-
 def refined(path: Floats) -> Floats:
     """A polyline (k, 3) with 32 steps between its points."""
     share = np.linspace(0, 1, 33)[:-1, None]
@@ -226,68 +180,3 @@ def extent_points(scenes: tuple[Scene, ...]) -> Floats:
             else:
                 found.append(np.stack([part.tail, part.tip]))
     return np.concatenate(found)
-
-
-@dataclass(frozen=True)
-class TwinScenes:
-    """Rest and bent in one camera; largest: the largest displacement [m], the top of the colour scale."""
-
-    scenes: tuple[Scene, Scene]
-    camera: Camera
-    largest: float
-
-
-def twin_scenes(view: TwinView) -> TwinScenes:
-    """The twin at rest and bent: surfaces coloured by displacement from rest, cables as tubes, plates as discs."""
-    from matplotlib import colormaps
-
-    from softcal.report.style import BLUE, DISPLACEMENT, MUTED, ORANGE
-
-    moved = {body: np.linalg.norm(view.bent.points[body] - view.rest.points[body], axis=1) for body in view.tets}
-    largest = max(float(values.max()) for values in moved.values())
-    size = length_scale(np.concatenate([view.rest.points[body] for body in view.tets]))
-    colours = colormaps[DISPLACEMENT]
-    surfaces = {body: boundary_triangles(tets) for body, tets in view.tets.items()}
-    scenes: list[Scene] = []
-    for snapshot, shift in ((view.rest, 0.0), (view.bent, 1.0)):
-        parts: list[Part] = []
-        labels: list[Label] = []
-        for body, triangles in surfaces.items():
-            share = shift * moved[body] / (largest or 1.0)
-            parts.append(Surface(snapshot.points[body], triangles, colours(share)[:, :3]))
-        for name, path in snapshot.cables.items():
-            parts.append(Tube(path, 0.007 * size, ORANGE))
-            parts += [Ball(point, 0.014 * size, ORANGE) for point in path]
-            labels.append(Label(name, refined(path)))
-        for plate in view.robot.plates:
-            if plate.name not in snapshot.plates:
-                continue
-            position, rotation = snapshot.plates[plate.name]
-            normal = rotation @ plate_normal(view.robot, plate)
-            radius = plate_radius(view.robot, plate)
-            parts.append(disc(position, normal, radius, BLUE, opacity=0.35))
-            labels.append(Label(plate.name, position + 0.97 * radius * _ring(normal)))
-        parts += [_base(view, size, MUTED)] if any(len(body.fixed) for body in view.robot.bodies) else []
-        scenes.append(Scene(snapshot.label, tuple(parts), tuple(labels)))
-    up, towards = _axes(view)
-    pair = (scenes[0], scenes[1])
-    return TwinScenes(pair, bending_camera(extent_points(pair), up, towards), largest)
-
-
-def _base(view: TwinView, size: float, colour: str) -> Surface:
-    held = np.concatenate([body.mesh.points[body.fixed] for body in view.robot.bodies if len(body.fixed)])
-    up, _ = _axes(view)
-    low = float((held @ up).min())
-    centre = held.mean(axis=0)
-    centre = centre + (low - 0.012 * size - centre @ up) * up
-    across = held - centre
-    radius = 1.25 * float(np.max(np.linalg.norm(across - np.outer(across @ up, up), axis=1)))
-    return disc(centre, up, radius, colour, opacity=1.0)
-
-
-def _axes(view: TwinView) -> tuple[Floats, Floats]:
-    """The direction from what is fixed to the plate, and the one in which the twin bends."""
-    rest = np.concatenate([view.rest.points[body] for body in view.tets])
-    bent = np.concatenate([view.bent.points[body] for body in view.tets])
-    up = plate_normal(view.robot, view.robot.plates[0]) if view.robot.plates else np.array([0.0, 0.0, 1.0])
-    return up, (bent - rest).mean(axis=0)

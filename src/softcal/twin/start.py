@@ -6,11 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from softcal.checks import Floats
 from softcal.errors import SimulationError
 from softcal.mechanics.path import Line, Node, follow, node_at
 from softcal.mechanics.state import State, rest_state
 from softcal.mechanics.statics import Statics
 from softcal.twin.build import Twin
+from softcal.twin.loads import Weights
 from softcal.twin.response import Snapshot
 
 
@@ -53,10 +55,12 @@ def snapshot(twin: Twin, state: State, label: str, controls: dict[str, float]) -
         if name in twin.meshes
     }
     rods = {rod.name: state.x[twin.first_point[rod.name] :][: len(rod.centreline.nodes)].copy() for rod in robot.rods}
-    cables = {
-        name: np.array([sum((w * state.x[p] for p, w in weights), np.zeros(3)) for weights in via])
-        for name, via in twin.via.items()
-    }
+
+    def place(weights: Weights) -> Floats:
+        return sum((w * state.x[p] for p, w in weights), np.zeros(3))
+
+    cables = {name: np.array([place(weights) for weights in via]) for name, via in twin.via.items()}
+    markers = {name: place(weights) for name, weights in twin.markers.items()}
     plates = {name: (state.position[i].copy(), state.rotation[i].copy()) for name, i in twin.frame.items()}
     tensions = {cable.name: float(state.tension[i]) for i, cable in enumerate(robot.cables)}
-    return Snapshot(label, points, cables, plates, controls, tensions, rods)
+    return Snapshot(label, points, cables, plates, controls, tensions, rods, markers)

@@ -1,0 +1,127 @@
+"""The twin at rest and bent as scenes: bodies and rods coloured by displacement, cables, plates, markers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.report.content import TwinView
+from softcal.report.robot_view import plate_rim, plate_surface, robot_points, up_direction
+from softcal.report.scene import (
+    Ball,
+    Camera,
+    Label,
+    Part,
+    Scene,
+    Surface,
+    Tube,
+    bending_camera,
+    boundary_triangles,
+    extent_points,
+    length_scale,
+    refined,
+)
+from softcal.report.shapes import flat_disc, rod_surface
+from softcal.twin.response import Snapshot
+from softcal.twin.robot import Robot
+
+TAUT = 1e-6  # of the largest tension: less is slack
+MANY_CABLES = 3  # more than these are drawn thinner
+
+
+@dataclass(frozen=True)
+class TwinScenes:
+    """Rest and bent in one camera; largest: the largest displacement [m], the top of the colour scale."""
+
+    scenes: tuple[Scene, Scene]
+    camera: Camera
+    largest: float
+
+
+def twin_scenes(view: TwinView) -> TwinScenes:
+    """The twin at rest and bent: bodies and rods coloured by displacement from rest, cables as tubes, plates as discs.
+
+    Where some cable is pulled, the slack ones are grey.
+    """
+    moved = {body: np.linalg.norm(view.bent.points[body] - view.rest.points[body], axis=1) for body in view.tets}
+    moved |= {rod: np.linalg.norm(nodes - view.rest.rods[rod], axis=1) for rod, nodes in view.bent.rods.items()}
+    largest = max(float(values.max()) for values in moved.values())
+    scenes = [
+        Scene(snapshot.label, *_parts(view, snapshot, {name: shift * d for name, d in moved.items()}, largest))
+        for snapshot, shift in ((view.rest, 0.0), (view.bent, 1.0))
+    ]
+    up, towards = _axes(view)
+    pair = (scenes[0], scenes[1])
+    return TwinScenes(pair, bending_camera(extent_points(pair), up, towards), largest)
+
+
+def cable_radius(robot: Robot, size: float) -> float:
+    """The radius [m] at which cables are drawn in a picture of a robot of that size [m]."""
+    return (0.007 if len(robot.cables) <= MANY_CABLES else 0.0035) * size
+
+
+def _parts(
+    view: TwinView, snapshot: Snapshot, moved: dict[str, Floats], largest: float
+) -> tuple[tuple[Part, ...], tuple[Label, ...]]:
+    from matplotlib import colormaps
+
+    from softcal.report.style import BLUE, DISPLACEMENT, LOOP, MUTED, ORANGE, SKY
+
+    robot = view.robot
+    size = length_scale(robot_points(robot))
+    shades = {name: colormaps[DISPLACEMENT](d / (largest or 1.0))[:, :3] for name, d in moved.items()}
+    parts: list[Part] = [
+        Surface(snapshot.points[body], boundary_triangles(tets), shades[body]) for body, tets in view.tets.items()
+    ]
+    labels: list[Label] = []
+    parts += [rod_surface(rod, snapshot.rods[rod.name], shades[rod.name]) for rod in robot.rods]
+    strongest = max(snapshot.tensions.values(), default=0.0)
+    shaped = {plate.name for plate in robot.plates if plate.disc is not None}
+    radius = cable_radius(robot, size)
+    pulled = {name for name, tension in view.bent.tensions.items() if tension > 0.0} or set(snapshot.cables)
+    for cable in robot.cables:
+        path = snapshot.cables[cable.name]
+        slack = strongest > 0.0 and snapshot.tensions.get(cable.name, strongest) <= TAUT * strongest
+        colour = LOOP if slack else ORANGE
+        parts.append(Tube(path, 0.5 * radius if slack else radius, colour))
+        parts += [
+            Ball(at, 2 * radius, colour) for via, at in zip(cable.via_points, path, strict=True) if via.on not in shaped
+        ]
+        if not slack and (cable.name in pulled or len(robot.cables) <= MANY_CABLES):
+            labels.append(Label(cable.name, refined(path)))
+    for plate in robot.plates:
+        if plate.name not in snapshot.plates:
+            continue
+        pose = snapshot.plates[plate.name]
+        look = (MUTED, 1.0) if plate.fixed else (BLUE, 0.35)
+        surface = plate_surface(robot, plate, pose, look[0], opacity=look[1])
+        parts += [] if surface is None else [surface]
+        labels.append(Label(plate.name, plate_rim(robot, plate, pose)))
+    parts += [Ball(at, 0.012 * size, SKY) for at in snapshot.markers.values()]
+    parts += [_base(view, size, MUTED)] if any(len(body.fixed) for body in robot.bodies) else []
+    return tuple(parts), tuple(labels)
+
+
+def _base(view: TwinView, size: float, colour: str) -> Surface:
+    """A flat disc beneath what is fixed, on the side away from the rest."""
+    held = np.concatenate([body.mesh.points[body.fixed] for body in view.robot.bodies if len(body.fixed)])
+    centre = held.mean(axis=0)
+    axis = robot_points(view.robot).mean(axis=0) - centre
+    length = float(np.linalg.norm(axis))
+    axis = axis / length if length > 1e-9 * size else np.array([0.0, 0.0, 1.0])
+    low = float((held @ axis).min())
+    centre = centre + (low - 0.012 * size - centre @ axis) * axis
+    across = held - centre
+    radius = 1.25 * float(np.max(np.linalg.norm(across - np.outer(across @ axis, axis), axis=1)))
+    return flat_disc(centre, axis, radius, colour, opacity=1.0)
+
+
+def _axes(view: TwinView) -> tuple[Floats, Floats]:
+    """What is up, and the direction in which the twin bends."""
+    rest, bent = (
+        np.concatenate([*(shape.points[body] for body in view.tets), *shape.rods.values()])
+        for shape in (view.rest, view.bent)
+    )
+    return up_direction(view.robot), (bent - rest).mean(axis=0)

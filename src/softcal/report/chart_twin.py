@@ -100,15 +100,17 @@ def _name_parts(axes: Axes, scene: Scene, camera: Camera) -> None:
     crowd = 1e3 * camera.project(
         np.concatenate([p.points for p in scene.parts if isinstance(p, Surface) and p.opacity == 1])
     )
-    anchors = np.stack([_clearest(1e3 * camera.project(label.at)[:, :2], crowd[:, :2]) for label in scene.labels])
-    height = 0.06 * (top - bottom)
     middle = 0.5 * (crowd[:, 0].min() + crowd[:, 0].max())
+    reach = [1e3 * camera.project(label.at)[:, :2] for label in scene.labels]
+    on_left = [float(candidates[:, 0].mean()) < middle for candidates in reach]
+    anchors = np.stack([_clearest(at, crowd[:, :2], left=side) for at, side in zip(reach, on_left, strict=True)])
+    height = 0.06 * (top - bottom)
     edge = 0.02 * (right - left)
     lowest = np.inf
     for index in np.argsort(-anchors[:, 1]):
         x, y = anchors[index]
         lowest = min(y + 1.5 * height, lowest - height, top - 0.3 * height)
-        near_left = x < middle
+        near_left = on_left[index]
         axes.annotate(
             scene.labels[index].text, (x, y), xytext=(left + edge if near_left else right - edge, lowest),
             fontsize=9, color=INK,
@@ -118,13 +120,13 @@ def _name_parts(axes: Axes, scene: Scene, camera: Camera) -> None:
         )  # fmt: skip
 
 
-def _clearest(candidates: Floats, crowd: Floats) -> Floats:
-    """Of the candidates that are nearly as far from the crowd as can be, the middle one."""
+def _clearest(candidates: Floats, crowd: Floats, *, left: bool) -> Floats:
+    """Of the candidates that are nearly as far from the crowd as can be, the one furthest to the label's side."""
     from scipy.spatial import KDTree
 
     distance = KDTree(crowd).query(candidates)[0]
-    clear = np.flatnonzero(distance >= 0.9 * distance.max())
-    return candidates[clear[len(clear) // 2]]
+    clear = candidates[distance >= 0.8 * distance.max()]
+    return clear[np.argmin(clear[:, 0] if left else -clear[:, 0])]
 
 
 def _scale_bar(axes: Axes, camera: Camera) -> None:

@@ -95,13 +95,14 @@ def robot_scenes(robot: Robot) -> tuple[tuple[Scene, ...], tuple[Camera, ...]]:
     others += [Label(marker.name, marker.at[None]) for marker in robot.markers]
     up = up_direction(robot)
     towards = _first_cable_side(robot, points, up)
-    labels: list[Label] = []
-    for arrows, words in (_load_arrows(robot, size), _gravity_arrow(robot, points, up, towards)):
-        parts += arrows
-        labels += words
-    first, second = (others, names) if others else (names, others)
+    forces, force_names = _load_arrows(robot, size)
+    gravity, gravity_name = _gravity_arrow(robot, points, up, towards)
+    parts += [*forces, *gravity]
+    first, second = ([*names, *force_names, *gravity_name], [])
+    if others:
+        first, second = ([*others, *force_names], [*names, *gravity_name])
     scenes = (
-        Scene("From the side", tuple(parts), (*first, *labels)),
+        Scene("From the side", tuple(parts), tuple(first)),
         Scene("Turned by 90 deg", tuple(parts), tuple(second)),
     )
     extent = extent_points(scenes)

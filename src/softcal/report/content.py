@@ -11,7 +11,7 @@ from softcal.errors import Fault, InputError
 from softcal.experiments.dataset import Dataset
 from softcal.materials.infill import effective_modulus
 from softcal.twin.response import Snapshot
-from softcal.twin.robot import Control, Robot
+from softcal.twin.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -20,14 +20,15 @@ class ExperimentContent:
 
     raw: the record as read. cycles: every cycle with its number, after the corrections (pulleys, zero) and before
     a branch was chosen; None where there is none, then `raw` is drawn beneath the branch.
-    prepared: the samples that were compared. drive: which measured channel drove the twin.
+    prepared: the samples that were compared. drive: which measured channel drove the twin, the first where
+    several did, "" where none did.
     """
 
     name: str
     raw: Dataset
     prepared: Dataset
     cycles: Dataset | None = None
-    drive: Control = "shortening"
+    drive: str = "shortening"
 
 
 @dataclass(frozen=True)

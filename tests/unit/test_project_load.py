@@ -68,7 +68,7 @@ def test_held_values_are_no_longer_free(tmp_path: Path):
     path = write_project(tmp_path)
     project = load(path, values={"bar.youngs_modulus": "1.5MPa", "front.slack": 0.001})
     assert project.robot.bodies[0].parameters["youngs_modulus"] == 1.5e6
-    assert project.experiments["pull"].rig.slack == 0.001
+    assert project.experiments["pull"].rig_values()["front.slack"] == 0.001
     assert project.space is None
     assert project.held == {"bar.youngs_modulus": 1.5e6, "front.slack": 0.001}
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from softcal.calibration.experiment import Experiment
 from softcal.calibration.fingerprint import fingerprint
 from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.problem import Problem, Simulate
@@ -45,10 +46,16 @@ def scales_with_modulus(problem: Problem) -> bool:
     return (
         len(robot.bodies) == 1
         and not robot.rods
+        and not robot.rods
         and robot.bodies[0].law in PROPORTIONAL_LAWS
         and not dead
-        and all(experiment.drive == "shortening" for experiment in problem.experiments)
+        and all(_is_pulled_in(experiment) for experiment in problem.experiments)
     )
+
+
+def _is_pulled_in(experiment: Experiment) -> bool:
+    """Whether one cable alone is driven, by its shortening."""
+    return [experiment.twin_channel(c).rsplit(".", 1)[1] for c in experiment.drives] == ["shortening"]
 
 
 def loss_over(problem: Problem, theta: Mapping[str, float], x: str, y: str, shape: tuple[int, int]) -> LossGrid:

@@ -117,6 +117,10 @@ class SearchSpace:
         """Every parameter of the robot and the rig that is free, alone or with others."""
         return tuple(dict.fromkeys(target for p in self.parameters for target in p.targets))
 
+    def free_in(self, experiment: str) -> set[str]:
+        """The parameters of the robot and the rig that are free in one experiment."""
+        return {target for p in self.parameters if p.experiment in ("", experiment) for target in p.targets}
+
     def at_bound(self, theta: Mapping[str, float], *, within: float = 1e-3) -> dict[str, bool]:
         """Whether each parameter stands within that share of its range from a bound, by label."""
         z = self.to_search(theta)

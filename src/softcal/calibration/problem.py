@@ -150,7 +150,7 @@ class Problem:
         for experiment in self.experiments:
             where = f"settings of {experiment.name}"
             here = {**robot_parameters(self.robot), **rig_parameters([experiment])}
-            free = {t for p in self.space.parameters if p.experiment in ("", experiment.name) for t in p.targets}
+            free = self.space.free_in(experiment.name)
             for name, value in experiment.settings.items():
                 if name not in here:
                     faults.append(replace(unknown_name(name, here), where=f"{where}, {name}"))

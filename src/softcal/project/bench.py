@@ -7,22 +7,32 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from softcal.calibration.experiment import Experiment, Pulleys, Rig
-from softcal.errors import Fault, InputError
+import numpy as np
+
+from softcal.calibration.experiment import AXES, Experiment, Pulleys, Rig
+from softcal.errors import InputError
 from softcal.experiments.corrections import correct_pulley_friction
-from softcal.experiments.dataset import Dataset
-from softcal.experiments.merge import merge_on_one_clock
-from softcal.experiments.names import CHANNEL_UNITS
+from softcal.experiments.dataset import Channel, Dataset, Step
+from softcal.experiments.merge import merge_on_labels, merge_on_one_clock
+from softcal.experiments.names import is_deviation
 from softcal.experiments.noise import set_noise
 from softcal.experiments.plausibility import check_plausible
 from softcal.experiments.prepare import PlannedStep, parse_steps
-from softcal.experiments.read import ColumnSpec, read_table
+from softcal.experiments.read import read_table
 from softcal.experiments.synchronise import synchronise
-from softcal.project.bench_schema import ONE_CLOCK, ExperimentSection, FileSection, RigSection
+from softcal.project.bench_names import (
+    MASS,
+    check_names,
+    column_specs,
+    compared_channels,
+    noise_of,
+    settings_of,
+)
+from softcal.project.bench_schema import ONE_CLOCK, ExperimentSection, RigSection
 from softcal.project.document import Findings, KeyPath
 from softcal.project.files import InputFiles
 from softcal.project.robot_schema import RobotSection
-from softcal.units import parse_quantity
+from softcal.twin.robot import Robot
 
 # From these steps on, the dataset no longer holds every cycle.
 CHOOSING = ("select_cycles", "take_branch")
@@ -49,13 +59,16 @@ def build_bench(
     robot: RobotSection | None,
     files: InputFiles,
     findings: Findings,
+    built: Robot | None = None,
 ) -> Bench | None:
-    """One experiment, or None where something of it is wrong; every fault goes to `findings`."""
+    """One experiment, or None where something of it is wrong; every fault goes to `findings`.
+
+    robot: its section; built: what was built of it; None where they have faults of their own.
+    """
     path: KeyPath = ("experiments", name)
     n_faults = len(findings.faults)
-    _check_names(section, robot, path, findings)
+    check_names(section, robot, path, findings)
     steps = [_planned(step, (*path, "prepare", i), findings) for i, step in enumerate(section.prepare)]
-    noise = _noise(section.noise, (*path, "noise"), findings)
     if rig.pulleys is not None and any(step is not None and step.name == PULLEY_STEP for step in steps):
         findings.add(
             (*path, "prepare"),
@@ -63,14 +76,18 @@ def build_bench(
             got=f"rig.pulleys and the step {PULLEY_STEP}",
             allowed="one of the two",
         )
-    records = [_read(name, file, (*path, "files", i), files, findings) for i, file in enumerate(section.files)]
+    records = [_read(name, section, i, files, findings) for i in range(len(section.files))]
     record = _joined(section, [r for r in records if r is not None], path, findings)
+    channels = None if record is None or None in records else list(record.channels)
+    noise = noise_of(section.noise, channels, (*path, "noise"), findings)
+    compared = compared_channels(section, channels or (), path, findings) if channels is not None else ()
     if record is None or None in records or None in steps:
         return None
+    record = _with_tensions(record, built, path, findings)
     for sentence in check_plausible(record):
         findings.warn(path, sentence.removeprefix(f"{record.name}: "))
     prepared = _Prepared(record)
-    if rig.pulleys is not None and "tension" in record.channels:
+    if rig.pulleys is not None and any(name.rsplit(".", 1)[-1] == "tension" for name in record.channels):
         with findings.at(("rig", "pulleys")):
             pulleys = rig.pulleys
             prepared.now = correct_pulley_friction(record, pulleys.count, pulleys.friction_coefficient, pulleys.wrap)
@@ -79,22 +96,64 @@ def build_bench(
         with findings.at((*path, "prepare", i, key) if key else (*path, "prepare", i)):
             if step is not None and len(findings.faults) == n_faults:
                 prepared.apply(step)
-    for channel, sigma in noise.items():
-        with findings.at((*path, "noise", channel)):
+    for channel, (key, sigma) in noise.items():
+        with findings.at((*path, "noise", key)):
             prepared.now = set_noise(prepared.now, channel, sigma)
     with findings.at(path):
         if len(findings.faults) == n_faults:
+            dataset = _without_the_unseen(prepared.now, path, findings)
             experiment = Experiment(
                 name=name,
-                dataset=prepared.now,
-                cable=section.cable,
+                dataset=dataset,
+                cable=section.cable or "",
                 plate=section.plate or "",
-                drive=section.drive,
-                compared=tuple(section.compare or ()),
+                drive=tuple(section.drive) if isinstance(section.drive, list) else section.drive or "shortening",
+                compared=tuple(channel for channel in compared if channel in dataset.channels),
                 rig=_rig(section, rig),
             )
+            if section.frame is not None and not experiment.points:
+                got = ", ".join(experiment.compared)
+                findings.add((*path, "frame"), "a frame needs positions that are compared", got, "such as m4.x")
+            if built is not None:
+                settings = settings_of(section.settings, experiment, built, (*path, "settings"), findings)
+                experiment = replace(experiment, settings=settings)
             return Bench(experiment, record, prepared.cycles)
     return None
+
+
+def _without_the_unseen(data: Dataset, path: KeyPath, findings: Findings) -> Dataset:
+    """The dataset without what was not measured in any row; a warning names it."""
+    empty = {name for name in data.incomplete if np.isnan(data.values(name)).all()}
+    gone = dict.fromkeys(_owner(name) for name in sorted(empty) if not is_deviation(name))
+    for name in gone:
+        findings.warn(path, f"{name} was not measured in any row: it is left out")
+    seen = {name: channel for name, channel in data.channels.items() if name not in empty}
+    return replace(data, channels=seen) if seen else data
+
+
+def _owner(channel: str) -> str:
+    """The marker or plate whose position a channel is a part of, or else the channel."""
+    owner, _, kind = channel.rpartition(".")
+    return owner if owner and kind in AXES else channel
+
+
+def _with_tensions(record: Dataset, robot: Robot | None, path: KeyPath, findings: Findings) -> Dataset:
+    """The record with the weight of what hangs from a cable as its tension."""
+    hanging = [name for name in record.channels if name.rsplit(".", 1)[-1] == MASS]
+    if not hanging or robot is None:
+        return record
+    g = float(np.linalg.norm(robot.gravity))
+    if not g > 0:
+        findings.add(path, "a mass hangs, but there is no gravity", got=hanging[0], allowed="gravity in the robot")
+        return record
+    channels: dict[str, Channel] = {}
+    for name, channel in record.channels.items():
+        if name in hanging:
+            channels[name.removesuffix(MASS) + "tension"] = Channel(channel.values * g, "N", channel.sigma * g)
+        else:
+            channels[name] = channel
+    step = Step("weigh", {"gravity": g}, f"{', '.join(hanging)}: the tensions are weights under {g:.5g} m/s^2")
+    return replace(record, channels=channels, provenance=(*record.provenance, step))
 
 
 @dataclass
@@ -112,26 +171,9 @@ class _Prepared:
             self.cycles = self.now
 
 
-def _check_names(section: ExperimentSection, robot: RobotSection | None, path: KeyPath, findings: Findings) -> None:
-    if robot is None:
-        return
-    cables, plates = robot.names("cables"), robot.names("plates")
-    if section.cable not in cables:
-        findings.unknown((*path, "cable"), "cable", section.cable, cables)
-    if section.plate is not None and section.plate not in plates:
-        findings.unknown((*path, "plate"), "plate", section.plate, plates)
-    angles = [key for file in section.files for key in file.columns if key in ("pitch", "roll", "yaw", "qw")]
-    if section.plate is None and angles:
-        findings.add(
-            (*path, "plate"),
-            "it is not said which plate carries the IMU",
-            got=f"the channel {angles[0]}, no plate",
-            allowed=", ".join(plates) or "a plate of the robot",
-        )
-
-
-def _read(name: str, file: FileSection, path: KeyPath, files: InputFiles, findings: Findings) -> Dataset | None:
-    columns = {key: ColumnSpec(column.name, column.unit, column.scale) for key, column in file.columns.items()}
+def _read(name: str, section: ExperimentSection, i: int, files: InputFiles, findings: Findings) -> Dataset | None:
+    file, path = section.files[i], ("experiments", name, "files", i)
+    columns, optional = column_specs(file)
     with findings.at((*path, "path")):
         found = files.find(file.path, "data file")
         with findings.at(path):
@@ -148,32 +190,37 @@ def _read(name: str, file: FileSection, path: KeyPath, files: InputFiles, findin
                 where=file.where,
                 axes=file.axes,
                 rest_samples=file.rest_samples,
+                optional=optional,
+                label=section.label,
             )
     return None
 
 
 def _joined(section: ExperimentSection, records: list[Dataset], path: KeyPath, findings: Findings) -> Dataset | None:
-    """One record of all files: by their one clock, or by cross-correlation of what moves in both."""
+    """One record of all files: by the labels of their rows, one clock, or cross-correlation of what moves in both."""
     told = section.synchronise
     if len(section.files) == 1:
         if told is not None:
             findings.add((*path, "synchronise"), "there is nothing to synchronise", got="one file")
         return records[0] if records else None
-    if told is None:
+    if told is None and section.label is None:
         findings.add(
             path,
             "it is not said how the clocks of the files are related",
             got=f"{len(section.files)} files and no key 'synchronise'",
-            allowed=f"synchronise: {ONE_CLOCK}, or synchronise: {{max_lag: 5 s}} for a clock each",
+            allowed=f"synchronise: {ONE_CLOCK}, or synchronise: {{max_lag: 5 s}} for a clock each, "
+            "or label: the column that names each state",
         )
         return None
     if len(records) < len(section.files):
         return None
     joined = records[0]
-    with findings.at((*path, "synchronise")):
+    with findings.at((*path, "synchronise") if told is not None else (*path, "label")):
         for i, other in enumerate(records[1:], start=2):
             other = replace(other, name=f"file {i} of {other.name}")
-            if told == ONE_CLOCK:
+            if told is None:
+                joined = merge_on_labels(joined, other)
+            elif told == ONE_CLOCK:
                 joined = merge_on_one_clock(joined, other)
             else:
                 joined = synchronise(joined, other, **told.settings())
@@ -192,19 +239,6 @@ def _planned(step: str | Mapping[str, Any], path: KeyPath, findings: Findings) -
         return None
 
 
-def _noise(given: Mapping[str, str | float], path: KeyPath, findings: Findings) -> dict[str, float]:
-    sigmas: dict[str, float] = {}
-    for channel, value in given.items():
-        if channel not in CHANNEL_UNITS:
-            findings.unknown((*path, channel), "channel", channel, CHANNEL_UNITS)
-            continue
-        with findings.at((*path, channel)):
-            sigmas[channel] = parse_quantity(value, CHANNEL_UNITS[channel])
-            if sigmas[channel] <= 0:
-                raise InputError(Fault("a noise must be above zero", got=str(value)))
-    return sigmas
-
-
 def _rig(section: ExperimentSection, rig: RigSection) -> Rig:
     angles = {"pitch": section.pitch_offset, "roll": section.roll_offset}
     pulleys = rig.pulleys
@@ -213,4 +247,6 @@ def _rig(section: ExperimentSection, rig: RigSection) -> Rig:
         tension_offset=section.tension_offset,
         angle_offsets={angle: value for angle, value in angles.items() if value},
         pulleys=None if pulleys is None else Pulleys(pulleys.count, pulleys.wrap, pulleys.friction_coefficient),
+        frame={} if section.frame is None else dict(section.frame),
+        length=rig.length,
     )

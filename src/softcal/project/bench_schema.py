@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, Field, PlainValidator, Tag
+from pydantic import BeforeValidator, Discriminator, Field, PlainValidator, Tag, model_validator
 
 from softcal.project.section import Angle, Duration, Force, Given, Length, Positive, Ratio, Section, fault_error
 
@@ -25,6 +25,7 @@ class RigSection(Section):
     """What stands between the robot and the instruments."""
 
     pulleys: PulleysSection | None = None
+    length: Annotated[Length, Positive] | None = None
 
 
 class ColumnSection(Section):
@@ -35,11 +36,20 @@ class ColumnSection(Section):
     scale: float = 1.0
 
 
+def _named(value: object) -> object:
+    """Names as a mapping: each stands for itself."""
+    return {name: name for name in value} if isinstance(value, list) else value
+
+
 class FileSection(Section):
-    """One bench file."""
+    """One bench file.
+
+    markers: marker or plate of the robot -> what its columns in the file begin with (`m4` for `m4.x`).
+    """
 
     path: str
-    columns: Annotated[Mapping[str, ColumnSection], Field(min_length=1)]
+    columns: Mapping[str, ColumnSection] = Field(default_factory=dict)
+    markers: Annotated[Mapping[str, str], BeforeValidator(_named)] = Field(default_factory=dict)
     where: Mapping[str, Given] = Field(default_factory=dict)
     delimiter: str | None = None
     decimal: Literal[".", ","] | None = None
@@ -49,6 +59,12 @@ class FileSection(Section):
     skip_footer: int = 0
     axes: tuple[Axis, Axis, Axis] = ("x", "y", "z")
     rest_samples: int = 10
+
+    @model_validator(mode="after")
+    def _something_read(self) -> FileSection:
+        if not self.columns and not self.markers:
+            raise fault_error("nothing is read from the file", allowed="columns, markers, or both")
+        return self
 
 
 def _step(value: object) -> object:
@@ -81,14 +97,33 @@ Synchronise = Annotated[
 ]
 
 
-class ExperimentSection(Section):
-    """One bench test: which cable was pulled, what was written, and what is done to it before it is compared."""
+class FrameSection(Section):
+    """Where the frame of the measured positions is, as far as it is known: translation, and a rotation vector."""
 
-    cable: str
+    x: Length = 0.0
+    y: Length = 0.0
+    z: Length = 0.0
+    rx: Angle = 0.0
+    ry: Angle = 0.0
+    rz: Angle = 0.0
+
+
+def _drive(value: object) -> object:
+    if value in (None, "shortening", "tension") or (isinstance(value, list) and all(isinstance(v, str) for v in value)):
+        return value
+    allowed = "shortening or tension, of the cable; or a list of channels such as [cable1.tension, cable6.tension]"
+    raise fault_error("there is no such choice", got=repr(value), allowed=allowed)
+
+
+class ExperimentSection(Section):
+    """One bench test: what was pulled, what was written, and what is done to it before it is compared."""
+
+    cable: str | None = None
     plate: str | None = None
-    drive: Literal["shortening", "tension"] = "shortening"
-    compare: Annotated[list[Literal["tension", "shortening", "pitch", "roll"]], Field(min_length=1)] | None = None
+    drive: Annotated[Literal["shortening", "tension"] | list[str] | None, PlainValidator(_drive)] = None
+    compare: Annotated[list[str], Field(min_length=1)] | None = None
     files: Annotated[list[FileSection], Field(min_length=1)]
+    label: str | None = None
     synchronise: Synchronise | None = None
     prepare: list[Annotated[str | Mapping[str, Any], PlainValidator(_step)]] = Field(default_factory=list)
     noise: Mapping[str, Given] = Field(default_factory=dict)
@@ -96,3 +131,5 @@ class ExperimentSection(Section):
     tension_offset: Force = 0.0
     pitch_offset: Angle = 0.0
     roll_offset: Angle = 0.0
+    frame: FrameSection | None = None
+    settings: Mapping[str, Given] = Field(default_factory=dict)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
 
-from softcal.calibration.loss import PAPER_WEIGHTS, LikelihoodLoss, Loss, PapersLoss
+from softcal.calibration.experiment import PULLEY_FRICTION
+from softcal.calibration.hold_out import fitted_part
+from softcal.calibration.loss import PAPER_WEIGHTS, DistanceLoss, LikelihoodLoss, Loss, PapersLoss
 from softcal.calibration.problem import Problem
 from softcal.calibration.result import CalibrationResult
 from softcal.calibration.run import Progress
@@ -54,6 +56,7 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
     fit: str | None = None,
     trials: int | None = None,
     seed: int | None = None,
+    hold_out: Sequence[str] | None = None,
     workers: int = 1,
     progress: Observer | None = None,
 ) -> Calibrations:
@@ -65,8 +68,9 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
         Run folder, new or empty; None keeps nothing on disk.
     resume
         Go on with the run in `out`.
-    method, fit, trials, seed
-        In the place of what the project says: "least-squares", "tpe" or "grid"; "each", "joint" or "both".
+    method, fit, trials, seed, hold_out
+        In the place of what the project says: "least-squares", "tpe" or "grid"; "each", "joint" or "both"; experiments
+        that are not fitted but predicted.
     workers
         Processes.
     progress
@@ -79,10 +83,11 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
     CalibrationError
         Where no trial could be simulated.
     """
-    told = {"method": method, "fit": fit, "trials": trials, "seed": seed}
+    held_out = None if hold_out is None else list(hold_out)
+    told = {"method": method, "fit": fit, "trials": trials, "seed": seed, "hold_out": held_out}
     settings = changed(project.calibration, {key: value for key, value in told.items() if value is not None}, "--")
     problem = make_problem(project, settings)
-    problems = _problems(problem, settings.fit)
+    problems = _problems(problem, settings.fit, settings.hold_out)
     folder = None if out is None else Path(out)
     if folder is not None:
         if resume:
@@ -103,6 +108,7 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
                     trials=settings.trials,
                     seed=settings.seed,
                     starts=settings.starts,
+                    hold_out=settings.hold_out,
                     workers=workers,
                     store=store,
                     resume=resume and begun,
@@ -142,12 +148,22 @@ def make_problem(project: Project, settings: CalibrationSection | None = None) -
         )
     if faults or project.space is None:
         raise ParameterError(faults)
-    loss = make_loss(settings or project.calibration)
+    loss = make_loss(settings or project.calibration, _length(project))
     return Problem(project.robot, tuple(project.experiments.values()), project.space, loss)
 
 
-def make_loss(settings: CalibrationSection) -> Loss:
-    """The loss that the settings name, with their weights."""
+def make_loss(settings: CalibrationSection, length: float | None = None) -> Loss:
+    """The loss that the settings name, with their weights; length [m]: what distances are told in per cent of.
+
+    Raises
+    ------
+    ParameterError
+        For the loss `distance` without a length.
+    """
+    if settings.loss == "distance":
+        if length is None:
+            raise ParameterError(Fault("the loss 'distance' needs a length", "rig.length", allowed="rig.length"))
+        return DistanceLoss(length)
     if settings.loss == "likelihood":
         return LikelihoodLoss()
     weights = {channel: settings.beta * weight for channel, weight in PAPER_WEIGHTS.items()}
@@ -156,12 +172,18 @@ def make_loss(settings: CalibrationSection) -> Loss:
     return PapersLoss(weights)
 
 
-def _problems(problem: Problem, fit: str) -> dict[str, Problem]:
-    names = [experiment.name for experiment in problem.experiments]
-    alone = {name: problem.alone(name) for name in names}
+def _length(project: Project) -> float | None:
+    return next((e.rig.length for e in project.experiments.values() if e.rig.length is not None), None)
+
+
+def _problems(problem: Problem, fit: str, hold_out: Sequence[str]) -> dict[str, Problem]:
+    """What is to be fitted, by label, each with the experiments that it is to predict."""
+    fitted_part(problem, hold_out)
+    names = [experiment.name for experiment in problem.experiments if experiment.name not in hold_out]
     if len(names) == 1:
-        return alone
-    return {**(alone if fit in ("each", "both") else {}), **({JOINT: problem} if fit in ("joint", "both") else {})}
+        return {names[0]: problem}
+    alone = {name: problem.only([name, *hold_out]) for name in names} if fit in ("each", "both") else {}
+    return {**alone, **({JOINT: problem} if fit in ("joint", "both") else {})}
 
 
 def _labelled(progress: Observer | None, label: str) -> Callable[[Progress], None] | None:
@@ -195,22 +217,23 @@ def _stoppable() -> Generator[_Stop]:
 
 
 def calibrated(project: Project, result: CalibrationResult) -> Project:
-    """The project at the values of a result: shared ones in the robot, an experiment's own in its rig."""
-    shared = {name: estimate.value for name, estimate in result.parameters.items() if "[" not in name}
+    """The project at the values of a result: shared ones in the robot and in every rig, an experiment's own in it."""
     of_robot = robot_parameters(project.robot)
+    shared: dict[str, float] = {}
+    own: dict[str, dict[str, float]] = {}
+    for label, estimate in result.parameters.items():
+        name, _, experiment = label.removesuffix("]").partition("[")
+        values = own.setdefault(experiment, {}) if experiment else shared
+        values.update(dict.fromkeys(estimate.of or (name,), estimate.value))
+    for name, held in result.held_out.items():
+        own.setdefault(name, {}).update({label.partition("[")[0]: value for label, value in held.own.items()})
     robot = with_parameters(project.robot, {name: value for name, value in shared.items() if name in of_robot})
     experiments = dict(project.experiments)
-    for name in result.experiments:
+    for name in (*result.experiments, *result.held_out):
         experiment = experiments[name]
-        own = {key.split("[")[0]: e.value for key, e in result.parameters.items() if key.endswith(f"[{name}]")}
-        values = {**experiment.rig_values(), **shared, **own}
-        angles = {a: values.get(f"{experiment.plate}.{a}_offset", 0.0) for a in ("pitch", "roll", "yaw")}
+        known = experiment.rig_values().keys() | of_robot.keys()
+        here = {**{n: v for n, v in shared.items() if n not in of_robot}, **own.get(name, {})}
         # The pulleys' friction stays the nominal one, under which the dataset was brought to the neck's side.
-        rig = replace(
-            experiment.rig,
-            slack=values[f"{experiment.cable}.slack"],
-            tension_offset=values[f"{experiment.cable}.tension_offset"],
-            angle_offsets=angles,
-        )
-        experiments[name] = replace(experiment, rig=rig)
+        settings = {n: v for n, v in here.items() if n in known and n != PULLEY_FRICTION}
+        experiments[name] = replace(experiment, settings={**experiment.settings, **settings})
     return replace(project, robot=robot, experiments=experiments)

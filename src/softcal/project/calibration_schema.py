@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
-from softcal.project.section import Given, Positive, Pressure, Ratio, Section
+from softcal.project.section import Given, Positive, Pressure, Ratio, Section, listed
 
 
 class PriorSection(Section):
@@ -17,8 +17,9 @@ class PriorSection(Section):
 
 
 class ParameterSection(Section):
-    """A free parameter: its bounds, and whether every experiment has its own."""
+    """A free parameter: its bounds, whether every experiment has its own, and what is tied to have its value."""
 
+    of: Annotated[list[str], BeforeValidator(listed), Field(min_length=1)] | None = None
     bounds: tuple[Given, Given]
     scale: Literal["linear", "log"] = "linear"
     per: Literal["experiment"] | None = None
@@ -29,7 +30,7 @@ class ParameterSection(Section):
 class CalibrationSection(Section):
     """How the free parameters are looked for."""
 
-    loss: Literal["papers", "likelihood"] = "papers"
+    loss: Literal["papers", "likelihood", "distance"] = "papers"
     alpha: Annotated[Ratio, Positive] = 0.3
     beta: Annotated[Ratio, Positive] = 1.0
     method: Literal["least-squares", "tpe", "grid"] = "least-squares"
@@ -37,6 +38,7 @@ class CalibrationSection(Section):
     starts: Annotated[int, Positive] = 3
     seed: Annotated[int, Field(ge=0)] = 1
     fit: Literal["each", "joint", "both"] = "joint"
+    hold_out: Annotated[list[str], BeforeValidator(listed)] = Field(default_factory=list)
 
 
 class PrintSection(Section):

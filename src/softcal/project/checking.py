@@ -9,8 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from softcal.calibration.experiment import Experiment
 from softcal.checks import Ints
 from softcal.errors import Fault
+from softcal.experiments.names import is_deviation
 from softcal.project.output import require_writable
 from softcal.project.project import Project
 from softcal.project.simulation import simulate
@@ -156,20 +158,35 @@ def _bench_rows(project: Project) -> list[tuple[str, str]]:
         spans = ", ".join(
             f"{key} " + " to ".join(format_quantity(float(end), c.unit) for end in (c.values.min(), c.values.max()))
             for key, c in data.channels.items()
-            if key != "time"
+            if key != "time" and not is_deviation(key) and key not in data.incomplete and not experiment.point_of(key)
         )
         rows += [
             (
                 f"experiment {name}",
-                f"{experiment.cable} by {experiment.drive}, compared: " + ", ".join(experiment.compared),
+                f"{_driven(experiment)}, compared: " + _compared(experiment),
             ),
-            ("  data", f"{data.n_samples} of {project.records[name].n_samples} samples, {spans}"),
+            (
+                "  data",
+                f"{data.n_samples} of {project.records[name].n_samples} samples" + (f", {spans}" if spans else ""),
+            ),
         ]
         if data.cycle is not None or project.cycles[name] is not None:
             cycle = (project.cycles[name] or data).cycle
             count = 0 if cycle is None else len(np.unique(cycle[cycle >= 0]))
             rows.append(("  cycles", f"{count} found"))
     return rows
+
+
+def _driven(experiment: Experiment) -> str:
+    """What drives the twin, in words."""
+    names = [experiment.twin_channel(channel).rsplit(".", 1) for channel in experiment.drives]
+    driven = " and ".join(f"{cable} by {control}" for cable, control in names) or "no cable is driven"
+    return driven + "".join(f", {name} = {value:.6g}" for name, value in experiment.settings.items())
+
+
+def _compared(experiment: Experiment) -> str:
+    """What is compared, positions by the name of their marker or plate."""
+    return ", ".join(dict.fromkeys(experiment.point_of(channel) or channel for channel in experiment.compared))
 
 
 def _search_rows(project: Project) -> list[tuple[str, str]]:
@@ -179,8 +196,11 @@ def _search_rows(project: Project) -> list[tuple[str, str]]:
     for parameter in project.space.parameters:
         low, high = (format_quantity(bound, parameter.unit) for bound in (parameter.lower, parameter.upper))
         per = ", one for each experiment" if parameter.per_experiment else ""
-        rows[f"free {parameter.name}"] = f"{low} to {high}, {parameter.scale}{per}"
+        tied = f", one value for {', '.join(parameter.of)}" if parameter.of else ""
+        rows[f"free {parameter.name}"] = f"{low} to {high}, {parameter.scale}{per}{tied}"
     settings = project.calibration
+    if settings.hold_out:
+        rows["held out"] = ", ".join(settings.hold_out)
     rows["calibration"] = f"{settings.method}, loss {settings.loss}, fit {settings.fit}, seed {settings.seed}"
     return list(rows.items())
 
@@ -222,9 +242,10 @@ def _modulus_reach(project: Project) -> tuple[float, float]:
     """By what factors the free moduli can soften and stiffen the twin."""
     values: Mapping[str, float] = {name: info.value for name, info in project.parameters.items()}
     factors = [
-        (p.lower / values[p.name], p.upper / values[p.name])
+        (p.lower / values[target], p.upper / values[target])
         for p in (project.space.parameters if project.space else ())
-        if p.name.endswith("youngs_modulus")
+        for target in p.targets
+        if target.endswith("youngs_modulus")
     ]
     return min((low for low, _ in factors), default=1 / 3), max((high for _, high in factors), default=3.0)
 

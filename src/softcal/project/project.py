@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -22,7 +22,7 @@ from softcal.project.files import InputFiles, sha256
 from softcal.project.meshes import is_generated, mesh_maker
 from softcal.project.robot import BuiltRobot, build_robot
 from softcal.project.robot_schema import RobotSection
-from softcal.project.search import RIG_UNITS, build_search, held_values, rig_value
+from softcal.project.search import build_search, held_values, names_held, rig_value, untied
 from softcal.project.section import Section, validated
 from softcal.report.content import PrintInfill
 from softcal.twin.parameters import ParameterInfo, robot_parameters, with_parameters
@@ -103,16 +103,21 @@ def load(
     built = None if section is None else build_robot(section, mesh_maker(files), findings)
     rig = _section(RigSection, "rig", document, findings, {}) or RigSection()
     experiments = _entries(ExperimentSection, "experiments", document, findings)
-    rig, experiments = _with_held_rig(rig, experiments, given)
+    parameters = _entries(ParameterSection, "parameters", document, findings)
+    given = untied(given, parameters)
+    rig = _with_held_friction(rig, given)
     benches = {
-        name: build_bench(name, experiment, rig, section, files, findings) for name, experiment in experiments.items()
+        name: build_bench(name, experiment, rig, section, files, findings, None if built is None else built.robot)
+        for name, experiment in experiments.items()
     }
     whole = {name: bench for name, bench in benches.items() if bench is not None}
     all_there = built is not None and len(whole) == len(_raw(document, "experiments"))
     known = _known(built, whole) if built is not None and all_there else None
-    parameters = _entries(ParameterSection, "parameters", document, findings)
-    space = build_search(parameters, known, list(_raw(document, "experiments")), given, findings)
+    own = {name: whole[name].experiment.rig_values() if name in whole else {} for name in experiments}
+    space = build_search(parameters, known, own, names_held(given, known or ()), findings)
     calibration = _section(CalibrationSection, "calibration", document, findings, {})
+    _check_calibration(calibration, rig, experiments, findings)
+    _check_settings(space, {name: bench.experiment for name, bench in whole.items()}, findings)
     print_infill = _print_infill(document, findings)
     findings.raise_if_any()
 
@@ -125,7 +130,7 @@ def load(
         path=path,
         name=str(document.data["name"]),
         robot=robot,
-        experiments={name: bench.experiment for name, bench in whole.items()},
+        experiments={name: _with_held_rig(bench.experiment, held) for name, bench in whole.items()},
         records={name: bench.record for name, bench in whole.items()},
         cycles={name: bench.cycles for name, bench in whole.items()},
         space=space,
@@ -186,24 +191,43 @@ def _known(built: BuiltRobot, benches: Mapping[str, Bench]) -> dict[str, Paramet
     }
 
 
-def _with_held_rig(
-    rig: RigSection, experiments: Mapping[str, ExperimentSection], given: Mapping[str, str | float]
-) -> tuple[RigSection, dict[str, ExperimentSection]]:
-    """Sections with the rig values that are held: the data are prepared under them."""
-    held = {name: rig_value(name, value) for name, value in given.items() if name.rsplit(".", 1)[-1] in RIG_UNITS}
-    if PULLEY_FRICTION in given and rig.pulleys is not None:
-        friction = rig_value(PULLEY_FRICTION, given[PULLEY_FRICTION])
-        rig = rig.model_copy(update={"pulleys": rig.pulleys.model_copy(update={"friction_coefficient": friction})})
-    return rig, {
-        name: section.model_copy(
-            update={
-                key: held[full]
-                for key in RIG_UNITS
-                if (full := f"{section.cable if key in ('slack', 'tension_offset') else section.plate}.{key}") in held
-            }
+def _with_held_friction(rig: RigSection, given: Mapping[str, str | float]) -> RigSection:
+    """The rig with the pulleys' friction that is held: the data are prepared under it."""
+    if PULLEY_FRICTION not in given or rig.pulleys is None:
+        return rig
+    friction = rig_value(PULLEY_FRICTION, given[PULLEY_FRICTION])
+    return rig.model_copy(update={"pulleys": rig.pulleys.model_copy(update={"friction_coefficient": friction})})
+
+
+def _with_held_rig(experiment: Experiment, held: Mapping[str, float]) -> Experiment:
+    """The experiment with the rig values that are held."""
+    own = {name: held[name] for name in experiment.rig_values() if name in held}
+    return replace(experiment, settings={**experiment.settings, **own})
+
+
+def _check_calibration(
+    section: CalibrationSection | None, rig: RigSection, experiments: Mapping[str, object], findings: Findings
+) -> None:
+    if section is None:
+        return
+    if section.loss == "distance" and rig.length is None:
+        findings.add(
+            ("calibration", "loss"),
+            "the loss 'distance' is told in per cent of a length",
+            got="no rig.length",
+            allowed="rig: {length: 425 mm}",
         )
-        for name, section in experiments.items()
-    }
+    for i, name in enumerate(section.hold_out):
+        if name not in experiments:
+            findings.unknown(("calibration", "hold_out", i), "experiment", name, experiments)
+
+
+def _check_settings(space: SearchSpace | None, experiments: Mapping[str, Experiment], findings: Findings) -> None:
+    """A parameter that an experiment sets cannot be free in it."""
+    for name, experiment in experiments.items():
+        free = space.free_in(name) if space is not None else set[str]()
+        for key in free & set(experiment.settings):
+            findings.add(("experiments", name, "settings", key), "the parameter is set and free at once", got=key)
 
 
 def _print_infill(document: Document, findings: Findings) -> PrintInfill | None:

@@ -69,7 +69,7 @@ def _experiment(project: Project, name: str) -> ExperimentContent:
         raw=project.records[name],
         prepared=experiment.dataset,
         cycles=project.cycles[name],
-        drive=experiment.drive,
+        drive=experiment.drives[0] if experiment.drives else "",
     )
 
 
@@ -79,7 +79,7 @@ def _twin(project: Project, result: CalibrationResult) -> TwinView | None:
 
     def reach(name: str) -> float:
         experiment = at_values.experiments[name]
-        return float(np.max(experiment.dataset.values(experiment.drive)))
+        return max((float(np.max(experiment.dataset.values(drive))) for drive in experiment.drives), default=0.0)
 
     furthest = max(result.experiments, key=reach)
     response = simulate(at_values, experiment=furthest, snapshots=True)
@@ -114,5 +114,6 @@ def _landscapes(
 def _reach(problem: Problem) -> float:
     """The largest shortening [m] that any slack within its bounds lets the twin see."""
     slacks = [p.lower for p in problem.space.parameters if p.name.endswith(".slack")]
-    lowest = min([0.0, *slacks, *(experiment.rig.slack for experiment in problem.experiments)])
-    return max(float(np.max(e.dataset.values(e.drive))) for e in problem.experiments) - lowest
+    nominal = [v for e in problem.experiments for name, v in e.rig_values().items() if name.endswith(".slack")]
+    lowest = min([0.0, *slacks, *nominal])
+    return max(float(np.max(e.dataset.values(drive))) for e in problem.experiments for drive in e.drives) - lowest

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import replace
+from fnmatch import fnmatchcase
 
+from softcal.calibration.experiment import rig_unit
 from softcal.calibration.parameters import FreeParameter, SearchSpace, search_space
 from softcal.errors import Fault, ParameterError, UnitError
 from softcal.project.calibration_schema import ParameterSection
@@ -12,21 +15,19 @@ from softcal.project.document import Findings, KeyPath
 from softcal.twin.parameters import KINDS, ParameterInfo, out_of_range, unknown_name
 from softcal.units import parse_quantity
 
-# The units of rig parameters, by the last part of the dotted name; those of the robot stand in `KINDS`.
-RIG_UNITS = {"slack": "m", "tension_offset": "N", "pitch_offset": "rad", "roll_offset": "rad", "yaw_offset": "rad"}
-
 
 def build_search(
     sections: Mapping[str, ParameterSection],
     known: Mapping[str, ParameterInfo] | None,
-    experiments: Sequence[str],
-    held: Mapping[str, object],
+    experiments: Mapping[str, Mapping[str, float]],
+    held: Collection[str],
     findings: Findings,
 ) -> SearchSpace | None:
     """The search space of the free parameters that are not held, or None where there is none or a fault.
 
     known: the parameters there are; None where the robot or an experiment has faults of its own, so that names cannot
-    be checked, but bounds still are.
+    be checked, but bounds still are. experiments: the values of the rig's parameters in each. Holding one of several
+    tied parameters takes it from them.
 
     Raises
     ------
@@ -37,26 +38,51 @@ def build_search(
     free: list[FreeParameter] = []
     for name, section in sections.items():
         path = ("parameters", name)
-        if known is not None and name not in known:
-            with findings.at(path):
-                raise ParameterError(unknown_name(name, known))
+        targets = _targets(name, section, known)
+        if known is not None and not targets:
+            with findings.at((*path, "of") if section.of else path):
+                raise ParameterError([unknown_name(wanted, known) for wanted in section.of or [name]])
             continue
-        unit = known[name].unit if known is not None else _unit_by_name(name)
+        unit = known[targets[0]].unit if known is not None else _unit_by_name((section.of or [name])[0])
         parameter = None if unit is None else _free(name, section, unit, path, findings)
-        if parameter is None or name in held:
+        left = tuple(target for target in targets if target not in held)
+        if parameter is None or name in held or (targets and not left):
             continue
-        with findings.at(path):
-            search_space([parameter], list(experiments), known or {name: _guess(name, parameter)})
-            free.append(parameter)
+        with findings.at((*path, "of") if section.of else path):
+            if known is None:
+                search_space(
+                    [replace(parameter, of=())], list(experiments), {name: _guess(name, parameter)}, experiments
+                )
+            else:
+                search_space([parameter], list(experiments), known, experiments)
+            free.append(replace(parameter, of=left) if section.of else parameter)
     if len(findings.faults) > n_faults or known is None or not free:
         return None
     with findings.at(("parameters",)):
-        return search_space(free, list(experiments), known)
+        return search_space(free, list(experiments), known, experiments)
     return None
+
+
+def _targets(name: str, section: ParameterSection, known: Mapping[str, ParameterInfo] | None) -> list[str]:
+    """The parameters of the robot and the rig that one of the section is or ties together."""
+    if section.of is None:
+        return [name] if known is None or name in known else []
+    return [target for target in known or () if any(fnmatchcase(target, wanted) for wanted in section.of)]
+
+
+def untied(given: Mapping[str, str | float], sections: Mapping[str, ParameterSection]) -> dict[str, str | float]:
+    """Given values with those of tied parameters given to each pattern or name that is tied."""
+    found: dict[str, str | float] = {}
+    for name, value in given.items():
+        section = sections.get(name)
+        found.update(dict.fromkeys(section.of, value) if section is not None and section.of else {name: value})
+    return found
 
 
 def held_values(given: Mapping[str, str | float], known: Mapping[str, ParameterInfo]) -> dict[str, float]:
     """Values [SI] of parameters given as text with a unit (`2.3 MPa`) or as a number in SI.
+
+    A name may be a pattern, such as `spring*.youngs_modulus`.
 
     Raises
     ------
@@ -65,7 +91,8 @@ def held_values(given: Mapping[str, str | float], known: Mapping[str, ParameterI
     """
     faults: list[Fault] = []
     held: dict[str, float] = {}
-    for name, value in given.items():
+    written = [(n, value) for name, value in given.items() for n in names_held([name], known)]
+    for name, value in written:
         if name not in known:
             faults.append(unknown_name(name, known))
             continue
@@ -81,6 +108,12 @@ def held_values(given: Mapping[str, str | float], known: Mapping[str, ParameterI
     return held
 
 
+def names_held(given: Iterable[str], known: Iterable[str]) -> list[str]:
+    """The parameters that given names and patterns mean; a name that fits none stands as it is."""
+    there = list(known)
+    return [name for wanted in given for name in [n for n in there if fnmatchcase(n, wanted)] or [wanted]]
+
+
 def rig_value(name: str, value: str | float) -> float:
     """A rig value [SI] given as text with a unit or as a number in SI.
 
@@ -89,7 +122,7 @@ def rig_value(name: str, value: str | float) -> float:
     UnitError
         Where the unit does not fit.
     """
-    unit = RIG_UNITS.get(name.rsplit(".", 1)[-1], "1")
+    unit = rig_unit(name) or "1"
     return parse_quantity(value, unit, where=name) if isinstance(value, str) else float(value)
 
 
@@ -114,12 +147,13 @@ def _free(name: str, section: ParameterSection, unit: str, path: KeyPath, findin
         section.per == "experiment",
         numbers.get("prior.mean"),
         numbers.get("prior.sd"),
+        of=tuple(section.of or ()),
     )
 
 
 def _unit_by_name(name: str) -> str | None:
     kind = name.rsplit(".", 1)[-1]
-    return KINDS[kind][0] if kind in KINDS else RIG_UNITS.get(kind)
+    return KINDS[kind][0] if kind in KINDS else rig_unit(name)
 
 
 def _guess(name: str, parameter: FreeParameter) -> ParameterInfo:

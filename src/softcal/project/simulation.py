@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from softcal.calibration.experiment import Experiment
 from softcal.calibration.observation import commands
 from softcal.errors import Fault, ParameterError
 from softcal.project.project import Project
+from softcal.twin.parameters import robot_parameters, with_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response, Snapshot
 from softcal.twin.robot import Control, Robot
@@ -43,8 +45,8 @@ def simulate(
     protocol
         Tension [N] or shortening [m] of each cable, sample by sample; see `pull`.
     experiment
-        In the place of a protocol: the name of an experiment of the project. Its cable is driven as on the bench,
-        less the slack. Where the project has only one, it need not be named.
+        In the place of a protocol: the name of an experiment of the project. Its cables are driven as on the bench,
+        less the slack, and its settings hold. Where the project has only one, it need not be named.
     sensitivities
         Parameters by which every channel is derived too.
     snapshots
@@ -63,17 +65,35 @@ def simulate(
     robot = twin.robot if isinstance(twin, Project) else twin
     if protocol is None:
         protocol = protocol_of(twin, experiment) if isinstance(twin, Project) else Protocol({})
+        robot = robot_in(twin, experiment) if isinstance(twin, Project) else robot
     return simulate_robot(robot, protocol, sensitivities=sensitivities, snapshots=snapshots)
 
 
 def protocol_of(project: Project, experiment: str = "") -> Protocol:
-    """What an experiment does to the robot: its cable driven as on the bench, read through the nominal rig.
+    """What an experiment does to the robot: its cables driven as on the bench, read through the nominal rig.
 
     Raises
     ------
     ParameterError
         Where the project has no such experiment, or several and none is named.
     """
+    chosen = _chosen(project, experiment)
+    return Protocol(commands(chosen, chosen.rig_values()))
+
+
+def robot_in(project: Project, experiment: str = "") -> Robot:
+    """The robot as an experiment sets it.
+
+    Raises
+    ------
+    ParameterError
+        As `protocol_of`.
+    """
+    chosen, of_robot = _chosen(project, experiment), robot_parameters(project.robot)
+    return with_parameters(project.robot, {n: value for n, value in chosen.settings.items() if n in of_robot})
+
+
+def _chosen(project: Project, experiment: str) -> Experiment:
     known = list(project.experiments)
     name = experiment or (known[0] if len(known) == 1 else "")
     if name not in project.experiments:
@@ -85,8 +105,7 @@ def protocol_of(project: Project, experiment: str = "") -> Protocol:
                 allowed=", ".join(known) or "none is defined in this project: give a pull instead",
             )
         )
-    chosen = project.experiments[name]
-    return Protocol(commands(chosen, chosen.rig_values()))
+    return project.experiments[name]
 
 
 def pull(robot: Robot, cable: str, control: Control, end: float, samples: int = PULL_SAMPLES) -> Protocol:

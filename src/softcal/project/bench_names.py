@@ -1,0 +1,170 @@
+"""The names in an experiment's section against the robot's parts: cables, plates and markers, channels, settings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from fnmatch import fnmatchcase
+
+import numpy as np
+
+from softcal.calibration.experiment import ANGLES, AXES, CABLE_CHANNELS, Experiment, rig_unit
+from softcal.errors import Fault, ParameterError
+from softcal.experiments.names import CHANNEL_UNITS, channel_unit, is_deviation
+from softcal.experiments.read import ColumnSpec
+from softcal.project.bench_schema import ExperimentSection, FileSection
+from softcal.project.document import Findings, KeyPath
+from softcal.project.robot_schema import RobotSection
+from softcal.twin.parameters import out_of_range, robot_parameters, unknown_name
+from softcal.twin.robot import PointLoad, Robot
+from softcal.units import parse_quantity
+
+MASS = "mass"
+
+
+def check_names(section: ExperimentSection, robot: RobotSection | None, path: KeyPath, findings: Findings) -> None:
+    """Every cable, plate and marker that the section names must be one of the robot's."""
+    _check_drive(section, path, findings)
+    if robot is None:
+        return
+    cables, plates, markers = (robot.names(kind) for kind in ("cables", "plates", "markers"))
+    if section.cable is not None and section.cable not in cables:
+        findings.unknown((*path, "cable"), "cable", section.cable, cables)
+    if section.plate is not None and section.plate not in plates:
+        findings.unknown((*path, "plate"), "plate", section.plate, plates)
+    short = [key for file in section.files for key in file.columns if key in (*ANGLES, "qw")]
+    if section.plate is None and short:
+        findings.add(
+            (*path, "plate"),
+            "it is not said which plate carries the IMU",
+            got=f"the channel {short[0]}, no plate",
+            allowed=", ".join(plates) or "a plate of the robot",
+        )
+    for i, file in enumerate(section.files):
+        where = (*path, "files", i)
+        for marker in file.markers:
+            if marker not in (*markers, *plates):
+                findings.unknown((*where, "markers", marker), "marker or plate", marker, [*markers, *plates])
+        for channel in file.columns:
+            owner, _, kind = channel.removesuffix("_sd").rpartition(".")
+            if not owner:
+                continue
+            known, what = (cables, "cable") if kind in (*CABLE_CHANNELS, MASS) else (plates, "plate")
+            if kind in AXES:
+                known, what = [*markers, *plates], "marker or plate"
+            if owner not in known:
+                findings.unknown((*where, "columns", channel), what, owner, known)
+
+
+def _check_drive(section: ExperimentSection, path: KeyPath, findings: Findings) -> None:
+    columns = [key for file in section.files for key in file.columns]
+    if isinstance(section.drive, str) and section.cable is None:
+        allowed = "cable: NAME, or drive: [cable1.tension]"
+        findings.add((*path, "drive"), "it is not said which cable is driven", got=section.drive, allowed=allowed)
+    needs_cable = [key for key in columns if key in (*CABLE_CHANNELS, MASS)]
+    if section.cable is None and needs_cable:
+        got = f"the channel {needs_cable[0]}, no cable"
+        findings.add((*path, "cable"), "it is not said which cable was pulled", got=got, allowed="cable: NAME")
+    pulled = [key for key in columns if "." in key and key.rsplit(".", 1)[1] in (*CABLE_CHANNELS, MASS)]
+    if section.cable is None and section.drive is None and pulled and section.compare is None:
+        findings.add(
+            (*path, "drive"),
+            "it is not said what drives the twin",
+            got=f"the channel {pulled[0]}, no drive",
+            allowed=f"drive: [{pulled[0].replace(MASS, 'tension')}], or compare with what the twin answers",
+        )
+
+
+def column_specs(file: FileSection) -> tuple[dict[str, ColumnSpec], list[str]]:
+    """The columns to read, and those of them that may not be there: the standard deviations of markers."""
+    columns = {key: ColumnSpec(column.name, column.unit, column.scale) for key, column in file.columns.items()}
+    optional: list[str] = []
+    for marker, name in file.markers.items():
+        for axis in AXES:
+            columns.setdefault(f"{marker}.{axis}", ColumnSpec(f"{name}.{axis}"))
+            deviation = f"{marker}.{axis}_sd"
+            if deviation not in columns:
+                columns[deviation] = ColumnSpec(f"{name}.{axis}_sd")
+                optional.append(deviation)
+    return columns, optional
+
+
+def channels_named(name: str, channels: Iterable[str]) -> list[str]:
+    """The channels that a name stands for: itself, a marker's three, or those that a pattern (`m*`) fits."""
+    found: list[str] = []
+    for channel in channels:
+        owner, _, kind = channel.rpartition(".")
+        if channel == name or (owner and kind in AXES and fnmatchcase(owner, name)):
+            found.append(channel)
+    return found
+
+
+def compared_channels(
+    section: ExperimentSection, channels: Iterable[str], path: KeyPath, findings: Findings
+) -> tuple[str, ...]:
+    """The channels that are to be compared; none where the section does not say."""
+    known = [channel for channel in channels if not is_deviation(channel)]
+    found: dict[str, None] = {}
+    for i, name in enumerate(section.compare or ()):
+        named = channels_named(name, known)
+        if not named:
+            findings.unknown((*path, "compare", i), "channel or marker among the data", name, known)
+        found.update(dict.fromkeys(named))
+    return tuple(found)
+
+
+def noise_of(
+    given: Mapping[str, str | float], channels: Iterable[str] | None, path: KeyPath, findings: Findings
+) -> dict[str, tuple[str, float]]:
+    """Standard deviation [SI] by channel, with the key that said it; channels None where they are not known."""
+    sigmas: dict[str, tuple[str, float]] = {}
+    for key, value in given.items():
+        named = [key] if channel_unit(key) is not None else channels_named(key, channels or ())
+        if not named:
+            if channels is not None:
+                findings.unknown((*path, key), "channel", key, [*CHANNEL_UNITS, *channels])
+            continue
+        with findings.at((*path, key)):
+            sigma = parse_quantity(value, channel_unit(named[0]) or "1")
+            if sigma <= 0:
+                raise ParameterError(Fault("a noise must be above zero", got=str(value)))
+            sigmas |= {channel: (key, sigma) for channel in named}
+    return sigmas
+
+
+def settings_of(
+    given: Mapping[str, str | float], experiment: Experiment, robot: Robot, path: KeyPath, findings: Findings
+) -> dict[str, float]:
+    """Settings [SI] by the dotted name of a parameter; `weight.mass` becomes the force of the load `weight`."""
+    known = robot_parameters(robot)
+    rig = experiment.rig_values()
+    settings: dict[str, float] = {}
+    for name, value in given.items():
+        with findings.at((*path, name)):
+            owner, _, kind = name.rpartition(".")
+            load = next((x for x in robot.loads if isinstance(x, PointLoad) and x.name == owner), None)
+            if kind == MASS and load is not None:
+                settings[f"{owner}.force"] = _weight(load, parse_quantity(value, "kg"), robot)
+                continue
+            if name not in known and name not in rig:
+                raise ParameterError(unknown_name(name, dict.fromkeys([*known, *rig])))
+            settings[name] = parse_quantity(value, known[name].unit if name in known else rig_unit(name) or "1")
+            if name in known and (fault := out_of_range(known[name], settings[name])):
+                raise ParameterError(fault)
+    return settings
+
+
+def _weight(load: PointLoad, mass: float, robot: Robot) -> float:
+    """The force [N] along the load's direction by which a mass [kg] pulls that hangs there."""
+    g = float(np.linalg.norm(robot.gravity))
+    along = float(np.dot(robot.gravity, np.asarray(load.direction)))
+    if not g > 0 or along < (1 - 1e-6) * g:
+        raise ParameterError(
+            Fault(
+                "a mass hangs along gravity",
+                got="no gravity"
+                if not g > 0
+                else f"a load in the direction {np.round(np.asarray(load.direction), 3).tolist()}",
+                allowed="a load whose direction is that of gravity, or its force",
+            )
+        )
+    return mass * g

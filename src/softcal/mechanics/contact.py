@@ -2,9 +2,10 @@
 
     Pi = sum over contacts of area * kappa * b(d - thickness),   b = 0 beyond `gap`, infinite at touch
 
-with areas of the undeformed surface and one count of each contact (Li et al., 2023, Convergent incremental potential
-contact), so that kappa [Pa] and the pressure do not depend on the mesh. Equilibrium sets the force; kappa and `gap`
-only set how far apart what touches stays: between nothing and `gap`.
+with areas of the undeformed surface, so that kappa [Pa] means the same on every mesh (Li et al., 2020, Incremental
+potential contact; 2023, Convergent incremental potential contact). Equilibrium sets the force; kappa and `gap` only set
+how far apart what touches stays: between nothing and `gap`. Neighbouring pairs count each: taking the nearest alone
+instead, as the convergent formulation does, has kinks at which Newton's method stops.
 """
 
 from __future__ import annotations
@@ -57,7 +58,6 @@ class ContactTerm:
         V = self._vertices(x)
         collisions = ipctk.NormalCollisions()
         collisions.use_area_weighting = True
-        collisions.collision_set_type = ipctk.NormalCollisions.IMPROVED_MAX_APPROX
         collisions.build(self._mesh, V, self.gap, self.thickness)
         gradient = np.zeros_like(x)
         n = len(collisions)
@@ -118,7 +118,9 @@ class ContactTerm:
     def _potential(self) -> Any:
         import ipctk
 
-        return ipctk.BarrierPotential(self.gap, self.stiffness, use_physical_barrier=True)
+        # An edge's "area" is its length: wires meet in a strip, about as wide as the gap.
+        stiffness = self.stiffness if len(self.faces) else self.stiffness * self.gap
+        return ipctk.BarrierPotential(self.gap, stiffness, use_physical_barrier=True)
 
 
 def edges_of(faces: Ints) -> Ints:

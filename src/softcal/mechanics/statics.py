@@ -21,6 +21,7 @@ TOLERANCE = 1e-9  # residual over its scale
 ROUNDING = 4.0 * float(np.finfo(float).eps)  # of the farthest coordinate: what positions are known to
 MAX_ITERATIONS = 25
 PATIENCE = 6  # iterations without a smaller residual
+WITH_CONTACT = 4  # times as many of both where surfaces may touch: the set of contacts must be found too
 REUSE_BELOW = 0.1  # a factorisation is kept while each step shrinks the residual at least tenfold
 SMALL_START = 1e-3  # and from a first residual as small as this
 MAX_CUTS = 8  # halvings of a step that would invert an element
@@ -153,11 +154,12 @@ class Statics:
             return Equilibrium(state, False, 0, np.inf, f"the guess cannot be: {at.why_not}")
         previous = residual = best = np.inf
         best_iteration = 0
-        for iteration in range(MAX_ITERATIONS):
+        more = WITH_CONTACT if system.contacts else 1
+        for iteration in range(more * MAX_ITERATIONS):
             residual = self.norm(at)
             if residual < best:
                 best, best_iteration = residual, iteration
-            elif iteration - best_iteration >= PATIENCE:
+            elif iteration - best_iteration >= more * PATIENCE:
                 status = f"Newton's method stalled (residual {best:.1e}, tolerance {TOLERANCE:.0e})"
                 return Equilibrium(state, False, iteration, residual, status)
             if residual < TOLERANCE:
@@ -180,8 +182,10 @@ class Statics:
                 step, serves = step * free, serves and free == 1.0
                 at = system.linearise(candidate, controls, self.theta, tangent=not serves)
                 # The line search: a step must not lead to what cannot be, nor leave more work along itself than it
-                # began with. Small residuals are let through; there Newton's method converges by itself.
-                if at.is_admissible and (residual < SMALL_START or abs(dz @ at.reduced) <= abs(work)):
+                # began with. Small residuals are let through; there Newton's method converges by itself, but for what
+                # is about to touch.
+                trusted = residual < SMALL_START and not system.contacts
+                if at.is_admissible and (trusted or abs(dz @ at.reduced) <= abs(work)):
                     break
                 step, serves = 0.5 * step, False
             else:
@@ -190,9 +194,9 @@ class Statics:
         return Equilibrium(
             state,
             False,
-            MAX_ITERATIONS,
+            more * MAX_ITERATIONS,
             residual,
-            f"residual {residual:.1e} after {MAX_ITERATIONS} iterations, tolerance {TOLERANCE:.0e}",
+            f"residual {residual:.1e} after {more * MAX_ITERATIONS} iterations, tolerance {TOLERANCE:.0e}",
         )
 
     def reachable(self, state: State, dz: Floats) -> State:

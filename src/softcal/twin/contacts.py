@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import combinations
 
 import numpy as np
 
@@ -54,6 +55,7 @@ def build_contacts(
         rods = [rod for rod in robot.rods if wire_diameter(rod) == diameter]
         edges = [first[r.name] + np.arange(len(r.centreline.nodes) - 1)[:, None] + [0, 1] for r in rods]
         apart = np.concatenate([first[r.name] + _neighbours(r, NEIGHBOURS * diameter) for r in rods])
+        apart = np.concatenate([apart, _around_plates(rods, first, NEIGHBOURS * diameter)])
         none = np.zeros((0, 3), dtype=np.int64)
         terms.append(_term(robot.contact, layout, np.concatenate(edges), none, diameter, apart))
     for term in terms:
@@ -110,6 +112,22 @@ def _neighbours(rod: Rod, distance: float) -> Ints:
     i, j = np.triu_indices(len(s), 1)
     near = s[j] - s[i] < distance
     return np.stack([i[near], j[near]], axis=1)
+
+
+def _around_plates(rods: list[Rod], first: dict[str, int], distance: float) -> Ints:
+    """Pairs of nodes of two rods that are clamped to one plate, both near it along their rods."""
+    pairs = [np.zeros((0, 2), dtype=np.int64)]
+    for a, b in combinations(rods, 2):
+        for plate in a.clamped.keys() & b.clamped.keys():
+            near = [first[rod.name] + _around(rod, rod.clamped[plate], distance) for rod in (a, b)]
+            i, j = np.meshgrid(*near)
+            pairs.append(np.stack([i.ravel(), j.ravel()], axis=1))
+    return np.sort(np.concatenate(pairs), axis=1)
+
+
+def _around(rod: Rod, nodes: Ints, distance: float) -> Ints:
+    s = rod.centreline.stations
+    return np.flatnonzero(np.abs(s[:, None] - s[nodes]).min(axis=1) < distance)
 
 
 def _across_seams(

@@ -1,0 +1,208 @@
+"""Contact: what touches pushes with the right force, stays apart, and has exact derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from softcal.errors import MeshError
+from softcal.geometry.centreline import helix, straight
+from softcal.geometry.mesh import TetMesh
+from softcal.geometry.primitives import box_mesh
+from softcal.geometry.section import circular
+from softcal.mechanics.state import moved
+from softcal.mechanics.statics import Statics
+from softcal.mechanics.system import Controls
+from softcal.twin.build import build_twin
+from softcal.twin.contacts import fitting_contact, wire_diameter
+from softcal.twin.parameters import robot_parameters, with_parameters
+from softcal.twin.protocol import Command, Protocol
+from softcal.twin.robot import Body, Cable, Plate, Robot, Rod, ViaPoint
+from softcal.twin.simulate import simulate
+from softcal.twin.start import loaded_state
+
+E, SIDE, APART = 1e6, 0.02, 1e-3
+SOFT = {"youngs_modulus": E, "poissons_ratio": 0.0}
+
+
+def two_blocks(element: str = "P2") -> Robot:
+    """A block on a rigid plate that a cable lifts, along a guide, against a block that hangs from above."""
+    low = box_mesh((SIDE, SIDE, SIDE), (2, 2, 2))
+    high = box_mesh((SIDE, SIDE, SIDE), (3, 3, 3))
+    high = TetMesh(high.points + [0.0, 0.0, SIDE + APART], high.tets)
+    below = Body("below", low, [], SOFT, element=element)
+    ceiling = np.flatnonzero(np.isclose(high.points[:, 2], 2 * SIDE + APART))
+    above = Body("above", high, ceiling, SOFT, element=element)
+    centre = np.array([SIDE / 2, SIDE / 2, 0.0])
+    plate = Plate("lift", {"below": np.flatnonzero(low.points[:, 2] < 1e-9)}, centre)
+    line = straight(tuple(centre - [0.0, 0.0, 0.1]), tuple(centre), 4)
+    guide = Rod(
+        "guide",
+        line,
+        circular(0.02),
+        {"youngs_modulus": 5e7, "poissons_ratio": 0.3},
+        clamped={"lift": np.array([4])},
+        fixed=np.array([0]),
+    )
+    pull = Cable("pull", (ViaPoint(centre + [0.0, 0.0, 0.1]), ViaPoint(centre, "lift")), pulled_end="first")
+    robot = Robot(bodies=(below, above), plates=(plate,), cables=(pull,), rods=(guide,))
+    return replace(robot, contact=fitting_contact(Robot(bodies=(below, above))))
+
+
+def lifted(*shortening: float) -> Protocol:
+    return Protocol({"pull": Command("shortening", np.array(shortening))})
+
+
+def spring(contact: bool, pitch: float = 0.008) -> Robot:
+    """A helical spring of 6 mm wire that a cable beside its axis bends until its coils meet."""
+    coil = helix((0, 0, 0), (0, 0, 1), diameter=0.03, pitch=pitch, turns=6, at=96, towards=(1, 0, 0))
+    height = 6 * pitch
+    rod = Rod(
+        "spring",
+        coil,
+        circular(0.006),
+        {"youngs_modulus": 1e9, "poissons_ratio": 0.4},
+        clamped={"top": np.array([96])},
+        fixed=np.array([0]),
+    )
+    via = (ViaPoint(np.array([0.02, 0, 0])), ViaPoint(np.array([0.02, 0, height]), "top"))
+    robot = Robot(
+        plates=(Plate("top", {}, np.array([0, 0, height])),),
+        rods=(rod,),
+        cables=(Cable("pull", via, pulled_end="first"),),
+    )
+    return replace(robot, contact=fitting_contact(robot)) if contact else robot
+
+
+def test_two_blocks_press_with_the_exact_stress():
+    """nu = 0: each is in uniaxial stress P = mu (stretch - 1/stretch); what is left of the gap is known within it."""
+    robot = two_blocks()
+    d = np.array([0.0005, 0.002, 0.005])
+    alone = simulate(replace(robot, contact=None), lifted(*d), curve_tolerance=0.0)
+    response = simulate(robot, lifted(*d), curve_tolerance=0.0)
+    assert response.succeeded, response.status
+    force = response.channels["pull.tension"] - alone.channels["pull.tension"]
+    assert abs(force[0]) < 1e-9  # not yet there
+    assert robot.contact is not None
+    for gap, bound in ((0.0, np.less), (robot.contact.gap, np.greater)):
+        stretch = 1.0 - (d[1:] - APART + gap) / (2 * SIDE)
+        exact = 0.5 * E * (1.0 / stretch - stretch) * SIDE**2
+        assert np.all(bound(exact, force[1:]))
+    middle = 1.0 - (d[1:] - APART + 0.5 * robot.contact.gap) / (2 * SIDE)
+    np.testing.assert_allclose(force[1:], 0.5 * E * (1.0 / middle - middle) * SIDE**2, rtol=0.06)
+
+
+def test_a_smaller_gap_nears_the_exact_force():
+    robot = two_blocks()
+    errors = []
+    exact_stretch = 1.0 - (0.004 - APART) / (2 * SIDE)
+    exact = 0.5 * E * (1.0 / exact_stretch - exact_stretch) * SIDE**2
+    alone = simulate(replace(robot, contact=None), lifted(0.004), curve_tolerance=0.0)
+    assert robot.contact is not None
+    for factor in (1.0, 0.25):
+        closer = replace(robot, contact=replace(robot.contact, gap=factor * robot.contact.gap))
+        force = simulate(closer, lifted(0.004), curve_tolerance=0.0).channels["pull.tension"]
+        errors.append(abs(float(force[0] - alone.channels["pull.tension"][0]) - exact) / exact)
+    assert errors[1] < 0.35 * errors[0]
+    assert errors[1] < 0.015
+
+
+def test_coils_of_a_bent_spring_meet_and_stay_apart():
+    d = np.linspace(0.0, 0.03, 4)
+    free = simulate(spring(contact=False), lifted(*d), snapshots=True)
+    robot = spring(contact=True)
+    touching = simulate(robot, lifted(*d), snapshots=True)
+    assert touching.succeeded, touching.status
+    wire = wire_diameter(robot.rods[0])
+    assert closest(robot, free.snapshots[-1].rods["spring"]) < 0.7 * wire
+    assert min(closest(robot, shape.rods["spring"]) for shape in touching.snapshots) > wire
+    # The same until they meet, and much stiffer after.
+    np.testing.assert_allclose(touching.channels["pull.tension"][1], free.channels["pull.tension"][1], rtol=1e-4)
+    assert touching.channels["pull.tension"][-1] > 3.0 * free.channels["pull.tension"][-1]
+
+
+def closest(robot: Robot, axis: np.ndarray) -> float:
+    """Smallest distance between points of the wire's axis at least three quarters of a turn apart."""
+    from scipy.spatial.distance import cdist
+
+    s = np.linspace(0, len(axis) - 1, 8 * len(axis))
+    fine = np.stack([np.interp(s, np.arange(len(axis)), axis[:, i]) for i in range(3)], axis=1)
+    along = np.interp(s, np.arange(len(axis)), robot.rods[0].centreline.stations)
+    distance = cdist(fine, fine)
+    return float(distance[np.abs(along[:, None] - along) > 0.07].min())
+
+
+def test_tangent_is_the_gradients_derivative_while_touching():
+    robot = spring(contact=True)
+    twin = build_twin(robot)
+    theta = {name: info.value for name, info in robot_parameters(robot).items()}
+    statics = Statics(twin.system, theta)
+    none = np.zeros(1)
+    pressed = Controls(np.array([True]), none + 9.0, none)
+    state = loaded_state(twin, statics)
+    for tension in np.linspace(0.5, 9.0, 18):
+        solved = statics.equilibrium(state, Controls(np.array([True]), none + tension, none))
+        assert solved.converged, solved.status
+        state = solved.state
+    at = twin.system.linearise(state, pressed, theta)
+    assert at.touch is not None
+    pattern, n = twin.system.pattern, len(twin.system.pattern.indptr) - 1
+    upper = sp.csr_matrix((at.data, pattern.indices, pattern.indptr), shape=(n, n)) + at.touch
+    K = upper + sp.triu(upper, 1).T
+    d = np.append(np.random.default_rng(3).uniform(-1, 1, n) * 1e-6, 0.0)
+    errors = []
+    for h in (1.0, 0.5):
+        ahead = twin.system.linearise(moved(twin.system.layout, state, h * d), pressed, theta, tangent=False)
+        errors.append(np.linalg.norm((ahead.reduced - at.reduced)[:n] - h * (K @ d[:n])))
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.15)
+    statics.release()
+
+
+def test_sensitivities_through_contact_are_exact():
+    """Of the pose by a second spring's modulus: how far the coils that meet are pressed."""
+    robot = two_springs()
+    name = "upper.youngs_modulus"
+    exact = simulate(robot, lifted(0.02), sensitivities=(name,), curve_tolerance=0.0)
+    assert exact.succeeded, exact.status
+    step = 2e5
+    ends = [
+        simulate(with_parameters(robot, {name: 1e9 + s * step}), lifted(0.02), curve_tolerance=0.0).channels
+        for s in (1, -1)
+    ]
+    for channel in ("pull.tension", "top.pitch", "top.z"):
+        difference = (ends[0][channel] - ends[1][channel]) / (2 * step)
+        np.testing.assert_allclose(exact.sensitivities[channel][name], difference, rtol=2e-5)
+
+
+def two_springs() -> Robot:
+    """The spring whose coils meet, and a longer one on top of it that the same cable bends."""
+    lower = spring(contact=True)
+    coil = helix((0, 0, 0.048), (0, 0, 1), diameter=0.03, pitch=0.014, turns=3, at=48, towards=(1, 0, 0))
+    upper = Rod(
+        "upper",
+        coil,
+        circular(0.006),
+        {"youngs_modulus": 1e9, "poissons_ratio": 0.4},
+        clamped={"middle": np.array([0]), "top": np.array([48])},
+    )
+    rod = replace(lower.rods[0], clamped={"middle": np.array([96])})
+    via = (*(ViaPoint(np.array([0.02, 0, z]), on) for z, on in ((0.0, ""), (0.048, "middle"), (0.09, "top"))),)
+    return replace(
+        lower,
+        rods=(rod, upper),
+        plates=tuple(Plate(name, {}, np.array([0, 0, z])) for name, z in (("middle", 0.048), ("top", 0.09))),
+        cables=(Cable("pull", via, pulled_end="first"),),
+    )
+
+
+def test_what_overlaps_at_rest_is_refused():
+    robot = two_blocks()
+    high = robot.bodies[1]
+    into = replace(high, mesh=TetMesh(high.mesh.points - [0.0, 0.0, 3 * APART], high.mesh.tets))
+    with pytest.raises(MeshError, match="pass through each other at rest"):
+        build_twin(replace(robot, bodies=(robot.bodies[0], into)))
+    with pytest.raises(MeshError, match="allowed: more than their diameter of 6 mm"):
+        build_twin(spring(contact=True, pitch=0.005))

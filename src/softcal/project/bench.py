@@ -113,7 +113,9 @@ def build_bench(
             )
             if section.frame is not None and not experiment.points:
                 got = ", ".join(experiment.compared)
-                findings.add((*path, "frame"), "a frame needs positions that are compared", got, "such as m4.x")
+                findings.add(
+                    (*path, "frame"), "a frame needs positions that are compared", got=got, allowed="such as m4.x"
+                )
             if built is not None:
                 settings = settings_of(section.settings, experiment, built, (*path, "settings"), findings)
                 experiment = replace(experiment, settings=settings)

@@ -36,15 +36,21 @@ if TYPE_CHECKING:
     from softcal.project.run_folder import load_run as load_run
     from softcal.project.simulation import pull as pull
     from softcal.project.simulation import simulate as simulate
+    from softcal.twin.manipulator import ManipulatorShape as ManipulatorShape
+    from softcal.twin.manipulator import manipulator as manipulator
     from softcal.twin.protocol import Command as Command
     from softcal.twin.protocol import Protocol as Protocol
     from softcal.twin.response import Response as Response
     from softcal.twin.robot import Body as Body
     from softcal.twin.robot import Cable as Cable
+    from softcal.twin.robot import Disc as Disc
+    from softcal.twin.robot import Marker as Marker
     from softcal.twin.robot import Plate as Plate
     from softcal.twin.robot import PointLoad as PointLoad
     from softcal.twin.robot import Robot as Robot
+    from softcal.twin.robot import Rod as Rod
     from softcal.twin.robot import SurfaceLoad as SurfaceLoad
+    from softcal.twin.robot import Tie as Tie
     from softcal.twin.robot import ViaPoint as ViaPoint
 
 _HOMES = {
@@ -56,8 +62,11 @@ _HOMES = {
     "Command": "softcal.twin.protocol",
     "Dataset": "softcal.experiments.dataset",
     "DatasetError": "softcal.errors",
+    "Disc": "softcal.twin.robot",
     "Fault": "softcal.errors",
     "InputError": "softcal.errors",
+    "ManipulatorShape": "softcal.twin.manipulator",
+    "Marker": "softcal.twin.robot",
     "MeshError": "softcal.errors",
     "ParameterError": "softcal.errors",
     "Plate": "softcal.twin.robot",
@@ -67,16 +76,19 @@ _HOMES = {
     "Protocol": "softcal.twin.protocol",
     "Response": "softcal.twin.response",
     "Robot": "softcal.twin.robot",
+    "Rod": "softcal.twin.robot",
     "SimulationError": "softcal.errors",
     "SoftcalError": "softcal.errors",
     "StorageError": "softcal.errors",
     "SurfaceLoad": "softcal.twin.robot",
+    "Tie": "softcal.twin.robot",
     "UnitError": "softcal.errors",
     "ViaPoint": "softcal.twin.robot",
     "calibrate": "softcal.project.calibration",
     "check": "softcal.project.checking",
     "load": "softcal.project.project",
     "load_run": "softcal.project.run_folder",
+    "manipulator": "softcal.twin.manipulator",
     "pull": "softcal.project.simulation",
     "simulate": "softcal.project.simulation",
     "write_report": "softcal.project.reporting",
@@ -91,8 +103,11 @@ __all__ = [
     "Command",
     "Dataset",
     "DatasetError",
+    "Disc",
     "Fault",
     "InputError",
+    "ManipulatorShape",
+    "Marker",
     "MeshError",
     "ParameterError",
     "Plate",
@@ -102,16 +117,19 @@ __all__ = [
     "Protocol",
     "Response",
     "Robot",
+    "Rod",
     "SimulationError",
     "SoftcalError",
     "StorageError",
     "SurfaceLoad",
+    "Tie",
     "UnitError",
     "ViaPoint",
     "calibrate",
     "check",
     "load",
     "load_run",
+    "manipulator",
     "pull",
     "simulate",
     "write_report",

@@ -13,7 +13,7 @@ from softcal.cli.app import ProjectFile, app, told
 @app.command()
 @told
 def init(
-    template: Annotated[str, typer.Argument(help="What to start from: neck.", show_default=False)],
+    template: Annotated[str, typer.Argument(help="What to start from: neck, manipulator.", show_default=False)],
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that is new or empty.", show_default=False)],
 ) -> None:
     """Write a project to start from, with data and comments."""

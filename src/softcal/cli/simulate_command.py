@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from softcal.cli.app import ProjectFile, app, told
 from softcal.cli.values import Values, parsed_values
 from softcal.errors import Fault, InputError
-
-if TYPE_CHECKING:
-    from softcal.project.project import Project
-    from softcal.twin.protocol import Protocol
 
 
 @app.command()
@@ -26,16 +22,18 @@ def simulate(
         str, typer.Option(metavar="NAME", help="Only this experiment; all of them by default.", show_default=False)
     ] = "",
     pull: Annotated[
-        str,
+        list[str] | None,
         typer.Option(
             metavar="CABLE=VALUE",
-            help="Instead of experiments: pull a cable from zero to a shortening (front=40mm) or tension (front=8N).",
+            help="Instead of experiments: pull a cable from zero to a shortening (front=40mm), a tension (front=8N, "
+            "front=2kgf) or by a hanging mass (front.mass=2kg); given again, several cables together.",
             show_default=False,
         ),
-    ] = "",
+    ] = None,
 ) -> None:
     """Simulate the twin: its response as CSV with units, and a picture at rest and at the largest pitch."""
     from softcal.project.project import load
+    from softcal.project.pulls import parse_pulls
     from softcal.project.simulation import protocol_of
     from softcal.project.simulation_folder import simulate_to_folder
 
@@ -43,28 +41,10 @@ def simulate(
     if pull and experiment:
         raise InputError(Fault("--pull and --experiment exclude each other"))
     if pull:
-        protocols = {"pull": _pull(loaded, pull)}
+        protocols = {"pull": parse_pulls(loaded.robot, pull)}
     else:
         names = [experiment] if experiment else list(loaded.experiments) or [""]
         protocols = {name: protocol_of(loaded, name) for name in names}
     for name, response in simulate_to_folder(loaded, protocols, out).items():
         typer.echo(f"{name}: {response.status}")
     typer.echo(f"Wrote {out}")
-
-
-def _pull(project: Project, text: str) -> Protocol:
-    from softcal.errors import UnitError
-    from softcal.project.simulation import pull
-    from softcal.units import parse_quantity
-
-    cable, _, value = text.partition("=")
-    try:
-        return pull(project.robot, cable.strip(), "shortening", parse_quantity(value.strip(), "m"))
-    except UnitError:
-        pass
-    try:
-        return pull(project.robot, cable.strip(), "tension", parse_quantity(value.strip(), "N"))
-    except UnitError as error:
-        raise InputError(
-            Fault("this is no pull", "--pull", f"'{text}'", "a cable and a length or force: front=40mm, front=8N")
-        ) from error

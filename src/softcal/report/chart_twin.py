@@ -125,7 +125,7 @@ def _clearest(candidates: Floats, crowd: Floats, *, left: bool) -> Floats:
     from scipy.spatial import KDTree
 
     distance = KDTree(crowd).query(candidates)[0]
-    clear = candidates[distance >= 0.8 * distance.max()]
+    clear = candidates[distance >= 0.5 * distance.max()]
     return clear[np.argmin(clear[:, 0] if left else -clear[:, 0])]
 
 

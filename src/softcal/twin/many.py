@@ -143,14 +143,32 @@ def _reach(
         is_held = (start.is_held | pushes) & ~too_long
         tension = np.where(is_held, np.where(by_length, np.maximum(state.tension, 0.0), target.tension), 0.0)
         start = Controls(is_held, np.where(pushes, 0.0, tension), cables.rest_length - lengths)
-        state = replace(state, tension=np.where(pushes, 0.0, state.tension))
         if pushes.any():
-            released = statics.equilibrium(state, Controls(is_held, start.tension, start.shortening))
-            if not released.converged:
-                raise SimulationError(f"no equilibrium as a cable goes slack: {released.status}.")
-            state = released.state
+            state = _released(statics, state, start, pushes)
             start = replace(start, shortening=cables.rest_length - cables.lengths(state.x))
     raise SimulationError("cables keep switching between taut and slack.")
+
+
+def _released(statics: Statics, state: State, held: Controls, pushes: np.ndarray) -> State:
+    """The equilibrium once the cables that push are slack: at once where that works, else their push taken off bit by
+    bit.
+
+    Raises
+    ------
+    SimulationError
+        Where there is none on the way.
+    """
+    slack = replace(state, tension=np.where(pushes, 0.0, state.tension))
+    released = statics.equilibrium(slack, held)
+    if released.converged:
+        return released.state
+    push = np.where(pushes, state.tension, 0.0)
+    none = np.zeros_like(push)
+    line = Line(held.is_held, held.tension + push, held.shortening, -push, none)
+    path = follow(statics, line, node_at(statics, line, 0.0, state, ()), 1.0, first_step=0.2)
+    if not path.reached:
+        raise SimulationError(f"no equilibrium as a cable goes slack: {path.status}.")
+    return path.nodes[-1].state
 
 
 def _by_command(

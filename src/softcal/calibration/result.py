@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -78,6 +79,17 @@ class ExperimentFit:
     distances: Mapping[str, Distance] = field(default_factory=dict[str, Distance])
     length: float | None = None
     missing: Mapping[str, int] = field(default_factory=dict[str, int])
+
+    @property
+    def distance(self) -> Distance | None:
+        """The distance over all markers and plates; None where no positions are compared."""
+        held = list(self.distances.values())
+        n = sum(d.n for d in held)
+        if not n:
+            return None
+        mean = sum(d.n * d.mean for d in held) / n
+        rms = math.sqrt(sum(d.n * d.rms**2 for d in held) / n)
+        return Distance(mean, max(d.max for d in held), rms, n)
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,13 @@ them.
 from softcal.cli import project_commands
 from softcal.cli import simulate_command
 from softcal.cli import calibrate_commands
+from softcal.cli import validate_command
 from softcal.cli import marker_commands
 
 # isort: on
 from softcal.cli.app import app
 
-COMMAND_GROUPS = (project_commands, simulate_command, calibrate_commands, marker_commands)
+COMMAND_GROUPS = (project_commands, simulate_command, calibrate_commands, validate_command, marker_commands)
 
 
 def main(argv: list[str] | None = None) -> None:

@@ -10,7 +10,7 @@ import typer
 from softcal.cli.app import INTERRUPTED, ProjectFile, app, told
 from softcal.cli.calibration_bars import CalibrationBars
 from softcal.cli.calibration_table import print_results
-from softcal.cli.values import Values, parsed_values
+from softcal.cli.values import Values, names, parsed_values
 
 
 @app.command()
@@ -28,6 +28,14 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
     ] = None,
     workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
     seed: Annotated[int | None, typer.Option(min=0, help="Of all chance in the search.", show_default=False)] = None,
+    hold_out: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAMES",
+            help="Experiments (cable3,cable5) that are not fitted but predicted; as the project says by default.",
+            show_default=False,
+        ),
+    ] = None,
     values: Values = None,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Run folder; 'run' beside the project by default.")
@@ -52,6 +60,7 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
             fit=fit,
             trials=trials,
             seed=seed,
+            hold_out=None if hold_out is None else names(hold_out),
             workers=workers,
             progress=bars.show,
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
 import typer
@@ -10,7 +10,7 @@ import typer
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from softcal.calibration.result import CalibrationResult, Estimate
+    from softcal.calibration.result import CalibrationResult, Estimate, ExperimentFit
 
 
 def print_results(results: Mapping[str, CalibrationResult]) -> None:
@@ -41,20 +41,52 @@ def _result_table(results: Mapping[str, CalibrationResult]) -> Table:
     parameters = dict.fromkeys(name for result in results.values() for name in result.parameters)
     for name in parameters:
         found = [result.parameters.get(name) for result in results.values()]
-        table.add_row(name.replace("[", r"\["), *("" if estimate is None else _value(estimate) for estimate in found))
+        table.add_row(
+            name.replace("[", r"\["), *("" if estimate is None else value_text(estimate) for estimate in found)
+        )
     table.add_section()
-    fits = [(name, channel) for r in results.values() for name, fit in r.experiments.items() for channel in fit.rmse]
-    for name, channel in dict.fromkeys(fits):
-        table.add_row(f"RMSE of {channel}, {name}", *(_error(result, name, channel) for result in results.values()))
+    for name, channel in _errors_told(fit for r in results.values() for fit in r.experiments.items()):
+        cells = (_error(result.experiments.get(name), channel) for result in results.values())
+        table.add_row(_error_title(name, channel), *cells)
+    predicted = _errors_told((name, held.fit) for r in results.values() for name, held in r.held_out.items())
+    if predicted:
+        table.add_section()
+    for name, channel in predicted:
+        held = (result.held_out.get(name) for result in results.values())
+        cells = (_error(None if one is None else one.fit, channel) for one in held)
+        table.add_row(f"held out: {_error_title(name, channel)}", *cells)
     table.add_section()
     table.add_row("loss", *(f"{result.loss:.4g}" for result in results.values()))
     table.add_row("trials", *(_count(result) for result in results.values()))
     return table
 
 
-def _error(result: CalibrationResult, experiment: str, channel: str) -> str:
-    fit = result.experiments.get(experiment)
-    return "" if fit is None or channel not in fit.rmse else f"{fit.rmse[channel]:.3g} {fit.units[channel]}"
+def _errors_told(fits: Iterable[tuple[str, ExperimentFit]]) -> list[tuple[str, str]]:
+    """(experiment, channel) for every line of errors; "" for the distance of all markers."""
+    told: dict[tuple[str, str], None] = {}
+    for name, fit in fits:
+        if fit.distances:
+            told[name, ""] = None
+        told.update({(name, c): None for c in fit.rmse if c.rpartition(".")[0] not in fit.distances})
+    return list(told)
+
+
+def _error_title(experiment: str, channel: str) -> str:
+    return f"RMSE of {channel}, {experiment}" if channel else f"distance, mean and largest, {experiment}"
+
+
+def _error(fit: ExperimentFit | None, channel: str) -> str:
+    if fit is None or (channel and channel not in fit.rmse):
+        return ""
+    if channel:
+        return f"{fit.rmse[channel]:.3g} {fit.units[channel]}"
+    distance = fit.distance
+    if distance is None:
+        return ""
+    text = f"{1e3 * distance.mean:.3g} and {1e3 * distance.max:.3g} mm"
+    if fit.length is not None:
+        text += f" ({100 * distance.mean / fit.length:.2g} and {100 * distance.max / fit.length:.2g} %)"
+    return text
 
 
 def _count(result: CalibrationResult) -> str:
@@ -62,7 +94,8 @@ def _count(result: CalibrationResult) -> str:
     return f"{len(result.trials)}{failed}"
 
 
-def _value(estimate: Estimate) -> str:
+def value_text(estimate: Estimate) -> str:
+    """A value with its standard error and unit, and whether it is at a bound."""
     from softcal.units import format_quantity, readable_unit
 
     unit = readable_unit(estimate.value, estimate.unit)

@@ -1,4 +1,4 @@
-"""The option `--set NAME=VALUE`, which many commands take."""
+"""What many commands take: the option `--set NAME=VALUE`, and lists of names."""
 
 from __future__ import annotations
 
@@ -38,3 +38,8 @@ def parsed_values(given: list[str] | None) -> dict[str, str]:
     if faults:
         raise InputError(faults)
     return {name.strip(): value.strip() for name, _, value in pairs}
+
+
+def names(text: str) -> list[str]:
+    """The names in a text such as "cable3,cable5"."""
+    return [name.strip() for name in text.split(",") if name.strip()]

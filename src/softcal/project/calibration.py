@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 from pathlib import Path
 from types import FrameType
 
@@ -83,7 +84,7 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
     CalibrationError
         Where no trial could be simulated.
     """
-    held_out = None if hold_out is None else list(hold_out)
+    held_out = None if hold_out is None else experiments_named(hold_out, project.experiments)
     told = {"method": method, "fit": fit, "trials": trials, "seed": seed, "hold_out": held_out}
     settings = changed(project.calibration, {key: value for key, value in told.items() if value is not None}, "--")
     problem = make_problem(project, settings)
@@ -97,7 +98,7 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
     elif resume:
         raise InputError(Fault("there is no run to resume without its folder", attempt="out"))
     results: dict[str, CalibrationResult] = {}
-    with _stoppable() as stop:
+    with stoppable() as stop:
         for label, one in problems.items():
             store = None if folder is None else calibration_folder(folder, label)
             begun = store is not None and (store / "run.json").is_file()
@@ -122,6 +123,13 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
     if folder is not None and results:
         finish_run(project, results, folder)
     return Calibrations(results, folder, stop.asked)
+
+
+def experiments_named(wanted: Iterable[str], known: Iterable[str]) -> list[str]:
+    """The experiments that names and patterns (`load52*`) mean; a name that fits none stands as it is."""
+    there = list(known)
+    found = [name for want in wanted for name in [n for n in there if fnmatchcase(n, want)] or [want]]
+    return list(dict.fromkeys(found))
 
 
 def make_problem(project: Project, settings: CalibrationSection | None = None) -> Problem:
@@ -193,14 +201,16 @@ def _labelled(progress: Observer | None, label: str) -> Callable[[Progress], Non
 
 
 @dataclass
-class _Stop:
+class Stop:
+    """Whether the user has asked to stop."""
+
     asked: bool = False
 
 
 @contextmanager
-def _stoppable() -> Generator[_Stop]:
+def stoppable() -> Generator[Stop]:
     """Note that Ctrl-C was pressed, so that the calibrations that follow are not begun."""
-    stop = _Stop()
+    stop = Stop()
     if threading.current_thread() is not threading.main_thread():
         yield stop
         return

@@ -1,0 +1,133 @@
+"""What a calibrated twin is worth where it was not calibrated: experiments left out in turn, and predicted.
+
+Of two models of one robot (one modulus for all springs, or one for each), the one that predicts better is the better
+one; the one with more parameters always fits better.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from typing import Any
+
+import numpy as np
+
+from softcal.calibration.parameters import split
+from softcal.calibration.problem import Problem
+from softcal.calibration.result import CalibrationResult, ExperimentFit, HeldOut
+from softcal.calibration.run import Progress, calibrate
+from softcal.errors import Fault, ParameterError
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """One fold: the experiments left out, the fit without them, and what it predicts of them, by experiment."""
+
+    left_out: tuple[str, ...]
+    result: CalibrationResult
+
+    @property
+    def held_out(self) -> Mapping[str, HeldOut]:
+        return self.result.held_out
+
+
+@dataclass(frozen=True)
+class Validation:
+    """The predictions of each model, by its label, fold by fold."""
+
+    models: Mapping[str, tuple[Prediction, ...]]
+
+    def errors(self, model: str) -> dict[str, float]:
+        """The error of a model over everything it predicted: the RMS of all distances [m], or of each channel [SI].
+
+        Empty where it could predict nothing.
+        """
+        fits = [held.fit for prediction in self.models[model] for held in prediction.held_out.values()]
+        return pooled_errors(fits)
+
+
+def pooled_errors(fits: Sequence[ExperimentFit]) -> dict[str, float]:
+    """RMS errors over several experiments [SI]: `distance` of all markers, and of every other channel by its name."""
+    squares: dict[str, float] = {}
+    counts: dict[str, int] = {}
+    for fit in fits:
+        for point in fit.distances.values():
+            squares["distance"] = squares.get("distance", 0.0) + point.n * point.rms**2
+            counts["distance"] = counts.get("distance", 0) + point.n
+        for channel, rmse in fit.rmse.items():
+            if channel.rpartition(".")[0] in fit.distances:
+                continue
+            n = int(np.isfinite(fit.measured[channel]).sum())
+            squares[channel] = squares.get(channel, 0.0) + n * rmse**2
+            counts[channel] = counts.get(channel, 0) + n
+    return {name: math.sqrt(squares[name] / counts[name]) for name in squares}
+
+
+def folds_of(problem: Problem, wanted: Sequence[Sequence[str]] = ()) -> list[tuple[str, ...]]:
+    """The experiments to leave out together, fold by fold; each by itself where none are named. Names may be patterns.
+
+    Raises
+    ------
+    ParameterError
+        For a name that fits no experiment, a fold that leaves nothing to fit, or a single experiment.
+    """
+    names = [experiment.name for experiment in problem.experiments]
+    folds = [tuple(n for n in names if any(fnmatchcase(n, w) for w in fold)) for fold in wanted]
+    faults = [
+        Fault("there is no such experiment to leave out", got=f"'{w}'", allowed=", ".join(names))
+        for fold in wanted
+        for w in fold
+        if not any(fnmatchcase(n, w) for n in names)
+    ]
+    faults += [Fault("no experiment is left to fit", got=", ".join(fold)) for fold in folds if set(fold) == set(names)]
+    if not wanted:
+        if len(names) < 2:
+            faults.append(Fault("one experiment cannot be left out", got=", ".join(names), allowed="two or more"))
+        folds = [(name,) for name in names]
+    if faults:
+        raise ParameterError(faults)
+    return folds
+
+
+def leave_out(
+    problem: Problem,
+    folds: Sequence[Sequence[str]],
+    *,
+    progress: Callable[[str, Progress], None] | None = None,
+    stopped: Callable[[], bool] = lambda: False,
+    **options: Any,
+) -> tuple[Prediction, ...]:
+    """Fit without each fold in turn, and predict it; ends before the first fold for which `stopped` says so.
+
+    Options as for `softcal.calibration.run.calibrate`.
+
+    Raises
+    ------
+    SoftcalError
+        As `calibrate`.
+    """
+    predictions: list[Prediction] = []
+    for fold in folds:
+        if stopped():
+            break
+        told = None if progress is None else _labelled(progress, ", ".join(fold))
+        result = calibrate(problem, hold_out=tuple(fold), progress=told, **options)
+        predictions.append(Prediction(tuple(fold), result))
+    return tuple(predictions)
+
+
+def with_split(problem: Problem, label: str) -> Problem:
+    """The problem in which each of the parameters tied under a label is free by itself.
+
+    Raises
+    ------
+    ParameterError
+        Where nothing is tied under that label.
+    """
+    return replace(problem, space=split(problem.space, label, problem.known))
+
+
+def _labelled(progress: Callable[[str, Progress], None], label: str) -> Callable[[Progress], None]:
+    return lambda state: progress(label, state)

@@ -1,0 +1,131 @@
+"""The command that leaves experiments out and predicts them: validate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from softcal.cli.app import app, told
+from softcal.cli.values import Values, names, parsed_values
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from softcal.analysis.validation import Validation
+    from softcal.calibration.result import Estimate, ExperimentFit
+
+
+@app.command()
+@told
+def validate(
+    projects: Annotated[
+        list[Path],
+        typer.Argument(metavar="PROJECT...", help="One project, or models of one robot.", show_default=False),
+    ],
+    hold_out: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAMES",
+            help="Leave these experiments out together (load52_a,load52_b or load52*); again for each further fold. "
+            "By default each experiment in turn.",
+            show_default=False,
+        ),
+    ] = None,
+    split: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Also with this tied parameter untied: a value for each of its parts."),
+    ] = None,
+    workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    values: Values = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE.csv", help="Write every prediction here.", show_default=False)
+    ] = None,
+) -> None:
+    """Leave experiments out in turn, fit the others, and tell how well what was left out is predicted."""
+    from softcal.cli.calibration_bars import CalibrationBars
+    from softcal.project.output import require_free_file
+    from softcal.project.project import load
+    from softcal.project.validation import validate as validate_projects
+    from softcal.project.validation import write_validation
+
+    if out is not None:
+        require_free_file(out)
+    loaded = {str(path): load(path, values=parsed_values(values)) for path in projects}
+    for project in loaded.values():
+        for warning in project.warnings:
+            typer.echo(f"Warning: {warning}", err=True)
+    labels = {path: Path(path).stem for path in loaded}
+    unique = len(set(labels.values())) == len(labels)
+    with CalibrationBars() as bars:
+        found = validate_projects(
+            {labels[path] if unique else path: project for path, project in loaded.items()},
+            hold_out=[names(fold) for fold in hold_out or []],
+            split=split or [],
+            workers=workers,
+            progress=lambda model, fold, state: bars.show(f"{model} without {fold}", state),
+        )
+    _print(found)
+    if out is not None:
+        write_validation(found, out)
+        typer.echo(f"Wrote {out}")
+
+
+def _print(found: Validation) -> None:
+    from rich.console import Console
+
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=160)  # a log does not wrap
+    console.print(_table(found))
+    for model, predictions in found.models.items():
+        for one in predictions:
+            for note in one.result.notes:
+                if "held out" in note or "bound" in note:
+                    typer.echo(f"Note ({model} without {', '.join(one.left_out)}): {note}")
+
+
+def _table(found: Validation) -> Table:
+    """A column for each model: the parameters found without each fold, and the errors of what was predicted."""
+    from rich.table import Table
+
+    table = Table("", *found.models)
+    folds = [one.left_out for one in next(iter(found.models.values()))]
+    for i, fold in enumerate(folds):
+        fits = {model: one[i] for model, one in found.models.items() if i < len(one)}
+        shared = [n for one in fits.values() for n in one.result.parameters if "[" not in n and "frame." not in n]
+        for name in dict.fromkeys(shared):
+            cells = (_parameter(fits[m].result.parameters.get(name)) if m in fits else "" for m in found.models)
+            table.add_row(f"{name}, without {', '.join(fold)}", *cells)
+        for experiment in fold:
+            held = {m: one.held_out[experiment].fit for m, one in fits.items() if experiment in one.held_out}
+            cells = (_errors([held[m]]) if m in held else "could not be predicted" for m in found.models)
+            table.add_row(f"predicted: {experiment}", *cells)
+        table.add_section()
+    pooled = {m: [h.fit for one in p for h in one.held_out.values()] for m, p in found.models.items()}
+    table.add_row("all predictions", *(_errors(fits) for fits in pooled.values()))
+    return table
+
+
+def _parameter(estimate: Estimate | None) -> str:
+    from softcal.cli.calibration_table import value_text
+
+    return "" if estimate is None else value_text(estimate)
+
+
+def _errors(held: Sequence[ExperimentFit]) -> str:
+    """RMS errors in words: "distance 0.94 mm (0.22 %)"."""
+    from softcal.analysis.validation import pooled_errors
+
+    parts: list[str] = []
+    for name, error in pooled_errors(held).items():
+        if name == "distance":
+            lengths = {fit.length for fit in held}
+            length = lengths.pop() if len(lengths) == 1 else None
+            share = "" if length is None else f" ({100 * error / length:.3g} %)"
+            parts.append(f"distance {1e3 * error:.3g} mm{share}")
+        else:
+            parts.append(f"{name} {error:.3g} {held[0].units.get(name, '')}")
+    return ", ".join(parts) + " RMS" if parts else "nothing could be predicted"

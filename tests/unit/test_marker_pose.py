@@ -9,6 +9,7 @@ import pytest
 from marker_bench import WEBCAM, Bench, glimpse, looking, manipulator, viewpoints
 
 from softcal.errors import DatasetError
+from softcal.experiments import marker_pose
 from softcal.experiments.bundle import BASE, Bundle, Sighting, adjust
 from softcal.experiments.marker_pose import MarkerPoses, estimate_poses
 from softcal.experiments.marker_scene import Glimpse, MarkerSet
@@ -131,12 +132,17 @@ def frontal(number: int) -> Bench:
     return replace(bench, poses={**bench.poses, number: turned})
 
 
-def test_an_ambiguous_marker_is_named_and_keeps_its_position():
+def test_an_ambiguous_marker_is_named_and_keeps_its_position(monkeypatch: pytest.MonkeyPatch):
     bench = frontal(2)
     seen = [glimpse(bench, looking(EYE, (0.0, 0.0, 0.0)), noise=FAINT, seed=1)]
     found = estimate_poses(WEBCAM, MARKERS, seen)
     assert found.estimates["rest", 2].is_ambiguous
     assert not found.estimates["rest", 1].is_ambiguous
+    one, other = pose_candidates(WEBCAM, square_corners(0.02), seen[0].corners[2])
+    monkeypatch.setattr(marker_pose, "_second_pose", lambda *_: None)
+    unaware = estimate_poses(WEBCAM, MARKERS, seen).estimates["rest", 2]
+    wider = np.trace((found.estimates["rest", 2].covariance - unaware.covariance)[3:, 3:])
+    assert np.sqrt(wider) == pytest.approx(np.linalg.norm(one.pose.position - other.pose.position) / 2, rel=0.05)
     table = marker_table(MARKERS, seen, found)
     assert "S2 (marker 2) is ambiguous" in table.notes["rest"][0]
     header, row = (line.split(",") for line in table.csv().splitlines())
@@ -214,13 +220,26 @@ def test_images_of_different_states_do_not_fit_together():
 def test_a_marker_that_moved_a_little_is_less_certain_than_the_others():
     bench, view = manipulator(), viewpoints(1)[0]
     shaken = replace(bench, poses={**bench.poses, 4: Pose.of((0, 0, 0), (0.0, 0.0003, 0.0)).after(bench.poses[4])})
-    still = [glimpse(bench, view, name=f"{i}.png", noise=NOISE, seed=i) for i in range(4)]
-    moved = [*still[:2], *(glimpse(shaken, view, name=f"{i}.png", noise=NOISE, seed=i) for i in (2, 3))]
-    sd = [
-        np.sqrt(np.diag(estimate_poses(WEBCAM, MARKERS, seen).estimates["rest", 4].covariance)[3:]).max()
-        for seen in (still, moved)
-    ]
-    assert sd[1] > 2 * sd[0]
+    still = [glimpse(bench, view, name=f"{i}.png", share="tripod", noise=NOISE, seed=i) for i in range(4)]
+    moved = [*still[:2], *(glimpse(shaken, view, name=f"{i}.png", share="tripod", noise=NOISE, seed=i) for i in (2, 3))]
+
+    def against_its_neighbour(seen: list[Glimpse]) -> float:
+        found = estimate_poses(WEBCAM, MARKERS, seen).estimates
+        sd = {number: np.sqrt(np.diag(found["rest", number].covariance)[3:]).max() for number in (3, 4)}
+        return float(sd[4] / sd[3])
+
+    assert against_its_neighbour(moved) > 1.5 * against_its_neighbour(still)
+
+
+def test_a_marker_that_nobody_asked_for_may_move():
+    first, second = views_of(manipulator(), 2)
+    stray = square_corners(0.02)[:, :2] * 1500 + (900, 500)
+    seen = [replace(one, corners={**one.corners, 9: stray + 100 * i}) for i, one in enumerate((first, second))]
+    found = estimate_poses(WEBCAM, MARKERS, seen)
+    assert {number for _, number in found.estimates} == {1, 2, 3, 4}
+    assert "markers without a name were left out: 9" in marker_table(MARKERS, seen, found).remarks
+    with pytest.raises(DatasetError, match="do not fit together"):
+        estimate_poses(WEBCAM, replace(MARKERS, names={}), seen)
 
 
 @pytest.mark.parametrize(

@@ -30,6 +30,7 @@ from marker_bench import (
 from softcal.cli import main
 from softcal.errors import DatasetError, InputError, ProjectFileError, StorageError
 from softcal.experiments.aruco import detect_markers
+from softcal.experiments.camera import Camera
 from softcal.experiments.charuco import Calibration, find_board
 from softcal.experiments.edges import refine_corners
 from softcal.experiments.fiducials import find_dictionary, marker_texture
@@ -101,6 +102,20 @@ def test_corners_in_bad_light_and_out_of_focus(optics: Optics):
             errors.append(corners - true)
     assert len(errors) >= 4
     assert np.sqrt(np.mean(np.square(errors))) < 0.1
+
+
+def test_edges_that_the_lens_bends():
+    lens = Camera(1920, 1080, WEBCAM.matrix, np.array([-0.35, 0.12, 0.002, -0.001, 0.0]))
+    bench = Bench({0: Pose.of((0.2, -0.3, 0.1), (0.11, -0.19, 0.0))}, {0: 0.06})
+    view = viewpoints(1)[0]
+    half = 0.03 * np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
+    true = lens.project(view.after(bench.poses[0]).apply(half))
+    image = photograph(bench, view, camera=lens)
+    found = refine_corners(image, true, 6, lens)
+    straight = refine_corners(image, true, 6, Camera(1920, 1080, WEBCAM.matrix, np.zeros(5)))
+    assert found is not None
+    assert np.abs(found - true).max() < 0.05
+    assert straight is None or np.abs(straight - true).max() > 0.2
 
 
 @pytest.mark.parametrize("shade", [30, 110, 210])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -67,6 +67,8 @@ def estimate_poses(camera: Camera, markers: MarkerSet, glimpses: Sequence[Glimps
     DatasetError
         Where no image shows the base, or the markers of an image cannot be where the other images have them.
     """
+    everything = {number for one in glimpses for number in one.corners}
+    glimpses = [_wanted(markers, one) for one in glimpses]
     candidates = {
         view: view_candidates(camera, markers, [one for one in glimpses if one.viewpoint == view])
         for view in dict.fromkeys(one.viewpoint for one in glimpses)
@@ -74,7 +76,7 @@ def estimate_poses(camera: Camera, markers: MarkerSet, glimpses: Sequence[Glimps
     used = [one for one in glimpses if candidates[one.viewpoint]]
     if not used:
         base = ", ".join(markers.label(number) for number in markers.base)
-        seen = sorted({number for one in glimpses for number in one.corners})
+        seen = sorted(everything)
         raise DatasetError(
             Fault(
                 "the base is in none of the images",
@@ -114,6 +116,14 @@ def estimate_poses(camera: Camera, markers: MarkerSet, glimpses: Sequence[Glimps
         noise,
         misfit,
     )
+
+
+def _wanted(markers: MarkerSet, glimpse: Glimpse) -> Glimpse:
+    """A glimpse of the base and the markers that have a name; of all where none has: what is not asked for may move."""
+    if not markers.names:
+        return glimpse
+    wanted = {*markers.names, *markers.standing}
+    return replace(glimpse, corners={number: c for number, c in glimpse.corners.items() if number in wanted})
 
 
 @dataclass(frozen=True)

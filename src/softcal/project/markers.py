@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
 
-from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault, InputError
 from softcal.experiments.aruco import detect_markers
 from softcal.experiments.charuco import FEWEST_IMAGES, BoardView, Calibration, calibrate_camera, find_board
@@ -174,22 +173,10 @@ def measure_markers(  # noqa: PLR0913 (one keyword for each option)
             progress(i + 1, len(shots))
     if faults:
         raise DatasetError(faults)
-    poses = estimate_poses(lens, markers, _wanted(markers, glimpses))
+    poses = estimate_poses(lens, markers, glimpses)
     table = marker_table(markers, glimpses, poses, unclear)
     write_new_file(out, table.csv())
     return MarkerRun(table, poses)
-
-
-def _wanted(markers: MarkerSet, glimpses: Sequence[Glimpse]) -> list[Glimpse]:
-    """Glimpses of the markers that have a name, or of all where none has."""
-    if not markers.names:
-        return list(glimpses)
-    wanted = {*markers.names, *markers.standing}
-
-    def kept(corners: Mapping[int, Floats]) -> dict[int, Floats]:
-        return {number: pixels for number, pixels in corners.items() if number in wanted}
-
-    return [Glimpse(one.image, one.group, one.viewpoint, kept(one.corners)) for one in glimpses]
 
 
 def _marker_set(base: str, dictionary: str, size: str, sizes: str, names: str) -> MarkerSet:

@@ -63,7 +63,7 @@ def main() -> int:
 
 
 def make_mesh(job: dict[str, Any]) -> dict[str, Any]:
-    """Points and elements of a job; see generate.py and neck.py for its keys."""
+    """Points and elements of a job; see generate.py, neck.py and disc.py for its keys."""
     gmsh = import_gmsh()
     gmsh.initialize(["softcal"], readConfigFiles=False)
     try:
@@ -175,7 +175,24 @@ def draw_section(gmsh: Any, job: dict[str, Any]) -> list[tuple[int, int]]:
     return [(2, occ.addPlaneSurface([loop])) for loop in loops]
 
 
-LOADERS = {"stl": load_stl, "step": load_step, "revolution": build_revolution, "section": build_section}
+def build_disc(gmsh: Any, job: dict[str, Any]) -> None:
+    """A flat cylinder from z = 0 upwards less its holes, each (x, y, diameter)."""
+    occ = gmsh.model.occ
+    body = occ.addCylinder(0, 0, 0, 0, 0, job["thickness"], 0.5 * job["diameter"])
+    holes = [(3, occ.addCylinder(x, y, 0, 0, 0, job["thickness"], 0.5 * diameter)) for x, y, diameter in job["holes"]]
+    if holes:
+        occ.cut([(3, body)], holes)
+    occ.synchronize()
+    job["volume"] = sum(occ.getMass(3, tag) for _, tag in gmsh.model.getEntities(3))
+
+
+LOADERS = {
+    "stl": load_stl,
+    "step": load_step,
+    "revolution": build_revolution,
+    "section": build_section,
+    "disc": build_disc,
+}
 
 
 def mesh_to_target(gmsh: Any, job: dict[str, Any]) -> None:

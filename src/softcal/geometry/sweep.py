@@ -65,7 +65,7 @@ def sweep(section: Floats, triangles: Ints, *, sectors: int) -> TetMesh:
 
     tets10 = np.hstack([new[tets], len(nodes) + number.reshape(-1, len(TET_EDGES))])
     points = np.vstack([points, middles])
-    return TetMesh(points, _upright(points, tets10))
+    return TetMesh(points, upright(points, tets10))
 
 
 def _around(place: Floats, angle: Floats) -> Floats:
@@ -95,7 +95,8 @@ def _section_middles(section: Floats, triangles: Ints, rank: Ints, pairs: Ints) 
     return place
 
 
-def _upright(points: Floats, tets: Ints) -> Ints:
+def upright(points: Floats, tets: Ints) -> Ints:
+    """Quadratic tets (n, 10) with two nodes swapped in those that are mirrored."""
     corners = points[tets[:, :4]]
     mirrored = np.linalg.det(corners[:, 1:] - corners[:, :1]) < 0
     tets = tets.copy()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, PlainValidator, field_validator
 
@@ -21,6 +21,7 @@ from softcal.project.section import (
     quantity,
 )
 from softcal.twin.manipulator import BASE, ManipulatorShape
+from softcal.twin.robot import ElementKind
 
 # Where each field of the shape stands in the section.
 KEYS: Mapping[str, tuple[str, ...]] = {
@@ -71,14 +72,20 @@ def _moduli(value: object) -> float | dict[str, float]:
 
 
 class SpringsSection(Section):
-    """The springs, all alike but, where given by name, in their modulus."""
+    """The springs, all alike but, where given by name, in their modulus; rods, or solid.
 
+    elements_per_turn: of the rod, or layers of tets; rings, element: of solid ones.
+    """
+
+    model: Literal["rod", "solid"] = "rod"
     wire_diameter: Length | None = None
     coil_diameter: Length | None = None
     turns: Ratio | None = None
     left_handed: bool | None = None
     azimuth: Angle | None = None
     elements_per_turn: Annotated[int, Positive] = 12
+    rings: Annotated[int, Positive] = 2
+    element: ElementKind = "P2P1"
     youngs_modulus: Annotated[float | dict[str, float], PlainValidator(_moduli)]
     poissons_ratio: Ratio
     density: Density = 0.0
@@ -162,7 +169,7 @@ class ManipulatorSection(Section):
         n_cables = len(ends) * (self.cables.per_end or ManipulatorShape.cables_per_end)
         names = {
             "plates": [BASE, *(f"S{k + 1}" for k in range(sections))],
-            "rods": [f"spring{k + 1}" for k in range(sections)],
+            "bodies" if self.springs.model == "solid" else "rods": [f"spring{k + 1}" for k in range(sections)],
             "cables": [f"cable{k + 1}" for k in range(n_cables)],
             "markers": [f"marker{k + 1}" for k in range(sections)],
         }

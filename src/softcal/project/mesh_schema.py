@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import PurePath
 from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, Tag, model_validator
+from pydantic import BeforeValidator, Discriminator, Tag, model_validator
 
-from softcal.project.section import Direction, Length, Point, Positive, Ratio, Section, fault_error
+from softcal.project.section import Angle, Direction, Length, Point, Positive, Ratio, Section, fault_error
 
 TO_FILL = (".stl", ".step", ".stp")
 CARRIES_UNIT = (".step", ".stp")
@@ -70,17 +71,102 @@ class MeshNeck(Section):
         return self
 
 
+class MeshRod(Section):
+    """A straight round rod from the body's origin along its z."""
+
+    primitive: Literal["rod"]
+    length: Annotated[Length, Positive]
+    diameter: Annotated[Length, Positive]
+    layers: Annotated[int, Positive] | None = None
+    rings: Annotated[int, Positive] = 2
+    order: Literal[1, 2] = 2
+
+
+class MeshSpring(Section):
+    """The wire of a helical spring about the body's z; its ends are as they are cut."""
+
+    primitive: Literal["spring"]
+    wire_diameter: Annotated[Length, Positive]
+    coil_diameter: Annotated[Length, Positive]
+    turns: Annotated[Ratio, Positive]
+    pitch: Annotated[Length, Positive] | None = None
+    height: Annotated[Length, Positive] | None = None
+    left_handed: bool = False
+    layers_per_turn: Annotated[int, Positive] | None = None
+    rings: Annotated[int, Positive] = 2
+    order: Literal[1, 2] = 2
+
+    @model_validator(mode="after")
+    def _one_climb(self) -> MeshSpring:
+        given = [key for key in ("pitch", "height") if getattr(self, key) is not None]
+        if len(given) != 1:
+            raise fault_error(
+                "it is not said how far the spring climbs",
+                got=" and ".join(given) or "neither",
+                allowed="one of pitch, per turn, and height, in all",
+            )
+        return self
+
+
+class DiscHolesSection(Section):
+    """The guide holes of a disc, evenly spaced on a circle of `radius`; angles count about +z from +x."""
+
+    count: Annotated[int, Positive]
+    diameter: Annotated[Length, Positive]
+    radius: Annotated[Length, Positive]
+    first_angle: Angle = 0.0
+
+
+class MeshDisc(Section):
+    """A disc with holes from the body's origin upwards, made by Gmsh."""
+
+    primitive: Literal["disc"]
+    diameter: Annotated[Length, Positive]
+    thickness: Annotated[Length, Positive]
+    centre_hole: Length = 0.0
+    holes: DiscHolesSection | None = None
+    size: Annotated[Length, Positive] | None = None
+    tets: Annotated[int, Positive] | None = None
+    order: Literal[1, 2] = 2
+
+    @model_validator(mode="after")
+    def _one_target(self) -> MeshDisc:
+        target = [key for key in ("size", "tets") if getattr(self, key) is not None]
+        if len(target) != 1:
+            raise fault_error("the mesh needs a target", got=_and(target), allowed=ONE_TARGET)
+        return self
+
+
 def _and(keys: list[str]) -> str:
     return " and ".join(keys) or "neither size nor tets"
 
 
+PRIMITIVES: Mapping[str, type[Section]] = {"neck": MeshNeck, "rod": MeshRod, "spring": MeshSpring, "disc": MeshDisc}
+FROM_FILE = "file"
+
+
+def _known_primitive(data: Any) -> Any:
+    name: object = data.get("primitive", "neck") if isinstance(data, dict) else "neck"
+    if name not in PRIMITIVES:
+        raise fault_error("there is no such primitive", got=repr(name), allowed=", ".join(PRIMITIVES))
+    return data
+
+
 def _mesh_kind(data: Any) -> str:
     if isinstance(data, dict):
-        return "primitive" if "primitive" in data else "file"
-    return "primitive" if isinstance(data, MeshNeck) else "file"
+        return str(data.get("primitive", FROM_FILE))
+    return next((name for name, kind in PRIMITIVES.items() if isinstance(data, kind)), FROM_FILE)
 
 
-Mesh = Annotated[Annotated[MeshFile, Tag("file")] | Annotated[MeshNeck, Tag("primitive")], Discriminator(_mesh_kind)]
+Mesh = Annotated[
+    Annotated[MeshFile, Tag(FROM_FILE)]
+    | Annotated[MeshNeck, Tag("neck")]
+    | Annotated[MeshRod, Tag("rod")]
+    | Annotated[MeshSpring, Tag("spring")]
+    | Annotated[MeshDisc, Tag("disc")],
+    Discriminator(_mesh_kind),
+    BeforeValidator(_known_primitive),
+]
 
 
 class PlaneRegion(Section):

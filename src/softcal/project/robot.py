@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from softcal.checks import Floats, Ints, frozen_floats
 from softcal.errors import MeshError
 from softcal.geometry.mesh import TetMesh
-from softcal.geometry.quality import MeshReport
+from softcal.geometry.quality import MeshReport, check_quality
 from softcal.project.document import Findings, KeyPath
 from softcal.project.manipulator_schema import KEYS, ManipulatorSection
 from softcal.project.robot_bodies import MeshMaker, build_bodies
@@ -18,6 +18,7 @@ from softcal.project.robot_rods import build_rod
 from softcal.project.robot_schema import RobotSection
 from softcal.twin.manipulator import manipulator
 from softcal.twin.robot import Robot
+from softcal.twin.solid_rods import with_solid_rods
 
 KINDS = ("bodies", "rods", "plates", "ties", "cables", "loads", "markers")
 
@@ -57,7 +58,7 @@ def build_robot(section: RobotSection, make_mesh: MeshMaker, findings: Findings)
         return None
     with findings.at(("robot",)):
         robot = Robot(
-            bodies=tuple(built.bodies),
+            bodies=(*(given.bodies if given else ()), *built.bodies),
             plates=whole_plates,
             cables=(*(given.cables if given else ()), *(cable for cable in cables if cable)),
             loads=tuple(load for load in loads if load),
@@ -68,7 +69,13 @@ def build_robot(section: RobotSection, make_mesh: MeshMaker, findings: Findings)
         )
         check_whole(robot, findings, generated=[name for kind in KINDS for name in _generated(section, kind)])
         if len(findings.faults) == n_faults:
-            return BuiltRobot(robot, built.qualities, built.regions, built.made)
+            own_bodies = {body.name: body.mesh for body in given.bodies} if given else {}
+            return BuiltRobot(
+                robot,
+                {**{name: check_quality(mesh) for name, mesh in own_bodies.items()}, **built.qualities},
+                {**{name: mesh.node_sets for name, mesh in own_bodies.items()}, **built.regions},
+                built.made,
+            )
     return None
 
 
@@ -93,7 +100,7 @@ def _manipulator(section: ManipulatorSection, gravity: Floats, findings: Finding
     """The manipulator's parts as a robot of their own, or None with its faults recorded where their keys stand."""
     path: KeyPath = ("robot", "manipulator")
     springs = section.springs
-    names = section.part_names("rods")
+    names = [*section.part_names("rods"), *section.part_names("bodies")]
     n_faults = len(findings.faults)
     if isinstance(springs.youngs_modulus, dict):
         at = (*path, "springs", "youngs_modulus")
@@ -119,8 +126,10 @@ def _manipulator(section: ManipulatorSection, gravity: Floats, findings: Finding
                 disc_mass=section.discs.mass,
                 friction_coefficient=section.cables.friction_coefficient,
                 gravity=gravity.tolist(),
-                elements_per_turn=springs.elements_per_turn,
+                elements_per_turn=springs.elements_per_turn * (2 if springs.model == "solid" else 1),
             )
+            if springs.model == "solid":
+                robot = with_solid_rods(robot, rings=springs.rings, element=springs.element)
             if len(findings.faults) == n_faults:
                 return robot
     return None

@@ -1,0 +1,110 @@
+"""Rods as solids: the same parts with meshes of tets in the place of their rods, to check rods or to do without."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from dataclasses import replace
+
+import numpy as np
+
+from softcal.checks import Ints
+from softcal.errors import Fault, MeshError
+from softcal.geometry.section import Section, circular
+from softcal.geometry.wire import wire_mesh
+from softcal.twin.robot import Body, ElementKind, Plate, Robot, Rod
+
+# Sections whose constants agree to this are the same.
+SAME_SECTION = 1e-6
+
+
+def with_solid_rods(
+    robot: Robot, names: Collection[str] | None = None, *, rings: int = 2, element: ElementKind = "P2P1"
+) -> Robot:
+    """The robot with bodies of the same names in the place of some of its rods, or of all.
+
+    A rod's material and density go to its body, one layer of tets for two elements of its centreline; plates that hold
+    its ends hold all nodes of the body's end faces, which can then not warp.
+
+    Parameters
+    ----------
+    names
+        Of the rods to replace; all if None.
+    rings
+        Number of tets from the axis to the surface.
+
+    Raises
+    ------
+    MeshError
+        For a rod that is not round, has an odd number of elements, or is held elsewhere than at its ends; for a name
+        that is no rod.
+    """
+    rods = {rod.name: rod for rod in robot.rods}
+    chosen = tuple(rods) if names is None else tuple(names)
+    unknown = [name for name in chosen if name not in rods]
+    if unknown:
+        raise MeshError(Fault("there is no such rod", where="robot", got=", ".join(unknown), allowed=", ".join(rods)))
+    bodies = {name: solid_body(rods[name], rings=rings, element=element) for name in chosen}
+    return replace(
+        robot,
+        bodies=(*robot.bodies, *bodies.values()),
+        rods=tuple(rod for rod in robot.rods if rod.name not in bodies),
+        plates=tuple(_holding(plate, [rods[name] for name in chosen], bodies) for plate in robot.plates),
+    )
+
+
+def solid_body(rod: Rod, *, rings: int = 2, element: ElementKind = "P2P1") -> Body:
+    """A rod as a body, its fixed end faces among what does not move; see `with_solid_rods`.
+
+    Raises
+    ------
+    MeshError
+        For a rod that is not round, has an odd number of elements, or is held elsewhere than at its ends.
+    """
+    diameter = _diameter(rod.section)
+    faults: list[Fault] = []
+    if diameter is None:
+        faults.append(
+            Fault("only a round rod can be made solid", rod.name, "a section that is no circle", "a circular section")
+        )
+    last = len(rod.centreline.nodes) - 1
+    held = np.concatenate([rod.fixed, *rod.clamped.values()])
+    inner = sorted(set(held.tolist()) - {0, last})
+    if inner:
+        faults.append(
+            Fault(
+                "a solid rod can be held at its ends alone",
+                rod.name,
+                "node " + ", ".join(str(node) for node in inner),
+                f"0 and {last}",
+                "one rod for each piece between plates",
+            )
+        )
+    if faults or diameter is None:
+        raise MeshError(faults)
+    mesh = wire_mesh(rod.centreline, diameter, rings=rings, order=2, where=rod.name)
+    fixed = _end_nodes(rod, rod.fixed, mesh.node_sets["start"], mesh.node_sets["end"])
+    return Body(rod.name, mesh, fixed, rod.parameters, element=element, density=rod.density)
+
+
+def _holding(plate: Plate, rods: list[Rod], bodies: dict[str, Body]) -> Plate:
+    nodes = dict(plate.nodes)
+    for rod in rods:
+        if plate.name in rod.clamped:
+            sets = bodies[rod.name].mesh.node_sets
+            nodes[rod.name] = _end_nodes(rod, rod.clamped[plate.name], sets["start"], sets["end"])
+    return replace(plate, nodes=nodes)
+
+
+def _end_nodes(rod: Rod, held: Ints, start: Ints, end: Ints) -> Ints:
+    last = len(rod.centreline.nodes) - 1
+    none = np.zeros(0, dtype=np.int64)
+    return np.concatenate([none, *(nodes for node, nodes in ((0, start), (last, end)) if node in held)])
+
+
+def _diameter(section: Section) -> float | None:
+    """Of the full circle that the section is [m], or None."""
+    diameter = math.sqrt(4.0 * section.area / math.pi)
+    round_bar = circular(diameter)
+    pairs = [(getattr(section, key), getattr(round_bar, key)) for key in ("I1", "I2", "J")]
+    return diameter if all(abs(a - b) <= SAME_SECTION * b for a, b in pairs) else None

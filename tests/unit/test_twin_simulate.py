@@ -98,3 +98,10 @@ def test_two_robots_in_turn_do_not_mix():
     again = [simulate(robot, pulled(0.02)).channels["front.tension"][0] for robot in reversed(robots)]
     assert again[::-1] == first
     assert first[1] == pytest.approx(2.0 * first[0], rel=1e-7)
+
+
+def test_a_ratio_of_zero_without_pressure_fails_with_a_sentence():
+    robot = column_robot("P2P1", parameters=elastic(1e6, 0.0))
+    response = simulate(robot, pulled(0.0, 0.01))
+    assert not response.succeeded
+    assert "use element P2, or a ratio of 0.001" in response.status

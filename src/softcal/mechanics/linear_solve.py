@@ -87,7 +87,7 @@ class Pardiso:
         self._finalizer()
 
     def _call(self, phase: int, b: Floats) -> Floats:
-        x = np.zeros_like(b, order="F")
+        x = np.empty_like(b, order="F")
         error = _pardiso(self._handle, phase, self._data, b, x)
         if error != 0:
             raise SimulationError(f"The tangent could not be factorised (PARDISO error {error}).")

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.errors import SimulationError
 from softcal.materials.law import CompiledLaw, Law, compile_law, stacked
 from softcal.mechanics import solid_kernels
 from softcal.mechanics.element import quadrature, reference_gradients
@@ -102,15 +103,18 @@ class SolidTerm:
             coefficients[8] += volume.p * volume.g[2]
             error = volume.g[0] - volume.compliance * volume.p
             solid_kernels.add_volume_gradient(gradient, 3 * len(x), self.pressure_conn, self.N_p, self.w, error)
+        if data is not None and self.conn.shape[1] == 4 and not self.compiled.has_cross_terms:
+            solid_kernels.add_both_linear(
+                gradient, data, self.conn, places.displacement, self.dN, self.w, F, J, coefficients
+            )
+            return
         solid_kernels.add_gradient(gradient, self.conn, self.dN, self.w, F, I1, J, coefficients)
         if data is None:
             return
         if self.compiled.has_cross_terms:
             solid_kernels.add_tangent_general(data, places.displacement, self.dN, self.w, F, I1, J, coefficients)
         else:
-            is_linear = self.conn.shape[1] == 4
-            add_tangent = solid_kernels.add_tangent_linear if is_linear else solid_kernels.add_tangent
-            add_tangent(data, places.displacement, self.dN, self.w, F, J, coefficients)
+            solid_kernels.add_tangent(data, places.displacement, self.dN, self.w, F, J, coefficients)
         if volume is not None:
             solid_kernels.add_coupling(
                 data,
@@ -126,7 +130,13 @@ class SolidTerm:
             )
 
     def _volume(self, J: Floats, pressure: Floats, values: tuple[float, ...]) -> _Volume:
-        compliance, _ = self.compiled.compliance(*values)
+        try:
+            compliance, _ = self.compiled.compliance(*values)
+        except ZeroDivisionError as error:
+            raise SimulationError(
+                f"The bulk part of {self.name}'s law vanishes (a Poisson's ratio of 0), and with it the pressure of its "
+                "P2P1 elements: use element P2, or a ratio of 0.001."
+            ) from error
         p = solid_kernels.interpolate(pressure, self.pressure_conn, self.N_p).ravel()
         return _Volume(stacked(self.compiled.strain(J), J.size), p, float(compliance))
 

@@ -174,14 +174,26 @@ def add_tangent(
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=FAST)
-def add_tangent_linear(
-    data: Floats, places: Places, dN: Floats, w: Floats, F: Floats, J: Floats, coefficients: Floats
+def add_both_linear(
+    gradient: Floats,
+    data: Floats,
+    conn: Ints,
+    places: Places,
+    dN: Floats,
+    w: Floats,
+    F: Floats,
+    J: Floats,
+    coefficients: Floats,
 ) -> None:
-    """`add_tangent` for linear tets, whose one quadrature point leaves nothing to be summed: twice as fast."""
+    """`add_gradient` and `add_tangent` in one pass for linear tets and laws without I2, whose one quadrature point
+    leaves nothing to be summed: twice as fast.
+    """
     c = np.empty((4, 3))
     cof = np.empty((3, 3))
     for e in range(len(w)):
-        _cofactor(F[e, 0], cof)
+        f = F[e, 0]
+        _cofactor(f, cof)
+        by_F, by_cof = 2.0 * coefficients[0, e] * w[e, 0], coefficients[2, e] * w[e, 0]
         turn = coefficients[2, e] / J[e, 0] * w[e, 0]
         s = 2.0 * coefficients[0, e] * w[e, 0]
         t = coefficients[8, e] * w[e, 0] + turn
@@ -190,6 +202,8 @@ def add_tangent_linear(
         for a in range(4):
             for i in range(3):
                 c[a, i] = cof[i, 0] * g[a, 0] + cof[i, 1] * g[a, 1] + cof[i, 2] * g[a, 2]
+                along = f[i, 0] * g[a, 0] + f[i, 1] * g[a, 1] + f[i, 2] * g[a, 2]
+                gradient[3 * conn[e, a] + i] += by_F * along + by_cof * c[a, i]
         m = 0
         for a in range(4):
             a0, a1, a2 = c[a, 0], c[a, 1], c[a, 2]

@@ -69,7 +69,9 @@ class Statics:
         volume = sum(float(s.w.sum()) for s in system.solids)
         self._volume = volume / max(layout.n_pressures, 1)
         self._unit = _units(system, self.theta, shear, self._length)
-        self._unit_entries = self._unit[system.pattern.rows] * self._unit[system.pattern.indices]
+        entries = self._unit[system.pattern.rows] * self._unit[system.pattern.indices]
+        self._unit_places = np.flatnonzero(entries != 1.0)  # most are one: points are in metres
+        self._unit_entries = entries[self._unit_places]
         self._border = NO_BORDER
         self._columns_solved: Floats | None = None
 
@@ -103,7 +105,9 @@ class Statics:
             raise SimulationError("There is no tangent to factorise.")
         self._factors = self._planned
         if at.touch is None:
-            self._factors.factorise(at.data * self._unit_entries)
+            data = at.data.copy()
+            data[self._unit_places] *= self._unit_entries
+            self._factors.factorise(data)
         else:
             self._factors = self._with_touch(at.data, at.touch)
         self._rounding = ROUNDING * self._farthest * float(np.linalg.norm(at.data[self._diagonal]))
@@ -132,7 +136,7 @@ class Statics:
         border = self._border
         k = len(border.corner)
         if k and self._columns_solved is None:  # with the first right-hand side: one pass over the factors, not two
-            both = self._sparse_solve(np.concatenate([border.columns, columns[:n]], axis=1))
+            both = self._sparse_solve(border.columns, columns[:n])
             self._columns_solved, y = both[:, :k], both[:, k:]
         else:
             y = self._sparse_solve(columns[:n])
@@ -140,7 +144,7 @@ class Statics:
             rows_y = border.rows.T @ y
             rows_y[: len(border.taut)] -= columns[n + border.taut]
             w = np.linalg.solve(border.rows.T @ self._columns_solved - np.diag(border.corner), rows_y)
-            y = y - self._columns_solved @ w
+            y -= self._columns_solved @ w
             out[n + border.taut] = w[: len(border.taut)]
         out[:n] = y
         return out.reshape(b.shape)
@@ -232,8 +236,16 @@ class Statics:
         self._factors.release()
         self._planned.release()
 
-    def _sparse_solve(self, b: Floats) -> Floats:
-        return self._unit[:, None] * self._factors.solve(self._unit[:, None] * b)
+    def _sparse_solve(self, *blocks: Floats) -> Floats:
+        """K^-1 of the blocks' columns, side by side, in the columns' order of storage that the factors read."""
+        scaled = np.empty((len(self._unit), sum(block.shape[1] for block in blocks)), order="F")
+        first = 0
+        for block in blocks:
+            np.multiply(block, self._unit[:, None], out=scaled[:, first : first + block.shape[1]])
+            first += block.shape[1]
+        solved = self._factors.solve(scaled)
+        solved *= self._unit[:, None]
+        return solved
 
     def _limited(self, dz: Floats) -> float:
         """A step length that neither turns a plate nor moves a point too far at once."""

@@ -1,0 +1,263 @@
+"""Faults of the robot section: each with its line and key, what was found and what is allowed; all at once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from robot_case import MANIPULATOR, ROBOT, write_robot
+
+from softcal.errors import ProjectFileError
+from softcal.project.project import load
+
+Change = tuple[str, str]
+
+
+def told(folder: Path, *changes: Change, text: str = ROBOT) -> list[str]:
+    with pytest.raises(ProjectFileError) as error:
+        load(write_robot(folder, *changes, text=text))
+    return [str(fault) for fault in error.value.faults]
+
+
+ROD = "straight: {start: [0 mm, 0 mm, 82 mm], end: [0 mm, 0 mm, 200 mm]}"
+HELIX = "helix: {base: [0 mm, 0 mm, 84 mm], coil_diameter: 20 mm, turns: 4, "
+
+CASES: dict[str, tuple[Change, tuple[str, ...]]] = {
+    "a hole that does not exist": (
+        ("{on: top, hole: a}", "{on: top, hole: d}"),
+        ("robot.cables.front.via[1].hole", "no such hole in top", "'d'", "allowed: a, b, c"),
+    ),
+    "a hole in a plate that does not exist": (
+        ("{on: top, hole: a}", "{on: topp, hole: a}"),
+        ("via[1].on", "no such plate", "'topp'", "Try: 'top'"),
+    ),
+    "a hole in a body": (("{on: top, hole: a}", "{on: upper, hole: a}"), ("only plates have holes", "a body", "top")),
+    "a hole and a point": (
+        ("{on: top, hole: a}", "{on: top, hole: a, at: [0 mm, 0 mm, 0 mm]}"),
+        ("via[1]", "not said where the point is", "at and hole", "at, or hole"),
+    ),
+    "a hole of nothing": (("{on: top, hole: a}", "{hole: a}"), ("via[1]", "which plate has the hole", "on: PLATE")),
+    "neither hole nor point": (("{on: tip, hole: p1}", "{on: tip}"), ("markers.eye", "neither")),
+    "names of holes that do not fit": (
+        ("names: [a, b, c]", "names: [a, b]"),
+        ("plates.top.holes.ring", "one name for each hole", "got a, b", "3 names"),
+    ),
+    "a hole in ring and points": (
+        ("names: [a, b, c]}", "names: [a, b, c]}, points: {c: [0 mm, 0 mm, 0 mm]}"),
+        ("plates.top.holes", "both points and ring", "got c"),
+    ),
+    "a ring whose zero is along its axis": (
+        ("first_angle: 90 deg", "zero: [0, 0, 1]"),
+        ("plates.top.holes", "angle zero is along the ring's axis"),
+    ),
+    "a tie that touches nothing": (
+        ("position: [0 mm, 0 mm, 40 mm]", "position: [0 mm, 0 mm, 55 mm]"),
+        ("robot.ties.seam", "touches nothing", "the nearest of 9 nodes is 15 mm from lower", "mm from lower", "tolerance"),
+    ),
+    "a tie half off": (
+        ("position: [0 mm, 0 mm, 40 mm]", "position: [15 mm, 0 mm, 40 mm]"),
+        ("robot.ties.seam", "of 9 nodes of the tie are off lower", "up to"),
+    ),
+    "a tie to itself": (("on: lower}", "on: upper}"), ("ties.seam.on", "cannot be tied to itself", "upper")),
+    "a tie to no body": (("on: lower}", "on: lowr}"), ("ties.seam.on", "'lowr'", "Try: 'lower'")),
+    "a tie of no region": (
+        ("{body: upper, region: foot", "{body: upper, region: foto"),
+        ("ties.seam.region", "'foto'", "Try: 'foot'"),
+    ),
+    "bodies that overlap": (
+        ("position: [0 mm, 0 mm, 40 mm]", "position: [0 mm, 0 mm, 30 mm]"),
+        ("robot.bodies.lower", "lower and upper overlap at rest", "points up to 10 mm deep", "touch at most"),
+    ),
+    "a disc in a body": (
+        ("    tip:\n      reference", "    tip:\n      disc: {diameter: 30 mm, thickness: 6 mm, centre: [0 mm, 0 mm, 20 mm]}\n      reference"),
+        ("robot.bodies.lower", "lower and tip overlap at rest", "3 mm deep"),
+    ),
+    "a disc in a disc": (
+        ("    tip:\n      reference", "    tip:\n      disc: {diameter: 30 mm, thickness: 6 mm, centre: [0 mm, 0 mm, 85 mm]}\n      reference"),
+        ("robot.plates.tip", "tip and top overlap at rest", "2 mm deep"),
+    ),
+    "a rod nothing holds": (
+        ("      clamped: {top: start, tip: end}\n", ""),
+        ("robot.rods.mast", "nothing holds the rod", "clamped: {PLATE: station}"),
+    ),
+    "a rod on a plate that does not exist": (
+        ("{top: start, tip: end}", "{top: start, tipp: end}"),
+        ("rods.mast.clamped.tipp", "no such plate", "Try: 'tip'"),
+    ),
+    "a station off the rod": (
+        ("tip: end}", "tip: 130 mm}"),
+        ("rods.mast.clamped.tip", "the station lies off the rod", "got 130 mm", "0 to 118 mm"),
+    ),
+    "a station without a unit": (("tip: end}", "tip: 130}"), ("rods.mast.clamped.tip", "unit is missing")),
+    "a station that is none": (("tip: end}", "tip: middle}"), ("rods.mast.clamped.tip", "'middle'")),
+    "one node on two plates": (("{top: start, tip: end}", "{top: start, tip: start}"), ("rods.mast", "held twice")),
+    "two shapes": ((ROD, ROD + "\n      polyline: {points: [[0 mm, 0 mm, 0 mm], [1 mm, 0 mm, 0 mm]]}"), ("rods.mast", "one shape", "straight and polyline")),
+    "no shape": (("      " + ROD + "\n", ""), ("rods.mast", "one shape", "got none")),
+    "a rod without length": ((ROD, "straight: {start: [0 mm, 0 mm, 82 mm], end: [0 mm, 0 mm, 82 mm]}"), ("rods.mast.straight", "ends coincide")),
+    "a helix that climbs twice": ((ROD, HELIX + "pitch: 9 mm, height: 36 mm}"), ("rods.mast.helix", "how far the helix climbs", "pitch and height")),
+    "coils in each other": (
+        (ROD, HELIX + "pitch: 3 mm}"),
+        ("rods.mast.helix", "coils of the spring overlap", "2.997 mm from wire to wire", "at least the wire's 4 mm"),
+    ),
+    "a curve with a kink": (
+        (ROD, "polyline: {points: [[0 mm, 0 mm, 82 mm], [0 mm, 0 mm, 90 mm], [0 mm, 0 mm, 85 mm]]}"),
+        ("rods.mast.polyline", "too coarse", "180 deg"),
+    ),
+    "a section of no kind": (
+        ("section: {diameter: 4 mm}", "section: {diameter: 4 mm, width: 3 mm}"),
+        ("rods.mast.section", "not of one kind", "diameter, width", "width and height"),
+    ),
+    "a tube without a wall": (
+        ("section: {diameter: 4 mm}", "section: {diameter: 4 mm, inner_diameter: 5 mm}"),
+        ("rods.mast.section", "inner diameter does not fit", "below 0.004 m"),
+    ),
+    "a ratio of one half": (("poissons_ratio: 0.35", "poissons_ratio: 0.5"), ("rods.mast.poissons_ratio", "0.4999")),
+    "a plate on nothing": (
+        ("{top: start, tip: end}", "{top: start}"),
+        ("robot.plates.tip", "nothing holds the plate", "tied or clamped to nothing"),
+    ),
+    "a plate of half a tie": (("      region: head\n      ref", "      ref"), ("plates.top", "only body", "body and region")),
+    "a plate tied twice": (
+        ("      region: head\n      ref", "      region: head\n      bodies: {lower: head}\n      ref"),
+        ("plates.top", "body and bodies"),
+    ),
+    "a tie and a plate on one node": (
+        ("      region: head\n      ref", "      region: foot\n      ref"),
+        ("robot.ties.seam.region", "9 nodes are both on top and tied by seam", "regions that do not meet"),
+    ),
+    "a name twice": (
+        ("    mast:\n", "    top:\n"),
+        ("robot.plates.top", "share a name", "'top', first as rods"),
+    ),
+    "nothing that does not move": (("      fixed: foot\n", ""), ("robot", "nothing holds the robot", "fixed: true in a plate")),
+    "a placement with an axis of no length": (
+        ("{axis: [0, 0, 1], angle: 15 deg}", "{axis: [0, 0, 0], angle: 30 deg}"),
+        ("robot.bodies.upper.placement", "no direction"),
+    ),
+    "an angle without a unit": (("angle: 15 deg", "angle: 15"), ("placement.rotation[0].angle", "unit is missing")),
+    "a mass without gravity": (
+        ("  gravity: [0 m/s^2, 0 m/s^2, -9.81 m/s^2]\n", ""),
+        ("robot.loads.weight.mass", "no gravity", "got 0.005 kg", "-9.81 m/s^2"),
+    ),
+    "a force of a mass": (
+        ("force: 0.02 N", "force: 2 g"),
+        ("robot.loads.push.force", "unit does not fit", "'g'", "converts to N", "kgf for a weight"),
+    ),
+    "a mass of a force": (("mass: 5 g}", "mass: 5 N}"), ("robot.loads.weight.mass", "'N'", "converts to kg")),
+    "a force without direction": (("direction: [0, 2, 0], ", ""), ("loads.push", "no direction", "force: [x, y, z]")),
+    "a direction of no length": (("direction: [0, 2, 0]", "direction: [0, 0, 0]"), ("loads.push.direction", "no length")),
+    "a direction twice": (
+        ("force: 0.02 N", "force: [0 N, 1 N, 0 N]"),
+        ("loads.push", "direction is given twice", "force: 2 N"),
+    ),
+    "a mass and a force": (("mass: 5 g", "mass: 5 g, force: [1 N, 0 N, 0 N]"), ("loads.weight", "at, force, mass")),
+    "a marker on nothing": (("{on: tip, hole: p1}", "{on: rip, hole: p1}"), ("markers.eye.on", "'rip'", "Try: 'tip'")),
+    "a marker on a rod": (
+        ("{on: tip, hole: p1}", "{on: mast, at: [0 mm, 0 mm, 0 mm]}"),
+        ("markers.eye.on", "no such body or plate", "'mast'"),
+    ),
+    "a disc without thickness": (("thickness: 4 mm", "thickness: 0 mm"), ("plates.top.disc.thickness", "above 0")),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_robot_with_one_fault(tmp_path: Path, case: str):
+    change, pieces = CASES[case]
+    faults = told(tmp_path, change)
+    assert len(faults) == 1, "one mistake, several faults: " + "\n".join(faults)
+    assert faults[0].startswith("project.yaml:")
+    for piece in pieces:
+        assert piece in faults[0], faults[0]
+
+
+OWN: dict[str, tuple[Change, tuple[str, ...]]] = {
+    "coils that touch": (
+        ("turns: 3", "turns: 12"),
+        ("robot.manipulator.springs.turns", "coils touch at rest", "12 turns of a wire of 9 mm", "mm apart"),
+    ),
+    "no room": (
+        ("total_length: 425 mm", "total_length: 40 mm"),
+        ("robot.manipulator.total_length", "no room for springs", "got 40 mm", "more than 42 mm"),
+    ),
+    "a length that is none": (
+        ("wire_diameter: 9 mm", "wire_diameter: 0 mm"),
+        ("robot.manipulator.springs.wire_diameter", "must be positive"),
+    ),
+    "cables through the springs": (
+        ("radius: 25 mm", "radius: 20 mm"),
+        ("robot.manipulator.cables.radius", "run through the springs", "at least 21 mm"),
+    ),
+    "a disc too small": (
+        ("diameter: 60 mm", "diameter: 50 mm"),
+        ("robot.manipulator.discs.diameter", "do not fit on the disc", "at least 53 mm"),
+    ),
+    "cables to a disc that is not there": (
+        ("S4: 60 deg", "S5: 60 deg"),
+        ("robot.manipulator.cables.ends", "disc that is not there", "got 5", "1 to 4"),
+    ),
+    "cables to no disc": (("S4: 60 deg", "base: 60 deg"), ("manipulator.cables.ends", "'base'", "S1, S2, …")),
+    "an unknown spring": (
+        ("1.6 GPa", "{spring1: 1 GPa, spring2: 1 GPa, spring3: 1 GPa, spring4: 1 GPa, sprung: 1 GPa}"),
+        ("springs.youngs_modulus.sprung", "no such spring"),
+    ),
+    "springs without modulus": (
+        ("1.6 GPa", "{spring1: 1 GPa, spring2: 1 GPa}"),
+        ("springs.youngs_modulus", "have no modulus", "spring3, spring4"),
+    ),
+    "a ratio of one half": (("ratio: 0.43", "ratio: 0.5"), ("manipulator.springs.poissons_ratio", "0.4999")),
+    "a hole that does not exist": (
+        ("hole: h2", "hole: h7"),
+        ("robot.cables.extra.via[1].hole", "no such hole in S3", "'h7'", "h1, h2, h3, h4, h5, h6"),
+    ),
+    "a name of the manipulator's own": (
+        ("    tip: {on", "    S2: {on"),
+        ("robot.markers.S2", "share a name", "the manipulator's own"),
+    ),
+    "too few elements": (
+        ("turns: 3", "turns: 3\n      elements_per_turn: 2"),
+        ("robot.manipulator.springs", "four elements or more", "got 2"),
+    ),
+}
+
+
+@pytest.mark.parametrize("case", OWN)
+def test_a_manipulator_with_one_fault(tmp_path: Path, case: str):
+    change, pieces = OWN[case]
+    faults = told(tmp_path, change, text=MANIPULATOR)
+    assert len(faults) == 1, "one mistake, several faults: " + "\n".join(faults)
+    for piece in pieces:
+        assert piece in faults[0], faults[0]
+
+
+def test_all_faults_at_once(tmp_path: Path):
+    faults = told(
+        tmp_path,
+        ("{on: top, hole: a}", "{on: top, hole: d}"),
+        ("tip: end}", "tip: 130 mm}"),
+        ("position: [0 mm, 0 mm, 40 mm]", "position: [0 mm, 0 mm, 55 mm]"),
+        ("mass: 5 g", "mass: 5 N"),
+    )
+    assert len(faults) == 1, "a wrong unit keeps the section from being read"
+    faults = told(
+        tmp_path,
+        ("{on: top, hole: a}", "{on: top, hole: d}"),
+        ("tip: end}", "tip: 130 mm}"),
+        ("position: [0 mm, 0 mm, 40 mm]", "position: [0 mm, 0 mm, 55 mm]"),
+        ("{on: tip, hole: p1}", "{on: rip, hole: p1}"),
+    )
+    assert len(faults) == 4
+    lines = [int(fault.split(":")[1]) for fault in faults]
+    assert lines == sorted(lines)
+
+
+def test_a_robot_of_nothing(tmp_path: Path):
+    (fault,) = told(tmp_path, text="softcal: 1\nname: none\nrobot: {gravity: [0 m/s^2, 0 m/s^2, 0 m/s^2]}\n")
+    assert "nothing that bends" in fault
+
+
+def test_a_rod_through_what_does_not_hold_it_is_warned_of(tmp_path: Path):
+    project = load(write_robot(tmp_path, ("[0 mm, 0 mm, 82 mm], end", "[0 mm, 0 mm, 60 mm], end")))
+    told = [str(warning) for warning in project.warnings]
+    assert len(told) == 1
+    assert "robot.rods.mast: the rod runs through upper" in told[0]
+    assert "mm deep" in told[0]

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from softcal.errors import DatasetError, Fault, InputError
+from softcal.experiments.averaging import average
 from softcal.experiments.branches import take_branch
 from softcal.experiments.corrections import correct_pulley_friction, detrend, smooth, zero
 from softcal.experiments.cycles import classify_cycles, find_cycles, select_cycles
@@ -76,20 +77,20 @@ class PlannedStep:
         DatasetError
             Where the data do not allow the step.
         """
-        if dataset.incomplete and self.name not in _PER_SAMPLE:
+        if dataset.incomplete and self.name not in _WITH_GAPS:
             raise DatasetError(
                 Fault(
                     f"{self.name} cannot be done where values are missing",
                     where=dataset.name,
                     got=", ".join(dataset.incomplete),
-                    allowed=", ".join(_PER_SAMPLE),
+                    allowed=", ".join(_WITH_GAPS),
                 )
             )
         return PREPARATIONS[self.name].function(dataset, **self.settings)
 
 
-# What looks at each sample by itself, and so does not mind values that are missing.
-_PER_SAMPLE = ("correct_pulley_friction", "window", "set_noise")
+# What does not mind values that are missing.
+_WITH_GAPS = ("correct_pulley_friction", "window", "average", "set_noise")
 
 _CHANNEL = Setting("channel")
 
@@ -148,6 +149,7 @@ PREPARATIONS: Mapping[str, Preparation] = {
             window,
             {"channel": _CHANNEL, "lower": Setting("of channel"), "upper": Setting("of channel")},
         ),
+        Preparation("average", average, {"last": Setting("time")}),
         Preparation("detrend", detrend, {"channel": _CHANNEL, "at": Setting("choice", choices=("returns", "ends"))}),
         Preparation("smooth", smooth, {"channel": _CHANNEL, "n_samples": Setting("count"), "order": Setting("count")}),
         Preparation("set_noise", set_noise, {"channel": _CHANNEL, "sigma": Setting("of channel")}),

@@ -14,6 +14,7 @@ from softcal.errors import InputError
 from softcal.experiments.corrections import correct_pulley_friction
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.experiments.merge import merge_on_labels, merge_on_one_clock
+from softcal.experiments.motion_capture import read_c3d
 from softcal.experiments.names import is_deviation
 from softcal.experiments.noise import set_noise
 from softcal.experiments.plausibility import check_plausible
@@ -28,7 +29,7 @@ from softcal.project.bench_names import (
     noise_of,
     settings_of,
 )
-from softcal.project.bench_schema import ONE_CLOCK, ExperimentSection, RigSection
+from softcal.project.bench_schema import MOTION_CAPTURE, ONE_CLOCK, ExperimentSection, RigSection
 from softcal.project.document import Findings, KeyPath
 from softcal.project.files import InputFiles
 from softcal.project.robot_schema import RobotSection
@@ -179,6 +180,8 @@ def _read(name: str, section: ExperimentSection, i: int, files: InputFiles, find
     with findings.at((*path, "path")):
         found = files.find(file.path, "data file")
         with findings.at(path):
+            if found.suffix.lower() == MOTION_CAPTURE:
+                return read_c3d(found, file.markers, name=name)
             return read_table(
                 found,
                 columns,

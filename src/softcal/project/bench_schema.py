@@ -10,6 +10,7 @@ from pydantic import BeforeValidator, Discriminator, Field, PlainValidator, Tag,
 from softcal.project.section import Angle, Duration, Force, Given, Length, Positive, Ratio, Section, fault_error
 
 ONE_CLOCK = "one clock"
+MOTION_CAPTURE = ".c3d"
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 
 
@@ -44,7 +45,8 @@ def _named(value: object) -> object:
 class FileSection(Section):
     """One bench file.
 
-    markers: marker or plate of the robot -> what its columns in the file begin with (`m4` for `m4.x`).
+    markers: marker or plate of the robot -> what its columns in the file begin with (`m4` for `m4.x`); in a .c3d file,
+    its label.
     """
 
     path: str
@@ -64,6 +66,11 @@ class FileSection(Section):
     def _something_read(self) -> FileSection:
         if not self.columns and not self.markers:
             raise fault_error("nothing is read from the file", allowed="columns, markers, or both")
+        extra = sorted(self.model_fields_set - {"path", "markers"})
+        if extra and self.path.lower().endswith(MOTION_CAPTURE):
+            raise fault_error(
+                "a .c3d file is not a table", got=", ".join(extra), allowed="path, and markers with their labels"
+            )
         return self
 
 

@@ -1,0 +1,73 @@
+"""A record as one sample: the mean over a window at its end, with the spread as noise."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from softcal.errors import DatasetError, Fault
+from softcal.experiments.dataset import Channel, Dataset, Step
+from softcal.experiments.names import deviation_channel, is_deviation
+from softcal.units import format_quantity
+
+
+def average(dataset: Dataset, *, last: float | None = None) -> Dataset:
+    """One sample, the mean over the record or its last seconds; the spread becomes the noise of each channel.
+
+    Missing values are left out of the mean. The spread is the standard deviation of single samples, not of their mean,
+    for what moves within the window is no noise that averages out.
+
+    Parameters
+    ----------
+    last
+        The window [s] at the end; None takes the whole record.
+
+    Raises
+    ------
+    DatasetError
+        Where the window is empty, there is no time to tell it by, or something has no value within it.
+    """
+    rows = _window(dataset, last)
+    unseen = [key for key, channel in dataset.channels.items() if np.isnan(channel.values[rows]).all()]
+    if unseen:
+        raise DatasetError([_unseen(dataset, owner, last) for owner in dict.fromkeys(map(_owner, unseen))])
+    channels: dict[str, Channel] = {}
+    for key, channel in dataset.channels.items():
+        values = channel.values[rows]
+        seen = values[np.isfinite(values)]
+        known = dataset.channels.get(deviation_channel(key))
+        spread = float(np.std(seen, ddof=1)) if len(seen) > 1 else channel.sigma
+        if known is not None:
+            spread = float(np.hypot(spread, np.sqrt(np.nanmean(known.values[rows] ** 2))))
+        if not is_deviation(key):
+            channels[key] = Channel(seen.mean()[None], channel.unit, spread)
+    what = "the record" if last is None else f"its last {format_quantity(last, 's')}"
+    widest = max((key for key in channels if key != "time"), key=lambda key: channels[key].sigma, default="time")
+    spread = format_quantity(channels[widest].sigma, channels[widest].unit)
+    outcome = f"the mean of {int(rows.sum())} samples, {what}; the largest spread is {spread}, of {widest}"
+    step = Step("average", {"last": last}, outcome)
+    return Dataset(dataset.name, channels, (*dataset.provenance, step))
+
+
+def _window(dataset: Dataset, last: float | None) -> np.ndarray:
+    if last is None:
+        return np.ones(dataset.n_samples, dtype=bool)
+    if not last > 0:
+        raise DatasetError(Fault("no sample within the window", dataset.name, f"the last {last:g} s", "above 0 s"))
+    time = dataset.values("time")
+    # A sample that lies on the edge but for rounding is none of the window's.
+    return time > time[-1] - last + 1e-9 * max(abs(float(time[-1])), last)
+
+
+def _unseen(dataset: Dataset, owner: str, last: float | None) -> Fault:
+    name = next(key for key in dataset.channels if _owner(key) == owner)
+    rows = np.flatnonzero(np.isfinite(dataset.values(name)))
+    got = "not once in the record"
+    if len(rows) and "time" in dataset.channels:
+        time = dataset.values("time")
+        got = f"last at {time[rows[-1]]:.4g} s of {time[-1]:.4g} s"
+    allowed = "at least one value" if last is None else f"at least one value in the last {format_quantity(last, 's')}"
+    return Fault(f"{owner} was not seen in the window", dataset.name, got, allowed)
+
+
+def _owner(channel: str) -> str:
+    return channel.rpartition(".")[0] or channel

@@ -1,0 +1,144 @@
+"""Motion capture: the markers of a .c3d file as channels of a Dataset."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import struct
+import warnings
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.errors import DatasetError, Fault, StorageError
+from softcal.experiments.dataset import Channel, Dataset, Step
+from softcal.experiments.names import nearest
+from softcal.units import unit_factor
+
+_MAGIC = 80  # second byte of every .c3d file
+# What the package raises for a file that ends too early or whose parts contradict each other.
+_BROKEN = (AssertionError, AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError, struct.error)
+
+
+def read_c3d(path: str | Path, markers: Mapping[str, str], *, name: str = "") -> Dataset:
+    """Read markers of a .c3d file: `time` [s] from the first frame, and `<marker>.x`, `.y`, `.z` [m] of each.
+
+    Parameters
+    ----------
+    path
+        The file.
+    markers
+        Marker of the robot -> its label in the file, blanks around it left off.
+    name
+        Name of the dataset; the file's stem where empty.
+
+    A sample whose residual is negative, as a marker has that was not seen, is NaN. The unit is the file's own
+    (POINT:UNITS).
+
+    Raises
+    ------
+    DatasetError
+        Where this is no .c3d file, or one without points, frames or rate, or has no such label (the nearest is named);
+        all that were found.
+    UnitError
+        Where the file does not say in which unit of length its positions are.
+    StorageError
+        Where the file cannot be read.
+    """
+    path = Path(path)
+    raw = _bytes(path)
+    if len(raw) < 512 or raw[1] != _MAGIC:
+        start = f"{len(raw)} bytes that begin with {raw[:4].hex(' ')}" if raw else "an empty file"
+        raise DatasetError(Fault("this is no .c3d file", str(path), start, "512 bytes or more, the second of them 50"))
+    try:
+        labels, unit, rate, frames = _parse(raw)
+    except _BROKEN as error:
+        raise DatasetError(
+            Fault("the .c3d file is damaged", str(path), str(error) or type(error).__name__, "a whole file")
+        ) from error
+    _check(path, labels, rate, frames)
+    factor = unit_factor(unit, "m", where=f"{path}, POINT:UNITS")
+    columns = _columns(path, labels, markers)
+    positions = np.where(frames[:, :, 3:4] < 0, np.nan, frames[:, :, :3]) * factor
+    channels = {"time": Channel(np.arange(len(frames)) / rate, "s")}
+    for marker, column in columns.items():
+        for axis, letter in enumerate("xyz"):
+            channels[f"{marker}.{letter}"] = Channel(positions[:, column, axis], "m")
+    settings = {"file": path.name, "sha256": hashlib.sha256(raw).hexdigest(), "markers": dict(markers)}
+    missing = {marker: int(np.isnan(positions[:, column, 0]).sum()) for marker, column in columns.items()}
+    unseen = ", ".join(f"{marker} in {n}" for marker, n in missing.items() if n)
+    outcome = f"{len(frames)} frames of {len(columns)} markers at {rate:g} Hz, in {unit}"
+    outcome += f"; not seen: {unseen} frames" if unseen else ""
+    return Dataset(name or path.stem, channels, (Step("read_c3d", settings, outcome),))
+
+
+def _bytes(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise StorageError(
+            Fault("the data file cannot be read", where=str(path), got=error.strerror or str(error))
+        ) from error
+
+
+def _parse(raw: bytes) -> tuple[list[str], str, float, Floats]:
+    """Labels, unit, rate [Hz], and the frames (n, n_points, 5): position, residual, cameras."""
+    import c3d
+
+    with warnings.catch_warnings():
+        # What it warns of (no analogue channels, no descriptions) does not concern the markers.
+        warnings.simplefilter("ignore")
+        reader: Any = c3d.Reader(io.BytesIO(raw))
+        found = [points for _, points, _ in reader.read_frames()]
+    if found and len(found) < reader.frame_count:
+        raise ValueError(f"it ends after {len(found)} of {reader.frame_count} frames")
+    frames = np.array(found, dtype=np.float64).reshape(len(found), -1, 5)
+    return _labels(reader), _text(reader, "POINT:UNITS"), float(reader.point_rate), frames
+
+
+def _labels(reader: Any) -> list[str]:
+    """The labels, trimmed; of more than 255 points they go on in POINT:LABELS2, …"""
+    labels: list[str] = []
+    number = 1
+    while (parameter := reader.get("POINT:LABELS" if number == 1 else f"POINT:LABELS{number}")) is not None:
+        labels += [str(label).strip("\0 ") for label in np.ravel(parameter.string_array)]
+        number += 1
+    return labels
+
+
+def _text(reader: Any, key: str) -> str:
+    parameter = reader.get(key)
+    return "" if parameter is None else str(parameter.string_value).strip("\0 ")
+
+
+def _check(path: Path, labels: list[str], rate: float, frames: Floats) -> None:
+    faults: list[Fault] = []
+    if not frames.shape[1] or not labels:
+        faults.append(Fault("the file has no points", str(path), f"{frames.shape[1]} points, {len(labels)} labels"))
+    if not len(frames):
+        faults.append(Fault("the file has no frames", str(path), allowed="at least one frame of points"))
+    if not 0 < rate < np.inf:
+        faults.append(Fault("the file has no frame rate", f"{path}, POINT:RATE", f"{rate:g} Hz", "above 0 Hz"))
+    if faults:
+        raise DatasetError(faults)
+
+
+def _columns(path: Path, labels: list[str], markers: Mapping[str, str]) -> dict[str, int]:
+    where = f"{path}, POINT:LABELS"
+    known = ", ".join(f"'{label}'" for label in labels)
+    counts = Counter(labels)
+    faults: list[Fault] = []
+    if not markers:
+        faults.append(Fault("no marker is asked for", where, allowed=known))
+    for label in dict.fromkeys(wanted.strip() for wanted in markers.values()):
+        if not counts[label]:
+            faults.append(Fault("no point has this label", where, f"'{label}'", known, nearest(label, labels)))
+        elif counts[label] > 1:
+            faults.append(Fault("two points have this label", where, f"'{label}'", "labels that differ"))
+    if faults:
+        raise DatasetError(faults)
+    return {marker: labels.index(label.strip()) for marker, label in markers.items()}

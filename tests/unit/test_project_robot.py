@@ -58,9 +58,9 @@ def test_turns_follow_one_another(tmp_path: Path):
     )
     away = ("position: [0 mm, 0 mm, 40 mm]", "position: [0 mm, 0 mm, 400 mm]")
     untied = ("  ties:\n    seam: {body: upper, region: foot, on: lower}\n", "")
-    path = write_robot(tmp_path, twice, away, untied, ("region: head\n      reference", "region: foot\n      reference"),
-                       ("[0 mm, 0 mm, 80 mm]\n      mass", "[0 mm, 0 mm, 400 mm]\n      fixed: true\n      mass"),
-                       ("centre: [0 mm, 0 mm, 82 mm]", "centre: [0 mm, 2 mm, 700 mm]"))  # fmt: skip
+    held = ("mass: 10 g", "mass: 10 g\n      fixed: true")
+    elsewhere = ("centre: [0 mm, 0 mm, 82 mm]", "centre: [0 mm, 2 mm, 700 mm]")
+    path = write_robot(tmp_path, twice, away, untied, held, elsewhere)
     lower, upper = load(path).robot.bodies
     # x -> y -> z, y -> -x -> -x, z -> z -> -y
     x, y, z = lower.mesh.points.T
@@ -82,14 +82,12 @@ def test_plates_have_holes_and_a_shape(project: Project):
 
 def test_a_plate_on_two_bodies(tmp_path: Path):
     """A rigid collar in the place of the tie."""
+    both = "{bodies: {lower: head, upper: foot}, reference: [0 mm, 0 mm, 40 mm]}"
     project = load(
         write_robot(
             tmp_path,
             ("  ties:\n    seam: {body: upper, region: foot, on: lower}\n", ""),
-            (
-                "    tip:\n",
-                "    collar: {bodies: {lower: head, upper: foot}, reference: [0 mm, 0 mm, 40 mm]}\n    tip:\n",
-            ),
+            ("    tip:\n", f"    collar: {both}\n    tip:\n"),
         )
     )
     collar = part(project.robot, "collar")
@@ -156,7 +154,7 @@ def test_a_curve_through_points_with_a_station_between_them(tmp_path: Path):
         tmp_path, (straight, f"polyline: {{points: [{arc}]}}"), ("{top: start, tip: end}", "{top: start, tip: 40 mm}")
     )
     x, _, z = rod.centreline.nodes.T
-    np.testing.assert_allclose(np.hypot(x, z - 0.182), 0.1, atol=1e-7)
+    np.testing.assert_allclose(np.hypot(x, z - 0.182), 0.1, atol=1e-6)
     at = rod.clamped["tip"][0]
     assert math.atan2(x[at], 0.182 - z[at]) * 0.1 == pytest.approx(0.04, abs=1e-6)
     assert rod.centreline.stations[-1] == pytest.approx(0.05 * math.pi, rel=1e-6)
@@ -209,7 +207,8 @@ def test_the_manipulator_and_more_parts(tmp_path: Path):
     assert [marker.name for marker in robot.markers] == ["marker1", "marker2", "marker3", "marker4", "tip"]
     for one, other in zip(robot.rods, expected.rods, strict=True):
         np.testing.assert_array_equal(one.centreline.nodes, other.centreline.nodes)
-        assert (one.section, one.parameters) == (other.section, other.parameters)
+        assert one.section.outer_diameter == pytest.approx(other.section.outer_diameter)
+        assert one.parameters == other.parameters
     np.testing.assert_array_equal(robot.cables[-1].via_points[1].at, part(robot, "S3").holes["h2"])
     assert [plate.mass for plate in robot.plates] == [0.0, 0.02, 0.02, 0.02, 0.02]
     assert part(robot, "cable2").via_points[-1].on == "S2"
@@ -308,7 +307,7 @@ def test_fingerprints_tell_the_new_parts_apart(tmp_path: Path):
         (),
         (("section: {diameter: 4 mm}", "section: {diameter: 5 mm}"),),
         (("tip: end}", "tip: 110 mm}"),),
-        (("region: foot, on: lower", "region: foot, on: lower, tolerance: 1 mm"),),
+        (("region: foot, on: lower", "region: foot, on: lower, tolerance: 3 mm"),),
         (("{on: lower, at: [12 mm", "{on: lower, at: [11 mm"),),
         (("angle: 15 deg", "angle: 16 deg"),),
         (("first_angle: 90 deg", "first_angle: 91 deg"),),

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator
 
-from softcal.errors import Fault, InputError
+from softcal.errors import Fault, ProjectFileError
 from softcal.experiments.camera import Camera
 from softcal.experiments.charuco import Calibration
 from softcal.project.document import Findings, read_document
@@ -74,7 +74,7 @@ def read_camera(path: Path) -> Camera:
                 findings.add(("resolution", i), "a camera has whole pixels", got=f"{number:g} px")
     findings.raise_if_any()
     if section is None:
-        raise InputError(Fault("the camera file is not whole", document.name))
+        raise ProjectFileError(Fault("the camera file is not whole", document.name))
     m, d = section.matrix, section.distortion
     matrix = np.array([[m.fx, 0.0, m.cx], [0.0, m.fy, m.cy], [0.0, 0.0, 1.0]])
     width, height = (round(number) for number in section.resolution)

@@ -17,14 +17,16 @@ from softcal.mechanics.state import moved
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.system import Controls
 from softcal.twin.build import build_twin
-from softcal.twin.contacts import fitting_contact, wire_diameter
+from softcal.twin.contacts import disc_surface, fitting_contact, wire_diameter
 from softcal.twin.parameters import robot_parameters, with_parameters
 from softcal.twin.protocol import Command, Protocol
-from softcal.twin.robot import Body, Cable, Plate, Robot, Rod, ViaPoint
+from softcal.twin.response import Snapshot
+from softcal.twin.robot import Body, Cable, Contact, Disc, Plate, Robot, Rod, ViaPoint
 from softcal.twin.simulate import simulate
 from softcal.twin.start import loaded_state
 
 E, SIDE, APART = 1e6, 0.02, 1e-3
+E_Z = np.array([0.0, 0.0, 1.0])
 SOFT = {"youngs_modulus": E, "poissons_ratio": 0.0}
 
 
@@ -135,6 +137,40 @@ def closest(robot: Robot, axis: np.ndarray) -> float:
     return float(distance[np.abs(along[:, None] - along) > 0.07].min())
 
 
+def test_rims_of_discs_meet_and_stay_apart():
+    """A cable outside bends a backbone until the rims of the discs on it touch; then it pulls far harder."""
+    height, across, thick = 0.03, 0.05, 0.004
+    line = straight((0, 0, 0), (0, 0, height), 12)
+    material = {"youngs_modulus": 5e8, "poissons_ratio": 0.4}
+    rod = Rod("back", line, circular(0.003), material, clamped={"low": np.array([0]), "high": np.array([12])})
+    plates = tuple(
+        Plate(name, {}, np.array([0, 0, z]), fixed=name == "low", disc=Disc(np.array([0, 0, z]), E_Z, across, thick))
+        for name, z in (("low", 0.0), ("high", height))
+    )
+    via = (ViaPoint(np.array([0.02, 0, -0.05])), ViaPoint(np.array([0.02, 0, 0]), "low"))
+    via = (*via, ViaPoint(np.array([0.02, 0, height]), "high"))
+    robot = Robot(plates=plates, rods=(rod,), cables=(Cable("pull", via, pulled_end="first"),))
+    touching = replace(robot, contact=Contact(gap=2e-4, stiffness=1e6))
+    d = np.linspace(0.0, 0.024, 5)
+    tension, rims = [], []
+    for case in (robot, touching):
+        response = simulate(case, lifted(*d), snapshots=True)
+        assert response.succeeded, response.status
+        tension.append(response.channels["pull.tension"][-1])
+        rims.append(lowest_rim(response.snapshots[-1], plates[1]) - 0.5 * thick)
+    assert rims[0] < -1e-3
+    assert 0.0 < rims[1] < 2e-4
+    assert tension[1] > 1.5 * tension[0]
+
+
+def lowest_rim(shape: Snapshot, plate: Plate) -> float:
+    """Height of the lowest point of a disc's skin."""
+    position, rotation = shape.plates[plate.name]
+    assert plate.disc is not None
+    skin, _ = disc_surface(plate.disc)
+    return float((position + (skin - plate.reference) @ rotation.T)[:, 2].min())
+
+
 def test_tangent_is_the_gradients_derivative_while_touching():
     robot = spring(contact=True)
     twin = build_twin(robot)
@@ -204,5 +240,5 @@ def test_what_overlaps_at_rest_is_refused():
     into = replace(high, mesh=TetMesh(high.mesh.points - [0.0, 0.0, 3 * APART], high.mesh.tets))
     with pytest.raises(MeshError, match="pass through each other at rest"):
         build_twin(replace(robot, bodies=(robot.bodies[0], into)))
-    with pytest.raises(MeshError, match="allowed: more than their diameter of 6 mm"):
+    with pytest.raises(MeshError, match="allowed: more than 6 mm"):
         build_twin(spring(contact=True, pitch=0.005))

@@ -19,18 +19,19 @@ from softcal.mechanics.layout import FIXED, FREE, TIED, Layout
 from softcal.mechanics.rod import build_rod
 from softcal.mechanics.solid import SolidTerm, build_solid
 from softcal.mechanics.system import System, build_system
-from softcal.twin.contacts import build_contacts
+from softcal.twin.contacts import build_contacts, disc_surface
 from softcal.twin.joints import join_ties, nodes_in_use, number_frames
 from softcal.twin.loads import PointForce, Weights, build_loads, surface_forces
-from softcal.twin.robot import Body, PointLoad, Robot
+from softcal.twin.robot import Body, Disc, PointLoad, Robot
 
 
 @dataclass(frozen=True)
 class Twin:
     """A robot's system, and where its parts stand in it.
 
-    first_point: body or rod -> its first point; meshes: body -> the mesh of its element; frame: plate -> its frame;
-    via: cable -> its via points as weighted points; markers: marker -> its weighted points.
+    first_point: body or rod (and plate, where surfaces may touch) -> its first point; meshes: body -> the mesh of its
+    element; frame: plate -> its frame; via: cable -> its via points as weighted points; markers: marker -> its weighted
+    points.
     """
 
     robot: Robot
@@ -111,6 +112,11 @@ def build_twin(robot: Robot) -> Twin:
         else:
             forces.extend(surface_forces(load, meshes, builder.first))
 
+    if robot.contact is not None:
+        for plate in robot.plates:
+            if plate.disc is not None:
+                skin, _ = disc_surface(plate.disc)
+                builder.first[plate.name] = builder.add(skin, np.full(len(skin), frames.of_plate[plate.name]))
     layout = Layout(
         X=np.concatenate(builder.X),
         rider=np.concatenate(builder.rider),
@@ -161,7 +167,12 @@ def _key(robot: Robot) -> Hashable:
         for x in robot.loads
     )
     markers = tuple((m.name, m.on, m.at.tobytes()) for m in robot.markers)
-    return bodies, rods, plates, ties, cables, loads, markers, robot.gravity.tobytes(), robot.contact
+    skins = None if robot.contact is None else (robot.contact, tuple(_skin_key(plate.disc) for plate in robot.plates))
+    return bodies, rods, plates, ties, cables, loads, markers, robot.gravity.tobytes(), skins
+
+
+def _skin_key(disc: Disc | None) -> Hashable:
+    return None if disc is None else tuple(array.tobytes() for array in disc_surface(disc))
 
 
 def _arrays(nodes: Mapping[str, Ints]) -> Hashable:

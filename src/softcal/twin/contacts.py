@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -13,11 +14,12 @@ from softcal.geometry.mesh import TetMesh
 from softcal.geometry.surface import boundary_faces
 from softcal.mechanics.contact import ContactTerm, edges_of
 from softcal.mechanics.layout import FIXED, Layout
-from softcal.twin.robot import Contact, Robot, Rod
+from softcal.twin.robot import Contact, Disc, Plate, Robot, Rod
 
 GAP = 0.02  # of a surface's mean edge, or of a wire's diameter
 STIFFNESS = 0.05  # of the largest modulus
 NEIGHBOURS = 4.0  # wire diameters along a rod within which it does not touch itself
+RIM = 32  # straight pieces of a disc's rim
 SEAM = 2.0  # longest edges around a tied node within which the bodies it joins do not touch each other
 
 
@@ -33,10 +35,28 @@ def wire_diameter(rod: Rod) -> float:
     return math.sqrt(4.0 * rod.section.area / math.pi)
 
 
+def disc_surface(disc: Disc) -> tuple[Floats, Ints]:
+    """Points (n, 3) [m] and outward triangles of a disc's skin; its holes are filled, its rim has straight pieces."""
+    e1 = np.cross(disc.axis, np.eye(3)[np.argmin(np.abs(disc.axis))])
+    e1 /= np.linalg.norm(e1)
+    e2 = np.cross(disc.axis, e1)
+    angle = 2.0 * math.pi * np.arange(RIM) / RIM
+    rim = 0.5 * disc.diameter * (np.outer(np.cos(angle), e1) + np.outer(np.sin(angle), e2))
+    up = 0.5 * disc.thickness * np.asarray(disc.axis)
+    points = disc.centre + np.concatenate([[up, -up], rim + up, rim - up])
+    i, j = np.arange(RIM), np.roll(np.arange(RIM), -1)
+    top, bottom, zero = 2 + i, 2 + RIM + i, np.zeros(RIM, dtype=np.int64)
+    faces = [(zero, top, 2 + j), (zero + 1, 2 + RIM + j, bottom), (bottom, 2 + RIM + j, top), (top, 2 + RIM + j, 2 + j)]
+    return points, np.concatenate([np.stack(face, axis=1) for face in faces])
+
+
 def build_contacts(
     robot: Robot, layout: Layout, meshes: dict[str, TetMesh], first: dict[str, int]
 ) -> tuple[ContactTerm, ...]:
-    """The contact of all bodies with each other and themselves, and of all rods of one diameter.
+    """The contact of all bodies and discs with each other, of all rods of one diameter with each other and themselves,
+    and of these with the discs.
+
+    first: the first point of each body, of each rod, and of the skin of each plate with a disc.
 
     Raises
     ------
@@ -46,32 +66,45 @@ def build_contacts(
     if robot.contact is None:
         return ()
     terms: list[ContactTerm] = []
-    if robot.bodies:
-        faces = np.concatenate([first[name] + _triangles(mesh) for name, mesh in meshes.items()])
-        apart = _across_seams(robot, layout, meshes, first, np.unique(faces))
-        terms.append(_term(robot.contact, layout, edges_of(faces), faces, 0.0, apart))
-    diameters = sorted({wire_diameter(rod) for rod in robot.rods})
-    for diameter in diameters:
+    discs = [first[plate.name] + disc_surface(plate.disc)[1] for plate in robot.plates if plate.disc is not None]
+    skins = [first[name] + _triangles(mesh) for name, mesh in meshes.items()]
+    if skins or discs:
+        faces = np.concatenate([*skins, *discs])
+        apart = [_across_seams(robot, layout, meshes, first, np.unique(faces))]
+        apart += [_on_plate(plate, meshes, first, faces) for plate in robot.plates if plate.disc is not None]
+        terms.append(_term(robot.contact, layout, edges_of(faces), faces, 0.0, np.concatenate(apart)))
+    for diameter in sorted({wire_diameter(rod) for rod in robot.rods}):
         rods = [rod for rod in robot.rods if wire_diameter(rod) == diameter]
-        edges = [first[r.name] + np.arange(len(r.centreline.nodes) - 1)[:, None] + [0, 1] for r in rods]
-        apart = np.concatenate([first[r.name] + _neighbours(r, NEIGHBOURS * diameter) for r in rods])
-        apart = np.concatenate([apart, _around_plates(rods, first, NEIGHBOURS * diameter)])
+        wires = np.concatenate([first[r.name] + np.arange(len(r.centreline.nodes) - 1)[:, None] + [0, 1] for r in rods])
+        apart = [first[r.name] + _neighbours(r, NEIGHBOURS * diameter) for r in rods]
+        apart.append(_around_plates(rods, first, NEIGHBOURS * diameter))
         none = np.zeros((0, 3), dtype=np.int64)
-        terms.append(_term(robot.contact, layout, np.concatenate(edges), none, diameter, apart))
+        terms.append(_term(robot.contact, layout, wires, none, diameter, np.concatenate(apart)))
+        if discs:
+            faces = np.concatenate(discs)
+            near = [_ends_on_disc(rod, plate, first, NEIGHBOURS * diameter) for rod in rods for plate in robot.plates]
+            edges = np.concatenate([wires, edges_of(faces)])
+            term = _term(robot.contact, layout, edges, faces, 0.5 * diameter, np.concatenate(near))
+            # Discs with discs, and wires with wires, are other terms' matter.
+            terms.append(replace(term, patch=np.isin(term.points, faces).astype(np.int64)))
     for term in terms:
-        if len(term.faces) and term.crosses(layout.X):
-            raise MeshError(Fault("surfaces pass through each other at rest", where="contact"))
-        distance = term.smallest_distance(layout.X)
-        if distance <= 0.0:
-            raise MeshError(
-                Fault(
-                    "wires of rods pass through each other at rest",
-                    where="contact",
-                    got=f"a distance of {1e3 * (distance + term.thickness):.4g} mm between their axes",
-                    allowed=f"more than their diameter of {1e3 * term.thickness:.4g} mm",
-                )
-            )
+        _check_apart(term, layout)
     return tuple(terms)
+
+
+def _check_apart(term: ContactTerm, layout: Layout) -> None:
+    if len(term.faces) and term.crosses(layout.X):
+        raise MeshError(Fault("surfaces pass through each other at rest", where="contact"))
+    distance = term.smallest_distance(layout.X)
+    if distance <= 0.0:
+        raise MeshError(
+            Fault(
+                "wires of rods pass through each other, or through a disc, at rest",
+                where="contact",
+                got=f"a distance of {1e3 * (distance + term.thickness):.4g} mm from their axes",
+                allowed=f"more than {1e3 * term.thickness:.4g} mm",
+            )
+        )
 
 
 def _term(contact: Contact, layout: Layout, edges: Ints, faces: Ints, thickness: float, apart: Ints) -> ContactTerm:
@@ -123,6 +156,27 @@ def _around_plates(rods: list[Rod], first: dict[str, int], distance: float) -> I
             i, j = np.meshgrid(*near)
             pairs.append(np.stack([i.ravel(), j.ravel()], axis=1))
     return np.sort(np.concatenate(pairs), axis=1)
+
+
+def _on_plate(plate: Plate, meshes: dict[str, TetMesh], first: dict[str, int], faces: Ints) -> Ints:
+    """Pairs of a disc's points and those of the bodies that its plate is tied to: they are bonded."""
+    disc = first[plate.name] + np.arange(2 + 2 * RIM)
+    pairs = [np.zeros((0, 2), dtype=np.int64)]
+    on_skin = np.unique(faces)
+    for body in plate.nodes:
+        skin = on_skin[(on_skin >= first[body]) & (on_skin < first[body] + meshes[body].n_points)]
+        i, j = np.meshgrid(disc, skin)
+        pairs.append(np.stack([i.ravel(), j.ravel()], axis=1))
+    return np.concatenate(pairs)
+
+
+def _ends_on_disc(rod: Rod, plate: Plate, first: dict[str, int], distance: float) -> Ints:
+    """Pairs of a disc's points and the nodes near those that a rod is clamped with to its plate."""
+    if plate.disc is None or plate.name not in rod.clamped:
+        return np.zeros((0, 2), dtype=np.int64)
+    nodes = first[rod.name] + _around(rod, rod.clamped[plate.name], distance)
+    i, j = np.meshgrid(nodes, first[plate.name] + np.arange(2 + 2 * RIM))
+    return np.stack([i.ravel(), j.ravel()], axis=1)
 
 
 def _around(rod: Rod, nodes: Ints, distance: float) -> Ints:

@@ -72,8 +72,9 @@ def test_a_commanded_tension_follows_its_own_command_alone() -> None:
     assert by["cable1.tension"]["cable1.tension"] == 1.0
     assert by["cable6.tension"]["cable1.tension"] == 0.0
     still = Protocol({"cable1": Command("tension", np.array([6.0])), "cable6": Command("tension", np.array([0.0]))})
-    by_slack = simulate(manipulator(), still, sensitivities=["cable1.tension", "cable6.tension"]).sensitivities
-    assert by_slack["m4.x"]["cable1.tension"] == pytest.approx(0.02, rel=0.5)
+    with_slack = simulate(manipulator(), still, sensitivities=["cable1.tension", "cable6.tension"])
+    by_slack = with_slack.sensitivities
+    assert by_slack["m4.x"]["cable1.tension"] == with_slack.slopes["m4.x"] > 0.0
     assert by_slack["m4.x"]["cable6.tension"] == 0.0
 
 

@@ -76,9 +76,9 @@ def disc_surface(plate: Plate, shape: Disc, colour: str, *, opacity: float = 1.0
     n = len(flat)
     triangles = [cells, n + cells[:, ::-1]]
     first = 0
-    for outline in outlines:
+    for k, outline in enumerate(outlines):
         one = first + np.arange(len(outline))
-        two = first + np.roll(np.arange(len(outline)), -1)
+        two = first + np.roll(np.arange(len(outline)), -1 if k == 0 else 1)  # a hole's wall faces its middle
         triangles += [np.stack([one, n + one, two], axis=1), np.stack([two, n + one, n + two], axis=1)]
         first += len(outline)
     corners = np.concatenate(triangles)

@@ -1,0 +1,141 @@
+"""How robots of rods and discs are drawn: tubes, discs with holes, slack cables, markers, what is up."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from softcal.geometry.centreline import straight
+from softcal.geometry.section import circular
+from softcal.project.simulation import pull, twin_view
+from softcal.report.check_figures import robot_scenes
+from softcal.report.robot_view import plate_normal, plate_radius, plate_surface, robot_points, up_direction
+from softcal.report.scene import Ball, Surface, Tube
+from softcal.report.scene_twin import twin_scenes
+from softcal.report.shapes import disc_surface, rod_surface, tube
+from softcal.report.style import LOOP, ORANGE
+from softcal.twin.manipulator import ManipulatorShape, manipulator
+from softcal.twin.robot import Disc, Plate, Robot, Rod
+from softcal.twin.simulate import simulate
+
+SHAPE = ManipulatorShape()
+
+
+def robot() -> Robot:
+    return manipulator(SHAPE, youngs_modulus=1.6e9, poissons_ratio=0.43, density=900.0)
+
+
+def enclosed(surface: Surface) -> float:
+    a, b, c = (surface.points[surface.triangles[:, k]] for k in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+def is_closed(surface: Surface) -> bool:
+    """Every edge is run along once in each direction."""
+    t = surface.triangles
+    edges = np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]])
+    forward, back = {tuple(e) for e in edges}, {tuple(e) for e in edges[:, ::-1]}
+    return len(forward) == len(edges) and forward == back
+
+
+def test_a_straight_wire_is_a_closed_cylinder():
+    path = np.linspace([0.0, 0.0, 0.0], [0.0, 0.03, 0.1], 7)
+    surface = tube(path, 0.01, np.ones((7, 3)))
+    assert is_closed(surface)
+    around = 20 * math.sin(2 * math.pi / 20) / (2 * math.pi)  # of 20 corners instead of a circle
+    length = float(np.linalg.norm(path[-1]))
+    assert enclosed(surface) == pytest.approx(length * math.pi / 4 * 1e-4 * around, rel=1e-9)
+
+
+def test_a_spring_is_drawn_as_thick_as_its_wire():
+    rod = robot().rods[0]
+    surface = rod_surface(rod, rod.centreline.nodes, np.ones((len(rod.centreline.nodes), 3)))
+    assert is_closed(surface)
+    outer = np.hypot(surface.points[:, 0], surface.points[:, 1])
+    assert outer.max() == pytest.approx(0.015 + 0.0045, rel=2e-3)
+    assert outer.min() == pytest.approx(0.015 - 0.0045, rel=5e-3)
+    assert enclosed(surface) == pytest.approx(rod.section.area * rod.centreline.stations[-1], rel=0.02)
+
+
+def test_a_rod_of_one_element_is_drawn():
+    rod = Rod("bar", straight((0, 0, 0), (0, 0, 0.1), 1), circular(0.01), {}, fixed=np.array([0]))
+    assert is_closed(rod_surface(rod, rod.centreline.nodes, np.ones((2, 3))))
+
+
+def test_a_disc_has_its_holes():
+    plate = robot().plates[1]
+    disc = plate.disc
+    assert disc is not None
+    surface = disc_surface(plate, disc, "#0072b2")
+    assert is_closed(surface)
+    rim, hole = (n / 2 * math.sin(2 * math.pi / n) / 4 for n in (96, 16))
+    area = rim * 0.06**2 - 6 * hole * 0.003**2
+    assert enclosed(surface) == pytest.approx(area * 0.008, rel=1e-6)
+    edges = plate.holes["h1"]
+    nearest = np.linalg.norm((surface.points - edges)[:, :2], axis=1).min()
+    assert nearest == pytest.approx(0.0015, rel=1e-9), "the hole is open"
+
+
+def test_a_disc_goes_with_its_plate():
+    plate = Plate("top", {}, np.array([0.01, 0.0, 0.0]), disc=Disc(np.array([0.0, 0.0, 0.1]), [0, 0, 1], 0.04, 0.01))
+    turn = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+    one = robot()
+    surface = plate_surface(one, plate, (np.array([0.01, 0.0, 0.5]), turn), "#0072b2", opacity=1.0)
+    assert surface is not None
+    np.testing.assert_allclose(surface.points.mean(axis=0), [0.0, -0.1, 0.5], atol=2e-4)
+
+
+def test_plates_without_a_shape_face_along_the_rod_they_hold():
+    one = robot()
+    plain = replace(one, plates=tuple(replace(plate, disc=None) for plate in one.plates))
+    normal = plate_normal(plain, plain.plates[2])
+    assert np.linalg.norm(normal) == pytest.approx(1.0)
+    assert plate_radius(plain, plain.plates[2]) >= 0.025
+    assert plate_radius(one, one.plates[2]) == 0.03
+    np.testing.assert_allclose(plate_normal(one, one.plates[2]), [0, 0, -1])
+
+
+def test_a_hanging_robot_hangs_in_the_picture():
+    one = robot()
+    np.testing.assert_allclose(up_direction(one), [0, 0, 1])
+    _, cameras = robot_scenes(one)
+    below = cameras[0].project(np.array([[0, 0, -0.4], [0, 0, 0.0]]))
+    assert below[0, 1] < below[1, 1]
+
+
+def test_the_check_shows_every_part_once_with_its_name():
+    one = robot()
+    scenes, _ = robot_scenes(one)
+    words = [label.text for scene in scenes for label in scene.labels]
+    for name in ("base", *SHAPE.discs, *SHAPE.cables, *SHAPE.markers):
+        assert words.count(name) == 1, name
+    parts = scenes[0].parts
+    assert sum(isinstance(part, Surface) for part in parts) == 4 + 5
+    assert sum(isinstance(part, Tube) for part in parts) == 6
+    # Markers, and where cables leave the base's far side; those in holes need no ball.
+    assert sum(isinstance(part, Ball) for part in parts) == 4 + 6
+    assert len(robot_points(one)) > 4 * 37
+
+
+def test_slack_cables_are_grey_and_the_colours_reach_the_displacement():
+    one = robot()
+    response = simulate(one, pull(one, "cable6", "tension", 8.0, 3), snapshots=True)
+    view = twin_view(one, response)
+    assert view is not None
+    assert (view.rest.label, view.bent.label) == ("At rest", "cable6: 8 N")
+    assert view.bent.tensions["cable6"] == pytest.approx(8.0, rel=1e-6), "drawn as far as was asked for"
+    found = twin_scenes(view)
+    moved = max(np.linalg.norm(view.bent.rods[rod] - view.rest.rods[rod], axis=1).max() for rod in SHAPE.springs)
+    assert found.largest == pytest.approx(moved)
+    rest, bent = found.scenes
+    assert {part.colour for part in rest.parts if isinstance(part, Tube)} == {ORANGE}
+    colours = [part.colour for part in bent.parts if isinstance(part, Tube)]
+    assert (colours.count(ORANGE), colours.count(LOOP)) == (1, 5)
+    assert [label.text for label in bent.labels if label.text.startswith("cable")] == ["cable6"]
+    at = view.bent.markers["marker4"]
+    assert any(isinstance(part, Ball) and np.allclose(part.at, at) for part in bent.parts)
+    names = ("marker4.x", "marker4.y", "marker4.z")
+    np.testing.assert_allclose(at, [response.channels[name][-1] for name in names], atol=1e-6)

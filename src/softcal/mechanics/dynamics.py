@@ -18,7 +18,7 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.errors import SimulationError
 from softcal.mechanics.inertia import Inertia
-from softcal.mechanics.inertial_system import Damping, InertialSystem, Instant, Stepper, after, stepper
+from softcal.mechanics.inertial_system import Damping, InertialSystem, Instant, Stepper, after, coasting, stepper
 from softcal.mechanics.state import State, moved
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.system import Controls, System
@@ -30,6 +30,7 @@ Drive = Callable[[float], Controls]
 MAX_HALVINGS = 6
 SLACK_TENSION = 1e-7  # of the largest tension around: less is none
 SLACK_LENGTH = 1e-9  # of a cable's length
+ADVICE = "Try a shorter time step, a slower pull, or converged steps."
 
 
 class Dynamics:
@@ -94,13 +95,20 @@ class Dynamics:
         return self._halved(middle, 0.5 * step, drive, halvings - 1)
 
     def _converged(self, now: Instant, step: float, wanted: Controls) -> Instant:
-        """Newton's method; cables of prescribed length switched between taut and slack until none pushes and none is
-        too long.
-        """
+        """Newton's method from where the velocities lead, or else from the step's start."""
         self._begin(now, step)
+        try:
+            ahead = self._statics.reachable(now.state, coasting(self.system.layout, now, step))
+            return after(now, self._equilibrium(ahead, wanted), step)
+        except SimulationError:
+            return after(now, self._equilibrium(now.state, wanted), step)
+
+    def _equilibrium(self, state: State, wanted: Controls) -> State:
+        """With inertia, cables of prescribed length switched between taut and slack until none pushes and none is too
+        long.
+        """
         cables = self.system.cables
         by_length = ~wanted.is_held
-        state = now.state
         slack = by_length & (self._excess(state, wanted) <= 0.0) & (state.tension <= 0.0)
         for _ in range(4 * cables.n_cables + 4):
             tension = np.where(by_length, 0.0, wanted.tension)
@@ -113,7 +121,7 @@ class Dynamics:
             pushes = by_length & ~slack & (state.tension < -SLACK_TENSION * scale)
             too_long = slack & (self._excess(state, wanted) > SLACK_LENGTH * cables.rest_length)
             if not pushes.any() and not too_long.any():
-                return after(now, state, step)
+                return state
             slack = (slack | pushes) & ~too_long
         raise SimulationError("cables keep switching between taut and slack.")
 
@@ -150,16 +158,13 @@ class Dynamics:
             tension[acting[taut]] = pulls
         dz[system.layout.first_tension_unknown :] = tension
         state = moved(system.layout, start, dz)
-        end = system.linearise(state, free, self.theta, tangent=False)
         time = now.time + step
-        if not np.isfinite(state.x).all() or not end.is_admissible:
-            raise SimulationError(f"One linear solve went astray at {time:.6g} s: {end.why_not}. {ADVICE}")
+        J_min = min((float(solid.invariants(state.x)[3].min()) for solid in system.solids), default=1.0)
+        if not J_min > 0.0 or not np.isfinite(state.x).all():
+            raise SimulationError(f"One linear solve inverts an element (J = {J_min:.2g}) at {time:.6g} s. {ADVICE}")
         if system.free_way(start, state) < 1.0:
             raise SimulationError(f"One linear solve passes through a contact at {time:.6g} s. {ADVICE}")
         return after(now, state, step)
-
-
-ADVICE = "Try a shorter time step, a slower pull, or converged steps."
 
 
 def pulls_without_push(compliance: Floats, excess: Floats) -> Floats:

@@ -23,7 +23,8 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.mechanics import rod_kernels
-from softcal.mechanics.inertia import Inertia, Rates
+from softcal.mechanics.inertia import Inertia, Rates, axial
+from softcal.mechanics.layout import Layout
 from softcal.mechanics.rod import RodTerm
 from softcal.mechanics.state import State
 from softcal.mechanics.system import Controls, Linearisation, Loads, System, part_theta
@@ -131,6 +132,18 @@ def after(before: Instant, state: State, step: float) -> Instant:
         state,
         Rates((state.x - old.x) / step, (state.position - old.position) / step, (state.rotation - old.rotation) / step),
     )
+
+
+def coasting(layout: Layout, now: Instant, step: float) -> Floats:
+    """The step of the unknowns (n_unknowns,) with velocities as they are: a guess."""
+    n = layout.n_moving_frames
+    dz = np.zeros(layout.n_unknowns)
+    dz[: layout.first_frame_unknown] = now.velocities.points[layout.free_points].ravel()
+    frames = dz[layout.first_frame_unknown : layout.first_pressure_unknown].reshape(-1, 6)
+    frames[:, :3] = now.velocities.frames[:n]
+    spin = now.velocities.turning[:n] @ np.swapaxes(now.state.rotation[:n], 1, 2)
+    frames[:, 3:] = -0.5 * axial(spin)
+    return step * dz
 
 
 def elastic_forces(system: System, state: State, theta: Mapping[str, float]) -> Floats:

@@ -91,6 +91,7 @@ class Experiment:
     compared: channels of the dataset; when empty, all that the twin answers and that does not drive it (of a cable and
     plate by their short names: tension or shortening, and pitch; paper A, Eq. 4).
     settings: parameters [SI] of the robot or the rig that have this value in this experiment.
+    set_up: name of what it shares with other experiments, such as the place of the cameras; "" for one by itself.
 
     Raises
     ------
@@ -106,6 +107,7 @@ class Experiment:
     compared: tuple[str, ...] = ()
     rig: Rig = field(default_factory=Rig)
     settings: Mapping[str, float] = field(default_factory=dict[str, float])
+    set_up: str = ""
 
     def __post_init__(self) -> None:
         if not isinstance(self.drive, str):

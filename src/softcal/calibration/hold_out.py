@@ -48,7 +48,8 @@ def fitted_part(problem: Problem, hold_out: Sequence[str]) -> Problem:
     faults += [
         Fault("an experiment with a robot of its own cannot be predicted", "hold_out", p.label, "shared parameters")
         for p in problem.space.parameters
-        if p.experiment in hold_out and any(target in of_robot for target in p.targets)
+        if not p.serves(*(name for name in names if name not in hold_out))
+        and any(target in of_robot for target in p.targets)
     ]
     if faults:
         raise ParameterError(faults)

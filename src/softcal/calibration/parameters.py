@@ -23,9 +23,10 @@ class FreeParameter:
 
     scale: "log" searches the logarithm. start [unit]: where a local search begins; None for the robot's own value.
     of: the parameters that all have this value; none for the one that `name` names.
-    per_experiment: a nuisance with a value of its own in every experiment.
+    per_experiment: a nuisance with a value of its own in every experiment; per_set_up: in every set-up.
     prior_mean, prior_sd [unit]: a normal prior, counted by the likelihood loss. experiment: whose value it is once
-    expanded, "" when shared. ceiling [unit]: what the parameter may never reach, such as 0.5 for Poisson's ratio.
+    expanded, "" when shared; or the set-up whose it is, and `members` the experiments that were done in it.
+    ceiling [unit]: what the parameter may never reach, such as 0.5 for Poisson's ratio.
     """
 
     name: str
@@ -40,6 +41,12 @@ class FreeParameter:
     experiment: str = ""
     ceiling: float = math.inf
     of: tuple[str, ...] = ()
+    per_set_up: bool = False
+    members: tuple[str, ...] = ()
+
+    def serves(self, *experiments: str) -> bool:
+        """Whether it is a parameter of any of these experiments."""
+        return not self.experiment or any(e in (self.members or (self.experiment,)) for e in experiments)
 
     @property
     def targets(self) -> tuple[str, ...]:
@@ -48,7 +55,7 @@ class FreeParameter:
 
     @property
     def label(self) -> str:
-        """The name in results: `front.slack`, or `front.slack[20mm]` for one experiment's own."""
+        """The name in results: `front.slack`, or `front.slack[20mm]` for one experiment's or set-up's own."""
         return f"{self.name}[{self.experiment}]" if self.experiment else self.name
 
 
@@ -101,7 +108,7 @@ class SearchSpace:
 
     def restricted(self, *experiments: str) -> SearchSpace:
         """The space of some experiments alone: what is shared, and their own nuisances."""
-        return SearchSpace(tuple(p for p in self.parameters if p.experiment in ("", *experiments)))
+        return SearchSpace(tuple(p for p in self.parameters if p.serves(*experiments)))
 
     def without(self, names: Collection[str]) -> SearchSpace:
         """The space in which some parameters of the robot and the rig are not free."""
@@ -110,7 +117,7 @@ class SearchSpace:
 
     def values_for(self, experiment: str, theta: Mapping[str, float]) -> dict[str, float]:
         """The values [SI] that one experiment uses, by the name of the robot's or the rig's parameter."""
-        return {t: theta[p.label] for p in self.parameters if p.experiment in ("", experiment) for t in p.targets}
+        return {t: theta[p.label] for p in self.parameters if p.serves(experiment) for t in p.targets}
 
     @property
     def targets(self) -> tuple[str, ...]:
@@ -119,7 +126,7 @@ class SearchSpace:
 
     def free_in(self, experiment: str) -> set[str]:
         """The parameters of the robot and the rig that are free in one experiment."""
-        return {target for p in self.parameters if p.experiment in ("", experiment) for target in p.targets}
+        return {target for p in self.parameters if p.serves(experiment) for target in p.targets}
 
     def at_bound(self, theta: Mapping[str, float], *, within: float = 1e-3) -> dict[str, bool]:
         """Whether each parameter stands within that share of its range from a bound, by label."""
@@ -132,12 +139,14 @@ def search_space(
     experiments: Sequence[str],
     known: Mapping[str, ParameterInfo],
     own: Mapping[str, Mapping[str, float]] | None = None,
+    set_ups: Mapping[str, str] | None = None,
 ) -> SearchSpace:
     """Expand patterns of names and per-experiment nuisances, and check every parameter against those that exist.
 
     A start that is not given is the present value where that lies within the bounds: of tied parameters the mean, and
     of a nuisance the experiment's own (`own`: values by experiment and name). A parameter for each experiment is made
-    only for those of `own` that have it.
+    only for those of `own` that have it. set_ups: experiment -> the set-up it was done in; one that has none, or "",
+    is a set-up by itself.
 
     Raises
     ------
@@ -156,15 +165,15 @@ def search_space(
         faults += [fault for info in infos for fault in _limit_faults(parameter, info)]
         started = replace(parameter, ceiling=min(info.upper for info in infos))
         present = sum(info.value for info in infos) / len(infos)
-        if not parameter.per_experiment or parameter.experiment:
+        if not (parameter.per_experiment or parameter.per_set_up) or parameter.experiment:
             expanded.append(_started(started, present))
             continue
-        for experiment in experiments:
-            values = {} if own is None else own.get(experiment, {})
-            of_rig = own is not None and any(parameter.targets[0] in held for held in own.values())
-            if not of_rig or parameter.targets[0] in values:
-                one = replace(started, experiment=experiment)
-                expanded.append(_started(one, values.get(parameter.targets[0], present)))
+        target = parameter.targets[0]
+        of_rig = own is not None and any(target in held for held in own.values())
+        having = [e for e in experiments if not of_rig or target in (own or {}).get(e, {})]
+        for owner, members in _owners(parameter, having, set_ups or {}).items():
+            one = replace(started, experiment=owner, members=() if members == (owner,) else members)
+            expanded.append(_started(one, (own or {}).get(members[0], {}).get(target, present)))
     faults += _doubled(expanded)
     if faults:
         raise ParameterError(faults)
@@ -206,6 +215,17 @@ def _resolved(parameter: FreeParameter, known: Mapping[str, ParameterInfo]) -> t
     if parameter.name in known and parameter.name not in targets:
         faults.append(Fault("the name is that of another parameter", parameter.label, attempt="a name of its own"))
     return replace(parameter, of=tuple(targets) or parameter.of), faults
+
+
+def _owners(
+    parameter: FreeParameter, experiments: Sequence[str], set_ups: Mapping[str, str]
+) -> dict[str, tuple[str, ...]]:
+    """The experiments, or the set-ups, that have a value of their own each, and the experiments in them."""
+    owners: dict[str, tuple[str, ...]] = {}
+    for experiment in experiments:
+        owner = (set_ups.get(experiment) or experiment) if parameter.per_set_up else experiment
+        owners[owner] = (*owners.get(owner, ()), experiment)
+    return owners
 
 
 def _started(parameter: FreeParameter, present: float) -> FreeParameter:

@@ -10,13 +10,13 @@ import difflib
 import re
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Protocol as TypingProtocol
 
 import numpy as np
 
 from softcal.calibration.experiment import AXES, Experiment, rig_parameters
-from softcal.calibration.loss import Block, Loss, PapersLoss, by_experiment, gradient, require, total
+from softcal.calibration.loss import Block, Loss, PapersLoss, by_experiment, errors_by_point, gradient, require, total
 from softcal.calibration.observation import Observation, Samples, commands, control_parameters, observe
 from softcal.calibration.parameters import FreeParameter, SearchSpace, search_space
 from softcal.checks import Floats
@@ -40,7 +40,7 @@ class Evaluation:
     """What came of one theta [SI by label].
 
     loss None and failure a sentence where the twin could not be simulated. blocks: residuals (and jacobians);
-    observations by experiment; gradient: d loss / d theta, or None. n_solves: forward trajectories.
+    observations by experiment; gradient: d loss / d theta, or None. n_solves: forward trajectories. errors: see `Trial`.
     """
 
     theta: Mapping[str, float]
@@ -53,6 +53,7 @@ class Evaluation:
     n_solves: int
     n_factorisations: int
     seconds: float
+    errors: Mapping[str, Mapping[str, float]] = field(default_factory=dict[str, Mapping[str, float]])
 
 
 @dataclass(frozen=True)
@@ -142,6 +143,7 @@ class Problem:
             n_solves=n_solves,
             n_factorisations=n_factorisations,
             seconds=seconds,
+            errors=errors_by_point(blocks),
         )
 
     def _setting_faults(self) -> list[Fault]:
@@ -168,7 +170,7 @@ class Problem:
         faults = [
             Fault("the parameter belongs to no experiment of the problem", p.label, allowed=", ".join(sorted(names)))
             for p in self.space.parameters
-            if p.experiment and p.experiment not in names
+            if not p.serves(*names)
         ]
         if not self.loss.uses_priors:
             faults += [
@@ -243,9 +245,7 @@ class Problem:
         zeros = np.zeros(n_samples)
         return np.column_stack(
             [
-                sum((derivatives.get(t, zeros) for t in p.targets), zeros)
-                if p.experiment in ("", experiment)
-                else zeros
+                sum((derivatives.get(t, zeros) for t in p.targets), zeros) if p.serves(experiment) else zeros
                 for p in self.space.parameters
             ]
         )
@@ -281,7 +281,8 @@ def make_problem(
     """
     known = {**robot_parameters(robot), **rig_parameters(experiments)}
     own = {experiment.name: experiment.rig_values() for experiment in experiments}
-    space = search_space(parameters, list(own), known, own)
+    set_ups = {experiment.name: experiment.set_up for experiment in experiments}
+    space = search_space(parameters, list(own), known, own, set_ups)
     return Problem(robot, tuple(experiments), space, loss or PapersLoss(), simulate)
 
 

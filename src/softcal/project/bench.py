@@ -111,6 +111,7 @@ def build_bench(
                 drive=tuple(section.drive) if isinstance(section.drive, list) else section.drive or "shortening",
                 compared=tuple(channel for channel in compared if channel in dataset.channels),
                 rig=_rig(section, rig),
+                set_up=section.set_up,
             )
             if section.frame is not None and not experiment.points:
                 got = ", ".join(experiment.compared)

@@ -129,6 +129,7 @@ class ExperimentSection(Section):
     plate: str | None = None
     drive: Annotated[Literal["shortening", "tension"] | list[str] | None, PlainValidator(_drive)] = None
     compare: Annotated[list[str], Field(min_length=1)] | None = None
+    set_up: str = ""
     files: Annotated[list[FileSection], Field(min_length=1)]
     label: str | None = None
     synchronise: Synchronise | None = None

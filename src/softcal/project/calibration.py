@@ -233,8 +233,10 @@ def calibrated(project: Project, result: CalibrationResult) -> Project:
     own: dict[str, dict[str, float]] = {}
     for label, estimate in result.parameters.items():
         name, _, experiment = label.removesuffix("]").partition("[")
-        values = own.setdefault(experiment, {}) if experiment else shared
-        values.update(dict.fromkeys(estimate.of or (name,), estimate.value))
+        values = dict.fromkeys(estimate.of or (name,), estimate.value)
+        members = [e.name for e in project.experiments.values() if experiment in (e.name, e.set_up)]
+        for target in [own.setdefault(e, {}) for e in members] if experiment else [shared]:
+            target.update(values)
     for name, held in result.held_out.items():
         own.setdefault(name, {}).update({label.partition("[")[0]: value for label, value in held.own.items()})
     robot = with_parameters(project.robot, {name: value for name, value in shared.items() if name in of_robot})

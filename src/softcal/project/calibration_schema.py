@@ -17,12 +17,12 @@ class PriorSection(Section):
 
 
 class ParameterSection(Section):
-    """A free parameter: its bounds, whether every experiment has its own, and what is tied to have its value."""
+    """A free parameter: its bounds, whether every experiment or set-up has its own, what is tied to have its value."""
 
     of: Annotated[list[str], BeforeValidator(listed), Field(min_length=1)] | None = None
     bounds: tuple[Given, Given]
     scale: Literal["linear", "log"] = "linear"
-    per: Literal["experiment"] | None = None
+    per: Literal["experiment", "set_up"] | None = None
     start: Given | None = None
     prior: PriorSection | None = None
 

@@ -196,6 +196,7 @@ def _search_rows(project: Project) -> list[tuple[str, str]]:
     for parameter in project.space.parameters:
         low, high = (format_quantity(bound, parameter.unit) for bound in (parameter.lower, parameter.upper))
         per = ", one for each experiment" if parameter.per_experiment else ""
+        per = ", one for each set-up" if parameter.per_set_up else per
         tied = f", one value for {', '.join(parameter.of)}" if parameter.of else ""
         rows[f"free {parameter.name}"] = f"{low} to {high}, {parameter.scale}{per}{tied}"
     settings = project.calibration

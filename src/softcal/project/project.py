@@ -114,7 +114,9 @@ def load(
     all_there = built is not None and len(whole) == len(_raw(document, "experiments"))
     known = _known(built, whole) if built is not None and all_there else None
     own = {name: whole[name].experiment.rig_values() if name in whole else {} for name in experiments}
-    space = build_search(parameters, known, own, names_held(given, known or ()), findings)
+    set_ups = {name: experiment.set_up for name, experiment in experiments.items()}
+    _check_set_ups(set_ups, findings)
+    space = build_search(parameters, known, own, set_ups, names_held(given, known or ()), findings)
     calibration = _section(CalibrationSection, "calibration", document, findings, {})
     _check_calibration(calibration, rig, experiments, findings)
     _check_settings(space, {name: bench.experiment for name, bench in whole.items()}, findings)
@@ -220,6 +222,13 @@ def _check_calibration(
     for i, name in enumerate(section.hold_out):
         if name not in experiments:
             findings.unknown(("calibration", "hold_out", i), "experiment", name, experiments)
+
+
+def _check_set_ups(set_ups: Mapping[str, str], findings: Findings) -> None:
+    """A set-up cannot have the name of an experiment outside it: results are called by both."""
+    for name, set_up in set_ups.items():
+        if set_ups.get(set_up, set_up) != set_up:
+            findings.add(("experiments", name, "set_up"), "an experiment has the name of the set-up", got=f"'{set_up}'")
 
 
 def _check_settings(space: SearchSpace | None, experiments: Mapping[str, Experiment], findings: Findings) -> None:

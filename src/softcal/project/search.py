@@ -20,14 +20,15 @@ def build_search(
     sections: Mapping[str, ParameterSection],
     known: Mapping[str, ParameterInfo] | None,
     experiments: Mapping[str, Mapping[str, float]],
+    set_ups: Mapping[str, str],
     held: Collection[str],
     findings: Findings,
 ) -> SearchSpace | None:
     """The search space of the free parameters that are not held, or None where there is none or a fault.
 
     known: the parameters there are; None where the robot or an experiment has faults of its own, so that names cannot
-    be checked, but bounds still are. experiments: the values of the rig's parameters in each. Holding one of several
-    tied parameters takes it from them.
+    be checked, but bounds still are. experiments: the values of the rig's parameters in each. set_ups: what each was
+    done in, "" where by itself. Holding one of several tied parameters takes it from them.
 
     Raises
     ------
@@ -54,12 +55,12 @@ def build_search(
                     [replace(parameter, of=())], list(experiments), {name: _guess(name, parameter)}, experiments
                 )
             else:
-                search_space([parameter], list(experiments), known, experiments)
+                search_space([parameter], list(experiments), known, experiments, set_ups)
             free.append(replace(parameter, of=left) if section.of else parameter)
     if len(findings.faults) > n_faults or known is None or not free:
         return None
     with findings.at(("parameters",)):
-        return search_space(free, list(experiments), known, experiments)
+        return search_space(free, list(experiments), known, experiments, set_ups)
     return None
 
 
@@ -148,6 +149,7 @@ def _free(name: str, section: ParameterSection, unit: str, path: KeyPath, findin
         numbers.get("prior.mean"),
         numbers.get("prior.sd"),
         of=tuple(section.of or ()),
+        per_set_up=section.per == "set_up",
     )
 
 

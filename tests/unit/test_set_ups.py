@@ -1,0 +1,137 @@
+"""Experiments of one set-up share nuisances: the frame of the cameras, which stay where they are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from manipulator_case import FREE, LENGTH, MODULI, experiment, manipulator
+from project_case import write_project
+
+from softcal.calibration.experiment import FRAME
+from softcal.calibration.loss import DistanceLoss
+from softcal.calibration.parameters import FreeParameter
+from softcal.calibration.problem import make_problem
+from softcal.calibration.run import calibrate
+from softcal.errors import ParameterError, ProjectFileError
+from softcal.project.calibration import calibrated
+from softcal.project.project import load
+
+FIRST, SECOND = (0.01, -0.02, 0.03, 0.1, -0.2, 0.1), (-0.02, 0.0, 0.01, 0.0, 0.1, -0.1)
+FRAMES = tuple(FreeParameter(n, "m" if len(n) == 7 else "rad", -0.5, 0.5, per_set_up=True) for n in FRAME)
+
+
+def problem(*free):
+    """Two cables pulled before the cameras were moved, and one after."""
+    tests = [
+        replace(experiment("cable1", frame=FIRST), set_up="before"),
+        replace(experiment("cable5", frame=FIRST), set_up="before"),
+        replace(experiment("cable2", frame=SECOND), set_up="after"),
+    ]
+    return make_problem(manipulator(), tests, free, DistanceLoss(LENGTH))
+
+
+def frame_of(result, set_up):
+    return [result.parameters[f"{name}[{set_up}]"].value for name in FRAME]
+
+
+def test_a_set_up_has_one_frame_and_every_experiment_of_it_feels_it():
+    posed = problem(*FREE, *FRAMES)
+    assert sum(label.startswith("frame.x") for label in posed.space.labels) == 2
+    assert posed.alone("cable5").space.labels == posed.alone("cable1").space.labels
+    theta = {**MODULI} | {
+        f"{name}[{set_up}]": value
+        for set_up, frame in (("before", FIRST), ("after", SECOND))
+        for name, value in zip(FRAME, frame, strict=True)
+    }
+    assert posed.evaluate(theta).loss == pytest.approx(0.0, abs=2e-3)
+    moved = posed.evaluate({**theta, "frame.x[before]": 0.02}).experiment_losses
+    assert moved["cable1"] > 1.0
+    assert moved["cable5"] > 1.0
+    assert moved["cable2"] == pytest.approx(0.0, abs=2e-3)
+
+
+def test_the_gradient_by_a_shared_frame_is_that_of_central_differences():
+    posed = problem(*FREE, *FRAMES)
+    theta = {**dict.fromkeys(MODULI, 0.9e9), **{p.label: 0.01 for p in posed.space.parameters if p.experiment}}
+    gradient = posed.evaluate(theta, jacobian=True).gradient
+    label = "frame.ry[before]"
+    above, below = (posed.evaluate({**theta, label: theta[label] + step}).loss for step in (1e-6, -1e-6))
+    assert gradient[posed.space.labels.index(label)] == pytest.approx((above - below) / 2e-6, rel=1e-6)
+
+
+def test_what_is_held_out_is_predicted_in_the_frame_of_its_set_up():
+    found = calibrate(problem(*FREE, *FRAMES), starts=1, hold_out=["cable5"])
+    np.testing.assert_allclose(frame_of(found, "before"), FIRST, atol=1e-5)
+    assert found.held_out["cable5"].own == {}
+    assert found.held_out["cable5"].loss < 1e-2
+    alone = calibrate(problem(*FREE, *FRAMES), starts=1, hold_out=["cable2"])
+    assert set(alone.held_out["cable2"].own) == {f"{name}[after]" for name in FRAME}
+
+
+def test_an_experiment_without_a_set_up_is_one_by_itself():
+    tests = [replace(experiment("cable1"), set_up="before"), experiment("cable2")]
+    posed = make_problem(manipulator(), tests, (*FREE, FRAMES[0]), DistanceLoss(LENGTH))
+    assert [label for label in posed.space.labels if "frame" in label] == ["frame.x[before]", "frame.x[cable2]"]
+
+
+def test_a_parameter_of_the_robot_may_be_a_set_ups_own_but_not_of_what_is_held_out():
+    stiff, *others = FREE
+    posed = problem(replace(stiff, per_set_up=True), *others)
+    assert calibrate(posed, starts=1, trials=2, hold_out=["cable5"]).held_out["cable5"].own == {}
+    with pytest.raises(ParameterError, match="a robot of its own"):
+        calibrate(posed, starts=1, trials=2, hold_out=["cable2"])
+
+
+TWO = """\
+  pull:
+    set_up: monday
+    cable: front
+    plate: plate
+    files: &files
+      - path: data/pull.csv
+        columns:
+          time: {name: Time}
+          shortening: {name: Displacement, unit: mm}
+          tension: {name: Force, unit: N}
+          pitch: {name: Pitch, unit: deg}
+  again:
+    set_up: monday
+    cable: front
+    plate: plate
+    files: *files
+parameters:
+  bar.youngs_modulus: {bounds: [0.1 MPa, 40 MPa], scale: log}
+  front.slack: {bounds: [0 mm, 5 mm], per: set_up}
+calibration: {method: least-squares, starts: 1, trials: 4}
+"""
+
+
+def project(folder, *changes):
+    path = write_project(folder)
+    head = path.read_text().partition("experiments:\n")[0]
+    text = head + "experiments:\n" + TWO
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    path.write_text(text)
+    return path
+
+
+def test_a_project_says_set_ups_and_takes_their_values_back(tmp_path):
+    loaded = load(project(tmp_path))
+    assert loaded.space is not None
+    assert loaded.space.labels == ("bar.youngs_modulus", "front.slack[monday]")
+    from softcal.project.calibration import calibrate as calibrate_project
+
+    result = calibrate_project(loaded).headline
+    at_values = calibrated(loaded, result)
+    slack = result.parameters["front.slack[monday]"].value
+    assert slack > 1e-4
+    assert [e.rig_values()["front.slack"] for e in at_values.experiments.values()] == [slack, slack]
+
+
+def test_a_set_up_cannot_be_called_as_another_experiment(tmp_path):
+    with pytest.raises(ProjectFileError, match="an experiment has the name of the set-up"):
+        load(project(tmp_path, ("pull:\n    set_up: monday", "pull:\n    set_up: again")))

@@ -18,6 +18,9 @@ Make = Callable[[Problem], Optimiser]
 
 OPTIMISERS: dict[str, Make] = {
     "grid": lambda problem: GridOptimiser(problem.space, trials=36),
+    "grid over given values": lambda problem: GridOptimiser(
+        problem.space, axes={NU: (0.4999, 0.45, 0.4), E: (9e6, 6e6, 3e6, 2e6)}
+    ),
     "tpe": lambda problem: TpeOptimiser(problem.space, trials=30, seed=5),
     "tpe, four at once": lambda problem: TpeOptimiser(problem.space, trials=30, seed=5, batch=4),
     "least-squares": lambda problem: LeastSquaresOptimiser(problem.space, problem.loss, trials=20, seed=5),

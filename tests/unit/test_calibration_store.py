@@ -96,6 +96,8 @@ def test_every_header_of_the_tables_has_its_unit(run: tuple[Path, CalibrationRes
         f"{E} [Pa]",
         f"{NU} [1]",
         "loss of pull",
+        "error of pull: tension [N]",
+        "error of pull: pitch [rad]",
     ]
     assert len(rows) == len(result.trials)
     assert {row[1] for row in rows} == {"COMPLETE", "FAILED"}

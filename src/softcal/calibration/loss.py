@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from softcal.calibration.experiment import Experiment
+from softcal.calibration.experiment import AXES, Experiment
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
 
@@ -241,6 +241,23 @@ def by_experiment(loss: Loss, blocks: Sequence[Block]) -> dict[str, float]:
         if block.experiment:
             own.setdefault(block.experiment, []).append(block)
     return {experiment: total(loss, held) for experiment, held in own.items()}
+
+
+def errors_by_point(blocks: Sequence[Block]) -> dict[str, dict[str, float]]:
+    """Experiment -> marker, plate or channel -> root mean square of the distance [m] or the error [SI].
+
+    A position of which not all three coordinates are compared is told coordinate by coordinate.
+    """
+    found: dict[str, dict[str, list[Floats]]] = {}
+    for block in blocks:
+        if block.experiment:
+            alone = sum(b.experiment == block.experiment and b.point == block.point for b in blocks) < len(AXES)
+            name = block.channel if alone or not block.point else block.point
+            found.setdefault(block.experiment, {}).setdefault(name, []).append(block.residual)
+    return {
+        experiment: {name: rms(np.sqrt(np.sum(np.square(parts), axis=0))) for name, parts in held.items()}
+        for experiment, held in found.items()
+    }
 
 
 def require(loss: Loss, experiments: Sequence[Experiment]) -> None:

@@ -1,8 +1,9 @@
-"""Paper B's search: every point of a grid over the bounds."""
+"""Paper B's search: every point of a grid, over the bounds or over values that are given."""
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -16,33 +17,38 @@ _GENERATION = 32
 
 
 class GridOptimiser(Optimiser):
-    """A full grid, bounds included, equally spaced on each parameter's scale; at most `trials` points.
+    """A full grid, the last axis fastest: over given values, or equally spaced between the bounds.
+
+    Without `axes` the bounds are included, the points are equally spaced on each parameter's scale, and there are at
+    most `trials` of them.
+
+    Parameters
+    ----------
+    axes
+        The values [SI] of every parameter by label, in the order in which the grid is walked through.
 
     Raises
     ------
     ParameterError
-        Where `trials` does not suffice for two points along every parameter.
+        Where `trials` does not suffice for two points along every parameter, or the axes are not those of the space.
     """
 
     name = "grid"
     needs_jacobian = False
 
-    def __init__(self, space: SearchSpace, *, trials: int) -> None:
-        per_axis = int(trials ** (1.0 / space.size) + 1e-9)
-        if per_axis < 2:
-            raise ParameterError(
-                Fault(
-                    f"a grid over {space.size} parameters needs more trials",
-                    "trials",
-                    got=str(trials),
-                    allowed=f"at least {2**space.size}",
-                )
-            )
-        axis = np.linspace(0.0, 1.0, per_axis)
-        points = itertools.product(axis, repeat=space.size)
-        self._proposals = [Proposal(number, space.to_model(z)) for number, z in enumerate(points)]
+    def __init__(
+        self, space: SearchSpace, *, trials: int = 0, axes: Mapping[str, Sequence[float]] | None = None
+    ) -> None:
+        if axes is None:
+            per_axis = np.linspace(0.0, 1.0, _per_axis(space, trials))
+            points = (space.to_model(z) for z in itertools.product(per_axis, repeat=space.size))
+            self._shape = " x ".join([str(len(per_axis))] * space.size)
+        else:
+            _check(space, axes)
+            points = (dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values()))
+            self._shape = " x ".join(str(len(values)) for values in axes.values())
+        self._proposals = [Proposal(number, theta) for number, theta in enumerate(points)]
         self._asked = 0
-        self._shape = " x ".join([str(per_axis)] * space.size)
 
     def ask(self) -> tuple[Proposal, ...]:
         generation = tuple(self._proposals[self._asked : self._asked + _GENERATION])
@@ -61,3 +67,31 @@ class GridOptimiser(Optimiser):
         if self._asked < self.total:
             return f"The grid of {self._shape} points is not finished."
         return f"All {self.total} points of the grid ({self._shape}) were evaluated."
+
+
+def _per_axis(space: SearchSpace, trials: int) -> int:
+    found = int(trials ** (1.0 / space.size) + 1e-9)
+    if found < 2:
+        allowed = f"at least {2**space.size}"
+        raise ParameterError(
+            Fault(f"a grid over {space.size} parameters needs more trials", "trials", str(trials), allowed)
+        )
+    return found
+
+
+def _check(space: SearchSpace, axes: Mapping[str, Sequence[float]]) -> None:
+    """Every free parameter has values, and all of them lie within its bounds."""
+    faults: list[Fault] = []
+    if set(axes) != set(space.labels):
+        faults.append(
+            Fault("the grid's axes are not the free parameters", "axes", ", ".join(axes), ", ".join(space.labels))
+        )
+    for p in space.parameters:
+        outside = [value for value in axes.get(p.label, ()) if not p.lower <= value <= p.upper]
+        if outside:
+            allowed = f"{p.lower:.6g} to {p.upper:.6g} {p.unit}"
+            faults.append(Fault("a value of the grid is outside the bounds", p.label, f"{outside[0]:.6g}", allowed))
+        if p.label in axes and not len(axes[p.label]):
+            faults.append(Fault("an axis of the grid holds no value", p.label))
+    if faults:
+        raise ParameterError(faults)

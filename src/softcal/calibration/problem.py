@@ -40,7 +40,8 @@ class Evaluation:
     """What came of one theta [SI by label].
 
     loss None and failure a sentence where the twin could not be simulated. blocks: residuals (and jacobians);
-    observations by experiment; gradient: d loss / d theta, or None. n_solves: forward trajectories. errors: see `Trial`.
+    observations by experiment; gradient: d loss / d theta, or None. n_solves: forward trajectories. errors: as
+    those of a `Trial`.
     """
 
     theta: Mapping[str, float]

@@ -14,7 +14,10 @@ TrialState = Literal["COMPLETE", "FAILED"]
 
 @dataclass(frozen=True)
 class Trial:
-    """One evaluation of the loss: theta [SI] by parameter name, loss where COMPLETE, reason where FAILED."""
+    """One evaluation of the loss: theta [SI] by parameter name, loss where COMPLETE, reason where FAILED.
+
+    errors: experiment -> marker, plate or channel -> the root mean square of its distance [m] or error [SI].
+    """
 
     number: int
     theta: Mapping[str, float]
@@ -24,6 +27,7 @@ class Trial:
     seconds: float = 0.0
     n_factorisations: int = 0
     experiment_losses: Mapping[str, float] = field(default_factory=dict)
+    errors: Mapping[str, Mapping[str, float]] = field(default_factory=dict[str, Mapping[str, float]])
 
 
 @dataclass(frozen=True)

@@ -170,6 +170,8 @@ def _response_csv(fit: ExperimentFit) -> str:
 def _trials_csv(result: CalibrationResult) -> str:
     parameters = [f"{name} [{p.unit}]" for name, p in result.parameters.items()]
     experiments = [f"loss of {name}" for name in result.experiments]
+    told = {(name, of): unit for name, fit in result.experiments.items() for of, unit in _told(fit).items()}
+    errors = [f"error of {name}: {of} [{unit}]" for (name, of), unit in told.items()]
     rows = [
         [
             t.number,
@@ -180,10 +182,17 @@ def _trials_csv(result: CalibrationResult) -> str:
             t.reason,
             *(t.theta[name] for name in result.parameters),
             *(t.experiment_losses.get(name, "") for name in result.experiments),
+            *(t.errors.get(name, {}).get(of, "") for name, of in told),
         ]
         for t in result.trials
     ]
-    return _csv([*_TRIAL_COLUMNS, *parameters, *experiments], rows)
+    return _csv([*_TRIAL_COLUMNS, *parameters, *experiments, *errors], rows)
+
+
+def _told(fit: ExperimentFit) -> dict[str, str]:
+    """The unit of every error of an experiment: of markers and plates, and of the channels that are none of them."""
+    others = {c: fit.units[c] for c in fit.rmse if c.rpartition(".")[0] not in fit.distances}
+    return {**dict.fromkeys(fit.distances, "m"), **others}
 
 
 def _csv(header: Sequence[str], rows: Any) -> str:
@@ -238,14 +247,20 @@ def _trials(path: Path) -> tuple[Trial, ...]:
         number, state, loss, seconds, n_factorisations, reason = row[:fixed]
         theta: dict[str, float] = {}
         losses: dict[str, float] = {}
+        errors: dict[str, dict[str, float]] = {}
         for title, text in zip(header[fixed:], row[fixed:], strict=True):
             if title.startswith("loss of "):
                 if text:
                     losses[title.removeprefix("loss of ")] = float(text)
+            elif title.startswith("error of "):
+                if text:
+                    experiment, of = title.removeprefix("error of ").rsplit(" [", 1)[0].split(": ", 1)
+                    errors.setdefault(experiment, {})[of] = float(text)
             else:
                 theta[title.rsplit(" [", 1)[0]] = float(text)
         value = float(loss) if loss else None
         if state not in ("COMPLETE", "FAILED") or (value is not None and not math.isfinite(value)):
             raise ValueError(f"trial {number} is neither complete nor failed")
-        trials.append(Trial(int(number), theta, state, value, reason, float(seconds), int(n_factorisations), losses))
+        own = losses, errors
+        trials.append(Trial(int(number), theta, state, value, reason, float(seconds), int(n_factorisations), *own))
     return tuple(trials)

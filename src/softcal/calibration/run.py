@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -48,6 +49,7 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
     *,
     method: Method = "least-squares",
     trials: int | None = None,
+    axes: Mapping[str, Sequence[float]] | None = None,
     seed: int = 0,
     workers: int = 1,
     starts: int = 3,
@@ -71,6 +73,8 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
         "least-squares" (exact sensitivities), "tpe" (Optuna, as paper A) or "grid" (as paper B).
     trials
         Budget: trajectories of each start, trials, or grid points at most; 40, 1000 or 400 when None.
+    axes
+        Of "grid", in the place of trials: the values [SI] of every parameter, by label.
     seed
         Of the starts and of TPE. Everything else has no chance in it.
     workers
@@ -107,6 +111,8 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
         "starts": starts if method == "least-squares" else 1,
         "batch": workers if method == "tpe" else 1,
     }
+    if axes is not None:
+        settings |= {"trials": math.prod(map(len, axes.values())), "axes": {name: list(x) for name, x in axes.items()}}
     if hold_out:
         settings["hold_out"] = list(hold_out)
     _check(settings)
@@ -200,8 +206,9 @@ class _Tally:
         if stored.payload is not None:
             return self.problem.judge(t.theta, decode(stored.payload), stored.n_solves, t.n_factorisations, t.seconds)
         return Evaluation(
-            t.theta, t.loss, t.reason, (), {}, t.experiment_losses, None, stored.n_solves, t.n_factorisations, t.seconds
-        )
+            t.theta, t.loss, t.reason, (), {}, t.experiment_losses, None, stored.n_solves, t.n_factorisations,
+            t.seconds, t.errors,
+        )  # fmt: skip
 
     def note(self, number: int, evaluation: Evaluation, *, jacobian: bool) -> None:
         """Count a trial, and keep it if it is new."""
@@ -215,6 +222,7 @@ class _Tally:
             evaluation.seconds,
             evaluation.n_factorisations,
             dict(evaluation.experiment_losses),
+            evaluation.errors,
         )
         better = evaluation.loss is not None and (
             self.best is None or self.best.loss is None or evaluation.loss < self.best.loss
@@ -278,7 +286,7 @@ def _optimiser(problem: Problem, settings: Mapping[str, Any]) -> Optimiser:
     if settings["method"] == "tpe":
         return TpeOptimiser(space, trials=trials, seed=seed, batch=int(settings["batch"]))
     if settings["method"] == "grid":
-        return GridOptimiser(space, trials=trials)
+        return GridOptimiser(space, trials=trials, axes=settings.get("axes"))
     return LeastSquaresOptimiser(space, problem.loss, trials=trials, seed=seed, starts=int(settings["starts"]))
 
 

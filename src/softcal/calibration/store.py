@@ -27,7 +27,7 @@ _SCHEMA = """
 CREATE TABLE IF NOT EXISTS trials (
     number INTEGER PRIMARY KEY, theta TEXT NOT NULL, state TEXT NOT NULL, loss REAL, reason TEXT NOT NULL,
     seconds REAL NOT NULL, n_solves INTEGER NOT NULL, n_factorisations INTEGER NOT NULL,
-    experiment_losses TEXT NOT NULL, elapsed REAL NOT NULL, payload BLOB
+    experiment_losses TEXT NOT NULL, errors TEXT NOT NULL, elapsed REAL NOT NULL, payload BLOB
 )
 """
 
@@ -153,11 +153,12 @@ class RunStore:
             stored.n_solves,
             trial.n_factorisations,
             json.dumps(dict(trial.experiment_losses)),
+            json.dumps({name: dict(held) for name, held in trial.errors.items()}),
             stored.elapsed,
             stored.payload,
         )
         with storing(self.folder / "trials.sqlite"):
-            self._trials.execute("INSERT INTO trials VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", row)
+            self._trials.execute("INSERT INTO trials VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", row)
 
     def stored(self) -> dict[int, StoredTrial]:
         """Every trial that is kept, by number.
@@ -170,8 +171,9 @@ class RunStore:
         with storing(self.folder / "trials.sqlite"):
             rows = self._trials.execute("SELECT * FROM trials ORDER BY number").fetchall()
         found: dict[int, StoredTrial] = {}
-        for number, theta, state, loss, reason, seconds, n_solves, n_factorisations, losses, elapsed, payload in rows:
-            trial = Trial(number, json.loads(theta), state, loss, reason, seconds, n_factorisations, json.loads(losses))
+        for number, theta, state, loss, reason, seconds, n_solves, n_factorised, *held, elapsed, payload in rows:
+            losses, errors = map(json.loads, held)
+            trial = Trial(number, json.loads(theta), state, loss, reason, seconds, n_factorised, losses, errors)
             found[number] = StoredTrial(trial, n_solves, elapsed, payload)
         return found
 

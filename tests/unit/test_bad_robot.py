@@ -173,6 +173,11 @@ CASES: dict[str, tuple[Change, tuple[str, ...]]] = {
         ("{on: tip, hole: p1}", "{on: mast, at: [0 mm, 0 mm, 0 mm]}"),
         ("markers.eye.on", "no such body or plate", "'mast'"),
     ),
+    "a contact without a gap": (
+        ("  gravity: [0", "  contact: {gap: 0 mm}\n  gravity: [0"),
+        ("robot.contact.gap", "above 0"),
+    ),
+    "a contact that is none": (("  gravity: [0", "  contact: soft\n  gravity: [0"), ("robot.contact", "'soft'")),
     "a disc without thickness": (("thickness: 4 mm", "thickness: 0 mm"), ("plates.top.disc.thickness", "above 0")),
 }
 

@@ -265,6 +265,22 @@ def test_discs_weigh_their_volume(tmp_path: Path):
     assert part(robot, "S1").mass == pytest.approx(900 * volume)
 
 
+def test_contact_is_off_unless_asked_for(tmp_path: Path):
+    from softcal.twin.contacts import fitting_contact
+
+    gravity = "  gravity: [0"
+    off = load(write_robot(tmp_path / "off", (gravity, f"  contact: false\n{gravity}"), text=MANIPULATOR)).robot
+    assert off.contact is None
+    assert load(write_robot(tmp_path / "left", text=MANIPULATOR)).robot.contact is None
+    on = load(write_robot(tmp_path / "on", (gravity, f"  contact: true\n{gravity}"), text=MANIPULATOR)).robot
+    assert on.contact == fitting_contact(off)
+    mine = (gravity, "  contact: {gap: 0.3 mm, friction_coefficient: 0.2, creep: 2 mm/s}\n" + gravity)
+    contact = load(write_robot(tmp_path / "mine", mine, text=MANIPULATOR)).robot.contact
+    assert contact is not None
+    assert (contact.gap, contact.friction_coefficient, contact.creep) == (0.0003, 0.2, 0.002)
+    assert contact.stiffness == fitting_contact(off).stiffness
+
+
 def test_the_template_checks_and_pulls(tmp_path: Path):
     from softcal.project.checking import check
     from softcal.project.pulls import parse_pulls

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from softcal.checks import Floats, Ints, frozen_floats
 from softcal.errors import MeshError
@@ -15,10 +15,11 @@ from softcal.project.robot_bodies import MeshMaker, build_bodies
 from softcal.project.robot_fit import check_whole
 from softcal.project.robot_parts import Carriers, build_cable, build_load, build_marker, build_plate, build_tie
 from softcal.project.robot_rods import build_rod
-from softcal.project.robot_schema import RobotSection
+from softcal.project.robot_schema import ContactSection, RobotSection
+from softcal.twin.contacts import fitting_contact
 from softcal.twin.manipulator import manipulator
-from softcal.twin.robot import Robot
-from softcal.twin.solid_rods import with_solid_rods
+from softcal.twin.robot import Contact, Robot
+from softcal.twin.solid_rods import elements_for_solid, with_solid_rods
 
 KINDS = ("bodies", "rods", "plates", "ties", "cables", "loads", "markers")
 
@@ -67,6 +68,8 @@ def build_robot(section: RobotSection, make_mesh: MeshMaker, findings: Findings)
             ties=tuple(tie for tie in ties if tie),
             markers=(*(given.markers if given else ()), *(marker for marker in markers if marker)),
         )
+        if section.contact is not None:
+            robot = replace(robot, contact=_contact(section.contact, robot))
         check_whole(robot, findings, generated=[name for kind in KINDS for name in _generated(section, kind)])
         if len(findings.faults) == n_faults:
             own_bodies = {body.name: body.mesh for body in given.bodies} if given else {}
@@ -77,6 +80,11 @@ def build_robot(section: RobotSection, make_mesh: MeshMaker, findings: Findings)
                 built.made,
             )
     return None
+
+
+def _contact(section: ContactSection, robot: Robot) -> Contact:
+    told = {key: value for key, value in section if value is not None}
+    return replace(fitting_contact(robot), **told)
 
 
 def _generated(section: RobotSection, kind: str) -> list[str]:
@@ -117,6 +125,7 @@ def _manipulator(section: ManipulatorSection, gravity: Floats, findings: Finding
             key = KEYS.get(fault.where, (fault.where,))
             findings.add((*path, *key), fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt)
     else:
+        is_solid = springs.model == "solid"
         with findings.at((*path, "springs")):
             robot = manipulator(
                 shape,
@@ -126,9 +135,13 @@ def _manipulator(section: ManipulatorSection, gravity: Floats, findings: Finding
                 disc_mass=section.discs.mass,
                 friction_coefficient=section.cables.friction_coefficient,
                 gravity=gravity.tolist(),
-                elements_per_turn=springs.elements_per_turn * (2 if springs.model == "solid" else 1),
+                elements_per_turn=elements_for_solid(
+                    shape, rings=springs.rings, layers_per_turn=springs.layers_per_turn
+                )
+                if is_solid
+                else springs.elements_per_turn,
             )
-            if springs.model == "solid":
+            if is_solid:
                 robot = with_solid_rods(robot, rings=springs.rings, element=springs.element)
             if len(findings.faults) == n_faults:
                 return robot

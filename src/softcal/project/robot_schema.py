@@ -22,6 +22,7 @@ from softcal.project.section import (
     Pressure,
     Ratio,
     Section,
+    Speed,
     Traction,
     checked_poissons_ratio,
     fault_error,
@@ -236,6 +237,19 @@ class LoadSection(Section):
         return self
 
 
+class ContactSection(Section):
+    """That parts do not pass through each other; gap and stiffness of the barrier fit the robot where left out."""
+
+    gap: Annotated[Length, Positive] | None = None
+    stiffness: Annotated[Pressure, Positive] | None = None
+    friction_coefficient: Ratio = 0.0
+    creep: Annotated[Speed, Positive] | None = None
+
+
+def _contact(value: object) -> object:
+    return {True: {}, False: None}[value] if isinstance(value, bool) else value
+
+
 class RobotSection(Section):
     """Bodies, rods, plates, ties, cables, loads, markers, gravity; or a manipulator, with more of them or without."""
 
@@ -247,6 +261,7 @@ class RobotSection(Section):
     cables: Mapping[str, CableSection] = Field(default_factory=dict)
     loads: Mapping[str, LoadSection] = Field(default_factory=dict)
     markers: Mapping[str, MarkerSection] = Field(default_factory=dict)
+    contact: Annotated[ContactSection | None, BeforeValidator(_contact)] = None
     gravity: tuple[Acceleration, Acceleration, Acceleration] = (0.0, 0.0, 0.0)
 
     @model_validator(mode="after")

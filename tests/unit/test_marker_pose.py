@@ -122,6 +122,21 @@ FAINT = 0.06  # [px]
 EYE = (0.0, 0.0, 0.6)  # where the camera is [m]
 
 
+def test_images_from_one_place_do_not_average_away_what_is_alike_in_them():
+    bench, view = manipulator(), viewpoints(1)[0]
+
+    def sd(n: int, share: str) -> float:
+        seen = [glimpse(bench, view, name=f"{i}.png", share=share, noise=0.005, seed=i) for i in range(n)]
+        found = estimate_poses(WEBCAM, MARKERS, seen).estimates["rest", 4]
+        return float(np.sqrt(np.diag(found.covariance)[3:].max()))
+
+    single = sd(1, "")
+    for share in ("", "tripod"):
+        assert sd(9, share) == pytest.approx(single, rel=0.1)
+    apart = estimate_poses(WEBCAM, MARKERS, views_of(bench, 3, noise=0.005)).estimates["rest", 4]
+    assert np.sqrt(np.diag(apart.covariance)[3:].max()) < 0.5 * single
+
+
 def frontal(number: int) -> Bench:
     """A bench whose marker `number` all but faces `EYE`, so that noise hides which way it is tilted."""
     bench = manipulator()

@@ -31,12 +31,16 @@ _NEAREST = 1e-3  # depth below which a point counts as behind the camera [m]
 
 @dataclass(frozen=True)
 class Sighting:
-    """Points (n, 3) [m] of a body, in its own frame, seen from a viewpoint at pixels (n, 2)."""
+    """Points (n, 3) [m] of a body, in its own frame, seen from a viewpoint at pixels (n, 2).
+
+    weight: of its residuals against those of other sightings.
+    """
 
     view: int
     body: int
     points: Floats
     pixels: Floats
+    weight: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -52,12 +56,12 @@ class Bundle:
         return self.camera.project(self._in_camera(sighting)) - sighting.pixels
 
     def cost(self, sightings: Sequence[Sighting]) -> float:
-        """Sum of squared residuals [px²]; infinite where a point would be behind a camera."""
+        """Sum of squared and weighted residuals [px²]; infinite where a point would be behind a camera."""
         total = 0.0
         for sighting in sightings:
             if self._in_camera(sighting)[:, 2].min() < _NEAREST:
                 return np.inf
-            total += float(np.sum(self.residuals(sighting) ** 2))
+            total += float(np.sum(self.residuals(sighting) ** 2)) * sighting.weight**2
         return total
 
     def moved(self, step: Floats, *, hold_views: bool = False) -> Bundle:
@@ -165,9 +169,9 @@ def _normal_equations(bundle: Bundle, sightings: Sequence[Sighting], hold_views:
             parts.append((6 * (n_views + sighting.body), by_body))
         if not parts:
             continue
-        slope = np.concatenate([part for _, part in parts], axis=1)
+        slope = np.concatenate([part for _, part in parts], axis=1) * sighting.weight
         place = np.concatenate([first + np.arange(6) for first, _ in parts])
-        downhill[place] -= slope.T @ bundle.residuals(sighting).ravel()
+        downhill[place] -= slope.T @ (bundle.residuals(sighting).ravel() * sighting.weight)
         blocks.append((place, slope.T @ slope))
     return _assembled(blocks, size), downhill
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -18,7 +19,8 @@ from softcal.experiments.square_pose import Candidate, pose_candidates
 
 # A pose is ambiguous where a second one is worse by less than this, in units of the corners' variance.
 _TELLING = 9.0
-_SMALLEST_NOISE = 0.02  # of a corner, whatever the residuals say [px]
+_SMALLEST_NOISE = 0.02  # of a corner, whatever the residuals say, and alike in images from one place [px]
+_PLACE = 0.02  # distance between two places of a camera, as a share of that to the base, that makes them one
 _LARGEST_MISFIT = 1.0  # rms of an image's residuals beyond which its markers cannot be what they are said to be [px]
 _OTHER = np.radians(3.0)  # turn beyond which a second pose is another one
 
@@ -99,7 +101,8 @@ def estimate_poses(camera: Camera, markers: MarkerSet, glimpses: Sequence[Glimps
     n_free = 6 * (len(best.bundle.views) + len(best.bundle.bodies))
     n_seen = sum(sighting.pixels.size for sighting in problem.sightings)
     noise = max(_SMALLEST_NOISE, float(np.sqrt(best.cost / max(n_seen - n_free, 1))))
-    estimates = _estimates(markers, problem, best, noise)
+    problem = replace(problem, sightings=_weighed(markers, problem, best.bundle, noise))
+    estimates = _estimates(problem, adjust(best.bundle, problem.sightings), noise)
     unplaced = {
         group: "two poses of the base meet its images equally well"
         for group, start in starts.items()
@@ -128,11 +131,12 @@ def _wanted(markers: MarkerSet, glimpse: Glimpse) -> Glimpse:
 
 @dataclass(frozen=True)
 class _Problem:
-    """The bundle's start and sightings, with the image of each sighting and the number of each body."""
+    """The bundle's start and sightings, with the image, state and marker of each sighting; the number of each body."""
 
     start: Bundle
     sightings: tuple[Sighting, ...]
     images: tuple[str, ...]
+    keys: tuple[Key, ...]
     bodies: Mapping[Key, int]
 
 
@@ -148,6 +152,7 @@ def _problem(camera: Camera, markers: MarkerSet, used: Sequence[Glimpse], starts
     body_numbers = {key: i for i, key in enumerate(bodies)}
     sightings: list[Sighting] = []
     images: list[str] = []
+    keys: list[Key] = []
     for one in used:
         for number, pixels in one.corners.items():
             if number in markers.base:
@@ -158,12 +163,37 @@ def _problem(camera: Camera, markers: MarkerSet, used: Sequence[Glimpse], starts
                 continue
             sightings.append(Sighting(view_numbers[one.viewpoint], body, points, pixels))
             images.append(one.image)
+            keys.append((one.group, number))
     start = Bundle(camera, tuple(views.values()), tuple(bodies.values()))
-    return _Problem(start, tuple(sightings), tuple(images), body_numbers)
+    return _Problem(start, tuple(sightings), tuple(images), tuple(keys), body_numbers)
 
 
 def _key(markers: MarkerSet, group: str, number: int) -> Key:
     return ("", number) if number in markers.companions else (group, number)
+
+
+def _weighed(markers: MarkerSet, problem: _Problem, bundle: Bundle, noise: float) -> tuple[Sighting, ...]:
+    """Sightings with weights for what repeating an image from one place cannot improve.
+
+    A part of a corner's error is the same each time (how pixels, print and edge happen to meet): the mean of n has the
+    variance noise² / n plus that part squared. What stands still is seen anew in every state where states share their
+    viewpoints, else in the images of a state.
+    """
+    centres = [view.inverse().position for view in bundle.views]
+    places = [
+        next(i for i, other in enumerate(centres) if np.linalg.norm(centre - other) <= _PLACE * np.linalg.norm(centre))
+        for centre in centres
+    ]
+    is_shared = len({(s.view, key[0]) for s, key in zip(problem.sightings, problem.keys, strict=True)}) > len(centres)
+    alike = [
+        (places[s.view], "" if is_shared and number in markers.standing else group, number)
+        for s, (group, number) in zip(problem.sightings, problem.keys, strict=True)
+    ]
+    counts = Counter(alike)
+    return tuple(
+        replace(sighting, weight=noise / np.sqrt(noise**2 + (counts[one] - 1) * _SMALLEST_NOISE**2))
+        for sighting, one in zip(problem.sightings, alike, strict=True)
+    )
 
 
 def _misfit(bundle: Bundle, problem: _Problem) -> dict[str, float]:
@@ -191,13 +221,13 @@ def _check_misfit(misfit: Mapping[str, float], used: Sequence[Glimpse]) -> None:
         raise DatasetError(faults)
 
 
-def _estimates(markers: MarkerSet, problem: _Problem, best: Adjustment, noise: float) -> dict[Key, MarkerEstimate]:
+def _estimates(problem: _Problem, best: Adjustment, noise: float) -> dict[Key, MarkerEstimate]:
     bundle = best.bundle
     covariances = best.covariances(list(problem.bodies.values()))
     found: dict[Key, MarkerEstimate] = {}
     for (key, body), covariance in zip(problem.bodies.items(), covariances, strict=True):
         mine = [sighting for sighting in problem.sightings if sighting.body == body]
-        cost = bundle.cost(mine)
+        cost = bundle.cost([replace(sighting, weight=1.0) for sighting in mine])
         n_images = len(mine)
         # Images that disagree on where a marker is (it moved, or was shaken) make it less certain than the others.
         own = cost / (8 * n_images - 6) if n_images > 1 else 0.0
@@ -215,7 +245,7 @@ def _estimates(markers: MarkerSet, problem: _Problem, best: Adjustment, noise: f
 def _second_pose(bundle: Bundle, sightings: Sequence[Sighting], highest_cost: float) -> Pose | None:
     """Another pose of a body that meets its sightings with no more than a cost [px²]; None where there is none."""
     body = bundle.bodies[sightings[0].body]
-    alone = [Sighting(s.view, 0, s.points, s.pixels) for s in sightings]
+    alone = [replace(s, body=0, weight=1.0) for s in sightings]
     for sighting in alone:
         view = bundle.views[sighting.view]
         for candidate in pose_candidates(bundle.camera, sighting.points, sighting.pixels):

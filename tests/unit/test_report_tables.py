@@ -13,9 +13,9 @@ from report_example import E_NAME, NU_NAME, example_content, tpe_result
 from softcal.calibration.result import CalibrationResult, Estimate, ExperimentFit, Trial
 from softcal.errors import InputError
 from softcal.experiments.dataset import Channel, Dataset, Step
+from softcal.report.all_tables import all_tables
 from softcal.report.content import ExperimentContent, Landscape, PrintInfill, ReportContent
 from softcal.report.tables import (
-    all_tables,
     errors_table,
     grouped_failures,
     parameters_table,

@@ -104,7 +104,8 @@ def _notes(
     for experiment in problem.experiments:
         rows = missing_rows(experiment)
         if rows:
-            named = "; ".join(f"{name} in {_rows(held)}" for name, held in rows.items())
+            labels = experiment.dataset.labels or [str(i + 1) for i in range(experiment.dataset.n_samples)]
+            named = "; ".join(f"{name} in {_states([labels[i] for i in held])}" for name, held in rows.items())
             notes.append(
                 f"{experiment.name}: not measured and left out, of {experiment.dataset.n_samples} states: {named}."
             )
@@ -127,6 +128,6 @@ def _bound_note(parameter: FreeParameter, value: float) -> str:
     return f"{parameter.label} stands at its {side} bound of {bound}: the bounds of its range, not the data, decide it."
 
 
-def _rows(rows: list[int]) -> str:
-    shown = ", ".join(str(row + 1) for row in rows[:6]) + (", …" if len(rows) > 6 else "")
-    return f"state {shown}" if len(rows) == 1 else f"{len(rows)} states ({shown})"
+def _states(labels: list[str]) -> str:
+    shown = ", ".join(labels[:6]) + (", …" if len(labels) > 6 else "")
+    return f"state {shown}" if len(labels) == 1 else f"{len(labels)} states ({shown})"

@@ -169,7 +169,7 @@ def _draw_residual(axes: Axes, path: Trajectory, panel: TrajectoryPanel) -> None
     axes.axhline(0.0, color=INK, linewidth=0.8)
     for piece in path.pieces:
         axes.plot(path.abscissa.values[piece], panel.residual[piece], color=SIMULATED, linewidth=1.2)
-    reach = 1.15 * float(np.max(np.abs(panel.residual))) or 1.0
+    reach = 1.15 * float(np.nanmax(np.abs(panel.residual))) or 1.0
     axes.set_ylim(-reach, reach)
     axes.set_ylabel(panel.scale.axis("Residual"))
     axes.locator_params(axis="y", nbins=3)

@@ -83,9 +83,16 @@ def _bench(content: ReportContent) -> Iterator[Picture]:
     from softcal.report.chart_bench import draw_force_displacement, draw_record, has_force_displacement
 
     for name, experiment in content.experiments.items():
+        if _is_of_states(experiment):
+            continue
         drawable = has_force_displacement(experiment.prepared) or has_force_displacement(experiment.raw)
         figure = draw_force_displacement(experiment) if drawable else draw_record(experiment.raw)
         yield _picture(figure, f"force-displacement-{file_stem(name)}", "bench", _bench_caption(experiment))
+
+
+def _is_of_states(experiment: ExperimentContent) -> bool:
+    """Whether the rows are states with positions, which no chart over the samples shows."""
+    return any(name.rpartition(".")[2] in ("x", "y", "z") and "." in name for name in experiment.raw.channels)
 
 
 def _bench_caption(experiment: ExperimentContent) -> str:
@@ -99,9 +106,20 @@ def _bench_caption(experiment: ExperimentContent) -> str:
 
 def _fits(content: ReportContent) -> Iterator[Picture]:
     from softcal.report.chart_bench import draw_trajectory
+    from softcal.report.chart_positions import draw_distances
+    from softcal.report.positions import places
     from softcal.report.series import trajectory
 
     for label, result in content.results.items():
+        found = places(result)
+        if found:
+            caption = (
+                f"{result_label(label)}: distance of every marker from where it was measured; bars are means over "
+            )
+            caption += "the states, lines go to the largest" + (
+                "; pale: held out of the fit and predicted." if any(place.held_out for place in found) else "."
+            )
+            yield _picture(draw_distances(result_label(label), found), f"distances-{file_stem(label)}", "fit", caption)
         for name, fit in result.experiments.items():
             path = trajectory(content.experiments[name], fit)
             if not path.panels:

@@ -10,6 +10,7 @@ from pathlib import Path
 from softcal.calibration.result import CalibrationResult
 from softcal.report.content import ReportContent
 from softcal.report.figures import Picture
+from softcal.report.positions import MM, places, pooled
 from softcal.report.tables import Table, provenance_rows, share_of_peak
 from softcal.report.verdict import headline_sentence, verdicts
 from softcal.report.wording import (
@@ -96,8 +97,15 @@ def key_numbers(content: ReportContent) -> list[KeyNumber]:
 
 
 def _key_errors(result: CalibrationResult) -> list[KeyNumber]:
-    """The largest RMS error of each compared channel."""
+    """The largest RMS error of each compared channel, and that of all markers."""
     found: list[KeyNumber] = []
+    fitted = [place for place in places(result) if not place.held_out]
+    distance = pooled(fitted)
+    if distance is not None:
+        length = fitted[0].fit.length
+        share = "" if length is None else f"{number(100 * distance.rms / length, 2)} % of the length; "
+        remark = f"{share}{number(MM * distance.max)} mm at most"
+        found.append(KeyNumber("Markers, RMS distance", number(MM * distance.rms), "mm", remark))
     for channel in ("tension", "pitch", "shortening"):
         fits = [(fit.rmse[channel], name, fit) for name, fit in result.experiments.items() if channel in fit.rmse]
         if not fits:

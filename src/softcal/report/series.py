@@ -47,10 +47,11 @@ class Trajectory:
 
 
 def trajectory(experiment: ExperimentContent, fit: ExperimentFit) -> Trajectory:
-    """What is compared in one experiment: force first, then pitch, then what else there is."""
+    """What is compared in one experiment: force first, then pitch, then what else there is but positions."""
     order = ("tension", "pitch", "shortening")
     names = [name for name in order if name in fit.simulated]
-    names += [name for name in fit.simulated if name not in order and name in fit.measured]
+    placed = {name for name in fit.simulated if name.rpartition(".")[0] in fit.distances}
+    names += [name for name in fit.simulated if name not in {*order, *placed} and name in fit.measured]
     panels: list[TrajectoryPanel] = []
     for name in names:
         scale = scale_of(fit.units.get(name, SI_UNITS_OF.get(name, "1")))

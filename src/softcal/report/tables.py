@@ -119,14 +119,27 @@ def all_parameters_table(content: ReportContent) -> Table:
             error = estimate.standard_error
             value = with_error(estimate.value / scale.factor, None if error is None else error / scale.factor)
             low, high = (f"{bound / scale.factor:.4g}" for bound in (estimate.lower, estimate.upper))
+            ends = None if estimate.interval is None else (f"{end / scale.factor:.4g}" for end in estimate.interval)
+            interval = None if ends is None else " to ".join(ends)
             at_bound = "yes" if estimate.at_bound else "no"
             rows.append(
-                (result_label(label), name, value, scale.unit, low, high, at_bound, result.importance.get(name))
+                (
+                    result_label(label),
+                    name,
+                    value,
+                    interval,
+                    scale.unit,
+                    low,
+                    high,
+                    at_bound,
+                    result.importance.get(name),
+                )
             )
     labels = (
         "Calibration",
         "Parameter",
         "Value",
+        "95 % interval",
         "Unit",
         "Lowest allowed",
         "Highest allowed",
@@ -139,7 +152,15 @@ def all_parameters_table(content: ReportContent) -> Table:
 
 def errors_table(content: ReportContent) -> Table:
     """Table II of paper A: RMSE and detrended RMSE of force and pitch; of shortening where it was compared."""
-    fits = [(label, name, fit) for label, result in content.results.items() for name, fit in result.experiments.items()]
+    every = [
+        (label, name, fit) for label, result in content.results.items() for name, fit in result.experiments.items()
+    ]
+    every += [
+        (label, f"{name} (held out)", held.fit)
+        for label, result in content.results.items()
+        for name, held in result.held_out.items()
+    ]
+    fits = [entry for entry in every if any("." not in channel for channel in entry[2].rmse)]
     channels: list[tuple[str, str, Scale]] = [
         ("tension", "Force", Scale("N", 1.0)),
         ("pitch", "Pitch", Scale("rad", 1.0)),
@@ -277,17 +298,3 @@ def _modulus_scale(content: ReportContent) -> Scale:
         if name:
             return estimate_scale(result.parameters[name])
     return scale_of("Pa")
-
-
-def all_tables(content: ReportContent) -> dict[str, Table]:
-    """Every table of the report by key."""
-    tables = (
-        parameters_table(content),
-        all_parameters_table(content),
-        errors_table(content),
-        run_table(content),
-        failures_table(content),
-        provenance_table(content),
-        stamps_table(content),
-    )
-    return {table.key: table for table in tables}

@@ -9,6 +9,7 @@ from typing import Literal
 
 from softcal.calibration.result import CalibrationResult, Estimate
 from softcal.report.content import ReportContent
+from softcal.report.positions import fit_sentence, fitted_distance, prediction_sentence
 from softcal.report.tables import grouped_failures, share_of_peak
 from softcal.report.wording import (
     NORMAL_95,
@@ -56,6 +57,9 @@ def headline_sentence(content: ReportContent) -> Sentence:
     if pitch:
         error = f"the pitch within {number(max(pitch) / scale_of('rad').factor, 2)} deg (RMS)"
         fit = f"{fit} and {error}" if fit else f"the twin follows {error}"
+    near = fitted_distance(result)
+    if near:
+        fit = f"{fit} and the markers to {near}" if fit else f"the twin meets the markers to {near}"
     doubts = [s for s in (*_bounds(result), *_identified(result)) if s.tone == "warning"]
     lead = f"With {estimates}, {fit}." if estimates and fit else f"{(fit or estimates).capitalize()}."
     grave = bool(doubts) or bool(shares and max(shares) > _POOR)
@@ -67,6 +71,7 @@ def verdicts(content: ReportContent) -> list[Sentence]:
     result = content.headline_result
     found = [
         *_residuals(result),
+        *_positions(result),
         *_bounds(result),
         *_identified(result),
         *_plausible(content),
@@ -104,6 +109,15 @@ def _residuals(result: CalibrationResult) -> Iterable[Sentence]:
         if parts:
             word, tone = _closeness(worst)
             yield Sentence(f"{name}: the twin meets {joined(parts)}; {word}.", tone)
+
+
+def _positions(result: CalibrationResult) -> Iterable[Sentence]:
+    if text := fit_sentence(result):
+        yield Sentence(text, "note")
+    text, carries_over = prediction_sentence(result)
+    if text:
+        tone: Tone = "note" if carries_over is None else "good" if carries_over else "warning"
+        yield Sentence(text, tone)
 
 
 def _closeness(share: float) -> tuple[str, Tone]:
@@ -159,10 +173,10 @@ def interval_share(estimate: Estimate) -> float | None:
     if not math.isfinite(error):
         return math.inf
     reach = NORMAL_95 * error
-    if estimate.lower > 0 and estimate.upper / estimate.lower > _DECADE and reach < estimate.value:
-        width = math.log((estimate.value + reach) / (estimate.value - reach))
-        return width / math.log(estimate.upper / estimate.lower)
-    return 2 * reach / (estimate.upper - estimate.lower)
+    low, high = estimate.interval or (estimate.value - reach, estimate.value + reach)
+    if estimate.lower > 0 and estimate.upper / estimate.lower > _DECADE and low > 0:
+        return math.log(high / low) / math.log(estimate.upper / estimate.lower)
+    return (high - low) / (estimate.upper - estimate.lower)
 
 
 def _failures(content: ReportContent) -> Iterable[Sentence]:
@@ -178,7 +192,7 @@ def _failures(content: ReportContent) -> Iterable[Sentence]:
 
 
 def _unmeasured_pitch(result: CalibrationResult) -> Iterable[Sentence]:
-    silent = [name for name, fit in result.experiments.items() if "pitch" not in fit.measured]
+    silent = [name for name, fit in result.experiments.items() if "pitch" not in fit.measured and not fit.distances]
     if silent:
         text = f"Pitch was not measured in {joined(silent)}; there the cable's force and travel alone decide."
         yield Sentence(text, "note")

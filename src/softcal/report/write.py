@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from softcal.errors import Fault, StorageError
+from softcal.report.all_tables import all_tables
 from softcal.report.content import ReportContent
 from softcal.report.figures import report_pictures
 from softcal.report.html import render_page
-from softcal.report.tables import all_tables
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,31 @@
+"""Every table of a report."""
+
+from __future__ import annotations
+
+from softcal.report.content import ReportContent
+from softcal.report.positions import distances_table
+from softcal.report.tables import (
+    Table,
+    all_parameters_table,
+    errors_table,
+    failures_table,
+    parameters_table,
+    provenance_table,
+    run_table,
+    stamps_table,
+)
+
+
+def all_tables(content: ReportContent) -> dict[str, Table]:
+    """Every table of the report by key."""
+    tables = (
+        parameters_table(content),
+        all_parameters_table(content),
+        errors_table(content),
+        distances_table(content),
+        run_table(content),
+        failures_table(content),
+        provenance_table(content),
+        stamps_table(content),
+    )
+    return {table.key: table for table in tables}

@@ -1,0 +1,126 @@
+"""Positions in the report: how far each marker of the twin is from where it was measured, fitted and predicted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from softcal.calibration.result import CalibrationResult, Distance, ExperimentFit
+from softcal.report.content import ReportContent
+from softcal.report.tables import Cell, Column, Table
+from softcal.report.wording import joined, number, result_label
+
+MM = 1e3
+# A prediction this many times worse than the fit is as hoped; beyond the second, the twin does not carry over.
+_CARRIES_OVER, _DOUBTFUL = 1.5, 3.0
+
+
+@dataclass(frozen=True)
+class Place:
+    """The distances of one experiment by marker, and whether it was held out of the fit."""
+
+    experiment: str
+    fit: ExperimentFit
+    held_out: bool
+
+
+def places(result: CalibrationResult) -> list[Place]:
+    """Every experiment of a result in which positions were compared, in the order of their names."""
+    found = [Place(name, fit, held_out=False) for name, fit in result.experiments.items() if fit.distances]
+    found += [Place(name, one.fit, held_out=True) for name, one in result.held_out.items() if one.fit.distances]
+    return sorted(found, key=lambda place: place.experiment)
+
+
+def distances_table(content: ReportContent) -> Table:
+    """The distance of every marker in every experiment, of every calibration (paper B, Eq. 1)."""
+    rows: list[tuple[Cell, ...]] = []
+    for label, result in content.results.items():
+        for place in places(result):
+            first = (result_label(label), place.experiment, "predicted" if place.held_out else "fitted")
+            for marker, distance in place.fit.distances.items():
+                rows.append((*first, marker, *_cells(distance, place.fit), place.fit.missing.get(marker, 0)))
+    headings = ("Calibration", "Experiment", "", "Marker")
+    numbers = (("Mean", "mm"), ("Largest", "mm"), ("RMS", "mm"), ("Mean", "% of length"), ("Largest", "% of length"))
+    columns = [Column(text) for text in headings] + [Column(text, unit) for text, unit in numbers]
+    note = "Predicted: the experiment was held out of the fit. Not seen: states in which the marker was not measured."
+    columns += [Column("States"), Column("Not seen")]
+    return Table(
+        "distances", "How far the markers are from where they were measured", tuple(columns), tuple(rows), note
+    )
+
+
+def _cells(distance: Distance, fit: ExperimentFit) -> tuple[Cell, ...]:
+    shares: tuple[Cell, ...] = (None, None)
+    if fit.length is not None:
+        shares = (100 * distance.mean / fit.length, 100 * distance.max / fit.length)
+    return (MM * distance.mean, MM * distance.max, MM * distance.rms, *shares, distance.n)
+
+
+def pooled(found: Iterable[Place]) -> Distance | None:
+    """The distance over all markers of several experiments, None where there are none."""
+    parts = [distance for place in found for distance in place.fit.distances.values()]
+    every = {str(i): distance for i, distance in enumerate(parts)}
+    return ExperimentFit({}, {}, {}, {}, {}, distances=every).distance
+
+
+def distance_text(distance: Distance, length: float | None) -> str:
+    """A distance in words: "0.81 mm RMS (0.19 % of the length)"."""
+    share = "" if length is None else f" ({number(100 * distance.rms / length, 2)} % of the length)"
+    return f"{number(MM * distance.rms)} mm RMS{share}"
+
+
+def fitted_distance(result: CalibrationResult) -> str:
+    """How near the markers are in what was fitted, in words; "" where no positions were."""
+    fitted = [place for place in places(result) if not place.held_out]
+    distance = pooled(fitted)
+    return "" if distance is None else distance_text(distance, fitted[0].fit.length)
+
+
+def fit_sentence(result: CalibrationResult) -> str:
+    """Where the markers are met, and where they are furthest off; "" where no positions were fitted."""
+    fitted = [place for place in places(result) if not place.held_out]
+    if not fitted:
+        return ""
+    furthest = {
+        (place.experiment, marker): distance.max for place in fitted for marker, distance in place.fit.distances.items()
+    }
+    (experiment, marker), worst = max(furthest.items(), key=lambda item: item[1])
+    off = f"{marker} in {experiment}, {number(MM * worst)} mm"
+    return f"The markers are met to {fitted_distance(result)}; furthest off is {off}."
+
+
+def prediction_sentence(result: CalibrationResult) -> tuple[str, bool | None]:
+    """What the experiments that were held out say, and whether the fit carries over (None: in part); "" without any."""
+    held = [place for place in places(result) if place.held_out]
+    ahead, fitted = pooled(held), pooled(place for place in places(result) if not place.held_out)
+    if ahead is None:
+        return _channels_sentence(result), None
+    each = joined(f"{place.experiment} to {_own(place)}" for place in held)
+    text = f"Held out of the fit and predicted: {each}"
+    if fitted is None or fitted.rms <= 0:
+        return f"{text}.", None
+    ratio = ahead.rms / fitted.rms
+    return f"{text}; {number(ratio, 2)} times as far off as what was fitted.", _judged(ratio)
+
+
+def _own(place: Place) -> str:
+    distance = place.fit.distance
+    return "" if distance is None else distance_text(distance, place.fit.length)
+
+
+def _judged(ratio: float) -> bool | None:
+    return True if ratio <= _CARRIES_OVER else False if ratio > _DOUBTFUL else None
+
+
+def _channels_sentence(result: CalibrationResult) -> str:
+    told: Mapping[str, str] = {
+        name: joined(
+            f"{channel} to {number(error)} {one.fit.units[channel]}" for channel, error in one.fit.rmse.items()
+        )
+        for name, one in result.held_out.items()
+    }
+    if not told:
+        return ""
+    return (
+        "Held out of the fit and predicted (RMS): " + "; ".join(f"{name}, {text}" for name, text in told.items()) + "."
+    )

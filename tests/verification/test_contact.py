@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from softcal.errors import MeshError
+from softcal.errors import MeshError, ParameterError
 from softcal.geometry.centreline import helix, straight
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
@@ -18,10 +18,12 @@ from softcal.mechanics.statics import Statics
 from softcal.mechanics.system import Controls
 from softcal.twin.build import build_twin
 from softcal.twin.contacts import disc_surface, fitting_contact, wire_diameter
+from softcal.twin.in_time import simulate_in_time
 from softcal.twin.parameters import robot_parameters, with_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Snapshot
-from softcal.twin.robot import Body, Cable, Contact, Disc, Plate, Robot, Rod, ViaPoint
+from softcal.twin.robot import Body, Cable, Contact, Disc, Marker, Plate, PointLoad, Robot, Rod, ViaPoint
+from softcal.twin.schedule import Schedule, TimeSettings
 from softcal.twin.simulate import simulate
 from softcal.twin.start import loaded_state
 
@@ -242,3 +244,41 @@ def test_what_overlaps_at_rest_is_refused():
         build_twin(replace(robot, bodies=(robot.bodies[0], into)))
     with pytest.raises(MeshError, match="allowed: more than 6 mm"):
         build_twin(spring(contact=True, pitch=0.005))
+
+
+@pytest.mark.parametrize(("pull", "slides"), [(0.3, False), (0.8, True)])
+def test_a_block_sticks_or_slides_on_a_floor_as_coulomb_says(pull, slides):
+    """Weight W, friction coefficient 0.5: a pull of 0.3 W does not move it, one of 0.8 W does with 0.3 g."""
+    gap, density, g = 2e-4, 1000.0, 9.81
+    floor = box_mesh((0.06, 0.04, 0.01), (3, 2, 1))
+    block = box_mesh((0.02, 0.02, 0.01), (2, 2, 1))
+    block = TetMesh(block.points + [0.01, 0.01, 0.01 + 0.5 * gap], block.tets)
+    stiff = {"youngs_modulus": 1e7, "poissons_ratio": 0.3}
+    weight = density * 4e-6 * g
+    start = np.array([0.02, 0.02, 0.012])
+    robot = Robot(
+        bodies=(
+            Body("floor", floor, np.arange(floor.n_points)[floor.points[:, 2] < 1e-9], stiff, element="P1"),
+            Body("block", block, [], stiff, element="P1", density=density),
+        ),
+        loads=(PointLoad("tug", "block", start, np.array([pull * weight, 0.0, 0.0])),),
+        markers=(Marker("middle", "block", start),),
+        gravity=np.array([0.0, 0.0, -g]),
+        contact=Contact(gap, 4.0, friction_coefficient=0.5),
+    )
+    time = 0.04
+    settings = TimeSettings(time_step=1e-3, rayleigh_stiffness=1e-3, start="undeformed")
+    response = simulate_in_time(robot, Schedule(np.array([0.0, time]), {}), settings)
+    assert response.succeeded, response.status
+    moved_by = response.channels["middle.x"][-1] - start[0]
+    if slides:
+        assert moved_by == pytest.approx(0.5 * 0.3 * g * time**2, rel=0.1)
+    else:
+        assert 0.0 <= moved_by < 1.1 * 1e-3 * time  # creep
+
+
+def test_friction_without_time_is_refused():
+    robot = spring(contact=True)
+    assert robot.contact is not None
+    with pytest.raises(ParameterError, match="depends on the way there"):
+        simulate(replace(robot, contact=replace(robot.contact, friction_coefficient=0.2)), lifted(0.0))

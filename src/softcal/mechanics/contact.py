@@ -10,7 +10,7 @@ instead, as the convergent formulation does, has kinks at which Newton's method 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -38,6 +38,10 @@ class ContactTerm:
     to push [m]; thickness: what lies between touching vertices, edges and faces [m] (for wires, given by their axes,
     the diameter); stiffness kappa [Pa]; apart: pairs of vertices (i < j) that never touch, such as neighbours along a
     rod; patch (n,): vertices of one patch never touch each other (-1: none).
+
+    friction_coefficient [-]: Coulomb's, which needs a time step and is nothing without; creep [m/s]: sliding slower
+    than that takes less friction, down to none at rest, which makes it smooth. before (n, 3) [m], step [s]: see
+    `from_here`. Friction goes by the normal forces at the step's start.
     """
 
     points: Ints
@@ -49,6 +53,14 @@ class ContactTerm:
     stiffness: float
     apart: Ints
     patch: Ints
+    friction_coefficient: float = 0.0
+    creep: float = 1e-3
+    before: Floats | None = None
+    step: float = 0.0
+
+    def from_here(self, x: Floats, step: float) -> ContactTerm:
+        """The contact in a time step [s] from positions x (n_points, 3) on, where friction is a force like others."""
+        return replace(self, before=self._vertices(x), step=step) if self.friction_coefficient > 0.0 else self
 
     def at(self, x: Floats, *, hessian: bool) -> Touch:
         """What the contacts at positions x (n_points, 3) [m] push."""
@@ -56,17 +68,23 @@ class ContactTerm:
         import scipy.sparse as sp
 
         V = self._vertices(x)
-        collisions = ipctk.NormalCollisions()
-        collisions.use_area_weighting = True
-        collisions.build(self._mesh, V, self.gap, self.thickness)
+        collisions = self._collisions(V)
         gradient = np.zeros_like(x)
         n = len(collisions)
-        if n == 0:
+        if n == 0 and self._rubbing is None:
             return Touch(gradient, None, 0)
-        gradient[self.points] = self._potential.gradient(collisions, self._mesh, V).reshape(-1, 3)
-        if not hessian:
+        push, tangent = self._potential.gradient(collisions, self._mesh, V), None
+        if hessian:
+            tangent = self._potential.hessian(collisions, self._mesh, V)
+        if self._rubbing is not None and self.before is not None:
+            friction, slip = ipctk.FrictionPotential(self.creep * self.step), np.asfortranarray(V - self.before)
+            push = push + friction.gradient(self._rubbing, self._mesh, slip)
+            if hessian:
+                tangent = tangent + friction.hessian(self._rubbing, self._mesh, slip)
+        gradient[self.points] = push.reshape(-1, 3)
+        if tangent is None:
             return Touch(gradient, None, n)
-        H = self._potential.hessian(collisions, self._mesh, V).tocoo()
+        H = tangent.tocoo()
         place = (3 * self.points[:, None] + np.arange(3)).ravel()
         size = 3 * len(x)
         return Touch(gradient, sp.csr_matrix((H.data, (place[H.row], place[H.col])), shape=(size, size)), n)
@@ -77,18 +95,13 @@ class ContactTerm:
 
         before, after = self._vertices(x), self._vertices(to)
         narrow = ipctk.AdditiveCCD(max_iterations=CCD_ITERATIONS)
-        free = ipctk.compute_collision_free_stepsize(
-            self._mesh, before, after, self.thickness, narrow_phase_ccd=narrow
-        )
+        free = ipctk.compute_collision_free_stepsize(self._mesh, before, after, self.thickness, narrow_phase_ccd=narrow)
         return float(free)
 
     def smallest_distance(self, x: Floats) -> float:
         """The smallest distance within `gap` [m], less the thickness; infinite where nothing is as near."""
-        import ipctk
-
         V = self._vertices(x)
-        collisions = ipctk.NormalCollisions()
-        collisions.build(self._mesh, V, self.gap, self.thickness)
+        collisions = self._collisions(V)
         if len(collisions) == 0:
             return np.inf
         return float(np.sqrt(collisions.compute_minimum_distance(self._mesh, V))) - self.thickness
@@ -98,6 +111,28 @@ class ContactTerm:
         import ipctk
 
         return bool(ipctk.has_intersections(self._mesh, self._vertices(x)))
+
+    def _collisions(self, V: Floats) -> Any:
+        import ipctk
+
+        collisions = ipctk.NormalCollisions()
+        collisions.use_area_weighting = True
+        collisions.build(self._mesh, V, self.gap, self.thickness)
+        return collisions
+
+    @cached_property
+    def _rubbing(self) -> Any:
+        """The contacts at the step's start, with the forces that friction goes by, or None."""
+        import ipctk
+
+        if self.before is None:
+            return None
+        collisions = self._collisions(self.before)
+        if len(collisions) == 0:
+            return None
+        rubbing = ipctk.TangentialCollisions()
+        rubbing.build(self._mesh, self.before, collisions, self._potential, self.friction_coefficient)
+        return rubbing
 
     def _vertices(self, x: Floats) -> Floats:
         return np.asfortranarray(x[self.points])

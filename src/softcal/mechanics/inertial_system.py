@@ -107,7 +107,8 @@ class Stepper:
             loads = Loads(loads.constant + held, loads.per_unit)
         given = {field.name: getattr(self.solids, field.name) for field in fields(System)}
         rods = tuple(_viscous(rod, before.state, share) for rod in system.rods)
-        given |= {"loads": loads, "rods": rods}
+        contacts = tuple(contact.from_here(before.state.x, self.step) for contact in system.contacts)
+        given |= {"loads": loads, "rods": rods, "contacts": contacts}
         return InertialSystem(**given, inertia=self.inertia, before=before, step=self.step, damping=self.damping)
 
 

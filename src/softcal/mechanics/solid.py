@@ -134,8 +134,8 @@ class SolidTerm:
             compliance, _ = self.compiled.compliance(*values)
         except ZeroDivisionError as error:
             raise SimulationError(
-                f"The bulk part of {self.name}'s law vanishes (a Poisson's ratio of 0), and with it the pressure of its "
-                "P2P1 elements: use element P2, or a ratio of 0.001."
+                f"The bulk part of {self.name}'s law vanishes (a Poisson's ratio of 0), and with it the pressure of "
+                "its P2P1 elements: use element P2, or a ratio of 0.001."
             ) from error
         p = solid_kernels.interpolate(pressure, self.pressure_conn, self.N_p).ravel()
         return _Volume(stacked(self.compiled.strain(J), J.size), p, float(compliance))

@@ -239,7 +239,8 @@ def _riders(body: Body, mesh: TetMesh, robot: Robot, number: dict[str, int]) -> 
                 )
             )
         rider[nodes] = TIED
-    if np.all(rider == FREE) and all(tie.on != body.name for tie in robot.ties):
+    lies_loose = np.all(rider == FREE) and all(tie.on != body.name for tie in robot.ties)
+    if lies_loose and robot.contact is None:
         raise MeshError(
             Fault("nothing holds the body: no node is fixed or tied to a plate or another body", where=body.name)
         )

@@ -121,6 +121,8 @@ def _term(contact: Contact, layout: Layout, edges: Ints, faces: Ints, thickness:
         stiffness=contact.stiffness,
         apart=np.sort(np.searchsorted(points, apart), axis=1),
         patch=np.maximum(held, -1),
+        friction_coefficient=contact.friction_coefficient,
+        creep=contact.creep,
     )
 
 

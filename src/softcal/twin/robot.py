@@ -279,13 +279,19 @@ class Contact:
 
     gap [m]: distance at which they begin to push; stiffness [Pa] of the barrier: both say how far apart what touches
     stays, not with what force. `softcal.twin.contacts.fitting_contact` chooses them for a robot.
+    friction_coefficient [-]: Coulomb's, in motion in time alone, since rest under friction depends on the way there;
+    creep [m/s]: sliding slower than that takes less friction.
     """
 
     gap: float
     stiffness: float
+    friction_coefficient: float = 0.0
+    creep: float = 1e-3
 
     def __post_init__(self) -> None:
-        for key in ("gap", "stiffness"):
+        if not 0.0 <= self.friction_coefficient < float("inf"):
+            raise InputError(Fault("friction cannot push", "contact", f"{self.friction_coefficient:g}", "0 or more"))
+        for key in ("gap", "stiffness", "creep"):
             if not 0.0 < getattr(self, key) < float("inf"):
                 raise InputError(Fault(f"the contact's {key} must be positive", "contact", f"{getattr(self, key):g}"))
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from softcal.errors import ParameterError
+from softcal.errors import Fault, ParameterError
 from softcal.mechanics.statics import Statics
 from softcal.twin.build import cached_twin
 from softcal.twin.many import simulate_many
@@ -60,6 +60,16 @@ def simulate(
     commands = {f"{cable}.{command.control}": cable for cable, command in protocol.commands.items()}
     faults = [unknown_name(name, {**known, **commands}) for name in sensitivities if name not in {**known, **commands}]
     faults += command_faults(robot, protocol)
+    if robot.contact is not None and robot.contact.friction_coefficient > 0.0:
+        faults.append(
+            Fault(
+                "where friction leaves a robot depends on the way there",
+                where="contact.friction_coefficient",
+                got=f"{robot.contact.friction_coefficient:g}",
+                allowed="0 without time",
+                attempt="motion in time",
+            )
+        )
     if faults:
         raise ParameterError(faults)
     names = tuple(name for name in sensitivities if name in known)

@@ -21,12 +21,12 @@ from softcal.geometry.sweep import WEDGE_TETS, upright
 SECTORS = 6
 # The fewest layers in a turn of a spring: with fewer, the curved tets of a tight coil fold.
 LEAST_PER_TURN = 6
-# What a turn has by default, if its layers are then no longer than the wire is thick.
+# What a turn has by default, if its layers are then no longer than their tets are wide.
 PER_TURN = 12
 
 
 def wire_mesh(
-    line: Centreline, diameter: float, *, rings: int = 2, order: Literal[1, 2] = 2, where: str = ""
+    line: Centreline, diameter: float, *, rings: int = 1, order: Literal[1, 2] = 2, where: str = ""
 ) -> TetMesh:
     """Tets of a round wire along a centreline.
 
@@ -42,7 +42,8 @@ def wire_mesh(
         Of the wire [m].
     rings
         Number of tets from the axis to the surface: a section has 6 rings^2 triangles, a layer 18 rings^2 tets. Of the
-        circle's area, one ring of quadratic tets leaves out 0.24 %, two leave out 0.015 %.
+        circle's area, one ring of quadratic tets leaves out 0.24 %, two leave out 0.015 %. Layers should not be longer
+        than tets are wide, half the diameter over the rings: long tets are too stiff where a wire twists or is curved.
     order
         2 for quadratic tets, curved on the surface; 1 for linear ones, which inscribe a polygon of 6 rings corners.
     where
@@ -97,7 +98,7 @@ def wire_mesh(
 
 
 def rod_mesh(
-    length: float, diameter: float, *, layers: int | None = None, rings: int = 2, order: Literal[1, 2] = 2
+    length: float, diameter: float, *, layers: int | None = None, rings: int = 1, order: Literal[1, 2] = 2
 ) -> TetMesh:
     """A straight round rod from the origin along z; see `wire_mesh`.
 
@@ -106,7 +107,7 @@ def rod_mesh(
     length, diameter
         [m].
     layers
-        Number of layers of tets along the rod; by default as thick as the rod's diameter.
+        Number of layers of tets along the rod; by default as thick as the tets are wide.
 
     Raises
     ------
@@ -117,7 +118,7 @@ def rod_mesh(
     faults = _faults({"length": length, "diameter": diameter}, {"layers": (1 if layers is None else layers, 1)}, where)
     if faults:
         raise MeshError(faults)
-    count = max(1, math.ceil(length / diameter - 1e-9)) if layers is None else layers
+    count = _layers(length, diameter, rings) if layers is None else layers
     line = straight((0.0, 0.0, 0.0), (0.0, 0.0, length), 2 * count, first=(1.0, 0.0, 0.0))
     return wire_mesh(line, diameter, rings=rings, order=order, where=where)
 
@@ -171,11 +172,20 @@ class SpringShape:
         """Arc length of the wire's axis [m]."""
         return self.turns * math.hypot(math.pi * self.coil_diameter, self.pitch)
 
-    @property
-    def layers_per_turn(self) -> int:
-        """How many layers of tets a turn of its mesh has unless told otherwise."""
-        thick = self.wire_length / self.turns / self.wire_diameter
-        return max(PER_TURN, math.ceil(thick - 1e-9))
+    def layers_per_turn(self, rings: int, given: int | None = None) -> int:
+        """How many layers of tets a turn of its mesh has: those given, or the default of `spring_mesh`.
+
+        Raises
+        ------
+        MeshError
+            For fewer than six.
+        """
+        if given is None:
+            return max(PER_TURN, _layers(self.wire_length / self.turns, self.wire_diameter, rings))
+        faults = _faults({}, {"layers_per_turn": (given, LEAST_PER_TURN)}, "spring")
+        if faults:
+            raise MeshError(faults)
+        return given
 
     def centreline(self, elements: int) -> Centreline:
         """The wire's axis in elements of equal length."""
@@ -192,28 +202,23 @@ class SpringShape:
 
 
 def spring_mesh(
-    shape: SpringShape, *, layers_per_turn: int | None = None, rings: int = 2, order: Literal[1, 2] = 2
+    shape: SpringShape, *, layers_per_turn: int | None = None, rings: int = 1, order: Literal[1, 2] = 2
 ) -> TetMesh:
     """The wire of a helical spring; see `wire_mesh`.
 
     Parameters
     ----------
     layers_per_turn
-        Number of layers of tets along a turn of the wire, 6 at least; by default 12, or more where they
-        would else be longer than the wire is thick: long curved tets are too stiff.
+        Number of layers of tets along a turn of the wire, 6 at least; by default 12, or more where they would else be
+        longer than the tets are wide.
 
     Raises
     ------
     MeshError
         Where a measure is out of range.
     """
-    where = "spring"
-    per_turn = shape.layers_per_turn if layers_per_turn is None else layers_per_turn
-    faults = _faults({}, {"layers_per_turn": (per_turn, LEAST_PER_TURN)}, where)
-    if faults:
-        raise MeshError(faults)
-    layers = max(1, math.ceil(shape.turns * per_turn - 1e-9))
-    return wire_mesh(shape.centreline(2 * layers), shape.wire_diameter, rings=rings, order=order, where=where)
+    layers = max(1, math.ceil(shape.turns * shape.layers_per_turn(rings, layers_per_turn) - 1e-9))
+    return wire_mesh(shape.centreline(2 * layers), shape.wire_diameter, rings=rings, order=order, where="spring")
 
 
 @dataclass(frozen=True)
@@ -264,6 +269,10 @@ def _section(rings: int) -> _Section:
     rings_of, angles = np.array(ring), np.array(angle)
     corners = (rings_of / rings)[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
     return _Section(corners, rings_of, np.array(triangles))
+
+
+def _layers(length: float, diameter: float, rings: int) -> int:
+    return max(1, math.ceil(2.0 * rings * length / diameter - 1e-9))
 
 
 def _faults(positive: dict[str, float], at_least: dict[str, tuple[int, int]], where: str) -> list[Fault]:

@@ -74,7 +74,7 @@ def _moduli(value: object) -> float | dict[str, float]:
 class SpringsSection(Section):
     """The springs, all alike but, where given by name, in their modulus; rods, or solid.
 
-    elements_per_turn: of the rod, or layers of tets; rings, element: of solid ones.
+    elements_per_turn: of rods; rings, layers_per_turn, element: of solid ones.
     """
 
     model: Literal["rod", "solid"] = "rod"
@@ -84,7 +84,8 @@ class SpringsSection(Section):
     left_handed: bool | None = None
     azimuth: Angle | None = None
     elements_per_turn: Annotated[int, Positive] = 12
-    rings: Annotated[int, Positive] = 2
+    rings: Annotated[int, Positive] = 1
+    layers_per_turn: Annotated[int, Positive] | None = None
     element: ElementKind = "P2P1"
     youngs_modulus: Annotated[float | dict[str, float], PlainValidator(_moduli)]
     poissons_ratio: Ratio

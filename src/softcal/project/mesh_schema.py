@@ -78,7 +78,7 @@ class MeshRod(Section):
     length: Annotated[Length, Positive]
     diameter: Annotated[Length, Positive]
     layers: Annotated[int, Positive] | None = None
-    rings: Annotated[int, Positive] = 2
+    rings: Annotated[int, Positive] = 1
     order: Literal[1, 2] = 2
 
 
@@ -93,7 +93,7 @@ class MeshSpring(Section):
     height: Annotated[Length, Positive] | None = None
     left_handed: bool = False
     layers_per_turn: Annotated[int, Positive] | None = None
-    rings: Annotated[int, Positive] = 2
+    rings: Annotated[int, Positive] = 1
     order: Literal[1, 2] = 2
 
     @model_validator(mode="after")

@@ -11,7 +11,8 @@ import numpy as np
 from softcal.checks import Ints
 from softcal.errors import Fault, MeshError
 from softcal.geometry.section import Section, circular
-from softcal.geometry.wire import wire_mesh
+from softcal.geometry.wire import SpringShape, wire_mesh
+from softcal.twin.manipulator import ManipulatorShape
 from softcal.twin.robot import Body, ElementKind, Plate, Robot, Rod
 
 # Sections whose constants agree to this are the same.
@@ -19,7 +20,7 @@ SAME_SECTION = 1e-6
 
 
 def with_solid_rods(
-    robot: Robot, names: Collection[str] | None = None, *, rings: int = 2, element: ElementKind = "P2P1"
+    robot: Robot, names: Collection[str] | None = None, *, rings: int = 1, element: ElementKind = "P2P1"
 ) -> Robot:
     """The robot with bodies of the same names in the place of some of its rods, or of all.
 
@@ -53,7 +54,23 @@ def with_solid_rods(
     )
 
 
-def solid_body(rod: Rod, *, rings: int = 2, element: ElementKind = "P2P1") -> Body:
+def elements_for_solid(shape: ManipulatorShape, *, rings: int = 1, layers_per_turn: int | None = None) -> int:
+    """How many elements a turn of a manipulator's rods needs, so that `with_solid_rods` gives as many layers of tets.
+
+    By default as many as `spring_mesh` makes.
+
+    Raises
+    ------
+    MeshError
+        For fewer than six layers.
+    """
+    spring = SpringShape(
+        shape.wire_diameter, shape.coil_diameter, shape.turns, shape.spring_length / shape.turns, shape.left_handed
+    )
+    return 2 * spring.layers_per_turn(rings, layers_per_turn)
+
+
+def solid_body(rod: Rod, *, rings: int = 1, element: ElementKind = "P2P1") -> Body:
     """A rod as a body, its fixed end faces among what does not move; see `with_solid_rods`.
 
     Raises

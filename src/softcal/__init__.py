@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from softcal.project.run_folder import load_run as load_run
     from softcal.project.simulation import pull as pull
     from softcal.project.simulation import simulate as simulate
+    from softcal.twin.in_time import simulate_in_time as simulate_in_time
     from softcal.twin.manipulator import ManipulatorShape as ManipulatorShape
     from softcal.twin.manipulator import manipulator as manipulator
     from softcal.twin.protocol import Command as Command
@@ -52,6 +53,10 @@ if TYPE_CHECKING:
     from softcal.twin.robot import SurfaceLoad as SurfaceLoad
     from softcal.twin.robot import Tie as Tie
     from softcal.twin.robot import ViaPoint as ViaPoint
+    from softcal.twin.schedule import Schedule as Schedule
+    from softcal.twin.schedule import Settling as Settling
+    from softcal.twin.schedule import TimeSettings as TimeSettings
+    from softcal.twin.schedule import ramp as ramp
 
 _HOMES = {
     "Body": "softcal.twin.robot",
@@ -77,11 +82,14 @@ _HOMES = {
     "Response": "softcal.twin.response",
     "Robot": "softcal.twin.robot",
     "Rod": "softcal.twin.robot",
+    "Schedule": "softcal.twin.schedule",
+    "Settling": "softcal.twin.schedule",
     "SimulationError": "softcal.errors",
     "SoftcalError": "softcal.errors",
     "StorageError": "softcal.errors",
     "SurfaceLoad": "softcal.twin.robot",
     "Tie": "softcal.twin.robot",
+    "TimeSettings": "softcal.twin.schedule",
     "UnitError": "softcal.errors",
     "ViaPoint": "softcal.twin.robot",
     "calibrate": "softcal.project.calibration",
@@ -90,7 +98,9 @@ _HOMES = {
     "load_run": "softcal.project.run_folder",
     "manipulator": "softcal.twin.manipulator",
     "pull": "softcal.project.simulation",
+    "ramp": "softcal.twin.schedule",
     "simulate": "softcal.project.simulation",
+    "simulate_in_time": "softcal.twin.in_time",
     "write_report": "softcal.project.reporting",
 }
 
@@ -118,11 +128,14 @@ __all__ = [
     "Response",
     "Robot",
     "Rod",
+    "Schedule",
+    "Settling",
     "SimulationError",
     "SoftcalError",
     "StorageError",
     "SurfaceLoad",
     "Tie",
+    "TimeSettings",
     "UnitError",
     "ViaPoint",
     "calibrate",
@@ -131,7 +144,9 @@ __all__ = [
     "load_run",
     "manipulator",
     "pull",
+    "ramp",
     "simulate",
+    "simulate_in_time",
     "write_report",
 ]
 

@@ -30,6 +30,14 @@ def simulate(
             show_default=False,
         ),
     ] = None,
+    in_time: Annotated[
+        bool,
+        typer.Option(
+            "--in-time",
+            help="With --pull: as motion in time, the pull growing slowly until the robot has settled; see dynamics in "
+            "the project.",
+        ),
+    ] = False,
 ) -> None:
     """Simulate the twin: its response as CSV with units, and a picture at rest and at the largest pitch."""
     from softcal.project.project import load
@@ -40,11 +48,13 @@ def simulate(
     loaded = load(project, values=parsed_values(values))
     if pull and experiment:
         raise InputError(Fault("--pull and --experiment exclude each other"))
+    if in_time and not pull:
+        raise InputError(Fault("an experiment's samples have no times of their own", "--in-time", attempt="--pull"))
     if pull:
         protocols = {"pull": parse_pulls(loaded.robot, pull)}
     else:
         names = [experiment] if experiment else list(loaded.experiments) or [""]
         protocols = {name: protocol_of(loaded, name) for name in names}
-    for name, response in simulate_to_folder(loaded, protocols, out).items():
+    for name, response in simulate_to_folder(loaded, protocols, out, in_time=in_time).items():
         typer.echo(f"{name}: {response.status}")
     typer.echo(f"Wrote {out}")

@@ -80,6 +80,11 @@ class Inertia:
     carried: FrameMasses
     blocks: FrameBlocks
 
+    @property
+    def is_none(self) -> bool:
+        """Whether nothing that moves has mass."""
+        return not self.data.any() and not self.carried.mass[: self.layout.n_moving_frames].any()
+
     def forces(self, rotation: Floats, accelerations: Rates) -> InertialForces:
         """Mass times accelerations, with frames turned by rotation (n_frames, 3, 3)."""
         n = self.layout.n_moving_frames

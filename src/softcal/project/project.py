@@ -18,6 +18,7 @@ from softcal.project.bench import Bench, build_bench
 from softcal.project.bench_schema import ExperimentSection, RigSection
 from softcal.project.calibration_schema import CalibrationSection, ParameterSection, PrintSection
 from softcal.project.document import Document, Findings, read_document, suggestion
+from softcal.project.dynamics_schema import DynamicsSection
 from softcal.project.files import InputFiles, sha256
 from softcal.project.meshes import is_generated, mesh_maker
 from softcal.project.robot import BuiltRobot, build_robot
@@ -30,7 +31,7 @@ from softcal.twin.robot import Robot
 
 S = TypeVar("S", bound=Section)
 
-SECTIONS = ("softcal", "name", "robot", "rig", "experiments", "parameters", "calibration", "print")
+SECTIONS = ("softcal", "name", "robot", "rig", "experiments", "parameters", "calibration", "dynamics", "print")
 FORMAT = 1
 
 
@@ -53,6 +54,7 @@ class Project:
     cycles: Mapping[str, Dataset | None]
     space: SearchSpace | None
     calibration: CalibrationSection
+    dynamics: DynamicsSection
     print_infill: PrintInfill | None
     held: Mapping[str, float]
     hashes: Mapping[str, str]
@@ -120,10 +122,12 @@ def load(
     calibration = _section(CalibrationSection, "calibration", document, findings, {})
     _check_calibration(calibration, rig, experiments, findings)
     _check_settings(space, {name: bench.experiment for name, bench in whole.items()}, findings)
+    dynamics = _section(DynamicsSection, "dynamics", document, findings, {})
+    _check_settling(dynamics, built, findings)
     print_infill = _print_infill(document, findings)
     findings.raise_if_any()
 
-    if built is None or calibration is None or known is None or section is None:
+    if built is None or calibration is None or known is None or section is None or dynamics is None:
         raise ProjectFileError(Fault("the project is not whole", document.name))
     held = held_values(given, known)
     of_robot = robot_parameters(built.robot)
@@ -137,6 +141,7 @@ def load(
         cycles={name: bench.cycles for name, bench in whole.items()},
         space=space,
         calibration=calibration,
+        dynamics=dynamics,
         print_infill=print_infill,
         held=held,
         hashes={path.name: sha256(path), **files.hashes()},
@@ -222,6 +227,15 @@ def _check_calibration(
     for i, name in enumerate(section.hold_out):
         if name not in experiments:
             findings.unknown(("calibration", "hold_out", i), "experiment", name, experiments)
+
+
+def _check_settling(section: DynamicsSection | None, built: BuiltRobot | None, findings: Findings) -> None:
+    """What is watched for rest must be there."""
+    if section is None or section.settle is None or built is None:
+        return
+    watched = [part.name for part in (*built.robot.plates, *built.robot.markers)]
+    if section.settle.on not in ("", *watched):
+        findings.unknown(("dynamics", "settle", "on"), "plate or marker", section.settle.on, watched)
 
 
 def _check_set_ups(set_ups: Mapping[str, str], findings: Findings) -> None:

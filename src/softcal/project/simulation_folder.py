@@ -9,6 +9,7 @@ from pathlib import Path
 from softcal.calibration.outcome import installed_versions
 from softcal.calibration.result_files import response_file
 from softcal.errors import SimulationError
+from softcal.project.motion import simulate_pull_in_time
 from softcal.project.output import new_folder, require_free, require_writable
 from softcal.project.project import Project
 from softcal.project.simulation import response_csv, simulate, twin_view
@@ -16,8 +17,12 @@ from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response
 
 
-def simulate_to_folder(project: Project, protocols: Mapping[str, Protocol], folder: Path) -> dict[str, Response]:
+def simulate_to_folder(
+    project: Project, protocols: Mapping[str, Protocol], folder: Path, *, in_time: bool = False
+) -> dict[str, Response]:
     """Simulate each protocol by name and write what came of it into a new folder, whole or not at all.
+
+    in_time: as motion, by the project's `dynamics`, and not as equilibria.
 
     Raises
     ------
@@ -28,7 +33,10 @@ def simulate_to_folder(project: Project, protocols: Mapping[str, Protocol], fold
     """
     require_free(folder, "another --out")
     require_writable(folder)
-    responses = {name: simulate(project, protocol, snapshots=True) for name, protocol in protocols.items()}
+    responses = {
+        name: simulate_pull_in_time(project, protocol) if in_time else simulate(project, protocol, snapshots=True)
+        for name, protocol in protocols.items()
+    }
     for name, response in responses.items():
         if not response.succeeded:
             raise SimulationError(f"{name}: {response.status}")
@@ -43,6 +51,7 @@ def simulate_to_folder(project: Project, protocols: Mapping[str, Protocol], fold
                 name: {"status": response.status, "n_factorisations": response.n_factorisations}
                 for name, response in responses.items()
             },
+            **({"dynamics": project.dynamics.model_dump()} if in_time else {}),
             "hashes": dict(project.hashes),
             "versions": installed_versions(),
         }

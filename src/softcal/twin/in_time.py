@@ -48,7 +48,7 @@ def simulate_in_time(
     Raises
     ------
     ParameterError
-        For a cable that the robot does not have, or a command that it cannot follow.
+        For a cable that the robot does not have, a command that it cannot follow, or a robot without mass.
     InputError
         For a settling point that the robot does not have.
     MeshError
@@ -66,6 +66,9 @@ def simulate_in_time(
     theta = {name: info.value for name, info in robot_parameters(robot).items()}
     damping = Damping(settings.rayleigh_stiffness, settings.rayleigh_mass)
     inertia = robot_inertia(twin, robot, settings.masses)
+    if inertia.is_none:
+        parts = ", ".join(part.name for part in (*robot.bodies, *robot.rods, *robot.plates))
+        raise ParameterError(Fault("nothing that moves has mass", parts, attempt="a density, or a plate's mass"))
     dynamics = Dynamics(twin.system, inertia, theta, damping, settings.scheme)
     run = _Run(twin, schedule, settings, snapshots)
     try:

@@ -1,0 +1,56 @@
+"""What may stand in the `dynamics` section of a project file: how motion in time is computed."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from softcal.project.section import Duration, Positive, Section, fault_error, quantity
+from softcal.twin.schedule import Settling, TimeSettings
+
+Speed = Annotated[float, BeforeValidator(quantity("m/s"))]
+Rate = Annotated[float, BeforeValidator(quantity("1/s"))]
+
+
+class SettleSection(Section):
+    """When the robot has come to rest, and what is watched: a plate, a marker, or every point."""
+
+    speed: Annotated[Speed, Positive] = 1e-6
+    hold: Annotated[Duration, Field(ge=0)] = 0.1
+    longest: Annotated[Duration, Positive] = 60.0
+    on: str = ""
+
+
+class DynamicsSection(Section):
+    """How motion is computed: a pull grows over `ramp`; then the robot settles, or `hold` more is computed."""
+
+    time_step: Annotated[Duration, Positive] = 0.01
+    rayleigh_stiffness: Annotated[Duration, Field(ge=0)] = 0.2
+    rayleigh_mass: Annotated[Rate, Field(ge=0)] = 0.1
+    scheme: Literal["converged", "one-solve"] = "converged"
+    masses: Literal["consistent", "lumped"] = "consistent"
+    start: Literal["equilibrium", "undeformed"] = "equilibrium"
+    ramp: Annotated[Duration, Positive] = 1.0
+    hold: Annotated[Duration, Field(ge=0)] | None = None
+    settle: SettleSection | None = None
+
+    @model_validator(mode="after")
+    def _one_end(self) -> DynamicsSection:
+        if self.hold is not None and self.settle is not None:
+            raise fault_error("it is said twice how the motion ends", got="hold and settle", allowed="one of the two")
+        return self
+
+    @property
+    def settings(self) -> TimeSettings:
+        """As the twin takes them."""
+        settle = None if self.hold is not None else self.settle or SettleSection()
+        return TimeSettings(
+            time_step=self.time_step,
+            rayleigh_stiffness=self.rayleigh_stiffness,
+            rayleigh_mass=self.rayleigh_mass,
+            scheme=self.scheme,
+            masses=self.masses,
+            start=self.start,
+            until_settled=None if settle is None else Settling(settle.speed, settle.hold, settle.longest, settle.on),
+        )

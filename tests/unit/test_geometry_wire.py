@@ -21,7 +21,7 @@ def areas(mesh: TetMesh, name: str) -> np.ndarray:
     return 0.5 * np.cross(b - a, c - a)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(
     st.floats(2.5, 15.0),
     st.floats(1.3, 4.0),
@@ -37,7 +37,7 @@ def test_springs_are_sound_and_of_the_wires_volume(index, pitch, turns, rings, p
     report = require_sound(mesh)
     assert report.n_duplicate_nodes == 0
     assert mesh.n_tets == 18 * rings**2 * math.ceil(turns * per_turn - 1e-9)
-    of_rings = {1: 3e-3, 2: 2e-4, 3: 4e-5}[rings]  # the circle in quadratic pieces
+    of_rings = {1: 4e-3, 2: 4e-4, 3: 1.5e-4}[rings]  # the circle in quadratic pieces
     of_layers = 8.0 / per_turn**4  # the axis in quadratic pieces
     volume = 0.25 * math.pi * d**2 * shape.wire_length
     assert 1.0 - of_rings - of_layers < report.volume / volume < 1.0 + 1e-9

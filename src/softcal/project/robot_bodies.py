@@ -54,7 +54,8 @@ class BuiltBodies:
     def known_regions(self, body: str) -> list[str]:
         """The regions that the project defines, and the groups of the mesh file."""
         mesh = self.meshes[body]
-        return [*self.sections[body].regions, *mesh.node_sets, *mesh.face_sets, *mesh.element_sets]
+        names = (*self.sections[body].regions, *mesh.node_sets, *mesh.face_sets, *mesh.element_sets)
+        return list(dict.fromkeys(names))
 
     def faces(self, load: LoadSection, path: KeyPath, findings: Findings) -> Ints | None:
         """The triangles that a load presses on, or None with the fault recorded."""

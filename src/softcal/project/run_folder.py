@@ -19,7 +19,7 @@ from typing import Any
 
 from softcal.calibration.outcome import installed_versions
 from softcal.calibration.result import CalibrationResult, Estimate
-from softcal.calibration.result_files import load_result, response_file, result_json
+from softcal.calibration.result_files import fits_of, load_result, response_file, result_json
 from softcal.calibration.store import write_text
 from softcal.errors import Fault, StorageError
 from softcal.geometry.write import write_mesh
@@ -98,8 +98,10 @@ def reopen_run(project: Project, folder: Path) -> None:
     require_writable(folder)
 
 
-def finish_run(project: Project, results: Mapping[str, CalibrationResult], folder: Path) -> None:
-    """Write the headline's files beside the calibrations; result.json last.
+def finish_run(
+    project: Project, results: Mapping[str, CalibrationResult], folder: Path, more: Mapping[str, Any] | None = None
+) -> None:
+    """Write the headline's files beside the calibrations; result.json last, with `more` in it.
 
     Raises
     ------
@@ -108,7 +110,7 @@ def finish_run(project: Project, results: Mapping[str, CalibrationResult], folde
     """
     label, headline = headline_of(results)
     try:
-        for name in headline.experiments:
+        for name in fits_of(headline):
             source = calibration_folder(folder, label or name) / response_file(name)
             write_text(folder / source.name, source.read_text(encoding="utf-8"))
     except OSError as error:
@@ -120,6 +122,7 @@ def finish_run(project: Project, results: Mapping[str, CalibrationResult], folde
         "values": dict(project.held),
         "headline": label or "each experiment by itself",
         "calibrations": {one: _summary(result) for one, result in results.items()},
+        **(more or {}),
     }
     write_text(folder / "result.json", json.dumps(document, indent=2, allow_nan=False) + "\n")
 
@@ -188,6 +191,7 @@ def side_by_side(results: Mapping[str, CalibrationResult]) -> CalibrationResult:
         n_failed_trials=sum(result.n_failed_trials for result in results.values()),
         status=" ".join(f"{label}: {result.status}" for label, result in results.items()),
         experiments={name: fit for result in results.values() for name, fit in result.experiments.items()},
+        held_out={},  # each calibration has its own prediction
         trials=(),
         notes=tuple(f"{label}: {note}" for label, result in results.items() for note in result.notes),
     )

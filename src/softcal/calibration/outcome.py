@@ -11,7 +11,6 @@ from typing import Any
 from softcal.calibration.experiment import PULLEY_FRICTION
 from softcal.calibration.fit import experiment_fit, missing_rows
 from softcal.calibration.optimiser_tpe import fanova_importance
-from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import Evaluation, Problem
 from softcal.calibration.result import CalibrationResult, Estimate, Trial
 from softcal.calibration.sensitivity import Statistics, local_statistics
@@ -100,7 +99,11 @@ def _global_statistics(problem: Problem, trials: tuple[Trial, ...], seed: int) -
 def _notes(
     problem: Problem, best: Evaluation, at_bound: Mapping[str, bool], trials: tuple[Trial, ...], n_failed: int
 ) -> list[str]:
-    notes = [_bound_note(p, best.theta[p.label]) for p in problem.space.parameters if at_bound[p.label]]
+    notes = [
+        bound_note(p.label, p.unit, p.lower, p.upper, best.theta[p.label])
+        for p in problem.space.parameters
+        if at_bound[p.label]
+    ]
     for experiment in problem.experiments:
         rows = missing_rows(experiment)
         if rows:
@@ -121,11 +124,11 @@ def _notes(
     return notes
 
 
-def _bound_note(parameter: FreeParameter, value: float) -> str:
-    upper = abs(value - parameter.upper) <= abs(value - parameter.lower)
-    bound = format_quantity(parameter.upper if upper else parameter.lower, parameter.unit)
-    side = "upper" if upper else "lower"
-    return f"{parameter.label} stands at its {side} bound of {bound}: the bounds of its range, not the data, decide it."
+def bound_note(label: str, unit: str, lower: float, upper: float, value: float) -> str:
+    """That a parameter stands at the nearer of its bounds, in words; all numbers in `unit`, SI."""
+    above = abs(value - upper) <= abs(value - lower)
+    bound, side = format_quantity(upper if above else lower, unit), "upper" if above else "lower"
+    return f"{label} stands at its {side} bound of {bound}: the bounds of its range, not the data, decide it."
 
 
 def _states(labels: list[str]) -> str:

@@ -9,12 +9,22 @@ from softcal.cli import project_commands
 from softcal.cli import simulate_command
 from softcal.cli import calibrate_commands
 from softcal.cli import validate_command
+from softcal.cli import sweep_command
 from softcal.cli import marker_commands
+from softcal.cli import export_commands
 
 # isort: on
 from softcal.cli.app import app
 
-COMMAND_GROUPS = (project_commands, simulate_command, calibrate_commands, validate_command, marker_commands)
+COMMAND_GROUPS = (
+    project_commands,
+    simulate_command,
+    calibrate_commands,
+    validate_command,
+    sweep_command,
+    marker_commands,
+    export_commands,
+)
 
 
 def main(argv: list[str] | None = None) -> None:

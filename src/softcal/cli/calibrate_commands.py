@@ -75,7 +75,7 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
         raise typer.Exit(INTERRUPTED)
     typer.echo(f"Run: {folder}")
     if report:
-        _report(folder, None)
+        report_run(folder, None)
 
 
 @app.command()
@@ -87,10 +87,11 @@ def report(
     ] = None,
 ) -> None:
     """Write the report of a run: one HTML page, figures as PNG and SVG, tables as CSV."""
-    _report(run, out)
+    report_run(run, out)
 
 
-def _report(run: Path, out: Path | None) -> None:
+def report_run(run: Path, out: Path | None) -> None:
+    """Write a run's report and say where it lies."""
     from softcal.project.reporting import write_report
 
     paths = write_report(run, out)

@@ -24,14 +24,20 @@ def parsed_values(given: list[str] | None) -> dict[str, str]:
     InputError
         Where a text is no NAME=VALUE.
     """
+    return parsed_pairs(given, "--set", "this sets no parameter", "NAME=VALUE, such as neck.youngs_modulus=2.3MPa")
+
+
+def parsed_pairs(given: list[str] | None, option: str, what: str, allowed: str) -> dict[str, str]:
+    """Name -> text from what an option NAME=TEXT was given; `what` is wrong with any other text.
+
+    Raises
+    ------
+    InputError
+        Where a text is no NAME=TEXT.
+    """
     pairs = [text.partition("=") for text in given or []]
     faults = [
-        Fault(
-            "this sets no parameter",
-            "--set",
-            f"'{name}{sign}{value}'",
-            "NAME=VALUE, such as neck.youngs_modulus=2.3MPa",
-        )
+        Fault(what, option, f"'{name}{sign}{value}'", allowed)
         for name, sign, value in pairs
         if not (name.strip() and value.strip())
     ]

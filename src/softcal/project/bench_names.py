@@ -131,6 +131,13 @@ def noise_of(
     return sigmas
 
 
+def experiments_named(wanted: Iterable[str], known: Iterable[str]) -> list[str]:
+    """The experiments that names and patterns (`load52*`) mean; a name that fits none stands as it is."""
+    there = list(known)
+    found = [name for want in wanted for name in [n for n in there if fnmatchcase(n, want)] or [want]]
+    return list(dict.fromkeys(found))
+
+
 def settings_of(
     given: Mapping[str, str | float], experiment: Experiment, robot: Robot, path: KeyPath, findings: Findings
 ) -> dict[str, float]:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from fnmatch import fnmatchcase
 from pathlib import Path
 from types import FrameType
 
@@ -19,6 +18,7 @@ from softcal.calibration.result import CalibrationResult
 from softcal.calibration.run import Progress
 from softcal.calibration.run import calibrate as calibrate_problem
 from softcal.errors import CalibrationError, Fault, InputError, ParameterError
+from softcal.project.bench_names import experiments_named
 from softcal.project.calibration_schema import CalibrationSection
 from softcal.project.project import Project
 from softcal.project.run_folder import begin_run, calibration_folder, finish_run, reopen_run
@@ -123,13 +123,6 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
     if folder is not None and results:
         finish_run(project, results, folder)
     return Calibrations(results, folder, stop.asked)
-
-
-def experiments_named(wanted: Iterable[str], known: Iterable[str]) -> list[str]:
-    """The experiments that names and patterns (`load52*`) mean; a name that fits none stands as it is."""
-    there = list(known)
-    found = [name for want in wanted for name in [n for n in there if fnmatchcase(n, want)] or [want]]
-    return list(dict.fromkeys(found))
 
 
 def make_problem(project: Project, settings: CalibrationSection | None = None) -> Problem:

@@ -14,7 +14,9 @@ from softcal.errors import Fault, ProjectFileError
 from softcal.experiments.dataset import Dataset
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quality import MeshReport
+from softcal.project.axes import Axis, doubled, parse_axis
 from softcal.project.bench import Bench, build_bench
+from softcal.project.bench_names import experiments_named
 from softcal.project.bench_schema import ExperimentSection, RigSection
 from softcal.project.calibration_schema import CalibrationSection, ParameterSection, PrintSection
 from softcal.project.document import Document, Findings, read_document, suggestion
@@ -25,13 +27,14 @@ from softcal.project.robot import BuiltRobot, build_robot
 from softcal.project.robot_schema import RobotSection
 from softcal.project.search import build_search, held_values, names_held, rig_value, untied
 from softcal.project.section import Section, validated
+from softcal.project.sweep_schema import SweepSection
 from softcal.report.content import PrintInfill
 from softcal.twin.parameters import ParameterInfo, robot_parameters, with_parameters
 from softcal.twin.robot import Robot
 
 S = TypeVar("S", bound=Section)
 
-SECTIONS = ("softcal", "name", "robot", "rig", "experiments", "parameters", "calibration", "dynamics", "print")
+SECTIONS = ("softcal", "name", "robot", "rig", "experiments", "parameters", "calibration", "sweep", "dynamics", "print")
 FORMAT = 1
 
 
@@ -40,8 +43,9 @@ class Project:
     """Everything a project file describes; numbers in SI.
 
     path: of the file. experiments, records (as read), cycles (every cycle after the corrections; None where none were
-    looked for): by experiment. space: the free parameters, None where none is free. held: parameters given from
-    outside. hashes: SHA-256 of the project file and of every file it names. inputs: those files by path as written.
+    looked for): by experiment. space: the free parameters, None where none is free. tied: what has one value in
+    common, names or patterns, by the name of that value. held: parameters given from outside.
+    hashes: SHA-256 of the project file and of every file it names. inputs: those files by path as written.
     generated: body -> the mesh that Gmsh made of it, before it was put in place.
     warnings: what is allowed but looks wrong.
     """
@@ -53,7 +57,9 @@ class Project:
     records: Mapping[str, Dataset]
     cycles: Mapping[str, Dataset | None]
     space: SearchSpace | None
+    tied: Mapping[str, tuple[str, ...]]
     calibration: CalibrationSection
+    sweep: SweepSection | None
     dynamics: DynamicsSection
     print_infill: PrintInfill | None
     held: Mapping[str, float]
@@ -124,6 +130,9 @@ def load(
     _check_settings(space, {name: bench.experiment for name, bench in whole.items()}, findings)
     dynamics = _section(DynamicsSection, "dynamics", document, findings, {})
     _check_settling(dynamics, built, findings)
+    tied = {name: tuple(section.of) for name, section in parameters.items() if section.of}
+    swept = _section(SweepSection, "sweep", document, findings)
+    _check_sweep(swept, known, tied, experiments, findings)
     print_infill = _print_infill(document, findings)
     findings.raise_if_any()
 
@@ -140,7 +149,9 @@ def load(
         records={name: bench.record for name, bench in whole.items()},
         cycles={name: bench.cycles for name, bench in whole.items()},
         space=space,
+        tied=tied,
         calibration=calibration,
+        sweep=swept,
         dynamics=dynamics,
         print_infill=print_infill,
         held=held,
@@ -236,6 +247,26 @@ def _check_settling(section: DynamicsSection | None, built: BuiltRobot | None, f
     watched = [part.name for part in (*built.robot.plates, *built.robot.markers)]
     if section.settle.on not in ("", *watched):
         findings.unknown(("dynamics", "settle", "on"), "plate or marker", section.settle.on, watched)
+
+
+def _check_sweep(
+    section: SweepSection | None,
+    known: Mapping[str, ParameterInfo] | None,
+    tied: Mapping[str, tuple[str, ...]],
+    experiments: Mapping[str, object],
+    findings: Findings,
+) -> None:
+    if section is None or known is None:
+        return
+    axes: list[Axis] = []
+    for name, written in section.over.items():
+        with findings.at(("sweep", "over", name)):
+            axes.append(parse_axis(name, written, known, tied))
+    for fault in doubled(axes, ()):
+        findings.add(("sweep", "over", fault.where), fault.what, got=fault.got)
+    for i, wanted in enumerate(section.experiments):
+        if not set(experiments_named([wanted], experiments)) <= set(experiments):
+            findings.unknown(("sweep", "experiments", i), "experiment", wanted, experiments)
 
 
 def _check_set_ups(set_ups: Mapping[str, str], findings: Findings) -> None:

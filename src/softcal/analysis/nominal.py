@@ -1,0 +1,63 @@
+"""The twin as it was before anything was tuned, judged like any other: what a calibration is an improvement on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from softcal.calibration.fit import experiment_fit
+from softcal.calibration.parameters import FreeParameter, SearchSpace
+from softcal.calibration.problem import Problem
+from softcal.calibration.result import ExperimentFit
+from softcal.twin.parameters import robot_parameters
+
+
+@dataclass(frozen=True)
+class Nominal:
+    """What came of the present values: the loss and every experiment's fit; or none, and a sentence why.
+
+    parameters [SI]: the present values of what is free, by label; none where tied parameters differ. errors: as those
+    of a `Trial`.
+    """
+
+    loss: float | None
+    failure: str = ""
+    parameters: Mapping[str, float] = field(default_factory=dict[str, float])
+    errors: Mapping[str, Mapping[str, float]] = field(default_factory=dict[str, Mapping[str, float]])
+    fits: Mapping[str, ExperimentFit] = field(default_factory=dict[str, ExperimentFit])
+
+
+def nominal(problem: Problem) -> Nominal:
+    """Simulate every experiment of a problem with the robot and the rig as they are.
+
+    Raises
+    ------
+    InputError
+        Where a command cannot be followed.
+    """
+    held, theta = _as_it_is(problem)
+    found = held.evaluate(theta)
+    present = _present(problem)
+    if found.loss is None:
+        return Nominal(None, found.failure, present)
+    fits = {e.name: experiment_fit(e, found.observations[e.name]) for e in problem.experiments}
+    return Nominal(found.loss, "", present, found.errors, fits)
+
+
+def _as_it_is(problem: Problem) -> tuple[Problem, dict[str, float]]:
+    """The problem in which one value of one experiment alone is free, and that value as it is."""
+    of_robot = {name: info.value for name, info in robot_parameters(problem.robot).items()}
+    for p in problem.space.parameters:
+        for experiment in problem.experiments:
+            values = {**of_robot, **experiment.rig_values()}
+            target = next((t for t in p.targets if t in values and p.serves(experiment.name)), None)
+            if target is not None:
+                own = FreeParameter(target, p.unit, p.lower, p.upper, experiment=experiment.name)
+                return replace(problem, space=SearchSpace((own,))), {own.label: values[target]}
+    raise ValueError("no experiment has any of the free parameters")
+
+
+def _present(problem: Problem) -> dict[str, float]:
+    known = problem.known
+    values = {p.label: {known[target].value for target in p.targets} for p in problem.space.parameters}
+    return {label: held.pop() for label, held in values.items() if len(held) == 1}

@@ -1,0 +1,116 @@
+"""The command `softcal sweep`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from softcal.cli.app import INTERRUPTED, ProjectFile, app, told
+from softcal.cli.calibrate_commands import report_run
+from softcal.cli.calibration_bars import CalibrationBars
+from softcal.cli.values import Values, names, parsed_pairs, parsed_values
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from softcal.analysis.sweep import BestCell
+    from softcal.project.sweep import Swept
+
+OVER = "NAME=VALUES, such as springs.youngs_modulus=10GPa:1GPa:1GPa"
+
+
+@app.command()
+@told
+def sweep(
+    project: ProjectFile,
+    over: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=VALUES",
+            help="A parameter and its values: start:stop:step (springs.youngs_modulus=10GPa:1GPa:1GPa), a list "
+            "(springs.poissons_ratio=0.43,0.4), or both; again for each further one. As the project says by default.",
+            show_default=False,
+        ),
+    ] = None,
+    experiments: Annotated[
+        str | None,
+        typer.Option(metavar="NAMES", help="Judge by these alone (cable6_2, or cable6*).", show_default=False),
+    ] = None,
+    workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    values: Values = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Run folder; 'sweep' beside the project by default.")
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with the sweep in the folder.")] = False,
+    report: Annotated[bool, typer.Option(help="Write the report at the end.")] = True,
+) -> None:
+    """Simulate every cell of a grid of parameters; write each one's errors, the best cells, and a report."""
+    from softcal.project.project import load
+    from softcal.project.sweep import sweep as sweep_project
+
+    axes = parsed_pairs(over, "--over", "this is no axis", OVER)
+    loaded = load(project, values=parsed_values(values))
+    for warning in loaded.warnings:
+        typer.echo(f"Warning: {warning}", err=True)
+    folder = out if out is not None else project.parent / "sweep"
+    with CalibrationBars() as bars:
+        found = sweep_project(
+            loaded,
+            over=axes or None,
+            experiments=None if experiments is None else names(experiments),
+            out=folder,
+            resume=resume,
+            workers=workers,
+            progress=bars.show,
+        )
+    _print(found)
+    if found.interrupted:
+        typer.echo(
+            f"Stopped. Every cell so far is kept in {folder}; go on with the same command and --resume.", err=True
+        )
+        raise typer.Exit(INTERRUPTED)
+    typer.echo(f"Sweep: {folder}")
+    if report:
+        report_run(folder, None)
+
+
+def _print(found: Swept) -> None:
+    from rich.console import Console
+
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=160)  # a log does not wrap
+    console.print(_table(found))
+    result = found.result
+    typer.echo(result.status)
+    if found.nominal.loss is None:
+        typer.echo(f"Note: the nominal values could not be simulated: {found.nominal.failure}")
+    for note in result.notes:
+        typer.echo(f"Note: {note}")
+
+
+def _table(found: Swept) -> Table:
+    """A line for the best cell of all together and of each section."""
+    from rich.table import Table
+
+    from softcal.units import format_quantity
+
+    result = found.result
+    table = Table("best for", *result.parameters, "error", "nominal", "improvement")
+    for best in found.best:
+        cells = [format_quantity(best.trial.theta[name], p.unit) for name, p in result.parameters.items()]
+        gain = best.improvement
+        told = [_error(best, best.error), _error(best, best.nominal), "" if gain is None else f"{gain:.3g} %"]
+        table.add_row(best.section.name, *cells, *told)
+    return table
+
+
+def _error(best: BestCell, error: float | None) -> str:
+    from softcal.units import format_quantity
+
+    if error is None:
+        return ""
+    shown, unit = best.section.shown(error), best.section.shown_unit
+    return f"{shown:.3g} %" if unit == "%" else format_quantity(shown, unit, digits=3)

@@ -1,0 +1,160 @@
+"""The axes of a sweep as people write them: values and ranges start:stop:step, every number with its unit."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+
+from softcal.calibration.parameters import FreeParameter
+from softcal.errors import Fault, InputError, ParameterError
+from softcal.twin.parameters import ParameterInfo, out_of_range, unknown_name
+from softcal.units import format_quantity, parse_quantity
+
+# More values than anyone can wait for come from a step in the wrong unit.
+MOST_VALUES = 10_000
+_DIGITS = 12  # of a value: 0.5 - 3 * 0.05 is 0.35
+# The nearest ratio to an incompressible material's that is computed with.
+_NEAREST_RATIO = 0.4999
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A swept parameter: its name in the sweep, what it stands for, its unit, and its values [unit, SI] in order."""
+
+    name: str
+    targets: tuple[str, ...]
+    unit: str
+    values: tuple[float, ...]
+
+    @property
+    def parameter(self) -> FreeParameter:
+        """As a parameter of the grid's search space."""
+        of = () if self.targets == (self.name,) else self.targets
+        return FreeParameter(self.name, self.unit, min(self.values), max(self.values), of=of)
+
+
+def parse_axis(
+    name: str,
+    written: Sequence[str | float],
+    known: Mapping[str, ParameterInfo],
+    tied: Mapping[str, Sequence[str]],
+) -> Axis:
+    """The axis of a parameter, of parameters that are tied under a name, or of all that a pattern fits.
+
+    written: values (`0.45`, `2.3 MPa`) and ranges (`10 GPa:1 GPa:1 GPa`; the stop is the last value where a step meets
+    it), one to an entry or several with commas between. A step tells how far apart values are; without a sign it goes
+    from the start towards the stop. tied: the names or patterns of what is tied, by name.
+
+    Raises
+    ------
+    ParameterError
+        For a name that does not exist, a range or step that makes no sense, or a value that the parameter may not have
+        (such as a Poisson's ratio of 0.5), with the nearest that it may.
+    UnitError
+        For a unit that is missing or wrong.
+    """
+    wanted = tied.get(name, [name])
+    targets = tuple(target for target in known if any(fnmatchcase(target, one) for one in wanted))
+    if not targets:
+        raise ParameterError(unknown_name(name, {**known, **dict.fromkeys(tied)}))
+    info = known[targets[0]]
+    terms = [part.strip() for entry in written for part in str(entry).split(",")]
+    faults: list[Fault] = []
+    values: list[float] = []
+    for term in terms:
+        try:
+            values += _range(term, info.unit, name) if ":" in term else [_number(term, info.unit, name)]
+        except InputError as error:
+            faults += error.faults
+    faults = faults or _value_faults(name, values, terms, [known[target] for target in targets])
+    if faults:
+        raise ParameterError(faults)
+    return Axis(name, targets, info.unit, tuple(values))
+
+
+def doubled(axes: Sequence[Axis], held: Collection[str]) -> list[Fault]:
+    """The faults of what is swept twice, or swept and held at once."""
+    faults: list[Fault] = []
+    seen: dict[str, str] = {}
+    for axis in axes:
+        if held_here := [target for target in axis.targets if target in held]:
+            faults.append(Fault("the parameter is held and swept at once", axis.name, ", ".join(held_here)))
+        both = dict.fromkeys(seen[target] for target in axis.targets if target in seen)
+        faults += [Fault("the parameter is swept twice", axis.name, f"also by {other}") for other in both]
+        seen |= dict.fromkeys(axis.targets, axis.name)
+    return faults
+
+
+def _number(text: str, unit: str, name: str) -> float:
+    return float(f"{parse_quantity(text, unit, where=name):.{_DIGITS}g}")
+
+
+def _range(text: str, unit: str, name: str) -> list[float]:
+    parts = text.split(":")
+    if len(parts) != 3:
+        raise ParameterError(Fault("a range has a start, a stop and a step", name, f"'{text}'", "start:stop:step"))
+    start, stop, step = (_number(part, unit, name) for part in parts)
+    if start == stop:
+        raise ParameterError(Fault("the range is empty: it ends where it starts", name, f"'{text}'"))
+    if step == 0:
+        raise ParameterError(Fault("the step is zero", name, f"'{text}'", "a distance between values"))
+    way = stop - start
+    if step < 0 < way:
+        raise ParameterError(
+            Fault("the step leads away from the stop", name, f"'{text}'", "a step of the other sign, or without one")
+        )
+    n = int(abs(way / step) * (1 + 1e-9)) + 1
+    if n > MOST_VALUES:
+        raise ParameterError(
+            Fault("the range holds too many values", name, f"{n} of them in '{text}'", f"at most {MOST_VALUES}")
+        )
+    signed = abs(step) if way > 0 else -abs(step)
+    return [float(f"{start + k * signed:.{_DIGITS}g}") for k in range(n)]
+
+
+def _value_faults(
+    name: str, values: Sequence[float], terms: Sequence[str], infos: Sequence[ParameterInfo]
+) -> list[Fault]:
+    faults: list[Fault] = []
+    unit = infos[0].unit
+    twice = next((value for value in values if values.count(value) > 1), None)
+    if twice is not None:
+        faults.append(Fault("a value stands twice", name, format_quantity(twice, unit)))
+    elif len(values) < 2:
+        got = format_quantity(values[0], unit)
+        attempt = f"--set {name}={got} holds it there"
+        faults.append(Fault("a sweep needs two values or more", name, got, attempt=attempt))
+    for value in values:
+        fault = next((found for info in infos if (found := out_of_range(info, value)) is not None), None)
+        if fault is None:
+            continue
+        if unit == "1" and name.endswith("poissons_ratio") and value >= 0.5:
+            return [*faults, _incompressible(name, value, terms)]
+        return [*faults, Fault(fault.what, name, fault.got, fault.allowed)]
+    return faults
+
+
+def _incompressible(name: str, value: float, terms: Sequence[str]) -> Fault:
+    return Fault(
+        "Poisson's ratio must stay below 0.5: there the volume cannot change and the bulk modulus has no limit",
+        name,
+        f"{value:g}",
+        f"-1 < ratio < 0.5, the nearest being {_NEAREST_RATIO}",
+        f"{name}={_mended(terms)}",
+    )
+
+
+def _mended(terms: Sequence[str]) -> str:
+    """The same values, but the nearest allowed ratio for those that are not."""
+    kept: list[str] = []
+    for term in terms:
+        values = _range(term, "1", "") if ":" in term else [_number(term, "1", "")]
+        allowed = [value for value in values if value < 0.5]
+        if len(allowed) < len(values):
+            kept.append(f"{_NEAREST_RATIO}")
+        if len(allowed) > 2 and ":" in term:
+            kept.append(f"{allowed[0]:g}:{allowed[-1]:g}:{term.split(':')[2].strip()}")
+        else:
+            kept += [f"{value:g}" for value in allowed]
+    return ",".join(dict.fromkeys(kept))

@@ -1,0 +1,228 @@
+"""A project's twin on a grid of parameters, judged in every cell; kept in a run folder like a calibration."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from softcal.analysis.nominal import Nominal, nominal
+from softcal.analysis.sweep import BestCell, best_cells, section_errors, sections
+from softcal.calibration.loss import Loss
+from softcal.calibration.parameters import search_space
+from softcal.calibration.problem import Problem
+from softcal.calibration.result import CalibrationResult
+from softcal.calibration.run import Progress
+from softcal.calibration.run import calibrate as calibrate_problem
+from softcal.calibration.store import write_text
+from softcal.errors import Fault, InputError, ParameterError
+from softcal.project.axes import Axis, doubled, parse_axis
+from softcal.project.bench_names import experiments_named
+from softcal.project.calibration import make_loss, stoppable
+from softcal.project.project import Project
+from softcal.project.run_folder import begin_run, calibration_folder, finish_run, reopen_run
+
+SWEEP = "sweep"
+FORMULA = "nominal error / error of the best cell - 1; 100 % where the error was halved"
+
+
+@dataclass(frozen=True)
+class Swept:
+    """What a sweep found: every cell as a trial of `result`, what the nominal values give, and the best cells.
+
+    interrupted: the user stopped it; the cells that were simulated by then are there.
+    """
+
+    result: CalibrationResult
+    nominal: Nominal
+    best: tuple[BestCell, ...]
+    folder: Path | None
+    interrupted: bool
+
+
+def sweep(
+    project: Project,
+    *,
+    over: Mapping[str, str | Sequence[str | float]] | None = None,
+    experiments: Sequence[str] | None = None,
+    out: str | Path | None = None,
+    resume: bool = False,
+    workers: int = 1,
+    progress: Callable[[str, Progress], None] | None = None,
+) -> Swept:
+    """Simulate a project's experiments in every cell of a grid over any of its parameters.
+
+    The error is paper B's distance where positions alone are compared, otherwise the project's loss. The best cells and
+    the nominal values' error come with it. A cell that cannot be simulated is kept as FAILED with its reason.
+
+    Parameters
+    ----------
+    over
+        In the place of what the project says: values and ranges by parameter, such as
+        `{"springs.youngs_modulus": "10GPa:1GPa:1GPa", "springs.poissons_ratio": ["0.4999", "0.45:0.05:0.05"]}`.
+        The last parameter changes fastest.
+    experiments
+        Names or patterns of those to judge by; as the project says, or all, when None.
+    out
+        Run folder, new or empty; None keeps nothing on disk.
+    resume
+        Go on with the sweep in `out`.
+    workers
+        Processes; the result is the same for any number.
+    progress
+        Called after every cell.
+
+    Raises
+    ------
+    InputError
+        For a parameter, value, range or experiment that makes no sense, or a folder that cannot be used.
+    CalibrationError
+        Where no cell could be simulated.
+    """
+    axes = _axes(project, over)
+    problem = make_sweep(project, axes, experiments)
+    folder = None if out is None else Path(out)
+    settings = project.calibration.model_copy(
+        update={"method": "grid", "loss": problem.loss.name, "fit": "joint", "trials": None, "hold_out": []}
+    )
+    if folder is None and resume:
+        raise InputError(Fault("there is no sweep to resume without its folder", attempt="out"))
+    if folder is not None and resume:
+        reopen_run(project, folder)
+    elif folder is not None:
+        begin_run(project, settings, [SWEEP], folder)
+    known = nominal(problem)
+    store = None if folder is None else calibration_folder(folder, SWEEP)
+    with stoppable() as stop:
+        result = calibrate_problem(
+            problem,
+            method="grid",
+            axes={axis.name: axis.values for axis in axes},
+            seed=settings.seed,
+            workers=workers,
+            store=store,
+            resume=resume and store is not None and (store / "run.json").is_file(),
+            progress=None if progress is None else lambda state: progress(SWEEP, state),
+        )
+    found = Swept(result, known, best_cells(result, known), folder, stop.asked)
+    if folder is not None:
+        write_text(folder / "sweep.csv", sweep_csv(result))
+        finish_run(project, {SWEEP: result}, folder, {SWEEP: sweep_json(found)})
+    return found
+
+
+def make_sweep(project: Project, axes: Sequence[Axis], experiments: Sequence[str] | None = None) -> Problem:
+    """The problem whose free parameters are those of the axes, with the project's present values for all others.
+
+    Raises
+    ------
+    InputError
+        For an experiment that does not exist, or a parameter that none of the chosen ones has.
+    """
+    wanted = list(project.experiments) if experiments is None else list(experiments)
+    if experiments is None and project.sweep is not None and project.sweep.experiments:
+        wanted = project.sweep.experiments
+    names = experiments_named(wanted, project.experiments)
+    faults = [
+        Fault("there is no such experiment", "experiments", f"'{name}'", ", ".join(project.experiments) or "none")
+        for name in names
+        if name not in project.experiments
+    ]
+    if not names:
+        faults.append(Fault("there is no experiment to judge by", str(project.path), attempt="experiments: …"))
+    if faults:
+        raise ParameterError(faults)
+    chosen = tuple(project.experiments[name] for name in names)
+    space = search_space([axis.parameter for axis in axes], names, project.parameters)
+    return Problem(project.robot, chosen, space, _loss(project, chosen))
+
+
+def sweep_csv(result: CalibrationResult) -> str:
+    """A row for every cell: its number, state, reason, parameters [SI], loss, and error of every section.
+
+    Errors are in % of the length where it is known, else in SI; of several experiments each has its own columns too.
+    """
+    told = sections(result)
+    several = list(result.experiments) if len(result.experiments) > 1 else []
+    header = ["cell", "status", "reason"]
+    header += [f"{name} [{p.unit}]" for name, p in result.parameters.items()]
+    header += [f"loss {result.loss_name} [{'%' if result.loss_name == 'distance' else '1'}]"]
+    header += [f"error of {s.name} [{s.shown_unit}]" for s in told]
+    header += [f"error of {s.name} in {e} [{s.shown_unit}]" for e in several for s in told]
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    for trial in result.trials:
+        joint = section_errors(result, trial.errors)
+        row: list[object] = [trial.number, trial.state, trial.reason]
+        row += [trial.theta[name] for name in result.parameters]
+        row.append("" if trial.loss is None else trial.loss)
+        for errors in (joint, *(trial.errors.get(e, {}) for e in several)):
+            row += [s.shown(errors[s.name]) if s.name in errors else "" for s in told]
+        writer.writerow(row)
+    return text.getvalue()
+
+
+def sweep_json(found: Swept) -> dict[str, Any]:
+    """What result.json holds of a sweep beside the best cell's fit."""
+    result, known = found.result, found.nominal
+    axes: Mapping[str, Sequence[float]] = result.extra["axes"]
+    errors = section_errors(result, known.errors)
+    return {
+        "axes": {n: {"unit": result.parameters[n].unit, "values": list(values)} for n, values in axes.items()},
+        "cells": len(result.trials),
+        "failed": result.n_failed_trials,
+        "nominal": {
+            "parameters": dict(known.parameters),
+            "loss": known.loss,
+            "reason": known.failure,
+            "errors": {s.name: s.shown(errors[s.name]) for s in sections(result) if s.name in errors},
+        },
+        "best": {best.section.name: _best_json(best) for best in found.best},
+        "improvement_percent": FORMULA,
+    }
+
+
+def _best_json(best: BestCell) -> dict[str, Any]:
+    return {
+        "cell": best.trial.number,
+        "parameters": dict(best.trial.theta),
+        "error": best.section.shown(best.error),
+        "unit": best.section.shown_unit,
+        "nominal_error": None if best.nominal is None else best.section.shown(best.nominal),
+        "improvement_percent": best.improvement,
+        "notes": list(best.notes),
+    }
+
+
+def _axes(project: Project, over: Mapping[str, str | Sequence[str | float]] | None) -> list[Axis]:
+    given: dict[str, Sequence[str | float]] = {}
+    if over:
+        given = {name: [entry] if isinstance(entry, str) else list(entry) for name, entry in over.items()}
+    elif project.sweep is not None:
+        given = {name: list(entries) for name, entries in project.sweep.over.items()}
+    faults: list[Fault] = []
+    axes: list[Axis] = []
+    if not given:
+        attempt = "--over neck.youngs_modulus=1MPa:4MPa:0.5MPa, or sweep: {over: …} in the project"
+        faults.append(Fault("it is not said what to sweep over", str(project.path), attempt=attempt))
+    for name, written in given.items():
+        try:
+            axes.append(parse_axis(name, written, project.parameters, project.tied))
+        except InputError as error:
+            faults += error.faults
+    faults += doubled(axes, project.held)
+    if faults:
+        raise ParameterError(faults)
+    return axes
+
+
+def _loss(project: Project, chosen: Sequence[Any]) -> Loss:
+    """Paper B's distance where positions alone are compared, else the project's loss."""
+    placed = all(e.point_of(channel) for e in chosen for channel in e.compared)
+    loss = "distance" if placed else project.calibration.loss
+    length = next((e.rig.length for e in chosen if e.rig.length is not None), None)
+    return make_loss(project.calibration.model_copy(update={"loss": loss}), length)

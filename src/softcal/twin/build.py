@@ -31,7 +31,7 @@ class Twin:
 
     first_point: body or rod (and plate, where surfaces may touch) -> its first point; meshes: body -> the mesh of its
     element; frame: plate -> its frame; via: cable -> its via points as weighted points; markers: marker -> its weighted
-    points.
+    points; pressure_nodes: mixed body -> its first pressure, and the nodes that have one.
     """
 
     robot: Robot
@@ -41,6 +41,7 @@ class Twin:
     frame: dict[str, int]
     via: dict[str, list[Weights]]
     markers: dict[str, Weights]
+    pressure_nodes: dict[str, tuple[int, Ints]]
 
 
 def build_twin(robot: Robot) -> Twin:
@@ -57,6 +58,7 @@ def build_twin(robot: Robot) -> Twin:
     builder = _Points()
     meshes: dict[str, TetMesh] = {}
     solids: list[SolidTerm] = []
+    pressure_nodes: dict[str, tuple[int, Ints]] = {}
     n_pressures = 0
     for body in robot.bodies:
         mesh = _element_mesh(body)
@@ -69,11 +71,14 @@ def build_twin(robot: Robot) -> Twin:
                 Fault("there is no such law", where=f"{body.name}.law", got=body.law, allowed=", ".join(LAWS))
             )
         pressure = n_pressures if body.element == "P2P1" else None
+        deformable = _deformable(body, mesh, rider)
+        if pressure is not None:
+            pressure_nodes[body.name] = (n_pressures, np.unique(deformable[:, :4]))
         solid, count = build_solid(
             body.name,
             LAWS[body.law],
             mesh.points,
-            _deformable(body, mesh, rider),
+            deformable,
             first_point=first,
             first_pressure=pressure,
         )
@@ -130,7 +135,7 @@ def build_twin(robot: Robot) -> Twin:
     loads = build_loads(robot, meshes, builder.first, forces, layout.n_points)
     contacts = build_contacts(robot, layout, meshes, builder.first)
     system = build_system(layout, tuple(solids), build_cables(layout.X, via, pulled_last), loads, rods, contacts)
-    return Twin(robot, system, builder.first, meshes, frames.of_plate, via, markers)
+    return Twin(robot, system, builder.first, meshes, frames.of_plate, via, markers, pressure_nodes)
 
 
 def cached_twin(robot: Robot) -> Twin:

@@ -1,0 +1,58 @@
+"""The commands `softcal export …`: a project, or a calibrated run, for other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from softcal.cli.app import app, told
+from softcal.cli.values import Values, parsed_values
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from softcal.project.project import Project
+    from softcal.twin.protocol import Protocol
+
+export = typer.Typer(
+    help="Write a project, or the result of a calibration, for other programs.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+)
+app.add_typer(export, name="export")
+
+Source = Annotated[
+    Path, typer.Argument(metavar="RUN_OR_PROJECT", help="A run folder, or a project file.", show_default=False)
+]
+Out = Annotated[Path, typer.Option(metavar="DIR", help="A folder that is new or empty.", show_default=False)]
+Pull = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="CABLE=VALUE",
+        help="Instead of the experiments: pull a cable (front=40mm, front=8N); given again, several together.",
+        show_default=False,
+    ),
+]
+
+
+@export.command()
+@told
+def vtk(source: Source, out: Out, pull: Pull = None, values: Values = None) -> None:
+    """For ParaView: a .vtu for every solved shape, with displacement, stress, strain and the parameters."""
+    from softcal.project.exporting import export_vtk, load_calibrated
+
+    project = load_calibrated(source, parsed_values(values))
+    written = export_vtk(project, _protocols(project, pull), out)
+    typer.echo(f"Wrote {len(written)} files into {out}")
+
+
+def _protocols(project: Project, pull: list[str] | None) -> Mapping[str, Protocol]:
+    from softcal.project.pulls import parse_pulls
+    from softcal.project.simulation import protocol_of
+
+    if pull:
+        return {"pull": parse_pulls(project.robot, pull)}
+    return {name: protocol_of(project, name) for name in list(project.experiments) or [""]}

@@ -1,0 +1,129 @@
+"""A simulation as files for ParaView: one .vtu per solved shape, and a .pvd that plays them in order.
+
+Points carry `displacement` [m]; tets `stress` (Cauchy) and `von_mises` [Pa], and `strain` (Green-Lagrange), each the
+element's mean; rods and cables are lines, discs their skins. `part` numbers the parts as in `parts.txt`. The
+parameters are field data.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from softcal.checks import Floats, Ints
+from softcal.errors import Fault, ParameterError
+from softcal.geometry.mesh import TetMesh
+from softcal.materials.catalogue import LAWS
+from softcal.mechanics.stress import cauchy_stress, green_lagrange_strain, von_mises
+from softcal.twin.contacts import disc_surface
+from softcal.twin.parameters import robot_parameters
+from softcal.twin.response import Response, Snapshot
+from softcal.twin.robot import Body, Robot
+
+VTK_LINE, VTK_TRIANGLE, VTK_TET, VTK_TET10 = 3, 5, 10, 24
+
+
+def write_vtk(robot: Robot, response: Response, folder: Path) -> list[Path]:
+    """Write every shape of a response into an existing folder; returns the .pvd and the .vtu files.
+
+    Raises
+    ------
+    ParameterError
+        Where the response has no shapes: simulate with `snapshots=True`.
+    """
+    if not response.snapshots:
+        raise ParameterError(Fault("the response has no shapes", attempt="simulate with snapshots=True"))
+    rest = response.snapshots[0]
+    names = [*rest.points, *rest.rods, *rest.cables, *(p.name for p in robot.plates if p.disc is not None)]
+    written: list[Path] = []
+    for i, shape in enumerate(response.snapshots):
+        path = folder / f"shape-{i:03d}.vtu"
+        _grid(robot, response, shape, names).save(str(path))
+        written.append(path)
+    entries = "".join(
+        f'    <DataSet timestep="{i}" group="" part="0" name={quoteattr(shape.label)} file="{path.name}"/>\n'
+        for i, (shape, path) in enumerate(zip(response.snapshots, written, strict=True))
+    )
+    series = folder / "shapes.pvd"
+    series.write_text(
+        '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
+        f"{entries}  </Collection>\n</VTKFile>\n",
+        encoding="utf-8",
+    )
+    (folder / "parts.txt").write_text("".join(f"{i} {name}\n" for i, name in enumerate(names)), encoding="utf-8")
+    return [series, *written]
+
+
+class _Cells:
+    """Points and cells of all parts, one after the other."""
+
+    def __init__(self) -> None:
+        self.points: list[Floats] = []
+        self.rest: list[Floats] = []
+        self.cells: list[Ints] = []
+        self.kinds: list[int] = []
+        self.part: list[int] = []
+        self.stress: list[Floats] = []
+        self.strain: list[Floats] = []
+        self._n = 0
+
+    def add(self, part: int, x: Floats, rest: Floats, cells: Ints, kind: int) -> None:
+        """One part with its cells, free of stress until told otherwise."""
+        self.points.append(x)
+        self.rest.append(rest)
+        self.cells.append(np.insert(self._n + cells, 0, cells.shape[1], axis=1).ravel())
+        self.kinds += [kind] * len(cells)
+        self.part += [part] * len(cells)
+        self._n += len(x)
+        self.stress.append(np.zeros((len(cells), 3, 3)))
+        self.strain.append(np.zeros((len(cells), 3, 3)))
+
+
+def _grid(robot: Robot, response: Response, shape: Snapshot, names: list[str]) -> Any:
+    import pyvista
+
+    rest = response.snapshots[0]
+    cells = _Cells()
+    bodies = {body.name: body for body in robot.bodies}
+    for name, x in shape.points.items():
+        body, tets = bodies[name], response.tets[name]
+        mesh = TetMesh(_rest_points(body, tets, rest.points[name]), tets)
+        cells.add(names.index(name), x, mesh.points, tets, VTK_TET if mesh.order == 1 else VTK_TET10)
+        cells.stress[-1] = cauchy_stress(mesh, LAWS[body.law], body.parameters, x, shape.pressures.get(name))
+        cells.strain[-1] = green_lagrange_strain(mesh, x)
+    for lines, at_rest in ((shape.rods, rest.rods), (shape.cables, rest.cables)):
+        for name, x in lines.items():
+            segments = np.arange(len(x) - 1)[:, None] + [0, 1]
+            cells.add(names.index(name), x, at_rest[name], segments, VTK_LINE)
+    for plate in robot.plates:
+        if plate.disc is not None:
+            skin, faces = disc_surface(plate.disc)
+            position, rotation = shape.plates[plate.name]
+            x = position + (skin - plate.reference) @ rotation.T
+            cells.add(names.index(plate.name), x, skin, faces, VTK_TRIANGLE)
+    points = np.concatenate(cells.points)
+    grid = pyvista.UnstructuredGrid(np.concatenate(cells.cells), np.array(cells.kinds, dtype=np.uint8), points)
+    grid.point_data["displacement"] = points - np.concatenate(cells.rest)
+    stress = np.concatenate(cells.stress)
+    grid.cell_data["stress"] = stress.reshape(-1, 9)
+    grid.cell_data["von_mises"] = von_mises(stress)
+    grid.cell_data["strain"] = np.concatenate(cells.strain).reshape(-1, 9)
+    grid.cell_data["part"] = np.array(cells.part)
+    for name, info in robot_parameters(robot).items():
+        grid.field_data[f"{name} [{info.unit}]"] = [info.value]
+    for cable, tension in shape.tensions.items():
+        grid.field_data[f"{cable}.tension [N]"] = [tension]
+    return grid
+
+
+def _rest_points(body: Body, tets: Ints, first: Floats) -> Floats:
+    """The undeformed nodes of the element's mesh: the body's own, and middles of edges where it had none."""
+    given = body.mesh.points
+    if len(given) == len(first):
+        return given
+    from softcal.geometry.quadratic import to_linear, to_quadratic
+
+    return (to_linear(body.mesh) if tets.shape[1] == 4 else to_quadratic(body.mesh)).points

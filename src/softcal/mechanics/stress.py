@@ -1,0 +1,69 @@
+"""Stress and strain inside a solid, as means over its elements."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.geometry.mesh import TetMesh
+from softcal.materials.law import Law, compile_law, stacked
+from softcal.mechanics.element import quadrature, reference_gradients, shape_functions
+
+
+def deformation_gradients(mesh: TetMesh, x: Floats) -> tuple[Floats, Floats]:
+    """F (n_tets, n_q, 3, 3) at the quadrature points of a mesh with nodes at x (n_points, 3) [m], and their weights
+    (n_tets, n_q) [m^3].
+    """
+    dN, w = reference_gradients(mesh.points, mesh.tets)
+    return np.einsum("eai,eqak->eqik", x[mesh.tets], dN), w
+
+
+def cauchy_stress(
+    mesh: TetMesh, law: Law, theta: Mapping[str, float], x: Floats, pressure: Floats | None = None
+) -> Floats:
+    """The mean Cauchy stress of each tet (n_tets, 3, 3) [Pa].
+
+    Parameters
+    ----------
+    theta
+        The law's own parameters [SI].
+    x
+        Positions of the nodes (n_points, 3) [m].
+    pressure
+        For mixed elements, the multiplier p of g(J) at the nodes (n_points,) [Pa], where only corners count; None for
+        elements in which the volume has no unknown of its own.
+    """
+    F, w = deformation_gradients(mesh, x)
+    C = np.einsum("eqki,eqkj->eqij", F, F)
+    I1 = np.trace(C, axis1=2, axis2=3)
+    I2 = 0.5 * (I1**2 - np.einsum("eqij,eqji->eq", C, C))
+    J = np.linalg.det(F)
+    compiled = compile_law(law)
+    values = tuple(theta[name] for name in compiled.parameters)
+    derivatives = compiled.full if pressure is None else compiled.distortional
+    psi = stacked(derivatives(I1.ravel(), I2.ravel(), J.ravel(), *values), J.size)[:3].reshape(3, *J.shape)
+    by_J = psi[2]
+    if pressure is not None:
+        barycentric, _ = quadrature(mesh.order)
+        p = pressure[mesh.tets[:, :4]] @ shape_functions(barycentric, 1).T
+        by_J = by_J + p * stacked(compiled.strain(J.ravel()), J.size)[1].reshape(J.shape)
+    b = np.einsum("eqik,eqjk->eqij", F, F)
+    of_I2 = I1[..., None, None] * b - b @ b
+    sigma = 2.0 / J[..., None, None] * (psi[0][..., None, None] * b + psi[1][..., None, None] * of_I2)
+    sigma += by_J[..., None, None] * np.eye(3)
+    return np.einsum("eq,eqij->eij", w, sigma) / w.sum(axis=1)[:, None, None]
+
+
+def green_lagrange_strain(mesh: TetMesh, x: Floats) -> Floats:
+    """The mean Green-Lagrange strain of each tet (n_tets, 3, 3)."""
+    F, w = deformation_gradients(mesh, x)
+    E = 0.5 * (np.einsum("eqki,eqkj->eqij", F, F) - np.eye(3))
+    return np.einsum("eq,eqij->eij", w, E) / w.sum(axis=1)[:, None, None]
+
+
+def von_mises(stress: Floats) -> Floats:
+    """The equivalent stress (n,) of stresses (n, 3, 3)."""
+    deviator = stress - np.trace(stress, axis1=1, axis2=2)[:, None, None] / 3.0 * np.eye(3)
+    return np.sqrt(1.5 * np.einsum("eij,eij->e", deviator, deviator))

@@ -1,0 +1,82 @@
+"""A project, or a calibrated run of one, as files for other programs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from softcal.errors import SimulationError
+from softcal.project.calibration import calibrated
+from softcal.project.output import new_folder, require_free, require_writable
+from softcal.project.project import Project, load
+from softcal.project.run_folder import headline_of, load_run
+from softcal.project.search import held_values
+from softcal.project.simulation import simulate
+from softcal.twin.parameters import robot_parameters, with_parameters
+from softcal.twin.protocol import Protocol
+
+
+def load_calibrated(path: Path, values: Mapping[str, str] | None = None) -> Project:
+    """The project of a file, or that of a run folder at the values it found; then with `values` set on top.
+
+    Raises
+    ------
+    InputError
+        For a project that cannot be loaded, or a value that it does not take.
+    StorageError
+        For a folder that holds no run.
+    """
+    if not path.is_dir():
+        return load(path, values=values or {})
+    run = load_run(path)
+    project = calibrated(run.project, headline_of(run.results)[1])
+    held = held_values(values or {}, robot_parameters(project.robot))
+    return replace(project, robot=with_parameters(project.robot, held))
+
+
+def export_vtk(project: Project, protocols: Mapping[str, Protocol], folder: Path) -> list[Path]:
+    """Every shape of each protocol, by name, as .vtu files for ParaView in a new folder; see `softcal.export.vtk`.
+
+    Raises
+    ------
+    StorageError
+        Where the folder holds files, or cannot be written.
+    SimulationError
+        Where the twin could not follow a protocol; nothing is then written.
+    """
+    from softcal.export.vtk import write_vtk
+
+    require_free(folder, "another --out")
+    require_writable(folder)
+    responses = {name: simulate(project, protocol, snapshots=True) for name, protocol in protocols.items()}
+    for name, response in responses.items():
+        if not response.succeeded:
+            raise SimulationError(f"{name}: {response.status}")
+    return write_folder(
+        folder,
+        lambda part: [
+            path
+            for name, response in responses.items()
+            for path in write_vtk(project.robot, response, _subfolder(part, name, len(responses)))
+        ],
+    )
+
+
+def write_folder(folder: Path, write: Callable[[Path], list[Path]]) -> list[Path]:
+    """Let `write` fill a new folder, whole or not at all; the files as they lie there then.
+
+    Raises
+    ------
+    StorageError
+        Where the folder holds files, or cannot be written.
+    """
+    with new_folder(folder) as part:
+        written = [path.relative_to(part) for path in write(part)]
+    return [folder / path for path in written]
+
+
+def _subfolder(folder: Path, name: str, n: int) -> Path:
+    inside = folder / name if n > 1 else folder
+    inside.mkdir(exist_ok=True)
+    return inside

@@ -1,6 +1,6 @@
 """What the modulus hangs on: the joint fit again with one assumption changed at a time.
 
-    python vary.py                     prints a table: E, its change, and the distance of the markers; about a minute
+`python vary.py` prints a table: E, its change, and the distance of the markers. It takes about a minute.
 """
 
 from __future__ import annotations
@@ -98,8 +98,8 @@ def without(marker: str) -> Callable[[Project], Project]:
 
 def without_priors(project: Project) -> Project:
     """Nothing known of the frames."""
-    assert project.space is not None
-    free = tuple(replace(p, prior_mean=None, prior_sd=None) for p in project.space.parameters)
+    parameters = () if project.space is None else project.space.parameters
+    free = tuple(replace(p, prior_mean=None, prior_sd=None) for p in parameters)
     return replace(project, space=SearchSpace(free))
 
 

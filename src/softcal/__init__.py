@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from softcal.project.run_folder import load_run as load_run
     from softcal.project.simulation import pull as pull
     from softcal.project.simulation import simulate as simulate
+    from softcal.project.validation import validate as validate
     from softcal.twin.in_time import simulate_in_time as simulate_in_time
     from softcal.twin.manipulator import ManipulatorShape as ManipulatorShape
     from softcal.twin.manipulator import manipulator as manipulator
@@ -101,6 +102,7 @@ _HOMES = {
     "ramp": "softcal.twin.schedule",
     "simulate": "softcal.project.simulation",
     "simulate_in_time": "softcal.twin.in_time",
+    "validate": "softcal.project.validation",
     "write_report": "softcal.project.reporting",
 }
 
@@ -147,6 +149,7 @@ __all__ = [
     "ramp",
     "simulate",
     "simulate_in_time",
+    "validate",
     "write_report",
 ]
 

@@ -115,7 +115,13 @@ def compared_channels(
 def noise_of(
     given: Mapping[str, str | float], channels: Iterable[str] | None, path: KeyPath, findings: Findings
 ) -> dict[str, tuple[str, float]]:
-    """Standard deviation [SI] by channel, with the key that said it; channels None where they are not known."""
+    """Standard deviation [SI] by channel, with the key that said it; channels None where they are not known.
+
+    Raises
+    ------
+    ParameterError
+        Never past this function: `findings` keeps it among the faults of the file.
+    """
     sigmas: dict[str, tuple[str, float]] = {}
     for key, value in given.items():
         named = [key] if channel_unit(key) is not None else channels_named(key, channels or ())
@@ -141,7 +147,13 @@ def experiments_named(wanted: Iterable[str], known: Iterable[str]) -> list[str]:
 def settings_of(
     given: Mapping[str, str | float], experiment: Experiment, robot: Robot, path: KeyPath, findings: Findings
 ) -> dict[str, float]:
-    """Settings [SI] by the dotted name of a parameter; `weight.mass` becomes the force of the load `weight`."""
+    """Settings [SI] by the dotted name of a parameter; `weight.mass` becomes the force of the load `weight`.
+
+    Raises
+    ------
+    ParameterError
+        Never past this function: `findings` keeps it among the faults of the file.
+    """
     known = robot_parameters(robot)
     rig = experiment.rig_values()
     settings: dict[str, float] = {}
@@ -161,7 +173,13 @@ def settings_of(
 
 
 def _weight(load: PointLoad, mass: float, robot: Robot) -> float:
-    """The force [N] along the load's direction by which a mass [kg] pulls that hangs there."""
+    """The force [N] along the load's direction by which a mass [kg] pulls that hangs there.
+
+    Raises
+    ------
+    ParameterError
+        Where the load does not point along gravity.
+    """
     g = float(np.linalg.norm(robot.gravity))
     along = float(np.dot(robot.gravity, np.asarray(load.direction)))
     if not g > 0 or along < (1 - 1e-6) * g:

@@ -10,6 +10,7 @@ import numpy as np
 from softcal.calibration.result import CalibrationResult
 from softcal.checks import Floats
 from softcal.experiments.dataset import Dataset
+from softcal.experiments.names import is_deviation
 from softcal.report.content import ExperimentContent, ReportContent
 from softcal.report.series import Trajectory, TrajectoryPanel
 from softcal.report.style import (
@@ -67,7 +68,7 @@ def draw_record(data: Dataset) -> Figure:
             _force_displacement_axes(axes, data.name)
             axes.legend(loc="upper left")
             return figure
-        names = [name for name in data.channels if name != "time"] or ["time"]
+        names = [name for name in data.channels if name != "time" and not is_deviation(name)] or ["time"]
         figure = new_figure(5.2, 1.2 + 1.5 * len(names))
         stack = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
         timed = "time" in data.channels and names != ["time"]

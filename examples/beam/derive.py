@@ -7,10 +7,10 @@ The files are in srl-ethz/diffPD_sim2real, python/realbeam_experiments/Measureme
 straight by hand for half a second, let go, and comes to rest; the last half second is averaged.
 
 The motion capture's own frame lies anywhere. Positions are therefore told in a frame that is laid, once for each
-set-up, on all six markers while the beam is held straight: turned and moved so that their mean places are nearest to where they
-were meant to sit. That is as good as a hand holds straight, about a millimetre and a degree; the calibration finds out
-the rest. (Laid on the three base markers alone it would be wrong by two to four degrees: their triangle is small, and
-one of the three sits a millimetre or two beside its place.)
+set-up, on all six markers while the beam is held straight: turned and moved so that their mean places are nearest to
+where they were meant to sit. That is as good as a hand holds straight, about a millimetre and a degree; the calibration
+finds out the rest. (Laid on the three base markers alone it would be wrong by two to four degrees: their triangle is
+small, and one of the three sits a millimetre or two beside its place.)
 """
 
 from __future__ import annotations
@@ -57,8 +57,9 @@ HEADER = """\
 Where six markers on a clamped silicone beam came to rest: means and standard deviations over the last 0.5 s of a take.
 Derived by derive.py from the motion capture files of srl-ethz/diffPD_sim2real (MIT License, Copyright (c) 2021 Soft
 Robotics Lab, ETH Zürich), python/realbeam_experiments/Measurement_data/beam_{gravity,load52,load101}_V2_{a,b}.c3d,
-which belong to: M. Dubied, M. Y. Michelis, A. Spielberg, R. K. Katzschmann, Sim-to-real for soft robots using differentiable
-FEM: recipes for meshing, damping, and actuation, IEEE Robotics and Automation Letters 7(2), 5015-5022, 2022.
+which belong to: M. Dubied, M. Y. Michelis, A. Spielberg, R. K. Katzschmann, Sim-to-real for soft robots using
+differentiable FEM: recipes for meshing, damping, and actuation, IEEE Robotics and Automation Letters 7(2), 5015-5022,
+2022.
 Frame: x along the beam from the clamp, z up, laid on the markers of each set-up while the beam was held straight:
 position = R (motion capture) + t.
 """

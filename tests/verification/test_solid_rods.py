@@ -194,7 +194,7 @@ def apart(cable: str, force: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_the_manipulator_on_solid_springs():
-    """1.5 kgf on a cable to S2 bends it by 60 deg."""
+    """1.5 kgf on a cable to S2."""
     difference, moved = apart("cable2", 14.715)
     assert moved[3] > 0.5
     assert difference.max() < 0.01
@@ -203,7 +203,7 @@ def test_the_manipulator_on_solid_springs():
 
 @pytest.mark.slow
 def test_the_manipulator_on_solid_springs_bent_the_most():
-    """2 kgf on a cable to S4: the tip points upwards."""
+    """2 kgf on a cable to S4, which moves it by the whole length."""
     difference, moved = apart("cable6", 19.62)
     assert moved[3] > 0.9
     assert difference[3] < 0.02

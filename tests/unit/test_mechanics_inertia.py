@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mechanics_cases import column_robot, elastic, held, irregular_box
+from mechanics_cases import MOONEY_RIVLIN, column_robot, elastic, held, irregular_box
 
 from softcal.errors import InputError
 from softcal.geometry.centreline import straight
@@ -12,10 +12,14 @@ from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.quadratic import to_quadratic
 from softcal.geometry.section import rectangular
+from softcal.materials.catalogue import LAWS
+from softcal.materials.law import Law
 from softcal.mechanics.dynamics import pulls_without_push
 from softcal.mechanics.inertia import Rates, element_masses, second_moments
-from softcal.mechanics.inertial_system import Damping, Instant, after, at_rest, stepper
+from softcal.mechanics.inertial_system import Damping, Instant, after, at_rest, elastic_forces, stepper
+from softcal.mechanics.solid import build_solid
 from softcal.mechanics.state import exponential, moved, rest_state
+from softcal.mechanics.viscosity import rest_moduli, viscous_term
 from softcal.twin.build import build_twin
 from softcal.twin.masses import robot_inertia
 from softcal.twin.parameters import robot_parameters
@@ -144,8 +148,9 @@ def moving_robots() -> dict[str, Robot]:
     }
 
 
+@pytest.mark.parametrize("kind", ["strain", "tangent"])
 @pytest.mark.parametrize("name", ["plate and rod", "P2P1", "tied"])
-def test_tangent_of_a_step_is_the_derivative_of_its_forces(name):
+def test_tangent_of_a_step_is_the_derivative_of_its_forces(name, kind):
     import scipy.sparse as sp
 
     robot = moving_robots()[name]
@@ -160,7 +165,7 @@ def test_tangent_of_a_step_is_the_derivative_of_its_forces(name):
 
     before = moved(layout, rest_state(layout), 0.3 * scale * random.standard_normal(n))
     start = after(at_rest(rest_state(layout)), before, 0.004)
-    step = stepper(system, robot_inertia(twin, robot), Damping(0.03, 2.0), 0.005).begin(start, theta)
+    step = stepper(system, robot_inertia(twin, robot), Damping(0.03, 2.0, kind), 0.005).begin(start, theta)
     state = moved(layout, before, scale * random.standard_normal(n))
     at = step.linearise(state, held(), theta)
     assert at.is_admissible
@@ -207,6 +212,47 @@ def test_momentum_of_a_spinning_robot_is_that_of_its_particles():
     energy = 0.5 * sum(m * np.sum((v + np.cross(omega, x)) ** 2) for m, x in parts)
     energy += 0.5 * omega @ (np.trace(own) * np.eye(3) - own) @ omega
     assert got.kinetic_energy == pytest.approx(energy, rel=1e-11)
+
+
+@pytest.mark.parametrize("law", [*LAWS.values(), MOONEY_RIVLIN], ids=lambda law: law.name)
+def test_viscosity_has_the_moduli_of_the_undeformed_body(law):
+    E, nu = 2.0e6, 0.37
+    lame, shear = E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), 0.5 * E / (1.0 + nu)
+    mesh = box_mesh((1.0, 1.0, 1.0), (1, 1, 1))
+    for first_pressure, bulk in ((None, lame + 2.0 * shear / 3.0), (0, None)):
+        solid, _ = build_solid("body", law, mesh.points, mesh.tets, first_point=0, first_pressure=first_pressure)
+        lmbda, mu = rest_moduli(solid, elastic(E, nu))
+        assert mu == pytest.approx(shear, rel=1e-12)
+        if bulk is not None:
+            assert lmbda + 2.0 * mu / 3.0 == pytest.approx(bulk, rel=1e-12)
+        else:
+            assert lmbda + 2.0 * mu / 3.0 == pytest.approx(bulk_of(law, lame, shear), abs=1e-9 * shear)
+
+
+def bulk_of(law: Law, lame: float, shear: float) -> float:
+    """What psi_d alone has against a change of volume: the whole bulk modulus less kappa."""
+    return lame + 2.0 * shear / 3.0 - law.bulk_modulus(elastic(2.0e6, 0.37))
+
+
+def test_viscosity_of_a_small_motion_is_rayleighs():
+    """About the undeformed body, r_s / h times what its stiffness makes of the step; nothing of a rotation."""
+    robot = column_robot("P1", cables=(), divisions=(1, 1, 2))
+    twin = build_twin(robot)
+    system, solid = twin.system, twin.system.solids[0]
+    theta = {key: info.value for key, info in robot_parameters(robot).items()}
+    rest = rest_state(system.layout)
+    term = viscous_term(solid, system.solid_places[0].displacement, theta, 3.0, rest)
+
+    def force(x: np.ndarray) -> np.ndarray:
+        gradient = np.zeros(x.size)
+        term.assemble(solid.invariants(x)[0], gradient, None)
+        return gradient
+
+    u = 1e-7 * np.random.default_rng(0).standard_normal(rest.x.shape)
+    elastic_force = elastic_forces(system, replace(rest, x=rest.x + u), theta).ravel()
+    np.testing.assert_allclose(force(rest.x + u), 3.0 * elastic_force, atol=1e-4 * np.abs(elastic_force).max())
+    turned = rest.x @ exponential(np.array([[0.5, -1.0, 0.3]]))[0].T + [0.1, 0.2, 0.3]
+    assert np.abs(force(turned)).max() < 1e-9 * np.abs(force(1.1 * rest.x)).max()
 
 
 def test_cables_of_given_lengths_pull_or_are_slack():

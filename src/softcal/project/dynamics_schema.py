@@ -29,6 +29,7 @@ class DynamicsSection(Section):
     rayleigh_stiffness: Annotated[Duration, Field(ge=0)] = 0.2
     rayleigh_mass: Annotated[Rate, Field(ge=0)] = 0.1
     scheme: Literal["converged", "one-solve"] = "converged"
+    damping: Literal["strain", "tangent"] | None = None
     masses: Literal["consistent", "lumped"] = "consistent"
     start: Literal["equilibrium", "undeformed"] = "equilibrium"
     ramp: Annotated[Duration, Positive] = 1.0
@@ -50,6 +51,7 @@ class DynamicsSection(Section):
             rayleigh_stiffness=self.rayleigh_stiffness,
             rayleigh_mass=self.rayleigh_mass,
             scheme=self.scheme,
+            damping=self.damping,
             masses=self.masses,
             start=self.start,
             until_settled=None if settle is None else Settling(settle.speed, settle.hold, settle.longest, settle.on),

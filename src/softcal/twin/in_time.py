@@ -10,7 +10,7 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.errors import Fault, InputError, ParameterError, SimulationError
 from softcal.mechanics.dynamics import Dynamics
-from softcal.mechanics.inertial_system import Damping, Instant, at_rest
+from softcal.mechanics.inertial_system import Instant, at_rest
 from softcal.mechanics.state import rest_state
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.system import Controls
@@ -64,12 +64,11 @@ def simulate_in_time(
         raise InputError(Fault("there is no such plate or marker", "settling", settling.on, allowed))
     twin = cached_twin(robot)
     theta = {name: info.value for name, info in robot_parameters(robot).items()}
-    damping = Damping(settings.rayleigh_stiffness, settings.rayleigh_mass)
     inertia = robot_inertia(twin, robot, settings.masses)
     if inertia.is_none:
         parts = ", ".join(part.name for part in (*robot.bodies, *robot.rods, *robot.plates))
         raise ParameterError(Fault("nothing that moves has mass", parts, attempt="a density, or a plate's mass"))
-    dynamics = Dynamics(twin.system, inertia, theta, damping, settings.scheme)
+    dynamics = Dynamics(twin.system, inertia, theta, settings.rayleigh, settings.scheme)
     run = _Run(twin, schedule, settings, snapshots)
     try:
         run.to_the_end(dynamics, _start(twin, theta, settings))

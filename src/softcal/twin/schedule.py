@@ -11,6 +11,7 @@ import numpy as np
 from softcal.checks import Floats, frozen_floats
 from softcal.errors import Fault, InputError
 from softcal.mechanics.dynamics import Scheme
+from softcal.mechanics.inertial_system import Damping, DampingKind
 from softcal.twin.masses import MassMatrix
 from softcal.twin.protocol import Command
 from softcal.twin.robot import Control
@@ -75,6 +76,8 @@ class TimeSettings:
 
     time_step [s]; rayleigh_stiffness [s] and rayleigh_mass [1/s]: damping, paper A's by default.
     scheme: `converged` solves each step by Newton's method; `one-solve` takes its first iteration, as SOFA does.
+    damping of bodies: on the `strain`, or with the `tangent` of their forces, which is SOFA's and gives energy to a
+    body that is pressed beyond its own buckling load; by default the first in converged steps, else the second.
     masses: `consistent` or `lumped`, of bodies. start: at equilibrium under the dead loads, or at rest without them.
     until_settled: go on after the schedule until nothing moves.
     """
@@ -83,6 +86,7 @@ class TimeSettings:
     rayleigh_stiffness: float = 0.2
     rayleigh_mass: float = 0.1
     scheme: Scheme = "converged"
+    damping: DampingKind | None = None
     masses: MassMatrix = "consistent"
     start: Literal["equilibrium", "undeformed"] = "equilibrium"
     until_settled: Settling | None = None
@@ -92,6 +96,12 @@ class TimeSettings:
         for key in ("rayleigh_stiffness", "rayleigh_mass"):
             if not 0.0 <= getattr(self, key) < np.inf:
                 raise InputError(Fault("damping is out of range", key, f"{getattr(self, key):g}", ">= 0"))
+
+    @property
+    def rayleigh(self) -> Damping:
+        """The damping."""
+        kind = self.damping or ("tangent" if self.scheme == "one-solve" else "strain")
+        return Damping(self.rayleigh_stiffness, self.rayleigh_mass, kind)
 
 
 def _check_positive(where: str, values: Mapping[str, float]) -> None:

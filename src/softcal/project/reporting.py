@@ -15,6 +15,7 @@ from softcal.project.calibration import JOINT, calibrated, make_problem
 from softcal.project.calibration_schema import CalibrationSection
 from softcal.project.project import Project
 from softcal.project.run_folder import Run, load_run
+from softcal.project.settled import from_undeformed, settled_shapes
 from softcal.project.simulation import simulate, twin_view
 from softcal.report.content import ExperimentContent, Landscape, ReportContent, TwinView
 from softcal.report.write import ReportPaths
@@ -48,11 +49,13 @@ def report_content(run: Run) -> ReportContent:
     """Everything that the report of a run needs."""
     project = run.project
     headline = JOINT if JOINT in run.results else next(iter(run.results))
+    settled = settled_shapes(project, run.results[headline])
     return ReportContent(
         project_name=project.name,
         results=run.results,
         experiments={name: _experiment(project, name) for name in project.experiments},
-        twin=_twin(project, run.results[headline]),
+        twin=_twin(project, run.results[headline]) or from_undeformed(settled),
+        settled=settled,
         landscapes=_landscapes(project, run.results, run.settings),
         print_infill=project.print_infill,
         headline=headline,

@@ -10,6 +10,7 @@ from softcal.checks import Floats, Ints, frozen_floats, frozen_ints
 from softcal.errors import Fault, InputError
 from softcal.experiments.dataset import Dataset
 from softcal.materials.infill import effective_modulus
+from softcal.report.settled import SettledShapes
 from softcal.twin.response import Snapshot
 from softcal.twin.robot import Robot
 
@@ -122,6 +123,7 @@ class ReportContent:
     what people read, and `CalibrationResult.experiments` says which experiments it was fitted to.
     experiments: name -> data. headline: label of the result to show first; "" takes "joint", else the first.
     landscapes: label of a calibration -> loss over two parameters; where absent, the trials are drawn.
+    settled: the shapes of the headline's calibration, where positions were compared.
     A simulated channel without a measured one (pitch where no IMU was used) belongs in `ExperimentFit.simulated`.
     """
 
@@ -129,6 +131,7 @@ class ReportContent:
     results: Mapping[str, CalibrationResult]
     experiments: Mapping[str, ExperimentContent]
     twin: TwinView | None = None
+    settled: SettledShapes | None = None
     landscapes: Mapping[str, Landscape] = field(default_factory=dict)
     print_infill: PrintInfill | None = None
     headline: str = ""

@@ -47,6 +47,7 @@ def report_pictures(content: ReportContent) -> list[Picture]:
         *_overview(content),
         *_twin(content),
         *_bench(content),
+        *_places(content),
         *_fits(content),
         *_searches(content),
         *_estimates(content),
@@ -72,10 +73,12 @@ def _twin(content: ReportContent) -> Iterator[Picture]:
     if content.twin is None:
         return
     drawn = draw_twin(content.twin)
-    caption = (
-        "The calibrated twin at rest and at its largest pitch, to one scale. Colour is the displacement from rest, "
-        "the tubes are cables, the disc is the rigid plate."
-    )
+    robot = content.twin.robot
+    states = "at rest and at its largest pitch" if robot.cables else "undeformed and as it settled"
+    drawn_as = ["colour is the displacement"]
+    drawn_as += ["the tubes are cables"] if robot.cables else []
+    drawn_as += ["the discs are rigid plates"] if robot.plates else []
+    caption = f"The calibrated twin {states}, to one scale: {joined(drawn_as)}."
     yield Picture("twin", "twin", caption, *encode(drawn.figure), "png", drawn.note)
 
 
@@ -102,6 +105,26 @@ def _bench_caption(experiment: ExperimentContent) -> str:
     if experiment.cycles is None and later:
         caption += f" Between the two lie: {joined(later)}."
     return caption
+
+
+def _places(content: ReportContent) -> Iterator[Picture]:
+    from softcal.report.chart_places import draw_places, markers_of
+
+    if content.settled is None:
+        return
+    fits = content.headline_result.experiments
+    found = {name: markers_of(fits[name]) for name in content.settled.shapes if name in fits}
+    markers = {name: one for name, one in found.items() if one is not None}
+    if not markers:
+        return
+    caption = (
+        f"{result_label(content.headline)}: where the markers were measured and where the calibrated twin has them, in "
+        "the robot's frame, with the twin's shapes."
+    )
+    left = len(fits) - len(content.settled.shapes)
+    caption += f" {left} further experiments are left out." if left > 0 else ""
+    figure = draw_places(result_label(content.headline), content.settled, markers)
+    yield _picture(figure, "places", "fit", caption)
 
 
 def _fits(content: ReportContent) -> Iterator[Picture]:

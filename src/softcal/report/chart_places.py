@@ -1,0 +1,144 @@
+"""Where markers were measured and where the twin has them, with the twin's shapes, from two sides."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from softcal.calibration.result import ExperimentFit
+from softcal.checks import Floats, Ints
+from softcal.report.outline import View, outline, two_views
+from softcal.report.robot_view import robot_points, up_direction
+from softcal.report.scene import boundary_triangles
+from softcal.report.settled import SettledShapes
+from softcal.report.style import FAINT, INK, MUTED, SERIES, house_style, new_figure
+from softcal.twin.response import Snapshot
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# All in inches: height of the pictures, width of both at most, and what is around them.
+_PANEL, _WIDEST = 3.4, 9.0
+_LEFT, _GAP, _HEAD, _FOOT = 0.6, 0.25, 0.35, 0.85
+_COLUMNS = 6
+_THIN = 1e-6  # of the largest extent of the markers: less, and they lie on a line
+
+
+@dataclass(frozen=True)
+class Markers:
+    """Markers in the robot's frame [m], shape (n, 3): every state of every marker that was seen."""
+
+    measured: Floats
+    simulated: Floats
+
+
+def markers_of(fit: ExperimentFit) -> Markers | None:
+    """The markers of one experiment, both brought from the bench's frame to the robot's; None where that cannot be.
+
+    The bench's frame is told by the twin's markers, whose places are known in both; three are needed off one line.
+    """
+    measured, simulated, own = (_stacked(values, fit) for values in (fit.measured, fit.simulated, fit.response))
+    if not len(own):
+        return None
+    known = np.isfinite(measured).all(axis=1)
+    measured, simulated, own = measured[known], simulated[known], own[known]
+    if np.allclose(simulated, own, rtol=0.0, atol=1e-12):
+        return Markers(measured, simulated)
+    here, there = simulated - simulated.mean(axis=0), own - own.mean(axis=0)
+    sizes = np.linalg.svd(here, compute_uv=False)
+    if sizes[1] < _THIN * sizes[0]:
+        return None
+    left, _, right = np.linalg.svd(there.T @ here)
+    R = left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
+    return Markers((measured - simulated.mean(axis=0)) @ R.T + own.mean(axis=0), own)
+
+
+def draw_places(title: str, settled: SettledShapes, markers: Mapping[str, Markers]) -> Figure:
+    """Open circles: measured; crosses: the twin's; its shape in each experiment, and undeformed in grey."""
+    from matplotlib.lines import Line2D
+
+    places = np.concatenate([part for one in markers.values() for part in (one.measured, one.simulated)])
+    bodies = [points for shape in settled.shapes.values() for points in shape.points.values()]
+    extent = np.concatenate([robot_points(settled.robot), places, *bodies])
+    views = two_views(extent, up_direction(settled.robot))
+    frames = [_frame(view.flat(extent)) for view in views]
+    shares = [(right - left) / (top - bottom) for left, right, bottom, top in frames]
+    high = min(_PANEL, _WIDEST / sum(shares))
+    width, height = _LEFT + sum(shares) * high + _GAP + 0.1, _FOOT + high + _HEAD
+    with house_style():
+        figure = new_figure(width, height)
+        figure.set_layout_engine("none")  # both pictures are to one scale, so their places are given rather than found
+        at = _LEFT
+        for k, (view, (left, right, bottom, top)) in enumerate(zip(views, frames, strict=True)):
+            axes = figure.add_axes((at / width, _FOOT / height, shares[k] * high / width, high / height))
+            at += shares[k] * high + _GAP
+            axes.set(xlim=(left, right), ylim=(bottom, top), xlabel=f"{view.right_name} [mm]")
+            if k:
+                axes.tick_params(labelleft=False)
+            else:
+                axes.set_ylabel(f"{view.up_name} [mm]")
+                axes.set_title(title)
+            _draw_shape(axes, view, settled.undeformed, settled.tets, FAINT, MUTED)
+            for i, (name, shape) in enumerate(settled.shapes.items()):
+                colour = SERIES[i % len(SERIES)]
+                _draw_shape(axes, view, shape, settled.tets, None, colour)
+                if name in markers:
+                    _draw_markers(axes, view, markers[name], colour)
+        entries = [Line2D([], [], color=SERIES[i % len(SERIES)], label=name) for i, name in enumerate(settled.shapes)]
+        entries += [
+            Line2D([], [], color=MUTED, label="undeformed"),
+            Line2D([], [], color=INK, marker="o", fillstyle="none", linestyle="none", label="measured"),
+            Line2D([], [], color=INK, marker="x", linestyle="none", label="simulated"),
+        ]
+        figure.legend(handles=entries, loc="lower center", ncols=min(len(entries), _COLUMNS))
+        return figure
+
+
+def _draw_shape(
+    axes: Axes, view: View, shape: Snapshot, tets: Mapping[str, Ints], fill: str | None, colour: str
+) -> None:
+    from matplotlib.collections import LineCollection, PolyCollection
+
+    for body, cells in tets.items():
+        flat, triangles = view.flat(shape.points[body]), boundary_triangles(cells)
+        if fill is not None:
+            axes.add_collection(PolyCollection(list(flat[triangles]), facecolors=fill, edgecolors=fill, zorder=1))
+        lines = flat[outline(flat, triangles)]
+        axes.add_collection(LineCollection(list(lines), colors=colour, linewidths=1.0, alpha=0.8, zorder=2))
+    for nodes in shape.rods.values():
+        axes.plot(*view.flat(nodes).T, color=colour, linewidth=1.5, alpha=0.8, zorder=2)
+    for points in shape.cables.values():
+        axes.plot(*view.flat(points).T, color=colour, linewidth=0.6, alpha=0.6, zorder=2)
+
+
+def _draw_markers(axes: Axes, view: View, markers: Markers, colour: str) -> None:
+    measured, simulated = view.flat(markers.measured), view.flat(markers.simulated)
+    for one, other in zip(measured, simulated, strict=True):
+        axes.plot(*np.stack([one, other]).T, color=colour, linewidth=1.0, zorder=3)
+    axes.plot(*measured.T, "o", color=colour, fillstyle="none", markersize=5.0, zorder=4)
+    axes.plot(*simulated.T, "x", color=colour, markersize=4.5, zorder=4)
+
+
+def _frame(flat: Floats) -> tuple[float, float, float, float]:
+    """Left, right, bottom and top of a picture [mm], with a margin; none is thinner than a third of its height."""
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    margin = 0.08 * float(high[1] - low[1])
+    middle, half = 0.5 * (low[0] + high[0]), 0.5 * (high[0] - low[0]) + margin
+    half = max(half, (high[1] - low[1]) / 6)
+    return middle - half, middle + half, low[1] - margin, high[1] + margin
+
+
+def _stacked(values: Mapping[str, Floats], fit: ExperimentFit) -> Floats:
+    """Every state of the markers of `fit`, marker by marker, shape (n, 3); empty where one is not among the values."""
+    found: list[Floats] = []
+    for marker in fit.distances:
+        columns = [values.get(f"{marker}.{axis}") for axis in "xyz"]
+        present = [column for column in columns if column is not None]
+        if len(present) < 3:
+            return np.empty((0, 3))
+        found.append(np.stack(present, axis=1))
+    return np.concatenate(found) if found else np.empty((0, 3))

@@ -75,78 +75,95 @@ def render(
     """
     optics = optics or Optics()
     share: Floats = np.full((camera.height, camera.width), optics.background)
-    scene = [_Part(panel, viewpoint.after(panel.pose)) for panel in panels]
-    windows = [window for part in scene if (window := _window(camera, part)) is not None]
-    if windows:
-        left, top = np.min([window[:2] for window in windows], axis=0)
-        right, bottom = np.max([window[2:] for window in windows], axis=0)
+    scene = [part for panel in panels if (part := _part(camera, panel, viewpoint.after(panel.pose))) is not None]
+    if scene:
+        left, top = np.min([part.window[:2] for part in scene], axis=0)
+        right, bottom = np.max([part.window[2:] for part in scene], axis=0)
         share[top:bottom, left:right] = _window_share(camera, scene, (left, top, right, bottom), optics)
     grey = optics.black + (optics.white - optics.black) * share * _light(camera, optics)
     return _exposed(grey, optics, seed)
 
 
+_Window = tuple[int, int, int, int]  # left, top, right and bottom [px]
+
+
 @dataclass(frozen=True)
 class _Part:
-    """A panel and its pose in the camera's frame."""
+    """A panel, its pose in the camera's frame, and the pixels that it may cover."""
 
     panel: Panel
     pose: Pose
+    window: _Window
 
 
-def _window(camera: Camera, part: _Part) -> tuple[int, int, int, int] | None:
-    """Left, top, right and bottom [px] of what a panel may cover; None where its face is not seen."""
-    half = (part.panel.width / 2, part.panel.height / 2)
+def _part(camera: Camera, panel: Panel, pose: Pose) -> _Part | None:
+    """A panel with its window; None where its face is not seen."""
+    half = (panel.width / 2, panel.height / 2)
     edge = np.linspace(-1.0, 1.0, 33)
     rim = np.concatenate([[(t, s), (s, t)] for s in (-1.0, 1.0) for t in edge]) * half
-    outline = part.pose.apply(np.column_stack([rim, np.zeros(len(rim))]))
-    if outline[:, 2].min() <= 0 or part.pose.rotation[:, 2] @ part.pose.position >= 0:
+    outline = pose.apply(np.column_stack([rim, np.zeros(len(rim))]))
+    if outline[:, 2].min() <= 0 or pose.rotation[:, 2] @ pose.position >= 0:
         return None
     pixels = camera.project(outline)
     left, top = np.maximum(np.floor(pixels.min(axis=0)).astype(int) - 2, 0)
     right, bottom = np.minimum(np.ceil(pixels.max(axis=0)).astype(int) + 3, (camera.width, camera.height))
-    return None if left >= right or top >= bottom else (int(left), int(top), int(right), int(bottom))
+    if left >= right or top >= bottom:
+        return None
+    return _Part(panel, pose, (int(left), int(top), int(right), int(bottom)))
 
 
-def _window_share(camera: Camera, scene: Sequence[_Part], window: tuple[int, int, int, int], optics: Optics) -> Floats:
+def _window_share(camera: Camera, scene: Sequence[_Part], window: _Window, optics: Optics) -> Floats:
     """Share of light in each pixel of a window: by one ray where all around is alike, by many at edges."""
     from scipy.ndimage import maximum_filter, minimum_filter
 
     left, top, right, bottom = window
     x, y = np.meshgrid(np.arange(left, right), np.arange(top, bottom))
     pixels = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
-    found = _seen(scene, camera.directions(pixels), optics.background)
+    found = np.empty(len(pixels))
+    for first in range(0, len(pixels), _CHUNK):
+        chunk = pixels[first : first + _CHUNK]
+        found[first : first + _CHUNK] = _seen(scene, chunk, camera.directions(chunk)[:, None], optics.background)
     coarse = found.reshape(x.shape)
     at_edge = np.flatnonzero(maximum_filter(coarse, 3) != minimum_filter(coarse, 3))
     offsets = _spread(optics.rays)
     for first in range(0, len(at_edge), _CHUNK):
         chunk = at_edge[first : first + _CHUNK]
-        rays = _rays(camera, pixels[chunk], offsets)
-        found[chunk] = _seen(scene, rays.reshape(-1, 2), optics.background).reshape(len(chunk), -1).mean(axis=1)
+        found[chunk] = _seen(scene, pixels[chunk], _rays(camera, pixels[chunk], offsets), optics.background)
     return coarse
 
 
-def _seen(scene: Sequence[_Part], rays: Floats, background: float) -> Floats:
-    """Share of light (n,) sent back by what rays (n, 2) meet first."""
-    along = np.column_stack([rays, np.ones(len(rays))])
-    depth = np.full(len(rays), np.inf)
-    share = np.full(len(rays), background)
+def _seen(scene: Sequence[_Part], pixels: Floats, rays: Floats, background: float) -> Floats:
+    """Share of light (n,) that pixels (n, 2) get back from what their rays (n, k, 2) meet first, the mean over k."""
+    depth = np.full(rays.shape[:2], np.inf)
+    share = np.full(rays.shape[:2], background)
+    lowest, highest = pixels.min(axis=0), pixels.max(axis=0)
     for part in scene:
-        panel, normal = part.panel, part.pose.rotation[:, 2]
-        if normal @ part.pose.position >= 0:
+        start, end = np.array(part.window[:2]), np.array(part.window[2:])
+        if np.any(highest < start) or np.any(lowest >= end):
             continue
-        facing = along @ normal
-        z = (normal @ part.pose.position) / np.where(facing < 0, facing, -np.inf)
-        local = (along * z[:, None] - part.pose.position) @ part.pose.rotation[:, :2]
-        n_rows, n_columns = panel.texture.shape
-        across, down = local[:, 0] / panel.width + 0.5, 0.5 - local[:, 1] / panel.height
-        near = np.flatnonzero((across >= 0) & (across < 1) & (down >= 0) & (down < 1) & (z > 0) & (z < depth))
-        rows = np.minimum((down[near] * n_rows).astype(int), n_rows - 1)
-        columns = np.minimum((across[near] * n_columns).astype(int), n_columns - 1)
-        texel = panel.texture[rows, columns]
-        opaque = ~np.isnan(texel)
-        depth[near[opaque]] = z[near[opaque]]
-        share[near[opaque]] = texel[opaque]
-    return share
+        inside = np.flatnonzero(np.all((pixels >= start) & (pixels < end), axis=1))
+        z, texel = _met(part, rays[inside].reshape(-1, 2))
+        z, texel = z.reshape(len(inside), -1), texel.reshape(len(inside), -1)
+        nearer = z < depth[inside]
+        depth[inside] = np.where(nearer, z, depth[inside])
+        share[inside] = np.where(nearer, texel, share[inside])
+    return share.mean(axis=1)
+
+
+def _met(part: _Part, rays: Floats) -> tuple[Floats, Floats]:
+    """Depth (n,) [m] at which rays (n, 2) meet a panel, infinite where they pass it, and its share of light there."""
+    panel, normal = part.panel, part.pose.rotation[:, 2]
+    along = np.column_stack([rays, np.ones(len(rays))])
+    facing = along @ normal
+    z = (normal @ part.pose.position) / np.where(facing < 0, facing, -np.inf)
+    local = (along * z[:, None] - part.pose.position) @ part.pose.rotation[:, :2]
+    n_rows, n_columns = panel.texture.shape
+    across, down = local[:, 0] / panel.width + 0.5, 0.5 - local[:, 1] / panel.height
+    hit = (across >= 0) & (across < 1) & (down >= 0) & (down < 1) & (z > 0)
+    rows = np.clip((down * n_rows).astype(int), 0, n_rows - 1)
+    columns = np.clip((across * n_columns).astype(int), 0, n_columns - 1)
+    texel = panel.texture[rows, columns]
+    return np.where(hit & ~np.isnan(texel), z, np.inf), texel
 
 
 def _rays(camera: Camera, pixels: Floats, offsets: Floats) -> Floats:

@@ -13,10 +13,12 @@ from softcal.calibration.problem import Problem
 from softcal.calibration.result import CalibrationResult
 from softcal.project.calibration import JOINT, calibrated, make_problem
 from softcal.project.calibration_schema import CalibrationSection
+from softcal.project.comparing import compared
 from softcal.project.project import Project
 from softcal.project.run_folder import Run, load_run
 from softcal.project.settled import from_undeformed, settled_shapes
 from softcal.project.simulation import simulate, twin_view
+from softcal.project.sweep import SWEEP
 from softcal.report.content import ExperimentContent, Landscape, ReportContent, TwinView
 from softcal.report.write import ReportPaths
 from softcal.report.write import write_report as write_content
@@ -57,6 +59,7 @@ def report_content(run: Run) -> ReportContent:
         twin=_twin(project, run.results[headline]) or from_undeformed(settled),
         settled=settled,
         landscapes=_landscapes(project, run.results, run.settings),
+        compared=compared(project, run.settings, run.results[headline]),
         print_infill=project.print_infill,
         headline=headline,
         versions=run.versions,
@@ -93,6 +96,9 @@ def _landscapes(
     project: Project, results: Mapping[str, CalibrationResult], settings: CalibrationSection
 ) -> dict[str, Landscape]:
     """The loss over modulus and ratio of each calibration, where it is cheap and its trials do not show it already."""
+    results = {label: result for label, result in results.items() if label != SWEEP}
+    if not results:
+        return {}
     problem = make_problem(project, settings)
     if not scales_with_modulus(problem):
         return {}

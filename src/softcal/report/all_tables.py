@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from softcal.report.comparison import improvement_table
 from softcal.report.content import ReportContent
 from softcal.report.positions import distances_table
 from softcal.report.tables import (
@@ -23,6 +24,7 @@ def all_tables(content: ReportContent) -> dict[str, Table]:
         all_parameters_table(content),
         errors_table(content),
         distances_table(content),
+        improvement_table(content),
         run_table(content),
         failures_table(content),
         provenance_table(content),

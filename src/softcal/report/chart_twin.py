@@ -51,7 +51,8 @@ def draw_side_by_side(
     left, right, bottom, top = cameras[0].window
     panel = min(max(3.4 * (right - left) / (top - bottom), 2.4), 3.6)  # all lengths of the layout in inches
     tall = panel * (top - bottom) / (right - left)
-    title, foot = 0.32, (0.62 if largest or colours else 0.08)
+    lines = 1 + max(scene.title.count("\n") for scene in scenes)
+    title, foot = 0.12 + 0.2 * lines, (0.62 if largest or colours else 0.08)
     width, height = 0.16 + panel * len(scenes), title + tall + foot
     with house_style():
         figure = new_figure(width, height)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from softcal.calibration.result import CalibrationResult
 from softcal.checks import Floats, Ints, frozen_floats, frozen_ints
@@ -13,6 +14,9 @@ from softcal.materials.infill import effective_modulus
 from softcal.report.settled import SettledShapes
 from softcal.twin.response import Snapshot
 from softcal.twin.robot import Robot
+
+if TYPE_CHECKING:
+    from softcal.report.compared import Compared
 
 
 @dataclass(frozen=True)
@@ -123,6 +127,7 @@ class ReportContent:
     what people read, and `CalibrationResult.experiments` says which experiments it was fitted to.
     experiments: name -> data. headline: label of the result to show first; "" takes "joint", else the first.
     landscapes: label of a calibration -> loss over two parameters; where absent, the trials are drawn.
+    compared: what the headline is compared with.
     settled: the shapes of the headline's calibration, where positions were compared.
     A simulated channel without a measured one (pitch where no IMU was used) belongs in `ExperimentFit.simulated`.
     """
@@ -133,6 +138,7 @@ class ReportContent:
     twin: TwinView | None = None
     settled: SettledShapes | None = None
     landscapes: Mapping[str, Landscape] = field(default_factory=dict)
+    compared: Compared | None = None
     print_infill: PrintInfill | None = None
     headline: str = ""
     versions: Mapping[str, str] = field(default_factory=dict)

@@ -21,7 +21,7 @@ from softcal.report.wording import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Section = Literal["overview", "twin", "bench", "fit", "search", "history", "parameters", "plausible"]
+Section = Literal["overview", "twin", "bench", "fit", "search", "history", "parameters", "plausible", "compared"]
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,7 @@ def report_pictures(content: ReportContent) -> list[Picture]:
     """Draw everything that the content allows."""
     return [
         *_overview(content),
+        *_compared(content),
         *_twin(content),
         *_bench(content),
         *_places(content),
@@ -65,6 +66,43 @@ def _overview(content: ReportContent) -> Iterator[Picture]:
     if any(overview_curves(content.experiments[name], result) for name in result.experiments):
         caption = f"Measured cable force (points) and the calibrated twin (lines): {result_label(content.headline)}."
         yield _picture(draw_overview(content, result), "overview", "overview", caption)
+
+
+def _compared(content: ReportContent) -> Iterator[Picture]:
+    from softcal.report.chart_comparison import draw_comparison
+    from softcal.report.chart_configurations import draw_configurations
+    from softcal.report.chart_surface import draw_curves, draw_surfaces
+    from softcal.report.comparison import comparison
+    from softcal.report.surfaces import error_curves, error_surfaces, swept_pair
+
+    result, compared = content.headline_result, content.compared
+    nominal = {} if compared is None or compared.nominal is None else compared.nominal.parameters
+    pair, surfaces = swept_pair(result), error_surfaces(result)
+    if pair is not None and surfaces:
+        others = [name for name in result.parameters if name not in pair]
+        held = f", {joined(parameter_label(n) for n in others)} as in the best cell" if others else ""
+        caption = (
+            f"The error in every cell of the sweep, section by section{held}; dark is better, each panel has its own "
+            "scale; star: the best cell; empty: could not be simulated."
+        )
+        figure = draw_surfaces(result, pair, surfaces, nominal)
+        yield _picture(figure, "error-surfaces", "compared", caption)
+    if curves := error_curves(result):
+        caption = "The error over the sweep, section by section; star: the best value."
+        yield _picture(draw_curves(result, curves), "error-curves", "compared", caption)
+    found = comparison(content)
+    if found is not None:
+        caption = (
+            f"Distance of every marker from where it was measured, nominal against {found.tuned_name}, in every state."
+        )
+        yield _picture(draw_comparison(found), "nominal-and-tuned", "compared", caption)
+    if compared is not None and len(compared.configurations) > 1:
+        drawn = draw_configurations(compared)
+        caption = (
+            f"{compared.state}: the twin at chosen values, with the distance of its markers (blue) from where they "
+            "were measured (red), root mean square. Colour is the displacement from rest, one scale for all."
+        )
+        yield Picture("configurations", "compared", caption, *encode(drawn.figure), "png", drawn.note)
 
 
 def _twin(content: ReportContent) -> Iterator[Picture]:
@@ -163,7 +201,8 @@ def _searches(content: ReportContent) -> Iterator[Picture]:
     from softcal.report.chart_search import draw_history, draw_loss_map, draw_loss_profile
     from softcal.report.series import grid_of_trials, search_history
 
-    for label, result in content.results.items():
+    searched = {label: result for label, result in content.results.items() if "axes" not in result.extra}
+    for label, result in searched.items():
         title, stem = result_label(label), file_stem(label)
         grid = content.landscapes.get(label) or grid_of_trials(result)
         figure = draw_loss_map(title, result, grid) or draw_loss_profile(title, result)
@@ -173,7 +212,7 @@ def _searches(content: ReportContent) -> Iterator[Picture]:
             seen = f", seen along {others} further parameter{'s' * (others > 1)}" if others > 0 and not grid else ""
             caption = f"{title}: the loss {what}{seen}; star: the optimum; dashed: the bounds of the search."
             yield _picture(figure, f"loss-{stem}", "search", caption)
-    for label, result in content.results.items():
+    for label, result in searched.items():
         history = search_history(result.trials)
         if len(history.losses):
             caption = (

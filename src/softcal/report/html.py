@@ -68,6 +68,7 @@ def render_page(content: ReportContent, pictures: Sequence[Picture], tables: Map
         tables=tables,
         provenance={name: provenance_rows(e.prepared) for name, e in content.experiments.items()},
         result_label=result_label,
+        is_sweep="axes" in content.headline_result.extra,
     )
 
 

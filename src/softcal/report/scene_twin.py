@@ -45,11 +45,10 @@ def twin_scenes(view: TwinView) -> TwinScenes:
 
     Where some cable is pulled, the slack ones are grey.
     """
-    moved = {body: np.linalg.norm(view.bent.points[body] - view.rest.points[body], axis=1) for body in view.tets}
-    moved |= {rod: np.linalg.norm(nodes - view.rest.rods[rod], axis=1) for rod, nodes in view.bent.rods.items()}
+    moved = displacements(view)
     largest = max(float(values.max()) for values in moved.values())
     scenes = [
-        Scene(snapshot.label, *_parts(view, snapshot, {name: shift * d for name, d in moved.items()}, largest))
+        Scene(snapshot.label, *twin_parts(view, snapshot, {name: shift * d for name, d in moved.items()}, largest))
         for snapshot, shift in ((view.rest, 0.0), (view.bent, 1.0))
     ]
     up, towards = _axes(view)
@@ -57,14 +56,21 @@ def twin_scenes(view: TwinView) -> TwinScenes:
     return TwinScenes(pair, bending_camera(extent_points(pair), up, towards), largest)
 
 
+def displacements(view: TwinView) -> dict[str, Floats]:
+    """How far every node of each body and rod has moved from rest [m]."""
+    moved = {body: np.linalg.norm(view.bent.points[body] - view.rest.points[body], axis=1) for body in view.tets}
+    return moved | {rod: np.linalg.norm(nodes - view.rest.rods[rod], axis=1) for rod, nodes in view.bent.rods.items()}
+
+
 def cable_radius(robot: Robot, size: float) -> float:
     """The radius [m] at which cables are drawn in a picture of a robot of that size [m]."""
     return (0.007 if len(robot.cables) <= MANY_CABLES else 0.0035) * size
 
 
-def _parts(
+def twin_parts(
     view: TwinView, snapshot: Snapshot, moved: dict[str, Floats], largest: float
 ) -> tuple[tuple[Part, ...], tuple[Label, ...]]:
+    """A shape of the twin and the names of its parts; moved [m]: what colours it, up to `largest`."""
     from matplotlib import colormaps
 
     from softcal.report.style import BLUE, DISPLACEMENT, LOOP, MUTED, ORANGE, SKY

@@ -1,0 +1,162 @@
+"""What a result is compared with in its report: the nominal values, and the shapes of chosen configurations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from softcal.analysis.nominal import Nominal, nominal
+from softcal.calibration.experiment import AXES, FRAME, Experiment
+from softcal.calibration.frame import rotation
+from softcal.calibration.observation import commands
+from softcal.calibration.parameters import FreeParameter, SearchSpace
+from softcal.calibration.problem import Problem
+from softcal.calibration.result import CalibrationResult
+from softcal.checks import Floats
+from softcal.project.calibration import calibrated, make_loss
+from softcal.project.calibration_schema import CalibrationSection
+from softcal.project.project import Project
+from softcal.project.simulation import robot_in
+from softcal.report.compared import Compared, Configuration
+from softcal.report.content import TwinView
+from softcal.twin.parameters import robot_parameters
+from softcal.twin.protocol import Command, Protocol
+from softcal.twin.simulate import simulate
+from softcal.units import format_quantity
+
+
+def compared(project: Project, settings: CalibrationSection, result: CalibrationResult) -> Compared | None:
+    """The nominal values' errors and the configurations to draw; None where no positions are compared.
+
+    Nominal is the robot as the project gives it; the rig is as the project gives it in a sweep, and as it was found in
+    a calibration: a robot is no worse for a camera whose place was not known.
+    """
+    if not any(fit.distances for fit in result.experiments.values()):
+        return None
+    units = {name: e.unit for name, e in result.parameters.items()}
+    length = next((fit.length for fit in result.experiments.values() if fit.length is not None), None)
+    at_nominal = _nominal_project(project, result)
+    known = _nominal(at_nominal, settings, result)
+    state = None if known is None else _furthest_state(project, result)
+    if state is None:
+        return Compared(known, (), units, length)
+    configurations = _configurations(project, at_nominal, result, state)
+    return Compared(known, tuple(configurations), units, length, _state_text(project, state))
+
+
+def _nominal(project: Project, settings: CalibrationSection, result: CalibrationResult) -> Nominal | None:
+    """What the project as it is makes of a result's experiments; None where nothing of the robot was found."""
+    of_robot = robot_parameters(project.robot)
+    free = [
+        FreeParameter(name, e.unit, e.lower, e.upper, of=e.of)
+        for name, e in result.parameters.items()
+        if _is_sweep(result) or all(target in of_robot for target in e.of or (name,))
+    ]
+    if not free:
+        return None
+    experiments = tuple(project.experiments[name] for name in result.experiments)
+    length = next((e.rig.length for e in experiments if e.rig.length is not None), None)
+    loss = make_loss(settings.model_copy(update={"loss": result.loss_name}), length)
+    return nominal(Problem(project.robot, experiments, SearchSpace(tuple(free)), loss))
+
+
+def _configurations(
+    project: Project, at_nominal: Project, result: CalibrationResult, state: tuple[str, int]
+) -> list[Configuration]:
+    """The twin in one state at the nominal values, at the best and, of a sweep, at the worst."""
+    present = {name: _present(at_nominal, e.of or (name,)) for name, e in result.parameters.items()}
+    found = [_configuration("Nominal", at_nominal, state, {n: v for n, v in present.items() if v is not None})]
+    best = {name: e.value for name, e in result.parameters.items()}
+    chosen = {"Best cell" if _is_sweep(result) else "Calibrated": best}
+    done = [trial for trial in result.trials if trial.loss is not None]
+    if _is_sweep(result) and done:
+        chosen["Worst cell"] = dict(max(done, key=lambda trial: trial.loss or 0.0).theta)
+    for name, theta in chosen.items():
+        there = {n: replace(e, value=theta[n]) for n, e in result.parameters.items()}
+        found.append(_configuration(name, calibrated(project, replace(result, parameters=there)), state, theta))
+    return [one for one in found if one is not None]
+
+
+def _is_sweep(result: CalibrationResult) -> bool:
+    return "axes" in result.extra
+
+
+def _nominal_project(project: Project, result: CalibrationResult) -> Project:
+    if _is_sweep(result):
+        return project
+    of_robot = robot_parameters(project.robot)
+    experiments = {
+        name: replace(
+            one,
+            settings={
+                n: v for n, v in one.settings.items() if n not in of_robot or n in project.experiments[name].settings
+            },
+        )
+        for name, one in calibrated(project, result).experiments.items()
+    }
+    return replace(project, experiments=experiments)
+
+
+def _present(project: Project, targets: Sequence[str]) -> float | None:
+    """The value that all the targets have; None where they differ, or an experiment has its own."""
+    known = project.parameters
+    values = {known[target].value for target in targets if target in known}
+    return values.pop() if len(values) == 1 else None
+
+
+def _furthest_state(project: Project, result: CalibrationResult) -> tuple[str, int] | None:
+    """The experiment and the row of it with the strongest pull of which every marker was measured."""
+    states: dict[tuple[str, int], float] = {}
+    for name in result.experiments:
+        experiment = project.experiments[name]
+        placed = [c for c in experiment.compared if experiment.point_of(c)]
+        if not placed:
+            continue
+        seen = np.all([experiment.seen(c) for c in placed], axis=0)
+        drives = [experiment.dataset.values(c) for c in experiment.drives]
+        pull = np.max(drives, axis=0) if drives else np.zeros(experiment.dataset.n_samples)
+        states |= {(name, int(row)): float(pull[row]) for row in np.flatnonzero(seen)}
+    return max(states, key=lambda state: states[state]) if states else None
+
+
+def _state_text(project: Project, state: tuple[str, int]) -> str:
+    """What is done to the robot in a state: "cable6 (cable6.tension 19.62 N)"."""
+    experiment = project.experiments[state[0]]
+    data = experiment.dataset
+    drives = [
+        f"{experiment.twin_channel(c)} {format_quantity(float(data.values(c)[state[1]]), data.channels[c].unit)}"
+        for c in experiment.drives
+    ]
+    return f"{experiment.name} ({', '.join(drives)})" if drives else experiment.name
+
+
+def _configuration(
+    name: str, project: Project, state: tuple[str, int], theta: Mapping[str, float]
+) -> Configuration | None:
+    """The twin in one state of one experiment; None where it cannot be simulated or has not moved."""
+    experiment, row = project.experiments[state[0]], state[1]
+    rig = experiment.rig_values()
+    told = {
+        cable: Command(command.control, command.values[row : row + 1])
+        for cable, command in commands(experiment, rig).items()
+    }
+    robot = robot_in(project, experiment.name)
+    response = simulate(robot, Protocol(told), snapshots=True)
+    if not response.succeeded or len(response.snapshots) < 2:
+        return None
+    twin = TwinView(robot, response.snapshots[0], response.snapshots[-1], response.tets)
+    return Configuration(name, theta, twin, _measured(experiment, rig, row))
+
+
+def _measured(experiment: Experiment, rig: Mapping[str, float], row: int) -> dict[str, Floats]:
+    """Where every marker and plate was measured [m], in the robot's frame."""
+    frame = np.array([rig.get(name, 0.0) for name in FRAME])
+    found: dict[str, Floats] = {}
+    for point in experiment.points:
+        parts = {c.rsplit(".", 1)[-1]: c for c in experiment.compared if experiment.point_of(c) == point}
+        if set(parts) == set(AXES):
+            seen = np.array([experiment.dataset.values(parts[axis])[row] for axis in AXES])
+            found[point] = (seen - frame[:3]) @ rotation(frame[3:])
+    return found

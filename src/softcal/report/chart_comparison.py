@@ -1,0 +1,91 @@
+"""Paper B's Fig. 4: the error of every section in every state, nominal against tuned."""
+
+from __future__ import annotations
+
+from itertools import groupby
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.report.comparison import Comparison
+from softcal.report.style import BLUE, FAINT, INK, LOOP, MUTED, house_style, new_figure
+from softcal.report.wording import number
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# Up to this many bars in a row carry their number.
+_NUMBERED = 24
+_LABELLED = 60  # states; of more, only the experiments are named
+_BAR = 0.4
+
+
+def draw_comparison(found: Comparison) -> Figure:
+    """Bars of the distance from where each marker was measured: a row for each marker, or one row for one state."""
+    n = len(found.states)
+    with house_style():
+        if n == 1:
+            figure = new_figure(max(4.4, 1.5 + 0.8 * len(found.markers)), 3.2)
+            axes = figure.add_subplot()
+            _draw_bars(axes, found.nominal[:, 0], found.tuned[:, 0], found.tuned_name)
+            axes.set_xticks(range(len(found.markers)), found.markers)
+            axes.set_ylabel(f"Distance [{found.unit}{' of length' if found.unit == '%' else ''}]")
+            axes.set_title(" ".join(part for part in (found.experiments[0], found.states[0]) if part))
+            axes.legend(loc="upper left")
+            axes.margins(y=0.18)
+            return figure
+        width = min(max(5.2, 1.2 + 0.42 * n), 11.0)
+        figure = new_figure(width, 1.2 + 1.45 * len(found.markers))
+        stack = figure.subplots(len(found.markers), 1, squeeze=False, sharex=True)[:, 0]
+        for row, axes in enumerate(stack):
+            _draw_bars(axes, found.nominal[row], found.tuned[row], found.tuned_name)
+            axes.set_title(found.markers[row])
+            axes.margins(x=0.01, y=0.2)
+            axes.set_ylabel(f"[{found.unit}]")
+        _name_states(stack[-1], found)
+        for axes in stack[:-1]:
+            axes.tick_params(axis="x", length=0)
+        unit = " [% of length]" if found.unit == "%" else f" [{found.unit}]"
+        figure.supylabel(f"Distance from where it was measured{unit}", fontsize=9)
+        for axes in stack:
+            axes.set_ylabel("")
+        handles, labels = stack[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside upper right", ncols=2)
+        return figure
+
+
+def _draw_bars(axes: Axes, nominal: Floats, tuned: Floats, tuned_name: str) -> None:
+    at = np.arange(len(nominal))
+    for shift, values, colour, name in ((-_BAR / 2, nominal, LOOP, "nominal"), (_BAR / 2, tuned, BLUE, tuned_name)):
+        bars = axes.bar(at + shift, np.nan_to_num(values), _BAR * 0.94, color=colour, label=name)
+        if len(at) <= _NUMBERED:
+            texts = [number(value, 2) if np.isfinite(value) else "not seen" for value in values]
+            axes.bar_label(bars, texts, fontsize=7 if len(at) > 8 else 8, padding=1.5, color=INK)
+    axes.grid(visible=False, axis="x")
+
+
+def _name_states(axes: Axes, found: Comparison) -> None:
+    """The states along the axis, and beneath them the experiment that they belong to."""
+    groups = [
+        (name, [i for i, _ in held]) for name, held in groupby(enumerate(found.experiments), lambda item: item[1])
+    ]
+    alone = all(len(held) == 1 for _, held in groups)
+    if alone:
+        names = [f"{name}\n{found.states[held[0]]}".strip() for name, held in groups]
+        axes.set_xticks(range(len(names)), names, rotation=90 if len(names) > 8 else 0)
+        return
+    axes.set_xticks(range(len(found.states)), found.states if len(found.states) <= _LABELLED else [])
+    crowded = len(found.states) > 9
+    axes.tick_params(axis="x", labelrotation=90 if crowded else 0, labelsize=8)
+    longest = max(map(len, found.states))
+    below = -(0.34 + 0.055 * longest) if crowded else -0.34
+    for name, held in groups:
+        axes.text(
+            float(np.mean(held)), below, name, transform=axes.get_xaxis_transform(), ha="center", va="top",
+            fontsize=9, color=INK, fontweight="bold",
+        )  # fmt: skip
+    for _, held in groups[1:]:
+        axes.axvline(held[0] - 0.5, ymin=below, color=FAINT, linewidth=0.8, clip_on=False)
+    axes.tick_params(axis="x", color=MUTED)

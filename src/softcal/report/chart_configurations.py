@@ -1,0 +1,67 @@
+"""Paper B's Fig. 5: chosen configurations of the twin in one state, and where its markers were measured."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from softcal.report.chart_twin import ScenePicture, draw_side_by_side
+from softcal.report.compared import Compared, Configuration
+from softcal.report.robot_view import robot_points, up_direction
+from softcal.report.scene import Ball, Part, Scene, Tube, bending_camera, extent_points, length_scale
+from softcal.report.scene_render import render_scenes
+from softcal.report.scene_twin import displacements, twin_parts
+from softcal.report.wording import number, parameter_label, scale_of
+
+if TYPE_CHECKING:
+    from softcal.report.content import TwinView
+
+
+def draw_configurations(compared: Compared) -> ScenePicture:
+    """The shapes side by side in one camera; measured markers as balls, a line from each to where the twin has it."""
+    from softcal.report.style import RED, SKY
+
+    views = compared.configurations
+    largest = max(float(values.max()) for view in views for values in displacements(view.twin).values())
+    scenes = tuple(_scene(view, compared, largest) for view in views)
+    moved = [_mean_place(view.twin, bent=True) - _mean_place(view.twin, bent=False) for view in views]
+    camera = bending_camera(extent_points(scenes), up_direction(views[0].twin.robot), np.mean(moved, axis=0))
+    cameras = (camera,) * len(scenes)
+    return draw_side_by_side(
+        scenes, cameras, render_scenes(scenes, cameras), colours={"marker, measured": RED, "marker, simulated": SKY}
+    )
+
+
+def _scene(view: Configuration, compared: Compared, largest: float) -> Scene:
+    from softcal.report.style import RED
+
+    moved = displacements(view.twin)
+    parts, labels = twin_parts(view.twin, view.twin.bent, moved, largest)
+    size = length_scale(robot_points(view.twin.robot))
+    extra: list[Part] = [Ball(at, 0.013 * size, RED) for at in view.measured.values()]
+    for name, at in view.simulated.items():
+        if np.linalg.norm(at - view.measured[name]) > 0.01 * size:
+            extra.append(Tube(np.stack([view.measured[name], at]), 0.003 * size, RED))
+    plates = {plate.name for plate in view.twin.robot.plates}
+    kept = tuple(label for label in labels if label.text in plates)
+    return Scene(_title(view, compared), (*parts, *extra), kept)
+
+
+def _title(view: Configuration, compared: Compared) -> str:
+    """The name with its error, and beneath it the parameters."""
+    if compared.length is None:
+        error = f"{number(1e3 * view.distance)} mm"
+    else:
+        error = f"{number(100 * view.distance / compared.length)} %"
+    texts: list[str] = []
+    for name, value in list(view.parameters.items())[:3]:
+        scale = scale_of(compared.units[name], value)
+        label = parameter_label(name, compared.units)
+        texts.append(f"{label} {number(value / scale.factor)} {scale.unit}".strip())
+    return f"{view.name}: {error}\n{', '.join(texts)}"
+
+
+def _mean_place(view: TwinView, *, bent: bool) -> np.ndarray:
+    shape = view.bent if bent else view.rest
+    return np.concatenate([*shape.points.values(), *shape.rods.values()]).mean(axis=0)

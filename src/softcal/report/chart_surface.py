@@ -1,0 +1,177 @@
+"""Paper B's Fig. 3: the error of every section over the grid, cell by cell."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from softcal.analysis.sweep import ALL
+from softcal.calibration.result import CalibrationResult
+from softcal.checks import Floats
+from softcal.report.style import (
+    FAINT,
+    INK,
+    MUTED,
+    ORANGE,
+    SEQUENTIAL,
+    SERIES,
+    house_style,
+    new_figure,
+    plain_log_axis,
+    plain_log_ticks,
+)
+from softcal.report.surfaces import Curve, Surface
+from softcal.report.wording import Scale, number, parameter_label, scale_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# From the largest over the smallest step on, an axis is drawn on a logarithmic scale.
+_UNEVEN = 4.0
+# Colours reach over the lower part of the errors; the few largest share the last one.
+_SHOWN = 0.95
+
+
+def draw_surfaces(
+    result: CalibrationResult, pair: tuple[str, str], surfaces: Sequence[Surface], nominal: Mapping[str, float]
+) -> Figure:
+    """A panel for each surface: every cell in the colour of its error, the failed ones empty, the best one marked.
+
+    nominal [SI]: the nominal values by parameter, marked where they lie within the grid.
+    """
+    columns = min(3, len(surfaces))
+    rows = math.ceil(len(surfaces) / columns)
+    x_scale, y_scale = (scale_of(result.parameters[n].unit, result.parameters[n].upper) for n in pair)
+    with house_style():
+        figure = new_figure(0.6 + 3.3 * columns, 0.5 + 2.75 * rows)
+        panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+        for axes, surface in zip(panels.flat, surfaces, strict=False):
+            _draw_cells(figure, axes, surface, x_scale, y_scale)
+            at = tuple(nominal[n] / s.factor for n, s in zip(pair, (x_scale, y_scale), strict=True) if n in nominal)
+            if len(at) == 2 and _inside(axes, at):
+                axes.plot(*at, "D", markersize=6, markerfacecolor="white", markeredgecolor=INK, linestyle="",
+                          label="nominal values", zorder=5)  # fmt: skip
+            axes.set_title("all sections" if surface.section == ALL else surface.section)
+        for axes in panels.flat[len(surfaces) :]:
+            axes.set_axis_off()
+        for k, axes in enumerate(panels.flat[: len(surfaces)]):
+            if k + columns >= len(surfaces):
+                axes.set_xlabel(x_scale.axis(parameter_label(pair[0], result.parameters)))
+                axes.tick_params(labelbottom=True)
+            if k % columns == 0:
+                axes.set_ylabel(y_scale.axis(parameter_label(pair[1], result.parameters)))
+        handles: dict[str, Any] = {}
+        for axes in panels.flat:
+            handles.update({label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)})
+        figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=3, markerscale=0.8)
+        return figure
+
+
+def draw_curves(result: CalibrationResult, curves: Sequence[Curve]) -> Figure:
+    """The error of every section over one parameter, the best values marked, failed ones left out."""
+    (name,) = result.parameters
+    scale = scale_of(result.parameters[name].unit, result.parameters[name].upper)
+    units = list(dict.fromkeys(curve.unit for curve in curves))
+    with house_style():
+        figure = new_figure(5.2, 0.9 + 2.6 * len(units))
+        stack = figure.subplots(len(units), 1, squeeze=False, sharex=True)[:, 0]
+        for axes, unit in zip(stack, units, strict=True):
+            for k, curve in enumerate(c for c in curves if c.unit == unit):
+                colour, whole = SERIES[(k - 1) % len(SERIES)], curve.section == ALL
+                x = curve.x / scale.factor
+                axes.plot(
+                    x, curve.error, color=INK if whole else colour, marker="o", markersize=3.5,
+                    linewidth=2.0 if whole else 1.3, label="all sections" if whole else curve.section,
+                )  # fmt: skip
+                if np.isfinite(curve.error).any():
+                    least = int(np.nanargmin(curve.error))
+                    axes.plot(x[least], curve.error[least], marker="*", markersize=13, color=ORANGE,
+                              markeredgecolor=INK, linestyle="", zorder=5)  # fmt: skip
+            axes.set_ylabel(f"Error [{unit}]" if unit else "Loss")
+            axes.set_ylim(bottom=0.0)
+            axes.legend(loc="best", ncols=2)
+        failed = [trial.theta[name] / scale.factor for trial in result.trials if trial.loss is None]
+        if failed:
+            stack[-1].plot(
+                failed, np.zeros(len(failed)), "x", color=MUTED, markersize=5, clip_on=False,
+                label="could not be simulated",
+            )  # fmt: skip
+            stack[-1].legend(loc="best", ncols=2)
+        values = np.unique([trial.theta[name] / scale.factor for trial in result.trials])
+        if _is_uneven(values):
+            plain_log_axis(stack[-1], float(values[0]) / 1.1, float(values[-1]) * 1.1)
+        stack[-1].set_xlabel(scale.axis(parameter_label(name, result.parameters)))
+        return figure
+
+
+def _draw_cells(figure: Figure, axes: Axes, surface: Surface, x_scale: Scale, y_scale: Scale) -> None:
+    x, y = surface.x / x_scale.factor, surface.y / y_scale.factor
+    known = surface.error[np.isfinite(surface.error)]
+    norm = _norm(known)
+    shown = axes.pcolormesh(
+        _edges(x), _edges(y), np.ma.masked_invalid(surface.error), cmap=SEQUENTIAL, norm=norm, edgecolors="white",
+        linewidth=0.4,
+    )  # fmt: skip
+    bar = figure.colorbar(
+        shown, ax=axes, pad=0.02, aspect=22, extend="max" if known.max() > 1.001 * norm.vmax else "neither"
+    )
+    bar.outline.set_visible(False)  # type: ignore[operator]
+    bar.set_label(f"Error [{surface.unit}]" if surface.unit else "Loss", fontsize=8.5)
+    plain_log_ticks(bar.ax.yaxis, norm.vmin, norm.vmax)
+    if len(surface.failed):
+        axes.plot(
+            surface.failed[:, 0] / x_scale.factor, surface.failed[:, 1] / y_scale.factor, "x", color=FAINT,
+            markersize=4, label="could not be simulated",
+        )  # fmt: skip
+    at = (surface.best[0] / x_scale.factor, surface.best[1] / y_scale.factor)
+    axes.plot(*at, "*", markersize=13, color=ORANGE, markeredgecolor=INK, linestyle="", zorder=6, label="best cell")
+    for values, set_scale in ((x, axes.set_xscale), (y, axes.set_yscale)):
+        if _is_uneven(values):
+            set_scale("log")
+    if _is_uneven(x):
+        plain_log_ticks(axes.xaxis, float(x[0]), float(x[-1]))
+    middle = axes.transAxes.inverted().transform(axes.transData.transform(at))
+    text = f"{number(surface.best[2])} {surface.unit}".rstrip()
+    axes.annotate(
+        text, at, xytext=(-11 if middle[0] > 0.5 else 11, -9 if middle[1] > 0.5 else 9), textcoords="offset points",
+        ha="right" if middle[0] > 0.5 else "left", va="top" if middle[1] > 0.5 else "bottom", fontsize=8.5, color=INK,
+        bbox={"facecolor": "white", "edgecolor": FAINT, "alpha": 0.92, "boxstyle": "round,pad=0.25"}, zorder=7,
+    )  # fmt: skip
+    axes.grid(False)
+
+
+def _norm(known: Floats) -> Any:
+    """Logarithmic colours, since what matters are ratios of errors; one colour more where all are alike."""
+    from matplotlib.colors import LogNorm
+
+    low = max(float(known.min()), 1e-6 * float(known.max()), 1e-300)
+    high = max(float(np.quantile(known, _SHOWN)), 1.05 * low)
+    return LogNorm(low, high, clip=True)
+
+
+def _edges(values: Floats) -> Floats:
+    """Where cells around ascending values begin and end, on the scale that the axis is drawn on."""
+    if len(values) == 1:
+        reach = 0.5 * abs(float(values[0])) or 0.5
+        return np.array([values[0] - reach, values[0] + reach])
+    shown = np.log(values) if _is_uneven(values) else values
+    middles = 0.5 * (shown[1:] + shown[:-1])
+    edges = np.concatenate([[2 * shown[0] - middles[0]], middles, [2 * shown[-1] - middles[-1]]])
+    return np.exp(edges) if _is_uneven(values) else edges
+
+
+def _is_uneven(values: Floats) -> bool:
+    """Whether values are so unevenly spaced that a logarithmic axis shows them better."""
+    steps = np.diff(values)
+    return bool(
+        len(values) > 2 and values[0] > 0 and steps.max() > _UNEVEN * steps.min() and values[-1] > 5 * values[0]
+    )
+
+
+def _inside(axes: Axes, at: tuple[float, ...]) -> bool:
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    return left <= at[0] <= right and bottom <= at[1] <= top

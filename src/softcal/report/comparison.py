@@ -1,0 +1,153 @@
+"""Nominal against tuned: the distance of every marker in every state, and what was gained, as numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from softcal.analysis.nominal import Nominal
+from softcal.analysis.sweep import ALL, BestCell, Section, best_cells, improvement, section_errors, sections
+from softcal.calibration.experiment import AXES
+from softcal.calibration.result import CalibrationResult, ExperimentFit
+from softcal.checks import Floats
+from softcal.report.content import ReportContent
+from softcal.report.tables import Cell, Column, Table
+from softcal.report.wording import Scale, estimate_scale, joined, number, parameter_label, scale_of
+from softcal.units import format_quantity
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Distances in `unit` of every marker or plate (rows) in every state (columns): nominal, tuned; NaN where not seen.
+
+    experiments, states: of every column; what was found is called `tuned_name`.
+    """
+
+    markers: tuple[str, ...]
+    experiments: tuple[str, ...]
+    states: tuple[str, ...]
+    nominal: Floats
+    tuned: Floats
+    unit: str
+    tuned_name: str
+
+
+def comparison(content: ReportContent) -> Comparison | None:
+    """The headline's result against the nominal values; None where these are unknown or have no positions."""
+    result, compared = content.headline_result, content.compared
+    if compared is None or compared.nominal is None or compared.nominal.loss is None:
+        return None
+    known = compared.nominal.fits
+    markers = list(dict.fromkeys(point for fit in result.experiments.values() for point in fit.distances))
+    scale = Scale("mm", 1e-3) if compared.length is None else Scale("%", 0.01 * compared.length)
+    experiments: list[str] = []
+    states: list[str] = []
+    columns: list[tuple[Floats, Floats]] = []
+    for name, fit in result.experiments.items():
+        if not fit.distances:
+            continue
+        pair = (state_distances(known[name], markers), state_distances(fit, markers))
+        labels = _state_labels(content, name, pair[0].shape[1])
+        experiments += [name] * len(labels)
+        states += labels
+        columns.append(pair)
+    nominal, tuned = (np.concatenate([pair[k] for pair in columns], axis=1) / scale.factor for k in (0, 1))
+    called = "best cell" if "axes" in result.extra else "calibrated"
+    return Comparison(tuple(markers), tuple(experiments), tuple(states), nominal, tuned, scale.unit, called)
+
+
+def state_distances(fit: ExperimentFit, markers: list[str]) -> Floats:
+    """Distance [m] of each marker (rows) in each state (columns), NaN where it was not measured or compared."""
+    n = len(next(iter(fit.simulated.values())))
+    found = np.full((len(markers), n), np.nan)
+    for row, marker in enumerate(markers):
+        if marker not in fit.distances:
+            continue
+        names = [f"{marker}.{axis}" if f"{marker}.{axis}" in fit.simulated else axis for axis in AXES]
+        found[row] = np.sqrt(sum((fit.simulated[c] - fit.measured[c]) ** 2 for c in names))
+    return found
+
+
+def improvement_table(content: ReportContent) -> Table:
+    """Error of every section at the nominal values and tuned, and what was gained; of a sweep with the best cells."""
+    result, compared = content.headline_result, content.compared
+    known = None if compared is None else compared.nominal
+    if known is None:
+        return Table("improvement", "", (), ())
+    note = (
+        "Errors are root mean squares over all states: paper B's d_k where there is one state. Improvement is "
+        "nominal / tuned - 1 in per cent, what paper B calls a reduction: 100 % where the error was halved, 300 % "
+        "where a quarter of it is left."
+    )
+    if "axes" not in result.extra:
+        columns = _columns("Error, calibrated")
+        rows = [_row(s, before, after) for s, before, after in _calibrated(result, known)]
+        return Table("improvement", "Nominal and calibrated", columns, tuple(rows), note)
+    scales = {name: estimate_scale(estimate) for name, estimate in result.parameters.items()}
+    columns = _columns("Error, best cell")
+    columns += tuple(Column(parameter_label(n, scales), scale.unit, 4) for n, scale in scales.items())
+    columns += (Column("At the end of its range"),)
+    rows = []
+    for best in best_cells(result, known):
+        values = [best.trial.theta[name] / scale.factor for name, scale in scales.items()]
+        ends = joined(_ends(result, best)) or "none"
+        rows.append((*_row(best.section, best.nominal, best.error), *values, ends))
+    return Table("improvement", "The best cell for each section", columns, tuple(rows), note)
+
+
+def _columns(tuned: str) -> tuple[Column, ...]:
+    labels = (Column("Section"), Column("Error, nominal"), Column(tuned), Column(""), Column("Improvement", "%"))
+    return labels
+
+
+def _row(section: Section, nominal: float | None, tuned: float) -> tuple[Cell, ...]:
+    before = None if nominal is None else section.shown(nominal)
+    gain = None if nominal is None or not tuned > 0 else improvement(nominal, tuned)
+    name = "all sections" if section.name == ALL else section.name
+    return (name, before, section.shown(tuned), section.shown_unit, gain)
+
+
+def _calibrated(result: CalibrationResult, known: Nominal) -> list[tuple[Section, float | None, float]]:
+    """(section, nominal, calibrated) of all markers together and of each."""
+    found = {
+        name: {point: distance.rms for point, distance in fit.distances.items()}
+        for name, fit in result.experiments.items()
+    }
+    before, after = section_errors(result, known.errors), section_errors(result, found)
+    placed = [section for section in sections(result) if section.name in after]
+    rows: list[tuple[Section, float | None, float]] = [(s, before.get(s.name), after[s.name]) for s in placed]
+    whole = [_pooled(list(fits.values())) for fits in (known.fits, result.experiments)]
+    if len(placed) > 1 and whole[1] is not None:
+        rows.insert(0, (Section(ALL, "m", placed[0].length), whole[0], whole[1]))
+    return rows
+
+
+def _pooled(fits: list[ExperimentFit]) -> float | None:
+    """The root mean square of the distances of all markers in all experiments [m]."""
+    parts = [distance for fit in fits for distance in fit.distances.values()]
+    n = sum(part.n for part in parts)
+    return float(np.sqrt(sum(part.n * part.rms**2 for part in parts) / n)) if n else None
+
+
+def _ends(result: CalibrationResult, best: BestCell) -> list[str]:
+    """The parameters of a cell that stand at the first or last of their values, in words."""
+    found: list[str] = []
+    for name, p in result.parameters.items():
+        value = best.trial.theta[name]
+        if value in (p.lower, p.upper):
+            side = "lowest" if value == p.lower else "highest"
+            found.append(f"{parameter_label(name, result.parameters)} at its {side}, {format_quantity(value, p.unit)}")
+    return found
+
+
+def _state_labels(content: ReportContent, name: str, n: int) -> list[str]:
+    """What people call the states of an experiment: their labels, the pull that drives them, or nothing for one."""
+    experiment = content.experiments[name]
+    data = experiment.prepared
+    if data.n_samples == n and data.labels:
+        return list(data.labels)
+    if data.n_samples == n and experiment.drive in data.channels:
+        scale = scale_of(data.channels[experiment.drive].unit)
+        return [f"{number(value / scale.factor)} {scale.unit}" for value in data.values(experiment.drive)]
+    return [str(k + 1) if n > 1 else "" for k in range(n)]

@@ -1,0 +1,99 @@
+"""The error of every section over a grid of two parameters, or of one: paper B's Fig. 3 as numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from softcal.analysis.sweep import ALL, section_errors, sections
+from softcal.calibration.result import CalibrationResult, Trial
+from softcal.checks import Floats
+from softcal.report.series import searched_pair
+
+
+@dataclass(frozen=True)
+class Surface:
+    """The error of a section over two parameters: x, y [SI, ascending], error (len(y), len(x)) in `unit`.
+
+    error is NaN where there is no cell or it could not be simulated, which `failed` (k, 2) lists by its x and y.
+    best: x, y and error of the least.
+    """
+
+    section: str
+    unit: str
+    x: Floats
+    y: Floats
+    error: Floats
+    failed: Floats
+    best: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Curve:
+    """The error of a section over one parameter [SI, ascending], in `unit`; NaN where it could not be simulated."""
+
+    section: str
+    unit: str
+    x: Floats
+    error: Floats
+
+
+def swept_pair(result: CalibrationResult) -> tuple[str, str] | None:
+    """The two parameters of the grid that are drawn; None where the trials are no grid over two or more."""
+    return None if "axes" not in result.extra else searched_pair(result)
+
+
+def error_surfaces(result: CalibrationResult) -> list[Surface]:
+    """A surface of all together, where there are several sections, and of each; none where there is no grid of two.
+
+    With more than two parameters, the cells are those in which the others are as in the best cell.
+    """
+    pair = swept_pair(result)
+    if pair is None:
+        return []
+    best = {name: estimate.value for name, estimate in result.parameters.items()}
+    trials = [t for t in result.trials if all(t.theta[n] == best[n] for n in best if n not in pair)]
+    x, y = (np.unique([trial.theta[name] for trial in trials]) for name in pair)
+    failed = np.array([[t.theta[name] for name in pair] for t in trials if t.loss is None], dtype=np.float64)
+    found: list[Surface] = []
+    for name, unit, errors in _told(result, trials):
+        error = np.full((len(y), len(x)), np.nan)
+        for trial in trials:
+            value = errors.get(trial.number, np.nan)
+            error[np.searchsorted(y, trial.theta[pair[1]]), np.searchsorted(x, trial.theta[pair[0]])] = value
+        row, column = np.unravel_index(np.nanargmin(error), error.shape)
+        least = (float(x[column]), float(y[row]), float(error[row, column]))
+        found.append(Surface(name, unit, x, y, error, failed.reshape(-1, 2), least))
+    return found
+
+
+def error_curves(result: CalibrationResult) -> list[Curve]:
+    """The error of every section over the only parameter of a grid; none where there is no such grid."""
+    if "axes" not in result.extra or len(result.parameters) != 1:
+        return []
+    (name,) = result.parameters
+    trials = sorted(result.trials, key=lambda trial: trial.theta[name])
+    x = np.array([trial.theta[name] for trial in trials])
+    return [
+        Curve(section, unit, x, np.array([errors.get(trial.number, np.nan) for trial in trials]))
+        for section, unit, errors in _told(result, trials)
+    ]
+
+
+def _told(result: CalibrationResult, trials: Sequence[Trial]) -> list[tuple[str, str, Mapping[int, float]]]:
+    """(section, unit, error by the number of the cell): all together first where there are several sections."""
+    done = [trial for trial in trials if trial.loss is not None]
+    if not done:
+        return []
+    by_cell = {trial.number: section_errors(result, trial.errors) for trial in done}
+    told = sections(result)
+    found: list[tuple[str, str, Mapping[int, float]]] = []
+    if len(told) > 1:
+        unit = "%" if result.loss_name == "distance" else ""
+        found.append((ALL, unit, {trial.number: trial.loss for trial in done if trial.loss is not None}))
+    for section in told:
+        errors = {n: section.shown(held[section.name]) for n, held in by_cell.items() if section.name in held}
+        found.append((section.name, section.shown_unit, errors))
+    return found

@@ -63,4 +63,4 @@ def snapshot(twin: Twin, state: State, label: str, controls: dict[str, float]) -
     markers = {name: place(weights) for name, weights in twin.markers.items()}
     plates = {name: (state.position[i].copy(), state.rotation[i].copy()) for name, i in twin.frame.items()}
     tensions = {cable.name: float(state.tension[i]) for i, cable in enumerate(robot.cables)}
-    return Snapshot(label, points, cables, plates, controls, tensions, rods, markers)
+    return Snapshot(label, points, cables, plates, controls, tensions, rods, markers=markers)

@@ -44,6 +44,10 @@ def _result_table(results: Mapping[str, CalibrationResult]) -> Table:
         table.add_row(
             name.replace("[", r"\["), *("" if estimate is None else value_text(estimate) for estimate in found)
         )
+        if "[" not in name and any(estimate is not None and estimate.interval for estimate in found):
+            table.add_row(
+                "  95 % interval", *("" if estimate is None else interval_text(estimate) for estimate in found)
+            )
     table.add_section()
     for name, channel in _errors_told(fit for r in results.values() for fit in r.experiments.items()):
         cells = (_error(result.experiments.get(name), channel) for result in results.values())
@@ -92,6 +96,17 @@ def _error(fit: ExperimentFit | None, channel: str) -> str:
 def _count(result: CalibrationResult) -> str:
     failed = f", {result.n_failed_trials} failed" if result.n_failed_trials else ""
     return f"{len(result.trials)}{failed}"
+
+
+def interval_text(estimate: Estimate) -> str:
+    """The 95 % interval with its unit, "" where there is none."""
+    from softcal.units import format_quantity, readable_unit
+
+    if estimate.interval is None:
+        return ""
+    unit = readable_unit(estimate.value, estimate.unit)
+    low, high = (format_quantity(edge, estimate.unit, unit, digits=3) for edge in estimate.interval)
+    return f"{low} to {high}"
 
 
 def value_text(estimate: Estimate) -> str:

@@ -1,0 +1,31 @@
+"""What is printed of a calibration: values with standard errors, and intervals of what all experiments share."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from report_example import E_NAME, bench_experiment, tpe_result
+
+from softcal.calibration.result import Estimate
+from softcal.cli.calibration_table import interval_text, print_results
+
+
+def test_an_interval_is_told_in_the_unit_of_its_value():
+    assert interval_text(Estimate(2.8e5, "Pa", False, 1e4, 1e6, 1e4, (2.58e5, 3.07e5))) == "258 kPa to 307 kPa"
+    assert interval_text(Estimate(2.8e5, "Pa", False, 1e4, 1e6, 1e4)) == ""
+
+
+def test_only_shared_parameters_have_a_line_for_their_interval(capsys):
+    experiments = [bench_experiment("20mm", 0.02, 1.2e6), bench_experiment("30mm", 0.03, 1.2e6)]
+    result = tpe_result(experiments, 1.2e6, 0.45, n_trials=20, errors=(2e4, 0.01), slack=True)
+    within = {
+        name: replace(estimate, interval=(estimate.value * 0.9, estimate.value * 1.1))
+        for name, estimate in result.parameters.items()
+        if name == E_NAME or "[" in name
+    }
+    print_results({"joint": replace(result, parameters={**result.parameters, **within})})
+    lines = capsys.readouterr().out.splitlines()
+    told = [line for line in lines if "95 % interval" in line]
+    assert len(told) == 1
+    assert "1.08 MPa to 1.32 MPa" in told[0]
+    assert E_NAME in lines[lines.index(told[0]) - 1]

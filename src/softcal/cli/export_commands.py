@@ -49,6 +49,17 @@ def vtk(source: Source, out: Out, pull: Pull = None, values: Values = None) -> N
     typer.echo(f"Wrote {len(written)} files into {out}")
 
 
+@export.command()
+@told
+def calculix(source: Source, out: Out, pull: Pull = None, values: Values = None) -> None:
+    """For CalculiX: a deck of the robot at the end of each experiment or pull, with the cables' forces as loads."""
+    from softcal.project.exporting import export_calculix, load_calibrated
+
+    project = load_calibrated(source, parsed_values(values))
+    export_calculix(project, _protocols(project, pull), out)
+    typer.echo(f"Wrote {out}; run it there with: ccx -i robot")
+
+
 def _protocols(project: Project, pull: list[str] | None) -> Mapping[str, Protocol]:
     from softcal.project.pulls import parse_pulls
     from softcal.project.simulation import protocol_of

@@ -15,6 +15,7 @@ from softcal.project.search import held_values
 from softcal.project.simulation import simulate
 from softcal.twin.parameters import robot_parameters, with_parameters
 from softcal.twin.protocol import Protocol
+from softcal.twin.response import Response
 
 
 def load_calibrated(path: Path, values: Mapping[str, str] | None = None) -> Project:
@@ -47,6 +48,40 @@ def export_vtk(project: Project, protocols: Mapping[str, Protocol], folder: Path
     """
     from softcal.export.vtk import write_vtk
 
+    return _export_each(project, protocols, folder, lambda response, inside: write_vtk(project.robot, response, inside))
+
+
+def export_calculix(project: Project, protocols: Mapping[str, Protocol], folder: Path) -> list[Path]:
+    """The last shape of each protocol, by name, as a CalculiX deck in a new folder; see `softcal.export.calculix`.
+
+    It is the shape of the robot with CalculiX's own law and elements, so that the cables' forces balance in them.
+
+    Raises
+    ------
+    ParameterError
+        For what CalculiX cannot be given: rods, contact, friction along cables.
+    StorageError
+        Where the folder holds files, or cannot be written.
+    SimulationError
+        Where the twin could not follow a protocol; nothing is then written.
+    """
+    from softcal.export.calculix import in_its_law, write_calculix
+
+    own = replace(project, robot=in_its_law(project.robot))
+    return _export_each(
+        own,
+        protocols,
+        folder,
+        lambda response, inside: write_calculix(own.robot, response.snapshots[-1], inside, given=project.robot),
+    )
+
+
+def _export_each(
+    project: Project,
+    protocols: Mapping[str, Protocol],
+    folder: Path,
+    write: Callable[[Response, Path], list[Path]],
+) -> list[Path]:
     require_free(folder, "another --out")
     require_writable(folder)
     responses = {name: simulate(project, protocol, snapshots=True) for name, protocol in protocols.items()}
@@ -58,7 +93,7 @@ def export_vtk(project: Project, protocols: Mapping[str, Protocol], folder: Path
         lambda part: [
             path
             for name, response in responses.items()
-            for path in write_vtk(project.robot, response, _subfolder(part, name, len(responses)))
+            for path in write(response, _subfolder(part, name, len(responses)))
         ],
     )
 

@@ -102,6 +102,32 @@ def test_more_views_and_more_markers_on_the_base_make_it_surer():
         assert one.pose.position == pytest.approx(board[number].position, abs=2e-4)
 
 
+def test_companions_place_an_image_that_does_not_show_the_base_marker():
+    bench = manipulator()
+    board = {7: Pose.of((0.3, 0.0, 0.0), (0.04, 0.0, 0.0)), 8: Pose.of((0.0, 0.4, 0.0), (-0.04, 0.01, 0.0))}
+    poses = {**bench.poses, **{k: bench.poses[0].after(p) for k, p in board.items()}}
+    seen = views_of(Bench(poses, dict.fromkeys(poses, 0.02)), 3)
+    other = Bench({**manipulator(seed=1).poses, **{k: poses[k] for k in (0, 7, 8)}}, dict.fromkeys(poses, 0.02))
+    # Of the second state, one image shows the base marker and two do not; of the third, none does.
+    mixed = [without(one, 0) if i else one for i, one in enumerate(views_of(other, 3, "mixed", seed=1))]
+    late = [without(one, 0) for one in views_of(other, 2, "late", seed=2)]
+    markers = replace(MARKERS, companions=(7, 8))
+    found = estimate_poses(WEBCAM, markers, [*seen, *mixed, *late])
+    assert found.lost == ()
+    assert found.unplaced == {}
+    assert {one.n_images for (group, _), one in found.estimates.items() if group != "rest"} == {2, 3}
+    assert errors(found, other, "mixed").max() < 5e-4
+    assert errors(found, other, "late").max() < 8e-4
+    # Companions that no image with the base shows place nothing.
+    alone = estimate_poses(WEBCAM, markers, [*(without(one, 7, 8) for one in seen), *late])
+    assert alone.lost == tuple(one.image for one in late)
+    assert set(alone.unplaced) == {"late"}
+
+
+def without(one: Glimpse, *numbers: int) -> Glimpse:
+    return replace(one, corners={k: c for k, c in one.corners.items() if k not in numbers})
+
+
 def test_a_camera_that_stands_still_is_surer_of_the_base():
     benches = {f"load{i}": manipulator(seed=i) for i in range(6)}
     view = viewpoints(1)[0]

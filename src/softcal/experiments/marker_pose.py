@@ -71,7 +71,7 @@ def estimate_poses(camera: Camera, markers: MarkerSet, glimpses: Sequence[Glimps
     """
     everything = {number for one in glimpses for number in one.corners}
     glimpses = [_wanted(markers, one) for one in glimpses]
-    candidates = {
+    candidates: dict[str, Sequence[Candidate]] = {
         view: view_candidates(camera, markers, [one for one in glimpses if one.viewpoint == view])
         for view in dict.fromkeys(one.viewpoint for one in glimpses)
     }
@@ -87,20 +87,24 @@ def estimate_poses(camera: Camera, markers: MarkerSet, glimpses: Sequence[Glimps
                 f"images that show {base} with clear edges",
             )
         )
-    starts: dict[str, GroupStart] = {}
-    for group in dict.fromkeys(one.group for one in used):
-        mine = [one for one in used if one.group == group]
-        starts[group] = start_group(camera, markers, mine, candidates)
-        for view, pose in starts[group].views.items():
-            if len(candidates[view]) > 1 and sum(one.viewpoint == view for one in used) > len(mine):
-                candidates[view] = (Candidate(pose, 0.0),)  # shared with other states: decided once
+    starts = _starts(camera, markers, used, candidates)
     problem = _problem(camera, markers, used, starts)
     best = adjust(problem.start, problem.sightings)
+    found = _seen_beside_the_base(camera, markers, glimpses, candidates, problem, best, starts)
+    if found:
+        known = replace(markers, base={**markers.base, **found}, companions=())
+        late = {one.group for one in glimpses if not candidates[one.viewpoint]}
+        for view in [view for view, poses in candidates.items() if not poses]:
+            mine = [one for one in glimpses if one.viewpoint == view]
+            candidates[view] = view_candidates(camera, known, mine)
+        used = [one for one in glimpses if candidates[one.viewpoint]]
+        again = [one for one in used if one.group in late]
+        starts.update(_starts(camera, known, again, candidates))
+        problem = _problem(camera, markers, used, starts, found)
+        best = adjust(problem.start, problem.sightings)
     misfit = _misfit(best.bundle, problem)
     _check_misfit(misfit, used)
-    n_free = 6 * (len(best.bundle.views) + len(best.bundle.bodies))
-    n_seen = sum(sighting.pixels.size for sighting in problem.sightings)
-    noise = max(_SMALLEST_NOISE, float(np.sqrt(best.cost / max(n_seen - n_free, 1))))
+    noise = _noise(best, problem)
     problem = replace(problem, sightings=_weighed(markers, problem, best.bundle, noise))
     estimates = _estimates(problem, adjust(best.bundle, problem.sightings), noise)
     unplaced = {
@@ -119,6 +123,48 @@ def estimate_poses(camera: Camera, markers: MarkerSet, glimpses: Sequence[Glimps
         noise,
         misfit,
     )
+
+
+def _starts(
+    camera: Camera, markers: MarkerSet, used: Sequence[Glimpse], candidates: dict[str, Sequence[Candidate]]
+) -> dict[str, GroupStart]:
+    """The start of every state; what one state tells of a viewpoint that others share is kept in `candidates`."""
+    starts: dict[str, GroupStart] = {}
+    for group in dict.fromkeys(one.group for one in used):
+        mine = [one for one in used if one.group == group]
+        starts[group] = start_group(camera, markers, mine, candidates)
+        for view, pose in starts[group].views.items():
+            if len(candidates[view]) > 1 and sum(one.viewpoint == view for one in used) > len(mine):
+                candidates[view] = (Candidate(pose, 0.0),)  # shared with other states: decided once
+    return starts
+
+
+def _seen_beside_the_base(
+    camera: Camera,
+    markers: MarkerSet,
+    glimpses: Sequence[Glimpse],
+    candidates: Mapping[str, Sequence[Candidate]],
+    problem: _Problem,
+    best: Adjustment,
+    starts: Mapping[str, GroupStart],
+) -> dict[int, Pose]:
+    """Companions whose place is certain, with their poses, where images show them that do not show the base."""
+    lost = {number for one in glimpses if not candidates[one.viewpoint] for number in one.corners}
+    noise = _noise(best, problem)
+    clear = {group for group, start in starts.items() if start.margin >= _TELLING * noise**2}
+    seen = {number for group, number in problem.keys if group in clear}
+    return {
+        number: best.bundle.bodies[problem.bodies["", number]]
+        for number in markers.companions
+        if number in lost & seen and ("", number) in problem.bodies
+    }
+
+
+def _noise(best: Adjustment, problem: _Problem) -> float:
+    """Of a corner, as the residuals tell [px]."""
+    n_free = 6 * (len(best.bundle.views) + len(best.bundle.bodies))
+    n_seen = sum(sighting.pixels.size for sighting in problem.sightings)
+    return max(_SMALLEST_NOISE, float(np.sqrt(best.cost / max(n_seen - n_free, 1))))
 
 
 def _wanted(markers: MarkerSet, glimpse: Glimpse) -> Glimpse:
@@ -140,9 +186,16 @@ class _Problem:
     bodies: Mapping[Key, int]
 
 
-def _problem(camera: Camera, markers: MarkerSet, used: Sequence[Glimpse], starts: Mapping[str, GroupStart]) -> _Problem:
+def _problem(
+    camera: Camera,
+    markers: MarkerSet,
+    used: Sequence[Glimpse],
+    starts: Mapping[str, GroupStart],
+    found: Mapping[int, Pose] | None = None,
+) -> _Problem:
+    """The bundle of all images; found: companions whose poses are known already."""
     views: dict[str, Pose] = {}
-    bodies: dict[Key, Pose] = {}
+    bodies: dict[Key, Pose] = {("", number): pose for number, pose in (found or {}).items()}
     for group, start in starts.items():
         for view, pose in start.views.items():
             views.setdefault(view, pose)

@@ -142,8 +142,7 @@ def _seen(scene: Sequence[_Part], pixels: Floats, rays: Floats, background: floa
         if np.any(highest < start) or np.any(lowest >= end):
             continue
         inside = np.flatnonzero(np.all((pixels >= start) & (pixels < end), axis=1))
-        z, texel = _met(part, rays[inside].reshape(-1, 2))
-        z, texel = z.reshape(len(inside), -1), texel.reshape(len(inside), -1)
+        z, texel = (met.reshape(-1, rays.shape[1]) for met in _met(part, rays[inside].reshape(-1, 2)))
         nearer = z < depth[inside]
         depth[inside] = np.where(nearer, z, depth[inside])
         share[inside] = np.where(nearer, texel, share[inside])

@@ -80,7 +80,9 @@ def runtime_tree(root: str) -> dict[str, Distribution]:
 
 
 def licence_of(package: Distribution) -> str:
-    """An SPDX expression as far as the metadata goes: its expression, else its classifiers, else its free text."""
+    """An SPDX expression as far as the metadata goes: its expression, else its classifiers, else its free text, else the
+    title of the licence file that it ships.
+    """
     metadata = package.metadata
     if expression := metadata.get("License-Expression"):
         return expression
@@ -96,7 +98,14 @@ def licence_of(package: Distribution) -> str:
     text = (metadata.get("License") or "").strip()
     if is_expression(text):
         return text
-    return _identifier(text.split("\n", 1)[0] if text else "; ".join(classifiers).replace("License ::", ""))
+    told = text.split("\n", 1)[0] if text else "; ".join(classifiers).replace("License ::", "")
+    return _identifier(told or _title_of_file(package))
+
+
+def _title_of_file(package: Distribution) -> str:
+    files = [file for file in package.files or () if ".dist-info/licenses/" in str(file)]
+    lines = [line.strip() for file in files for line in file.read_text().splitlines()[:3]]
+    return next((line for line in lines if line), "")
 
 
 def is_expression(text: str) -> bool:

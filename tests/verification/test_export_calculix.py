@@ -63,14 +63,7 @@ def test_tied_bodies_and_weight_are_calculix_own(tmp_path):
             Body("high", high, [], material, law, "P2", 1000.0),
         ),
         ties=(Tie("seam", "high", np.flatnonzero(np.isclose(high.points[:, 2], 0.05)), "low"),),
-        plates=(
-            Plate(
-                "cap",
-                {"high": np.flatnonzero(np.isclose(high.points[:, 2], 0.1))},
-                np.array([0.01, 0.01, 0.1]),
-                mass=0.05,
-            ),
-        ),
+        plates=(Plate("cap", {"high": top}, np.array([0.01, 0.01, 0.1]), mass=0.05),),
         cables=(
             Cable(
                 "pull",

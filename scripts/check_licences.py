@@ -80,8 +80,8 @@ def runtime_tree(root: str) -> dict[str, Distribution]:
 
 
 def licence_of(package: Distribution) -> str:
-    """An SPDX expression as far as the metadata goes: its expression, else its classifiers, else its free text, else the
-    title of the licence file that it ships.
+    """An SPDX expression as far as the metadata goes: its expression, else its classifiers, else its free text, else
+    the title of the licence file that it ships.
     """
     metadata = package.metadata
     if expression := metadata.get("License-Expression"):

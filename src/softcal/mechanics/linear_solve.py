@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import os
+import re
 import weakref
+from importlib.metadata import PackageNotFoundError, distribution
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -158,6 +161,10 @@ class SuperLU:
 @functools.cache
 def _mkl_pardiso() -> Any:
     """MKL's function, or None where MKL is absent."""
+    # Where pip put it; pypardiso would search all installed files for it, which takes longer than many a solve.
+    path = _mkl_file()
+    if path is not None:
+        return ctypes.CDLL(path)["pardiso"]
     try:
         from pypardiso import PyPardisoSolver
     except ImportError:
@@ -165,6 +172,17 @@ def _mkl_pardiso() -> Any:
     # Looked up by item, ctypes gives a function of our own: pypardiso's has argument types that only its arrays fit.
     library: Any = PyPardisoSolver().libmkl
     return library["pardiso"]
+
+
+def _mkl_file() -> str | None:
+    """MKL's run time as the package `mkl` installed it, or None."""
+    try:
+        files = distribution("mkl").files or []
+    except PackageNotFoundError:
+        return None
+    found = [file for file in files if re.match(r"(lib)?mkl_rt\b", file.name) and "lib" not in file.suffix]
+    paths = (str(file.locate()) for file in found)
+    return next((path for path in paths if os.path.exists(path)), None)
 
 
 def _pointer(array: np.ndarray) -> ctypes.c_void_p:

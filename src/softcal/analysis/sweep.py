@@ -7,7 +7,7 @@ root mean square over all states of all experiments; with one state it is paper 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +17,8 @@ from softcal.calibration.outcome import bound_note
 from softcal.calibration.result import CalibrationResult, ExperimentFit, Trial
 
 ALL = "all"
+# Errors that differ by less of themselves are equal: what does not depend on a parameter differs in the last digits.
+_ROUNDING = 1e-9
 Counts = Mapping[tuple[str, str], int]
 
 
@@ -104,13 +106,18 @@ def best_cells(result: CalibrationResult, nominal: Nominal) -> tuple[BestCell, .
     known = section_errors(result, nominal.errors)
     by_cell = {trial.number: section_errors(result, trial.errors) for trial in done}
     whole = Section(ALL, "%" if result.loss_name == "distance" else "1")
-    best = min(done, key=lambda trial: math.inf if trial.loss is None else trial.loss)
-    found = [BestCell(whole, best, float(best.loss or 0.0), nominal.loss, _at_ends(result, best))]
+    best, error = _least(done, [float(trial.loss or 0.0) for trial in done])
+    found = [BestCell(whole, best, error, nominal.loss, _at_ends(result, best))]
     for section in sections(result):
-        best = min(done, key=lambda trial: by_cell[trial.number][section.name])
-        error = by_cell[best.number][section.name]
+        best, error = _least(done, [by_cell[trial.number][section.name] for trial in done])
         found.append(BestCell(section, best, error, known.get(section.name), _at_ends(result, best)))
     return tuple(found)
+
+
+def _least(cells: Sequence[Trial], errors: Sequence[float]) -> tuple[Trial, float]:
+    """The first of the cells whose errors are the least but for rounding, and that error."""
+    limit = min(errors) * (1 + _ROUNDING)
+    return next((cell, error) for cell, error in zip(cells, errors, strict=True) if error <= limit)
 
 
 def _counts(fit: ExperimentFit) -> dict[str, int]:

@@ -130,3 +130,8 @@ class CalibrationResult:
     notes: tuple[str, ...] = ()
     extra: Mapping[str, Any] = field(default_factory=dict)
     held_out: Mapping[str, HeldOut] = field(default_factory=dict[str, HeldOut])
+
+    @property
+    def is_sweep(self) -> bool:
+        """Whether every cell of a grid over given values was looked at, rather than a best value for."""
+        return "axes" in self.extra

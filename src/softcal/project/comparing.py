@@ -28,12 +28,12 @@ from softcal.units import format_quantity
 
 
 def compared(project: Project, settings: CalibrationSection, result: CalibrationResult) -> Compared | None:
-    """The nominal values' errors and the configurations to draw; None where no positions are compared.
+    """The nominal values' errors and the configurations to draw; None for a calibration without positions.
 
     Nominal is the robot as the project gives it; the rig is as the project gives it in a sweep, and as it was found in
     a calibration: a robot is no worse for a camera whose place was not known.
     """
-    if not any(fit.distances for fit in result.experiments.values()):
+    if not result.is_sweep and not any(fit.distances for fit in result.experiments.values()):
         return None
     units = {name: e.unit for name, e in result.parameters.items()}
     length = next((fit.length for fit in result.experiments.values() if fit.length is not None), None)
@@ -52,7 +52,7 @@ def _nominal(project: Project, settings: CalibrationSection, result: Calibration
     free = [
         FreeParameter(name, e.unit, e.lower, e.upper, of=e.of)
         for name, e in result.parameters.items()
-        if _is_sweep(result) or all(target in of_robot for target in e.of or (name,))
+        if result.is_sweep or all(target in of_robot for target in e.of or (name,))
     ]
     if not free:
         return None
@@ -69,9 +69,9 @@ def _configurations(
     present = {name: _present(at_nominal, e.of or (name,)) for name, e in result.parameters.items()}
     found = [_configuration("Nominal", at_nominal, state, {n: v for n, v in present.items() if v is not None})]
     best = {name: e.value for name, e in result.parameters.items()}
-    chosen = {"Best cell" if _is_sweep(result) else "Calibrated": best}
+    chosen = {"Best cell" if result.is_sweep else "Calibrated": best}
     done = [trial for trial in result.trials if trial.loss is not None]
-    if _is_sweep(result) and done:
+    if result.is_sweep and done:
         chosen["Worst cell"] = dict(max(done, key=lambda trial: trial.loss or 0.0).theta)
     for name, theta in chosen.items():
         there = {n: replace(e, value=theta[n]) for n, e in result.parameters.items()}
@@ -79,12 +79,8 @@ def _configurations(
     return [one for one in found if one is not None]
 
 
-def _is_sweep(result: CalibrationResult) -> bool:
-    return "axes" in result.extra
-
-
 def _nominal_project(project: Project, result: CalibrationResult) -> Project:
-    if _is_sweep(result):
+    if result.is_sweep:
         return project
     of_robot = robot_parameters(project.robot)
     experiments = {
@@ -107,17 +103,17 @@ def _present(project: Project, targets: Sequence[str]) -> float | None:
 
 
 def _furthest_state(project: Project, result: CalibrationResult) -> tuple[str, int] | None:
-    """The experiment and the row of it with the strongest pull of which every marker was measured."""
-    states: dict[tuple[str, int], float] = {}
-    for name in result.experiments:
+    """The experiment and the row of it with the strongest pull; of equal ones, where the markers are worst met."""
+    states: dict[tuple[str, int], tuple[float, float]] = {}
+    for name, fit in result.experiments.items():
         experiment = project.experiments[name]
         placed = [c for c in experiment.compared if experiment.point_of(c)]
         if not placed:
             continue
-        seen = np.all([experiment.seen(c) for c in placed], axis=0)
+        squares = np.sum([(fit.simulated[c] - fit.measured[c]) ** 2 for c in placed], axis=0)
         drives = [experiment.dataset.values(c) for c in experiment.drives]
         pull = np.max(drives, axis=0) if drives else np.zeros(experiment.dataset.n_samples)
-        states |= {(name, int(row)): float(pull[row]) for row in np.flatnonzero(seen)}
+        states |= {(name, int(k)): (float(pull[k]), float(squares[k])) for k in np.flatnonzero(np.isfinite(squares))}
     return max(states, key=lambda state: states[state]) if states else None
 
 

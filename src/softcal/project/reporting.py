@@ -18,7 +18,6 @@ from softcal.project.project import Project
 from softcal.project.run_folder import Run, load_run
 from softcal.project.settled import from_undeformed, settled_shapes
 from softcal.project.simulation import simulate, twin_view
-from softcal.project.sweep import SWEEP
 from softcal.report.content import ExperimentContent, Landscape, ReportContent, TwinView
 from softcal.report.write import ReportPaths
 from softcal.report.write import write_report as write_content
@@ -55,7 +54,7 @@ def report_content(run: Run) -> ReportContent:
     return ReportContent(
         project_name=project.name,
         results=run.results,
-        experiments={name: _experiment(project, name) for name in project.experiments},
+        experiments={name: _experiment(project, name) for name in _shown(run)},
         twin=_twin(project, run.results[headline]) or from_undeformed(settled),
         settled=settled,
         landscapes=_landscapes(project, run.results, run.settings),
@@ -66,6 +65,13 @@ def report_content(run: Run) -> ReportContent:
         hashes=run.hashes,
         created=run.created,
     )
+
+
+def _shown(run: Run) -> list[str]:
+    """The experiments to tell of: of a sweep those that it was judged by, else all."""
+    if any(not result.is_sweep for result in run.results.values()):
+        return list(run.project.experiments)
+    return [name for result in run.results.values() for name in result.experiments]
 
 
 def _experiment(project: Project, name: str) -> ExperimentContent:
@@ -96,7 +102,7 @@ def _landscapes(
     project: Project, results: Mapping[str, CalibrationResult], settings: CalibrationSection
 ) -> dict[str, Landscape]:
     """The loss over modulus and ratio of each calibration, where it is cheap and its trials do not show it already."""
-    results = {label: result for label, result in results.items() if label != SWEEP}
+    results = {label: result for label, result in results.items() if not result.is_sweep}
     if not results:
         return {}
     problem = make_problem(project, settings)

@@ -10,7 +10,6 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.report.comparison import Comparison
 from softcal.report.style import BLUE, FAINT, INK, LOOP, MUTED, house_style, new_figure
-from softcal.report.wording import number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -61,9 +60,15 @@ def _draw_bars(axes: Axes, nominal: Floats, tuned: Floats, tuned_name: str) -> N
     for shift, values, colour, name in ((-_BAR / 2, nominal, LOOP, "nominal"), (_BAR / 2, tuned, BLUE, tuned_name)):
         bars = axes.bar(at + shift, np.nan_to_num(values), _BAR * 0.94, color=colour, label=name)
         if len(at) <= _NUMBERED:
-            texts = [number(value, 2) if np.isfinite(value) else "not seen" for value in values]
+            texts = [_short(value) for value in values]
             axes.bar_label(bars, texts, fontsize=7 if len(at) > 8 else 8, padding=1.5, color=INK)
     axes.grid(visible=False, axis="x")
+
+
+def _short(value: float) -> str:
+    if not np.isfinite(value):
+        return "not seen"
+    return f"{value:.1f}" if value < 9.95 else f"{value:.0f}"
 
 
 def _name_states(axes: Axes, found: Comparison) -> None:

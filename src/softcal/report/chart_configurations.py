@@ -58,7 +58,7 @@ def _title(view: Configuration, compared: Compared) -> str:
     for name, value in list(view.parameters.items())[:3]:
         scale = scale_of(compared.units[name], value)
         label = parameter_label(name, compared.units)
-        texts.append(f"{label} {number(value / scale.factor)} {scale.unit}".strip())
+        texts.append(f"{label} {value / scale.factor:.4g} {scale.unit}".strip())
     return f"{view.name}: {error}\n{', '.join(texts)}"
 
 

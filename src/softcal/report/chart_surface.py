@@ -56,19 +56,29 @@ def draw_surfaces(
                 axes.plot(*at, "D", markersize=6, markerfacecolor="white", markeredgecolor=INK, linestyle="",
                           label="nominal values", zorder=5)  # fmt: skip
             axes.set_title("all sections" if surface.section == ALL else surface.section)
-        for axes in panels.flat[len(surfaces) :]:
-            axes.set_axis_off()
+            least = f"best {number(surface.best[2])} {surface.unit}".rstrip()
+            axes.set_title(least, loc="right", fontsize=8.5, fontweight="normal")
         for k, axes in enumerate(panels.flat[: len(surfaces)]):
             if k + columns >= len(surfaces):
                 axes.set_xlabel(x_scale.axis(parameter_label(pair[0], result.parameters)))
                 axes.tick_params(labelbottom=True)
             if k % columns == 0:
                 axes.set_ylabel(y_scale.axis(parameter_label(pair[1], result.parameters)))
-        handles: dict[str, Any] = {}
-        for axes in panels.flat:
-            handles.update({label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)})
-        figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=3, markerscale=0.8)
+        _legend(figure, list(panels.flat[: len(surfaces)]), list(panels.flat[len(surfaces) :]))
         return figure
+
+
+def _legend(figure: Figure, drawn: Sequence[Axes], empty: Sequence[Axes]) -> None:
+    """One legend for all panels, in the place of an empty one where there is any."""
+    handles: dict[str, Any] = {}
+    for axes in drawn:
+        handles.update({label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)})
+    for axes in empty:
+        axes.set_axis_off()
+    if empty:
+        empty[0].legend(list(handles.values()), list(handles), loc="center")
+    else:
+        figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=3)
 
 
 def draw_curves(result: CalibrationResult, curves: Sequence[Curve]) -> Figure:
@@ -134,13 +144,6 @@ def _draw_cells(figure: Figure, axes: Axes, surface: Surface, x_scale: Scale, y_
             set_scale("log")
     if _is_uneven(x):
         plain_log_ticks(axes.xaxis, float(x[0]), float(x[-1]))
-    middle = axes.transAxes.inverted().transform(axes.transData.transform(at))
-    text = f"{number(surface.best[2])} {surface.unit}".rstrip()
-    axes.annotate(
-        text, at, xytext=(-11 if middle[0] > 0.5 else 11, -9 if middle[1] > 0.5 else 9), textcoords="offset points",
-        ha="right" if middle[0] > 0.5 else "left", va="top" if middle[1] > 0.5 else "bottom", fontsize=8.5, color=INK,
-        bbox={"facecolor": "white", "edgecolor": FAINT, "alpha": 0.92, "boxstyle": "round,pad=0.25"}, zorder=7,
-    )  # fmt: skip
     axes.grid(False)
 
 

@@ -40,6 +40,8 @@ def comparison(content: ReportContent) -> Comparison | None:
         return None
     known = compared.nominal.fits
     markers = list(dict.fromkeys(point for fit in result.experiments.values() for point in fit.distances))
+    if not markers:
+        return None
     scale = Scale("mm", 1e-3) if compared.length is None else Scale("%", 0.01 * compared.length)
     experiments: list[str] = []
     states: list[str] = []
@@ -53,7 +55,7 @@ def comparison(content: ReportContent) -> Comparison | None:
         states += labels
         columns.append(pair)
     nominal, tuned = (np.concatenate([pair[k] for pair in columns], axis=1) / scale.factor for k in (0, 1))
-    called = "best cell" if "axes" in result.extra else "calibrated"
+    called = "best cell" if result.is_sweep else "calibrated"
     return Comparison(tuple(markers), tuple(experiments), tuple(states), nominal, tuned, scale.unit, called)
 
 
@@ -69,43 +71,76 @@ def state_distances(fit: ExperimentFit, markers: list[str]) -> Floats:
     return found
 
 
+@dataclass(frozen=True)
+class Improvement:
+    """The error of a section at the nominal values (None where they could not be simulated) and tuned, in `unit`.
+
+    best: of a sweep, the cell in which it is least.
+    """
+
+    name: str
+    nominal: float | None
+    tuned: float
+    unit: str
+    best: BestCell | None = None
+
+    @property
+    def improvement(self) -> float | None:
+        """nominal / tuned - 1 [%]."""
+        return None if self.nominal is None or not self.tuned > 0 else improvement(self.nominal, self.tuned)
+
+    def told(self, error: float | None) -> str:
+        """An error in words: "2.81 %"."""
+        return "nothing" if error is None else f"{number(error)} {self.unit}".rstrip()
+
+
+def improvements(content: ReportContent) -> list[Improvement]:
+    """What was gained, over all sections and in each; none where the nominal values are not known."""
+    result = content.headline_result
+    known = None if content.compared is None else content.compared.nominal
+    if known is None:
+        return []
+    if result.is_sweep:
+        return [_improvement(b.section, b.nominal, b.error, b) for b in best_cells(result, known)]
+    return [_improvement(section, before, after) for section, before, after in _calibrated(result, known)]
+
+
 def improvement_table(content: ReportContent) -> Table:
     """Error of every section at the nominal values and tuned, and what was gained; of a sweep with the best cells."""
-    result, compared = content.headline_result, content.compared
-    known = None if compared is None else compared.nominal
-    if known is None:
-        return Table("improvement", "", (), ())
+    result = content.headline_result
+    swept = result.is_sweep
+    scales = {name: estimate_scale(e) for name, e in result.parameters.items()} if swept else {}
+    columns = [
+        Column("Section"),
+        Column("Error, nominal"),
+        Column("Error, best cell" if swept else "Error, calibrated"),
+    ]
+    columns += [Column(""), Column("Improvement", "%")]
+    columns += [Column(parameter_label(n, scales), scale.unit, 4) for n, scale in scales.items()]
+    columns += [Column("At the end of its range")] * swept
+    rows: list[tuple[Cell, ...]] = []
+    for one in improvements(content):
+        row: list[Cell] = [one.name, one.nominal, one.tuned, one.unit, one.improvement]
+        if one.best is not None:
+            row += [one.best.trial.theta[name] / scale.factor for name, scale in scales.items()]
+            row.append(joined(_ends(result, one.best)) or "none")
+        rows.append(tuple(row))
     note = (
         "Errors are root mean squares over all states: paper B's d_k where there is one state. Improvement is "
         "nominal / tuned - 1 in per cent, what paper B calls a reduction: 100 % where the error was halved, 300 % "
         "where a quarter of it is left."
     )
-    if "axes" not in result.extra:
-        columns = _columns("Error, calibrated")
-        rows = [_row(s, before, after) for s, before, after in _calibrated(result, known)]
-        return Table("improvement", "Nominal and calibrated", columns, tuple(rows), note)
-    scales = {name: estimate_scale(estimate) for name, estimate in result.parameters.items()}
-    columns = _columns("Error, best cell")
-    columns += tuple(Column(parameter_label(n, scales), scale.unit, 4) for n, scale in scales.items())
-    columns += (Column("At the end of its range"),)
-    rows = []
-    for best in best_cells(result, known):
-        values = [best.trial.theta[name] / scale.factor for name, scale in scales.items()]
-        ends = joined(_ends(result, best)) or "none"
-        rows.append((*_row(best.section, best.nominal, best.error), *values, ends))
-    return Table("improvement", "The best cell for each section", columns, tuple(rows), note)
+    title = "The best cell for each section" if swept else "Nominal and calibrated"
+    return Table("improvement", title, tuple(columns), tuple(rows), note)
 
 
-def _columns(tuned: str) -> tuple[Column, ...]:
-    labels = (Column("Section"), Column("Error, nominal"), Column(tuned), Column(""), Column("Improvement", "%"))
-    return labels
-
-
-def _row(section: Section, nominal: float | None, tuned: float) -> tuple[Cell, ...]:
-    before = None if nominal is None else section.shown(nominal)
-    gain = None if nominal is None or not tuned > 0 else improvement(nominal, tuned)
-    name = "all sections" if section.name == ALL else section.name
-    return (name, before, section.shown(tuned), section.shown_unit, gain)
+def _improvement(section: Section, nominal: float | None, tuned: float, best: BestCell | None = None) -> Improvement:
+    scale = Scale("%", 0.01 * section.length) if section.length is not None else scale_of(section.unit)
+    scale = Scale("%", 1.0) if section.unit == "%" else scale
+    before = None if nominal is None else nominal / scale.factor
+    return Improvement(
+        "all sections" if section.name == ALL else section.name, before, tuned / scale.factor, scale.unit, best
+    )
 
 
 def _calibrated(result: CalibrationResult, known: Nominal) -> list[tuple[Section, float | None, float]]:

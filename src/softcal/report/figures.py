@@ -201,7 +201,7 @@ def _searches(content: ReportContent) -> Iterator[Picture]:
     from softcal.report.chart_search import draw_history, draw_loss_map, draw_loss_profile
     from softcal.report.series import grid_of_trials, search_history
 
-    searched = {label: result for label, result in content.results.items() if "axes" not in result.extra}
+    searched = {label: result for label, result in content.results.items() if not result.is_sweep}
     for label, result in searched.items():
         title, stem = result_label(label), file_stem(label)
         grid = content.landscapes.get(label) or grid_of_trials(result)

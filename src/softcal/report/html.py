@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from softcal.calibration.result import CalibrationResult
+from softcal.report.comparison import improvements
 from softcal.report.content import ReportContent
 from softcal.report.figures import Picture
 from softcal.report.positions import MM, places, pooled
@@ -68,7 +69,7 @@ def render_page(content: ReportContent, pictures: Sequence[Picture], tables: Map
         tables=tables,
         provenance={name: provenance_rows(e.prepared) for name, e in content.experiments.items()},
         result_label=result_label,
-        is_sweep="axes" in content.headline_result.extra,
+        is_sweep=content.headline_result.is_sweep,
     )
 
 
@@ -94,6 +95,12 @@ def key_numbers(content: ReportContent) -> list[KeyNumber]:
             remark = f"at its bound; {remark}"
         value = with_error(estimate.value / scale.factor, error)
         found.append(KeyNumber(parameter_label(name, result.parameters), value, scale.unit, remark.rstrip()))
+    gains = improvements(content)
+    if gains:
+        gain, first = gains[0].improvement, gains[0]
+        remark = f"{first.told(first.nominal)} at the nominal values, {first.told(first.tuned)} now"
+        value = "–" if gain is None else number(gain)
+        found.append(KeyNumber("Improvement on nominal", value, "%", remark))
     return found + _key_errors(result)
 
 
@@ -125,6 +132,9 @@ def _key_errors(result: CalibrationResult) -> list[KeyNumber]:
 def _subject(content: ReportContent) -> str:
     result = content.headline_result
     names = list(result.experiments)
+    if result.is_sweep:
+        n = len(result.trials)
+        return f"{parameters_in_words(result.parameters)} swept over {n} cells, judged by {joined(names)}."
     parameters = parameters_in_words(ordered_parameters({"": result}))
     shared = f"jointly to {len(names)} experiments ({joined(names)})" if len(names) > 1 else f"to {joined(names)}"
     others = len(content.results) - 1

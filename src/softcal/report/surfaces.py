@@ -42,7 +42,7 @@ class Curve:
 
 def swept_pair(result: CalibrationResult) -> tuple[str, str] | None:
     """The two parameters of the grid that are drawn; None where the trials are no grid over two or more."""
-    return None if "axes" not in result.extra else searched_pair(result)
+    return None if not result.is_sweep else searched_pair(result)
 
 
 def error_surfaces(result: CalibrationResult) -> list[Surface]:
@@ -71,7 +71,7 @@ def error_surfaces(result: CalibrationResult) -> list[Surface]:
 
 def error_curves(result: CalibrationResult) -> list[Curve]:
     """The error of every section over the only parameter of a grid; none where there is no such grid."""
-    if "axes" not in result.extra or len(result.parameters) != 1:
+    if not result.is_sweep or len(result.parameters) != 1:
         return []
     (name,) = result.parameters
     trials = sorted(result.trials, key=lambda trial: trial.theta[name])

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from softcal.calibration.result import CalibrationResult, Estimate
+from softcal.report.comparison import improvements
 from softcal.report.content import ReportContent
 from softcal.report.positions import fit_sentence, fitted_distance, prediction_sentence
 from softcal.report.tables import grouped_failures, share_of_peak
@@ -61,7 +62,8 @@ def headline_sentence(content: ReportContent) -> Sentence:
     if near:
         fit = f"{fit} and the markers to {near}" if fit else f"the twin meets the markers to {near}"
     doubts = [s for s in (*_bounds(result), *_identified(result)) if s.tone == "warning"]
-    lead = f"With {estimates}, {fit}." if estimates and fit else f"{(fit or estimates).capitalize()}."
+    named = f"the best of {len(result.trials)} cells, {estimates}" if result.is_sweep else estimates
+    lead = f"With {named}, {fit}." if estimates and fit else f"{(fit or estimates).capitalize()}."
     grave = bool(doubts) or bool(shares and max(shares) > _POOR)
     return Sentence(" ".join([lead, *(doubt.text for doubt in doubts[:1])]), "warning" if grave else "good")
 
@@ -72,6 +74,7 @@ def verdicts(content: ReportContent) -> list[Sentence]:
     found = [
         *_residuals(result),
         *_positions(result),
+        *_gain(content),
         *_bounds(result),
         *_identified(result),
         *_plausible(content),
@@ -118,6 +121,21 @@ def _positions(result: CalibrationResult) -> Iterable[Sentence]:
     if text:
         tone: Tone = "note" if carries_over is None else "good" if carries_over else "warning"
         yield Sentence(text, tone)
+
+
+def _gain(content: ReportContent) -> Iterable[Sentence]:
+    """What was gained on the nominal values, over all sections and at most and least."""
+    gains = [gain for gain in improvements(content) if gain.improvement is not None]
+    if not gains:
+        return
+    first, *others = gains
+    text = f"The error of {first.name} fell" if (first.improvement or 0.0) > 0 else f"The error of {first.name} rose"
+    text += f" from {first.told(first.nominal)} at the nominal values to {first.told(first.tuned)}"
+    text += f", an improvement of {number(first.improvement or 0.0)} % (nominal / tuned - 1)"
+    if len(others) > 1:
+        low, high = (pick(gain.improvement or 0.0 for gain in others) for pick in (min, max))
+        text += f"; section by section between {number(low)} % and {number(high)} %"
+    yield Sentence(f"{text}.", "good" if (first.improvement or 0.0) > 0 else "warning")
 
 
 def _closeness(share: float) -> tuple[str, Tone]:

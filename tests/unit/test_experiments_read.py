@@ -219,6 +219,16 @@ def test_filtered_rows_need_not_be_numbers(tmp_path: Path) -> None:
     )
 
 
+def test_a_filter_may_name_several_values_all_of_which_must_be_there(tmp_path: Path) -> None:
+    path = write(tmp_path, "test,load,Force\nA,1,1\nB,2,2\nA,3,3\nC,1,4\n")
+    columns = {"tension": ColumnSpec("Force", "N")}
+    read = read_table(path, columns, where={"test": ["C", "A"], "load": [1]})
+    assert_allclose(read.values("tension"), [1, 4])
+    assert_allclose(read_table(path, columns, where={"load": (3, 2)}).values("tension"), [2, 3])
+    with pytest.raises(DatasetError, match=r"no row holds 'D'.*'A', 'B', 'C'"):
+        read_table(path, columns, where={"test": ["A", "D"]})
+
+
 def test_missing_file_and_unknown_channel(tmp_path: Path) -> None:
     with pytest.raises(StorageError, match=r"nowhere\.csv"):
         read_table(tmp_path / "nowhere.csv", UTM)

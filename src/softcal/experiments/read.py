@@ -80,7 +80,7 @@ def read_table(  # noqa: PLR0913 (one keyword for each thing in which files diff
     skip_rows, skip_footer
         Lines to leave out at the top and at the bottom.
     where
-        Column -> value: only rows that hold this value, compared as a number where both are numbers.
+        Column -> value, or list of values: only rows that hold it, compared as a number where both are numbers.
     axes, rest_samples
         For quaternions: the robot's x, y, z as seen by the sensor, and the samples at rest at the beginning.
     optional
@@ -225,19 +225,16 @@ def _matching_rows(table: Table, where: Mapping[str, object], faults: list[Fault
         place = _find_column(table, name, faults)
         if place is None:
             continue
-        kept = [row for row in rows if _same(table.rows[row][place], str(wanted))]
-        if not kept:
+        values = wanted if isinstance(wanted, list | tuple) else [wanted]
+        held = {str(value): [row for row in rows if _same(table.rows[row][place], str(value))] for value in values}
+        missing = [value for value, found in held.items() if not found]
+        if missing:
             there = list(dict.fromkeys(table.rows[row][place] for row in rows))
             shown = ", ".join(f"'{value}'" for value in there[:10]) + (", …" if len(there) > 10 else "")
-            faults.append(
-                Fault(
-                    f"no row holds '{wanted}'",
-                    where=f"{table.path}, column '{table.headers[place]}'",
-                    allowed=shown,
-                )
-            )
+            column = f"{table.path}, column '{table.headers[place]}'"
+            faults += [Fault(f"no row holds '{value}'", where=column, allowed=shown) for value in missing]
             continue
-        rows = kept
+        rows = sorted({row for found in held.values() for row in found})
     return rows
 
 

@@ -193,7 +193,7 @@ def _read(name: str, section: ExperimentSection, i: int, files: InputFiles, find
                 units_row=file.units_row,
                 skip_rows=file.skip_rows,
                 skip_footer=file.skip_footer,
-                where=file.where,
+                where={key: values[0] if len(values) == 1 else values for key, values in file.where.items()},
                 axes=file.axes,
                 rest_samples=file.rest_samples,
                 optional=optional,

@@ -7,7 +7,18 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, PlainValidator, Tag, model_validator
 
-from softcal.project.section import Angle, Duration, Force, Given, Length, Positive, Ratio, Section, fault_error
+from softcal.project.section import (
+    Angle,
+    Duration,
+    Force,
+    Given,
+    Length,
+    Positive,
+    Ratio,
+    Section,
+    fault_error,
+    numbered,
+)
 
 ONE_CLOCK = "one clock"
 MOTION_CAPTURE = ".c3d"
@@ -52,7 +63,9 @@ class FileSection(Section):
     path: str
     columns: Mapping[str, ColumnSection] = Field(default_factory=dict)
     markers: Annotated[Mapping[str, str], BeforeValidator(_named)] = Field(default_factory=dict)
-    where: Mapping[str, Given] = Field(default_factory=dict)
+    where: Mapping[str, Annotated[list[Given], BeforeValidator(numbered), Field(min_length=1)]] = Field(
+        default_factory=dict
+    )
     delimiter: str | None = None
     decimal: Literal[".", ","] | None = None
     header_row: int | None = None

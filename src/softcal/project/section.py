@@ -138,6 +138,11 @@ def listed(value: object) -> object:
     return [value] if isinstance(value, str | dict) else value
 
 
+def numbered(value: object) -> object:
+    """As `listed`, and a bare number as a list of it too."""
+    return [value] if isinstance(value, int | float) and not isinstance(value, bool) else listed(value)
+
+
 def checked_poissons_ratio(value: float) -> float:
     """The ratio, where it is that of a material that can be computed with."""
     if not -1.0 < value < 0.5:

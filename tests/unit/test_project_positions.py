@@ -166,6 +166,24 @@ def test_a_calibration_finds_the_modulus_and_predicts_what_was_held_out(tmp_path
     assert values["spring1.youngs_modulus"] == values["spring2.youngs_modulus"] == pytest.approx(MODULUS, rel=1e-3)
 
 
+def test_a_tie_can_be_split_and_the_run_remembers_it(tmp_path: Path) -> None:
+    path = write(tmp_path, ("starts: 1,", "starts: 1, split: springs.youngs_modulus,"))
+    found = calibrate(load(path), out=tmp_path / "run").headline
+    each = [f"spring{k}.youngs_modulus" for k in (1, 2)]
+    assert set(found.parameters) == {*each, "frame.x", "frame.rz"}
+    assert [found.parameters[name].value for name in each] == pytest.approx([MODULUS, MODULUS], rel=3e-3)
+    run = load_run(tmp_path / "run")
+    assert run.settings.split == ["springs.youngs_modulus"]
+    assert set(each) <= {str(row[1]) for row in all_tables(report_content(run))["parameters"].rows}
+    told = CliRunner().invoke(
+        app,
+        ["calibrate", str(write(tmp_path)), "--split", "frame.x", "--out", str(tmp_path / "other")],
+    )
+    assert told.exit_code == 2
+    assert "no tied parameter goes by this name" in told.output
+    assert not (tmp_path / "other").exists()
+
+
 def test_a_held_tie_holds_all_its_parts_and_a_held_part_leaves_the_others_tied(tmp_path: Path) -> None:
     path = write(tmp_path)
     held = load(path, values={"springs.youngs_modulus": "1 GPa", "frame.x": "5 mm"})
@@ -188,6 +206,7 @@ def test_a_held_tie_holds_all_its_parts_and_a_held_part_leaves_the_others_tied(t
         (("{weight.mass: 100 g}", "{spring1.youngs_modulus: 1 GPa}"), "hanging.settings", "set and free at once"),
         (("direction: [0, 0, -1]", "direction: [1, 0, 0]"), "hanging.settings.weight.mass", "along gravity"),
         (("hold_out: cable5", "hold_out: cable55"), "calibration.hold_out[0]", "Try: 'cable5'"),
+        (("starts: 1,", "starts: 1, split: x,"), "calibration.split[0]", "tied parameter"),
         (("rig: {length: 200 mm}\n", ""), "calibration.loss", "rig: {length"),
         (("drive: [cable5.tension]", "drive: [cable5.tention]"), "experiments.cable5", "no channel 'cable5.tention'"),
         (("    drive: [cable5.tension]\n", ""), "experiments.cable5.drive", "what drives the twin"),

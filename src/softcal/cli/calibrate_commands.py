@@ -36,6 +36,10 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
             show_default=False,
         ),
     ] = None,
+    split: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Untie this tied parameter: a value for each of its parts; again for more."),
+    ] = None,
     values: Values = None,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Run folder; 'run' beside the project by default.")
@@ -61,12 +65,13 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
             trials=trials,
             seed=seed,
             hold_out=None if hold_out is None else names(hold_out),
+            split=split,
             workers=workers,
             progress=bars.show,
         )
     print_results(found.results)
     if found.interrupted:
-        held = "".join(f" --set {value}" for value in values or [])
+        held = "".join(f" --set {value}" for value in values or []) + "".join(f" --split {one}" for one in split or [])
         typer.echo(
             f"Stopped. Everything so far is kept in {folder}. "
             f"Go on with: softcal calibrate {project} --out {folder}{held} --resume",

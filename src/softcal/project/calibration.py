@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
 
+from softcal.analysis.validation import with_split
 from softcal.calibration.experiment import PULLEY_FRICTION
 from softcal.calibration.hold_out import fitted_part
 from softcal.calibration.loss import PAPER_WEIGHTS, DistanceLoss, LikelihoodLoss, Loss, PapersLoss
@@ -58,6 +59,7 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
     trials: int | None = None,
     seed: int | None = None,
     hold_out: Sequence[str] | None = None,
+    split: Sequence[str] | None = None,
     workers: int = 1,
     progress: Observer | None = None,
 ) -> Calibrations:
@@ -69,9 +71,9 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
         Run folder, new or empty; None keeps nothing on disk.
     resume
         Go on with the run in `out`.
-    method, fit, trials, seed, hold_out
+    method, fit, trials, seed, hold_out, split
         In the place of what the project says: "least-squares", "tpe" or "grid"; "each", "joint" or "both"; experiments
-        that are not fitted but predicted.
+        that are not fitted but predicted; tied parameters that get a value for each of their parts.
     workers
         Processes.
     progress
@@ -85,7 +87,7 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
         Where no trial could be simulated.
     """
     held_out = None if hold_out is None else experiments_named(hold_out, project.experiments)
-    told = {"method": method, "fit": fit, "trials": trials, "seed": seed, "hold_out": held_out}
+    told = {"method": method, "fit": fit, "trials": trials, "seed": seed, "hold_out": held_out, "split": split}
     settings = changed(project.calibration, {key: value for key, value in told.items() if value is not None}, "--")
     problem = make_problem(project, settings)
     problems = _problems(problem, settings.fit, settings.hold_out)
@@ -149,8 +151,12 @@ def make_problem(project: Project, settings: CalibrationSection | None = None) -
         )
     if faults or project.space is None:
         raise ParameterError(faults)
-    loss = make_loss(settings or project.calibration, _length(project))
-    return Problem(project.robot, tuple(project.experiments.values()), project.space, loss)
+    settings = settings or project.calibration
+    loss = make_loss(settings, _length(project))
+    problem = Problem(project.robot, tuple(project.experiments.values()), project.space, loss)
+    for tied in settings.split:
+        problem = with_split(problem, tied)
+    return problem
 
 
 def make_loss(settings: CalibrationSection, length: float | None = None) -> Loss:

@@ -39,6 +39,7 @@ class CalibrationSection(Section):
     seed: Annotated[int, Field(ge=0)] = 1
     fit: Literal["each", "joint", "both"] = "joint"
     hold_out: Annotated[list[str], BeforeValidator(listed)] = Field(default_factory=list)
+    split: Annotated[list[str], BeforeValidator(listed)] = Field(default_factory=list)
 
 
 class PrintSection(Section):

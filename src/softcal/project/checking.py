@@ -202,6 +202,8 @@ def _search_rows(project: Project) -> list[tuple[str, str]]:
     settings = project.calibration
     if settings.hold_out:
         rows["held out"] = ", ".join(settings.hold_out)
+    if settings.split:
+        rows["untied"] = ", ".join(settings.split)
     rows["calibration"] = f"{settings.method}, loss {settings.loss}, fit {settings.fit}, seed {settings.seed}"
     return list(rows.items())
 

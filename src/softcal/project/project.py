@@ -126,11 +126,11 @@ def load(
     _check_set_ups(set_ups, findings)
     space = build_search(parameters, known, own, set_ups, names_held(given, known or ()), findings)
     calibration = _section(CalibrationSection, "calibration", document, findings, {})
-    _check_calibration(calibration, rig, experiments, findings)
+    tied = {name: tuple(section.of) for name, section in parameters.items() if section.of}
+    _check_calibration(calibration, rig, experiments, tied, findings)
     _check_settings(space, {name: bench.experiment for name, bench in whole.items()}, findings)
     dynamics = _section(DynamicsSection, "dynamics", document, findings, {})
     _check_settling(dynamics, built, findings)
-    tied = {name: tuple(section.of) for name, section in parameters.items() if section.of}
     swept = _section(SweepSection, "sweep", document, findings)
     _check_sweep(swept, known, tied, experiments, findings)
     print_infill = _print_infill(document, findings)
@@ -224,7 +224,11 @@ def _with_held_rig(experiment: Experiment, held: Mapping[str, float]) -> Experim
 
 
 def _check_calibration(
-    section: CalibrationSection | None, rig: RigSection, experiments: Mapping[str, object], findings: Findings
+    section: CalibrationSection | None,
+    rig: RigSection,
+    experiments: Mapping[str, object],
+    tied: Mapping[str, object],
+    findings: Findings,
 ) -> None:
     if section is None:
         return
@@ -238,6 +242,9 @@ def _check_calibration(
     for i, name in enumerate(section.hold_out):
         if name not in experiments:
             findings.unknown(("calibration", "hold_out", i), "experiment", name, experiments)
+    for i, name in enumerate(section.split):
+        if name not in tied:
+            findings.unknown(("calibration", "split", i), "tied parameter", name, tied)
 
 
 def _check_settling(section: DynamicsSection | None, built: BuiltRobot | None, findings: Findings) -> None:

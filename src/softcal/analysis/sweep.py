@@ -106,15 +106,15 @@ def best_cells(result: CalibrationResult, nominal: Nominal) -> tuple[BestCell, .
     known = section_errors(result, nominal.errors)
     by_cell = {trial.number: section_errors(result, trial.errors) for trial in done}
     whole = Section(ALL, "%" if result.loss_name == "distance" else "1")
-    best, error = _least(done, [float(trial.loss or 0.0) for trial in done])
+    best, error = least_cell(done, [float(trial.loss or 0.0) for trial in done])
     found = [BestCell(whole, best, error, nominal.loss, _at_ends(result, best))]
     for section in sections(result):
-        best, error = _least(done, [by_cell[trial.number][section.name] for trial in done])
+        best, error = least_cell(done, [by_cell[trial.number][section.name] for trial in done])
         found.append(BestCell(section, best, error, known.get(section.name), _at_ends(result, best)))
     return tuple(found)
 
 
-def _least(cells: Sequence[Trial], errors: Sequence[float]) -> tuple[Trial, float]:
+def least_cell(cells: Sequence[Trial], errors: Sequence[float]) -> tuple[Trial, float]:
     """The first of the cells whose errors are the least but for rounding, and that error."""
     limit = min(errors) * (1 + _ROUNDING)
     return next((cell, error) for cell, error in zip(cells, errors, strict=True) if error <= limit)

@@ -54,7 +54,8 @@ def parse_axis(
     UnitError
         For a unit that is missing or wrong.
     """
-    wanted = tied.get(name, [name])
+    # Brackets tell whose a value is in results, so no class of characters may stand in a name.
+    wanted = tied.get(name, [] if "[" in name else [name])
     targets = tuple(target for target in known if any(fnmatchcase(target, one) for one in wanted))
     if not targets:
         raise ParameterError(unknown_name(name, {**known, **dict.fromkeys(tied)}))
@@ -104,7 +105,7 @@ def _range(text: str, unit: str, name: str) -> list[float]:
         raise ParameterError(
             Fault("the step leads away from the stop", name, f"'{text}'", "a step of the other sign, or without one")
         )
-    n = int(abs(way / step) * (1 + 1e-9)) + 1
+    n = int(abs(way / step) + 1e-6) + 1
     if n > MOST_VALUES:
         raise ParameterError(
             Fault("the range holds too many values", name, f"{n} of them in '{text}'", f"at most {MOST_VALUES}")

@@ -18,7 +18,7 @@ from softcal.calibration.result import CalibrationResult
 from softcal.calibration.run import Progress
 from softcal.calibration.run import calibrate as calibrate_problem
 from softcal.calibration.store import write_text
-from softcal.errors import Fault, InputError, ParameterError
+from softcal.errors import CalibrationError, Fault, InputError, ParameterError
 from softcal.project.axes import Axis, doubled, parse_axis
 from softcal.project.bench_names import experiments_named
 from softcal.project.calibration import make_loss, stoppable
@@ -81,6 +81,8 @@ def sweep(
         For a parameter, value, range or experiment that makes no sense, or a folder that cannot be used.
     CalibrationError
         Where no cell could be simulated.
+    KeyboardInterrupt
+        Where the user stopped it before any was.
     """
     axes = _axes(project, over)
     problem = make_sweep(project, axes, experiments)
@@ -97,16 +99,21 @@ def sweep(
     known = nominal(problem)
     store = None if folder is None else calibration_folder(folder, SWEEP)
     with stoppable() as stop:
-        result = calibrate_problem(
-            problem,
-            method="grid",
-            axes={axis.name: axis.values for axis in axes},
-            seed=settings.seed,
-            workers=workers,
-            store=store,
-            resume=resume and store is not None and (store / "run.json").is_file(),
-            progress=None if progress is None else lambda state: progress(SWEEP, state),
-        )
+        try:
+            result = calibrate_problem(
+                problem,
+                method="grid",
+                axes={axis.name: axis.values for axis in axes},
+                seed=settings.seed,
+                workers=workers,
+                store=store,
+                resume=resume and store is not None and (store / "run.json").is_file(),
+                progress=None if progress is None else lambda state: progress(SWEEP, state),
+            )
+        except CalibrationError:
+            if stop.asked:
+                raise KeyboardInterrupt from None
+            raise
     found = Swept(result, known, best_cells(result, known), folder, stop.asked)
     if folder is not None:
         write_text(folder / "sweep.csv", sweep_csv(result))

@@ -12,6 +12,7 @@ from softcal.calibration.experiment import AXES
 from softcal.calibration.result import CalibrationResult, ExperimentFit
 from softcal.checks import Floats
 from softcal.report.content import ReportContent
+from softcal.report.surfaces import section_scale
 from softcal.report.tables import Cell, Column, Table
 from softcal.report.wording import Scale, estimate_scale, joined, number, parameter_label, scale_of
 from softcal.units import format_quantity
@@ -135,8 +136,7 @@ def improvement_table(content: ReportContent) -> Table:
 
 
 def _improvement(section: Section, nominal: float | None, tuned: float, best: BestCell | None = None) -> Improvement:
-    scale = Scale("%", 0.01 * section.length) if section.length is not None else scale_of(section.unit)
-    scale = Scale("%", 1.0) if section.unit == "%" else scale
+    scale = section_scale(section)
     before = None if nominal is None else nominal / scale.factor
     return Improvement(
         "all sections" if section.name == ALL else section.name, before, tuned / scale.factor, scale.unit, best

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softcal.analysis.sweep import ALL, section_errors, sections
+from softcal.analysis.sweep import ALL, Section, least_cell, section_errors, sections
 from softcal.calibration.result import CalibrationResult, Trial
 from softcal.checks import Floats
 from softcal.report.series import searched_pair
+from softcal.report.wording import Scale, scale_of
 
 
 @dataclass(frozen=True)
@@ -63,9 +64,10 @@ def error_surfaces(result: CalibrationResult) -> list[Surface]:
         for trial in trials:
             value = errors.get(trial.number, np.nan)
             error[np.searchsorted(y, trial.theta[pair[1]]), np.searchsorted(x, trial.theta[pair[0]])] = value
-        row, column = np.unravel_index(np.nanargmin(error), error.shape)
-        least = (float(x[column]), float(y[row]), float(error[row, column]))
-        found.append(Surface(name, unit, x, y, error, failed.reshape(-1, 2), least))
+        known = [trial for trial in trials if trial.number in errors]
+        least, value = least_cell(known, [errors[trial.number] for trial in known])
+        best_at = (least.theta[pair[0]], least.theta[pair[1]], value)
+        found.append(Surface(name, unit, x, y, error, failed.reshape(-1, 2), best_at))
     return found
 
 
@@ -82,6 +84,13 @@ def error_curves(result: CalibrationResult) -> list[Curve]:
     ]
 
 
+def section_scale(section: Section) -> Scale:
+    """How the error of a section is told: in % of the length where there is one, else as people read its unit."""
+    if section.length is not None:
+        return Scale("%", 0.01 * section.length)
+    return Scale("%", 1.0) if section.unit == "%" else scale_of(section.unit)
+
+
 def _told(result: CalibrationResult, trials: Sequence[Trial]) -> list[tuple[str, str, Mapping[int, float]]]:
     """(section, unit, error by the number of the cell): all together first where there are several sections."""
     done = [trial for trial in trials if trial.loss is not None]
@@ -94,6 +103,7 @@ def _told(result: CalibrationResult, trials: Sequence[Trial]) -> list[tuple[str,
         unit = "%" if result.loss_name == "distance" else ""
         found.append((ALL, unit, {trial.number: trial.loss for trial in done if trial.loss is not None}))
     for section in told:
-        errors = {n: section.shown(held[section.name]) for n, held in by_cell.items() if section.name in held}
-        found.append((section.name, section.shown_unit, errors))
+        scale = section_scale(section)
+        errors = {n: held[section.name] / scale.factor for n, held in by_cell.items() if section.name in held}
+        found.append((section.name, scale.unit, errors))
     return found

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from softcal.cli.app import app, told
-from softcal.cli.values import Values, parsed_values
+from softcal.cli.values import Values, names, parsed_values
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -58,6 +58,36 @@ def calculix(source: Source, out: Out, pull: Pull = None, values: Values = None)
     project = load_calibrated(source, parsed_values(values))
     export_calculix(project, _protocols(project, pull), out)
     typer.echo(f"Wrote {out}; run it there with: ccx -i robot")
+
+
+@export.command()
+@told
+def reduced(
+    source: Source,
+    out: Out,
+    reach: Annotated[
+        str,
+        typer.Option(
+            metavar="VALUE",
+            help="How far the cables are pulled: 8N, or 40mm of one alone; or for each: front=8N,left=40mm.",
+            show_default=False,
+        ),
+    ],
+    cables: Annotated[
+        str, typer.Option(metavar="NAMES", help="One to three cables, by default all: front,left.", show_default=False)
+    ] = "",
+    samples: Annotated[
+        int | None, typer.Option(metavar="N", help="Nodes along each cable; by default 33, 9 or 7.", show_default=False)
+    ] = None,
+    values: Values = None,
+) -> None:
+    """For a controller: tensions to poses, shortenings and compliance, as JSON with an evaluator without needs."""
+    from softcal.project.exporting import export_reduced, load_calibrated
+
+    project = load_calibrated(source, parsed_values(values))
+    written = export_reduced(project, out, reach, names(cables), samples)
+    typer.echo(written[-1].read_text(encoding="utf-8"))
+    typer.echo(f"Wrote {out}")
 
 
 def _protocols(project: Project, pull: list[str] | None) -> Mapping[str, Protocol]:

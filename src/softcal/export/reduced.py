@@ -1,0 +1,359 @@
+"""The robot as its cables see it, for a controller: tensions in, poses of plates, shortenings and compliance out.
+
+The twin is solved on a grid of tensions, one axis for each cable, with its exact derivatives by every tension. Between
+the nodes stand tensor-product cubic Hermite pieces: values and slopes are the twin's, mixed derivatives are those of
+splines through the slopes. Orientations are quaternions, which have no angle where they jump; the compliance is the
+derivative of what is interpolated, so that poses and compliance belong together. The error is measured, with the very
+evaluator that is handed out, at random points between the nodes.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import shutil
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from softcal.checks import Floats
+from softcal.errors import Fault, ParameterError, SimulationError
+from softcal.export import reduced_model as evaluator
+from softcal.twin.parameters import robot_parameters
+from softcal.twin.protocol import Command, Protocol
+from softcal.twin.robot import Robot
+from softcal.twin.simulate import simulate
+from softcal.units import format_quantity
+
+MODEL, EVALUATOR = "model.json", "reduced_model.py"
+MOST_CABLES = 3
+HELD_OUT, SEED = 40, 0
+POSE = 7  # numbers of a plate: position, quaternion
+
+
+@dataclass(frozen=True)
+class Reach:
+    """How far a cable is pulled: a tension [N], or the one that a shortening [m] takes while the others are slack."""
+
+    value: float
+    unit: str  # N or m
+
+
+@dataclass(frozen=True)
+class ChannelError:
+    """What the model was wrong by at the held-out points, and the largest change of the channel over them."""
+
+    unit: str
+    largest: float
+    rms: float
+    change: float
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """The model as it is written (`model.json`), and its measured error by channel."""
+
+    model: Mapping[str, Any]
+    error: Mapping[str, ChannelError]
+
+
+def reduced(robot: Robot, reaches: Mapping[str, Reach], samples: int, *, held_out: int = HELD_OUT) -> Reduced:
+    """The cable-space model of a robot.
+
+    Parameters
+    ----------
+    reaches
+        The cables that the controller pulls, three at most, and how far; all others are slack.
+    samples
+        Nodes along each cable; those of a reach in length are evenly spaced in length.
+    held_out
+        Random points between the nodes at which the error is measured.
+
+    Raises
+    ------
+    ParameterError
+        For a cable that does not exist, more than three, a reach or a number of samples that is none.
+    SimulationError
+        Where a state within reach has no equilibrium.
+    """
+    faults = _faults(robot, reaches, samples)
+    if faults:
+        raise ParameterError(faults)
+    axes = [_axis(robot, cable, reach, samples) for cable, reach in reaches.items()]
+    cables = list(reaches)
+    grid = np.array(_snake([len(axis) for axis in axes]))
+    tensions = np.column_stack([axis[grid[:, k]] for k, axis in enumerate(axes)])
+    shape = tuple(len(axis) for axis in axes)
+    table = np.zeros((*shape, 1 + len(cables), len(_channels(robot))))
+    table[tuple(grid.T)] = _sampled(robot, cables, tensions)
+    _align_quaternions(table, len(_moving(robot)))
+    model: dict[str, Any] = {
+        "format": "softcal-reduced",
+        "version": 1,
+        "units": "m, N, rad; quaternions (x, y, z, w) of the rotation from rest",
+        "cables": cables,
+        "axes": [axis.tolist() for axis in axes],
+        "plates": _moving(robot),
+        "shortenings": [cable.name for cable in robot.cables],
+        "rows": _rows(robot),
+        "parameters": {f"{name} [{info.unit}]": info.value for name, info in robot_parameters(robot).items()},
+        "nodes": _with_mixed(table, axes).tolist(),
+        "error": {},
+    }
+    rng = np.random.default_rng(SEED)
+    points = rng.uniform(size=(held_out, len(axes))) * [axis[-1] for axis in axes]
+    error = measured_error(robot, model, points[np.lexsort(points.T[::-1])])
+    model["error"] = {
+        "measured at": f"{held_out} random points between the nodes",
+        **{
+            name: {"unit": e.unit, "max": e.largest, "rms": e.rms, "largest change": e.change}
+            for name, e in error.items()
+        },
+    }
+    return Reduced(model, error)
+
+
+def write_reduced(model: Reduced, folder: Path) -> list[Path]:
+    """Write the model, its evaluator and what to know about both into an existing folder."""
+    path, readme = folder / MODEL, folder / "README.txt"
+    path.write_text(json.dumps(model.model, separators=(",", ":")), encoding="utf-8")
+    code = Path(shutil.copyfile(evaluator.__file__, folder / EVALUATOR))
+    spans = ", ".join(
+        f"{name} 0 to {axis[-1]:.6g} N" for name, axis in zip(model.model["cables"], model.model["axes"], strict=True)
+    )
+    lines = "\n".join(
+        f"  {name}: at most {e.largest:.2g} {e.unit}, rms {e.rms:.2g} {e.unit} (it changes by up to {e.change:.3g})"
+        for name, e in model.error.items()
+    )
+    first = model.model["cables"][0]
+    readme.write_text(
+        f"Tensions of cables ({spans}) to poses of plates, shortenings of cables, and the compliance matrix.\n"
+        "Cables that are not among them are slack. Statics: no motion, no history.\n\n"
+        f"{EVALUATOR} needs Python's standard library alone:\n"
+        "  from reduced_model import ReducedModel\n"
+        f'  state = ReducedModel("{MODEL}").state({{"{first}": {0.5 * model.model["axes"][0][-1]:.3g}}})\n'
+        "It refuses tensions outside the model.\n\n"
+        f"Error against the twin, {model.model['error']['measured at']}:\n{lines}\n",
+        encoding="utf-8",
+    )
+    return [path, code, readme]
+
+
+def measured_error(robot: Robot, model: Mapping[str, Any], points: Floats) -> dict[str, ChannelError]:
+    """What a model is wrong by at tensions (n, n_cables) [N], by plate and cable, and of their compliances.
+
+    Raises
+    ------
+    SimulationError
+        Where the twin has no equilibrium at one of them.
+    """
+    cables = model["cables"]
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / MODEL
+        path.write_text(json.dumps(model), encoding="utf-8")
+        states = [evaluator.ReducedModel(path).state(dict(zip(cables, map(float, at), strict=True))) for at in points]
+    table = _sampled(robot, cables, points)
+    compliance = np.array([state["compliance"] for state in states]).transpose(0, 2, 1)
+    exact = _compliance(table, len(model["plates"]))
+    errors: dict[str, ChannelError] = {}
+    for k, name in enumerate(model["plates"]):
+        own, turn, rows = slice(POSE * k, POSE * k + 3), slice(POSE * k + 3, POSE * k + 7), slice(6 * k, 6 * k + 3)
+        at = np.array([state["plates"][name]["position"] for state in states])
+        q = np.array([state["plates"][name]["quaternion"] for state in states])
+        rest = np.array([0.0, 0.0, 0.0, 1.0])
+        errors[f"{name}.position"] = _error("m", at - table[:, 0, own], np.ptp(table[:, 0, own], axis=0))
+        errors[f"{name}.rotation"] = _error(
+            "rad", _angle(q, table[:, 0, turn])[:, None], _angle(rest, table[:, 0, turn]).max()
+        )
+        for what, unit, block in (("position", "m/N", rows), ("rotation", "rad/N", slice(6 * k + 3, 6 * k + 6))):
+            errors[f"d {name}.{what} / d tension"] = _error(
+                unit, (compliance - exact)[:, :, block].reshape(-1, 3), np.ptp(exact[:, :, block], axis=0)
+            )
+    for k, name in enumerate(model["shortenings"]):
+        values = table[:, 0, POSE * len(model["plates"]) + k]
+        ours = np.array([state["shortenings"][name] for state in states])
+        errors[f"{name}.shortening"] = _error("m", (ours - values)[:, None], np.ptp(values))
+        row = 6 * len(model["plates"]) + k
+        errors[f"d {name}.shortening / d tension"] = _error(
+            "m/N", (compliance - exact)[:, :, row].reshape(-1, 1), np.ptp(exact[:, :, row], axis=0)
+        )
+    return errors
+
+
+def _error(unit: str, difference: Floats, change: Floats | float) -> ChannelError:
+    """Of differences (n, components), whose lengths count."""
+    size = np.linalg.norm(difference, axis=1)
+    return ChannelError(unit, float(size.max()), float(np.sqrt(np.mean(size**2))), float(np.max(change)))
+
+
+def _faults(robot: Robot, reaches: Mapping[str, Reach], samples: int) -> list[Fault]:
+    known = [cable.name for cable in robot.cables]
+    faults = [Fault("there is no such cable", name, allowed=", ".join(known)) for name in reaches if name not in known]
+    if not 1 <= len(reaches) <= MOST_CABLES:
+        faults.append(
+            Fault(
+                "the model has a grid over its cables",
+                "cables",
+                f"{len(reaches)} of them",
+                f"1 to {MOST_CABLES}",
+                "those that the controller pulls",
+            )
+        )
+    faults += [
+        Fault("a cable is pulled by more than nothing", f"{name}, reach", f"{reach.value:g} {reach.unit}", "> 0")
+        for name, reach in reaches.items()
+        if not 0.0 < reach.value < np.inf
+    ]
+    if samples < 2:
+        faults.append(Fault("there are too few samples", "samples", str(samples), "2 or more"))
+    return faults
+
+
+def _axis(robot: Robot, cable: str, reach: Reach, samples: int) -> Floats:
+    """Tensions [N] from zero to what a cable reaches."""
+    if reach.unit == "N":
+        return np.linspace(0.0, reach.value, samples)
+    taut = float(simulate(robot, Protocol({})).channels[f"{cable}.shortening"][0])
+    if reach.value <= taut:
+        raise ParameterError(
+            Fault("the cable is still slack there", f"{cable}, reach", f"{reach.value:g} m", f"> {taut:.4g} m")
+        )
+    pulls = np.linspace(taut, reach.value, samples)
+    response = simulate(robot, Protocol({cable: Command("shortening", pulls)}), curve_tolerance=0.0)
+    if not response.succeeded:
+        raise SimulationError(f"{cable}: {response.status}")
+    tension = response.channels[f"{cable}.tension"].copy()
+    tension[0] = 0.0
+    falls = np.flatnonzero(np.diff(tension) <= 0.0)
+    if len(falls):
+        raise ParameterError(
+            Fault(
+                "its tension does not grow all the way, so no tension says where the robot is",
+                f"{cable}, reach",
+                format_quantity(reach.value, "m"),
+                f"up to {format_quantity(float(pulls[falls[0]]), 'm')}",
+            )
+        )
+    return tension
+
+
+def _snake(shape: Sequence[int]) -> list[tuple[int, ...]]:
+    """All nodes of a grid, each next to the one before, so that the twin goes on from near where it is."""
+    order: list[tuple[int, ...]] = [()]
+    for n in shape:
+        ways = itertools.cycle([range(n), range(n - 1, -1, -1)])
+        order = [(*before, i) for before, way in zip(order, ways, strict=False) for i in way]
+    return order
+
+
+def _moving(robot: Robot) -> list[str]:
+    return [plate.name for plate in robot.plates if not plate.fixed]
+
+
+def _channels(robot: Robot) -> list[str]:
+    of_plates = [f"{name}.{key}" for name in _moving(robot) for key in ("x", "y", "z", "qx", "qy", "qz", "qw")]
+    return of_plates + [f"{cable.name}.shortening" for cable in robot.cables]
+
+
+def _rows(robot: Robot) -> list[str]:
+    of_plates = [f"{name}.{key}" for name in _moving(robot) for key in ("x", "y", "z", "rx", "ry", "rz")]
+    return of_plates + [f"{cable.name}.shortening" for cable in robot.cables]
+
+
+def _sampled(robot: Robot, cables: Sequence[str], tensions: Floats) -> Floats:
+    """The channels at tensions (n, n_cables), then their derivatives by each: (n, 1 + n_cables, n_channels)."""
+    protocol = Protocol({name: Command("tension", tensions[:, k]) for k, name in enumerate(cables)})
+    commands = [f"{name}.tension" for name in cables]
+    response = simulate(robot, protocol, sensitivities=commands, curve_tolerance=0.0)
+    if not response.succeeded:
+        raise SimulationError(f"The robot cannot be pulled that far: {response.status} Try a smaller reach.")
+
+    def of(channel: str) -> Floats:
+        rates = [response.sensitivities[channel][name] for name in commands]
+        return np.stack([response.channels[channel], *rates], axis=1)
+
+    columns: list[Floats] = []
+    for plate in _moving(robot):
+        columns += [of(f"{plate}.{axis}") for axis in "xyz"]
+        columns += list(np.moveaxis(_quaternions(*(of(f"{plate}.{key}") for key in ("pitch", "roll", "yaw"))), 2, 0))
+    columns += [of(f"{cable.name}.shortening") for cable in robot.cables]
+    table = np.stack(columns, axis=2)
+    if not np.isfinite(table).all():
+        raise SimulationError("A plate rolls by a right angle within reach, where the twin's angles have no rates.")
+    return table
+
+
+def _quaternions(pitch: Floats, roll: Floats, yaw: Floats) -> Floats:
+    """Quaternions and their rates (n, 1 + n_cables, 4) of Ry(pitch) Rx(roll) Rz(yaw), from angles and theirs."""
+
+    def about(axis: int, angle: Floats) -> tuple[Floats, Floats]:
+        half = 0.5 * angle[:, 0]
+        q, dq = np.zeros((len(half), 4)), np.zeros((len(half), 4))
+        q[:, axis], q[:, 3] = np.sin(half), np.cos(half)
+        dq[:, axis], dq[:, 3] = 0.5 * np.cos(half), -0.5 * np.sin(half)
+        return q, dq
+
+    (a, da), (b, db), (c, dc) = about(1, pitch), about(0, roll), about(2, yaw)
+    parts = (_product(_product(da, b), c), _product(_product(a, db), c), _product(_product(a, b), dc))
+    rates = sum(
+        (part[:, None] * angle[:, 1:, None] for part, angle in zip(parts, (pitch, roll, yaw), strict=True)),
+        np.zeros((len(a), pitch.shape[1] - 1, 4)),
+    )
+    return np.concatenate([_product(_product(a, b), c)[:, None], rates], axis=1)
+
+
+def _product(p: Floats, q: Floats) -> Floats:
+    """The product of quaternions (…, 4)."""
+    v, w = p[..., 3:] * q[..., :3] + q[..., 3:] * p[..., :3] + np.cross(p[..., :3], q[..., :3]), p[..., 3] * q[..., 3]
+    return np.concatenate([v, (w - np.sum(p[..., :3] * q[..., :3], axis=-1))[..., None]], axis=-1)
+
+
+def _angle(p: Floats, q: Floats) -> Floats:
+    """The angle [rad] between unit quaternions."""
+    between = _product(np.broadcast_to(p, q.shape), q * [-1.0, -1.0, -1.0, 1.0])
+    return 2.0 * np.arctan2(np.linalg.norm(between[..., :3], axis=-1), np.abs(between[..., 3]))
+
+
+def _align_quaternions(table: Floats, n_plates: int) -> None:
+    """Give every node the sign of its quaternion that is near its neighbour's: q and -q are one rotation."""
+    for index in np.ndindex(table.shape[:-2]):
+        last = max((k for k, i in enumerate(index) if i > 0), default=None)
+        if last is None:
+            continue
+        neighbour = tuple(i - (k == last) for k, i in enumerate(index))
+        for plate in range(n_plates):
+            own = slice(POSE * plate + 3, POSE * plate + 7)
+            if table[index][0, own] @ table[neighbour][0, own] < 0.0:
+                table[index][:, own] *= -1.0
+
+
+def _with_mixed(table: Floats, axes: Sequence[Floats]) -> Floats:
+    """Every derivative that a node needs (n_nodes, 2^n_cables, n_channels), bit k of the second standing for cable k.
+
+    The twin has the first derivatives; a mixed one is the mean of splines through those one lower, along each cable.
+    """
+    n = len(axes)
+    known: list[Floats] = [table[..., 0, :]]
+    for bits in range(1, 2**n):
+        own = [k for k in range(n) if bits >> k & 1]
+        if len(own) == 1:
+            known.append(table[..., 1 + own[0], :])
+        else:
+            along = [CubicSpline(axes[k], known[bits ^ 1 << k], axis=k).derivative()(axes[k]) for k in own]
+            known.append(np.mean(along, axis=0))
+    return np.stack(known, axis=-2).reshape(-1, 2**n, table.shape[-1])
+
+
+def _compliance(table: Floats, n_plates: int) -> Floats:
+    """The twin's compliance (n, n_cables, n_rows) from its channels and their derivatives."""
+    rows: list[Floats] = []
+    for k in range(n_plates):
+        q = table[:, :1, POSE * k + 3 : POSE * k + 7] * [-1.0, -1.0, -1.0, 1.0]
+        rates = table[:, 1:, POSE * k + 3 : POSE * k + 7]
+        rows += [table[:, 1:, POSE * k : POSE * k + 3], 2.0 * _product(rates, q)[..., :3]]
+    return np.concatenate([*rows, table[:, 1:, POSE * n_plates :]], axis=2)

@@ -62,6 +62,49 @@ def calculix(source: Source, out: Out, pull: Pull = None, values: Values = None)
 
 @export.command()
 @told
+def sofa(source: Source, out: Out, pull: Pull = None, values: Values = None) -> None:
+    """For SOFA: a scene for SofaPython3 and SoftRobots, with its meshes, every number as JSON, keys and a schedule."""
+    from softcal.project.exporting import export_sofa, load_calibrated
+    from softcal.twin.protocol import Protocol
+
+    project = load_calibrated(source, parsed_values(values))
+    has_pull = bool(pull) or bool(project.experiments)
+    export_sofa(project, _protocols(project, pull) if has_pull else {"": Protocol({})}, out)
+    typer.echo(f"Wrote {out}; run it with: runSofa -l SofaPython3 {out / 'scene.py'}")
+
+
+@export.command()
+@told
+def reduced(
+    source: Source,
+    out: Out,
+    reach: Annotated[
+        str,
+        typer.Option(
+            metavar="VALUE",
+            help="How far the cables are pulled: 8N, or 40mm of one alone; or for each: front=8N,left=40mm.",
+            show_default=False,
+        ),
+    ],
+    cables: Annotated[
+        str, typer.Option(metavar="NAMES", help="One to three cables, by default all: front,left.", show_default=False)
+    ] = "",
+    samples: Annotated[
+        int | None, typer.Option(metavar="N", help="Nodes along each cable; by default 33, 9 or 7.", show_default=False)
+    ] = None,
+    values: Values = None,
+) -> None:
+    """For a controller: tensions to poses, shortenings and compliance, as JSON with an evaluator without needs."""
+    from softcal.project.exporting import export_reduced, load_calibrated
+
+    project = load_calibrated(source, parsed_values(values))
+    written = export_reduced(project, out, reach, names(cables), samples)
+    typer.echo(written[-1].read_text(encoding="utf-8"))
+    typer.echo(f"Wrote {out}")
+
+
+@export.command()
+@told
 def reduced(
     source: Source,
     out: Out,

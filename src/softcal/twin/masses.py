@@ -67,6 +67,12 @@ def _add_plate(carried: FrameMasses, twin: Twin, plate: Plate) -> None:
     carried.add(np.array([frame]), np.array([plate.mass]), arm[None], _plate_moments(plate)[None])
 
 
+def plate_inertia(plate: Plate) -> Floats:
+    """The plate's inertia tensor about its centre of mass (3, 3) [kg m^2]; see `Plate`."""
+    moments = _plate_moments(plate)
+    return float(np.trace(moments)) * np.eye(3) - moments
+
+
 def _plate_moments(plate: Plate) -> Floats:
     if plate.inertia is not None:
         return second_moments(plate.inertia)

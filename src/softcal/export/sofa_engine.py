@@ -1,0 +1,196 @@
+"""SOFA in the place of softcal's own statics: the same robot and protocol, run to rest in processes of SOFA's own.
+
+The engine has `simulate`'s signature. SOFA knows no derivatives; where they are asked for, the simulation is repeated
+with each parameter moved a little (forward differences), since states at rest are exact to five digits and more, and a
+least-squares search needs some ten times three simulations where TPE needs a thousand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.errors import ParameterError
+from softcal.export.sofa_install import Sofa, find_sofa
+from softcal.export.sofa_process import Outcome, run_states
+from softcal.export.sofa_response import Samples, along_one_cable, row_by_row, shapes
+from softcal.export.sofa_robot import LinearRobot, element_faults, linear_robot, scene_faults
+from softcal.export.sofa_scene import Resting
+from softcal.twin.build import Twin, cached_twin
+from softcal.twin.parameters import robot_parameters, unknown_name, with_parameters
+from softcal.twin.protocol import Command, Protocol, command_faults
+from softcal.twin.response import Response
+from softcal.twin.robot import Robot
+from softcal.twin.sensors import channel_units
+
+STATES = 12
+TIMEOUT = 1800.0  # [s], of one attempt at one simulation
+STEP = 2e-2  # of a parameter's value, or of its distance from what it may not reach
+STEPS_FROM_ZERO = {"kg/m^3": 10.0, "kg": 1e-3, "N": 1e-3}
+COMMAND_STEPS = {"tension": 1e-2, "shortening": 1e-4}  # [N], [m]
+
+
+@dataclass(frozen=True)
+class SofaEngine:
+    """SOFA as a simulator.
+
+    states: of one driven cable, at most that many shortenings or tensions are run to rest, and the samples read off a
+    cubic spline between them; with several driven cables every sample is a state. timeout [s]: of one process.
+    """
+
+    sofa: Sofa
+    resting: Resting = field(default_factory=Resting)
+    states: int = STATES
+    timeout: float = TIMEOUT
+
+    def __call__(
+        self, robot: Robot, protocol: Protocol, *, sensitivities: Sequence[str] = (), snapshots: bool = False
+    ) -> Response:
+        """The response at rest, as that of `simulate`; `n_factorisations` counts SOFA's steps.
+
+        Raises
+        ------
+        ParameterError
+            For a robot that SOFA cannot have, an unknown parameter or cable, or a command that no cable can follow.
+        MeshError
+            For a robot that cannot be built.
+        """
+        known = robot_parameters(robot)
+        commanded = {f"{cable}.{command.control}": cable for cable, command in protocol.commands.items()}
+        faults = [*scene_faults(robot), *element_faults(robot), *command_faults(robot, protocol)]
+        faults += [unknown_name(n, {**known, **commanded}) for n in sensitivities if n not in {**known, **commanded}]
+        if faults:
+            raise ParameterError(faults)
+        run = _Run(self, protocol, linear_robot(robot))
+        return run.response(sensitivities, snapshots)
+
+
+def sofa_engine() -> SofaEngine:
+    """The engine of the SOFA that SOFA_ROOT names.
+
+    Raises
+    ------
+    InputError
+        Where there is none, or it has no SoftRobots.
+    """
+    return SofaEngine(find_sofa())
+
+
+@dataclass
+class _Run:
+    """One protocol on one robot, and on robots that differ from it by a parameter."""
+
+    engine: SofaEngine
+    protocol: Protocol
+    linear: LinearRobot
+    steps: int = 0
+
+    @property
+    def driven(self) -> list[str]:
+        commands = self.protocol.commands.items()
+        return [n for n, command in commands if command.control == "shortening" or np.any(command.values != 0.0)]
+
+    def response(self, sensitivities: Sequence[str], snapshots: bool) -> Response:
+        twin = cached_twin(self.linear.robot)
+        outcome = self._outcome(self.linear, self.protocol, shapes=snapshots)
+        seen = self._samples(twin, self.protocol, outcome)
+        n_samples = self.protocol.n_samples
+        succeeded = not outcome.failure and len(seen.values) == n_samples
+        by_name: dict[str, Floats] = {}
+        failure = outcome.failure
+        if succeeded:
+            for name in sensitivities:
+                by_name[name], failure = self._derivative(name, seen)
+                if failure:
+                    succeeded, by_name = False, {}
+                    failure = f"No derivative by {name}: {failure}"
+                    break
+        units = channel_units(twin)
+        return Response(
+            channels={channel: seen.values[:, k] for k, channel in enumerate(units)},
+            units=units,
+            status=self._status(outcome, seen) if succeeded else f"SOFA: {failure}.",
+            succeeded=succeeded,
+            n_factorisations=self.steps,
+            sensitivities={
+                channel: {name: values[:, k] for name, values in by_name.items()} for k, channel in enumerate(units)
+            },
+            slopes={} if seen.slopes is None else {channel: seen.slopes[:, k] for k, channel in enumerate(units)},
+            snapshots=shapes(twin, self.protocol, outcome.records, self._states(self.protocol)) if snapshots else (),
+            tets={name: mesh.tets for name, mesh in twin.meshes.items()} if snapshots else {},
+        )
+
+    def _status(self, outcome: Outcome, seen: Samples) -> str:
+        text = (
+            f"Solved by SOFA: {len(outcome.records)} states at rest, {self.steps} steps, of {outcome.dt:g} s at last."
+        )
+        if seen.error > 0.0:
+            text += f" Between states a cubic spline, off by some {seen.error:.1g} of the largest value."
+        elif np.isnan(seen.error):
+            text += " Between states a spline through too few of them to say how far it is off."
+        return text
+
+    def _along(self, protocol: Protocol) -> Floats:
+        """The one driven cable's values that are run to rest, ascending."""
+        command = protocol.commands[self.driven[0]]
+        # No tension is the first state of all; no shortening need not be slack.
+        unique = np.unique(command.values if command.control == "shortening" else command.values[command.values > 0.0])
+        if len(unique) <= self.engine.states:
+            return unique
+        return np.linspace(unique[0], unique[-1], self.engine.states)
+
+    def _states(self, protocol: Protocol) -> list[Mapping[str, float]]:
+        if not self.driven:
+            return []
+        if len(self.driven) == 1:
+            return [{self.driven[0]: float(value)} for value in self._along(protocol)]
+        return [
+            {name: float(protocol.commands[name].values[i]) for name in self.driven} for i in range(protocol.n_samples)
+        ]
+
+    def _outcome(self, linear: LinearRobot, protocol: Protocol, *, shapes: bool = False) -> Outcome:
+        engine = self.engine
+        outcome = run_states(
+            engine.sofa, linear, protocol, self._states(protocol), engine.resting, timeout=engine.timeout, shapes=shapes
+        )
+        self.steps += outcome.steps
+        return outcome
+
+    def _samples(self, twin: Twin, protocol: Protocol, outcome: Outcome) -> Samples:
+        if not outcome.records:
+            return Samples(np.zeros((0, len(channel_units(twin)))), None)
+        if not self.driven:
+            row = row_by_row(twin, Protocol({}), [outcome.records[0]] * 2).values
+            return Samples(np.repeat(row, protocol.n_samples, axis=0), None)
+        if len(self.driven) == 1:
+            return along_one_cable(twin, protocol, self.driven[0], self._along(protocol), outcome.records)
+        return row_by_row(twin, protocol, outcome.records)
+
+    def _derivative(self, name: str, seen: Samples) -> tuple[Floats, str]:
+        """Of every sample's channels by a parameter or a command; and why there is none."""
+        known = robot_parameters(self.linear.robot)
+        linear, protocol = self.linear, self.protocol
+        if name in known:
+            value, upper = known[name].value, known[name].upper
+            step = -STEP * min(abs(value), upper - value) if value else STEPS_FROM_ZERO.get(known[name].unit, STEP)
+            linear = replace(linear, robot=with_parameters(linear.robot, {name: value + step}))
+        else:
+            cable, _, control = name.rpartition(".")
+            if len(self.driven) == 1 and cable == self.driven[0] and seen.slopes is not None:
+                return seen.slopes, ""
+            if cable not in self.driven:
+                return np.zeros_like(seen.values), ""
+            command = protocol.commands[cable]
+            step = COMMAND_STEPS[control]
+            moved = Command(command.control, command.values + step)
+            protocol = Protocol({**protocol.commands, cable: moved})
+        outcome = self._outcome(linear, protocol)
+        if outcome.failure:
+            return np.zeros_like(seen.values), outcome.failure
+        there = self._samples(cached_twin(linear.robot), protocol, outcome)
+        if len(there.values) < len(seen.values):
+            return np.zeros_like(seen.values), "not every sample was reached"
+        return (there.values - seen.values) / step, ""

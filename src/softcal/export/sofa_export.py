@@ -1,0 +1,118 @@
+"""A robot as a SOFA scene to keep: its files, its parameters, a schedule of its pull, and what to know about it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from softcal.export.sofa_identify import Identified, identify
+from softcal.export.sofa_install import CONDA, ROOT
+from softcal.export.sofa_robot import linear_robot
+from softcal.export.sofa_scene import ASSUMED_DENSITY, PARAMETERS, SCHEDULE, scene_parameters, schedule_csv, write_scene
+from softcal.twin.protocol import Protocol
+from softcal.twin.robot import Robot
+
+README = "README.md"
+
+
+def write_sofa(robot: Robot, protocol: Protocol, folder: Path, name: str) -> list[Path]:
+    """Write the robot's scene, with a schedule that pulls its cables as the protocol does, into an existing folder.
+
+    Bodies that SOFA cannot have as they are become linear tets with parameters of their own; see `identify`.
+
+    Raises
+    ------
+    ParameterError
+        For what no scene can hold: rods, contact, friction along cables; or a pull that cannot tell the parameters.
+    SimulationError
+        Where parameters are to be identified, and the robot cannot follow the protocol.
+    """
+    found = identify(robot, linear_robot(robot), protocol)
+    parameters = {
+        "name": name,
+        **scene_parameters(found.linear, protocol),
+        "re_identified": {key: {"twin": old, "scene": new} for key, (old, new) in found.values.items()},
+        "differences_left": {
+            key: {"largest_difference": value, "of": largest, "unit": unit}
+            for key, (value, unit, largest) in found.differences.items()
+        },
+        "notes": list(found.sentences),
+    }
+    written = write_scene(found.linear, parameters, folder)
+    if protocol.commands:
+        path = folder / SCHEDULE
+        path.write_text(schedule_csv(protocol), encoding="utf-8")
+        written.append(path)
+    path = folder / README
+    path.write_text(_readme(name, found, protocol), encoding="utf-8")
+    return [*written, path]
+
+
+def furthest(protocols: Mapping[str, Protocol]) -> Protocol:
+    """Of several protocols the one that pulls most: a scene has one schedule."""
+    return max(protocols.values(), key=_largest)
+
+
+def _largest(protocol: Protocol) -> float:
+    return max((float(np.abs(command.values).max(initial=0.0)) for command in protocol.commands.values()), default=0.0)
+
+
+def _readme(name: str, found: Identified, protocol: Protocol) -> str:
+    robot = found.linear.robot
+    pulled = ", ".join(f"{cable} by {command.control}" for cable, command in protocol.commands.items())
+    notes = [f"- {sentence}" for sentence in found.sentences]
+    notes += [
+        f"- {body.name} has no density in the project; {ASSUMED_DENSITY:g} kg/m^3 gives it inertia"
+        + (" and a force takes its weight off." if robot.gravity.any() else ".")
+        for body in robot.bodies
+        if body.density <= 0.0
+    ]
+    keys = ", ".join(f"{i} {cable.name}" for i, cable in enumerate(robot.cables[:9], start=1)) or "there are none"
+    return _TEXT.format(
+        name=name,
+        conda=CONDA,
+        root=ROOT,
+        parameters=PARAMETERS,
+        schedule=f"`{SCHEDULE}` pulls {pulled}" if pulled else "There is no schedule: the cables are pulled by keys",
+        keys=keys,
+        notes="\n".join(notes) or "- The bodies are those of the project, element by element.",
+    )
+
+
+_TEXT = """# {name}
+
+A SOFA scene written by softcal: SofaPython3 and SoftRobots, SOFA v23.12 to v26.06. Units: m, kg, s, N, Pa.
+
+    {conda}
+    runSofa -l SofaPython3 scene.py
+
+{schedule}. A key takes over (with Ctrl in runSofa's window): a digit chooses a cable
+({keys}), + and - pull and release it, P prints where the robot is.
+
+Without a window, every row of the schedule run to rest, into `response.csv`:
+
+    export {root}=/where/SOFA/is          # conda and pixi set it
+    python run.py                         # the Python that SOFA's bindings are for
+
+## Files
+
+| file | what it holds |
+|---|---|
+| `scene.py` | `createScene`: bodies, plates, cables, loads |
+| `{parameters}` | every number; the scene reads it anew each time |
+| `*.vtk` | the bodies' meshes |
+| `pulling.py` | keys and schedule |
+| `robot_state.py`, `run.py` | what the robot does; runs without a window |
+
+## What to know
+
+{notes}
+- A cable pulled by force takes an impulse in SOFA, force times time step, and answers with one. The scene multiplies
+  and divides; `tension` and `shortening` in `{parameters}` are N and m.
+- `ParameterSet` is mu and Lame's lambda, from `youngs_modulus` and `poissons_ratio` in `{parameters}`.
+- The damping in `time` is that of the soft neck's paper. Its stiffness part feeds a robot that is pulled beyond what it
+  would bear without its cable: it then never settles. `run.py` damps by mass alone (`rest`), with shorter time steps
+  where the first is too long.
+"""

@@ -1,0 +1,84 @@
+"""Pulls the cables while the scene runs: by schedule.csv, or by keys."""
+
+import csv
+import os
+
+import Sofa
+import Sofa.Core
+from robot_state import pull, read_state
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+
+
+class Pulling(Sofa.Core.Controller):
+    """Follows schedule.csv until a key is pressed (with Ctrl in runSofa).
+
+    Keys: 1 to 9 choose a cable, + and - pull and release it by a step of parameters.json, P says where the robot is.
+    """
+
+    def __init__(self, root, parameters, parts, **kwargs):
+        Sofa.Core.Controller.__init__(self, **kwargs)
+        self.root, self.parameters, self.parts = root, parameters, parts
+        self.schedule = read_schedule(os.path.join(HERE, "schedule.csv"))
+        self.cables = list(self.parameters["cables"])
+        self.chosen = 0
+        self.by_hand = False
+        self.elapsed = 0.0
+        self.values = dict.fromkeys(self.cables, 0.0)
+
+    def onAnimateBeginEvent(self, event):
+        dt = float(self.root.dt.value)
+        self.elapsed += dt
+        if not self.by_hand:
+            self.values.update(at_time(self.schedule, self.elapsed))
+        pull(self.parts, self.parameters, self.values, dt)
+
+    def onKeypressedEvent(self, event):
+        key = str(event["key"])
+        if key in "123456789" and int(key) <= len(self.cables):
+            self.chosen = int(key) - 1
+        elif key in "+-" and self.cables:
+            self.by_hand = True
+            name = self.cables[self.chosen]
+            cable = self.parameters["cables"][name]
+            step = cable["key_step"] if key == "+" else -cable["key_step"]
+            self.values[name] = max(self.values[name] + step, 0.0)
+        elif key in "Pp":
+            state = read_state(self.parts, self.parameters, float(self.root.dt.value))
+            cables = [
+                "{}: {:.3f} N at {:.3f} mm".format(name, one["tension"], 1e3 * one["shortening"])
+                for name, one in state["cables"].items()
+            ]
+            plates = [
+                f"{name} at ({1e3 * at[0]:.3f}, {1e3 * at[1]:.3f}, {1e3 * at[2]:.3f}) mm"
+                for name, at in state["plates"].items()
+            ]
+            Sofa.msg_info(self.root, "; ".join(cables + plates))
+
+
+def read_schedule(path):
+    """Columns of numbers by name: "time" [s], and by cable [m or N]; nothing where there is no file."""
+    if not os.path.isfile(path):
+        return {}
+    with open(path, newline="", encoding="utf-8") as file:
+        rows = list(csv.reader(file))
+    names = [header.split(" ")[0].rsplit(".", 1)[0] for header in rows[0]]
+    return {name: [float(row[k]) for row in rows[1:]] for k, name in enumerate(names)}
+
+
+def at_time(schedule, time):
+    """Every cable's value at a time: straight between the schedule's rows, held after the last."""
+    if not schedule:
+        return {}
+    times = schedule["time"]
+    k = next((i for i, t in enumerate(times) if t >= time), len(times))
+    values = {}
+    for name, column in schedule.items():
+        if name == "time":
+            continue
+        if k == 0 or k == len(times):
+            values[name] = column[0] if k == 0 else column[-1]
+        else:
+            part = (time - times[k - 1]) / (times[k] - times[k - 1])
+            values[name] = column[k - 1] + part * (column[k] - column[k - 1])
+    return values

@@ -1,0 +1,64 @@
+"""What the robot of scene.py is told to do, and what it does: cables, plates and markers in m, N and rad."""
+
+import numpy as np
+
+
+def pull(parts, parameters, values, dt):
+    """Tell cables their shortening [m] or tension [N], by name. A force is an impulse in SOFA: tension times step."""
+    for name, value in values.items():
+        is_tension = parameters["cables"][name]["control"] == "tension"
+        parts["cables"][name].cable.value.value = [float(value * dt if is_tension else value)]
+
+
+def read_state(parts, parameters, dt):
+    """Tension and shortening of cables; position and quaternion (x, y, z, w) of plates' references; markers."""
+    return {
+        "cables": {name: read_cable(node, parameters["cables"][name], dt) for name, node in parts["cables"].items()},
+        "plates": {name: read_plate(name, plate, parts) for name, plate in parameters["plates"].items()},
+        "markers": {name: read_marker(name, marker, parts) for name, marker in parameters["markers"].items()},
+    }
+
+
+def read_cable(node, cable, dt):
+    points = np.array(node.dofs.position.value, dtype=float)
+    if cable["pull_point"] is not None:
+        points = np.vstack([cable["pull_point"], points])
+    length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+    # From the points: the constraint's own `displacement` is that of the step before.
+    shortening = cable["length"] - length
+    return {"tension": float(node.cable.force.value) / dt, "shortening": shortening, "points": points.tolist()}
+
+
+def read_plate(name, plate, parts):
+    if plate["fixed"]:
+        return plate["reference"] + [0.0, 0.0, 0.0, 1.0]
+    frame = np.array(parts["plates"][name].dofs.position.value, dtype=float)[0]
+    arm = np.array(plate["reference"]) - np.array(plate["centre_of_mass"])
+    return (frame[:3] + turned(frame[3:], arm)).tolist() + frame[3:].tolist()
+
+
+def read_marker(name, marker, parts):
+    if not marker["on"]:
+        return marker["at"]
+    if marker["on"] in parts["plates"]:
+        return np.array(parts["plates"][marker["on"]][name].dofs.position.value, dtype=float)[0].tolist()
+    points = np.array(parts["bodies"][marker["on"]].dofs.position.value, dtype=float)
+    return (np.array(marker["weights"]) @ points[marker["nodes"]]).tolist()
+
+
+def turned(quaternion, vector):
+    """A vector turned by a unit quaternion (x, y, z, w)."""
+    axis = quaternion[:3]
+    return vector + 2.0 * np.cross(axis, np.cross(axis, vector) + quaternion[3] * vector)
+
+
+def speed(parts):
+    """The largest speed [m/s] of the bodies' nodes and the plates' frames; NaN where a number is not finite."""
+    largest = 0.0
+    for node in list(parts["bodies"].values()) + list(parts["plates"].values()):
+        velocity = np.array(node.dofs.velocity.value, dtype=float)[:, :3]
+        position = np.array(node.dofs.position.value, dtype=float)
+        if not (np.isfinite(velocity).all() and np.isfinite(position).all()):
+            return float("nan")
+        largest = max(largest, float(np.sqrt((velocity**2).sum(axis=1).max())))
+    return largest

@@ -1,0 +1,134 @@
+"""One simulation in a process of SOFA's own: what it is told, what it answers, and how it may end."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from softcal.export.sofa_install import Sofa
+from softcal.export.sofa_robot import LinearRobot
+from softcal.export.sofa_scene import Resting, scene_parameters, write_scene
+from softcal.twin.protocol import Protocol
+
+JOB, ANSWER, LOG = "job.json", "answer.jsonl", "sofa.log"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What SOFA answered: a record of each state that came to rest, the slack one first.
+
+    failure: why it ended before the last, "" where it did not; again: whether a shorter time step may help.
+    """
+
+    records: tuple[Mapping[str, Any], ...]
+    failure: str
+    again: bool
+    steps: int
+    dt: float
+
+
+def run_states(
+    sofa: Sofa,
+    linear: LinearRobot,
+    protocol: Protocol,
+    states: Sequence[Mapping[str, float]],
+    resting: Resting,
+    *,
+    timeout: float,
+    shapes: bool = False,
+) -> Outcome:
+    """Run every state to rest; where one does not settle, all over again with the next shorter time step."""
+    parameters = scene_parameters(linear, protocol, resting=resting)
+    steps = 0
+    failures: list[str] = []
+    best: Outcome | None = None
+    for dt in resting.time_steps:
+        job = {"states": [dict(state) for state in states], "rest": asdict(resting), "dt": dt, "shapes": shapes}
+        outcome = _attempt(sofa, linear, parameters, job, timeout)
+        steps += outcome.steps
+        if best is None or len(outcome.records) > len(best.records):
+            best = outcome
+        if not outcome.failure:
+            return replace(outcome, steps=steps)
+        failures.append(f"{outcome.failure} (time step {dt:g} s)")
+        if not outcome.again:
+            break
+    if best is None:
+        raise ValueError("there is no time step to try")
+    return replace(best, failure=" Then ".join(failures), steps=steps)
+
+
+def _attempt(
+    sofa: Sofa, linear: LinearRobot, parameters: Mapping[str, Any], job: Mapping[str, Any], timeout: float
+) -> Outcome:
+    with tempfile.TemporaryDirectory(prefix="softcal-sofa-") as name:
+        folder = Path(name)
+        write_scene(linear, parameters, folder)
+        (folder / JOB).write_text(json.dumps({**job, "out": ANSWER}), encoding="utf-8")
+        ended = _ended(sofa, folder, timeout)
+        lines = [] if not (folder / ANSWER).is_file() else (folder / ANSWER).read_text(encoding="utf-8").splitlines()
+        said = (folder / LOG).read_text(encoding="utf-8", errors="replace").strip().splitlines()
+    answers: list[dict[str, Any]] = []
+    for line in lines:
+        with contextlib.suppress(ValueError):  # the last one may be cut off
+            answers.append(json.loads(line))
+    records = tuple(answer for answer in answers if "state" in answer)
+    last = answers[-1] if answers else {}
+    steps = int(last.get("steps", 0)) if "state" not in last else sum(int(record["steps"]) for record in records)
+    dt = float(job["dt"])
+    if last.get("done"):
+        return Outcome(records, "", False, steps, dt)
+    where = f"State {len(records)} of {len(job['states'])}: " if records else "The rest state with slack cables: "
+    if "failed" in last:
+        return Outcome(records, f"{where}{last['failed']}", True, steps, dt)
+    good = f"; the last good time is {float(records[-1]['time']):.6g} s" if records else ""
+    told = f": {_last_error(said)}" if said else ""
+    return Outcome(records, f"{where}SOFA {ended}{good}{told}", False, steps, dt)
+
+
+def _ended(sofa: Sofa, folder: Path, timeout: float) -> str:
+    """Run the scene; how its process ended, in words."""
+    with (folder / LOG).open("wb") as log:
+        process = subprocess.Popen(
+            [sofa.python, "run.py", "--job", JOB],
+            cwd=folder,
+            env=sofa.environment(),
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+        try:
+            code = process.wait(timeout)
+        except subprocess.TimeoutExpired:
+            return f"was ended after {timeout:g} s without an answer"
+        finally:
+            _end(process)
+    if code < 0:
+        return f"crashed ({signal.Signals(-code).name})"
+    return f"ended with exit code {code}"
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """End the process and all that it started."""
+    if process.poll() is not None:
+        return
+    with contextlib.suppress(ProcessLookupError):
+        if hasattr(os, "killpg"):
+            os.killpg(process.pid, signal.SIGKILL)
+        else:
+            process.kill()
+    process.wait()
+
+
+def _last_error(lines: list[str]) -> str:
+    errors = [line for line in lines if "ERROR" in line or "Error" in line]
+    return (errors or lines)[-1].strip()[-300:]

@@ -1,0 +1,152 @@
+"""SOFA's records of settled states as the twin's channels, sample by sample, and as shapes to draw."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import BSpline, make_interp_spline
+
+from softcal.checks import Floats
+from softcal.export.sofa_scene import begins_first
+from softcal.twin.build import Twin
+from softcal.twin.protocol import Protocol
+from softcal.twin.response import Snapshot
+from softcal.twin.robot import Cable
+from softcal.twin.sensors import angles, channel_units
+
+SAME = 1e-9  # of a cable's length: two shortenings closer than this are one
+Record = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Channels at the samples that were reached (n, n_channels), and their slopes along the one driven cable's command.
+
+    error: of what was read between states, over each unit's largest value; 0 where every sample is a state.
+    """
+
+    values: Floats
+    slopes: Floats | None
+    error: float = 0.0
+
+
+def channel_values(twin: Twin, record: Record) -> Floats:
+    """A record in the order of `channel_units`."""
+    values: list[float] = []
+    for cable in twin.robot.cables:
+        seen = record["cables"][cable.name]
+        values += [seen["shortening"], seen["tension"]]
+    for plate in twin.robot.plates:
+        position, rotation = _pose(record["plates"][plate.name])
+        values += [*position, *angles(rotation)]
+    for marker in twin.robot.markers:
+        values += record["markers"][marker.name]
+    return np.array(values)
+
+
+def table(twin: Twin, records: Sequence[Record]) -> Floats:
+    """Records as rows, angles without jumps of whole turns."""
+    units = list(channel_units(twin).values())
+    values = np.array([channel_values(twin, record) for record in records]).reshape(len(records), len(units))
+    turns = [k for k, unit in enumerate(units) if unit == "rad"]
+    values[:, turns] = np.unwrap(values[:, turns], axis=0)
+    return values
+
+
+def along_one_cable(twin: Twin, protocol: Protocol, cable: str, states: Floats, records: Sequence[Record]) -> Samples:
+    """The samples of the one driven cable, from states along its control: exact at a state, a cubic spline between.
+
+    The first record is the robot with all cables slack. Up to where the cable just goes taut nothing moves.
+    """
+    i = [one.name for one in twin.robot.cables].index(cable)
+    command = protocol.commands[cable]
+    own = 2 * i if command.control == "shortening" else 2 * i + 1
+    rows = table(twin, records)
+    taut_at = rows[0, 2 * i] if command.control == "shortening" else 0.0
+    rows[0, 2 * i + 1] = 0.0
+    reached = states[: len(rows) - 1]
+    taut = reached > taut_at + SAME * float(twin.system.cables.rest_length[i])
+    c = np.append(taut_at, reached[taut])
+    nodes = np.vstack([rows[:1], rows[1:][taut]])
+    given = command.values
+    far = given > c[-1] + 1e-12 * abs(c[-1]) if len(reached) < len(states) else np.zeros(len(given), dtype=bool)
+    n = int(np.argmax(far)) if far.any() else len(given)
+    if len(reached) == 0 and len(states):
+        n = 0
+    if len(c) == 1:
+        values, slopes = np.repeat(nodes, n, axis=0), np.zeros((n, nodes.shape[1]))
+    else:
+        spline = make_interp_spline(c, nodes, k=min(3, len(c) - 1))
+        at = np.clip(given[:n], c[0], c[-1])
+        values, slopes = spline(at), spline(at, 1)
+        slopes[given[:n] <= taut_at] = 0.0
+    values[:, own] = given[:n]
+    slopes[:, own] = 1.0
+    between = not np.isin(given[:n][given[:n] > taut_at], states).all()
+    return Samples(values, slopes, _spline_error(twin, c, nodes) if between else 0.0)
+
+
+def row_by_row(twin: Twin, protocol: Protocol, records: Sequence[Record]) -> Samples:
+    """A record for every sample, after that of the slack robot."""
+    rows = table(twin, records)[1:]
+    for k, cable in enumerate(twin.robot.cables):
+        command = protocol.commands.get(cable.name)
+        if command is not None:
+            rows[:, 2 * k + (command.control == "tension")] = command.values[: len(rows)]
+    return Samples(rows, None)
+
+
+def shapes(
+    twin: Twin, protocol: Protocol, records: Sequence[Record], states: Sequence[Mapping[str, float]]
+) -> tuple[Snapshot, ...]:
+    """The records as shapes; at rest first."""
+    told: list[Mapping[str, float]] = [dict.fromkeys(protocol.commands, 0.0), *states]
+    found: list[Snapshot] = []
+    for record, controls in zip(records, told, strict=False):
+        label = "at rest" if record is records[0] else f"state {record['state']}"
+        found.append(
+            Snapshot(
+                label=label,
+                points={name: np.array(points) for name, points in record["points"].items()},
+                cables={cable.name: _line(cable, record) for cable in twin.robot.cables},
+                plates={name: _pose(at) for name, at in record["plates"].items()},
+                controls=dict(controls),
+                tensions={name: float(cable["tension"]) for name, cable in record["cables"].items()},
+                markers={name: np.array(at) for name, at in record["markers"].items()},
+            )
+        )
+    return tuple(found)
+
+
+def _line(cable: Cable, record: Record) -> Floats:
+    """The cable's points in the robot's order; the scene begins at the pull point."""
+    points = np.array(record["cables"][cable.name]["points"])
+    return points if begins_first(cable) else points[::-1]
+
+
+def _pose(at: Sequence[float]) -> tuple[Floats, Floats]:
+    """Position and rotation of x, y, z and a quaternion (x, y, z, w)."""
+    x, y, z, w = np.array(at[3:], dtype=float) / np.linalg.norm(at[3:])
+    rotation = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    return np.array(at[:3], dtype=float), rotation
+
+
+def _spline_error(twin: Twin, c: Floats, nodes: Floats) -> float:
+    """How far off the spline may be: a sixteenth of what leaving out every second state changes there."""
+    if len(c) < 5:
+        return float("nan")
+    kept = np.union1d(np.arange(0, len(c), 2), [len(c) - 1])
+    coarse: BSpline = make_interp_spline(c[kept], nodes[kept], k=min(3, len(kept) - 1))
+    units = np.array(list(channel_units(twin).values()))
+    largest = np.abs(nodes).max(axis=0)
+    scale = np.array([largest[units == unit].max() for unit in units]) + 1e-300
+    return float((np.abs(coarse(c) - nodes) / scale).max() / 16.0)

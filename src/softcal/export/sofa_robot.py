@@ -1,0 +1,118 @@
+"""The robot as SOFA can have it: linear tetrahedra, SOFA's neo-Hookean law, nothing that the scene cannot hold."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from softcal.checks import Ints
+from softcal.errors import Fault, ParameterError
+from softcal.geometry.mesh import TetMesh
+from softcal.twin.robot import Body, Robot, SurfaceLoad
+
+ITS_LAW, ITS_ELEMENT = "neo-hooke", "P1"
+
+
+def scene_faults(robot: Robot) -> list[Fault]:
+    """What no scene of SOFA and SoftRobots alone can hold."""
+    faults = [
+        Fault("SOFA has no such rods without other plugins", rod.name, attempt="solid meshes (springs: {model: solid})")
+        for rod in robot.rods
+    ]
+    faults += [
+        Fault("SOFA's cables have no friction", where=cable.name, got=f"{cable.friction_coefficient:g}", allowed="0")
+        for cable in robot.cables
+        if cable.friction_coefficient > 0.0
+    ]
+    if robot.contact is not None:
+        faults.append(
+            Fault("contact is not carried over to SOFA", where="contact", attempt="a project without contact")
+        )
+    return faults
+
+
+def is_its_own(body: Body) -> bool:
+    """Whether SOFA computes with the body's element and law."""
+    return body.element == ITS_ELEMENT and body.law == ITS_LAW
+
+
+def element_faults(robot: Robot) -> list[Fault]:
+    """Bodies with an element or a law that SOFA does not have."""
+    return [
+        Fault(
+            "SOFA does not have this element or law",
+            where=body.name,
+            got=f"{body.element}, {body.law}",
+            allowed=f"{ITS_ELEMENT}, {ITS_LAW}",
+            attempt=f"element: {ITS_ELEMENT}, law: {ITS_LAW} in the project: what is found then holds for its mesh",
+        )
+        for body in robot.bodies
+        if not is_its_own(body)
+    ]
+
+
+@dataclass(frozen=True)
+class LinearRobot:
+    """A robot of linear tets in SOFA's law, all of whose nodes belong to a tet, and without plates that stand still.
+
+    still: those plates by name; what was on them is fixed in space.
+    """
+
+    robot: Robot
+    still: tuple[str, ...]
+
+
+def linear_robot(robot: Robot) -> LinearRobot:
+    """The robot with the corners of its meshes alone, numbered anew; its parameters stay as they are.
+
+    Raises
+    ------
+    ParameterError
+        For what no scene can hold.
+    """
+    if faults := scene_faults(robot):
+        raise ParameterError(faults)
+    still = tuple(plate.name for plate in robot.plates if plate.fixed)
+    old = {body.name: body for body in robot.bodies}
+    meshes = {body.name: _corner_mesh(body.mesh) for body in robot.bodies}
+
+    def numbers(body: str, nodes: Ints) -> Ints:
+        return _renumbered(old[body].mesh, nodes)
+
+    def fixed(body: str) -> Ints:
+        on_still = [numbers(body, plate.nodes[body]) for plate in robot.plates if plate.fixed and body in plate.nodes]
+        return np.unique(np.concatenate([numbers(body, old[body].fixed), *on_still]))
+
+    bodies = tuple(
+        replace(body, mesh=meshes[body.name], element=ITS_ELEMENT, law=ITS_LAW, fixed=fixed(body.name))
+        for body in robot.bodies
+    )
+    plates = tuple(
+        replace(plate, nodes={} if plate.fixed else {name: numbers(name, nodes) for name, nodes in plate.nodes.items()})
+        for plate in robot.plates
+    )
+    ties = tuple(replace(tie, nodes=numbers(tie.body, tie.nodes)) for tie in robot.ties)
+    loads = tuple(
+        replace(load, faces=_renumbered(old[load.on].mesh, load.faces[:, :3]))
+        if isinstance(load, SurfaceLoad)
+        else load
+        for load in robot.loads
+    )
+    cables = tuple(
+        replace(cable, via_points=tuple(replace(v, on="") if v.on in still else v for v in cable.via_points))
+        for cable in robot.cables
+    )
+    return LinearRobot(replace(robot, bodies=bodies, plates=plates, ties=ties, loads=loads, cables=cables), still)
+
+
+def _corner_mesh(mesh: TetMesh) -> TetMesh:
+    return TetMesh(mesh.points[mesh.corners], _renumbered(mesh, mesh.tets[:, :4]))
+
+
+def _renumbered(mesh: TetMesh, nodes: Ints) -> Ints:
+    """Numbers of corners among the corners; of a list, those that are no corner are left out."""
+    new = np.full(mesh.n_points, -1, dtype=np.int64)
+    new[mesh.corners] = np.arange(len(mesh.corners))
+    found = new[nodes]
+    return found[found >= 0] if found.ndim == 1 else found

@@ -1,0 +1,220 @@
+"""A robot as a folder that SOFA runs: the scene's files, its meshes, and parameters.json with every number."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import shutil
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from softcal.export.sofa_robot import LinearRobot
+from softcal.geometry.mesh import TetMesh
+from softcal.mechanics.attachment import attach
+from softcal.mechanics.element import nodal_volumes
+from softcal.twin.loads import surface_forces
+from softcal.twin.masses import plate_inertia
+from softcal.twin.protocol import Protocol
+from softcal.twin.robot import Body, Cable, Control, Marker, Plate, PointLoad, Robot
+
+FORMAT = 1
+FILES = ("scene.py", "robot_state.py", "pulling.py", "run.py")
+HERE = Path(__file__).parent / "sofa_files"
+PARAMETERS, SCHEDULE = "parameters.json", "schedule.csv"
+# Without inertia nothing settles: a weightless body gets this density [kg/m^3], and a force against its weight.
+ASSUMED_DENSITY = 1000.0
+RADIUS_OF_GYRATION = 1e-3  # [m], of a plate whose inertia is not known: SOFA inverts it
+PULL_SPEED = 2e-3  # [m/s], paper A's
+PULL_TIME = 20.0  # [s], for the largest tension
+SCHEDULE_ROWS = 41
+
+
+@dataclass(frozen=True)
+class Stepping:
+    """How the scene moves: time step dt [s], Rayleigh damping by stiffness [s] and mass [1/s]; paper A's by default."""
+
+    dt: float = 0.01
+    rayleigh_stiffness: float = 0.2
+    rayleigh_mass: float = 0.1
+
+
+@dataclass(frozen=True)
+class Resting:
+    """How run.py runs to rest.
+
+    ramp [s] from state to state; a state is at rest when nothing has moved faster than `speed` [m/s] for `hold` [s],
+    and is given up after `longest` [s], or as soon as the speed no longer falls. time_steps [s]: the next one is tried
+    where the one before did not settle. No damping by stiffness: SOFA's is the tangent's, which is negative in a body
+    pulled beyond what it would bear without its cable, and so feeds the motion.
+    """
+
+    time_steps: tuple[float, ...] = (0.01, 0.005, 0.002)
+    rayleigh_stiffness: float = 0.0
+    rayleigh_mass: float = 5.0
+    ramp: float = 1.0
+    speed: float = 1e-6
+    hold: float = 0.1
+    longest: float = 60.0
+
+
+def scene_parameters(
+    linear: LinearRobot,
+    protocol: Protocol,
+    stepping: Stepping | None = None,
+    resting: Resting | None = None,
+) -> dict[str, Any]:
+    """What parameters.json holds: the robot's every number, in SI.
+
+    protocol: which cables are pulled by tension and which by shortening; the others are slack.
+    """
+    robot = linear.robot
+    meshes = {body.name: body.mesh for body in robot.bodies}
+    controls: dict[str, Control] = {name: command.control for name, command in protocol.commands.items()}
+    largest = {name: float(np.abs(command.values).max(initial=0.0)) for name, command in protocol.commands.items()}
+    return {
+        "format": FORMAT,
+        "units": "m, kg, s, N, Pa, rad",
+        "gravity": robot.gravity.tolist(),
+        "time": asdict(stepping or Stepping()),
+        "constraint_solver": {"iterations": 500, "tolerance": 1e-9},
+        "rest": asdict(resting or Resting()),
+        "bodies": {body.name: _body(body) for body in robot.bodies},
+        "plates": {plate.name: _plate(plate) for plate in robot.plates},
+        "ties": {tie.name: {"body": tie.body, "on": tie.on, "nodes": tie.nodes.tolist()} for tie in robot.ties},
+        "loads": _loads(robot, linear.still, meshes),
+        "cables": {
+            cable.name: _cable(cable, controls.get(cable.name, "tension"), largest.get(cable.name, 0.0))
+            for cable in robot.cables
+        },
+        "markers": {marker.name: _marker(marker, linear.still, meshes) for marker in robot.markers},
+    }
+
+
+def write_scene(linear: LinearRobot, parameters: Mapping[str, Any], folder: Path) -> list[Path]:
+    """Write the scene's files, meshes and parameters into an existing folder."""
+    written = [Path(shutil.copyfile(HERE / name, folder / name)) for name in FILES]
+    for body in linear.robot.bodies:
+        path = folder / _mesh_file(body)
+        path.write_text(legacy_vtk(body.mesh, body.name), encoding="utf-8")
+        written.append(path)
+    path = folder / PARAMETERS
+    path.write_text(json.dumps(parameters, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    return [*written, path]
+
+
+def legacy_vtk(mesh: TetMesh, title: str) -> str:
+    """Linear tets as legacy VTK text, which SOFA's MeshVTKLoader reads, with every digit."""
+    lines = ["# vtk DataFile Version 3.0", title, "ASCII", "DATASET UNSTRUCTURED_GRID"]
+    lines.append(f"POINTS {mesh.n_points} double")
+    lines += [" ".join(repr(float(value)) for value in at) for at in mesh.points]
+    lines.append(f"CELLS {mesh.n_tets} {5 * mesh.n_tets}")
+    lines += ["4 " + " ".join(str(n) for n in tet) for tet in mesh.tets]
+    lines.append(f"CELL_TYPES {mesh.n_tets}")
+    lines += ["10"] * mesh.n_tets
+    return "\n".join(lines) + "\n"
+
+
+def schedule_csv(protocol: Protocol) -> str:
+    """The protocol in time: from nothing to each of at most 41 of its samples, at paper A's 2 mm/s, or 20 s in all."""
+    names = list(protocol.commands)
+    rows = np.unique(np.linspace(0, protocol.n_samples - 1, min(protocol.n_samples, SCHEDULE_ROWS)).round().astype(int))
+    table = np.array([protocol.commands[name].values[rows] for name in names]).T.reshape(len(rows), len(names))
+    table = np.vstack([np.zeros((1, len(names))), table])
+    rates = np.array([_rate(protocol.commands[name].control, table[:, k]) for k, name in enumerate(names)])
+    steps = np.abs(np.diff(table, axis=0)) / rates
+    times = np.append(0.0, np.cumsum(np.maximum(steps.max(axis=1, initial=0.0), 1e-2)))
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    unit = {"tension": "N", "shortening": "m"}
+    headers = [f"{name}.{c} [{unit[c]}]" for name in names for c in [protocol.commands[name].control]]
+    writer.writerow(["time [s]", *headers])
+    writer.writerows([[f"{t:.6g}", *(f"{v:.12g}" for v in row)] for t, row in zip(times, table, strict=True)])
+    return text.getvalue()
+
+
+def _rate(control: Control, values: np.ndarray) -> float:
+    return PULL_SPEED if control == "shortening" else max(float(np.abs(values).max(initial=0.0)), 1e-12) / PULL_TIME
+
+
+def _mesh_file(body: Body) -> str:
+    return f"{body.name}.vtk"
+
+
+def _body(body: Body) -> dict[str, Any]:
+    return {
+        "mesh": _mesh_file(body),
+        "youngs_modulus": body.parameters["youngs_modulus"],
+        "poissons_ratio": body.parameters["poissons_ratio"],
+        "density": body.density if body.density > 0.0 else ASSUMED_DENSITY,
+        "fixed": body.fixed.tolist(),
+    }
+
+
+def _plate(plate: Plate) -> dict[str, Any]:
+    per_mass = np.zeros((3, 3)) if plate.mass <= 0.0 else plate_inertia(plate) / plate.mass
+    if np.linalg.eigvalsh(per_mass)[0] < RADIUS_OF_GYRATION**2:
+        per_mass = per_mass + RADIUS_OF_GYRATION**2 * np.eye(3)
+    return {
+        "reference": plate.reference.tolist(),
+        "centre_of_mass": np.asarray(plate.centre_of_mass).tolist(),
+        "mass": plate.mass,
+        "inertia_per_mass": per_mass.tolist(),
+        "fixed": plate.fixed,
+        "nodes": {name: nodes.tolist() for name, nodes in plate.nodes.items()},
+    }
+
+
+def begins_first(cable: Cable) -> bool:
+    """Whether the scene's cable begins at the first via point: at an end in space, of two the one that is pulled."""
+    in_space = cable.via_points[0].on == "", cable.via_points[-1].on == ""
+    return in_space[0] if in_space[0] != in_space[1] else cable.pulled_end == "first"
+
+
+def _cable(cable: Cable, control: Control, largest: float) -> dict[str, Any]:
+    via = cable.via_points if begins_first(cable) else cable.via_points[::-1]
+    at = np.array([point.at for point in via])
+    ends_in_space = via[0].on == ""
+    return {
+        "control": control,
+        "pull_point": via[0].at.tolist() if ends_in_space else None,
+        "points": [{"on": p.on, "at": p.at.tolist()} for p in (via[1:] if ends_in_space else via)],
+        "length": float(np.linalg.norm(np.diff(at, axis=0), axis=1).sum()),
+        "key_step": largest / 50.0 if largest > 0.0 else {"tension": 0.1, "shortening": 1e-3}[control],
+    }
+
+
+def _loads(robot: Robot, still: tuple[str, ...], meshes: Mapping[str, TetMesh]) -> dict[str, Any]:
+    loads: dict[str, Any] = {}
+    for body in robot.bodies:
+        if body.density <= 0.0 and robot.gravity.any():
+            volumes = nodal_volumes(body.mesh.points, body.mesh.tets)
+            forces = -ASSUMED_DENSITY * volumes[:, None] * robot.gravity
+            loads[f"{body.name}_weightless"] = {
+                "on": body.name, "nodes": list(range(len(volumes))), "forces": forces.tolist(),
+            }  # fmt: skip
+    for load in robot.loads:
+        if load.on in still:
+            continue
+        if isinstance(load, PointLoad):
+            loads[load.name] = {"on": load.on, "at": load.at.tolist(), "force": load.force.tolist()}
+            continue
+        total = np.zeros((meshes[load.on].n_points, 3))
+        for _, weights, force in surface_forces(load, dict(meshes), {load.on: 0}):
+            for node, weight in weights:
+                total[node] += weight * force
+        nodes = np.flatnonzero(total.any(axis=1))
+        loads[load.name] = {"on": load.on, "nodes": nodes.tolist(), "forces": total[nodes].tolist()}
+    return loads
+
+
+def _marker(marker: Marker, still: tuple[str, ...], meshes: Mapping[str, TetMesh]) -> dict[str, Any]:
+    found: dict[str, Any] = {"on": "" if marker.on in still else marker.on, "at": marker.at.tolist()}
+    if marker.on in meshes:
+        nodes, weights = attach(meshes[marker.on], marker.at[None], tolerance=np.inf, where=marker.name)
+        found |= {"nodes": nodes[0].tolist(), "weights": weights[0].tolist()}
+    return found

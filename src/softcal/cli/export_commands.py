@@ -45,7 +45,7 @@ def vtk(source: Source, out: Out, pull: Pull = None, values: Values = None) -> N
     from softcal.project.exporting import export_vtk, load_calibrated
 
     project = load_calibrated(source, parsed_values(values))
-    written = export_vtk(project, _protocols(project, pull), out)
+    written = export_vtk(project, protocols_of(project, pull), out)
     typer.echo(f"Wrote {len(written)} files into {out}")
 
 
@@ -56,7 +56,7 @@ def calculix(source: Source, out: Out, pull: Pull = None, values: Values = None)
     from softcal.project.exporting import export_calculix, load_calibrated
 
     project = load_calibrated(source, parsed_values(values))
-    export_calculix(project, _protocols(project, pull), out)
+    export_calculix(project, protocols_of(project, pull), out)
     typer.echo(f"Wrote {out}; run it there with: ccx -i robot")
 
 
@@ -69,7 +69,7 @@ def sofa(source: Source, out: Out, pull: Pull = None, values: Values = None) -> 
 
     project = load_calibrated(source, parsed_values(values))
     has_pull = bool(pull) or bool(project.experiments)
-    export_sofa(project, _protocols(project, pull) if has_pull else {"": Protocol({})}, out)
+    export_sofa(project, protocols_of(project, pull) if has_pull else {"": Protocol({})}, out)
     typer.echo(f"Wrote {out}; run it with: runSofa -l SofaPython3 {out / 'scene.py'}")
 
 
@@ -103,37 +103,8 @@ def reduced(
     typer.echo(f"Wrote {out}")
 
 
-@export.command()
-@told
-def reduced(
-    source: Source,
-    out: Out,
-    reach: Annotated[
-        str,
-        typer.Option(
-            metavar="VALUE",
-            help="How far the cables are pulled: 8N, or 40mm of one alone; or for each: front=8N,left=40mm.",
-            show_default=False,
-        ),
-    ],
-    cables: Annotated[
-        str, typer.Option(metavar="NAMES", help="One to three cables, by default all: front,left.", show_default=False)
-    ] = "",
-    samples: Annotated[
-        int | None, typer.Option(metavar="N", help="Nodes along each cable; by default 33, 9 or 7.", show_default=False)
-    ] = None,
-    values: Values = None,
-) -> None:
-    """For a controller: tensions to poses, shortenings and compliance, as JSON with an evaluator without needs."""
-    from softcal.project.exporting import export_reduced, load_calibrated
-
-    project = load_calibrated(source, parsed_values(values))
-    written = export_reduced(project, out, reach, names(cables), samples)
-    typer.echo(written[-1].read_text(encoding="utf-8"))
-    typer.echo(f"Wrote {out}")
-
-
-def _protocols(project: Project, pull: list[str] | None) -> Mapping[str, Protocol]:
+def protocols_of(project: Project, pull: list[str] | None) -> Mapping[str, Protocol]:
+    """By name: the pull, or what each experiment does to the robot."""
     from softcal.project.pulls import parse_pulls
     from softcal.project.simulation import protocol_of
 

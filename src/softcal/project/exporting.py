@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
-from typing import TYPE_CHECKING
 
 from softcal.errors import Fault, ParameterError, SimulationError, UnitError
 from softcal.project.calibration import calibrated
@@ -18,13 +17,6 @@ from softcal.project.simulation import simulate
 from softcal.twin.parameters import robot_parameters, with_parameters
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response
-from softcal.twin.robot import Robot
-from softcal.units import parse_quantity
-
-if TYPE_CHECKING:
-    from softcal.export.reduced import Reach
-
-REDUCED_SAMPLES = {1: 33, 2: 9, 3: 7}  # number of cables -> nodes along each
 from softcal.twin.robot import Robot
 from softcal.units import parse_quantity
 
@@ -112,50 +104,6 @@ def export_sofa(project: Project, protocols: Mapping[str, Protocol], folder: Pat
     require_writable(folder)
     protocol = furthest(protocols)
     return write_folder(folder, lambda part: write_sofa(project.robot, protocol, part, project.name))
-
-
-def export_reduced(
-    project: Project, folder: Path, reach: str, cables: Sequence[str] = (), samples: int | None = None
-) -> list[Path]:
-    """The cable-space model for a controller, with its evaluator, in a new folder; see `softcal.export.reduced`.
-
-    reach: a force or a length for all the cables (8 N, 40mm), or one for each (front=8N,left=40mm). cables: by default
-    those that `reach` names, else all. samples: along each cable, by default 33 of one, 9 of two, 7 of three.
-
-    Raises
-    ------
-    InputError
-        For cables, a reach or samples that make no model, or a folder that holds files or cannot be written.
-    SimulationError
-        Where a state within reach has no equilibrium; nothing is then written.
-    """
-    from softcal.export.reduced import reduced, write_reduced
-
-    require_free(folder, "another --out")
-    require_writable(folder)
-    reaches = _reaches(project.robot, reach, cables)
-    model = reduced(project.robot, reaches, samples or REDUCED_SAMPLES.get(len(reaches), 2))
-    return write_folder(folder, lambda part: write_reduced(model, part))
-
-
-def _reaches(robot: Robot, text: str, cables: Sequence[str]) -> dict[str, Reach]:
-    parts = [part.strip() for part in text.split(",") if part.strip()]
-    of_each = dict((name.strip(), value.strip()) for name, sign, value in (p.partition("=") for p in parts) if sign)
-    if not of_each and len(parts) == 1:
-        of_each = dict.fromkeys(cables or [cable.name for cable in robot.cables], parts[0])
-    elif len(of_each) != len(parts) or (cables and set(cables) != set(of_each)):
-        allowed = "one reach for all the cables (8N), or one for each of them (front=8N,left=40mm)"
-        raise ParameterError(Fault("this does not say how far each cable goes", "--reach", f"'{text}'", allowed))
-    return {name: _reach(value) for name, value in of_each.items()}
-
-
-def _reach(text: str) -> Reach:
-    from softcal.export.reduced import Reach
-
-    try:
-        return Reach(parse_quantity(text, "m"), "m")
-    except UnitError:
-        return Reach(parse_quantity(text, "N", where="--reach"), "N")
 
 
 def export_reduced(

@@ -12,6 +12,7 @@ from softcal.cli import validate_command
 from softcal.cli import sweep_command
 from softcal.cli import marker_commands
 from softcal.cli import export_commands
+from softcal.cli import crosscheck_command
 
 # isort: on
 from softcal.cli.app import app
@@ -24,6 +25,7 @@ COMMAND_GROUPS = (
     sweep_command,
     marker_commands,
     export_commands,
+    crosscheck_command,
 )
 
 

@@ -1,0 +1,274 @@
+"""The same state of the same robot in other engines, and what they differ by from softcal's statics.
+
+An engine has laws and elements of its own, so each is compared with softcal's twin in that engine's law and elements,
+on the same mesh, at the same parameters and loads: a difference is then one of computation and not of modelling.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.errors import Fault, InputError, ParameterError, SimulationError
+from softcal.export.calculix import calculix_deck, in_its_law, run_calculix
+from softcal.export.sofa_engine import sofa_engine
+from softcal.export.sofa_install import find_sofa
+from softcal.export.sofa_robot import linear_robot
+from softcal.twin.build import cached_twin
+from softcal.twin.protocol import Command, Protocol
+from softcal.twin.response import Response, Snapshot
+from softcal.twin.robot import Robot
+from softcal.twin.simulate import simulate
+
+AGREES = 1e-4  # relative; of angles [rad]
+SELF = "softcal"
+STILL = 1e-12  # [m]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What an engine finds: tensions [N] and shortenings [m] of cables, unless it was given them; poses of plates
+    (position [m], rotation); positions of the nodes of bodies (n, 3) [m].
+    """
+
+    tensions: Mapping[str, float]
+    shortenings: Mapping[str, float]
+    plates: Mapping[str, tuple[Floats, Floats]]
+    points: Mapping[str, Floats]
+
+
+@dataclass(frozen=True)
+class Engine:
+    """Another program that solves a robot's statics.
+
+    own: the robot in its law and elements. missing: why it cannot run here and how to get it, or "". solve: from the
+    robot, a protocol of one sample and softcal's shape there to what the engine finds.
+    """
+
+    own: Callable[[Robot], Robot]
+    missing: Callable[[], str]
+    solve: Callable[[Robot, Protocol, Snapshot], Outcome]
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One quantity in softcal and in the engine; relative: over the largest of its kind, of an angle over 1 rad."""
+
+    quantity: str
+    unit: str
+    softcal: float
+    engine: float
+    absolute: float
+    relative: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One engine at one state; changed: in what the robot differs there from the project's, for both."""
+
+    engine: str
+    differences: tuple[Difference, ...]
+    changed: tuple[str, ...]
+
+    @property
+    def verdict(self) -> str:
+        """Whether they agree, in words."""
+        if not self.differences:
+            return f"{self.engine} and softcal have nothing in common to compare"
+        worst = max(self.differences, key=lambda one: one.relative)
+        if worst.relative <= AGREES:
+            return f"{self.engine} and softcal agree to {AGREES:g} (worst: {worst.relative:.1e}, {worst.quantity})"
+        return (
+            f"{self.engine} and softcal differ by {worst.absolute:.3g} {worst.unit} in {worst.quantity}, "
+            f"{worst.relative:.1e} relative; {AGREES:g} would be agreement"
+        )
+
+    @property
+    def agrees(self) -> bool:
+        """Whether every difference is at most `AGREES`."""
+        return bool(self.differences) and all(one.relative <= AGREES for one in self.differences)
+
+
+@dataclass(frozen=True)
+class Crosscheck:
+    """Comparisons by engine; why engines are absent, or failed."""
+
+    comparisons: tuple[Comparison, ...]
+    absent: Mapping[str, str] = field(default_factory=dict)
+    failed: Mapping[str, str] = field(default_factory=dict)
+
+
+def crosscheck(robot: Robot, protocol: Protocol, engines: Sequence[str]) -> Crosscheck:
+    """Put the robot's furthest state of a protocol through other engines.
+
+    engines: names in `ENGINES`; `softcal` may be among them, being what all are compared with.
+    """
+    end = furthest_state(protocol)
+    comparisons: list[Comparison] = []
+    absent: dict[str, str] = {}
+    failed: dict[str, str] = {}
+    for name in engines:
+        if name == SELF:
+            continue
+        engine = ENGINES[name]
+        if why := engine.missing():
+            absent[name] = why
+            continue
+        try:
+            own = engine.own(robot)
+            response = simulate(own, end, snapshots=True, curve_tolerance=0.0)
+            ours = _of_response(response)
+            _require_motion(own, ours)
+            theirs = engine.solve(own, end, response.snapshots[-1])
+        except (InputError, SimulationError) as error:
+            failed[name] = str(error)
+            continue
+        comparisons.append(Comparison(name, tuple(_differences(own, ours, theirs)), tuple(_changes(robot, own))))
+    return Crosscheck(tuple(comparisons), absent, failed)
+
+
+def furthest_state(protocol: Protocol) -> Protocol:
+    """The one sample of a protocol where its cables are pulled most, each measured by its own largest pull."""
+    pulls = np.zeros(protocol.n_samples)
+    for command in protocol.commands.values():
+        pulls += command.values / max(float(np.abs(command.values).max()), 1e-300)
+    at = int(np.argmax(pulls))
+    return Protocol({n: Command(c.control, c.values[at : at + 1]) for n, c in protocol.commands.items()})
+
+
+def _of_response(response: Response) -> Outcome:
+    if not response.succeeded:
+        raise SimulationError(response.status)
+    shape = response.snapshots[-1]
+    names = list(shape.tensions)
+    return Outcome(
+        tensions={name: float(response.channels[f"{name}.tension"][-1]) for name in names},
+        shortenings={name: float(response.channels[f"{name}.shortening"][-1]) for name in names},
+        plates=shape.plates,
+        points=shape.points,
+    )
+
+
+def _moved(robot: Robot, outcome: Outcome) -> dict[str, Floats]:
+    """Displacements of the nodes of bodies [m]."""
+    meshes = cached_twin(robot).meshes
+    return {name: x - meshes[name].points for name, x in outcome.points.items()}
+
+
+def _require_motion(robot: Robot, ours: Outcome) -> None:
+    if all(np.abs(u).max() < STILL for u in _moved(robot, ours).values()) and robot.bodies:
+        raise ParameterError(Fault("nothing moves the robot, so engines cannot differ", attempt="--pull CABLE=VALUE"))
+
+
+def _differences(robot: Robot, ours: Outcome, theirs: Outcome) -> list[Difference]:
+    moved, there = _moved(robot, ours), _moved(robot, theirs)
+    tip = max(float(np.linalg.norm(u, axis=1).max()) for u in moved.values())
+    found: list[Difference] = []
+    for kind, unit, a, b in (
+        ("tension", "N", ours.tensions, theirs.tensions),
+        ("shortening", "m", ours.shortenings, theirs.shortenings),
+    ):
+        largest = max((abs(value) for value in a.values()), default=0.0)
+        size = largest if kind == "tension" else tip
+        found += [
+            Difference(f"{name}.{kind}", unit, a[name], b[name], abs(a[name] - b[name]), _over(a[name] - b[name], size))
+            for name in a
+            if name in b
+        ]
+    for plate in robot.plates:
+        if plate.fixed or plate.name not in theirs.plates:
+            continue
+        (at, turn), (place, turned) = ours.plates[plate.name], theirs.plates[plate.name]
+        gap = float(np.linalg.norm(at - place))
+        went, goes = (float(np.linalg.norm(x - plate.reference)) for x in (at, place))
+        found.append(Difference(f"{plate.name}.displacement", "m", went, goes, gap, _over(gap, tip)))
+        angle = _angle(turn.T @ turned)
+        found.append(Difference(f"{plate.name}.rotation", "rad", _angle(turn), _angle(turned), angle, angle))
+    for name, u in moved.items():
+        gap = float(np.linalg.norm(u - there[name], axis=1).max())
+        went, goes = (float(np.linalg.norm(v, axis=1).max()) for v in (u, there[name]))
+        found.append(Difference(f"{name}: largest displacement", "m", went, goes, gap, _over(gap, tip)))
+    return found
+
+
+def _over(difference: float, size: float) -> float:
+    return abs(difference) / size if size > 0.0 else (0.0 if difference == 0.0 else float("inf"))
+
+
+def _angle(R: Floats) -> float:
+    """The angle [rad] of a rotation, exact for small ones too."""
+    sine = 0.5 * np.linalg.norm([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    return float(np.arctan2(sine, 0.5 * (np.trace(R) - 1.0)))
+
+
+def _changes(given: Robot, own: Robot) -> list[str]:
+    return [
+        f"{a.name}: {what} {getattr(a, what)} becomes {getattr(b, what)}"
+        for a, b in zip(given.bodies, own.bodies, strict=True)
+        for what in ("law", "element")
+        if getattr(a, what) != getattr(b, what)
+    ]
+
+
+def _missing_calculix() -> str:
+    found = shutil.which("ccx") is not None
+    return "" if found else "there is no ccx on the PATH; Debian: apt-get install calculix-ccx"
+
+
+def _solve_calculix(robot: Robot, protocol: Protocol, shape: Snapshot) -> Outcome:
+    """Under the weight, the loads and the cables' pull at softcal's shape: it is given the tensions."""
+    twin, deck = cached_twin(robot), calculix_deck(robot, shape)
+    layout, cables = twin.system.layout, twin.system.cables
+    with tempfile.TemporaryDirectory() as folder:
+        x = layout.X + run_calculix(deck, Path(folder))[: layout.n_points]
+    shortening = cables.rest_length - cables.lengths(x)
+    plates: dict[str, tuple[Floats, Floats]] = {}
+    for name, k in twin.frame.items():
+        riders = np.flatnonzero(layout.rider == k)
+        if k < layout.n_moving_frames and len(riders) >= 3:
+            plates[name] = _fitted_pose(layout.X[riders], x[riders], layout.references[k])
+    return Outcome(
+        tensions={},
+        shortenings=dict(zip(cables.names, shortening.tolist(), strict=True)),
+        plates=plates,
+        points={name: x[deck.first[name] :][: mesh.n_points] for name, mesh in twin.meshes.items()},
+    )
+
+
+def _fitted_pose(X: Floats, x: Floats, reference: Floats) -> tuple[Floats, Floats]:
+    """Where the rigid motion from X to x that fits best takes the reference point, and its rotation."""
+    centre, now = X.mean(axis=0), x.mean(axis=0)
+    U, _, Vt = np.linalg.svd((x - now).T @ (X - centre))
+    R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+    return now + R @ (reference - centre), R
+
+
+def _missing_sofa() -> str:
+    try:
+        find_sofa()
+    except InputError as error:
+        return str(error)
+    return ""
+
+
+def _solve_sofa(robot: Robot, protocol: Protocol, shape: Snapshot) -> Outcome:
+    """Run to rest under the commands themselves."""
+    found = _of_response(sofa_engine()(robot, protocol, snapshots=True))
+    given = {f"{name}.{command.control}" for name, command in protocol.commands.items()}
+    return replace(
+        found,
+        tensions={name: value for name, value in found.tensions.items() if f"{name}.tension" not in given},
+        shortenings={name: value for name, value in found.shortenings.items() if f"{name}.shortening" not in given},
+    )
+
+
+ENGINES: dict[str, Engine] = {
+    "calculix": Engine(in_its_law, _missing_calculix, _solve_calculix),
+    "sofa": Engine(lambda robot: linear_robot(robot).robot, _missing_sofa, _solve_sofa),
+}

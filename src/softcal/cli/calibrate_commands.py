@@ -10,7 +10,7 @@ import typer
 from softcal.cli.app import INTERRUPTED, ProjectFile, app, told
 from softcal.cli.calibration_bars import CalibrationBars
 from softcal.cli.calibration_table import print_results
-from softcal.cli.values import Values, names, parsed_values
+from softcal.cli.values import Engine, Values, names, parsed_values
 
 
 @app.command()
@@ -41,6 +41,7 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
         typer.Option(metavar="NAME", help="Untie this tied parameter: a value for each of its parts; again for more."),
     ] = None,
     values: Values = None,
+    engine: Engine = "softcal",
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Run folder; 'run' beside the project by default.")
     ] = None,
@@ -67,11 +68,13 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
             hold_out=None if hold_out is None else names(hold_out),
             split=split,
             workers=workers,
+            engine=engine,
             progress=bars.show,
         )
     print_results(found.results)
     if found.interrupted:
         held = "".join(f" --set {value}" for value in values or []) + "".join(f" --split {one}" for one in split or [])
+        held += "" if engine == "softcal" else f" --engine {engine}"
         typer.echo(
             f"Stopped. Everything so far is kept in {folder}. "
             f"Go on with: softcal calibrate {project} --out {folder}{held} --resume",

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from softcal.cli.app import ProjectFile, app, told
-from softcal.cli.values import Values, parsed_values
+from softcal.cli.values import Engine, Values, parsed_values
 from softcal.errors import Fault, InputError
 
 
@@ -38,6 +38,7 @@ def simulate(
             "the project.",
         ),
     ] = False,
+    engine: Engine = "softcal",
 ) -> None:
     """Simulate the twin: its response as CSV with units, and a picture at rest and at the largest pitch."""
     from softcal.project.project import load
@@ -50,11 +51,13 @@ def simulate(
         raise InputError(Fault("--pull and --experiment exclude each other"))
     if in_time and not pull:
         raise InputError(Fault("an experiment's samples have no times of their own", "--in-time", attempt="--pull"))
+    if in_time and engine != "softcal":
+        raise InputError(Fault("other engines are run to rest, not in time", "--in-time", f"--engine {engine}"))
     if pull:
         protocols = {"pull": parse_pulls(loaded.robot, pull)}
     else:
         names = [experiment] if experiment else list(loaded.experiments) or [""]
         protocols = {name: protocol_of(loaded, name) for name in names}
-    for name, response in simulate_to_folder(loaded, protocols, out, in_time=in_time).items():
+    for name, response in simulate_to_folder(loaded, protocols, out, in_time=in_time, engine=engine).items():
         typer.echo(f"{name}: {response.status}")
     typer.echo(f"Wrote {out}")

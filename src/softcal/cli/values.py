@@ -15,6 +15,11 @@ Values = Annotated[
     ),
 ]
 
+Engine = Annotated[
+    str,
+    typer.Option(metavar="NAME", help="What computes the twin: softcal, or sofa (found by SOFA_ROOT; linear tets)."),
+]
+
 
 def parsed_values(given: list[str] | None) -> dict[str, str]:
     """Parameter -> value as written, from what `--set` was given.

@@ -46,6 +46,17 @@ class SofaEngine:
     states: int = STATES
     timeout: float = TIMEOUT
 
+    def require(self, robot: Robot) -> None:
+        """Check that SOFA can have a robot.
+
+        Raises
+        ------
+        ParameterError
+            Where it cannot: rods, contact, friction along cables, elements and laws that SOFA does not have.
+        """
+        if faults := [*scene_faults(robot), *element_faults(robot)]:
+            raise ParameterError(faults)
+
     def __call__(
         self, robot: Robot, protocol: Protocol, *, sensitivities: Sequence[str] = (), snapshots: bool = False
     ) -> Response:
@@ -60,7 +71,8 @@ class SofaEngine:
         """
         known = robot_parameters(robot)
         commanded = {f"{cable}.{command.control}": cable for cable, command in protocol.commands.items()}
-        faults = [*scene_faults(robot), *element_faults(robot), *command_faults(robot, protocol)]
+        self.require(robot)
+        faults = command_faults(robot, protocol)
         faults += [unknown_name(n, {**known, **commanded}) for n in sensitivities if n not in {**known, **commanded}]
         if faults:
             raise ParameterError(faults)

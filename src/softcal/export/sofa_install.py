@@ -54,7 +54,7 @@ def find_sofa(environment: Mapping[str, str] | None = None) -> Sofa:
                 "SOFA was not found", ROOT, "it is not set", "the folder of SOFA v23.12 or newer with SoftRobots", CONDA
             )
         )
-    root = Path(written).expanduser()
+    root = Path(written).expanduser().absolute()
     packages = _packages(root)
     if not any((folder / "Sofa").is_dir() for folder in packages):
         what = (

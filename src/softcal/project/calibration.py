@@ -21,6 +21,7 @@ from softcal.calibration.run import calibrate as calibrate_problem
 from softcal.errors import CalibrationError, Fault, InputError, ParameterError
 from softcal.project.bench_names import experiments_named
 from softcal.project.calibration_schema import CalibrationSection
+from softcal.project.engines import SOFTCAL, engine_for
 from softcal.project.project import Project
 from softcal.project.run_folder import begin_run, calibration_folder, finish_run, reopen_run
 from softcal.project.section import changed
@@ -61,6 +62,7 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
     hold_out: Sequence[str] | None = None,
     split: Sequence[str] | None = None,
     workers: int = 1,
+    engine: str = SOFTCAL,
     progress: Observer | None = None,
 ) -> Calibrations:
     """Find a project's free parameters.
@@ -76,20 +78,23 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
         that are not fitted but predicted; tied parameters that get a value for each of their parts.
     workers
         Processes.
+    engine
+        What computes the twin: "softcal" or "sofa".
     progress
         Called after every trial with the calibration's label and its progress.
 
     Raises
     ------
     InputError
-        Where nothing is free or nothing was measured, an option makes no sense, or the folder cannot be used.
+        Where nothing is free or nothing was measured, an option makes no sense, or the folder cannot be used; for an
+        engine that does not exist, is not installed, or cannot have the robot.
     CalibrationError
         Where no trial could be simulated.
     """
     held_out = None if hold_out is None else experiments_named(hold_out, project.experiments)
     told = {"method": method, "fit": fit, "trials": trials, "seed": seed, "hold_out": held_out, "split": split}
     settings = changed(project.calibration, {key: value for key, value in told.items() if value is not None}, "--")
-    problem = make_problem(project, settings)
+    problem = replace(make_problem(project, settings), simulate=engine_for(engine, project.robot))
     problems = _problems(problem, settings.fit, settings.hold_out)
     folder = None if out is None else Path(out)
     if folder is not None:
@@ -115,6 +120,7 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
                     workers=workers,
                     store=store,
                     resume=resume and begun,
+                    hashes={} if engine == SOFTCAL else {"engine": engine},
                     progress=_labelled(progress, label),
                 )
             except CalibrationError:

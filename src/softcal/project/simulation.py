@@ -12,6 +12,7 @@ import numpy as np
 
 from softcal.calibration.experiment import Experiment
 from softcal.calibration.observation import commands
+from softcal.calibration.problem import Simulate
 from softcal.errors import Fault, ParameterError
 from softcal.project.project import Project
 from softcal.twin.parameters import robot_parameters, with_parameters
@@ -35,6 +36,7 @@ def simulate(
     experiment: str = "",
     sensitivities: Sequence[str] = (),
     snapshots: bool = False,
+    engine: Simulate | None = None,
 ) -> Response:
     """The twin's response to a protocol, or to what one of a project's experiments did to the robot.
 
@@ -51,6 +53,8 @@ def simulate(
         Parameters by which every channel is derived too.
     snapshots
         Whether shapes to draw are kept.
+    engine
+        What computes it, softcal itself by default; see `softcal.project.engines`.
 
     Returns
     -------
@@ -66,7 +70,7 @@ def simulate(
     if protocol is None:
         protocol = protocol_of(twin, experiment) if isinstance(twin, Project) else Protocol({})
         robot = robot_in(twin, experiment) if isinstance(twin, Project) else robot
-    return simulate_robot(robot, protocol, sensitivities=sensitivities, snapshots=snapshots)
+    return (engine or simulate_robot)(robot, protocol, sensitivities=sensitivities, snapshots=snapshots)
 
 
 def protocol_of(project: Project, experiment: str = "") -> Protocol:

@@ -9,6 +9,7 @@ from pathlib import Path
 from softcal.calibration.outcome import installed_versions
 from softcal.calibration.result_files import response_file
 from softcal.errors import SimulationError
+from softcal.project.engines import SOFTCAL, engine_for
 from softcal.project.motion import simulate_pull_in_time
 from softcal.project.output import new_folder, require_free, require_writable
 from softcal.project.project import Project
@@ -18,14 +19,21 @@ from softcal.twin.response import Response
 
 
 def simulate_to_folder(
-    project: Project, protocols: Mapping[str, Protocol], folder: Path, *, in_time: bool = False
+    project: Project,
+    protocols: Mapping[str, Protocol],
+    folder: Path,
+    *,
+    in_time: bool = False,
+    engine: str = SOFTCAL,
 ) -> dict[str, Response]:
     """Simulate each protocol by name and write what came of it into a new folder, whole or not at all.
 
-    in_time: as motion, by the project's `dynamics`, and not as equilibria.
+    in_time: as motion, by the project's `dynamics`, and not as equilibria. engine: what computes equilibria.
 
     Raises
     ------
+    InputError
+        For an engine that does not exist, is not installed, or cannot have the robot.
     StorageError
         Where the folder holds files, or cannot be written.
     SimulationError
@@ -33,8 +41,11 @@ def simulate_to_folder(
     """
     require_free(folder, "another --out")
     require_writable(folder)
+    simulator = engine_for(engine, project.robot)
     responses = {
-        name: simulate_pull_in_time(project, protocol) if in_time else simulate(project, protocol, snapshots=True)
+        name: simulate_pull_in_time(project, protocol)
+        if in_time
+        else simulate(project, protocol, snapshots=True, engine=simulator)
         for name, protocol in protocols.items()
     }
     for name, response in responses.items():
@@ -51,7 +62,7 @@ def simulate_to_folder(
                 name: {"status": response.status, "n_factorisations": response.n_factorisations}
                 for name, response in responses.items()
             },
-            **({"dynamics": project.dynamics.model_dump()} if in_time else {}),
+            **({"dynamics": project.dynamics.model_dump()} if in_time else {"engine": engine}),
             "hashes": dict(project.hashes),
             "versions": installed_versions(),
         }

@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from softcal.project.run_folder import load_run as load_run
     from softcal.project.simulation import pull as pull
     from softcal.project.simulation import simulate as simulate
+    from softcal.project.sweep import Swept as Swept
+    from softcal.project.sweep import sweep as sweep
     from softcal.project.validation import validate as validate
     from softcal.twin.in_time import simulate_in_time as simulate_in_time
     from softcal.twin.manipulator import ManipulatorShape as ManipulatorShape
@@ -89,6 +91,7 @@ _HOMES = {
     "SoftcalError": "softcal.errors",
     "StorageError": "softcal.errors",
     "SurfaceLoad": "softcal.twin.robot",
+    "Swept": "softcal.project.sweep",
     "Tie": "softcal.twin.robot",
     "TimeSettings": "softcal.twin.schedule",
     "UnitError": "softcal.errors",
@@ -102,6 +105,7 @@ _HOMES = {
     "ramp": "softcal.twin.schedule",
     "simulate": "softcal.project.simulation",
     "simulate_in_time": "softcal.twin.in_time",
+    "sweep": "softcal.project.sweep",
     "validate": "softcal.project.validation",
     "write_report": "softcal.project.reporting",
 }
@@ -136,6 +140,7 @@ __all__ = [
     "SoftcalError",
     "StorageError",
     "SurfaceLoad",
+    "Swept",
     "Tie",
     "TimeSettings",
     "UnitError",
@@ -149,6 +154,7 @@ __all__ = [
     "ramp",
     "simulate",
     "simulate_in_time",
+    "sweep",
     "validate",
     "write_report",
 ]

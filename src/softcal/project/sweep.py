@@ -88,7 +88,14 @@ def sweep(
     problem = make_sweep(project, axes, experiments)
     folder = None if out is None else Path(out)
     settings = project.calibration.model_copy(
-        update={"method": "grid", "loss": problem.loss.name, "fit": "joint", "trials": None, "hold_out": []}
+        update={
+            "method": "grid",
+            "loss": problem.loss.name,
+            "fit": "joint",
+            "trials": None,
+            "hold_out": [],
+            "split": [],
+        }
     )
     if folder is None and resume:
         raise InputError(Fault("there is no sweep to resume without its folder", attempt="out"))
@@ -126,7 +133,7 @@ def make_sweep(project: Project, axes: Sequence[Axis], experiments: Sequence[str
 
     Raises
     ------
-    InputError
+    ParameterError
         For an experiment that does not exist, or a parameter that none of the chosen ones has.
     """
     wanted = list(project.experiments) if experiments is None else list(experiments)

@@ -56,7 +56,7 @@ def _nominal(project: Project, settings: CalibrationSection, result: Calibration
     ]
     if not free:
         return None
-    experiments = tuple(project.experiments[name] for name in result.experiments)
+    experiments = tuple(project.experiments[name] for name in (*result.experiments, *result.held_out))
     length = next((e.rig.length for e in experiments if e.rig.length is not None), None)
     loss = make_loss(settings.model_copy(update={"loss": result.loss_name}), length)
     return nominal(Problem(project.robot, experiments, SearchSpace(tuple(free)), loss))

@@ -10,6 +10,7 @@ from softcal.analysis.nominal import Nominal
 from softcal.analysis.sweep import ALL, BestCell, Section, best_cells, improvement, section_errors, sections
 from softcal.calibration.experiment import AXES
 from softcal.calibration.result import CalibrationResult, ExperimentFit
+from softcal.calibration.result_files import fits_of
 from softcal.checks import Floats
 from softcal.report.content import ReportContent
 from softcal.report.surfaces import section_scale
@@ -40,19 +41,18 @@ def comparison(content: ReportContent) -> Comparison | None:
     if compared is None or compared.nominal is None or compared.nominal.loss is None:
         return None
     known = compared.nominal.fits
-    markers = list(dict.fromkeys(point for fit in result.experiments.values() for point in fit.distances))
+    fits = {name: fit for name, fit in fits_of(result).items() if fit.distances and name in known}
+    markers = list(dict.fromkeys(point for fit in fits.values() for point in fit.distances))
     if not markers:
         return None
     scale = Scale("mm", 1e-3) if compared.length is None else Scale("%", 0.01 * compared.length)
     experiments: list[str] = []
     states: list[str] = []
     columns: list[tuple[Floats, Floats]] = []
-    for name, fit in result.experiments.items():
-        if not fit.distances:
-            continue
+    for name, fit in sorted(fits.items()):
         pair = (state_distances(known[name], markers), state_distances(fit, markers))
         labels = _state_labels(content, name, pair[0].shape[1])
-        experiments += [name] * len(labels)
+        experiments += [f"{name} (predicted)" if name in result.held_out else name] * len(labels)
         states += labels
         columns.append(pair)
     nominal, tuned = (np.concatenate([pair[k] for pair in columns], axis=1) / scale.factor for k in (0, 1))
@@ -149,10 +149,12 @@ def _calibrated(result: CalibrationResult, known: Nominal) -> list[tuple[Section
         name: {point: distance.rms for point, distance in fit.distances.items()}
         for name, fit in result.experiments.items()
     }
-    before, after = section_errors(result, known.errors), section_errors(result, found)
+    before = section_errors(result, {name: known.errors[name] for name in found if name in known.errors})
+    after = section_errors(result, found)
     placed = [section for section in sections(result) if section.name in after]
     rows: list[tuple[Section, float | None, float]] = [(s, before.get(s.name), after[s.name]) for s in placed]
-    whole = [_pooled(list(fits.values())) for fits in (known.fits, result.experiments)]
+    nominal = [fit for name, fit in known.fits.items() if name in found]
+    whole = [_pooled(fits) for fits in (nominal, list(result.experiments.values()))]
     if len(placed) > 1 and whole[1] is not None:
         rows.insert(0, (Section(ALL, "m", placed[0].length), whole[0], whole[1]))
     return rows
@@ -181,7 +183,8 @@ def _state_labels(content: ReportContent, name: str, n: int) -> list[str]:
     experiment = content.experiments[name]
     data = experiment.prepared
     if data.n_samples == n and data.labels:
-        return list(data.labels)
+        short = [label.removeprefix(name).lstrip("_- ") for label in data.labels]
+        return short if all(short) else list(data.labels)
     if data.n_samples == n and experiment.drive in data.channels:
         scale = scale_of(data.channels[experiment.drive].unit)
         return [f"{number(value / scale.factor)} {scale.unit}" for value in data.values(experiment.drive)]

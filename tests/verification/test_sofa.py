@@ -4,30 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mechanics_cases import SHARED, elastic, pulled, shared_json, tensed
+from mechanics_cases import pulled, shared_json, tensed
+from sofa_case import beam_robot, neck_robot
 
-from softcal.geometry.read import read_mesh
 from softcal.twin.in_time import simulate_in_time
 from softcal.twin.protocol import Command
-from softcal.twin.robot import Body, Cable, Marker, Plate, Robot, ViaPoint
+from softcal.twin.robot import Marker
 from softcal.twin.schedule import Schedule, TimeSettings
 from softcal.twin.simulate import simulate
-
-
-def neck_robot(data: dict) -> Robot:
-    mesh = read_mesh(SHARED / "data" / "sofa" / data["mesh"])
-    D, z = data["outer_diameter_m"], mesh.points[:, 2]
-    body = Body(
-        "neck",
-        mesh,
-        fixed=np.flatnonzero(z <= 0.37 * D + 1e-12),
-        parameters=elastic(data["youngs_modulus_Pa"], data["poissons_ratio"]),
-        element="P1",
-    )
-    collar = np.flatnonzero(z >= D * (0.617 + 4 * 0.481) - 1e-9)
-    plate = Plate("plate", {"neck": collar}, reference=np.array([0.0, 0.0, data["height_m"]]))
-    ends = (ViaPoint(np.array(data["cable"]["on_plate_m"]), "plate"), ViaPoint(np.array(data["cable"]["pull_point_m"])))
-    return Robot((body,), (plate,), (Cable("front", ends),))
 
 
 @pytest.mark.parametrize("name", ["neck-shortening.json", "neck-tension.json"])
@@ -50,20 +34,6 @@ def test_neck_settles_as_in_sofa(name):
         np.testing.assert_allclose(response.channels[channel], [row[key] for row in rows], rtol=1e-4, err_msg=channel)
     # y leaves the plane by the mesh alone: micrometres beside centimetres.
     np.testing.assert_allclose(response.channels["plate.y"], [row["plate_y_m"] for row in rows], rtol=0, atol=1e-6)
-
-
-def beam_robot(data: dict) -> Robot:
-    mesh = read_mesh(SHARED / "data" / "sofa" / data["mesh"])
-    body = Body(
-        "beam",
-        mesh,
-        fixed=np.flatnonzero(mesh.points[:, 0] <= 1e-4),
-        parameters=elastic(data["youngs_modulus_Pa"], data["poissons_ratio"]),
-        element="P1",
-    )
-    inside = [ViaPoint(np.array(at), "beam") for at in data["cable"]["via_points_m"]]
-    pull = ViaPoint(np.array(data["cable"]["pull_point_m"], dtype=float))
-    return Robot((body,), (), (Cable("tendon", (*reversed(inside), pull)),))
 
 
 @pytest.mark.parametrize("by", ["tension", "shortening"])

@@ -15,7 +15,7 @@ def read_state(parts, parameters, dt):
     return {
         "cables": {name: read_cable(node, parameters["cables"][name], dt) for name, node in parts["cables"].items()},
         "plates": {name: read_plate(name, plate, parts) for name, plate in parameters["plates"].items()},
-        "markers": {name: read_marker(name, marker, parts) for name, marker in parameters["markers"].items()},
+        "markers": {name: read_marker(marker, parameters, parts) for name, marker in parameters["markers"].items()},
     }
 
 
@@ -32,18 +32,27 @@ def read_cable(node, cable, dt):
 def read_plate(name, plate, parts):
     if plate["fixed"]:
         return plate["reference"] + [0.0, 0.0, 0.0, 1.0]
-    frame = np.array(parts["plates"][name].dofs.position.value, dtype=float)[0]
-    arm = np.array(plate["reference"]) - np.array(plate["centre_of_mass"])
-    return (frame[:3] + turned(frame[3:], arm)).tolist() + frame[3:].tolist()
+    return carried(plate["reference"], name, plate, parts) + frame_of(name, parts)[3:].tolist()
 
 
-def read_marker(name, marker, parts):
+def read_marker(marker, parameters, parts):
     if not marker["on"]:
         return marker["at"]
     if marker["on"] in parts["plates"]:
-        return np.array(parts["plates"][marker["on"]][name].dofs.position.value, dtype=float)[0].tolist()
+        return carried(marker["at"], marker["on"], parameters["plates"][marker["on"]], parts)
     points = np.array(parts["bodies"][marker["on"]].dofs.position.value, dtype=float)
     return (np.array(marker["weights"]) @ points[marker["nodes"]]).tolist()
+
+
+def frame_of(name, parts):
+    """Position and quaternion of a plate's frame, which is at its centre of mass."""
+    return np.array(parts["plates"][name].dofs.position.value, dtype=float)[0]
+
+
+def carried(at, name, plate, parts):
+    """Where a plate has taken a point that was at `at`."""
+    frame = frame_of(name, parts)
+    return (frame[:3] + turned(frame[3:], np.array(at) - np.array(plate["centre_of_mass"]))).tolist()
 
 
 def turned(quaternion, vector):

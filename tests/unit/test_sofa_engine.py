@@ -1,0 +1,276 @@
+"""SOFA as an engine against a stand-in whose mechanics are a formula: what it is asked, what is read, how it fails."""
+
+from __future__ import annotations
+
+import pickle
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mechanics_cases import column_robot, elastic, pulled, side_cable, tensed
+from project_case import write_project
+from sofa_case import FAKE, use_fake
+
+from softcal.cli import main
+from softcal.errors import InputError, ParameterError
+from softcal.export import sofa_install
+from softcal.export.sofa_engine import SofaEngine, sofa_engine
+from softcal.export.sofa_scene import Resting
+from softcal.twin.parameters import with_parameters
+from softcal.twin.protocol import Command, Protocol
+
+E_MODULUS, RATIO = 2.6e5, 0.3  # a shear modulus of 1e5 Pa
+A, B, PITCH = 100.0, 2000.0, 20.0  # of fake_mechanics/spring.py
+QUICK = Resting(ramp=0.02, longest=6.0)
+
+
+def tension(d, scale=1.0):
+    return scale * (A * d + B * d**2)
+
+
+@pytest.fixture
+def engine(monkeypatch: pytest.MonkeyPatch) -> SofaEngine:
+    use_fake(monkeypatch)
+    return replace(sofa_engine(), resting=QUICK)
+
+
+def column(**more):
+    return column_robot(parameters=elastic(E_MODULUS, RATIO), divisions=(1, 1, 2), **more)
+
+
+def test_every_sample_of_a_pull(engine):
+    d = np.array([0.01, 0.0, 0.02, 0.01])
+    response = engine(column(), pulled(*d), snapshots=True)
+    assert response.succeeded, response.status
+    assert "4 states at rest" in response.status  # the slack one and three that differ
+    np.testing.assert_allclose(response.channels["front.tension"], tension(d), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(response.channels["front.shortening"], d)
+    np.testing.assert_allclose(response.channels["plate.pitch"], PITCH * d, atol=1e-12)
+    # SOFA's frame is the centre of mass, 20 mm above the reference; it goes down by half of the pull.
+    np.testing.assert_allclose(response.channels["plate.z"], 0.12 - 0.5 * d - 0.02 * np.cos(PITCH * d), atol=1e-12)
+    np.testing.assert_allclose(response.channels["plate.x"], -0.02 * np.sin(PITCH * d), atol=1e-12)
+    assert response.units["plate.pitch"] == "rad"
+    assert [shape.label for shape in response.snapshots] == ["at rest", "state 1", "state 2", "state 3"]
+    last = response.snapshots[-1]
+    assert last.tensions["front"] == pytest.approx(tension(0.02))
+    np.testing.assert_allclose(last.cables["front"], [[0.05, 0.0, 0.08], [0.05, 0.0, 0.0]], atol=1e-12)
+    assert last.points["neck"].shape == response.snapshots[0].points["neck"].shape
+
+
+def test_tension_goes_to_sofa_as_an_impulse_and_comes_back_as_a_force(engine):
+    T = np.array([0.0, 0.5, 1.5])
+    for dt in (0.01, 0.005):
+        response = replace(engine, resting=replace(QUICK, time_steps=(dt,)))(column(), tensed(*T))
+        np.testing.assert_allclose(response.channels["front.tension"], T)
+        expected = (-A + np.sqrt(A**2 + 4 * B * T)) / (2 * B)
+        np.testing.assert_allclose(response.channels["front.shortening"], expected, atol=1e-12)
+
+
+def test_many_samples_are_read_between_few_states(engine):
+    d = np.linspace(0.0, 0.03, 301)
+    response = engine(column(), pulled(*d))
+    assert "13 states at rest" in response.status
+    assert "cubic spline" in response.status
+    np.testing.assert_allclose(response.channels["front.tension"], tension(d), atol=1e-9)
+    np.testing.assert_allclose(response.slopes["front.tension"][1:], A + 2 * B * d[1:], rtol=1e-6)
+    assert response.slopes["front.tension"][0] == 0.0  # where it is slack
+    np.testing.assert_array_equal(response.slopes["front.shortening"], 1.0)
+
+
+def test_derivatives_are_differences(engine):
+    d = np.array([0.005, 0.02])
+    names = ["neck.youngs_modulus", "neck.poissons_ratio", "front.shortening"]
+    response = engine(column(), pulled(*d), sensitivities=names)
+    by = response.sensitivities["front.tension"]
+    np.testing.assert_allclose(by["neck.youngs_modulus"], tension(d) / E_MODULUS, rtol=1e-6)
+    np.testing.assert_allclose(by["neck.poissons_ratio"], -tension(d) / (1 + RATIO), rtol=6e-3)
+    np.testing.assert_allclose(by["front.shortening"], A + 2 * B * d, rtol=1e-2)
+    assert response.n_factorisations == 3 * (10 + 2 * 12)  # two derivatives are two more runs; the third is the slope
+
+
+def test_several_cables_row_by_row(engine):
+    robot = column(cables=(side_cable("front", (0.05, 0.0)), side_cable("back", (-0.05, 0.0))))
+    protocol = Protocol({"front": Command("tension", [0.5, 1.0]), "back": Command("shortening", [0.001, 0.002])})
+    response = engine(robot, protocol, sensitivities=["front.tension", "back.shortening"])
+    assert response.succeeded, response.status
+    np.testing.assert_allclose(response.channels["front.tension"], [0.5, 1.0])
+    np.testing.assert_allclose(response.channels["back.tension"], tension(np.array([0.001, 0.002])))
+    by = response.sensitivities["back.tension"]
+    np.testing.assert_allclose(by["back.shortening"], A + 2 * B * np.array([0.00105, 0.00205]), rtol=1e-9)
+    np.testing.assert_allclose(by["front.tension"], 0.0, atol=1e-12)
+
+
+def test_nothing_driven_is_one_state(engine):
+    response = engine(column(), Protocol({}))
+    assert response.succeeded
+    np.testing.assert_allclose(response.channels["plate.z"], [0.1])
+
+
+@pytest.mark.parametrize(
+    ("fault", "reason"),
+    [
+        # Rest: 10 steps. Each state: 2 steps of ramp and 10 at rest, of 0.01 s: the second state begins at step 23.
+        ("nan@30", r"State 2 of 3: positions or velocities are no numbers.*last good ones are those at 0.29 s"),
+        ("crash@30", r"State 2 of 3: SOFA crashed \(SIGSEGV\); the last good time is 0.22 s: \[ERROR\] the LDL"),
+        ("restless@30", r"State 2 of 3: it does not come to rest: 0.0173 m/s, and no slower than 2 s ago"),
+    ],
+)
+def test_a_run_that_fails_says_why_and_keeps_what_was_reached(engine, monkeypatch, fault, reason):
+    use_fake(monkeypatch, fault=fault)
+    once = replace(engine, resting=replace(QUICK, time_steps=(0.01,)))
+    response = once(column(), pulled(0.01, 0.02, 0.03))
+    assert not response.succeeded
+    assert response.status.startswith("SOFA: ")
+    assert re.search(reason, response.status), response.status
+    assert response.status.count("Then") == 0
+    np.testing.assert_allclose(response.channels["front.tension"], [tension(0.01)])
+
+
+def test_a_crash_is_not_tried_again_and_a_restless_run_is(engine, monkeypatch):
+    use_fake(monkeypatch, fault="long-steps@1")
+    response = engine(column(), pulled(0.01))
+    assert response.succeeded, response.status
+    assert "of 0.005 s at last" in response.status
+    use_fake(monkeypatch, fault="restless@1")
+    response = engine(column(), pulled(0.01))
+    assert response.status.count("does not come to rest") == 3
+    assert "The rest state with slack cables" in response.status
+    assert len(response.channels["front.tension"]) == 0
+    use_fake(monkeypatch, fault="crash@1")
+    assert engine(column(), pulled(0.01)).status.count("SIGSEGV") == 1
+
+
+def test_a_hang_is_ended(engine, monkeypatch):
+    use_fake(monkeypatch, fault="hang@12")
+    response = replace(engine, timeout=3.0)(column(), pulled(0.01))
+    assert not response.succeeded
+    assert "was ended after 3 s without an answer" in response.status
+
+
+def test_failed_derivative_is_a_failure(engine, monkeypatch):
+    ran = []
+    from softcal.export import sofa_engine as module
+
+    real = module.run_states
+
+    def once(*given, **more):
+        if ran:
+            monkeypatch.setenv("FAKE_SOFA_FAULT", "nan@5")
+        ran.append(1)
+        return real(*given, **more)
+
+    monkeypatch.setattr(module, "run_states", once)
+    response = engine(column(), pulled(0.01), sensitivities=["neck.youngs_modulus"])
+    assert not response.succeeded
+    assert "No derivative by neck.youngs_modulus" in response.status
+
+
+def test_engine_goes_to_workers(engine):
+    assert pickle.loads(pickle.dumps(engine)) == engine
+
+
+def test_what_sofa_cannot_have_is_refused(engine):
+    with pytest.raises(ParameterError, match=r"element: P1"):
+        engine(column_robot("P2P1"), pulled(0.01))
+    with pytest.raises(ParameterError, match="no such cable"):
+        engine(column(), pulled(0.01, cable="back"))
+    with pytest.raises(ParameterError, match="did you mean"):
+        engine(column(), pulled(0.01), sensitivities=["neck.youngs"])
+
+
+def test_parameters_reach_the_scene(engine):
+    d = np.array([0.01])
+    stiffer = engine(with_parameters(column(), {"neck.youngs_modulus": 3 * E_MODULUS}), pulled(*d))
+    np.testing.assert_allclose(stiffer.channels["front.tension"], tension(d, 3.0))
+
+
+# Where SOFA is, and what is told where it is not.
+
+
+@pytest.fixture
+def fresh():
+    sofa_install._require_cables.cache_clear()
+    yield
+    sofa_install._require_cables.cache_clear()
+
+
+def told(capsys, tmp_path, *arguments) -> tuple[int, str]:
+    project = tmp_path / "project"
+    if not project.exists():
+        write_project(project)
+    with pytest.raises(SystemExit) as left:
+        main([arguments[0], str(project / "project.yaml"), *arguments[1:], "--engine", "sofa"])
+    return int(left.value.code or 0), capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", [("simulate", "--pull", "front=10mm"), ("calibrate",)])
+def test_missing_sofa_is_one_message_with_the_way_to_get_it(monkeypatch, capsys, tmp_path, command):
+    monkeypatch.delenv("SOFA_ROOT", raising=False)
+    code, err = told(capsys, tmp_path, *command, "--out", str(tmp_path / "out"))
+    assert code == 2
+    assert err.count("\n") == 1
+    assert "conda install -c sofa-framework sofa-softrobots" in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_that_is_not_sofa(monkeypatch, capsys, tmp_path):
+    monkeypatch.setenv("SOFA_ROOT", str(tmp_path))
+    code, err = told(capsys, tmp_path, "simulate", "--pull", "front=10mm", "--out", str(tmp_path / "out"))
+    assert code == 2
+    assert "this is no SOFA" in err
+    monkeypatch.setenv("SOFA_ROOT", str(tmp_path / "nowhere"))
+    assert "this folder does not exist" in told(capsys, tmp_path, "calibrate", "--out", str(tmp_path / "out"))[1]
+
+
+def test_sofa_without_softrobots(monkeypatch, capsys, tmp_path, fresh):
+    use_fake(monkeypatch, fault="no-softrobots")
+    code, err = told(capsys, tmp_path, "calibrate", "--out", str(tmp_path / "out"))
+    assert code == 2
+    assert "no SoftRobots" in err
+    assert "conda install" in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_sofa_that_does_not_start(monkeypatch, tmp_path, fresh):
+    package = tmp_path / "lib" / "python3" / "site-packages" / "Sofa"
+    package.mkdir(parents=True)
+    (package / "__init__.py").write_text("raise ImportError('libSofa.Core.so: cannot open shared object file')")
+    monkeypatch.setenv("SOFA_ROOT", str(tmp_path))
+    with pytest.raises(InputError, match=r"does not start.*libSofa\.Core\.so"):
+        sofa_engine()
+
+
+def test_the_python_of_the_bindings_is_found(monkeypatch, tmp_path):
+    package = tmp_path / "plugins" / "SofaPython3" / "lib" / "python3" / "site-packages" / "Sofa"
+    package.mkdir(parents=True)
+    (package / "Core.cpython-399-x86_64-linux-gnu.so").touch()
+    with pytest.raises(InputError, match=r"bindings are for Python 3\.99"):
+        sofa_install.find_sofa({"SOFA_ROOT": str(tmp_path)})
+    with pytest.raises(InputError, match="this Python does not exist"):
+        sofa_install.find_sofa({"SOFA_ROOT": str(tmp_path), "SOFA_PYTHON": "/nowhere/python"})
+    beside = tmp_path / "bin" / "python3"
+    beside.parent.mkdir()
+    beside.touch()
+    assert sofa_install._python(tmp_path, [package.parent], "") == str(beside)
+
+
+def test_a_relative_root_is_found_from_anywhere(monkeypatch, fresh):
+    use_fake(monkeypatch)
+    monkeypatch.chdir(FAKE.parent)
+    monkeypatch.setenv("SOFA_ROOT", FAKE.name)
+    assert Path(sofa_engine().sofa.root) == FAKE
+
+
+def test_unknown_engine_and_time(monkeypatch, capsys, tmp_path):
+    write_project(tmp_path / "project")
+    path = str(tmp_path / "project" / "project.yaml")
+    for more, text in (
+        (["--engine", "ansys"], "allowed: softcal, sofa"),
+        (["--engine", "sofa", "--in-time"], "run to rest, not in time"),
+    ):
+        with pytest.raises(SystemExit) as left:
+            main(["simulate", path, "--pull", "front=10mm", "--out", str(tmp_path / "out"), *more])
+        assert left.value.code == 2
+        assert text in capsys.readouterr().err

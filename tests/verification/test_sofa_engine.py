@@ -1,0 +1,178 @@
+"""The exported scene, run to rest as the engine runs it, ends where SOFA and softcal do.
+
+Without SOFA the scene runs in a stand-in that reads the robot back from the recorded components and steps it by SOFA's
+scheme (tests/fake_sofa). Where SOFA_ROOT is set, the last tests run SOFA itself.
+"""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+import pytest
+from mechanics_cases import column_robot, elastic, pulled, shared_json, tensed
+from project_case import write_project
+from sofa_case import beam_robot, many_parts, neck_robot, use_fake
+
+from softcal.calibration.experiment import Experiment
+from softcal.calibration.loss import LikelihoodLoss
+from softcal.calibration.parameters import FreeParameter
+from softcal.calibration.problem import make_problem
+from softcal.calibration.run import calibrate
+from softcal.experiments.dataset import Channel, Dataset
+from softcal.export.sofa_engine import SofaEngine, sofa_engine
+from softcal.project.calibration import calibrate as calibrate_project
+from softcal.project.project import load
+from softcal.twin.protocol import Command, Protocol
+from softcal.twin.simulate import simulate
+
+needs_sofa = pytest.mark.skipif("SOFA_ROOT" not in os.environ, reason="SOFA is not installed: SOFA_ROOT is not set")
+
+
+@pytest.fixture
+def engine(monkeypatch: pytest.MonkeyPatch) -> SofaEngine:
+    use_fake(monkeypatch, mechanics="twin")
+    return sofa_engine()
+
+
+def assert_neck_as_measured(response, rows):
+    assert response.succeeded, response.status
+    for channel, key in {
+        "front.tension": "tension_N",
+        "front.shortening": "shortening_m",
+        "plate.x": "plate_x_m",
+        "plate.z": "plate_z_m",
+    }.items():
+        np.testing.assert_allclose(response.channels[channel], [row[key] for row in rows], rtol=1e-4, err_msg=channel)
+    pitch = [row["pitch_rad"] for row in rows]
+    np.testing.assert_allclose(response.channels["plate.pitch"], pitch, rtol=0, atol=1e-4)
+
+
+def assert_beam_as_measured(engine, data):
+    robot = beam_robot(data)
+    rest = robot.bodies[0].mesh.points
+    tip = rest[:, 0] > 0.1 - 1e-9
+    T = [row["tension_N"] for row in data["static"]]
+    response = engine(robot, tensed(*T, cable="tendon"), snapshots=True)
+    assert response.succeeded, response.status
+    for row, shape in zip(data["static"], response.snapshots[1:], strict=True):
+        moved = (shape.points["beam"] - rest)[tip].mean(axis=0)
+        expected = np.array(row["tip_displacement_m"])
+        assert np.linalg.norm(moved - expected) < 1e-4 * np.linalg.norm(expected)
+    shortening = [row["shortening_m"] for row in data["static"]]
+    np.testing.assert_allclose(response.channels["tendon.shortening"], shortening, rtol=1e-4)
+
+
+def test_neck_by_shortening(engine):
+    data = shared_json("neck-shortening.json")
+    rows = data["rows"]
+    assert_neck_as_measured(engine(neck_robot(data), pulled(*[row["shortening_m"] for row in rows])), rows)
+
+
+@pytest.mark.slow  # its last state needs a shorter time step, which the engine finds
+def test_neck_by_tension(engine):
+    data = shared_json("neck-tension.json")
+    rows = data["rows"]
+    assert_neck_as_measured(engine(neck_robot(data), tensed(*[row["tension_N"] for row in rows])), rows)
+
+
+def test_beam(engine):
+    assert_beam_as_measured(engine, shared_json("beam-cable.json"))
+
+
+def test_many_parts_rest_where_softcal_has_them(engine):
+    """Ties, plates with mass off their reference, one that stands still, loads, weight, markers, cables over all."""
+    robot = many_parts()
+    protocol = Protocol({"through": Command("tension", [0.4, 0.8]), "between": Command("shortening", [0.001, 0.002])})
+    theirs, ours = engine(robot, protocol, snapshots=True), simulate(robot, protocol)
+    assert theirs.succeeded, theirs.status
+    assert ours.succeeded, ours.status
+    for channel, values in ours.channels.items():
+        scale = 0.1 if ours.units[channel] == "m" else 1.0
+        np.testing.assert_allclose(theirs.channels[channel], values, rtol=0, atol=2e-6 * scale, err_msg=channel)
+    assert abs(ours.channels["head.x"][-1]) > 1e-3
+    assert set(theirs.snapshots[0].plates) == {"foot", "head"}
+
+
+def test_slack_and_weight(engine):
+    """A cable that is taut from some pull on, and slack before."""
+    robot = column_robot(
+        parameters=elastic(3e5, 0.4), density=1100.0, mass=0.05, gravity=(2.0, 0.0, -9.81), divisions=(2, 2, 5)
+    )
+    d = np.array([-0.004, 0.0, 0.002, 0.006, 0.012])
+    theirs, ours = engine(robot, pulled(*d)), simulate(robot, pulled(*d), curve_tolerance=0.0)
+    assert theirs.succeeded, theirs.status
+    np.testing.assert_allclose(theirs.channels["front.tension"], ours.channels["front.tension"], atol=1e-5)
+    np.testing.assert_allclose(theirs.channels["plate.pitch"], ours.channels["plate.pitch"], atol=1e-5)
+    assert (ours.channels["front.tension"] == 0.0).any()
+    assert (ours.channels["front.tension"] > 0.0).any()
+    np.testing.assert_allclose(theirs.slopes["front.tension"][-2:], ours.slopes["front.tension"][-2:], rtol=0.05)
+
+
+def test_derivatives_are_the_twins(engine):
+    robot = column_robot(divisions=(1, 1, 4))
+    names = ["neck.youngs_modulus", "neck.poissons_ratio"]
+    theirs = engine(robot, pulled(0.01, 0.02), sensitivities=names)
+    ours = simulate(robot, pulled(0.01, 0.02), sensitivities=names, curve_tolerance=0.0)
+    for name in names:
+        exact = ours.sensitivities["front.tension"][name]
+        np.testing.assert_allclose(theirs.sensitivities["front.tension"][name], exact, rtol=0.03)
+
+
+@pytest.mark.slow
+def test_what_was_published_comes_back(engine):
+    """Tension and pitch of known parameters, fitted through the engine: the same parameters within 0.5 %."""
+    robot = column_robot(parameters=elastic(2.3e6, 0.43), divisions=(2, 2, 6))
+    d = np.linspace(0.004, 0.024, 6)
+    truth = simulate(robot, pulled(*d), curve_tolerance=0.0)
+    names = {"front.shortening": "m", "front.tension": "N", "plate.pitch": "rad"}
+    channels = {name: Channel(truth.channels[name], unit, 1e-4) for name, unit in names.items()}
+    experiment = Experiment("pull", Dataset("pull", channels), drive=("front.shortening",))
+    free = [
+        FreeParameter("neck.youngs_modulus", "Pa", 2e5, 2e7, "log", start=1.5e6),
+        FreeParameter("neck.poissons_ratio", "1", 0.2, 0.48, start=0.35),
+    ]
+    problem = make_problem(robot, [experiment], free, LikelihoodLoss(), simulate=engine)
+    result = calibrate(problem, method="least-squares", starts=1, trials=12)
+    assert result.parameters["neck.youngs_modulus"].value == pytest.approx(2.3e6, rel=5e-3)
+    assert result.parameters["neck.poissons_ratio"].value == pytest.approx(0.43, rel=5e-3)
+
+
+def test_tpe_of_the_project_through_the_engine(monkeypatch, tmp_path):
+    """The papers' pipeline: a few trials, kept as SOFA's, with a failed one among them kept with its reason."""
+    use_fake(monkeypatch, mechanics="spring")
+    project = load(write_project(tmp_path / "project"))
+    found = calibrate_project(project, out=tmp_path / "run", method="tpe", trials=3, engine="sofa")
+    result = found.headline
+    assert result.method == "tpe"
+    assert [trial.state for trial in result.trials] == ["COMPLETE"] * 3
+    assert result.hashes["engine"] == "sofa"
+    with pytest.raises(Exception, match="engine"):
+        calibrate_project(project, out=tmp_path / "run", resume=True, method="tpe", trials=3)
+    use_fake(monkeypatch, fault="nan@150")
+    with pytest.raises(Exception, match="no numbers any more"):
+        calibrate_project(project, out=tmp_path / "failed", method="tpe", trials=1, engine="sofa")
+
+
+@needs_sofa
+def test_sofa_itself_neck():
+    data = shared_json("neck-shortening.json")
+    rows = data["rows"]
+    response = sofa_engine()(neck_robot(data), pulled(*[row["shortening_m"] for row in rows]))
+    assert_neck_as_measured(response, rows)
+
+
+@needs_sofa
+def test_sofa_itself_beam():
+    assert_beam_as_measured(sofa_engine(), shared_json("beam-cable.json"))
+
+
+@needs_sofa
+def test_sofa_itself_many_parts():
+    robot = many_parts()
+    protocol = Protocol({"through": Command("tension", [0.4, 0.8]), "between": Command("shortening", [0.001, 0.002])})
+    theirs, ours = sofa_engine()(robot, protocol), simulate(robot, protocol)
+    assert theirs.succeeded, theirs.status
+    for channel, values in ours.channels.items():
+        scale = 0.1 if ours.units[channel] == "m" else 1.0
+        np.testing.assert_allclose(theirs.channels[channel], values, rtol=0, atol=1e-4 * scale, err_msg=channel)

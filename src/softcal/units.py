@@ -142,6 +142,8 @@ def readable_unit(value: float, si_unit: str) -> str:
             if abs(value) >= 0.999 * unit_factor(unit, "Pa"):
                 return unit
         return "Pa" if abs(value) < 100 else "kPa"
+    if si_unit == "kg" and abs(value) < 0.9995:
+        return "g"
     return {"m": "mm", "rad": "deg"}.get(si_unit, si_unit)
 
 

@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 from report_example import E_NAME, NU_NAME, example_content, tpe_result
 
+from softcal.calibration.outcome import bound_note
 from softcal.calibration.result import CalibrationResult, Estimate, ExperimentFit, Trial
 from softcal.errors import InputError
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.report.all_tables import all_tables
 from softcal.report.content import ExperimentContent, Landscape, PrintInfill, ReportContent
+from softcal.report.html import render_page
 from softcal.report.tables import (
     errors_table,
     grouped_failures,
@@ -115,6 +117,23 @@ def test_a_bound_is_a_warning_with_its_value() -> None:
     at_bound = {E_NAME: Estimate(4e7, "Pa", True, 1e5, 4e7)}
     assert "E stands at its upper bound of 40.00 MPa" in texts(small_content(parameters=at_bound), "warning")
     assert "No parameter stands at a bound" in texts(small_content(), "good")
+
+
+def test_a_bound_is_told_once() -> None:
+    at_bound = {E_NAME: Estimate(4e7, "Pa", True, 1e5, 4e7)}
+    note = bound_note(E_NAME, "Pa", 1e5, 4e7, 4e7)
+    content = small_content(parameters=at_bound, notes=(note, "Another note."))
+    assert "Another note." in texts(content, "note")
+    assert note not in texts(content, "note")
+
+
+def test_several_moduli_are_named_and_have_a_table_of_all() -> None:
+    several = {f"spring{k}.youngs_modulus": Estimate(k * 1e8, "Pa", False, 1e7, 1e10, 1e6) for k in (7, 8)}
+    content = small_content(parameters=several, importance={})
+    assert "E (spring7) = 700.0 ± 1.0 MPa and E (spring8) = 800.0 ± 1.0 MPa" in headline_sentence(content).text
+    assert "spring8.youngs_modulus" in render_page(content, [], all_tables(content))
+    assert "Table I." not in render_page(content, [], all_tables(content))
+    assert "Table I." in render_page(small_content(), [], all_tables(small_content()))
 
 
 def test_identifiability_follows_the_interval_then_the_importance() -> None:

@@ -83,6 +83,11 @@ def test_what_is_shown_reads_back(value, si_unit):
     assert parse_quantity(format_quantity(value, si_unit, digits=12), si_unit) == pytest.approx(value, rel=1e-10)
 
 
+def test_a_small_mass_is_shown_in_grams():
+    assert format_quantity(0.0206, "kg") == "20.6 g"
+    assert format_quantity(1.0, "kg") == "1 kg"
+
+
 @pytest.mark.parametrize(("value", "unit"), [(2.3e6, "MPa"), (990e3, "kPa"), (1e9, "GPa"), (50.0, "Pa"), (0.0, "Pa")])
 def test_a_modulus_is_shown_as_people_read_it(value, unit):
     assert readable_unit(value, "Pa") == unit

@@ -26,16 +26,16 @@ def draw_comparison(found: Comparison) -> Figure:
     n = len(found.states)
     with house_style():
         if n == 1:
-            figure = new_figure(max(4.4, 1.5 + 0.8 * len(found.markers)), 3.2)
+            figure = new_figure(max(6.5, 1.5 + 0.8 * len(found.markers)), 3.2)
             axes = figure.add_subplot()
             _draw_bars(axes, found.nominal[:, 0], found.tuned[:, 0], found.tuned_name)
             axes.set_xticks(range(len(found.markers)), found.markers)
             axes.set_ylabel(f"Distance [{found.unit}{' of length' if found.unit == '%' else ''}]")
-            axes.set_title(" ".join(part for part in (found.experiments[0], found.states[0]) if part))
+            axes.set_title(" ".join(dict.fromkeys(part for part in (found.experiments[0], found.states[0]) if part)))
             axes.legend(loc="upper left")
             axes.margins(y=0.18)
             return figure
-        width = min(max(5.2, 1.2 + 0.42 * n), 11.0)
+        width = min(max(5.2, 1.2 + 0.5 * n), 11.0)
         figure = new_figure(width, 1.2 + 1.45 * len(found.markers))
         stack = figure.subplots(len(found.markers), 1, squeeze=False, sharex=True)[:, 0]
         for row, axes in enumerate(stack):
@@ -62,12 +62,18 @@ def _draw_bars(axes: Axes, nominal: Floats, tuned: Floats, tuned_name: str) -> N
         if len(at) <= _NUMBERED:
             texts = [_short(value) for value in values]
             axes.bar_label(bars, texts, fontsize=7 if len(at) > 8 else 8, padding=1.5, color=INK)
+    for i in np.flatnonzero(~np.isfinite(tuned)):
+        axes.annotate(
+            "not\nseen", (float(i), 0.0), (0, 2), textcoords="offset points", ha="center", fontsize=7, color=MUTED
+        )
     axes.grid(visible=False, axis="x")
 
 
 def _short(value: float) -> str:
     if not np.isfinite(value):
-        return "not seen"
+        return ""
+    if value < 0.095:
+        return f"{value:.1g}"
     return f"{value:.1f}" if value < 9.95 else f"{value:.0f}"
 
 
@@ -87,6 +93,8 @@ def _name_states(axes: Axes, found: Comparison) -> None:
     longest = max(map(len, found.states))
     below = -(0.34 + 0.055 * longest) if crowded else -0.34
     for name, held in groups:
+        if len(held) == 1 and name in found.states[held[0]]:
+            continue
         axes.text(
             float(np.mean(held)), below, name, transform=axes.get_xaxis_transform(), ha="center", va="top",
             fontsize=9, color=INK, fontweight="bold",

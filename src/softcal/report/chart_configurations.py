@@ -17,6 +17,8 @@ from softcal.report.wording import number, parameter_label, scale_of
 if TYPE_CHECKING:
     from softcal.report.content import TwinView
 
+_LONGEST = 30  # letters of parameters above a shape
+
 
 def draw_configurations(compared: Compared) -> ScenePicture:
     """The shapes side by side in one camera; measured markers as balls, a line from each to where the twin has it."""
@@ -55,11 +57,13 @@ def _title(view: Configuration, compared: Compared) -> str:
     else:
         error = f"{number(100 * view.distance / compared.length)} %"
     texts: list[str] = []
-    for name, value in list(view.parameters.items())[:3]:
+    for name, value in view.parameters.items():
         scale = scale_of(compared.units[name], value)
         label = parameter_label(name, compared.units)
         texts.append(f"{label} {value / scale.factor:.4g} {scale.unit}".strip())
-    return f"{view.name}: {error}\n{', '.join(texts)}"
+    n_shown = max(1, sum(len(", ".join(texts[: k + 1])) <= _LONGEST for k in range(len(texts))))
+    shown = ", ".join(texts[:n_shown]) + (", …" if n_shown < len(texts) else "")
+    return f"{view.name}: {error}\n{shown}"
 
 
 def _mean_place(view: TwinView, *, bent: bool) -> np.ndarray:

@@ -60,12 +60,19 @@ def _picture(figure: Figure, name: str, section: Section, caption: str) -> Pictu
 
 
 def _overview(content: ReportContent) -> Iterator[Picture]:
-    from softcal.report.chart_bench import draw_overview, overview_curves
+    from softcal.report.chart_bench import draw_overview
 
     result = content.headline_result
-    if any(overview_curves(content.experiments[name], result) for name in result.experiments):
+    if _has_curves(content):
         caption = f"Measured cable force (points) and the calibrated twin (lines): {result_label(content.headline)}."
         yield _picture(draw_overview(content, result), "overview", "overview", caption)
+
+
+def _has_curves(content: ReportContent) -> bool:
+    from softcal.report.chart_bench import overview_curves
+
+    result = content.headline_result
+    return any(overview_curves(content.experiments[name], result) for name in result.experiments)
 
 
 def _compared(content: ReportContent) -> Iterator[Picture]:
@@ -102,7 +109,8 @@ def _compared(content: ReportContent) -> Iterator[Picture]:
             f"{compared.state}: the twin at chosen values, with the distance of its markers (blue) from where they "
             "were measured (red), root mean square. Colour is the displacement from rest, one scale for all."
         )
-        yield Picture("configurations", "compared", caption, *encode(drawn.figure), "png", drawn.note)
+        section: Section = "compared" if _has_curves(content) else "overview"
+        yield Picture("configurations", section, caption, *encode(drawn.figure), "png", drawn.note)
 
 
 def _twin(content: ReportContent) -> Iterator[Picture]:

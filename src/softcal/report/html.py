@@ -69,8 +69,15 @@ def render_page(content: ReportContent, pictures: Sequence[Picture], tables: Map
         tables=tables,
         provenance={name: provenance_rows(e.prepared) for name, e in content.experiments.items()},
         result_label=result_label,
+        fits_table_1=_fits_table_1(content),
         is_sweep=content.headline_result.is_sweep,
     )
+
+
+def _fits_table_1(content: ReportContent) -> bool:
+    """Whether paper A's Table I holds all that was found of the material: one modulus and one ratio at most."""
+    kinds = [[parameter_name(name).kind for name in result.parameters] for result in content.results.values()]
+    return all(held.count(kind) <= 1 for held in kinds for kind in ("youngs_modulus", "poissons_ratio"))
 
 
 def embedded(picture: Picture) -> str:

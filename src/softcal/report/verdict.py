@@ -32,6 +32,7 @@ _CLOSE, _POOR = 0.03, 0.10
 # An estimate is called identified while its 95 % interval covers less than this share of what was allowed.
 _IDENTIFIED = 0.25
 _DECADE = 10.0
+_BOUND_NOTE = "the bounds of its range, not the data, decide it"  # told as a warning of its own
 # Without a standard error: below this importance a parameter hardly moves the loss.
 _UNIMPORTANT = 0.10
 
@@ -47,7 +48,9 @@ class Sentence:
 def headline_sentence(content: ReportContent) -> Sentence:
     """The whole report in one sentence: the estimates, how close the fit is, and the gravest doubt."""
     result = content.headline_result
-    estimates = joined(f"{parameter_label(n)} = {estimate_text(e)}" for n, e in _material(result))
+    material = _material(result)
+    names = [name for name, _ in material]
+    estimates = joined(f"{parameter_label(n, names)} = {estimate_text(e)}" for n, e in material)
     shares = [share for fit in result.experiments.values() if (share := share_of_peak(fit)) is not None]
     fit = (
         f"the twin follows the measured force within {number(100 * max(shares), 2)} % of its peak (RMS)"
@@ -81,7 +84,7 @@ def verdicts(content: ReportContent) -> list[Sentence]:
         *_agreement(content),
         *_failures(content),
         *_unmeasured_pitch(result),
-        *(Sentence(_sentence(note), "note") for note in result.notes),
+        *(Sentence(_sentence(note), "note") for note in result.notes if _BOUND_NOTE not in note),
         Sentence(f"How the search ended: {_sentence(result.status)}", "note"),
     ]
     return sorted(found, key=lambda sentence: ("warning", "good", "note").index(sentence.tone))

@@ -55,6 +55,8 @@ def placement(position: Sequence[float], turns: Sequence[tuple[Sequence[float], 
         vector = frozen_floats(axis, name="axis", shape=(3,))
         size = float(np.linalg.norm(vector))
         if not size > 0.0:
-            raise MeshError(Fault("the axis of a turn has no direction", got=str(np.asarray(axis).tolist()), allowed="not zero"))
+            raise MeshError(
+                Fault("the axis of a turn has no direction", got=str(np.asarray(axis).tolist()), allowed="not zero")
+            )
         rotation = Rotation.from_rotvec(vector / size * angle).as_matrix() @ rotation
     return Placement(rotation, np.asarray(position, dtype=np.float64))

@@ -32,13 +32,17 @@ def ring_points(
     e3 = frozen_floats(axis, name="axis", shape=(3,))
     size = float(np.linalg.norm(e3))
     if not size > 0.0:
-        raise MeshError(Fault("the axis of a ring has no direction", got=str(np.asarray(axis).tolist()), allowed="not zero"))
+        raise MeshError(
+            Fault("the axis of a ring has no direction", got=str(np.asarray(axis).tolist()), allowed="not zero")
+        )
     e3 = e3 / size
     across = frozen_floats(zero, name="zero", shape=(3,))
     across = across - (across @ e3) * e3
     size = float(np.linalg.norm(across))
     if size < 1e-9:
-        raise MeshError(Fault("the direction of angle zero is along the ring's axis", got=str(np.asarray(zero).tolist())))
+        raise MeshError(
+            Fault("the direction of angle zero is along the ring's axis", got=str(np.asarray(zero).tolist()))
+        )
     e1 = across / size
     e2 = np.cross(e3, e1)
     angle = first_angle + 2.0 * math.pi * np.arange(count) / count

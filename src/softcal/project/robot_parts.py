@@ -187,7 +187,9 @@ def _force(
     direction = np.asarray(load.direction, dtype=np.float64)
     size = float(np.linalg.norm(direction))
     if not size > 0.0:
-        findings.add((*path, "direction"), "the direction has no length", got=str(direction.tolist()), allowed="not zero")
+        findings.add(
+            (*path, "direction"), "the direction has no length", got=str(direction.tolist()), allowed="not zero"
+        )
         return None
     return (load.force or 0.0) * direction / size, direction
 

@@ -1,6 +1,6 @@
 """Render the bench of this example: a manipulator pulled by weights, photographed with markers on it.
 
-    python generate.py                        all images and weights.csv, into bench/: 16 MB in some minutes
+    python generate.py                        all images and weights.csv, into runs/bench/: 16 MB in some minutes
     python generate.py --states cable6_2kgf   the images of this state alone (several with commas; `board`: the board's)
     python generate.py --twin                 first truth-states.csv again, by the finer twin: half a minute
     python generate.py --out DIR              somewhere else
@@ -390,7 +390,7 @@ def write_weights(path: Path, truth: Mapping[str, Any]) -> None:
 def main() -> None:
     """Write the bench."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=HERE / "bench")
+    parser.add_argument("--out", type=Path, default=HERE / "runs" / "bench")
     parser.add_argument("--states", default="")
     parser.add_argument("--twin", action="store_true")
     told = parser.parse_args()

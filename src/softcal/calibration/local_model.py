@@ -38,6 +38,10 @@ _EXPONENTIAL = 0.1
 _LARGEST_POWER = 4.0
 # exp(700) is near the largest double; a model that far off is refused by the trust region in any case.
 _LARGEST_LOG = 500.0
+# A power nearer to 1 is the smooth change of a slope that knows of no ceiling: its coordinate would bend only near it.
+_FELT = 0.5
+# A channel that would change by this factor's logarithm over the range, if its slope held, lies in a layer.
+_STEEP = 3.0
 
 
 # Beyond this multiple of the way to the second point, before and behind, the bend goes on as a straight line.
@@ -89,10 +93,11 @@ class LocalModel:
         self._w, slopes = self._coordinates(here.z)
         by_w = space.jacobian(here.z) / slopes
         channels = [_channel(space, self._powers, by_w, block) for block in here.blocks]
+        self._way = np.zeros(space.size)
         if other is not None:
             w, slopes = self._coordinates(other.z)
-            by_w = space.jacobian(other.z) / slopes
-            channels = [_bent(c, w - self._w, by_w, block) for c, block in zip(channels, other.blocks, strict=True)]
+            self._way, by_w = w - self._w, space.jacobian(other.z) / slopes
+            channels = [_bent(c, self._way, by_w, block) for c, block in zip(channels, other.blocks, strict=True)]
         self._channels = tuple(channels)
         self._share = loss.share(here.blocks)
 
@@ -105,8 +110,21 @@ class LocalModel:
         )
         return math.sqrt(summed) if self._loss.rooted else summed
 
+    def beyond(self, x: Floats) -> float:
+        """How far x is from the line between the two points, over its length: there a bend is measured, here guessed.
+
+        Lengths are those of what changes the channels, each over its size, once the factors are taken out.
+        """
+        moved, _ = self._coordinates(x)
+        metric = sum(c.linear.T @ c.linear / _size(c.block) for c in self._channels)
+        moved, length = moved - self._w, float(self._way @ metric @ self._way)
+        if length <= 0:
+            return math.inf
+        aside = moved - min(max(float(self._way @ metric @ moved) / length, 0.0), 1.0) * self._way
+        return math.sqrt(float(aside @ metric @ aside) / length)
+
     def minimise(self, lower: Floats, upper: Floats, *, max_iterations: int = 60) -> Floats:
-        """The minimiser of the modelled loss in a box that holds z.
+        """The minimiser of the modelled loss in a box, sought from the box's point nearest to z.
 
         Each pass solves the bounded linear least squares that touches the loss from above. For the likelihood that is
         Gauss-Newton; for a sum of RMSEs it is reweighting, which ends at the minimiser of the sum itself and not of
@@ -114,7 +132,8 @@ class LocalModel:
         """
         from scipy.optimize import lsq_linear
 
-        x, value = self._z.copy(), self.loss(self._z)
+        x = np.clip(self._z, lower, upper)
+        value = self.loss(x)
         for _ in range(max_iterations):
             matrix, right = self._squares(x)
             room = np.minimum(lower - x, -1e-300), np.maximum(upper - x, 1e-300)
@@ -193,7 +212,17 @@ def ceiling_powers(space: SearchSpace, one: Point, other: Point) -> Floats:
         felt = max(slopes, key=lambda pair: min(abs(pair[0]), abs(pair[1])), default=(0.0, 0.0))
         if felt[0] * felt[1] > 0:
             power = 1 + math.log(felt[0] / felt[1]) / math.log(e_one / e_other)
-            powers[j] = min(max(power, -1.0), 1.0)
+            powers[j] = max(power, -1.0) if power < _FELT else 1.0
+    return powers
+
+
+def layer_powers(space: SearchSpace, here: Point) -> Floats:
+    """0 (a power law of ceiling - theta) where a channel's slope cannot hold over a parameter's range, else NaN."""
+    powers = np.full(space.size, np.nan)
+    for j, p in enumerate(space.parameters):
+        slopes = [abs(_relative_slope(block, j)) for block in here.blocks if block.experiment]
+        if math.isfinite(p.ceiling) and max(slopes, default=0.0) * (p.upper - p.lower) > _STEEP:
+            powers[j] = 0.0
     return powers
 
 
@@ -204,6 +233,10 @@ def _relative_slope(block: Block, j: int) -> float:
     predicted = block.measured + block.residual
     size = float(predicted @ predicted)
     return float(predicted @ block.jacobian[:, j]) / size if size > 0 else 0.0
+
+
+def _size(block: Block) -> float:
+    return max(float(block.measured @ block.measured), 1e-300)
 
 
 def _channel(space: SearchSpace, powers: Floats, by_theta: Floats, block: Block) -> _Channel:

@@ -82,7 +82,9 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
         the linear solver's threads (cores over workers) round differently; `tpe` asks for as many points
         at once as there are workers, so its course depends on their number (a resumed run keeps its first).
     starts
-        Local searches of "least-squares": the first from the parameters' start, the others from a Latin hypercube.
+        Local searches of "least-squares": the first from the parameters' start, the others from a Latin hypercube, in
+        case the first ends in a minimum that is not the lowest. Each costs one trajectory where it sees no minimum
+        that is lower by a hundredth, and none where the first has met the measurements exactly.
     hold_out
         Experiments that are not fitted but predicted afterwards; see `softcal.calibration.hold_out`.
     store

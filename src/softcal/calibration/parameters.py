@@ -15,7 +15,6 @@ from softcal.errors import Fault, ParameterError
 from softcal.twin.parameters import ParameterInfo, unknown_name
 
 Scale = Literal["linear", "log"]
-_AT_BOUND = 1e-12  # share of the range
 
 
 @dataclass(frozen=True)
@@ -302,11 +301,10 @@ def _limit_faults(parameter: FreeParameter, info: ParameterInfo) -> list[Fault]:
 
 
 def _to_model(parameter: FreeParameter, z: float) -> float:
-    # The bounds themselves are hit exactly: exp(log(x)) may step over them by one unit in the last place, and a search
-    # that ends at a bound may end beside it by less than matters.
-    if z <= _AT_BOUND:
+    # The bounds themselves are hit exactly: exp(log(x)) may step over them by one unit in the last place.
+    if z <= 0:
         return parameter.lower
-    if z >= 1 - _AT_BOUND:
+    if z >= 1:
         return parameter.upper
     if parameter.scale == "log":
         return parameter.lower * math.exp(z * math.log(parameter.upper / parameter.lower))

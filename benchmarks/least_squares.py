@@ -29,14 +29,13 @@ def measure(quick: bool) -> Section:
     rows: list[list[str]] = []
     one: list[int] = []
     default: list[int] = []
-    for element, noise in (("P1", True), ("P1", False), ("P2P1", True)):
+    for element, noise in (("P1", True), ("P1", False), ("P2P1", True), ("P2P1", False)):
         robot = standard_robot(element)
         data = f"{element} twin, {'with noise' if noise else 'no noise'}"
-        for start in [MIDDLE, *(corners if element == "P1" else corners[:1])][: 2 if quick else None]:
+        for start in [MIDDLE, *corners][: 2 if quick else None]:
             problem = known_problem(robot, noise=noise, start=start)
             one.append(_calibrated(problem, data, start, 1, rows))
-            if start == MIDDLE:
-                default.append(_calibrated(problem, data, start, DEFAULT_STARTS, rows))
+            default.append(_calibrated(problem, data, start, DEFAULT_STARTS, rows))
     example = load(EXAMPLE)
     joint = make_problem(example)
     problems = {e.name: joint.alone(e.name) for e in joint.experiments[: 1 if quick else None]} | {"jointly": joint}

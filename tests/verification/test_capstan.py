@@ -103,6 +103,21 @@ def test_sensitivity_to_friction_is_the_difference(drive, monkeypatch):
             )
 
 
+@pytest.mark.parametrize("drive", [pulled, tensed])
+def test_sensitivity_to_friction_is_exact_where_there_is_none_yet(drive):
+    """At a coefficient of zero, by the one-sided difference of second order: a search must not be held there."""
+    robot, name, h = robot_over_a_drum(0.0, 5), "front.friction_coefficient", 1e-3
+    command = drive(0.01) if drive is pulled else drive(1.0)
+    exact = simulate(robot, command, sensitivities=(name,), curve_tolerance=0.0)
+    at = [simulate(with_parameters(robot, {name: k * h}), command, curve_tolerance=0.0).channels for k in range(3)]
+    for channel in ("front.shortening" if drive is tensed else "front.tension", "plate.x"):
+        difference = (-3.0 * at[0][channel] + 4.0 * at[1][channel] - at[2][channel]) / (2.0 * h)
+        scale = np.abs(at[0][channel])
+        assert np.abs(exact.sensitivities[channel][name] - difference) < 1e-4 * scale
+        if channel != "plate.x":
+            assert np.abs(difference) > 0.1 * scale
+
+
 def test_tangent_with_friction_is_the_jacobian():
     """Via points on the plate and in the body that friction pulls along; the tangent is not symmetric then."""
     via = (

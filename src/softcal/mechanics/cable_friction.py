@@ -32,14 +32,17 @@ class Loss:
     mu: Floats  # (n_vias,)
 
 
-def friction_loss(term: CableTerm, x: Floats, mu: Floats) -> Loss:
-    """The losses at positions x (n_points, 3) with friction coefficients mu (n_cables,)."""
+def friction_loss(term: CableTerm, x: Floats, mu: Floats, *, by_all: bool = False) -> Loss:
+    """The losses at positions x (n_points, 3) with friction coefficients mu (n_cables,).
+
+    by_all: `by_mu` of every cable, also where mu is zero; what has no friction is left out otherwise.
+    """
     n = len(term.cable)
     factor, by_mu = np.ones(n), np.zeros(n)
     vias: list[tuple[int, int, Ints]] = []
     turn: list[tuple[Floats, Floats]] = []
     mu_of: list[float] = []
-    rough = np.flatnonzero(mu > 0.0)
+    rough = np.flatnonzero((mu > 0.0) | by_all)
     v = term.vectors(x) if len(rough) else np.zeros((0, 3))
     for c in rough:
         segments = np.flatnonzero(term.cable == c)
@@ -52,6 +55,8 @@ def friction_loss(term: CableTerm, x: Floats, mu: Floats) -> Loss:
             angle += phi
             factor[far] = np.exp(-mu[c] * angle)
             by_mu[far] = -angle * factor[far]
+            if mu[c] == 0.0:
+                continue
             vias.append((near, far, segments[i:]))
             turn.append((d_near, d_far))
             mu_of.append(float(mu[c]))

@@ -223,7 +223,7 @@ class System:
         for name, unit in self.loads.per_unit.items():
             if name in full:
                 full[name][: 3 * layout.n_points] -= unit.ravel()
-        loss = friction_loss(self.cables, state.x, self._friction(theta))
+        loss = friction_loss(self.cables, state.x, self._friction(theta), by_all=True)
         for i, cable in enumerate(self.cables.names):
             name = f"{cable}.friction_coefficient"
             if name in full:

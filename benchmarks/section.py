@@ -44,8 +44,10 @@ class Section:
         return cls(**held)
 
     def markdown(self) -> str:
-        """Heading, table, notes."""
-        lines = [f"## {self.title}", "", *table(self.header, self.rows), ""]
+        """Heading, table where anything was measured, notes."""
+        lines = [f"## {self.title}", ""]
+        if self.rows:
+            lines += [*table(self.header, self.rows), ""]
         for note in self.notes:
             lines += [note, ""]
         return "\n".join(lines)

@@ -28,6 +28,10 @@ def test_a_section_survives_its_json():
     assert section.markdown() == "## Title\n\n| a | b |\n| --- | --- |\n| 1 | 2 |\n\nnote\n"
 
 
+def test_a_section_that_measured_nothing_says_why_and_has_no_table():
+    assert Section("Title", ["a"], [], notes=["Not measured."]).markdown() == "## Title\n\nNot measured.\n"
+
+
 def test_interleaved_calls_all_in_turn_and_times_each():
     calls: list[str] = []
     times = interleaved(

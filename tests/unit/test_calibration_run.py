@@ -26,6 +26,7 @@ from fake_twin import (
     soft_necks_fail,
 )
 
+from softcal.calibration import outcome
 from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import Problem, Simulate, make_problem
 from softcal.calibration.result import CalibrationResult
@@ -72,7 +73,7 @@ class Stop:
         self.at = at
 
     def __call__(self, progress: Progress) -> None:
-        if progress.done == self.at:
+        if progress.done == self.at and not progress.stage:
             raise KeyboardInterrupt
 
 
@@ -159,7 +160,10 @@ def test_stopped_and_resumed_it_is_as_if_it_had_never_stopped(
     database.close()
     seen: list[int] = []
     resumed = calibrate(
-        problem_of(soft_necks_fail), **options, resume=True, progress=lambda progress: seen.append(progress.done)
+        problem_of(soft_necks_fail),
+        **options,
+        resume=True,
+        progress=lambda progress: None if progress.stage else seen.append(progress.done),
     )
     same(whole, resumed)
     same(whole, load_result(tmp_path / "run"))
@@ -230,13 +234,34 @@ def test_when_every_trial_fails_there_is_no_result_but_a_sentence(method: Method
 
 def test_progress_tells_the_best_so_far() -> None:
     seen: list[Progress] = []
-    result = calibrate(problem_of(soft_necks_fail), method="tpe", trials=20, progress=seen.append)
+    result = calibrate(
+        problem_of(soft_necks_fail),
+        method="tpe",
+        trials=20,
+        progress=lambda state: None if state.stage else seen.append(state),
+    )
     assert [p.done for p in seen] == list(range(1, 21))
     assert {p.total for p in seen} == {20}
     losses = [p.best_loss for p in seen if p.best_loss is not None]
     assert losses == sorted(losses, reverse=True)
     assert seen[-1].best_loss == result.loss
     assert seen[-1].failed == result.n_failed_trials
+
+
+def test_what_follows_the_search_is_told_before_it_begins(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[Progress] = []
+    before_fanova: list[Progress] = []
+
+    def watched(*arguments: object) -> dict[str, float]:
+        before_fanova.append(seen[-1])
+        return {}
+
+    monkeypatch.setattr(outcome, "fanova_importance", watched)
+    calibrate(problem_of(), method="tpe", trials=5, hold_out=["40mm"], progress=seen.append)
+    (last,) = before_fanova
+    assert (last.stage, last.done, last.total) == ("importances (fANOVA) from 5 trials", 5, 5)
+    assert seen[-1].stage == "prediction of 40mm"
+    assert not any(state.stage for state in seen[:5])
 
 
 @pytest.mark.parametrize(

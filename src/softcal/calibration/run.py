@@ -32,13 +32,17 @@ DEFAULT_TRIALS: Mapping[Method, int] = {"least-squares": 40, "tpe": 1000, "grid"
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a calibration is: trials done and in all (at most), failed ones, and the best so far (None before it)."""
+    """How far a calibration is: trials done and in all (at most), failed ones, and the best so far (None before it).
+
+    stage: what is computed now, where that is no trial: what follows the search and takes long.
+    """
 
     done: int
     total: int
     failed: int
     best_loss: float | None
     best_theta: Mapping[str, float] | None
+    stage: str = ""
 
 
 Observer = Callable[[Progress], None]
@@ -94,7 +98,7 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
     hashes, files
         What else identifies the run (a resume with another is refused), and texts to keep with it.
     progress
-        Called after every trial.
+        Called after every trial, and before what follows the search and takes long (its `stage` says what that is).
 
     Raises
     ------
@@ -136,8 +140,12 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
             raise CalibrationError(_no_result(tally, stopped))
         status = _stopped_status(tally, optimiser) if stopped else optimiser.status
         account = Account(settings, status, tally.n_solves, tally.elapsed(), identity)
+        if progress is not None and method != "least-squares":
+            progress(_progress(tally, optimiser, f"importances (fANOVA) from {len(tally.trials)} trials"))
         result = conclude(problem, tally.best, tuple(tally.trials), account)
         if hold_out:
+            if progress is not None:
+                progress(_progress(tally, optimiser, f"prediction of {', '.join(hold_out)}"))
             theta = {name: estimate.value for name, estimate in result.parameters.items()}
             held_out, notes = predicted(whole, theta, hold_out)
             result = replace(result, held_out=held_out, notes=(*result.notes, *notes))
@@ -252,19 +260,22 @@ def _search(optimiser: Optimiser, evaluator: Evaluator, tally: _Tally, progress:
                 tally.note(proposal.number, evaluation, jacobian=optimiser.needs_jacobian)
                 optimiser.tell(proposal, evaluation)
                 if progress is not None:
-                    best = tally.best
-                    progress(
-                        Progress(
-                            len(tally.trials),
-                            optimiser.total,
-                            tally.n_failed,
-                            None if best is None else best.loss,
-                            None if best is None else best.theta,
-                        )
-                    )
+                    progress(_progress(tally, optimiser))
     except KeyboardInterrupt:
         return True
     return False
+
+
+def _progress(tally: _Tally, optimiser: Optimiser, stage: str = "") -> Progress:
+    best = tally.best
+    return Progress(
+        len(tally.trials),
+        optimiser.total,
+        tally.n_failed,
+        None if best is None else best.loss,
+        None if best is None else best.theta,
+        stage,
+    )
 
 
 def _open(

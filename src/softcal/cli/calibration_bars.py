@@ -4,31 +4,33 @@ from __future__ import annotations
 
 
 class CalibrationBars:
-    """A progress bar for each calibration, with the best loss so far."""
+    """A progress bar for each calibration, with the best loss so far, and one for what follows a search."""
 
     def __init__(self) -> None:
         from rich.console import Console
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
         self._progress = Progress(
             TextColumn("{task.description}"),
             BarColumn(),
-            MofNCompleteColumn(),
+            TextColumn("{task.fields[count]}"),
             TextColumn("{task.fields[best]}"),
             TimeElapsedColumn(),
             console=Console(stderr=True),
         )
         self._tasks: dict[str, object] = {}
+        self._stage: object = None
 
     def __enter__(self) -> CalibrationBars:
         return self
 
     def __exit__(self, *exception: object) -> None:
+        self._end_stage()
         if self._tasks:
             self._progress.stop()
 
     def show(self, label: str, state: object) -> None:
-        """Move the bar of a calibration."""
+        """Move the bar of a calibration, or begin that of a stage, of which only the time is known."""
         from rich.progress import TaskID
 
         from softcal.calibration.run import Progress
@@ -36,9 +38,24 @@ class CalibrationBars:
         if not isinstance(state, Progress):
             raise TypeError(type(state))
         self._progress.start()
+        self._end_stage()
         if label not in self._tasks:
-            self._tasks[label] = self._progress.add_task(label, total=state.total, best="")
+            self._tasks[label] = self._progress.add_task(label, total=state.total, count="", best="")
         best = "" if state.best_loss is None else f"best loss {state.best_loss:.6g}"
         failed = f", {state.failed} failed" if state.failed else ""
-        task = self._tasks[label]
-        self._progress.update(TaskID(int(str(task))), completed=state.done, total=state.total, best=best + failed)
+        self._progress.update(
+            TaskID(int(str(self._tasks[label]))),
+            completed=state.done,
+            total=state.total,
+            count=f"{state.done}/{state.total}",
+            best=best + failed,
+        )
+        if state.stage:
+            self._stage = self._progress.add_task(f"{label}: {state.stage}", total=None, count="", best="")
+
+    def _end_stage(self) -> None:
+        from rich.progress import TaskID
+
+        if self._stage is not None:
+            self._progress.update(TaskID(int(str(self._stage))), total=1, completed=1)
+            self._stage = None

@@ -29,7 +29,7 @@ from softcal.twin.parameters import robot_parameters, with_parameters
 
 JOINT = "joint"
 
-# Told after every trial: the label of the calibration, and how far it is.
+# Told after every trial, and of every stage after them: the label of the calibration, and how far it is.
 Observer = Callable[[str, Progress], None]
 
 
@@ -81,7 +81,7 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
     engine
         What computes the twin: "softcal" or "sofa".
     progress
-        Called after every trial with the calibration's label and its progress.
+        Called after every trial, and before what takes long after them, with the calibration's label and its progress.
 
     Raises
     ------

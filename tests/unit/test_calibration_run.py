@@ -8,9 +8,8 @@ import signal
 import sqlite3
 import subprocess
 import sys
-import time
+import threading
 from collections.abc import Sequence
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -288,48 +287,51 @@ def test_to_resume_there_must_be_a_folder_with_a_run(tmp_path: Path) -> None:
 
 
 _SLOW_SCRIPT = """
-import sys, time
+import os, sys, time
 sys.path[:0] = {path!r}
 from pathlib import Path
 from fake_twin import fake_simulate
 from test_calibration_run import problem_of
 from softcal.calibration.run import calibrate
 
+AT_WORK = Path({at_work!r})  # holds a file for each worker that has started
+
 def slow(robot, protocol, **options):
+    (AT_WORK / str(os.getpid())).touch()
     time.sleep(0.05)
     return fake_simulate(robot, protocol, **options)
 
+def tell(progress):
+    if progress.done >= 5 and len(os.listdir(AT_WORK)) == 2:
+        print("going on", flush=True)
+
 if __name__ == "__main__":
-    print(calibrate(problem_of(slow), method="grid", trials=2500, workers=2, store=Path({folder!r})).status)
+    run = Path({folder!r})
+    print(calibrate(problem_of(slow), method="grid", trials=2500, workers=2, store=run, progress=tell).status)
 """
-
-
-def _n_kept(folder: Path) -> int:
-    """Trials in the store of a run that is going on."""
-    try:
-        with closing(sqlite3.connect(f"file:{folder / 'trials.sqlite'}?mode=ro", uri=True)) as store:
-            return store.execute("SELECT COUNT(*) FROM trials").fetchone()[0]
-    except sqlite3.Error:
-        return 0
 
 
 def test_a_real_ctrl_c_ends_the_workers_and_keeps_every_trial(tmp_path: Path) -> None:
     here = Path(__file__).parent
-    script = tmp_path / "slow.py"
-    folder = tmp_path / "run"
-    script.write_text(_SLOW_SCRIPT.format(path=[str(here), str(here.parent)], folder=str(folder)))
+    script, folder, at_work = tmp_path / "slow.py", tmp_path / "run", tmp_path / "at_work"
+    at_work.mkdir()
+    script.write_text(_SLOW_SCRIPT.format(path=[str(here), str(here.parent)], folder=str(folder), at_work=str(at_work)))
     process = subprocess.Popen(
         [sys.executable, str(script)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
+    # Ends the waiting below, whatever is wrong: with the processes their pipes are closed.
+    watchdog = threading.Timer(120, os.killpg, (process.pid, signal.SIGKILL))
+    watchdog.start()
     try:
-        deadline = time.monotonic() + 25
-        while time.monotonic() < deadline and process.poll() is None and _n_kept(folder) < 5:
-            time.sleep(0.05)
+        first_line = process.stdout.readline()
         # To the whole group, as a terminal does.
         os.killpg(process.pid, signal.SIGINT)
-        out, error = process.communicate(timeout=60)
+        out, error = process.communicate()
     finally:
-        process.kill()
+        watchdog.cancel()
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+    assert first_line == "going on\n", error
     assert "Stopped by the user after" in out, error
     assert "Traceback" not in error
     kept = load_result(folder)

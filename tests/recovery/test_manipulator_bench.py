@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import csv
-import importlib.util
 import re
-import sys
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
+from example_script import example_script
 
 from softcal.calibration.result import CalibrationResult
 from softcal.errors import ParameterError
@@ -28,13 +27,7 @@ SPRINGS = [f"spring{k}" for k in (1, 2, 3, 4)]
 
 @pytest.fixture(scope="module")
 def generator() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("manipulator_generate", EXAMPLE / "generate.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    return module
+    return example_script(EXAMPLE / "generate.py")
 
 
 @pytest.fixture(scope="module")

@@ -7,10 +7,8 @@ asked for with them counted within 1 %; without the mesh counted, within the 12 
 
 from __future__ import annotations
 
-import importlib.util
 import math
 import re
-import sys
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -18,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from example_script import example_script
 
 from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.problem import Problem
@@ -38,13 +37,7 @@ MESH_AT_MOST = 0.12  # share by which the project's mesh is stiffer than the fin
 
 @pytest.fixture(scope="module")
 def generator() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("neck_bench_generate", EXAMPLE / "generate.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    return module
+    return example_script(EXAMPLE / "generate.py")
 
 
 @pytest.fixture(scope="module")

@@ -6,15 +6,13 @@ calibrated with from its file.
 
 from __future__ import annotations
 
-import importlib.util
 import re
 import shutil
-import sys
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
+from example_script import example_script
 from scipy.spatial.transform import Rotation
 
 from softcal.project.calibration import calibrate
@@ -27,16 +25,6 @@ README = (EXAMPLE / "README.md").read_text(encoding="utf-8")
 E = "beam.youngs_modulus"
 LOADS = ("gravity", "load52", "load101")
 PUBLISHED = (263.824e3, 283.118e3)  # [Pa]
-
-
-def script(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(f"beam_{name}", EXAMPLE / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.fixture(scope="module")
@@ -123,7 +111,7 @@ def test_the_readme_tells_these_numbers(found, predictions):
 
 
 def test_the_readme_tells_what_varies():
-    vary = script("vary")
+    vary = example_script(EXAMPLE / "vary.py")
     shown = dict(
         re.findall(r"^\| (.+?) \| ([\d.]+)(?:, its bound)? \|", README.partition("## What the modulus")[2], re.M)
     )
@@ -135,7 +123,7 @@ def test_the_readme_tells_what_varies():
 
 
 def test_the_shipped_table_is_what_the_files_give(beam_data, tmp_path):
-    derive = script("derive")
+    derive = example_script(EXAMPLE / "derive.py")
     derive.write_positions(beam_data, tmp_path / "positions.csv")
     shipped = (EXAMPLE / "positions.csv").read_text(encoding="utf-8")
     assert (tmp_path / "positions.csv").read_text(encoding="utf-8") == shipped

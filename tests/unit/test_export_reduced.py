@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 import itertools
 import json
 import math
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from typer.testing import CliRunner
 
 from softcal.cli import app
 from softcal.errors import ParameterError, SimulationError
+from softcal.export import reduced_model
 from softcal.export.reduced import Reach, _quaternions, measured_error, reduced, write_reduced
 from softcal.export.reduced_model import ReducedModel
 from softcal.twin.protocol import Command, Protocol
@@ -111,6 +114,12 @@ def test_the_evaluator_needs_no_package(tmp_path):
     assert json.loads(done.stdout) == read.state({"front": 1.25, "left": 0.5})
     stated = model.error["plate.position"].largest
     assert f"plate.position: at most {stated:.2g} m" in (tmp_path / "README.txt").read_text()
+
+
+def test_the_evaluator_is_fifty_lines_that_old_pythons_read():
+    text = Path(reduced_model.__file__).read_text()
+    assert len(text.splitlines()) <= 50
+    ast.parse(text, feature_version=(3, 8))
 
 
 @pytest.mark.parametrize(

@@ -94,7 +94,7 @@ def reduced(robot: Robot, reaches: Mapping[str, Reach], samples: int, *, held_ou
     _align_quaternions(table, len(_moving(robot)))
     model: dict[str, Any] = {
         "format": "softcal-reduced",
-        "version": 1,
+        "version": 2,
         "units": "m, N, rad; quaternions (x, y, z, w) of the rotation from rest",
         "cables": cables,
         "axes": [axis.tolist() for axis in axes],
@@ -137,7 +137,8 @@ def write_reduced(model: Reduced, folder: Path) -> list[Path]:
         f"{EVALUATOR} needs Python's standard library alone:\n"
         "  from reduced_model import ReducedModel\n"
         f'  state = ReducedModel("{MODEL}").state({{"{first}": {0.5 * model.model["axes"][0][-1]:.3g}}})\n'
-        "It refuses tensions outside the model.\n\n"
+        "Its compliance has the rows that it names: .x .y .z and shortenings in m/N, .rx .ry .rz in rad/N, small\n"
+        "rotations about the world's axes. It refuses tensions outside the model.\n\n"
         f"Error against the twin, {model.model['error']['measured at']}:\n{lines}\n",
         encoding="utf-8",
     )
@@ -333,7 +334,7 @@ def _align_quaternions(table: Floats, n_plates: int) -> None:
 
 
 def _with_mixed(table: Floats, axes: Sequence[Floats]) -> Floats:
-    """Every derivative that a node needs (n_nodes, 2^n_cables, n_channels), bit k of the second standing for cable k.
+    """Values and every derivative that a node needs: (n_nodes, 2) for each cable in turn, then n_channels.
 
     The twin has the first derivatives; a mixed one is the mean of splines through those one lower, along each cable.
     """
@@ -346,7 +347,9 @@ def _with_mixed(table: Floats, axes: Sequence[Floats]) -> Floats:
         else:
             along = [CubicSpline(axes[k], known[bits ^ 1 << k], axis=k).derivative()(axes[k]) for k in own]
             known.append(np.mean(along, axis=0))
-    return np.stack(known, axis=-2).reshape(-1, 2**n, table.shape[-1])
+    # Of the bits by which `known` is counted, that of the last cable comes first.
+    apart = np.stack(known, axis=-2).reshape(*table.shape[:n], *[2] * n, table.shape[-1])
+    return apart.transpose([*(axis for k in range(n) for axis in (k, 2 * n - 1 - k)), 2 * n])
 
 
 def _compliance(table: Floats, n_plates: int) -> Floats:

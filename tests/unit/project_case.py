@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from project_text import changed
 
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.write import write_mesh
@@ -59,10 +60,7 @@ print: {bulk_youngs_modulus: [8 MPa, 12 MPa], infill: 0.3, exponent: [1.2, 1.6]}
 
 def write_project(folder: Path, *changes: tuple[str, str], data: str | None = None, mesh: bytes | None = None) -> Path:
     """Write the project with texts of it replaced; every text must be there."""
-    text = PROJECT
-    for old, new in changes:
-        assert old in text, f"'{old}' is not in the project"
-        text = text.replace(old, new)
+    text = changed(PROJECT, changes)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "data").mkdir(exist_ok=True)
     (folder / "data" / "pull.csv").write_text(bench_csv() if data is None else data, encoding="utf-8")

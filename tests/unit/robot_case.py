@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from project_text import changed
+
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.write import write_mesh
 
@@ -90,9 +92,7 @@ robot:
 
 def write_robot(folder: Path, *changes: tuple[str, str], text: str = ROBOT) -> Path:
     """Write a project with texts of it replaced; every text must be there."""
-    for old, new in changes:
-        assert old in text, f"'{old}' is not in the project"
-        text = text.replace(old, new)
+    text = changed(text, changes)
     folder.mkdir(parents=True, exist_ok=True)
     write_mesh(box_mesh([20.0, 20.0, 40.0], [2, 2, 3], origin=[-10.0, -10.0, 0.0]), folder / "bar.msh")
     path = folder / "project.yaml"

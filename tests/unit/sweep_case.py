@@ -8,6 +8,7 @@ import io
 from pathlib import Path
 
 import numpy as np
+from project_text import changed
 
 from softcal.twin.manipulator import ManipulatorShape, manipulator
 from softcal.twin.protocol import Command, Protocol
@@ -76,10 +77,7 @@ def robot(modulus: float = MODULUS, ratio: float = RATIO) -> Robot:
 
 def write_sweep(folder: Path, *changes: tuple[str, str]) -> Path:
     """Write the project with texts of it replaced; every text must be there."""
-    text = PROJECT
-    for old, new in changes:
-        assert old in text, f"'{old}' is not in the project"
-        text = text.replace(old, new)
+    text = changed(PROJECT, changes)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "places.csv").write_text(table(), encoding="utf-8")
     path = folder / "project.yaml"

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from project_text import changed
 from typer.testing import CliRunner
 
 from softcal.calibration.frame import rotation
@@ -101,10 +102,7 @@ def tables() -> tuple[str, str]:
 
 
 def write(folder: Path, *changes: tuple[str, str]) -> Path:
-    text = ROBOT + EXPERIMENTS + PARAMETERS
-    for old, new in changes:
-        assert old in text, old
-        text = text.replace(old, new)
+    text = changed(ROBOT + EXPERIMENTS + PARAMETERS, changes)
     folder.mkdir(exist_ok=True)
     for name, table in zip(("loads.csv", "markers.csv"), tables(), strict=True):
         (folder / name).write_text(table)

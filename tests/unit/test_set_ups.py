@@ -84,39 +84,21 @@ def test_a_parameter_of_the_robot_may_be_a_set_ups_own_but_not_of_what_is_held_o
         calibrate(posed, starts=1, trials=2, hold_out=["cable2"])
 
 
-TWO = """\
-  pull:
-    set_up: monday
-    cable: front
-    plate: plate
-    files: &files
-      - path: data/pull.csv
-        columns:
-          time: {name: Time}
-          shortening: {name: Displacement, unit: mm}
-          tension: {name: Force, unit: N}
-          pitch: {name: Pitch, unit: deg}
-  again:
-    set_up: monday
-    cable: front
-    plate: plate
-    files: *files
-parameters:
-  bar.youngs_modulus: {bounds: [0.1 MPa, 40 MPa], scale: log}
-  front.slack: {bounds: [0 mm, 5 mm], per: set_up}
-calibration: {method: least-squares, starts: 1, trials: 4}
-"""
+SET_UPS = (
+    ("    cable: front\n", "    set_up: monday\n    cable: front\n"),
+    ("    files:\n", "    files: &files\n"),
+    (
+        "    noise: {tension: 0.05 N, pitch: 0.2 deg}\n",
+        "  again:\n    set_up: monday\n    cable: front\n    plate: plate\n    files: *files\n",
+    ),
+    ("per: experiment", "per: set_up"),
+    ("starts: 1}", "starts: 1, trials: 4}"),
+)
 
 
 def project(folder, *changes):
-    path = write_project(folder)
-    head = path.read_text().partition("experiments:\n")[0]
-    text = head + "experiments:\n" + TWO
-    for old, new in changes:
-        assert old in text
-        text = text.replace(old, new)
-    path.write_text(text)
-    return path
+    """The project with its experiment twice, both in one set-up."""
+    return write_project(folder, *SET_UPS, *changes)
 
 
 def test_a_project_says_set_ups_and_takes_their_values_back(tmp_path):

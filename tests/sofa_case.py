@@ -18,6 +18,7 @@ from softcal.export.sofa_scene import scene_parameters, write_scene
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.read import read_mesh
 from softcal.twin.protocol import Protocol
+from softcal.twin.response import Response, Snapshot
 from softcal.twin.robot import Body, Cable, Disc, Marker, Plate, PointLoad, Robot, SurfaceLoad, Tie, ViaPoint
 
 FAKE = Path(__file__).parent / "fake_sofa"
@@ -52,6 +53,34 @@ def beam_robot(data: dict) -> Robot:
     inside = [ViaPoint(np.array(at), "beam") for at in data["cable"]["via_points_m"]]
     pull = ViaPoint(np.array(data["cable"]["pull_point_m"], dtype=float))
     return Robot((body,), (), (Cable("tendon", (*reversed(inside), pull)),))
+
+
+def assert_neck_as_measured(response: Response, rows: list[dict]) -> None:
+    """The neck's states are those that SOFA had: rows of neck-shortening.json or neck-tension.json."""
+    assert response.succeeded, response.status
+    for channel, key in {
+        "front.tension": "tension_N",
+        "front.shortening": "shortening_m",
+        "plate.x": "plate_x_m",
+        "plate.z": "plate_z_m",
+    }.items():
+        np.testing.assert_allclose(response.channels[channel], [row[key] for row in rows], rtol=1e-4, err_msg=channel)
+    pitch = [row["pitch_rad"] for row in rows]
+    np.testing.assert_allclose(response.channels["plate.pitch"], pitch, rtol=0, atol=1e-4)
+
+
+def beam_tip(robot: Robot) -> np.ndarray:
+    """Which nodes of the beam are at its free end."""
+    tip = robot.bodies[0].mesh.points[:, 0] > 0.1 - 1e-9
+    assert tip.any()
+    return tip
+
+
+def assert_tip_as_measured(robot: Robot, shape: Snapshot, row: dict) -> None:
+    """The beam's tip has moved as in SOFA: a row of beam-cable.json."""
+    moved = (shape.points["beam"] - robot.bodies[0].mesh.points)[beam_tip(robot)].mean(axis=0)
+    expected = np.array(row["tip_displacement_m"])
+    assert np.linalg.norm(moved - expected) < 1e-4 * np.linalg.norm(expected)
 
 
 def many_parts() -> Robot:

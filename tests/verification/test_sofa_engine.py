@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from mechanics_cases import column_robot, elastic, pulled, shared_json, tensed
 from project_case import write_project
-from sofa_case import beam_robot, many_parts, neck_robot, use_fake
+from sofa_case import assert_neck_as_measured, assert_tip_as_measured, beam_robot, many_parts, neck_robot, use_fake
 
 from softcal.calibration.experiment import Experiment
 from softcal.calibration.loss import LikelihoodLoss
@@ -35,32 +35,28 @@ def engine(monkeypatch: pytest.MonkeyPatch) -> SofaEngine:
     return sofa_engine()
 
 
-def assert_neck_as_measured(response, rows):
-    assert response.succeeded, response.status
-    for channel, key in {
-        "front.tension": "tension_N",
-        "front.shortening": "shortening_m",
-        "plate.x": "plate_x_m",
-        "plate.z": "plate_z_m",
-    }.items():
-        np.testing.assert_allclose(response.channels[channel], [row[key] for row in rows], rtol=1e-4, err_msg=channel)
-    pitch = [row["pitch_rad"] for row in rows]
-    np.testing.assert_allclose(response.channels["plate.pitch"], pitch, rtol=0, atol=1e-4)
-
-
 def assert_beam_as_measured(engine, data):
     robot = beam_robot(data)
-    rest = robot.bodies[0].mesh.points
-    tip = rest[:, 0] > 0.1 - 1e-9
     T = [row["tension_N"] for row in data["static"]]
     response = engine(robot, tensed(*T, cable="tendon"), snapshots=True)
     assert response.succeeded, response.status
     for row, shape in zip(data["static"], response.snapshots[1:], strict=True):
-        moved = (shape.points["beam"] - rest)[tip].mean(axis=0)
-        expected = np.array(row["tip_displacement_m"])
-        assert np.linalg.norm(moved - expected) < 1e-4 * np.linalg.norm(expected)
+        assert_tip_as_measured(robot, shape, row)
     shortening = [row["shortening_m"] for row in data["static"]]
     np.testing.assert_allclose(response.channels["tendon.shortening"], shortening, rtol=1e-4)
+
+
+def assert_many_parts_rest_alike(engine, tolerance):
+    """In every channel, of 0.1 m or of 1 rad or N; the responses of the engine and of softcal."""
+    robot = many_parts()
+    protocol = Protocol({"through": Command("tension", [0.4, 0.8]), "between": Command("shortening", [0.001, 0.002])})
+    theirs, ours = engine(robot, protocol, snapshots=True), simulate(robot, protocol)
+    assert theirs.succeeded, theirs.status
+    assert ours.succeeded, ours.status
+    for channel, values in ours.channels.items():
+        scale = 0.1 if ours.units[channel] == "m" else 1.0
+        np.testing.assert_allclose(theirs.channels[channel], values, rtol=0, atol=tolerance * scale, err_msg=channel)
+    return theirs, ours
 
 
 def test_neck_by_shortening(engine):
@@ -82,14 +78,7 @@ def test_beam(engine):
 
 def test_many_parts_rest_where_softcal_has_them(engine):
     """Ties, plates with mass off their reference, one that stands still, loads, weight, markers, cables over all."""
-    robot = many_parts()
-    protocol = Protocol({"through": Command("tension", [0.4, 0.8]), "between": Command("shortening", [0.001, 0.002])})
-    theirs, ours = engine(robot, protocol, snapshots=True), simulate(robot, protocol)
-    assert theirs.succeeded, theirs.status
-    assert ours.succeeded, ours.status
-    for channel, values in ours.channels.items():
-        scale = 0.1 if ours.units[channel] == "m" else 1.0
-        np.testing.assert_allclose(theirs.channels[channel], values, rtol=0, atol=2e-6 * scale, err_msg=channel)
+    theirs, ours = assert_many_parts_rest_alike(engine, 2e-6)
     assert abs(ours.channels["head.x"][-1]) > 1e-3
     assert set(theirs.snapshots[0].plates) == {"foot", "head"}
 
@@ -169,10 +158,4 @@ def test_sofa_itself_beam():
 
 @needs_sofa
 def test_sofa_itself_many_parts():
-    robot = many_parts()
-    protocol = Protocol({"through": Command("tension", [0.4, 0.8]), "between": Command("shortening", [0.001, 0.002])})
-    theirs, ours = sofa_engine()(robot, protocol), simulate(robot, protocol)
-    assert theirs.succeeded, theirs.status
-    for channel, values in ours.channels.items():
-        scale = 0.1 if ours.units[channel] == "m" else 1.0
-        np.testing.assert_allclose(theirs.channels[channel], values, rtol=0, atol=1e-4 * scale, err_msg=channel)
+    assert_many_parts_rest_alike(sofa_engine(), 1e-4)

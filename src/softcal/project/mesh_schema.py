@@ -8,7 +8,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Tag, model_validator
 
-from softcal.project.section import Angle, Direction, Length, Point, Positive, Ratio, Section, fault_error
+from softcal.project.rod_schema import require_climb
+from softcal.project.section import Angle, Direction, Length, Point, Positive, Ratio, Section, fault_error, require_one
 
 TO_FILL = (".stl", ".step", ".stp")
 CARRIES_UNIT = (".step", ".stp")
@@ -31,14 +32,13 @@ class MeshFile(Section):
             raise fault_error(
                 "the unit of the mesh is missing", got="no key 'unit'", allowed="unit: mm, or m, cm, inch"
             )
-        target = [key for key in ("size", "tets") if getattr(self, key) is not None]
-        if kind in TO_FILL and len(target) != 1:
-            raise fault_error(f"a {kind} file is filled with tets to a target", got=_and(target), allowed=ONE_TARGET)
+        if kind in TO_FILL:
+            _require_target(self, f"a {kind} file is filled with tets to a target")
         extra = [key for key in ("size", "tets", "order") if getattr(self, key) is not None]
         if kind not in TO_FILL and extra:
             raise fault_error(
                 f"a {kind or 'mesh'} file is used as it is",
-                got=_and(extra),
+                got=" and ".join(extra),
                 allowed="file and unit, or an .stl or .step",
             )
         return self
@@ -65,9 +65,7 @@ class MeshNeck(Section):
 
     @model_validator(mode="after")
     def _one_target(self) -> MeshNeck:
-        target = [key for key in ("size", "tets") if getattr(self, key) is not None]
-        if len(target) != 1:
-            raise fault_error("the mesh needs a target", got=_and(target), allowed=ONE_TARGET)
+        _require_target(self, "the mesh needs a target")
         return self
 
 
@@ -98,13 +96,7 @@ class MeshSpring(Section):
 
     @model_validator(mode="after")
     def _one_climb(self) -> MeshSpring:
-        given = [key for key in ("pitch", "height") if getattr(self, key) is not None]
-        if len(given) != 1:
-            raise fault_error(
-                "it is not said how far the spring climbs",
-                got=" and ".join(given) or "neither",
-                allowed="one of pitch, per turn, and height, in all",
-            )
+        require_climb(self, "it is not said how far the spring climbs")
         return self
 
 
@@ -131,14 +123,12 @@ class MeshDisc(Section):
 
     @model_validator(mode="after")
     def _one_target(self) -> MeshDisc:
-        target = [key for key in ("size", "tets") if getattr(self, key) is not None]
-        if len(target) != 1:
-            raise fault_error("the mesh needs a target", got=_and(target), allowed=ONE_TARGET)
+        _require_target(self, "the mesh needs a target")
         return self
 
 
-def _and(keys: list[str]) -> str:
-    return " and ".join(keys) or "neither size nor tets"
+def _require_target(section: Section, what: str) -> None:
+    require_one(section, ("size", "tets"), what, nothing="neither size nor tets", allowed=ONE_TARGET)
 
 
 PRIMITIVES: Mapping[str, type[Section]] = {"neck": MeshNeck, "rod": MeshRod, "spring": MeshSpring, "disc": MeshDisc}

@@ -28,6 +28,7 @@ from softcal.project.section import (
     fault_error,
     listed,
     quantity,
+    require_one,
 )
 
 Element = Literal["P1", "P2", "P2P1"]
@@ -146,16 +147,6 @@ class TieSection(Section):
     tolerance: Annotated[Length, Positive] | None = None
 
 
-def _one_place(on: str, at: object, hole: str | None) -> None:
-    given = [key for key, value in (("at", at), ("hole", hole)) if value is not None]
-    if len(given) != 1:
-        raise fault_error(
-            "it is not said where the point is", got=" and ".join(given) or "neither", allowed="at, or hole"
-        )
-    if hole is not None and not on:
-        raise fault_error("it is not said which plate has the hole", got=f"hole {hole}", allowed="on: PLATE")
-
-
 class ViaSection(Section):
     """A point that a cable runs through: on a plate, in a hole of it, on a body, or fixed in space."""
 
@@ -165,7 +156,7 @@ class ViaSection(Section):
 
     @model_validator(mode="after")
     def _placed(self) -> ViaSection:
-        _one_place(self.on, self.at, self.hole)
+        _require_place(self)
         return self
 
 
@@ -178,8 +169,14 @@ class MarkerSection(Section):
 
     @model_validator(mode="after")
     def _placed(self) -> MarkerSection:
-        _one_place(self.on, self.at, self.hole)
+        _require_place(self)
         return self
+
+
+def _require_place(point: ViaSection | MarkerSection) -> None:
+    require_one(point, ("at", "hole"), "it is not said where the point is", allowed="at, or hole")
+    if point.hole is not None and not point.on:
+        raise fault_error("it is not said which plate has the hole", got=f"hole {point.hole}", allowed="on: PLATE")
 
 
 class CableSection(Section):

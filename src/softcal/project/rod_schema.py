@@ -23,6 +23,7 @@ from softcal.project.section import (
     fault_error,
     listed,
     quantity,
+    require_one,
 )
 
 
@@ -62,14 +63,13 @@ class HelixSection(Section):
 
     @model_validator(mode="after")
     def _one_climb(self) -> HelixSection:
-        given = [key for key in ("pitch", "height") if getattr(self, key) is not None]
-        if len(given) != 1:
-            raise fault_error(
-                "it is not said how far the helix climbs",
-                got=" and ".join(given) or "neither",
-                allowed="one of pitch, per turn, and height, in all",
-            )
+        require_climb(self, "it is not said how far the helix climbs")
         return self
+
+
+def require_climb(section: Section, what: str) -> None:
+    """Check that a helix's climb is given per turn or in all."""
+    require_one(section, ("pitch", "height"), what, allowed="one of pitch, per turn, and height, in all")
 
 
 class PolylineSection(Section):
@@ -148,9 +148,6 @@ class RodSection(Section):
 
     @model_validator(mode="after")
     def _one_shape(self) -> RodSection:
-        given = [key for key in ("straight", "helix", "polyline") if getattr(self, key) is not None]
-        if len(given) != 1:
-            raise fault_error(
-                "a rod has one shape", got=" and ".join(given) or "none", allowed="straight, helix or polyline"
-            )
+        shapes = ("straight", "helix", "polyline")
+        require_one(self, shapes, "a rod has one shape", nothing="none", allowed="straight, helix or polyline")
         return self

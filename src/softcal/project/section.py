@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, TypeVar
 
 from pydantic import (
@@ -28,6 +28,13 @@ FAULT = "softcal_fault"
 def fault_error(what: str, *, got: str = "", allowed: str = "", attempt: str = "") -> PydanticCustomError:
     """An error to raise in a validator, which ends as a `Fault` at the key that was being read."""
     return PydanticCustomError(FAULT, "{what}", {"what": what, "got": got, "allowed": allowed, "attempt": attempt})
+
+
+def require_one(section: BaseModel, keys: Sequence[str], what: str, *, nothing: str = "neither", allowed: str) -> None:
+    """Check in a validator that just one of the keys is given; `what` is wrong where it is `nothing`, or several."""
+    given = [key for key in keys if getattr(section, key) is not None]
+    if len(given) != 1:
+        raise fault_error(what, got=" and ".join(given) or nothing, allowed=allowed)
 
 
 class Section(BaseModel):

@@ -220,7 +220,9 @@ def test_parameter_names_in_words() -> None:
     assert parameter_label(own) == "slack (front, 20.5 mm)"
     assert parameter_label(E_NAME, [E_NAME, NU_NAME]) == "E"
     assert parameter_label(E_NAME, ["arm.youngs_modulus"]) == "E (neck)"
-    assert parameters_in_words([E_NAME, "front.slack[a]", "front.slack[b]"]) == "E and slack (front) per experiment"
+    slacks = [E_NAME, "front.slack[a]", "front.slack[b]"]
+    assert parameters_in_words(slacks, ["a", "b", "c"]) == "E and slack (front) per experiment"
+    assert parameters_in_words(slacks, ["a", "monday 1", "monday 2"]) == "E and slack (front) per set-up"
     assert joined(["20 mm, 2 mm/s", "40 mm"]) == "20 mm, 2 mm/s; 40 mm"
 
 

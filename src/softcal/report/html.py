@@ -141,8 +141,8 @@ def _subject(content: ReportContent) -> str:
     names = list(result.experiments)
     if result.is_sweep:
         n = len(result.trials)
-        return f"{parameters_in_words(result.parameters)} swept over {n} cells, judged by {joined(names)}."
-    parameters = parameters_in_words(ordered_parameters({"": result}))
+        return f"{parameters_in_words(result.parameters, names)} swept over {n} cells, judged by {joined(names)}."
+    parameters = parameters_in_words(ordered_parameters({"": result}), names)
     shared = f"jointly to {len(names)} experiments ({joined(names)})" if len(names) > 1 else f"to {joined(names)}"
     others = len(content.results) - 1
     more = f" {others} further calibration{'s' * (others > 1)} below." if others else ""

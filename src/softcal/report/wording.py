@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 from softcal.calibration.result import CalibrationResult, Estimate
@@ -111,18 +111,24 @@ def parameter_label(name: str, others: Iterable[str] = ()) -> str:
     return f"{text} ({details})" if details else text
 
 
-def parameters_in_words(names: Iterable[str]) -> str:
-    """Several parameters in words, those of every experiment named once: "E, ν and slack (front) per experiment"."""
+def parameters_in_words(names: Iterable[str], experiments: Collection[str]) -> str:
+    """Several parameters in words, those of every experiment or set-up named once: "E and slack (front) per set-up".
+
+    experiments: their names; what a parameter is per and is none of them is a set-up.
+    """
     given = list(names)
-    experiments: dict[str, set[str]] = {}
+    owners: dict[str, set[str]] = {}
     for name in given:
         parts = parameter_name(name)
-        experiments.setdefault(parts.base, set()).add(parts.experiment)
+        owners.setdefault(parts.base, set()).add(parts.experiment)
     labels = (
-        f"{parameter_label(base, given)} per experiment" if len(of) > 1 else None for base, of in experiments.items()
+        f"{parameter_label(base, given)} per {'experiment' if of <= set(experiments) else 'set-up'}"
+        if len(of) > 1
+        else None
+        for base, of in owners.items()
     )
     singles = {parameter_name(name).base: parameter_label(name, given) for name in given}
-    return joined(label or singles[base] for base, label in zip(experiments, labels, strict=True))
+    return joined(label or singles[base] for base, label in zip(owners, labels, strict=True))
 
 
 def find_parameter(names: Iterable[str], kind: str) -> str | None:

@@ -26,7 +26,7 @@ class FreeParameter:
     per_experiment: a nuisance with a value of its own in every experiment; per_set_up: in every set-up.
     prior_mean, prior_sd [unit]: a normal prior, counted by the likelihood loss. experiment: whose value it is once
     expanded, "" when shared; or the set-up whose it is, and `members` the experiments that were done in it.
-    ceiling [unit]: what the parameter may never reach, such as 0.5 for Poisson's ratio.
+    floor, ceiling [unit]: what the parameter may never reach, such as 0.5 for Poisson's ratio.
     """
 
     name: str
@@ -43,6 +43,7 @@ class FreeParameter:
     of: tuple[str, ...] = ()
     per_set_up: bool = False
     members: tuple[str, ...] = ()
+    floor: float = -math.inf
 
     def serves(self, *experiments: str) -> bool:
         """Whether it is a parameter of any of these experiments."""
@@ -61,7 +62,7 @@ class FreeParameter:
 
 @dataclass(frozen=True)
 class SearchSpace:
-    """The free parameters, expanded per experiment. `z` is the point in the unit box, `theta` [SI] by label.
+    """The free parameters, expanded per experiment and set-up. `z` is the point in the unit box, `theta` [SI] by label.
 
     Raises
     ------
@@ -163,7 +164,8 @@ def search_space(
             continue
         infos = [known[target] for target in parameter.targets]
         faults += [fault for info in infos for fault in _limit_faults(parameter, info)]
-        started = replace(parameter, ceiling=min(info.upper for info in infos))
+        floor, ceiling = max(info.lower for info in infos), min(info.upper for info in infos)
+        started = replace(parameter, floor=floor, ceiling=ceiling)
         present = sum(info.value for info in infos) / len(infos)
         if not (parameter.per_experiment or parameter.per_set_up) or parameter.experiment:
             expanded.append(_started(started, present))
@@ -197,7 +199,7 @@ def split(space: SearchSpace, label: str, known: Mapping[str, ParameterInfo]) ->
         if p.label != label:
             parts.append(p)
             continue
-        parts += [replace(p, name=t, of=(), ceiling=known[t].upper) for t in p.targets]
+        parts += [replace(p, name=t, of=(), floor=known[t].lower, ceiling=known[t].upper) for t in p.targets]
     return SearchSpace(tuple(parts))
 
 

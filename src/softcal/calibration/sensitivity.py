@@ -3,8 +3,8 @@
 The covariance is Gauss-Newton's: the inverse of J^T W J over all free parameters, the rig's nuisances included, times
 the variance per degree of freedom that the residuals leave. W is one over the square of the stated noise (likelihood;
 there the variance is not let below one), of the RMSE that each channel was met with (papers), or the same for all
-(distance). Intervals are Student's t. Neighbouring samples of one test share most of their error (friction, hysteresis,
-the mesh), so these are lower limits.
+(distance). Neighbouring samples of one test share most of their error (friction, hysteresis, the mesh), so these are
+lower limits.
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from softcal.calibration.intervals import intervals as intervals_of
 from softcal.calibration.loss import Block, DistanceLoss, Loss, rms
-from softcal.calibration.parameters import FreeParameter, SearchSpace
+from softcal.calibration.parameters import SearchSpace
 from softcal.checks import Floats
 
 # Singular value over the largest, in units of the search range, below which a direction counts as not seen at all.
@@ -25,7 +26,6 @@ _BLIND = 1e-7
 _MIXED = 0.01
 # Residuals this many times what the stated noise explains are worth a sentence.
 _TOO_LARGE = 1.5
-CONFIDENCE = 0.95
 NOISE_ALONE = (
     "The standard errors hold for independent noise alone; what the mesh, the law and the rig's model get wrong is not "
     "in them and is usually larger."
@@ -77,13 +77,15 @@ def local_statistics(space: SearchSpace, loss: Loss, theta: Mapping[str, float],
     if not math.isfinite(variance):
         notes.append("There are as many parameters as measurements: the noise cannot be told, nor standard errors.")
         return Statistics(errors, importance, tuple(notes), intervals)
-    parts = ((directions[seen] / sizes[seen[: len(sizes)], None]) ** 2).sum(axis=0)
-    for j, part, is_mixed in zip(free, parts, mixed, strict=True):
-        if not is_mixed:
-            p = space.parameters[j]
-            errors[p.label] = math.sqrt(variance * float(part)) * abs(float(slopes[j]))
-            intervals[p.label] = _interval(p, theta[p.label], errors[p.label] or 0.0, dof)
-    if any(error is not None for error in errors.values()):
+    root = directions[seen] / sizes[seen[: len(sizes)], None]  # root.T @ root: the covariance, but for the variance
+    known = [j for j, is_mixed in zip(free, mixed, strict=True) if not is_mixed]
+    if known:
+        root = root[:, ~mixed]
+        stated = math.sqrt(variance) * np.linalg.norm(root, axis=0) * np.abs(slopes[known])
+        found = [space.parameters[j] for j in known]
+        ends = intervals_of(found, theta, stated, root / np.linalg.norm(root, axis=0), dof)
+        errors |= dict(zip([p.label for p in found], stated.tolist(), strict=True))
+        intervals |= dict(zip([p.label for p in found], ends, strict=True))
         notes.append(NOISE_ALONE)
     return Statistics(errors, importance, tuple(notes), intervals)
 
@@ -99,18 +101,6 @@ def _weights(loss: Loss, block: Block) -> Floats:
     if loss.uses_priors or isinstance(loss, DistanceLoss):
         return np.sqrt(loss.square_weights(block, block.residual))
     return np.full(len(block.residual), 1.0 / max(rms(block.residual), 1e-12 * rms(block.measured) + 1e-300))
-
-
-def _interval(parameter: FreeParameter, value: float, error: float, dof: int) -> tuple[float, float]:
-    """The interval of a parameter; of one that is searched by its logarithm, in the logarithm."""
-    from scipy.special import ndtri, stdtrit
-
-    upper_tail = 0.5 * (1.0 + CONFIDENCE)
-    reach = float(stdtrit(dof, upper_tail) if dof > 0 else ndtri(upper_tail)) * error
-    if parameter.scale == "log":
-        factor = math.exp(min(reach / value, 700.0))
-        return value / factor, value * factor
-    return value - reach, value + reach
 
 
 def _excess_note(factor: float) -> str:

@@ -125,5 +125,7 @@ def _draw_rows(axes: Axes, rows: Mapping[str, Estimate], scale: Scale) -> None:
 
 def _interval(estimate: Estimate) -> tuple[float, float]:
     """The 95 % interval, the value twice where there is no standard error."""
+    if estimate.interval is not None:
+        return estimate.interval
     reach = NORMAL_95 * (estimate.standard_error or 0.0)
     return estimate.value - reach, estimate.value + reach

@@ -10,6 +10,7 @@ import typer
 from softcal.cli.app import INTERRUPTED, ProjectFile, app, told
 from softcal.cli.calibration_bars import CalibrationBars
 from softcal.cli.calibration_table import print_results
+from softcal.cli.printing import print_warnings
 from softcal.cli.values import Engine, Values, names, parsed_values
 
 
@@ -53,8 +54,7 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
     from softcal.project.project import load
 
     loaded = load(project, values=parsed_values(values))
-    for warning in loaded.warnings:
-        typer.echo(f"Warning: {warning}", err=True)
+    print_warnings(loaded.warnings)
     folder = out if out is not None else project.parent / "run"
     with CalibrationBars() as bars:
         found = calibrate_project(

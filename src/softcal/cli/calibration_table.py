@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from softcal.cli.printing import print_table
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -15,14 +17,9 @@ if TYPE_CHECKING:
 
 def print_results(results: Mapping[str, CalibrationResult]) -> None:
     """Print the table of all calibrations, their status and their notes."""
-    from rich.console import Console
-
     if not results:
         return
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=160)  # a log does not wrap
-    console.print(_result_table(results))
+    print_table(_result_table(results))
     for label, result in results.items():
         typer.echo(f"{label}: {result.status}")
     notes: dict[str, list[str]] = {}

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from softcal.cli.app import ProjectFile, app, told
+from softcal.cli.printing import print_warnings
 
 
 @app.command()
@@ -37,8 +38,7 @@ def check(
 
     report = check_project(load(project), out if out is not None else project.parent / "check")
     _print_pairs(report.rows)
-    for warning in report.warnings:
-        typer.echo(f"Warning: {warning}", err=True)
+    print_warnings(report.warnings)
     for note in report.notes:
         typer.echo(f"Note: {note}", err=True)
     typer.echo(f"Pictures: {', '.join(str(path) for path in report.pictures)}")

@@ -10,6 +10,7 @@ import typer
 from softcal.cli.app import INTERRUPTED, ProjectFile, app, told
 from softcal.cli.calibrate_commands import report_run
 from softcal.cli.calibration_bars import CalibrationBars
+from softcal.cli.printing import print_table, print_warnings
 from softcal.cli.values import Values, names, parsed_pairs, parsed_values
 
 if TYPE_CHECKING:
@@ -52,8 +53,7 @@ def sweep(
 
     axes = parsed_pairs(over, "--over", "this is no axis", OVER)
     loaded = load(project, values=parsed_values(values))
-    for warning in loaded.warnings:
-        typer.echo(f"Warning: {warning}", err=True)
+    print_warnings(loaded.warnings)
     folder = out if out is not None else project.parent / "sweep"
     with CalibrationBars() as bars:
         found = sweep_project(
@@ -65,7 +65,7 @@ def sweep(
             workers=workers,
             progress=bars.show,
         )
-    _print(found)
+    _print_sweep(found)
     if found.interrupted:
         typer.echo(
             f"Stopped. Every cell so far is kept in {folder}; go on with the same command and --resume.", err=True
@@ -76,13 +76,8 @@ def sweep(
         report_run(folder, None)
 
 
-def _print(found: Swept) -> None:
-    from rich.console import Console
-
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=160)  # a log does not wrap
-    console.print(_table(found))
+def _print_sweep(found: Swept) -> None:
+    print_table(_table(found))
     result = found.result
     typer.echo(result.status)
     if found.nominal.loss is None:

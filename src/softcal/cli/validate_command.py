@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from softcal.cli.app import app, told
+from softcal.cli.printing import print_table, print_warnings
 from softcal.cli.values import Values, names, parsed_values
 
 if TYPE_CHECKING:
@@ -55,8 +56,7 @@ def validate(
         require_free_file(out)
     loaded = {str(path): load(path, values=parsed_values(values)) for path in projects}
     for project in loaded.values():
-        for warning in project.warnings:
-            typer.echo(f"Warning: {warning}", err=True)
+        print_warnings(project.warnings)
     labels = {path: Path(path).stem for path in loaded}
     unique = len(set(labels.values())) == len(labels)
     with CalibrationBars() as bars:
@@ -67,19 +67,14 @@ def validate(
             workers=workers,
             progress=lambda model, fold, state: bars.show(f"{model} without {fold}", state),
         )
-    _print(found)
+    _print_validation(found)
     if out is not None:
         write_validation(found, out)
         typer.echo(f"Wrote {out}")
 
 
-def _print(found: Validation) -> None:
-    from rich.console import Console
-
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=160)  # a log does not wrap
-    console.print(_table(found))
+def _print_validation(found: Validation) -> None:
+    print_table(_table(found))
     for model, predictions in found.models.items():
         for one in predictions:
             for note in one.result.notes:

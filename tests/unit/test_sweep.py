@@ -17,7 +17,7 @@ from softcal.analysis.nominal import Nominal
 from softcal.analysis.sweep import ALL, best_cells, improvement, section_errors, sections
 from softcal.calibration.run import Progress
 from softcal.cli import main
-from softcal.errors import InputError, StorageError
+from softcal.errors import CalibrationError, InputError, StorageError
 from softcal.project.project import Project, load
 from softcal.project.run_folder import load_run
 from softcal.project.sweep import Swept, sweep, sweep_csv
@@ -167,6 +167,27 @@ def test_cells_that_fail_are_kept_with_their_reason_and_empty(
     assert surface.best[:2] == (0.8e9, 0.3)
 
 
+def no_robot_stands(robot, protocol, **options) -> Response:
+    return Response({}, {}, "No equilibrium beyond 1 mm.", succeeded=False, n_factorisations=0)
+
+
+def test_where_every_cell_fails_the_table_is_written_and_named(
+    project: Project, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(simulating, "simulate", no_robot_stands)
+    table = tmp_path / "run" / "sweep.csv"
+    with pytest.raises(CalibrationError, match=r"All 6 trials failed.*Every cell and its reason: .*sweep\.csv\.$"):
+        sweep(project, out=tmp_path / "run")
+    with table.open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [(float(row[f"{E} [Pa]"]), float(row[f"{NU} [1]"])) for row in rows] == GRID
+    assert {row["status"] for row in rows} == {"FAILED"}
+    assert all("No equilibrium beyond 1 mm." in row["reason"] for row in rows)
+    assert {row["loss distance [%]"] for row in rows} == {""}
+    with pytest.raises(CalibrationError, match=r"or softcal check\.$"):
+        sweep(project)
+
+
 def test_nominal_values_that_fail_leave_the_gain_open(project: Project, monkeypatch: pytest.MonkeyPatch):
     def stiff_springs_fail(robot, protocol, **options) -> Response:
         if robot.rods[0].parameters["youngs_modulus"] > 1.5e9:
@@ -203,7 +224,12 @@ def test_a_sweep_that_was_stopped_goes_on_where_it_was(project: Project, swept: 
     assert len(first.result.trials) == 5
     assert "Stopped by the user" in first.result.status
     seen: list[int] = []
-    whole = sweep(project, out=tmp_path / "run", resume=True, progress=lambda _, progress: seen.append(progress.done))
+
+    def note(_: str, progress: Progress) -> None:
+        if not progress.stage:
+            seen.append(progress.done)
+
+    whole = sweep(project, out=tmp_path / "run", resume=True, progress=note)
     assert seen == [1, 2, 3, 4, 5, 6]
     strip = [replace(trial, seconds=0.0) for trial in whole.result.trials]
     assert strip == [replace(trial, seconds=0.0) for trial in swept.result.trials]
@@ -328,3 +354,15 @@ def test_the_command_refuses_the_papers_ratio(run: Run, project: Project, tmp_pa
     code, _, err = run("sweep", project.path, "--over", E)
     assert code == 2
     assert "this is no axis" in err
+
+
+def test_what_an_option_gives_twice_is_refused(run: Run, project: Project, tmp_path: Path):
+    code, _, err = run(
+        "sweep", project.path, "--over", f"{E}=1GPa,2GPa", "--over", f"{E} = 3GPa", "--out", tmp_path / "a"
+    )
+    assert code == 2
+    assert f"--over: the name is given twice; got '{E}=1GPa,2GPa' and '{E}=3GPa'" in err
+    assert not (tmp_path / "a").exists()
+    code, _, err = run("sweep", project.path, "--over", f"{E}=1GPa", "--set", f"{NU}=0.3", "--set", f"{NU}=0.4")
+    assert code == 2
+    assert f"--set: the name is given twice; got '{NU}=0.3' and '{NU}=0.4'" in err

@@ -140,12 +140,11 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
             raise CalibrationError(_no_result(tally, stopped))
         status = _stopped_status(tally, optimiser) if stopped else optimiser.status
         account = Account(settings, status, tally.n_solves, tally.elapsed(), identity)
-        if progress is not None and method != "least-squares":
-            progress(_progress(tally, optimiser, f"importances (fANOVA) from {len(tally.trials)} trials"))
+        if method != "least-squares":
+            _tell_stage(progress, tally, optimiser, f"importances (fANOVA) from {len(tally.trials)} trials")
         result = conclude(problem, tally.best, tuple(tally.trials), account)
         if hold_out:
-            if progress is not None:
-                progress(_progress(tally, optimiser, f"prediction of {', '.join(hold_out)}"))
+            _tell_stage(progress, tally, optimiser, f"prediction of {', '.join(hold_out)}")
             theta = {name: estimate.value for name, estimate in result.parameters.items()}
             held_out, notes = predicted(whole, theta, hold_out)
             result = replace(result, held_out=held_out, notes=(*result.notes, *notes))
@@ -276,6 +275,12 @@ def _progress(tally: _Tally, optimiser: Optimiser, stage: str = "") -> Progress:
         None if best is None else best.theta,
         stage,
     )
+
+
+def _tell_stage(progress: Observer | None, tally: _Tally, optimiser: Optimiser, stage: str) -> None:
+    if progress is not None:
+        with contextlib.suppress(KeyboardInterrupt):  # there is no search any more to be stopped
+            progress(_progress(tally, optimiser, stage))
 
 
 def _open(

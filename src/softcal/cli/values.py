@@ -38,7 +38,7 @@ def parsed_pairs(given: list[str] | None, option: str, what: str, allowed: str) 
     Raises
     ------
     InputError
-        Where a text is no NAME=TEXT.
+        Where a text is no NAME=TEXT, or a name is given twice.
     """
     pairs = [text.partition("=") for text in given or []]
     faults = [
@@ -46,9 +46,15 @@ def parsed_pairs(given: list[str] | None, option: str, what: str, allowed: str) 
         for name, sign, value in pairs
         if not (name.strip() and value.strip())
     ]
+    found: dict[str, str] = {}
+    for name, text in ((name.strip(), text.strip()) for name, _, text in pairs):
+        if name in found:
+            got = f"'{name}={found[name]}' and '{name}={text}'"
+            faults.append(Fault("the name is given twice", option, got, "each name once"))
+        found[name] = text
     if faults:
         raise InputError(faults)
-    return {name.strip(): value.strip() for name, _, value in pairs}
+    return found
 
 
 def names(text: str) -> list[str]:

@@ -14,10 +14,10 @@ from softcal.analysis.sweep import BestCell, best_cells, section_errors, section
 from softcal.calibration.loss import Loss
 from softcal.calibration.parameters import search_space
 from softcal.calibration.problem import Problem
-from softcal.calibration.result import CalibrationResult
+from softcal.calibration.result import CalibrationResult, Trial
 from softcal.calibration.run import Progress
 from softcal.calibration.run import calibrate as calibrate_problem
-from softcal.calibration.store import write_text
+from softcal.calibration.store import RunStore, write_text
 from softcal.errors import CalibrationError, Fault, InputError, ParameterError
 from softcal.project.axes import Axis, doubled, parse_axis
 from softcal.project.bench_names import experiments_named
@@ -80,7 +80,7 @@ def sweep(
     InputError
         For a parameter, value, range or experiment that makes no sense, or a folder that cannot be used.
     CalibrationError
-        Where no cell could be simulated.
+        Where no cell could be simulated; `sweep.csv` is written nevertheless.
     KeyboardInterrupt
         Where the user stopped it before any was.
     """
@@ -117,10 +117,15 @@ def sweep(
                 resume=resume and store is not None and (store / "run.json").is_file(),
                 progress=None if progress is None else lambda state: progress(SWEEP, state),
             )
-        except CalibrationError:
+        except CalibrationError as error:
+            failed = [] if store is None else _all_failed(store)
+            if failed and folder is not None:
+                write_text(folder / "sweep.csv", failed_csv(problem, failed))
             if stop.asked:
                 raise KeyboardInterrupt from None
-            raise
+            if not failed or folder is None:
+                raise
+            raise CalibrationError(f"{error} Every cell and its reason: {folder / 'sweep.csv'}.") from None
     found = Swept(result, known, best_cells(result, known), folder, stop.asked)
     if folder is not None:
         write_text(folder / "sweep.csv", sweep_csv(result))
@@ -161,23 +166,23 @@ def sweep_csv(result: CalibrationResult) -> str:
     """
     told = sections(result)
     several = list(result.experiments) if len(result.experiments) > 1 else []
-    header = ["cell", "status", "reason"]
-    header += [f"{name} [{p.unit}]" for name, p in result.parameters.items()]
-    header += [f"loss {result.loss_name} [{'%' if result.loss_name == 'distance' else '1'}]"]
+    header = _header({name: p.unit for name, p in result.parameters.items()}, result.loss_name)
     header += [f"error of {s.name} [{s.shown_unit}]" for s in told]
     header += [f"error of {s.name} in {e} [{s.shown_unit}]" for e in several for s in told]
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(header)
+    rows: list[list[object]] = []
     for trial in result.trials:
         joint = section_errors(result, trial.errors)
-        row: list[object] = [trial.number, trial.state, trial.reason]
-        row += [trial.theta[name] for name in result.parameters]
-        row.append("" if trial.loss is None else trial.loss)
+        row = _row(trial, list(result.parameters))
         for errors in (joint, *(trial.errors.get(e, {}) for e in several)):
             row += [s.shown(errors[s.name]) if s.name in errors else "" for s in told]
-        writer.writerow(row)
-    return text.getvalue()
+        rows.append(row)
+    return _csv(header, rows)
+
+
+def failed_csv(problem: Problem, trials: Sequence[Trial]) -> str:
+    """As `sweep_csv` where no cell could be simulated, and it is not known which errors there would have been."""
+    units = {p.label: p.unit for p in problem.space.parameters}
+    return _csv(_header(units, problem.loss.name), [_row(trial, list(units)) for trial in trials])
 
 
 def sweep_json(found: Swept) -> dict[str, Any]:
@@ -198,6 +203,29 @@ def sweep_json(found: Swept) -> dict[str, Any]:
         "best": {best.section.name: _best_json(best) for best in found.best},
         "improvement_percent": FORMULA,
     }
+
+
+def _header(units: Mapping[str, str], loss: str) -> list[str]:
+    parameters = [f"{name} [{unit}]" for name, unit in units.items()]
+    return ["cell", "status", "reason", *parameters, f"loss {loss} [{'%' if loss == 'distance' else '1'}]"]
+
+
+def _row(trial: Trial, parameters: Sequence[str]) -> list[object]:
+    loss = "" if trial.loss is None else trial.loss
+    return [trial.number, trial.state, trial.reason, *(trial.theta[name] for name in parameters), loss]
+
+
+def _csv(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([header, *rows])
+    return text.getvalue()
+
+
+def _all_failed(store: Path) -> list[Trial]:
+    """The cells that are kept in a folder, where none of them could be simulated; else none."""
+    with RunStore(store, {}) as run:
+        trials = [stored.trial for stored in run.stored().values()]
+    return [] if any(trial.loss is not None for trial in trials) else trials
 
 
 def _best_json(best: BestCell) -> dict[str, Any]:

@@ -34,6 +34,15 @@ COMMAND_STEPS = {"tension": 1e-2, "shortening": 1e-4}  # [N], [m]
 
 
 @dataclass(frozen=True)
+class SofaSettings:
+    """How SOFA is run: `resting` from state to state; states and timeout [s] as those of `SofaEngine`."""
+
+    resting: Resting = field(default_factory=Resting)
+    states: int = STATES
+    timeout: float = TIMEOUT
+
+
+@dataclass(frozen=True)
 class SofaEngine:
     """SOFA as a simulator.
 
@@ -80,7 +89,7 @@ class SofaEngine:
         return run.response(sensitivities, snapshots)
 
 
-def sofa_engine() -> SofaEngine:
+def sofa_engine(settings: SofaSettings | None = None) -> SofaEngine:
     """The engine of the SOFA that SOFA_ROOT names.
 
     Raises
@@ -88,7 +97,8 @@ def sofa_engine() -> SofaEngine:
     InputError
         Where there is none, or it has no SoftRobots.
     """
-    return SofaEngine(find_sofa())
+    settings = settings or SofaSettings()
+    return SofaEngine(find_sofa(), settings.resting, settings.states, settings.timeout)
 
 
 @dataclass

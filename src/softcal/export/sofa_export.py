@@ -10,14 +10,31 @@ import numpy as np
 from softcal.export.sofa_identify import Identified, identify
 from softcal.export.sofa_install import CONDA, ROOT
 from softcal.export.sofa_robot import linear_robot
-from softcal.export.sofa_scene import ASSUMED_DENSITY, PARAMETERS, SCHEDULE, scene_parameters, schedule_csv, write_scene
+from softcal.export.sofa_scene import (
+    ASSUMED_DENSITY,
+    PARAMETERS,
+    SCHEDULE,
+    Resting,
+    Stepping,
+    scene_parameters,
+    schedule_csv,
+    write_scene,
+)
 from softcal.twin.protocol import Protocol
 from softcal.twin.robot import Robot
 
 README = "README.md"
 
 
-def write_sofa(robot: Robot, protocol: Protocol, folder: Path, name: str) -> list[Path]:
+def write_sofa(
+    robot: Robot,
+    protocol: Protocol,
+    folder: Path,
+    name: str,
+    *,
+    stepping: Stepping | None = None,
+    resting: Resting | None = None,
+) -> list[Path]:
     """Write the robot's scene, with a schedule that pulls its cables as the protocol does, into an existing folder.
 
     Bodies that SOFA cannot have as they are become linear tets with parameters of their own; see `identify`.
@@ -32,7 +49,7 @@ def write_sofa(robot: Robot, protocol: Protocol, folder: Path, name: str) -> lis
     found = identify(robot, linear_robot(robot), protocol)
     parameters = {
         "name": name,
-        **scene_parameters(found.linear, protocol),
+        **scene_parameters(found.linear, protocol, stepping, resting),
         "re_identified": {key: {"twin": old, "scene": new} for key, (old, new) in found.values.items()},
         "differences_left": {
             key: {"largest_difference": value, "of": largest, "unit": unit}
@@ -112,7 +129,7 @@ Without a window, every row of the schedule run to rest, into `response.csv`:
 - A cable pulled by force takes an impulse in SOFA, force times time step, and answers with one. The scene multiplies
   and divides; `tension` and `shortening` in `{parameters}` are N and m.
 - `ParameterSet` is mu and Lame's lambda, from `youngs_modulus` and `poissons_ratio` in `{parameters}`.
-- The damping in `time` is that of the soft neck's paper. Its stiffness part feeds a robot that is pulled beyond what it
-  would bear without its cable: it then never settles. `run.py` damps by mass alone (`rest`), with shorter time steps
-  where the first is too long.
+- The time step and damping in `time` are the project's `dynamics`, by default those of the soft neck's paper. Damping
+  by stiffness feeds a robot that is pulled beyond what it would bear without its cable: it then never settles. `run.py`
+  goes by `rest` (the project's `engines`, by default without such damping); `--time-step` tries a shorter step.
 """

@@ -21,7 +21,7 @@ from softcal.calibration.run import calibrate as calibrate_problem
 from softcal.errors import CalibrationError, Fault, InputError, ParameterError
 from softcal.project.bench_names import experiments_named
 from softcal.project.calibration_schema import CalibrationSection
-from softcal.project.engines import SOFTCAL, engine_for
+from softcal.project.engines import SOFTCAL, engine_for, engine_identity
 from softcal.project.project import Project
 from softcal.project.run_folder import begin_run, calibration_folder, finish_run, reopen_run
 from softcal.project.section import changed
@@ -79,7 +79,7 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
     workers
         Processes.
     engine
-        What computes the twin: "softcal" or "sofa".
+        What computes the twin: "softcal" or "sofa", by the project's `engines`.
     progress
         Called after every trial, and before what takes long after them, with the calibration's label and its progress.
 
@@ -94,7 +94,7 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
     held_out = None if hold_out is None else experiments_named(hold_out, project.experiments)
     told = {"method": method, "fit": fit, "trials": trials, "seed": seed, "hold_out": held_out, "split": split}
     settings = changed(project.calibration, {key: value for key, value in told.items() if value is not None}, "--")
-    problem = replace(make_problem(project, settings), simulate=engine_for(engine, project.robot))
+    problem = replace(make_problem(project, settings), simulate=engine_for(engine, project.robot, project.engines))
     problems = _problems(problem, settings.fit, settings.hold_out)
     folder = None if out is None else Path(out)
     if folder is not None:
@@ -120,7 +120,7 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
                     workers=workers,
                     store=store,
                     resume=resume and begun,
-                    hashes={} if engine == SOFTCAL else {"engine": engine},
+                    hashes=engine_identity(engine, project.engines),
                     progress=_labelled(progress, label),
                 )
             except CalibrationError:

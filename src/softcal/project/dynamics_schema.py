@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import Field, model_validator
 
-from softcal.project.section import Duration, Positive, Section, fault_error, quantity
+from softcal.project.section import Duration, Positive, Rate, Section, Speed, fault_error
 from softcal.twin.schedule import Settling, TimeSettings
-
-Speed = Annotated[float, BeforeValidator(quantity("m/s"))]
-Rate = Annotated[float, BeforeValidator(quantity("1/s"))]
 
 
 class SettleSection(Section):

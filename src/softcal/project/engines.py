@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from softcal.calibration.problem import Simulate
 from softcal.errors import Fault, ParameterError
+from softcal.project.engines_schema import EnginesSection
 from softcal.twin.robot import Robot
 
 SOFTCAL, SOFA = "softcal", "sofa"
 ENGINES = (SOFTCAL, SOFA)
+# How long one waits is a matter of the machine: a run goes on with another timeout.
+OF_THE_MACHINE = ("timeout",)
 
 
-def engine_for(name: str, robot: Robot) -> Simulate | None:
+def engine_for(name: str, robot: Robot, settings: EnginesSection) -> Simulate | None:
     """The simulator of an engine by its name, for a robot and others that differ from it by parameters alone; None is
     softcal's own.
 
@@ -26,7 +32,26 @@ def engine_for(name: str, robot: Robot) -> Simulate | None:
     if name == SOFA:
         from softcal.export.sofa_engine import sofa_engine
 
-        engine = sofa_engine()
+        engine = sofa_engine(settings.sofa.settings)
         engine.require(robot)
         return engine
     raise ParameterError(Fault("there is no such engine", "--engine", f"'{name}'", ", ".join(ENGINES)))
+
+
+def engine_identity(name: str, settings: EnginesSection) -> dict[str, str]:
+    """What a run's results owe to its engine, by key of the project file, SI; nothing where that is softcal itself."""
+    if name == SOFTCAL:
+        return {}
+    own = {key: value for key, value in settings.model_dump()[name].items() if key not in OF_THE_MACHINE}
+    return {"engine": name, **_flat(f"engines.{name}", own)}
+
+
+def _flat(prefix: str, values: Mapping[str, Any]) -> dict[str, str]:
+    found: dict[str, str] = {}
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            found |= _flat(f"{prefix}.{key}", value)
+        else:
+            several = value if isinstance(value, tuple) else (value,)
+            found[f"{prefix}.{key}"] = ", ".join(f"{one:.12g}" for one in several)
+    return found

@@ -87,7 +87,7 @@ def export_calculix(project: Project, protocols: Mapping[str, Protocol], folder:
 def export_sofa(project: Project, protocols: Mapping[str, Protocol], folder: Path) -> list[Path]:
     """The robot as a SOFA scene in a new folder, with that protocol as schedule that pulls most.
 
-    See `softcal.export.sofa_export`.
+    It moves by the project's `dynamics`; `run.py` runs it to rest by its `engines`. See `softcal.export.sofa_export`.
 
     Raises
     ------
@@ -99,11 +99,17 @@ def export_sofa(project: Project, protocols: Mapping[str, Protocol], folder: Pat
         Where parameters for linear tets are to be identified, and the twin cannot follow the protocol.
     """
     from softcal.export.sofa_export import furthest, write_sofa
+    from softcal.export.sofa_scene import Stepping
 
     require_free(folder, "another --out")
     require_writable(folder)
     protocol = furthest(protocols)
-    return write_folder(folder, lambda part: write_sofa(project.robot, protocol, part, project.name))
+    motion, resting = project.dynamics, project.engines.sofa.settings.resting
+    stepping = Stepping(motion.time_step, motion.rayleigh_stiffness, motion.rayleigh_mass)
+    return write_folder(
+        folder,
+        lambda part: write_sofa(project.robot, protocol, part, project.name, stepping=stepping, resting=resting),
+    )
 
 
 def export_reduced(

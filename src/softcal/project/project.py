@@ -21,6 +21,7 @@ from softcal.project.bench_schema import ExperimentSection, RigSection
 from softcal.project.calibration_schema import CalibrationSection, ParameterSection, PrintSection
 from softcal.project.document import Document, Findings, read_document, suggestion
 from softcal.project.dynamics_schema import DynamicsSection
+from softcal.project.engines_schema import EnginesSection
 from softcal.project.files import InputFiles, sha256
 from softcal.project.meshes import is_generated, mesh_maker
 from softcal.project.robot import BuiltRobot, build_robot
@@ -34,7 +35,19 @@ from softcal.twin.robot import Robot
 
 S = TypeVar("S", bound=Section)
 
-SECTIONS = ("softcal", "name", "robot", "rig", "experiments", "parameters", "calibration", "sweep", "dynamics", "print")
+SECTIONS = (
+    "softcal",
+    "name",
+    "robot",
+    "rig",
+    "experiments",
+    "parameters",
+    "calibration",
+    "sweep",
+    "dynamics",
+    "engines",
+    "print",
+)
 FORMAT = 1
 
 
@@ -61,6 +74,7 @@ class Project:
     calibration: CalibrationSection
     sweep: SweepSection | None
     dynamics: DynamicsSection
+    engines: EnginesSection
     print_infill: PrintInfill | None
     held: Mapping[str, float]
     hashes: Mapping[str, str]
@@ -131,12 +145,13 @@ def load(
     _check_settings(space, {name: bench.experiment for name, bench in whole.items()}, findings)
     dynamics = _section(DynamicsSection, "dynamics", document, findings, {})
     _check_settling(dynamics, built, findings)
+    engines = _section(EnginesSection, "engines", document, findings, {})
     swept = _section(SweepSection, "sweep", document, findings)
     _check_sweep(swept, known, tied, experiments, findings)
     print_infill = _print_infill(document, findings)
     findings.raise_if_any()
 
-    if built is None or calibration is None or known is None or section is None or dynamics is None:
+    if built is None or calibration is None or known is None or section is None or dynamics is None or engines is None:
         raise ProjectFileError(Fault("the project is not whole", document.name))
     held = held_values(given, known)
     of_robot = robot_parameters(built.robot)
@@ -153,6 +168,7 @@ def load(
         calibration=calibration,
         sweep=swept,
         dynamics=dynamics,
+        engines=engines,
         print_infill=print_infill,
         held=held,
         hashes={path.name: sha256(path), **files.hashes()},

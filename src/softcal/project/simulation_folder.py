@@ -9,7 +9,7 @@ from pathlib import Path
 from softcal.calibration.outcome import installed_versions
 from softcal.calibration.result_files import response_file
 from softcal.errors import SimulationError
-from softcal.project.engines import SOFTCAL, engine_for
+from softcal.project.engines import SOFA, SOFTCAL, engine_for
 from softcal.project.motion import simulate_pull_in_time
 from softcal.project.output import new_folder, require_free, require_writable
 from softcal.project.project import Project
@@ -41,7 +41,7 @@ def simulate_to_folder(
     """
     require_free(folder, "another --out")
     require_writable(folder)
-    simulator = engine_for(engine, project.robot)
+    simulator = engine_for(engine, project.robot, project.engines)
     responses = {
         name: simulate_pull_in_time(project, protocol)
         if in_time
@@ -63,6 +63,7 @@ def simulate_to_folder(
                 for name, response in responses.items()
             },
             **({"dynamics": project.dynamics.model_dump()} if in_time else {"engine": engine}),
+            **({"engines": project.engines.model_dump()} if engine == SOFA else {}),
             "hashes": dict(project.hashes),
             "versions": installed_versions(),
         }

@@ -1,0 +1,84 @@
+"""What may stand in the `engines` section of a project file: how other programs compute the twin."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Annotated
+
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+
+from softcal.export.sofa_engine import SofaSettings
+from softcal.export.sofa_scene import Resting
+from softcal.project.section import Duration, Positive, Rate, Section, Speed, fault_error, listed
+
+_SOFA = SofaSettings()
+_RESTING = _SOFA.resting
+
+
+def _falling(steps: tuple[float, ...]) -> tuple[float, ...]:
+    for longer, shorter in itertools.pairwise(steps):
+        if not shorter < longer:
+            raise fault_error(
+                "the next time step is tried where the one before did not settle",
+                got=f"{shorter:g} s after {longer:g} s",
+                allowed="each shorter than the one before",
+            )
+    return steps
+
+
+TimeSteps = Annotated[
+    tuple[Annotated[Duration, Positive], ...], BeforeValidator(listed), Field(min_length=1), AfterValidator(_falling)
+]
+
+
+class RestSection(Section):
+    """When a state is at rest: nothing faster than `speed` for `hold`; it is given up after `longest`."""
+
+    speed: Annotated[Speed, Positive] = _RESTING.speed
+    hold: Annotated[Duration, Positive] = _RESTING.hold
+    longest: Annotated[Duration, Positive] = _RESTING.longest
+
+    @model_validator(mode="after")
+    def _can_be_held(self) -> RestSection:
+        if self.hold >= self.longest:
+            raise fault_error(
+                "the robot cannot be still for so long before it is given up",
+                got=f"hold {self.hold:g} s, longest {self.longest:g} s",
+                allowed="hold < longest",
+            )
+        return self
+
+
+class SofaSection(Section):
+    """How SOFA is run to rest from state to state, how many states one cable's pull has, and how long SOFA may take."""
+
+    timeout: Annotated[Duration, Positive] = _SOFA.timeout
+    states: Annotated[int, Field(ge=2)] = _SOFA.states
+    time_steps: TimeSteps = _RESTING.time_steps
+    rayleigh_stiffness: Annotated[Duration, Field(ge=0)] = _RESTING.rayleigh_stiffness
+    rayleigh_mass: Annotated[Rate, Field(ge=0)] = _RESTING.rayleigh_mass
+    ramp: Annotated[Duration, Positive] = _RESTING.ramp
+    settle: RestSection = Field(default_factory=RestSection)
+
+    @property
+    def settings(self) -> SofaSettings:
+        """As the engine takes them."""
+        return SofaSettings(
+            resting=Resting(
+                time_steps=self.time_steps,
+                rayleigh_stiffness=self.rayleigh_stiffness,
+                rayleigh_mass=self.rayleigh_mass,
+                ramp=self.ramp,
+                speed=self.settle.speed,
+                hold=self.settle.hold,
+                longest=self.settle.longest,
+            ),
+            states=self.states,
+            timeout=self.timeout,
+        )
+
+
+class EnginesSection(Section):
+    """Settings of each engine that is not softcal's own."""
+
+    sofa: SofaSection = Field(default_factory=SofaSection)

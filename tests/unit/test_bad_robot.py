@@ -25,6 +25,18 @@ DISC = "    tip:\n      disc: {diameter: 30 mm, thickness: 6 mm, centre: [0 mm, 
 HELIX = "helix: {base: [0 mm, 0 mm, 84 mm], coil_diameter: 20 mm, turns: 4, "
 
 CASES: dict[str, tuple[Change, tuple[str, ...]]] = {
+    "an inertia that no body has": (
+        ("mass: 10 g", "mass: 10 g\n      inertia: [1 kg*mm^2, 1 kg*mm^2, 3 kg*mm^2]"),
+        ("robot.plates.top.inertia: no rigid body has this inertia", "at most the sum of the others"),
+    ),
+    "an inertia that is none": (
+        ("mass: 10 g", "mass: 10 g\n      inertia: [1 kg*mm^2, 1 kg, 3 kg*mm^2]"),
+        ("robot.plates.top.inertia[1]: the unit does not fit; got 'kg'", "converts to kg*m^2"),
+    ),
+    "an inertia of two rows": (
+        ("mass: 10 g", "mass: 10 g\n      inertia: [[1 kg*mm^2, 0, 0], [0, 1 kg*mm^2, 0]]"),
+        ("robot.plates.top.inertia", "an entry number 3"),
+    ),
     "a hole that does not exist": (
         ("{on: top, hole: a}", "{on: top, hole: d}"),
         ("robot.cables.front.via[1].hole", "no such hole in top", "'d'", "allowed: a, b, c"),

@@ -12,6 +12,7 @@ from robot_case import MANIPULATOR, write_robot
 from softcal.geometry.section import rectangular
 from softcal.project.project import Project, load
 from softcal.twin.manipulator import ManipulatorShape, manipulator
+from softcal.twin.masses import plate_inertia
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import PointLoad, Robot, Rod
 from softcal.twin.simulate import simulate
@@ -78,6 +79,23 @@ def test_plates_have_holes_and_a_shape(project: Project):
     np.testing.assert_allclose(top.disc.axis, [0, 0, 1])
     np.testing.assert_allclose(part(project.robot, "front").via_points[1].at, top.holes["a"])
     assert part(project.robot, "front").via_points[1].on == "top"
+
+
+@pytest.mark.parametrize(
+    ("written", "tensor"),
+    [
+        ("[20 kg*mm^2, 0.3 kg cm^2, 4e-5 kg*m^2]", np.diag([2e-5, 3e-5, 4e-5])),
+        (
+            "[[20 kg*mm^2, 1 kg*mm^2, 0], [1 kg*mm^2, 30 kg*mm^2, 0], [0, 0, 40 kg*mm^2]]",
+            [[2e-5, 1e-6, 0.0], [1e-6, 3e-5, 0.0], [0.0, 0.0, 4e-5]],
+        ),
+    ],
+)
+def test_the_inertia_of_a_plate_stands_before_that_of_its_disc(tmp_path: Path, written: str, tensor: np.ndarray):
+    project = load(write_robot(tmp_path, ("mass: 10 g", f"mass: 10 g\n      inertia: {written}")))
+    np.testing.assert_allclose(plate_inertia(part(project.robot, "top")), tensor, rtol=1e-12)
+    disc = plate_inertia(part(load(write_robot(tmp_path / "disc")).robot, "top"))
+    np.testing.assert_allclose(disc[2, 2], 0.01 * 0.03**2 / 2, rtol=1e-12)
 
 
 def test_a_plate_on_two_bodies(tmp_path: Path):

@@ -23,7 +23,7 @@ from softcal.project.robot_schema import (
     ViaSection,
 )
 from softcal.twin.joints import tie_fault
-from softcal.twin.robot import Cable, Disc, Marker, Plate, PointLoad, SurfaceLoad, Tie, ViaPoint
+from softcal.twin.robot import Cable, Disc, Marker, Plate, PointLoad, SurfaceLoad, Tie, ViaPoint, inertia_tensor
 
 
 @dataclass(frozen=True)
@@ -74,6 +74,13 @@ def build_plate(name: str, plate: PlateSection, built: BuiltBodies, findings: Fi
             nodes[body] = built.nodes(body, region, at, findings)
     if len(nodes) < len(plate.tied) or any(found is None for found in nodes.values()):
         return None
+    inertia = None
+    if plate.inertia is not None:
+        with findings.at((*path, "inertia")):
+            given = np.asarray(plate.inertia)
+            inertia = inertia_tensor(np.diag(given) if given.ndim == 1 else given, "inertia")
+        if inertia is None:
+            return None
     with findings.at(path):
         reference = frozen_floats(plate.reference, name=f"{name}.reference")
         with findings.at((*path, "holes")):
@@ -85,7 +92,7 @@ def build_plate(name: str, plate: PlateSection, built: BuiltBodies, findings: Fi
                     centre = reference if disc.centre is None else np.asarray(disc.centre)
                     shape = Disc(centre, np.asarray(disc.axis), disc.diameter, disc.thickness, disc.hole_diameter)
                 centre_of_mass = None if plate.centre_of_mass is None else np.asarray(plate.centre_of_mass)
-                return Plate(name, nodes, reference, plate.mass, centre_of_mass, plate.fixed, holes, shape)
+                return Plate(name, nodes, reference, plate.mass, centre_of_mass, plate.fixed, holes, shape, inertia)
     return None
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, PlainValidator, field_validator, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, PlainValidator, Tag, field_validator, model_validator
 
 from softcal.project.manipulator_schema import ManipulatorSection
 from softcal.project.mesh_schema import Mesh, RegionSection
@@ -108,6 +108,21 @@ class HolesSection(Section):
         return [*self.points, *(self.ring.hole_names if self.ring else [])]
 
 
+MomentOfInertia = Annotated[float, BeforeValidator(quantity("kg*m^2"))]
+_Moments = tuple[MomentOfInertia, MomentOfInertia, MomentOfInertia]
+
+
+def _inertia_kind(value: Any) -> str:
+    return "tensor" if isinstance(value, list) and any(isinstance(row, list) for row in value) else "moments"
+
+
+# About the centre of mass: the three moments about the axes, or the rows of the tensor.
+Inertia = Annotated[
+    Annotated[_Moments, Tag("moments")] | Annotated[tuple[_Moments, _Moments, _Moments], Tag("tensor")],
+    Discriminator(_inertia_kind),
+]
+
+
 class PlateSection(Section):
     """A rigid plate: tied to a region of one body or of several, clamped to rods, or fixed."""
 
@@ -117,6 +132,7 @@ class PlateSection(Section):
     bodies: Mapping[str, str] = Field(default_factory=dict)
     mass: Mass = 0.0
     centre_of_mass: Point | None = None
+    inertia: Inertia | None = None
     fixed: bool = False
     holes: HolesSection = HolesSection()
     disc: DiscSection | None = None

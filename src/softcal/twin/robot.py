@@ -140,7 +140,7 @@ class Plate:
         holes = {name: frozen_floats(at, name=f"{self.name}.{name}", shape=(3,)) for name, at in self.holes.items()}
         object.__setattr__(self, "holes", holes)
         if self.inertia is not None:
-            object.__setattr__(self, "inertia", _inertia_tensor(self.inertia, f"{self.name}.inertia"))
+            object.__setattr__(self, "inertia", inertia_tensor(self.inertia, f"{self.name}.inertia"))
 
     def via(self, hole: str) -> ViaPoint:
         """The point of a cable in one of the plate's holes.
@@ -156,7 +156,14 @@ class Plate:
         return ViaPoint(self.holes[hole], self.name)
 
 
-def _inertia_tensor(values: Floats, name: str) -> Floats:
+def inertia_tensor(values: Floats, name: str) -> Floats:
+    """The tensor of a rigid body about its centre of mass [kg m^2], (3, 3).
+
+    Raises
+    ------
+    InputError
+        Where no rigid body has it.
+    """
     tensor = frozen_floats(values, name=name, shape=(3, 3))
     moments = np.linalg.eigvalsh(tensor)
     size = float(np.abs(tensor).max())

@@ -10,6 +10,7 @@ from matplotlib.text import Text
 from report_example import column_mesh, neck_robot, twin_view
 
 from softcal.geometry.mesh import TET_EDGES
+from softcal.geometry.surface import boundary_triangles
 from softcal.report import scene_render
 from softcal.report.chart_twin import draw_side_by_side, draw_twin
 from softcal.report.check_figures import region_colours, robot_scenes
@@ -19,7 +20,6 @@ from softcal.report.scene import (
     Label,
     Surface,
     alike,
-    boundary_triangles,
     extent_points,
 )
 from softcal.report.scene_render import Rendering, draw_flat, render_scenes

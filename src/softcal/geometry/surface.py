@@ -11,15 +11,24 @@ from softcal.geometry.mesh import TET_FACE_EDGES, TET_FACES, TetMesh
 
 def boundary_faces(mesh: TetMesh) -> Ints:
     """Triangles that belong to one tet only, oriented outwards, shape (k, 3 or 6)."""
-    faces = _all_faces(mesh)
-    _, first, count = np.unique(_face_keys(faces, mesh.n_points), return_index=True, return_counts=True)
-    return faces[np.sort(first[count == 1])]
+    faces = _all_faces(mesh.tets)
+    return faces[_outer(faces, mesh.n_points)]
+
+
+def boundary_triangles(tets: Ints) -> Ints:
+    """Outward flat triangles (k, 3) of the boundary of linear or quadratic tets; a quadratic face gives four."""
+    faces = _all_faces(tets)
+    faces = faces[_outer(faces, int(tets.max(initial=-1)) + 1)]
+    if faces.shape[1] == 3:
+        return faces
+    a, b, c, ab, bc, ca = faces.T
+    quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+    return np.concatenate([np.stack(quarter, axis=1) for quarter in quarters])
 
 
 def boundary_owners(mesh: TetMesh) -> Ints:
     """Number of the tet behind each row of `boundary_faces(mesh)`."""
-    _, first, count = np.unique(_face_keys(_all_faces(mesh), mesh.n_points), return_index=True, return_counts=True)
-    return np.sort(first[count == 1]) // 4
+    return _outer(_all_faces(mesh.tets), mesh.n_points) // 4
 
 
 def matching_faces(mesh: TetMesh, triangles: Ints, *, where: str = "") -> Ints:
@@ -33,7 +42,7 @@ def matching_faces(mesh: TetMesh, triangles: Ints, *, where: str = "") -> Ints:
         Where a triangle is not a face of any tet.
     """
     triangles = np.asarray(triangles, dtype=np.int64)
-    faces = _all_faces(mesh)
+    faces = _all_faces(mesh.tets)
     keys = _face_keys(faces, mesh.n_points)
     order = np.argsort(keys, kind="stable")
     wanted = _face_keys(triangles, mesh.n_points)
@@ -56,11 +65,18 @@ def matching_faces(mesh: TetMesh, triangles: Ints, *, where: str = "") -> Ints:
     return found
 
 
-def _all_faces(mesh: TetMesh) -> Ints:
+def _all_faces(tets: Ints) -> Ints:
+    """Four of each tet, one tet after the other, (4 n_tets, 3 or 6)."""
     local = [list(face) for face in TET_FACES]
-    if mesh.order == 2:
+    if tets.shape[1] == 10:
         local = [corners + [4 + edge for edge in edges] for corners, edges in zip(local, TET_FACE_EDGES, strict=True)]
-    return mesh.tets[:, local].reshape(-1, len(local[0]))
+    return tets[:, local].reshape(-1, len(local[0]))
+
+
+def _outer(faces: Ints, n_points: int) -> Ints:
+    """The rows of those faces that belong to one tet only."""
+    _, first, count = np.unique(_face_keys(faces, n_points), return_index=True, return_counts=True)
+    return np.sort(first[count == 1])
 
 
 def _face_keys(faces: Ints, n_points: int) -> Ints:

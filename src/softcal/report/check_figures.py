@@ -10,6 +10,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.experiments.dataset import Dataset
+from softcal.geometry.surface import boundary_triangles
 from softcal.report.chart_bench import draw_record
 from softcal.report.chart_twin import draw_side_by_side
 from softcal.report.robot_view import plate_rim, plate_surface, robot_points, up_direction
@@ -24,7 +25,6 @@ from softcal.report.scene import (
     Tube,
     alike,
     bending_camera,
-    boundary_triangles,
     extent_points,
     length_scale,
     refined,

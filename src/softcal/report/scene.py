@@ -8,7 +8,6 @@ from itertools import pairwise
 import numpy as np
 
 from softcal.checks import Floats, Ints, frozen_floats, frozen_ints
-from softcal.geometry.mesh import TET_FACE_EDGES, TET_FACES
 
 
 @dataclass(frozen=True)
@@ -95,19 +94,6 @@ class Camera:
     def project(self, points: Floats) -> Floats:
         """Picture coordinates and depth (towards the eye) of points, shape (n, 3) [m]."""
         return np.asarray(points, dtype=np.float64) @ np.stack([self.right, self.up, self.back], axis=1)
-
-
-def boundary_triangles(tets: Ints) -> Ints:
-    """Triangles (k, 3) of the surface of linear or quadratic tets, oriented outwards; a quadratic face gives four."""
-    corners = tets[:, :4]
-    faces = np.concatenate([corners[:, face] for face in TET_FACES])
-    _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
-    outer = first[count == 1]
-    if tets.shape[1] == 4:
-        return faces[outer]
-    middles = np.concatenate([tets[:, [4 + edge for edge in edges]] for edges in TET_FACE_EDGES])
-    (a, b, c), (ab, bc, ca) = faces[outer].T, middles[outer].T
-    return np.concatenate([np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
 
 
 def length_scale(points: Floats) -> float:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.geometry.surface import boundary_triangles
 from softcal.report.content import TwinView
 from softcal.report.robot_view import plate_rim, plate_surface, robot_points, up_direction
 from softcal.report.scene import (
@@ -18,7 +19,6 @@ from softcal.report.scene import (
     Surface,
     Tube,
     bending_camera,
-    boundary_triangles,
     extent_points,
     length_scale,
     refined,

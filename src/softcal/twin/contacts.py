@@ -11,7 +11,7 @@ import numpy as np
 from softcal.checks import Floats, Ints
 from softcal.errors import Fault, MeshError
 from softcal.geometry.mesh import TetMesh
-from softcal.geometry.surface import boundary_faces
+from softcal.geometry.surface import boundary_faces, boundary_triangles
 from softcal.mechanics.contact import ContactTerm, edges_of
 from softcal.mechanics.layout import FIXED, Layout
 from softcal.twin.robot import Contact, Disc, Plate, Robot, Rod
@@ -67,7 +67,7 @@ def build_contacts(
         return ()
     terms: list[ContactTerm] = []
     discs = [first[plate.name] + disc_surface(plate.disc)[1] for plate in robot.plates if plate.disc is not None]
-    skins = [first[name] + _triangles(mesh) for name, mesh in meshes.items()]
+    skins = [first[name] + boundary_triangles(mesh.tets) for name, mesh in meshes.items()]
     if skins or discs:
         faces = np.concatenate([*skins, *discs])
         apart = [_across_seams(robot, layout, meshes, first, np.unique(faces))]
@@ -124,16 +124,6 @@ def _term(contact: Contact, layout: Layout, edges: Ints, faces: Ints, thickness:
         friction_coefficient=contact.friction_coefficient,
         creep=contact.creep,
     )
-
-
-def _triangles(mesh: TetMesh) -> Ints:
-    """The skin as flat triangles: a face with middle nodes makes four."""
-    faces = boundary_faces(mesh)
-    if mesh.order == 1:
-        return faces
-    a, b, c, ab, bc, ca = faces.T
-    quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-    return np.concatenate([np.stack(quarter, axis=1) for quarter in quarters])
 
 
 def _mean_edge(mesh: TetMesh) -> float:

@@ -17,7 +17,7 @@ from softcal.mechanics.state import moved
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.system import Controls
 from softcal.twin.build import build_twin
-from softcal.twin.contacts import disc_surface, fitting_contact, wire_diameter
+from softcal.twin.contacts import disc_skin, fitting_contact, wire_diameter
 from softcal.twin.in_time import simulate_in_time
 from softcal.twin.parameters import robot_parameters, with_parameters
 from softcal.twin.protocol import Command, Protocol
@@ -169,7 +169,7 @@ def lowest_rim(shape: Snapshot, plate: Plate) -> float:
     """Height of the lowest point of a disc's skin."""
     position, rotation = shape.plates[plate.name]
     assert plate.disc is not None
-    skin, _ = disc_surface(plate.disc)
+    skin, _ = disc_skin(plate.disc)
     return float((position + (skin - plate.reference) @ rotation.T)[:, 2].min())
 
 

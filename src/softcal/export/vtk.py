@@ -18,7 +18,7 @@ from softcal.errors import Fault, ParameterError
 from softcal.geometry.mesh import TetMesh
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.stress import cauchy_stress, green_lagrange_strain, von_mises
-from softcal.twin.contacts import disc_surface
+from softcal.twin.contacts import disc_skin
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.response import Response, Snapshot
 from softcal.twin.robot import Body, Robot
@@ -100,7 +100,7 @@ def _grid(robot: Robot, response: Response, shape: Snapshot, names: list[str]) -
             cells.add(names.index(name), x, at_rest[name], segments, VTK_LINE)
     for plate in robot.plates:
         if plate.disc is not None:
-            skin, faces = disc_surface(plate.disc)
+            skin, faces = disc_skin(plate.disc)
             position, rotation = shape.plates[plate.name]
             x = position + (skin - plate.reference) @ rotation.T
             cells.add(names.index(plate.name), x, skin, faces, VTK_TRIANGLE)

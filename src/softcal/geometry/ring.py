@@ -1,9 +1,8 @@
-"""Points on a circle: the guide holes of a disc."""
+"""Circles in space: points on them, such as guide holes, and a direction across their axis."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,8 +11,14 @@ from softcal.checks import Floats, frozen_floats
 from softcal.errors import Fault, MeshError
 
 
+def across(axis: Floats) -> Floats:
+    """A unit vector across a direction, the same one each time."""
+    side = np.asarray(np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))]), dtype=np.float64)
+    return side / np.linalg.norm(side)
+
+
 def ring_points(
-    centre: ArrayLike, axis: Sequence[float], zero: Sequence[float], radius: float, count: int, first_angle: float = 0.0
+    centre: ArrayLike, axis: ArrayLike, zero: ArrayLike, radius: float, count: int, first_angle: float = 0.0
 ) -> Floats:
     """Points (count, 3) [m] evenly spaced on a circle.
 

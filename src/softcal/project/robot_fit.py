@@ -9,6 +9,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.geometry.overlap import depths_inside
+from softcal.geometry.ring import across, ring_points
 from softcal.project.document import Findings
 from softcal.twin.robot import Body, Disc, Plate, Robot, Rod
 from softcal.units import format_quantity
@@ -186,10 +187,7 @@ def _depths_in_disc(disc: Disc, points: Floats) -> Floats:
 
 def _samples(disc: Disc) -> Floats:
     """Points of a disc: its middle plane and both faces, on three circles and in the centre."""
-    side = np.cross(disc.axis, np.eye(3)[int(np.argmin(np.abs(disc.axis)))])
-    side /= np.linalg.norm(side)
-    angle = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
-    ring = np.outer(np.cos(angle), side) + np.outer(np.sin(angle), np.cross(disc.axis, side))
+    ring = ring_points(np.zeros(3), disc.axis, across(disc.axis), 1.0, 24)
     flat = np.concatenate([np.zeros((1, 3)), *(0.5 * disc.diameter * share * ring for share in (1 / 3, 2 / 3, 1.0))])
     levels = (-0.5 * disc.thickness, 0.0, 0.5 * disc.thickness)
     return np.concatenate([disc.centre + flat + level * disc.axis for level in levels])

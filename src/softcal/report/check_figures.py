@@ -10,6 +10,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.experiments.dataset import Dataset
+from softcal.geometry.ring import across
 from softcal.geometry.surface import boundary_triangles
 from softcal.report.chart_bench import draw_record
 from softcal.report.chart_twin import draw_side_by_side
@@ -221,7 +222,7 @@ def _first_cable_side(robot: Robot, points: Floats, up: Floats) -> Floats:
     """The direction across `up` in which the first cable lies, else any."""
     if robot.cables:
         offset = np.mean([via.at for via in robot.cables[0].via_points], axis=0) - points.mean(axis=0)
-        across = offset - (offset @ up) * up
-        if np.linalg.norm(across) > 1e-9:
-            return across
-    return np.asarray(np.cross(up, np.eye(3)[int(np.argmin(np.abs(up)))]), dtype=np.float64)
+        aside = offset - (offset @ up) * up
+        if np.linalg.norm(aside) > 1e-9:
+            return aside
+    return across(up)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.geometry.ring import across
 
 _ALONG = 0.999  # cosine from which a direction counts as that of an axis
 
@@ -30,7 +31,7 @@ def two_views(points: Floats, up: Floats) -> tuple[View, View]:
     vertical, name = _named(up, "up")
     others: list[Floats] = [axis for axis in np.eye(3) if abs(axis @ vertical) < 1.0 - _ALONG]
     if len(others) < 2:
-        first: Floats = _unit(np.cross(vertical, np.eye(3)[int(np.argmin(np.abs(vertical)))]))
+        first = across(vertical)
         others = [first, _unit(np.cross(vertical, first))]
     wide, narrow = sorted(others, key=lambda axis: -float(np.ptp(points @ axis)))
     return (

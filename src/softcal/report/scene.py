@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from softcal.checks import Floats, Ints, frozen_floats, frozen_ints
+from softcal.geometry.ring import across
 
 
 @dataclass(frozen=True)
@@ -115,7 +116,7 @@ def bending_camera(points: Floats, up: Floats, towards: Floats) -> Camera:
     up = up / np.linalg.norm(up)
     right = towards - (towards @ up) * up
     if np.linalg.norm(right) < 1e-9:
-        right = np.cross(up, np.eye(3)[int(np.argmin(np.abs(up)))])
+        right = across(up)
     right /= np.linalg.norm(right)
     back: Floats = np.asarray(np.cross(right, up), dtype=np.float64)
     back = _turned(back, up, 0.40)
@@ -128,8 +129,8 @@ def bending_camera(points: Floats, up: Floats, towards: Floats) -> Camera:
 
 def fitted(camera: Camera, points: Floats) -> Camera:
     """The same view with a window that holds all points and a margin."""
-    across = camera.project(points)[:, :2]
-    low, high = across.min(axis=0), across.max(axis=0)
+    flat = camera.project(points)[:, :2]
+    low, high = flat.min(axis=0), flat.max(axis=0)
     margin = np.array([0.13, 0.05]) * float(np.max(high - low))
     (left, bottom), (right, top) = low - margin, high + margin
     return Camera(camera.right, camera.up, camera.back, (float(left), float(right), float(bottom), float(top)))

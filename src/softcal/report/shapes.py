@@ -7,11 +7,13 @@ from itertools import pairwise
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.geometry.ring import across, ring_points
 from softcal.report.scene import Surface
 from softcal.twin.robot import Disc, Plate, Rod
 
 STEPS = 6  # between two nodes of a rod
 SIDES = 20  # of a tube
+CIRCLE = 64  # points of a circle
 RIM, HOLE = 96, 16  # points on the rim of a disc, and on that of a hole
 
 
@@ -30,7 +32,7 @@ def tube(path: Floats, diameter: float, colours: Floats) -> Surface:
     """A round wire along a path (n, 3), closed at its ends; colours: RGB of each of the path's points (n, 3)."""
     along = np.gradient(path, axis=0)
     along /= np.linalg.norm(along, axis=1, keepdims=True)
-    side = np.cross(along[0], np.eye(3)[int(np.argmin(np.abs(along[0])))])
+    side = across(along[0])
     rings: list[Floats] = []
     angle = np.linspace(0.0, 2.0 * np.pi, SIDES, endpoint=False)
     for point, tangent in zip(path, along, strict=True):
@@ -58,11 +60,11 @@ def disc_surface(plate: Plate, shape: Disc, colour: str, *, opacity: float = 1.0
     from matplotlib.colors import to_rgb
     from scipy.spatial import Delaunay  # pyright: ignore[reportUnknownVariableType, reportAttributeAccessIssue]
 
-    side: Floats = unit_circle(shape.axis)[0]
+    side = across(shape.axis)
     other: Floats = np.asarray(np.cross(shape.axis, side), dtype=np.float64)
     radius, hole = 0.5 * shape.diameter, 0.5 * shape.hole_diameter
-    across = [((at - shape.centre) @ side, (at - shape.centre) @ other) for at in plate.holes.values()]
-    centres: Floats = np.array(across if hole > 0.0 else [], dtype=np.float64).reshape(-1, 2)
+    offsets = [((at - shape.centre) @ side, (at - shape.centre) @ other) for at in plate.holes.values()]
+    centres: Floats = np.array(offsets if hole > 0.0 else [], dtype=np.float64).reshape(-1, 2)
     outlines = [_circle(np.zeros(2), radius, RIM), *(_circle(centre, hole, HOLE) for centre in centres)]
     inner = np.concatenate([_circle(np.zeros(2), share * radius, 24) for share in (0.25, 0.5, 0.75)])
     clear = np.array([np.linalg.norm(centres - point, axis=1).min(initial=np.inf) > 1.5 * hole for point in inner])
@@ -94,19 +96,17 @@ def flat_disc(centre: Floats, normal: Floats, radius: float, colour: str, *, opa
     ring = radius * unit_circle(normal)
     half = radius / 40 * normal
     points = np.concatenate([centre + half + ring, centre - half + ring, [centre + half, centre - half]])
-    one, two = np.arange(64), np.roll(np.arange(64), -1)
-    top, bottom = np.full(64, 128), np.full(64, 129)
-    faces = [(one, two, top), (two + 64, one + 64, bottom), (one, one + 64, two), (two, one + 64, two + 64)]
+    n = len(ring)
+    one, two = np.arange(n), np.roll(np.arange(n), -1)
+    top, bottom = np.full(n, 2 * n), np.full(n, 2 * n + 1)
+    faces = [(one, two, top), (two + n, one + n, bottom), (one, one + n, two), (two, one + n, two + n)]
     triangles = np.concatenate([np.stack(face, axis=1) for face in faces])
     return Surface(points, triangles, np.tile(to_rgb(colour), (len(triangles), 1)), opacity)
 
 
 def unit_circle(normal: Floats) -> Floats:
-    """64 points on the unit circle around a unit normal."""
-    side = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
-    side /= np.linalg.norm(side)
-    angle = np.linspace(0, 2 * np.pi, 64, endpoint=False)
-    return np.outer(np.cos(angle), side) + np.outer(np.sin(angle), np.cross(normal, side))
+    """Points on the unit circle around a unit normal (64, 3)."""
+    return ring_points(np.zeros(3), normal, across(normal), 1.0, CIRCLE)
 
 
 def _circle(centre: Floats, radius: float, count: int) -> Floats:

@@ -19,7 +19,7 @@ from softcal.mechanics.layout import FIXED, FREE, TIED, Layout
 from softcal.mechanics.rod import build_rod
 from softcal.mechanics.solid import SolidTerm, build_solid
 from softcal.mechanics.system import System, build_system
-from softcal.twin.contacts import build_contacts, disc_surface
+from softcal.twin.contacts import build_contacts, disc_skin
 from softcal.twin.joints import join_ties, nodes_in_use, number_frames
 from softcal.twin.loads import PointForce, Weights, build_loads, surface_forces
 from softcal.twin.robot import Body, Disc, PointLoad, Robot
@@ -120,7 +120,7 @@ def build_twin(robot: Robot) -> Twin:
     if robot.contact is not None:
         for plate in robot.plates:
             if plate.disc is not None:
-                skin, _ = disc_surface(plate.disc)
+                skin, _ = disc_skin(plate.disc)
                 builder.first[plate.name] = builder.add(skin, np.full(len(skin), frames.of_plate[plate.name]))
     layout = Layout(
         X=np.concatenate(builder.X),
@@ -177,7 +177,7 @@ def _key(robot: Robot) -> Hashable:
 
 
 def _skin_key(disc: Disc | None) -> Hashable:
-    return None if disc is None else tuple(array.tobytes() for array in disc_surface(disc))
+    return None if disc is None else tuple(array.tobytes() for array in disc_skin(disc))
 
 
 def _arrays(nodes: Mapping[str, Ints]) -> Hashable:

@@ -11,6 +11,7 @@ import numpy as np
 from softcal.checks import Floats, Ints
 from softcal.errors import Fault, MeshError
 from softcal.geometry.mesh import TetMesh
+from softcal.geometry.ring import across, ring_points
 from softcal.geometry.surface import boundary_faces, boundary_triangles
 from softcal.mechanics.contact import ContactTerm, edges_of
 from softcal.mechanics.layout import FIXED, Layout
@@ -35,13 +36,9 @@ def wire_diameter(rod: Rod) -> float:
     return math.sqrt(4.0 * rod.section.area / math.pi)
 
 
-def disc_surface(disc: Disc) -> tuple[Floats, Ints]:
+def disc_skin(disc: Disc) -> tuple[Floats, Ints]:
     """Points (n, 3) [m] and outward triangles of a disc's skin; its holes are filled, its rim has straight pieces."""
-    e1 = np.cross(disc.axis, np.eye(3)[np.argmin(np.abs(disc.axis))])
-    e1 /= np.linalg.norm(e1)
-    e2 = np.cross(disc.axis, e1)
-    angle = 2.0 * math.pi * np.arange(RIM) / RIM
-    rim = 0.5 * disc.diameter * (np.outer(np.cos(angle), e1) + np.outer(np.sin(angle), e2))
+    rim = ring_points(np.zeros(3), disc.axis, across(disc.axis), 0.5 * disc.diameter, RIM)
     up = 0.5 * disc.thickness * np.asarray(disc.axis)
     points = disc.centre + np.concatenate([[up, -up], rim + up, rim - up])
     i, j = np.arange(RIM), np.roll(np.arange(RIM), -1)
@@ -66,7 +63,7 @@ def build_contacts(
     if robot.contact is None:
         return ()
     terms: list[ContactTerm] = []
-    discs = [first[plate.name] + disc_surface(plate.disc)[1] for plate in robot.plates if plate.disc is not None]
+    discs = [first[plate.name] + disc_skin(plate.disc)[1] for plate in robot.plates if plate.disc is not None]
     skins = [first[name] + boundary_triangles(mesh.tets) for name, mesh in meshes.items()]
     if skins or discs:
         faces = np.concatenate([*skins, *discs])

@@ -11,9 +11,9 @@ import numpy as np
 from softcal.experiments.camera import Camera
 from softcal.experiments.fiducials import CharucoBoard, board_texture, marker_modules, marker_texture
 from softcal.experiments.marker_scene import Glimpse
-from softcal.experiments.pose import Pose
 from softcal.experiments.render import Image, Optics, Panel, render
 from softcal.experiments.square_pose import square_corners
+from softcal.geometry.pose import Pose
 
 DICTIONARY = "DICT_4X4_50"
 

@@ -27,8 +27,8 @@ from scipy.spatial.transform import Rotation
 from softcal.checks import Floats
 from softcal.experiments.camera import Camera
 from softcal.experiments.fiducials import CharucoBoard, board_texture, marker_modules, marker_texture
-from softcal.experiments.pose import Pose
 from softcal.experiments.render import Image, Optics, Panel, render
+from softcal.geometry.pose import Pose
 from softcal.twin.manipulator import ManipulatorShape, manipulator
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Marker, Robot

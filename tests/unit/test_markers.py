@@ -35,9 +35,9 @@ from softcal.experiments.charuco import Calibration, find_board
 from softcal.experiments.edges import refine_corners
 from softcal.experiments.fiducials import find_dictionary, marker_texture
 from softcal.experiments.pattern_sheet import board_sheet, marker_sheet
-from softcal.experiments.pose import Pose
 from softcal.experiments.render import Optics, Panel, render
 from softcal.experiments.shots import find_shots
+from softcal.geometry.pose import Pose
 from softcal.project.base_file import read_base
 from softcal.project.camera_file import camera_text
 from softcal.project.markers import make_camera_file, measure_markers

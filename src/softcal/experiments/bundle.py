@@ -19,7 +19,7 @@ import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.experiments.camera import Camera
-from softcal.experiments.pose import Pose
+from softcal.geometry.pose import Pose
 
 BASE = -1  # the number of the body that stands still
 

@@ -18,8 +18,8 @@ from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
 from softcal.experiments.camera import Camera
 from softcal.experiments.fiducials import CharucoBoard
-from softcal.experiments.pose import Pose
 from softcal.experiments.render import Image
+from softcal.geometry.pose import Pose
 
 FEWEST_IMAGES = 4
 _ENOUGH_IMAGES = 8

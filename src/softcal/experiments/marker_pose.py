@@ -14,8 +14,8 @@ from softcal.experiments.bundle import BASE, Adjustment, Bundle, Sighting, adjus
 from softcal.experiments.camera import Camera
 from softcal.experiments.marker_scene import Glimpse, MarkerSet
 from softcal.experiments.marker_start import GroupStart, start_group, view_candidates
-from softcal.experiments.pose import Pose
 from softcal.experiments.square_pose import Candidate, pose_candidates
+from softcal.geometry.pose import Pose
 
 # A pose is ambiguous where a second one is worse by less than this, in units of the corners' variance.
 _TELLING = 9.0

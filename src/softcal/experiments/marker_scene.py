@@ -9,8 +9,8 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
-from softcal.experiments.pose import Pose
 from softcal.experiments.square_pose import square_corners
+from softcal.geometry.pose import Pose
 
 
 @dataclass(frozen=True)

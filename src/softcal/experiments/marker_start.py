@@ -15,8 +15,8 @@ import numpy as np
 from softcal.experiments.bundle import BASE, Adjustment, Bundle, Sighting, adjust
 from softcal.experiments.camera import Camera
 from softcal.experiments.marker_scene import Glimpse, MarkerSet
-from softcal.experiments.pose import Pose
 from softcal.experiments.square_pose import Candidate, pose_candidates
+from softcal.geometry.pose import Pose
 
 # Cost [px²] by which a pose must be worse to be left out at once: a chance of nil for corners good to 0.1 px.
 _CLEARLY_WORSE = 0.3

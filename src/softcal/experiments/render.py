@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from softcal.checks import Floats
 from softcal.experiments.camera import Camera
-from softcal.experiments.pose import Pose
+from softcal.geometry.pose import Pose
 
 Image = NDArray[np.uint8]
 

@@ -14,7 +14,7 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.experiments.bundle import BASE, Bundle, Sighting, adjust
 from softcal.experiments.camera import Camera
-from softcal.experiments.pose import Pose
+from softcal.geometry.pose import Pose
 
 _SAME = np.radians(1.0)  # two poses nearer than this are one
 

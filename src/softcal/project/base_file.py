@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated
 
 from softcal.errors import Fault, InputError, ProjectFileError
-from softcal.experiments.pose import Pose
+from softcal.geometry.pose import Pose
 from softcal.project.document import Document, Findings, read_document
 from softcal.project.section import Angle, Length, Positive, Section, validated
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from softcal.checks import Ints
 from softcal.geometry.mesh import TetMesh
-from softcal.geometry.placement import placement
+from softcal.geometry.placement import placed_mesh
 from softcal.geometry.quality import MeshReport, check_quality, require_sound
 from softcal.geometry.regions import Box, Cylinder, Named, Plane, Region, Sphere, select_faces, select_nodes
 from softcal.materials.catalogue import LAWS
@@ -87,10 +87,8 @@ def build_bodies(sections: Mapping[str, BodySection], make_mesh: MeshMaker, find
             continue
         built.regions[name] = _regions(body, built.made[name], path, findings)
         if body.placement is not None:
-            put = body.placement
             with findings.at((*path, "placement")):
-                place = placement(put.position, [(turn.axis, turn.angle) for turn in put.rotation])
-                built.meshes[name] = place.mesh(built.made[name])
+                built.meshes[name] = placed_mesh(built.made[name], body.placement.pose)
                 if name in built.qualities:
                     built.qualities[name] = check_quality(built.meshes[name])
         found = [built.nodes(name, region, (*path, "fixed"), findings) for region in body.fixed]

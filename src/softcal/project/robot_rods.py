@@ -11,7 +11,7 @@ from softcal.checks import Ints
 from softcal.errors import Fault, MeshError
 from softcal.geometry import section as sections
 from softcal.geometry.centreline import Centreline, curve_through, helix, polyline, spaced, straight
-from softcal.geometry.placement import placement
+from softcal.geometry.placement import placed_centreline
 from softcal.geometry.section import Section
 from softcal.project.document import Findings, KeyPath
 from softcal.project.rod_schema import CrossSection, HelixSection, RodSection
@@ -51,8 +51,7 @@ def build_rod(name: str, rod: RodSection, plates: Iterable[str], findings: Findi
             line = _centreline(rod, sorted({*fixed, *(s for arcs in clamped.values() for s in arcs)}))
             if rod.placement is not None:
                 with findings.at((*path, "placement")):
-                    turns = [(turn.axis, turn.angle) for turn in rod.placement.rotation]
-                    line = placement(rod.placement.position, turns).centreline(line)
+                    line = placed_centreline(line, rod.placement.pose)
             if len(findings.faults) > n_faults:
                 return None
             with findings.at(path):

@@ -7,6 +7,8 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, Field, PlainValidator, field_validator, model_validator
 
+from softcal.geometry.placement import placement
+from softcal.geometry.pose import Pose
 from softcal.project.section import (
     Angle,
     Area,
@@ -39,6 +41,17 @@ class PlacementSection(Section):
 
     position: Point = (0.0, 0.0, 0.0)
     rotation: Annotated[list[RotationSection], BeforeValidator(listed)] = Field(default_factory=list)
+
+    @property
+    def pose(self) -> Pose:
+        """As a motion of the part's points.
+
+        Raises
+        ------
+        MeshError
+            For an axis without a direction.
+        """
+        return placement(self.position, [(turn.axis, turn.angle) for turn in self.rotation])
 
 
 class StraightSection(Section):

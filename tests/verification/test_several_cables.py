@@ -119,3 +119,27 @@ def test_tension_by_many_equals_tension_by_one_where_the_other_is_small():
     two = simulate(column(FRONT, BACK), commands(front=("tension", T), back=("tension", [1e-9] * 3)))
     for name in ("front.shortening", "plate.pitch", "plate.x"):
         np.testing.assert_allclose(two.channels[name], one.channels[name], rtol=1e-6)
+
+
+MIDDLE = side_cable("middle", (0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    "shortenings",
+    [
+        pytest.param((0.002, 0.002, 0.002), id="lengths that fit together leave the tensions open"),
+        pytest.param((0.004, 0.0, 0.002), id="bent"),
+        pytest.param((0.001, 0.001, 0.003), id="lengths that do not fit together"),
+    ],
+)
+def test_parallel_cables_whose_lengths_follow_from_each_other_are_named(shortenings):
+    """Three in one plane on a plate: two lengths give the third. The fourth cable is beside that plane."""
+    d = dict(zip(("front", "back", "middle"), shortenings, strict=True))
+    robot = column(FRONT, BACK, MIDDLE, LEFT)
+    response = simulate(robot, commands(**{n: ("shortening", [v]) for n, v in d.items()}, left=("shortening", [0.001])))
+    assert not response.succeeded
+    assert "The lengths of cables front, back and middle depend on each other" in response.status
+    assert "left" not in response.status
+    assert response.status.endswith("leave it slack.")
+    one_by_tension = {n: ("shortening", [v]) for n, v in d.items() if n != "middle"} | {"middle": ("tension", [0.5])}
+    assert simulate(robot, commands(**one_by_tension)).succeeded

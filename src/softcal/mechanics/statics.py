@@ -13,9 +13,10 @@ from softcal.errors import SimulationError
 from softcal.mechanics.contact import CLEARANCE
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.linear_solve import Factorisation, factorisation
+from softcal.mechanics.redundancy import redundant, redundant_sentence
 from softcal.mechanics.rod import RodTerm
 from softcal.mechanics.state import State, moved, rest_state
-from softcal.mechanics.system import NO_BORDER, Controls, Linearisation, System, part_theta
+from softcal.mechanics.system import NO_BORDER, Border, Controls, Linearisation, System, part_theta
 
 TOLERANCE = 1e-9  # residual over its scale
 ROUNDING = 4.0 * float(np.finfo(float).eps)  # of the farthest coordinate: what positions are known to
@@ -99,10 +100,11 @@ class Statics:
         Raises
         ------
         SimulationError
-            Where the tangent is singular.
+            Where the tangent is singular, or cables are driven to lengths that follow from each other's.
         """
         if at.data is None:
             raise SimulationError("There is no tangent to factorise.")
+        self._require_independent(at.border)
         self._factors = self._planned
         if at.touch is None:
             data = at.data.copy()
@@ -114,6 +116,13 @@ class Statics:
         self.n_factorisations += 1
         self._border = at.border
         self._columns_solved = None
+
+    def _require_independent(self, border: Border) -> None:
+        """Without this rounding alone would choose the tensions, where the border is not singular to the last digit."""
+        n_taut = len(border.taut)
+        together = redundant(self._unit[:, None] * border.rows[:, :n_taut]) if n_taut else border.taut
+        if len(together):
+            raise SimulationError(redundant_sentence([self.system.cables.names[border.taut[i]] for i in together]))
 
     def _with_touch(self, data: Floats, touch: Any) -> Factorisation:
         """The factors of the tangent with contacts, whose pattern is theirs: analysed anew."""
@@ -177,7 +186,9 @@ class Statics:
                     self.factorise(at)
                 dz = -self.solve(at.reduced)
             except (SimulationError, np.linalg.LinAlgError) as error:
-                return Equilibrium(state, False, iteration, residual, f"the tangent is singular: {error}")
+                return Equilibrium(
+                    state, False, iteration, residual, f"the tangent is singular: {str(error).rstrip('.')}"
+                )
             step = self._limited(dz)
             serves = step == 1.0 and residual < (SMALL_START if np.isinf(previous) else REUSE_BELOW * previous)
             work = float(dz @ at.reduced)

@@ -1,0 +1,36 @@
+"""Cables that are driven in length together, and whose lengths cannot all be chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from softcal.checks import Floats, Ints
+
+# Sine, squared, of the angle between a cable's gradient and those of the others below which it lies in their span.
+_IN_SPAN = 1e-12
+_TAKES_PART = 1e-3
+
+
+def redundant(gradients: Floats) -> Ints:
+    """Which columns take part in a combination that is zero; none where all are independent.
+
+    gradients: of each cable's length by the unknowns, (n_unknowns, n_cables).
+    """
+    sizes = np.linalg.norm(gradients, axis=0)
+    directions = gradients / np.where(sizes > 0.0, sizes, 1.0)
+    values, combinations = np.linalg.eigh(directions.T @ directions)
+    none = np.abs(combinations[:, values < _IN_SPAN])
+    return np.flatnonzero(none.max(axis=1, initial=0.0) > _TAKES_PART)
+
+
+def redundant_sentence(names: Sequence[str]) -> str:
+    """Why there is no state, and what to do about it."""
+    if len(names) == 1:
+        return f"Nothing that can move changes the length of cable {names[0]}: it cannot be driven in length."
+    together = f"{', '.join(names[:-1])} and {names[-1]}"
+    return (
+        f"The lengths of cables {together} depend on each other here: they cannot all be given, and their tensions "
+        "cannot be told apart. Drive one of them by its tension, or leave it slack."
+    )

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Collection
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -178,24 +181,50 @@ def _draw_residual(axes: Axes, path: Trajectory, panel: TrajectoryPanel) -> None
 
 def draw_overview(content: ReportContent, result: CalibrationResult) -> Figure:
     """Every experiment of one calibration: measured force as points, the twin as lines, over the cable's travel."""
+    from matplotlib.lines import Line2D
+
+    found = {name: overview_curves(content.experiments[name], result) for name in result.experiments}
+    drawn = {name: curves for name, curves in found.items() if curves is not None}
+    alone, columns = len(drawn) == 1, _legend_columns(drawn)
     with house_style():
-        figure = new_figure(5.2, 3.7)
+        figure = new_figure(5.2, 3.5 + 0.19 * (1 if alone else math.ceil(len(drawn) / columns)))
         axes = figure.add_subplot()
-        for index, name in enumerate(result.experiments):
-            curves = overview_curves(content.experiments[name], result)
-            if curves is None:
-                continue
-            colour = SERIES[index % len(SERIES)]
-            (x, y), (x_twin, y_twin) = curves
-            every = max(1, len(x) // 40)
-            axes.plot(
-                x[::every], y[::every], color=colour, linestyle="", marker="osD^vP"[index % 6], markersize=4,
-                markerfacecolor="white", label=f"{name}, measured",
-            )  # fmt: skip
-            axes.plot(x_twin, y_twin, color=colour, linewidth=1.8, label=f"{name}, twin")
-        _force_displacement_axes(axes, "Measured force and the calibrated twin")
-        axes.legend(loc="upper left", ncols=1 if len(result.experiments) < 4 else 2)
+        handles: list[Line2D] = []
+        for index, (name, ((x, y), (x_twin, y_twin))) in enumerate(drawn.items()):
+            look, most = _look(index), 40 if len(drawn) < 4 else 20
+            shown = np.unique(np.linspace(0, len(x) - 1, min(len(x), most)).round().astype(int))
+            points: dict[str, Any] = {"marker": look.marker, "markersize": 4, "markerfacecolor": "white"}
+            line: dict[str, Any] = {"linestyle": look.line, "linewidth": 1.8}
+            axes.plot(x[shown], y[shown], color=look.colour, linestyle="", **points)
+            axes.plot(x_twin, y_twin, color=look.colour, **line)
+            if alone:
+                handles.append(Line2D([], [], color=look.colour, linestyle="", label=f"{name}, measured", **points))
+                handles.append(Line2D([], [], color=look.colour, label="twin", **line))
+            else:
+                handles.append(Line2D([], [], color=look.colour, label=name, **points, **line))
+        _force_displacement_axes(axes, "Measured force (points) and the twin (lines)")
+        figure.legend(handles=handles, loc="outside lower center", ncols=2 if alone else columns)
         return figure
+
+
+@dataclass(frozen=True)
+class _Look:
+    colour: str
+    marker: str
+    line: str
+
+
+def _look(index: int) -> _Look:
+    """How one of many tests is drawn: a colour and a marker each, other markers and lines once the colours are used."""
+    turn, place = divmod(index, len(SERIES))
+    return _Look(SERIES[place], "osD^vP"[(place + turn) % 6], ("-", "--", ":", "-.")[turn % 4])
+
+
+def _legend_columns(names: Collection[str]) -> int:
+    """As many columns as the longest name leaves room for, and no more than make the rows even."""
+    widest = 0.6 + 0.065 * max(map(len, names), default=0)  # [in], with the handle
+    most = max(1, min(3, int(5.0 / widest)))
+    return math.ceil(len(names) / math.ceil(len(names) / most)) if names else 1
 
 
 def overview_curves(

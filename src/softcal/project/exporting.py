@@ -7,13 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from softcal.errors import Fault, ParameterError, SimulationError, UnitError
+from softcal.errors import Fault, ParameterError, UnitError
 from softcal.project.calibration import calibrated
-from softcal.project.output import new_folder, require_free, require_writable
+from softcal.project.output import new_folder, require_free_folder
 from softcal.project.project import Project, load
 from softcal.project.run_folder import headline_of, load_run
 from softcal.project.search import held_values
-from softcal.project.simulation import simulate
+from softcal.project.simulation import simulate, simulate_each
 from softcal.twin.parameters import robot_parameters, with_parameters
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response
@@ -101,8 +101,7 @@ def export_sofa(project: Project, protocols: Mapping[str, Protocol], folder: Pat
     from softcal.export.sofa_export import furthest, write_sofa
     from softcal.export.sofa_scene import Stepping
 
-    require_free(folder, "another --out")
-    require_writable(folder)
+    require_free_folder(folder)
     protocol = furthest(protocols)
     motion, resting = project.dynamics, project.engines.sofa.settings.resting
     stepping = Stepping(motion.time_step, motion.rayleigh_stiffness, motion.rayleigh_mass)
@@ -129,8 +128,7 @@ def export_reduced(
     """
     from softcal.export.reduced import reduced, write_reduced
 
-    require_free(folder, "another --out")
-    require_writable(folder)
+    require_free_folder(folder)
     reaches = _reaches(project.robot, reach, cables)
     model = reduced(project.robot, reaches, samples or REDUCED_SAMPLES.get(len(reaches), 2))
     return write_folder(folder, lambda part: write_reduced(model, part))
@@ -162,12 +160,9 @@ def _export_each(
     folder: Path,
     write: Callable[[Response, Path], list[Path]],
 ) -> list[Path]:
-    require_free(folder, "another --out")
-    require_writable(folder)
-    responses = {name: simulate(project, protocol, snapshots=True) for name, protocol in protocols.items()}
-    for name, response in responses.items():
-        if not response.succeeded:
-            raise SimulationError(f"{name}: {response.status}")
+    """Let `write` put each protocol's response into a new folder, several ones into folders of their names in it."""
+    require_free_folder(folder)
+    responses = simulate_each(protocols, lambda protocol: simulate(project, protocol, snapshots=True))
     return write_folder(
         folder,
         lambda part: [

@@ -11,26 +11,19 @@ from pathlib import Path
 
 from softcal.errors import Fault, StorageError
 
+ANOTHER = "another --out"
 
-def require_free(folder: Path, attempt: str) -> None:
-    """Check that nothing stands where a folder is to be written.
+
+def require_free_folder(folder: Path) -> None:
+    """Check, before what takes long, that nothing stands where a folder is to be written, and that it can be written.
 
     Raises
     ------
     StorageError
-        Where it is a file or holds files.
+        Where something does, or it cannot.
     """
-    if folder.exists() and not folder.is_dir():
-        raise StorageError(Fault("this is a file, where a folder is to be written", str(folder)))
-    try:
-        held = sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else []
-    except OSError as error:
-        raise unwritable(folder, error) from error
-    if held:
-        shown = ", ".join(held[:4]) + (", …" if len(held) > 4 else "")
-        raise StorageError(
-            Fault("the folder is not empty, and nothing is overwritten", str(folder), f"holds {shown}", attempt=attempt)
-        )
+    _require_empty(folder, ANOTHER)
+    require_writable(folder)
 
 
 def require_writable(folder: Path) -> None:
@@ -51,7 +44,7 @@ def require_writable(folder: Path) -> None:
 
 
 @contextmanager
-def new_folder(folder: Path, attempt: str = "another --out") -> Generator[Path]:
+def new_folder(folder: Path, attempt: str = ANOTHER) -> Generator[Path]:
     """A folder to write into, which becomes `folder` when all is written and vanishes when anything fails.
 
     Raises
@@ -59,7 +52,7 @@ def new_folder(folder: Path, attempt: str = "another --out") -> Generator[Path]:
     StorageError
         Where `folder` holds files already, or cannot be written.
     """
-    require_free(folder, attempt)
+    _require_empty(folder, attempt)
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         part = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
@@ -87,7 +80,7 @@ def require_free_file(path: Path) -> None:
     """
     if path.exists():
         what = "this is a folder, where a file is to be written" if path.is_dir() else "the file exists"
-        raise StorageError(Fault(f"{what}, and nothing is overwritten", str(path), attempt="another --out"))
+        raise StorageError(Fault(f"{what}, and nothing is overwritten", str(path), attempt=ANOTHER))
     require_writable(path.parent)
 
 
@@ -121,3 +114,17 @@ def unwritable(path: Path, error: OSError) -> StorageError:
             "a folder with free space in which you may write",
         )
     )
+
+
+def _require_empty(folder: Path, attempt: str) -> None:
+    if folder.exists() and not folder.is_dir():
+        raise StorageError(Fault("this is a file, where a folder is to be written", str(folder)))
+    try:
+        held = sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else []
+    except OSError as error:
+        raise unwritable(folder, error) from error
+    if held:
+        shown = ", ".join(held[:4]) + (", …" if len(held) > 4 else "")
+        raise StorageError(
+            Fault("the folder is not empty, and nothing is overwritten", str(folder), f"holds {shown}", attempt=attempt)
+        )

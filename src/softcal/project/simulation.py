@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,7 @@ import numpy as np
 from softcal.calibration.experiment import Experiment
 from softcal.calibration.observation import commands
 from softcal.calibration.problem import Simulate
-from softcal.errors import Fault, ParameterError
+from softcal.errors import Fault, ParameterError, SimulationError
 from softcal.project.project import Project
 from softcal.twin.parameters import robot_parameters, with_parameters
 from softcal.twin.protocol import Command, Protocol
@@ -71,6 +71,21 @@ def simulate(
         protocol = protocol_of(twin, experiment) if isinstance(twin, Project) else Protocol({})
         robot = robot_in(twin, experiment) if isinstance(twin, Project) else robot
     return (engine or simulate_robot)(robot, protocol, sensitivities=sensitivities, snapshots=snapshots)
+
+
+def simulate_each(protocols: Mapping[str, Protocol], simulated: Callable[[Protocol], Response]) -> dict[str, Response]:
+    """The response to each protocol, by name.
+
+    Raises
+    ------
+    SimulationError
+        Where the twin could not follow one of them.
+    """
+    responses = {name: simulated(protocol) for name, protocol in protocols.items()}
+    for name, response in responses.items():
+        if not response.succeeded:
+            raise SimulationError(f"{name}: {response.status}")
+    return responses
 
 
 def protocol_of(project: Project, experiment: str = "") -> Protocol:

@@ -8,12 +8,11 @@ from pathlib import Path
 
 from softcal.calibration.outcome import installed_versions
 from softcal.calibration.result_files import response_file
-from softcal.errors import SimulationError
 from softcal.project.engines import SOFA, SOFTCAL, engine_for
 from softcal.project.motion import simulate_pull_in_time
-from softcal.project.output import new_folder, require_free, require_writable
+from softcal.project.output import new_folder, require_free_folder
 from softcal.project.project import Project
-from softcal.project.simulation import response_csv, simulate, twin_view
+from softcal.project.simulation import response_csv, simulate, simulate_each, twin_view
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response
 
@@ -39,18 +38,14 @@ def simulate_to_folder(
     SimulationError
         Where the twin could not follow a protocol; nothing is then written.
     """
-    require_free(folder, "another --out")
-    require_writable(folder)
+    require_free_folder(folder)
     simulator = engine_for(engine, project.robot, project.engines)
-    responses = {
-        name: simulate_pull_in_time(project, protocol)
-        if in_time
-        else simulate(project, protocol, snapshots=True, engine=simulator)
-        for name, protocol in protocols.items()
-    }
-    for name, response in responses.items():
-        if not response.succeeded:
-            raise SimulationError(f"{name}: {response.status}")
+    if in_time:
+        responses = simulate_each(protocols, lambda protocol: simulate_pull_in_time(project, protocol))
+    else:
+        responses = simulate_each(
+            protocols, lambda protocol: simulate(project, protocol, snapshots=True, engine=simulator)
+        )
     with new_folder(folder) as part:
         for name, response in responses.items():
             (part / response_file(name)).write_text(response_csv(response), encoding="utf-8")

@@ -26,8 +26,8 @@ WITH_CONTACT = 4  # times as many of both where surfaces may touch: the set of c
 REUSE_BELOW = 0.1  # a factorisation is kept while each step shrinks the residual at least tenfold
 SMALL_START = 1e-3  # and from a first residual as small as this
 MAX_CUTS = 8  # halvings of a step that would invert an element
-LARGEST_TURN = 1.0  # [rad] of a plate in one step
-LARGEST_MOVE = 0.33  # of the robot's extent in one step
+TURN_PER_STEP = 1.0  # [rad] of a plate, or of a rod's section, at most
+MOVE_PER_STEP = 0.33  # of the robot's extent, at most
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,9 @@ class Statics:
         self._force_floor = 1e-4 * shear * system.stiffness_length**2
         self._length = float(np.linalg.norm(np.ptp(layout.X, axis=0)))
         self._farthest = float(np.abs(layout.X).max())
-        moves = [layout.first_frame_unknown + 6 * _moving(layout, rod) for rod in system.rods]
-        rows = [np.arange(layout.first_frame_unknown), *(first + i for first in moves for i in range(3))]
+        of_rods = [layout.first_frame_unknown + 6 * _moving(layout, rod) for rod in system.rods]
+        rows = [np.arange(layout.first_frame_unknown), *(first + i for first in of_rods for i in range(3))]
+        # Free points and rods' positions; the diagonal stands first in each row of an upper triangle.
         self._diagonal = system.pattern.indptr[np.concatenate(rows)]
         self._rounding = 0.0
         volume = sum(float(s.w.sum()) for s in system.solids)
@@ -84,11 +85,11 @@ class Statics:
         """
         layout = self.system.layout
         force = max(at.forces, self._force_floor, self._rounding / TOLERANCE)
-        plates = at.reduced[layout.first_frame_unknown : layout.first_pressure_unknown].reshape(-1, 6)
+        frames = at.reduced[layout.first_frame_unknown : layout.first_pressure_unknown].reshape(-1, 6)
         parts = (
             at.reduced[: layout.first_frame_unknown] / force,
-            plates[:, :3].ravel() / force,
-            plates[:, 3:].ravel() / (force * self._length),
+            frames[:, :3].ravel() / force,
+            frames[:, 3:].ravel() / (force * self._length),
             at.reduced[layout.first_pressure_unknown : layout.first_tension_unknown] / self._volume,
             at.reduced[layout.first_tension_unknown :] / self._length,
         )
@@ -259,12 +260,12 @@ class Statics:
         return solved
 
     def _limited(self, dz: Floats) -> float:
-        """A step length that neither turns a plate nor moves a point too far at once."""
+        """A step length that neither turns a frame nor moves a point too far at once."""
         layout = self.system.layout
-        plates = dz[layout.first_frame_unknown : layout.first_pressure_unknown].reshape(-1, 6)
-        turn = float(np.abs(plates[:, 3:]).max(initial=0.0))
+        frames = dz[layout.first_frame_unknown : layout.first_pressure_unknown].reshape(-1, 6)
+        turn = float(np.abs(frames[:, 3:]).max(initial=0.0))
         move = float(np.abs(dz[: layout.first_frame_unknown]).max(initial=0.0)) / self._length
-        return min(1.0, LARGEST_TURN / max(turn, 1e-300), LARGEST_MOVE / max(move, 1e-300))
+        return min(1.0, TURN_PER_STEP / max(turn, 1e-300), MOVE_PER_STEP / max(move, 1e-300))
 
 
 def _largest_shear_modulus(system: System, theta: Mapping[str, float]) -> float:
@@ -276,12 +277,16 @@ def _largest_shear_modulus(system: System, theta: Mapping[str, float]) -> float:
 
 
 def _moving(layout: Layout, rod: RodTerm) -> Ints:
+    """The rod's frames that are not fixed."""
     frames = np.unique(rod.frames)
     return frames[frames < layout.n_moving_frames]
 
 
 def _units(system: System, theta: Mapping[str, float], shear: float, length: float) -> Floats:
-    """Units of the unknowns in which the tangent's entries are of one size; pivots are judged against each other."""
+    """Units of the unknowns in which the tangent's entries are of one size; pivots are judged against each other.
+
+    That size is the one of a free point's entries in metres: shear modulus times length of an element.
+    """
     layout = system.layout
     n_tets = sum(len(s.conn) for s in system.solids)
     volume = sum(float(s.w.sum()) for s in system.solids)
@@ -289,16 +294,15 @@ def _units(system: System, theta: Mapping[str, float], shear: float, length: flo
     unit = np.ones(layout.first_tension_unknown)
     frames = unit[layout.first_frame_unknown : layout.first_pressure_unknown].reshape(-1, 6)
     frames[:, 3:] = 4.0 / length
-    stiffness = np.zeros_like(frames)
+    diagonal = np.zeros(layout.first_pressure_unknown)
     rest = rest_state(layout)
     for rod, blocks in zip(system.rods, system.rod_blocks, strict=True):
         tangent = rod.assemble(rest.position, rest.rotation, part_theta(theta, rod.name)).tangent
         if tangent is not None:
-            diagonal = np.concatenate([np.zeros(layout.first_frame_unknown), stiffness.ravel()])
-            blocks.add_gradient(diagonal, np.einsum("nii->ni", tangent).copy())
-            stiffness = diagonal[layout.first_frame_unknown :].reshape(-1, 6)
+            blocks.add_gradient(diagonal, np.einsum("nii->ni", tangent))
+    stiffness = diagonal[layout.first_frame_unknown :].reshape(-1, 6)
     on_rod = stiffness[:, 0] > 0.0
-    frames[on_rod, :3] = np.sqrt(shear * h / stiffness[on_rod, :3].mean(axis=1))[:, None]
-    frames[on_rod, 3:] = np.sqrt(shear * h / stiffness[on_rod, 3:].mean(axis=1))[:, None]
+    for part in (slice(0, 3), slice(3, 6)):
+        frames[on_rod, part] = np.sqrt(shear * h / stiffness[on_rod, part].mean(axis=1))[:, None]
     unit[layout.first_pressure_unknown :] = shear / h
     return unit

@@ -12,6 +12,7 @@ from softcal.errors import MeshError, ParameterError
 from softcal.geometry.centreline import helix, straight
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
+from softcal.geometry.quadratic import to_quadratic
 from softcal.geometry.section import circular
 from softcal.mechanics.state import moved
 from softcal.mechanics.statics import Statics
@@ -22,7 +23,7 @@ from softcal.twin.in_time import simulate_in_time
 from softcal.twin.parameters import robot_parameters, with_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Snapshot
-from softcal.twin.robot import Body, Cable, Contact, Disc, Marker, Plate, PointLoad, Robot, Rod, ViaPoint
+from softcal.twin.robot import Body, Cable, Contact, Disc, Marker, Plate, PointLoad, Robot, Rod, Tie, ViaPoint
 from softcal.twin.schedule import Schedule, TimeSettings
 from softcal.twin.simulate import simulate
 from softcal.twin.start import loaded_state
@@ -244,6 +245,21 @@ def test_what_overlaps_at_rest_is_refused():
         build_twin(replace(robot, bodies=(robot.bodies[0], into)))
     with pytest.raises(MeshError, match="allowed: more than 6 mm"):
         build_twin(spring(contact=True, pitch=0.005))
+
+
+def test_tied_bodies_do_not_touch_at_their_seam_whatever_their_meshes_have():
+    """Linear elements on meshes with middle nodes: the tie's nodes are the mesh's, the surfaces' the elements'."""
+    low = to_quadratic(box_mesh((SIDE, SIDE, SIDE), (2, 2, 2)))
+    high = to_quadratic(box_mesh((SIDE, SIDE, SIDE), (3, 3, 3), origin=(0.0, 0.0, SIDE)))
+    seam = Tie("seam", "high", np.flatnonzero(np.isclose(high.points[:, 2], SIDE)), "low")
+    below = Body("low", low, np.flatnonzero(low.points[:, 2] < 1e-9), SOFT, element="P1")
+    robot = Robot(bodies=(below, Body("high", high, [], SOFT, element="P1")), ties=(seam,))
+    system = build_twin(replace(robot, contact=fitting_contact(robot))).system
+    (term,) = system.contacts
+    a, b = (term.X[vertices] for vertices in term.apart.T)
+    corners = [p for p, q in zip(a, b, strict=True) if np.allclose(p, q)]
+    assert len(corners) == 4  # that both bodies have in the same places
+    assert term.at(system.layout.X, hessian=False).n == 0
 
 
 @pytest.mark.parametrize(("pull", "slides"), [(0.3, False), (0.8, True)])

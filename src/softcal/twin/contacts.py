@@ -179,11 +179,12 @@ def _across_seams(
     """Pairs of points of tied bodies close to where they are bonded: what is one there does not touch."""
     from scipy.spatial import KDTree
 
+    given = {body.name: body.mesh for body in robot.bodies}  # their numbering is the ties'
     pairs = [np.zeros((0, 2), dtype=np.int64)]
     for tie in robot.ties:
         sides = [on_skin[(on_skin >= first[n]) & (on_skin < first[n] + meshes[n].n_points)] for n in (tie.body, tie.on)]
         edge = max(_longest_edge(meshes[name]) for name in (tie.body, tie.on))
-        seam = KDTree(meshes[tie.body].points[tie.nodes])
+        seam = KDTree(given[tie.body].points[tie.nodes])
         near = [side[seam.query(layout.X[side])[0] < SEAM * edge] for side in sides]
         a, b = np.meshgrid(*near)
         pairs.append(np.stack([a.ravel(), b.ravel()], axis=1))

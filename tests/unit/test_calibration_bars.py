@@ -25,10 +25,28 @@ def test_a_stage_is_seen_while_it_is_computed(
     monkeypatch.setenv("COLUMNS", "100")
     with CalibrationBars() as bars:
         bars.show("20mm", Progress(5, 5, 1, 0.25, {}))
-        bars.show("20mm", Progress(5, 5, 1, 0.25, {}, "importances (fANOVA) from 5 trials"))
+        bars.show("20mm", Progress(5, 5, 1, 0.25, {}, "importances (fANOVA)"))
         bars._progress.refresh()
         trials, stage = last_lines(capsys.readouterr().err, 2)
         assert trials.startswith("20mm ")
         assert "5/5 best loss 0.25, 1 failed" in trials
-        assert stage.startswith("20mm: importances (fANOVA) from 5 trials ")
+        assert stage.startswith("20mm: importances (fANOVA) ")
         assert re.search(r"\d:\d\d:\d\d$", stage)
+
+
+def test_at_80_columns_nothing_is_cut_off(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "80")
+    with CalibrationBars() as bars:
+        bars.show("joint without load52_a, load52_b", Progress(1000, 1000, 13, 0.00569243, {}))
+        bars.show("30mm_5mms", Progress(999, 1000, 0, 0.00569243, {}, "importances (fANOVA)"))
+        bars._progress.refresh()
+        drawn = last_lines(capsys.readouterr().err, 6)
+    assert all(len(line) <= 80 for line in drawn)
+    text = "\n".join(drawn)
+    assert "…" not in text
+    assert re.search(r"━ 1000/1000 best loss 0\.00569243, 13 failed \d:\d\d:\d\d", text)
+    names = " ".join(" ".join(line.split("━")[0].split()) for line in drawn)
+    assert "joint without load52_a, load52_b" in names
+    assert "30mm_5mms: importances (fANOVA)" in names

@@ -258,7 +258,7 @@ def test_what_follows_the_search_is_told_before_it_begins(monkeypatch: pytest.Mo
     monkeypatch.setattr(outcome, "fanova_importance", watched)
     calibrate(problem_of(), method="tpe", trials=5, hold_out=["40mm"], progress=seen.append)
     (last,) = before_fanova
-    assert (last.stage, last.done, last.total) == ("importances (fANOVA) from 5 trials", 5, 5)
+    assert (last.stage, last.done, last.total) == ("importances (fANOVA)", 5, 5)
     assert seen[-1].stage == "prediction of 40mm"
     assert not any(state.stage for state in seen[:5])
 

@@ -11,7 +11,7 @@ from softcal.cli.calibration_table import interval_text, print_results
 
 
 def test_an_interval_is_told_in_the_unit_of_its_value():
-    assert interval_text(Estimate(2.8e5, "Pa", False, 1e4, 1e6, 1e4, (2.58e5, 3.07e5))) == "258 kPa to 307 kPa"
+    assert interval_text(Estimate(2.8e5, "Pa", False, 1e4, 1e6, 1e4, (2.58e5, 3.07e5))) == "258 to 307 kPa"
     assert interval_text(Estimate(2.8e5, "Pa", False, 1e4, 1e6, 1e4)) == ""
 
 
@@ -27,5 +27,5 @@ def test_only_shared_parameters_have_a_line_for_their_interval(capsys):
     lines = capsys.readouterr().out.splitlines()
     told = [line for line in lines if "95 % interval" in line]
     assert len(told) == 1
-    assert "1.08 MPa to 1.32 MPa" in told[0]
+    assert "1.08 to 1.32 MPa" in told[0]
     assert E_NAME in lines[lines.index(told[0]) - 1]

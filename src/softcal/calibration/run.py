@@ -141,7 +141,7 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
         status = _stopped_status(tally, optimiser) if stopped else optimiser.status
         account = Account(settings, status, tally.n_solves, tally.elapsed(), identity)
         if method != "least-squares":
-            _tell_stage(progress, tally, optimiser, f"importances (fANOVA) from {len(tally.trials)} trials")
+            _tell_stage(progress, tally, optimiser, "importances (fANOVA)")
         result = conclude(problem, tally.best, tuple(tally.trials), account)
         if hold_out:
             _tell_stage(progress, tally, optimiser, f"prediction of {', '.join(hold_out)}")

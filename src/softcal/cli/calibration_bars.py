@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+WIDE = 110  # columns
+
 
 class CalibrationBars:
     """A progress bar for each calibration, with the best loss so far, and one for what follows a search."""
@@ -9,14 +11,17 @@ class CalibrationBars:
     def __init__(self) -> None:
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+        from rich.table import Column
 
+        console = Console(stderr=True)
+        # In a narrow terminal the bar is short and names wrap; numbers stay whole.
         self._progress = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(),
+            TextColumn("{task.description}", table_column=Column(overflow="fold")),
+            BarColumn(40 if console.width >= WIDE else 10),
             TextColumn("{task.fields[count]}"),
             TextColumn("{task.fields[best]}"),
-            TimeElapsedColumn(),
-            console=Console(stderr=True),
+            TimeElapsedColumn(table_column=Column(no_wrap=True)),
+            console=console,
         )
         self._tasks: dict[str, object] = {}
         self._stage: object = None

@@ -103,7 +103,7 @@ def interval_text(estimate: Estimate) -> str:
         return ""
     unit = readable_unit(estimate.value, estimate.unit)
     low, high = (format_quantity(edge, estimate.unit, unit, digits=3) for edge in estimate.interval)
-    return f"{low} to {high}"
+    return f"{low.removesuffix(f' {unit}')} to {high}"
 
 
 def value_text(estimate: Estimate) -> str:
@@ -113,5 +113,6 @@ def value_text(estimate: Estimate) -> str:
     unit = readable_unit(estimate.value, estimate.unit)
     text = format_quantity(estimate.value, estimate.unit, unit)
     if estimate.standard_error is not None:
-        text += f" ± {format_quantity(estimate.standard_error, estimate.unit, unit, digits=2)}"
+        error = format_quantity(estimate.standard_error, estimate.unit, unit, digits=2)
+        text = f"{text.removesuffix(f' {unit}')} ± {error}"
     return text + (" (at a bound)" if estimate.at_bound else "")

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import typer
@@ -16,16 +17,75 @@ LOG_WIDTH = 160  # a log does not wrap
 
 
 def print_table(table: Table) -> None:
-    """Print a table as wide as the terminal, or as a log where there is none."""
+    """Print a table of texts as wide as the terminal, or as a log where there is none.
+
+    A wider one is told in parts below each other, each with some of the columns and with the first one, which names the
+    rows: no number is cut off or wrapped as long as one column beside the names has the room.
+    """
     from rich.console import Console
 
     console = Console()
     if not console.is_terminal:
         console = Console(width=LOG_WIDTH)
-    console.print(table)
+    for part in _parts(table, console.width):
+        console.print(part)
 
 
 def print_warnings(warnings: Iterable[str | Fault]) -> None:
     """Tell each warning on the error stream."""
     for warning in warnings:
         typer.echo(f"Warning: {warning}", err=True)
+
+
+def _parts(table: Table, width: int) -> list[Table]:
+    """Tables that are no wider, which together hold what the table holds."""
+    names, *columns = [[str(column.header), *map(str, column.cells)] for column in table.columns]
+    sections = [row.end_section for row in table.rows]
+    if _frame(len(columns)) + sum(max(map(_width, column)) for column in [names, *columns]) <= width:
+        return [table]
+    # Dotted names of parameters may break at their dots.
+    columns = [[re.sub(r"(?<=[a-z0-9])\.(?=[a-z])", ".\n", header), *cells] for header, *cells in columns]
+    narrowest = max(_width(word) for name in names for word in name.split() or [""])
+    parts: list[Table] = []
+    first = 0
+    while first < len(columns):
+        last = first + 1
+        while last < len(columns) and _room(columns[first : last + 1], width) >= narrowest:
+            last += 1
+        parts.append(_part(names, columns[first:last], sections, _room(columns[first:last], width)))
+        first = last
+    return parts
+
+
+def _part(names: Sequence[str], columns: Sequence[Sequence[str]], sections: Sequence[bool], room: int) -> Table:
+    """Some columns, with the rows in which one of them holds something; names wrap in what is their room."""
+    from rich.table import Table
+
+    narrow = room < max(_width(word) for name in names for word in name.split() or [""])
+    part = Table()
+    part.add_column(names[0], overflow="fold", width=None if narrow else min(room, max(map(_width, names))))
+    for header, *_ in columns:
+        part.add_column(header, overflow="fold", no_wrap=not narrow)
+    for i, name in enumerate(names[1:], 1):
+        cells = [column[i] for column in columns]
+        if any(cells):
+            part.add_row(name, *cells)
+        if sections[i - 1] and part.row_count:
+            part.add_section()
+    return part
+
+
+def _room(columns: Sequence[Sequence[str]], width: int) -> int:
+    """What these columns leave for the names of the rows."""
+    return width - _frame(len(columns)) - sum(max(map(_width, column)) for column in columns)
+
+
+def _frame(n_columns: int) -> int:
+    """The width of the lines and margins of a table with so many columns beside the names."""
+    return 3 * (n_columns + 1) + 1
+
+
+def _width(text: str) -> int:
+    from rich.text import Text
+
+    return max((line.cell_len for line in Text.from_markup(text).split("\n")), default=0)

@@ -95,12 +95,11 @@ def _table(found: Validation) -> Table:
             cells = (_parameter(fits[m].result.parameters.get(name)) if m in fits else "" for m in found.models)
             table.add_row(f"{name}, without {', '.join(fold)}", *cells)
         for experiment in fold:
-            held = {m: one.held_out[experiment].fit for m, one in fits.items() if experiment in one.held_out}
-            cells = (_errors([held[m]]) if m in held else "could not be predicted" for m in found.models)
-            table.add_row(f"predicted: {experiment}", *cells)
+            held = {m: [one.held_out[experiment].fit] for m, one in fits.items() if experiment in one.held_out}
+            _add_errors(table, f"predicted: {experiment}", [held.get(model, []) for model in found.models])
         table.add_section()
-    pooled = {m: [h.fit for one in p for h in one.held_out.values()] for m, p in found.models.items()}
-    table.add_row("all predictions", *(_errors(fits) for fits in pooled.values()))
+    pooled = [[h.fit for one in p for h in one.held_out.values()] for p in found.models.values()]
+    _add_errors(table, "all predictions", pooled)
     return table
 
 
@@ -110,17 +109,27 @@ def _parameter(estimate: Estimate | None) -> str:
     return "" if estimate is None else value_text(estimate)
 
 
-def _errors(held: Sequence[ExperimentFit]) -> str:
-    """RMS errors in words: "distance 0.94 mm (0.22 %)"."""
+def _add_errors(table: Table, what: str, held: Sequence[Sequence[ExperimentFit]]) -> None:
+    """A line for the RMS error of each channel, or of the distance; held: what each model predicted."""
+    errors = [_errors(fits) for fits in held]
+    names = dict.fromkeys(name for one in errors for name in one)
+    for name in names:
+        table.add_row(f"{what}, {name} (RMS)", *(one.get(name, "" if one else "not predicted") for one in errors))
+    if not names:
+        table.add_row(what, *("not predicted" for _ in held))
+
+
+def _errors(held: Sequence[ExperimentFit]) -> dict[str, str]:
+    """RMS errors with their units, "0.94 mm (0.22 %)", by channel, and of distances."""
     from softcal.analysis.validation import pooled_errors
 
-    parts: list[str] = []
+    told: dict[str, str] = {}
     for name, error in pooled_errors(held).items():
         if name == "distance":
             lengths = {fit.length for fit in held}
             length = lengths.pop() if len(lengths) == 1 else None
             share = "" if length is None else f" ({100 * error / length:.3g} %)"
-            parts.append(f"distance {1e3 * error:.3g} mm{share}")
+            told[name] = f"{1e3 * error:.3g} mm{share}"
         else:
-            parts.append(f"{name} {error:.3g} {held[0].units.get(name, '')}")
-    return ", ".join(parts) + " RMS" if parts else "nothing could be predicted"
+            told[name] = f"{error:.3g} {held[0].units.get(name, '')}"
+    return told

@@ -1,0 +1,120 @@
+"""Tables in a terminal of 80 columns: as wide as it at most, nothing cut off, no number wrapped."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from report_example import example_content
+from rich.table import Table
+from sweep_case import write_sweep
+
+from softcal.calibration.result import CalibrationResult
+from softcal.cli import main
+from softcal.cli.calibration_table import print_results
+from softcal.cli.printing import print_table
+
+Printed = Callable[[], list[str]]
+
+
+@pytest.fixture
+def printed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Printed:
+    """A terminal of 80 columns, and what its tables hold when it is asked for."""
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "80")
+
+    def lines() -> list[str]:
+        out = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", capsys.readouterr().out)
+        found = [line for line in out.splitlines() if line[:1] in "┏┃┡│├└"]
+        assert found, out
+        assert max(map(len, found)) <= 80
+        assert "…" not in out
+        return found
+
+    return lines
+
+
+def cells(lines: list[str]) -> set[str]:
+    return {cell.strip() for line in lines for cell in re.split("[┃│]", line)}
+
+
+def rows(lines: list[str], n_columns: int) -> list[list[str]]:
+    """The lines of text of the tables with so many columns."""
+    split = [[cell.strip() for cell in re.split("[┃│]", line)[1:-1]] for line in lines if line[0] in "┃│"]
+    return [row for row in split if len(row) == n_columns]
+
+
+def with_intervals(result: CalibrationResult) -> CalibrationResult:
+    sure = {
+        name: replace(p, standard_error=0.0123 * p.value, interval=(0.9 * p.value, 1.1 * p.value))
+        for name, p in result.parameters.items()
+    }
+    return replace(result, parameters=sure)
+
+
+def test_calibrations_side_by_side_as_far_as_they_fit(printed: Printed) -> None:
+    results = {label: with_intervals(result) for label, result in example_content(n_trials=5).results.items()}
+    print_results(results)
+    lines = printed()
+    assert {"neck.youngs_modulus", "1.9 ± 0.023 MPa", "1.08 to 1.32 MPa", "front.slack[20 mm, 2 mm/s]"} <= cells(lines)
+    (labels, *of_each), joint = rows(lines, 4), rows(lines, 2)
+    assert labels == ["", "20 mm, 2 mm/s", "20 mm, 5 mm/s", "35 mm, 2 mm/s"]
+    assert joint[0] == ["", "joint"]
+    assert of_each[-1] == ["trials", "5", "5", "5"]
+    # What only the joint one has stands with it alone.
+    assert not any("slack" in row[0] for row in of_each)
+
+
+def test_a_table_that_fits_is_left_as_it_is(printed: Printed) -> None:
+    table = Table("best for", "springs.youngs_modulus", "error")
+    table.add_row("all", "800 MPa", "1.19 %")
+    print_table(table)
+    assert rows(printed(), 3) == [["best for", "springs.youngs_modulus", "error"], ["all", "800 MPa", "1.19 %"]]
+
+
+def test_paper_bs_sweep_is_one_table(printed: Printed) -> None:
+    table = Table("best for", "springs.youngs_modulus", "springs.poissons_ratio", "error", "nominal", "improvement")
+    table.add_row("marker1", "800 MPa", "0.4999", "1.19 %", "26.4 %", "2118 %")
+    print_table(table)
+    assert rows(printed(), 6) == [
+        ["", "springs.", "springs.", "", "", ""],
+        ["best for", "youngs_modulus", "poissons_ratio", "error", "nominal", "improvement"],
+        ["marker1", "800 MPa", "0.4999", "1.19 %", "26.4 %", "2118 %"],
+    ]
+
+
+def test_a_cell_that_is_wider_than_the_terminal_is_folded_not_cut(printed: Printed) -> None:
+    table = Table("", "a")
+    table.add_row("name " * 4, "x" * 200)
+    print_table(table)
+    assert sum(line.count("x") for line in printed()) == 200
+
+
+def run(*arguments: object) -> None:
+    with pytest.raises(SystemExit) as left:
+        main([str(argument) for argument in arguments])
+    assert not left.value.code
+
+
+def test_a_sweep_over_three_parameters(printed: Printed, tmp_path: Path) -> None:
+    over = (
+        "springs.youngs_modulus=1.2GPa,0.7GPa",
+        "springs.poissons_ratio=0.1,0.3",
+        "cable1.friction_coefficient=0,0.1",
+    )
+    options = [text for axis in over for text in ("--over", axis)]
+    run("sweep", write_sweep(tmp_path / "p"), *options, "--out", tmp_path / "run", "--no-report")
+    assert {"youngs_modulus", "poissons_ratio", "friction_coefficient", "700 MPa", "improvement"} <= cells(printed())
+
+
+def test_models_that_are_validated(printed: Printed, tmp_path: Path) -> None:
+    run("validate", write_sweep(tmp_path / "p"), "--split", "springs.youngs_modulus")
+    lines = printed()
+    told = " ".join(row[0] for n in (2, 3) for row in rows(lines, n))
+    assert "springs.youngs_modulus, without cable1" in told
+    assert "predicted: cable2, distance (RMS)" in told
+    assert "all predictions, distance (RMS)" in told
+    assert any(re.fullmatch(r"[\d.e-]+ mm \([\d.e-]+ %\)", cell) for cell in cells(lines))

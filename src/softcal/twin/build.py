@@ -177,7 +177,7 @@ def _key(robot: Robot) -> Hashable:
 
 
 def _skin_key(disc: Disc | None) -> Hashable:
-    return None if disc is None else tuple(array.tobytes() for array in disc_skin(disc))
+    return None if disc is None else (disc.centre.tobytes(), disc.axis.tobytes(), disc.diameter, disc.thickness)
 
 
 def _arrays(nodes: Mapping[str, Ints]) -> Hashable:

@@ -21,7 +21,9 @@ GAP = 0.02  # of a surface's mean edge, or of a wire's diameter
 STIFFNESS = 0.05  # of the largest modulus
 NEIGHBOURS = 4.0  # wire diameters along a rod within which it does not touch itself
 RIM = 32  # straight pieces of a disc's rim
+DISC_POINTS = 2 + 2 * RIM  # of a disc's skin
 SEAM = 2.0  # longest edges around a tied node within which the bodies it joins do not touch each other
+NO_PAIRS: Ints = np.zeros((0, 2), dtype=np.int64)
 
 
 def fitting_contact(robot: Robot) -> Contact:
@@ -64,11 +66,12 @@ def build_contacts(
         return ()
     terms: list[ContactTerm] = []
     discs = [first[plate.name] + disc_skin(plate.disc)[1] for plate in robot.plates if plate.disc is not None]
-    skins = [first[name] + boundary_triangles(mesh.tets) for name, mesh in meshes.items()]
+    skins = {name: first[name] + boundary_triangles(mesh.tets) for name, mesh in meshes.items()}
     if skins or discs:
-        faces = np.concatenate([*skins, *discs])
-        apart = [_across_seams(robot, layout, meshes, first, np.unique(faces))]
-        apart += [_on_plate(plate, meshes, first, faces) for plate in robot.plates if plate.disc is not None]
+        faces = np.concatenate([*skins.values(), *discs])
+        on_skin = {name: np.unique(triangles) for name, triangles in skins.items()}
+        apart = [_across_seams(robot, layout, meshes, on_skin)]
+        apart += [_on_plate(plate, first, on_skin) for plate in robot.plates if plate.disc is not None]
         terms.append(_term(robot.contact, layout, edges_of(faces), faces, 0.0, np.concatenate(apart)))
     for diameter in sorted({wire_diameter(rod) for rod in robot.rods}):
         rods = [rod for rod in robot.rods if wire_diameter(rod) == diameter]
@@ -107,7 +110,8 @@ def _check_apart(term: ContactTerm, layout: Layout) -> None:
 def _term(contact: Contact, layout: Layout, edges: Ints, faces: Ints, thickness: float, apart: Ints) -> ContactTerm:
     points = np.unique(np.concatenate([edges.ravel(), faces.ravel()]))
     rider = layout.rider[points]
-    held = np.where(rider == FIXED, layout.n_frames, rider)
+    # What never moves relative to each other is a patch: the riders of a frame, and all that is fixed.
+    patch = np.where(rider == FIXED, layout.n_frames, np.maximum(rider, -1))
     return ContactTerm(
         points=points,
         X=layout.X[points],
@@ -117,7 +121,7 @@ def _term(contact: Contact, layout: Layout, edges: Ints, faces: Ints, thickness:
         thickness=thickness,
         stiffness=contact.stiffness,
         apart=np.sort(np.searchsorted(points, apart), axis=1),
-        patch=np.maximum(held, -1),
+        patch=patch,
         friction_coefficient=contact.friction_coefficient,
         creep=contact.creep,
     )
@@ -138,57 +142,53 @@ def _neighbours(rod: Rod, distance: float) -> Ints:
 
 def _around_plates(rods: list[Rod], first: dict[str, int], distance: float) -> Ints:
     """Pairs of nodes of two rods that are clamped to one plate, both near it along their rods."""
-    pairs = [np.zeros((0, 2), dtype=np.int64)]
+    pairs = [NO_PAIRS]
     for a, b in combinations(rods, 2):
         for plate in a.clamped.keys() & b.clamped.keys():
             near = [first[rod.name] + _around(rod, rod.clamped[plate], distance) for rod in (a, b)]
-            i, j = np.meshgrid(*near)
-            pairs.append(np.stack([i.ravel(), j.ravel()], axis=1))
-    return np.sort(np.concatenate(pairs), axis=1)
-
-
-def _on_plate(plate: Plate, meshes: dict[str, TetMesh], first: dict[str, int], faces: Ints) -> Ints:
-    """Pairs of a disc's points and those of the bodies that its plate is tied to: they are bonded."""
-    disc = first[plate.name] + np.arange(2 + 2 * RIM)
-    pairs = [np.zeros((0, 2), dtype=np.int64)]
-    on_skin = np.unique(faces)
-    for body in plate.nodes:
-        skin = on_skin[(on_skin >= first[body]) & (on_skin < first[body] + meshes[body].n_points)]
-        i, j = np.meshgrid(disc, skin)
-        pairs.append(np.stack([i.ravel(), j.ravel()], axis=1))
+            pairs.append(_each_with_each(*near))
     return np.concatenate(pairs)
+
+
+def _on_plate(plate: Plate, first: dict[str, int], on_skin: dict[str, Ints]) -> Ints:
+    """Pairs of a disc's points and those of the bodies that its plate is tied to: they are bonded."""
+    disc = first[plate.name] + np.arange(DISC_POINTS)
+    return np.concatenate([NO_PAIRS, *(_each_with_each(disc, on_skin[body]) for body in plate.nodes)])
 
 
 def _ends_on_disc(rod: Rod, plate: Plate, first: dict[str, int], distance: float) -> Ints:
     """Pairs of a disc's points and the nodes near those that a rod is clamped with to its plate."""
     if plate.disc is None or plate.name not in rod.clamped:
-        return np.zeros((0, 2), dtype=np.int64)
+        return NO_PAIRS
     nodes = first[rod.name] + _around(rod, rod.clamped[plate.name], distance)
-    i, j = np.meshgrid(nodes, first[plate.name] + np.arange(2 + 2 * RIM))
-    return np.stack([i.ravel(), j.ravel()], axis=1)
+    return _each_with_each(nodes, first[plate.name] + np.arange(DISC_POINTS))
 
 
 def _around(rod: Rod, nodes: Ints, distance: float) -> Ints:
+    """The nodes of a rod less than a distance away from given ones along it."""
     s = rod.centreline.stations
     return np.flatnonzero(np.abs(s[:, None] - s[nodes]).min(axis=1) < distance)
 
 
-def _across_seams(
-    robot: Robot, layout: Layout, meshes: dict[str, TetMesh], first: dict[str, int], on_skin: Ints
-) -> Ints:
+def _across_seams(robot: Robot, layout: Layout, meshes: dict[str, TetMesh], on_skin: dict[str, Ints]) -> Ints:
     """Pairs of points of tied bodies close to where they are bonded: what is one there does not touch."""
     from scipy.spatial import KDTree
 
     given = {body.name: body.mesh for body in robot.bodies}  # their numbering is the ties'
-    pairs = [np.zeros((0, 2), dtype=np.int64)]
+    pairs = [NO_PAIRS]
     for tie in robot.ties:
-        sides = [on_skin[(on_skin >= first[n]) & (on_skin < first[n] + meshes[n].n_points)] for n in (tie.body, tie.on)]
+        sides = [on_skin[name] for name in (tie.body, tie.on)]
         edge = max(_longest_edge(meshes[name]) for name in (tie.body, tie.on))
         seam = KDTree(given[tie.body].points[tie.nodes])
         near = [side[seam.query(layout.X[side])[0] < SEAM * edge] for side in sides]
-        a, b = np.meshgrid(*near)
-        pairs.append(np.stack([a.ravel(), b.ravel()], axis=1))
-    return np.sort(np.concatenate(pairs), axis=1)
+        pairs.append(_each_with_each(*near))
+    return np.concatenate(pairs)
+
+
+def _each_with_each(a: Ints, b: Ints) -> Ints:
+    """All pairs (n, 2) of one of `a` and one of `b`."""
+    i, j = np.meshgrid(a, b)
+    return np.stack([i.ravel(), j.ravel()], axis=1)
 
 
 def _longest_edge(mesh: TetMesh) -> float:

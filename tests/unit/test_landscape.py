@@ -15,6 +15,7 @@ from softcal.errors import ParameterError
 from softcal.project.calibration import make_problem
 from softcal.project.project import load
 from softcal.project.simulation import pull
+from softcal.twin.robot import Contact
 
 MODULUS, RATIO = "bar.youngs_modulus", "bar.poissons_ratio"
 
@@ -42,6 +43,8 @@ def test_when_the_tension_is_proportional(problem: Problem):
     assert scales_with_modulus(replace(problem, robot=heavy))
     body = replace(heavy.bodies[0], density=1000.0)
     assert not scales_with_modulus(replace(problem, robot=replace(heavy, bodies=(body,))))
+    touching = replace(problem.robot, contact=Contact(gap=1e-4, stiffness=1e5))  # whose barrier keeps its stiffness
+    assert not scales_with_modulus(replace(problem, robot=touching))
     driven = replace(problem.experiments[0], drive="tension", compared=("pitch",))
     assert not scales_with_modulus(replace(problem, experiments=(driven,)))
 

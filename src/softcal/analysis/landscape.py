@@ -1,8 +1,8 @@
 """The loss over two parameters, the others held: where it is flat, two parameters cannot be told apart.
 
-With a hyperelastic law whose energy is proportional to Young's modulus, no dead load, and every cable driven by its
-shortening, the shape does not depend on the modulus and every tension is proportional to it. Then one trajectory for
-each value of the other parameter gives a whole row of the landscape.
+With a hyperelastic law whose energy is proportional to Young's modulus, neither dead load nor contact, and every cable
+driven by its shortening, the shape does not depend on the modulus and every tension is proportional to it. Then one
+trajectory for each value of the other parameter gives a whole row of the landscape.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def scales_with_modulus(problem: Problem) -> bool:
     return (
         len(robot.bodies) == 1
         and not robot.rods
-        and not robot.rods
+        and robot.contact is None
         and robot.bodies[0].law in PROPORTIONAL_LAWS
         and not dead
         and all(_is_pulled_in(experiment) for experiment in problem.experiments)

@@ -155,10 +155,36 @@ def test_by_tension_the_modulus_is_the_same(
 ) -> None:
     """Paper A's wording: the twin is pulled by the measured force; shortening and pitch are compared."""
     problem = at_ratio(make_problem(project).alone("20mm_5mms"), true_values[NU])
-    by_force = tuple(replace(experiment, drive="tension", compared=()) for experiment in problem.experiments)
-    found = calibrate(replace(problem, experiments=by_force), method="least-squares", starts=1)
+    found = calibrate(by_force(problem), method="least-squares", starts=1)
     assert set(found.experiments["20mm_5mms"].rmse) == {"shortening", "pitch"}
     assert found.parameters[E].value == pytest.approx(joint.parameters[E].value, rel=0.03)
+
+
+@pytest.mark.slow
+def test_the_interval_of_a_ratio_near_its_limit_is_that_of_fits_with_it_held(project: Project) -> None:
+    """By tension ν is 0.484 with a standard error of 0.021. A ratio is excluded where the squares grow by t^2."""
+    problem = by_force(make_problem(project))
+    best = calibrate(problem, method="least-squares", starts=1)
+    low, high = best.parameters[NU].interval
+    assert best.parameters[NU].value + 1.97 * best.parameters[NU].standard_error > 0.51
+    assert high == 0.5
+    assert 0.42 < low < 0.46
+
+    def squares(found: CalibrationResult) -> float:
+        """In variances of each channel's noise, which is taken for what the best fit leaves."""
+        return sum(
+            len(fit.measured[channel]) * (fit.rmse[channel] / best.experiments[name].rmse[channel]) ** 2
+            for name, fit in found.experiments.items()
+            for channel in fit.rmse
+        )
+
+    least = squares(best)
+    variance = least / (least - len(best.parameters))
+    excess = {
+        ratio: (squares(calibrate(at_ratio(problem, ratio), method="least-squares", starts=1)) - least) / variance
+        for ratio in (0.4, 0.4999)
+    }
+    assert excess[0.4999] < 1.97**2 < excess[0.4]
 
 
 # --- the record -------------------------------------------------------------------------------------------------
@@ -191,6 +217,12 @@ def test_the_finer_twin_answers_as_it_did(generator: ModuleType, truth: dict[str
     # Another version of Gmsh places its tets elsewhere; what the mesh adds to the stiffness moves with them.
     np.testing.assert_allclose(curve.tension, kept.tension, rtol=5e-3, atol=1e-6)
     np.testing.assert_allclose(curve.pitch, kept.pitch, rtol=1e-3, atol=1e-6)
+
+
+def by_force(problem: Problem) -> Problem:
+    """The problem with the twin pulled by the measured force."""
+    tests = tuple(replace(experiment, drive="tension", compared=()) for experiment in problem.experiments)
+    return replace(problem, experiments=tests)
 
 
 def at_ratio(problem: Problem, ratio: float) -> Problem:

@@ -11,7 +11,7 @@ from softcal.cli.app import INTERRUPTED, ProjectFile, app, told
 from softcal.cli.calibration_bars import CalibrationBars
 from softcal.cli.calibration_table import print_results
 from softcal.cli.printing import print_warnings
-from softcal.cli.values import Engine, Values, names, parsed_values
+from softcal.cli.values import Engine, Values, WithReport, Workers, names, parsed_values
 
 
 @app.command()
@@ -27,7 +27,7 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
     trials: Annotated[
         int | None, typer.Option(min=1, help="Budget of trials, or trajectories of each start.", show_default=False)
     ] = None,
-    workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    workers: Workers = 1,
     seed: Annotated[int | None, typer.Option(min=0, help="Of all chance in the search.", show_default=False)] = None,
     hold_out: Annotated[
         str | None,
@@ -47,7 +47,7 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
         Path | None, typer.Option(metavar="DIR", help="Run folder; 'run' beside the project by default.")
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in the folder.")] = False,
-    report: Annotated[bool, typer.Option(help="Write the report at the end.")] = True,
+    report: WithReport = True,
 ) -> None:
     """Find the free parameters; keeps every trial, and writes tables, figures and a report into a run folder."""
     from softcal.project.calibration import calibrate as calibrate_project

@@ -11,7 +11,7 @@ from softcal.cli.app import INTERRUPTED, ProjectFile, app, told
 from softcal.cli.calibrate_commands import report_run
 from softcal.cli.calibration_bars import CalibrationBars
 from softcal.cli.printing import print_table, print_warnings
-from softcal.cli.values import Values, names, parsed_pairs, parsed_values
+from softcal.cli.values import Values, WithReport, Workers, names, parsed_pairs, parsed_values
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -39,13 +39,13 @@ def sweep(
         str | None,
         typer.Option(metavar="NAMES", help="Judge by these alone (cable6_2, or cable6*).", show_default=False),
     ] = None,
-    workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    workers: Workers = 1,
     values: Values = None,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Run folder; 'sweep' beside the project by default.")
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the sweep in the folder.")] = False,
-    report: Annotated[bool, typer.Option(help="Write the report at the end.")] = True,
+    report: WithReport = True,
 ) -> None:
     """Simulate every cell of a grid of parameters; write each one's errors, the best cells, and a report."""
     from softcal.project.project import load

@@ -10,7 +10,7 @@ import typer
 
 from softcal.cli.app import app, told
 from softcal.cli.printing import print_table, print_warnings
-from softcal.cli.values import Values, names, parsed_values
+from softcal.cli.values import Values, Workers, names, parsed_values
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -39,7 +39,7 @@ def validate(
         list[str] | None,
         typer.Option(metavar="NAME", help="Also with this tied parameter untied: a value for each of its parts."),
     ] = None,
-    workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    workers: Workers = 1,
     values: Values = None,
     out: Annotated[
         Path | None, typer.Option(metavar="FILE.csv", help="Write every prediction here.", show_default=False)

@@ -1,4 +1,4 @@
-"""What many commands take: the option `--set NAME=VALUE`, and lists of names."""
+"""What many commands take: options such as `--set NAME=VALUE`, and lists of names."""
 
 from __future__ import annotations
 
@@ -19,6 +19,10 @@ Engine = Annotated[
     str,
     typer.Option(metavar="NAME", help="What computes the twin: softcal, or sofa (found by SOFA_ROOT; linear tets)."),
 ]
+
+
+Workers = Annotated[int, typer.Option(min=1, help="Processes.")]
+WithReport = Annotated[bool, typer.Option(help="Write the report at the end.")]
 
 
 def parsed_values(given: list[str] | None) -> dict[str, str]:

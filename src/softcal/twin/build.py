@@ -212,7 +212,8 @@ def _element_mesh(body: Body) -> TetMesh:
     )
 
 
-def _riders(body: Body, mesh: TetMesh, robot: Robot, number: dict[str, int]) -> Ints:
+def _riders(body: Body, mesh: TetMesh, robot: Robot, frame: dict[str, int]) -> Ints:
+    """What each node of the body moves with: see `Layout`. frame: plate -> its frame."""
     rider = np.full(mesh.n_points, FREE, dtype=np.int64)
     for plate in robot.plates:
         if body.name not in plate.nodes:
@@ -221,7 +222,7 @@ def _riders(body: Body, mesh: TetMesh, robot: Robot, number: dict[str, int]) -> 
         taken = nodes[rider[nodes] != FREE]
         if len(taken):
             raise MeshError(Fault(f"{len(taken)} node(s) are tied to two plates", where=f"{plate.name} on {body.name}"))
-        rider[nodes] = number[plate.name]
+        rider[nodes] = frame[plate.name]
     fixed = nodes_in_use(body.mesh, mesh, body.fixed)
     both = fixed[rider[fixed] != FREE]
     if len(both):

@@ -28,7 +28,9 @@ NO_PAIRS: Ints = np.zeros((0, 2), dtype=np.int64)
 
 def fitting_contact(robot: Robot) -> Contact:
     """A contact whose gap is small beside the robot's meshes and wires, and whose barrier is near its stiffness."""
-    lengths = [_mean_edge(body.mesh) for body in robot.bodies] + [wire_diameter(rod) for rod in robot.rods]
+    lengths = [float(_edge_lengths(body.mesh).mean()) for body in robot.bodies] + [
+        wire_diameter(rod) for rod in robot.rods
+    ]
     modulus = max(part.parameters["youngs_modulus"] for part in (*robot.bodies, *robot.rods))
     return Contact(GAP * min(lengths), STIFFNESS * modulus)
 
@@ -127,9 +129,10 @@ def _term(contact: Contact, layout: Layout, edges: Ints, faces: Ints, thickness:
     )
 
 
-def _mean_edge(mesh: TetMesh) -> float:
+def _edge_lengths(mesh: TetMesh) -> Floats:
+    """Of the surface's edges from corner to corner [m]."""
     edges = edges_of(boundary_faces(mesh)[:, :3])
-    return float(np.linalg.norm(mesh.points[edges[:, 0]] - mesh.points[edges[:, 1]], axis=1).mean())
+    return np.linalg.norm(mesh.points[edges[:, 0]] - mesh.points[edges[:, 1]], axis=1)
 
 
 def _neighbours(rod: Rod, distance: float) -> Ints:
@@ -178,7 +181,7 @@ def _across_seams(robot: Robot, layout: Layout, meshes: dict[str, TetMesh], on_s
     pairs = [NO_PAIRS]
     for tie in robot.ties:
         sides = [on_skin[name] for name in (tie.body, tie.on)]
-        edge = max(_longest_edge(meshes[name]) for name in (tie.body, tie.on))
+        edge = max(float(_edge_lengths(meshes[name]).max()) for name in (tie.body, tie.on))
         seam = KDTree(given[tie.body].points[tie.nodes])
         near = [side[seam.query(layout.X[side])[0] < SEAM * edge] for side in sides]
         pairs.append(_each_with_each(*near))
@@ -189,9 +192,3 @@ def _each_with_each(a: Ints, b: Ints) -> Ints:
     """All pairs (n, 2) of one of `a` and one of `b`."""
     i, j = np.meshgrid(a, b)
     return np.stack([i.ravel(), j.ravel()], axis=1)
-
-
-def _longest_edge(mesh: TetMesh) -> float:
-    edges = edges_of(boundary_faces(mesh)[:, :3])
-    longest: Floats = np.linalg.norm(mesh.points[edges[:, 0]] - mesh.points[edges[:, 1]], axis=1)
-    return float(longest.max())

@@ -97,7 +97,8 @@ def _pull_in_time(engine: SofaEngine, robot: Robot, repeats: int) -> list[str]:
                 [engine.sofa.python, "sofa_pull.py", f"{PULL_SECONDS:g}"],
                 cwd=folder, env=engine.sofa.environment(), stdout=subprocess.PIPE, text=True, check=True,
             )  # fmt: skip
-            told = json.loads(done.stdout.splitlines()[-1])
+            # SOFA's own messages are on the same stream.
+            told = json.loads(next(line for line in done.stdout.splitlines() if line.startswith("{")))
             taken.append(told["seconds"])
     here, ours = _timed(simulate, robot, samples, repeats)
     apart = abs(told["tension"] / ours.channels[TENSION][-1] - 1.0)

@@ -6,7 +6,9 @@ scheme (tests/fake_sofa). Where SOFA_ROOT is set, the last tests run SOFA itself
 
 from __future__ import annotations
 
+import json
 import os
+import subprocess
 
 import numpy as np
 import pytest
@@ -21,6 +23,8 @@ from softcal.calibration.problem import make_problem
 from softcal.calibration.run import calibrate
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.export.sofa_engine import SofaEngine, sofa_engine
+from softcal.export.sofa_export import write_sofa
+from softcal.export.sofa_install import find_sofa
 from softcal.project.calibration import calibrate as calibrate_project
 from softcal.project.project import load
 from softcal.twin.protocol import Command, Protocol
@@ -108,8 +112,7 @@ def test_derivatives_are_the_twins(engine):
         np.testing.assert_allclose(theirs.sensitivities["front.tension"][name], exact, rtol=0.03)
 
 
-@pytest.mark.slow
-def test_what_was_published_comes_back(engine):
+def assert_published_comes_back(engine):
     """Tension and pitch of known parameters, fitted through the engine: the same parameters within 0.5 %."""
     robot = column_robot(parameters=elastic(2.3e6, 0.43), divisions=(2, 2, 6))
     d = np.linspace(0.004, 0.024, 6)
@@ -125,6 +128,11 @@ def test_what_was_published_comes_back(engine):
     result = calibrate(problem, method="least-squares", starts=1, trials=12)
     assert result.parameters["neck.youngs_modulus"].value == pytest.approx(2.3e6, rel=5e-3)
     assert result.parameters["neck.poissons_ratio"].value == pytest.approx(0.43, rel=5e-3)
+
+
+@pytest.mark.slow
+def test_what_was_published_comes_back(engine):
+    assert_published_comes_back(engine)
 
 
 def test_tpe_of_the_project_through_the_engine(monkeypatch, tmp_path):
@@ -159,3 +167,52 @@ def test_sofa_itself_beam():
 @needs_sofa
 def test_sofa_itself_many_parts():
     assert_many_parts_rest_alike(sofa_engine(), 1e-4)
+
+
+@needs_sofa
+@pytest.mark.slow
+def test_sofa_itself_gives_what_was_published():
+    assert_published_comes_back(sofa_engine())
+
+
+@needs_sofa
+def test_sofa_itself_pulls_the_scene_by_schedule_and_by_keys(tmp_path):
+    """As runSofa has it: createScene, and the controller that hears of every step and key."""
+    robot = column_robot(parameters=elastic(2.3e6, 0.43), divisions=(2, 2, 6))
+    write_sofa(robot, pulled(0.0, 0.002), tmp_path, "column")
+    sofa = find_sofa()
+    done = subprocess.run(
+        [sofa.python, "-c", STEP_THE_SCENE],
+        cwd=tmp_path,
+        env=sofa.environment(),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    # SOFA's own messages are on the same stream.
+    records = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
+    for record, d in zip(records, (0.002, 0.00204), strict=True):
+        told = record["cables"]["front"]
+        assert told["shortening"] == pytest.approx(d, rel=1e-6)
+        expected = simulate(robot, pulled(d), curve_tolerance=0.0).channels["front.tension"][0]
+        assert told["tension"] == pytest.approx(expected, rel=1e-3)
+
+
+STEP_THE_SCENE = """
+import json
+import Sofa, Sofa.Core, Sofa.Simulation
+from robot_state import read_state
+from scene import createScene, read_parameters
+
+root = Sofa.Core.Node("root")
+assert createScene(root) is root
+getattr(Sofa.Simulation, "initRoot", Sofa.Simulation.init)(root)
+dt = float(root.dt.value)
+for key in ("", "+"):
+    if key:
+        root.pulling.onKeypressedEvent({"key": key})
+    for _ in range(round(5.0 / dt)):
+        Sofa.Simulation.animate(root, dt)
+    print(json.dumps(read_state(root.pulling.parts, read_parameters(), dt)))
+"""

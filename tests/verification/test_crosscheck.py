@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import json
 import shutil
 from dataclasses import replace
 
@@ -15,6 +17,8 @@ from softcal.cli import app
 from softcal.errors import SimulationError
 from softcal.export import crosscheck as module
 from softcal.export.crosscheck import ENGINES, Engine, Outcome, _fitted_pose, crosscheck, furthest_state
+from softcal.export.sofa_engine import SofaSettings
+from softcal.export.way import Way, way_to
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Robot
@@ -31,11 +35,11 @@ ROBOT = column_robot(
 )
 
 
-def softer(factor: float) -> Engine:
+def softer(factor: float, modulus: str = "neck.youngs_modulus", value: float = 1e6) -> Engine:
     """softcal itself with every modulus off by a factor."""
 
-    def solve(robot: Robot, protocol: Protocol, shape) -> Outcome:
-        off = with_parameters(robot, {"neck.youngs_modulus": factor * 1e6})
+    def solve(robot: Robot, protocol: Protocol, shape, running) -> Outcome:
+        off = with_parameters(robot, {modulus: factor * value})
         return module._of_response(simulate(off, protocol, snapshots=True, curve_tolerance=0.0))
 
     return Engine(lambda robot: robot, lambda: "", solve)
@@ -56,6 +60,10 @@ def test_calculix_agrees_with_two_cables():
     assert by_name["front.shortening"].softcal == pytest.approx(0.006)
     assert by_name["left.shortening"].engine == pytest.approx(by_name["left.shortening"].softcal, rel=1e-4)
     assert by_name["plate.rotation"].softcal > 0.05
+    for cable in ("front", "left"):
+        given = by_name[f"{cable}.tension (by slope)"]
+        assert given.engine == pytest.approx(given.softcal, rel=1e-4)
+        assert given.engine != given.softcal
     assert by_name["neck: largest displacement"].engine > 0.005
 
 
@@ -72,8 +80,62 @@ def test_an_engine_that_is_itself_agrees_and_one_that_is_not_is_told(monkeypatch
     assert {d.quantity for d in other.differences if d.relative > 1e-6} == {"front.tension"}
 
 
+def test_the_tension_that_a_shortening_needs_is_exact_to_first_order():
+    """A robot whose cables lack a little shortening under our tensions needs what softcal finds at those lengths."""
+    commands = {"front": Command("shortening", np.array([0.01])), "left": Command("shortening", np.array([0.006]))}
+    shape = simulate(ROBOT, Protocol(commands), snapshots=True).snapshots[-1]
+    lacks = {"front": 2e-5, "left": -1e-5}
+    longer = {n: Command("shortening", c.values + lacks[n]) for n, c in commands.items()}
+    there = simulate(ROBOT, Protocol(longer)).channels
+    ours = {n: float(c.values[0]) for n, c in commands.items()}
+    needed = module._needed(way_to(ROBOT, shape), shape, ours, {n: ours[n] - lacks[n] for n in ours})
+    for name, tension in needed.items():
+        change = there[f"{name}.tension"][0] - shape.tensions[name]
+        assert tension - shape.tensions[name] == pytest.approx(change, rel=1e-2)
+        assert abs(change) > 1e-4
+    assert set(needed) == {"front", "left"}
+
+
+def test_what_a_shortening_needs_is_not_told_where_its_slope_is_unknown():
+    shape = simulate(ROBOT, pulled(0.01), snapshots=True).snapshots[-1]
+    assert module._needed(Way((shape,), ("front",), None), shape, {"front": 0.01}, {"front": 0.01}) == {}
+
+
+def test_an_engine_is_run_as_it_is_asked_to_and_named_while_it_works(monkeypatch):
+    seen = []
+
+    def solve(robot, protocol, shape, running):
+        seen.append(running)
+        return softer(1.0).solve(robot, protocol, shape, running)
+
+    monkeypatch.setitem(ENGINES, "same", replace(softer(1.0), solve=solve))
+    monkeypatch.setitem(ENGINES, "absent", replace(softer(1.0), missing=lambda: "get it"))
+    at_work: list[str] = []
+    running = module.Running(timeout=12.0)
+    found = crosscheck(ROBOT, pulled(0.006), ["absent", "same"], running=running, progress=at_work.append)
+    assert found.agrees
+    assert seen == [running]
+    assert at_work == ["same"]
+
+
+def test_sofa_is_run_with_the_settings_and_the_timeout(monkeypatch):
+    settings = SofaSettings(states=5, timeout=60.0)
+    asked: list[SofaSettings] = []
+
+    def engine(given):
+        asked.append(given)
+        return lambda robot, protocol, snapshots: simulate(robot, protocol, snapshots=snapshots)
+
+    monkeypatch.setattr(module, "sofa_engine", engine)
+    robot = ENGINES["sofa"].own(ROBOT)
+    shape = simulate(robot, pulled(0.006), snapshots=True).snapshots[-1]
+    for timeout in (None, 7.0):
+        ENGINES["sofa"].solve(robot, pulled(0.006), shape, module.Running(timeout, settings))
+    assert asked == [settings, replace(settings, timeout=7.0)]
+
+
 def test_an_engine_that_fails_or_is_absent_stops_no_other(monkeypatch):
-    def fail(robot, protocol, shape):
+    def fail(robot, protocol, shape, running):
         raise SimulationError("it fell over")
 
     monkeypatch.setitem(ENGINES, "broken", replace(softer(1.0), solve=fail))
@@ -120,13 +182,46 @@ def test_a_fitted_pose_is_the_motion_that_was_put_in():
 
 
 @needs_ccx
-def test_the_command_prints_a_table_and_a_verdict(tmp_path):
-    project = write_project(tmp_path)
-    pull = ["--engines", "softcal,calculix", "--pull", "front=3mm"]
+def test_the_command_prints_a_table_and_a_verdict_and_writes_them(tmp_path):
+    project, out = write_project(tmp_path), tmp_path / "out"
+    pull = ["--engines", "softcal,calculix", "--pull", "front=3mm", "--timeout", "1min", "--out", str(out)]
     done = CliRunner().invoke(app, ["crosscheck", str(project), *pull])
     assert done.exit_code == 0, done.output
     assert "plate.rotation" in done.output
     assert "pull: calculix and softcal agree to 0.0001" in done.output
+    table = done.output[: done.output.index("For calculix")].splitlines()
+    assert max(len(line.rstrip()) for line in table) <= 80
+    with (out / "differences.csv").open() as file:
+        rows = {row["quantity"]: row for row in csv.DictReader(file)}
+    assert rows["front.tension (by slope)"]["unit"] == "N"
+    assert float(rows["front.shortening"]["in_softcal"]) == pytest.approx(0.003, rel=1e-6)
+    assert float(rows["plate.rotation"]["relative"]) < 1e-4
+    record = json.loads((out / "crosscheck.json").read_text())
+    assert record["states"]["pull"]["calculix"]["agrees"]
+    assert record["states"]["pull"]["calculix"]["verdict"] in done.output
+    assert record["parameters"]["bar.youngs_modulus"] == {"value": 2e6, "unit": "Pa"}
+
+
+def test_a_disagreement_ends_with_1_and_is_written(tmp_path, monkeypatch):
+    monkeypatch.setitem(ENGINES, "calculix", softer(0.9, "bar.youngs_modulus", 2e6))
+    project, out = write_project(tmp_path), tmp_path / "out"
+    arguments = ["--engines", "calculix", "--pull", "front=3mm", "--out", str(out)]
+    done = CliRunner().invoke(app, ["crosscheck", str(project), *arguments])
+    assert done.exit_code == 1
+    assert "calculix and softcal differ by" in done.output
+    assert not json.loads((out / "crosscheck.json").read_text())["states"]["pull"]["calculix"]["agrees"]
+
+
+def test_an_absent_engine_beside_one_that_agrees_is_told_and_no_failure(tmp_path, monkeypatch):
+    monkeypatch.setitem(ENGINES, "calculix", softer(1.0, "bar.youngs_modulus", 2e6))
+    monkeypatch.setitem(ENGINES, "sofa", replace(softer(1.0), missing=lambda: "get it at the shop"))
+    project, out = write_project(tmp_path), tmp_path / "out"
+    done = CliRunner().invoke(app, ["crosscheck", str(project), "--pull", "front=3mm", "--out", str(out)])
+    assert done.exit_code == 0, done.output
+    assert "sofa was left out, it is not installed: get it at the shop" in done.output
+    assert json.loads((out / "crosscheck.json").read_text())["states"]["pull"]["sofa"] == {
+        "absent": "get it at the shop"
+    }
 
 
 def test_an_absent_engine_is_named_with_how_to_get_it(tmp_path, monkeypatch):
@@ -136,6 +231,38 @@ def test_an_absent_engine_is_named_with_how_to_get_it(tmp_path, monkeypatch):
     assert done.exit_code == 1
     assert "apt-get install calculix-ccx" in done.output
     assert "conda install -c sofa-framework sofa-softrobots" in done.output
+
+
+def test_a_folder_that_holds_files_is_refused_before_any_engine_works(tmp_path, monkeypatch):
+    def fail(*given):
+        raise AssertionError
+
+    monkeypatch.setitem(ENGINES, "calculix", replace(softer(1.0), solve=fail))
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "notes.txt").write_text("mine")
+    project = write_project(tmp_path / "project")
+    arguments = ["--engines", "calculix", "--pull", "front=3mm", "--out", str(out)]
+    done = CliRunner().invoke(app, ["crosscheck", str(project), *arguments])
+    assert done.exit_code == 2
+    assert "nothing is overwritten" in done.output
+    assert [path.name for path in out.iterdir()] == ["notes.txt"]
+
+
+@pytest.mark.parametrize(
+    ("timeout", "sentence"),
+    [
+        ("10", "--timeout: the unit is missing"),
+        ("10 mm", "--timeout: the unit does not fit"),
+        ("0 s", "no engine can end in no time"),
+        ("-1 s", "no engine can end in no time"),
+    ],
+)
+def test_a_timeout_that_is_none_is_refused(tmp_path, timeout, sentence):
+    arguments = ["--engines", "calculix", "--pull", "front=3mm", f"--timeout={timeout}"]
+    done = CliRunner().invoke(app, ["crosscheck", str(write_project(tmp_path)), *arguments])
+    assert done.exit_code == 2
+    assert sentence in done.output
 
 
 @pytest.mark.parametrize(

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from softcal.cli.app import FAILED, app, told
 from softcal.cli.export_commands import Pull, Source, protocols_of
+from softcal.cli.printing import print_table
 from softcal.cli.values import Values, names, parsed_values
 
 if TYPE_CHECKING:
-    from softcal.export.crosscheck import Comparison
+    from rich.table import Table
+
+    from softcal.export.crosscheck import Comparison, Crosscheck
+
+AT_REST = "at rest"
 
 
 @app.command()
@@ -23,47 +32,83 @@ def crosscheck(
     ] = "",
     pull: Pull = None,
     values: Values = None,
+    timeout: Annotated[
+        str,
+        typer.Option(
+            metavar="TIME",
+            help="End an engine's process after this long (10min); by default 30 min, and for SOFA as in the project.",
+            show_default=False,
+        ),
+    ] = "",
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="Write the table and the verdicts: a folder that is new or empty.", show_default=False
+        ),
+    ] = None,
 ) -> None:
-    """Compare engines: the same robot, mesh and loads in each one that is installed, and whether they agree."""
-    from softcal.project.crosschecking import crosscheck_project
-    from softcal.project.exporting import load_calibrated
+    """Compare engines: the same robot, mesh and loads in each one that is installed, and whether they agree.
 
+    Ends with 0 where all that could be compared agree, and 1 where one differs or fails, or none is installed.
+    """
+    from softcal.project.crosschecking import crosscheck_project, write_crosscheck
+    from softcal.project.exporting import load_calibrated
+    from softcal.project.output import require_free_folder
+    from softcal.units import parse_quantity
+
+    longest = parse_quantity(timeout, "s", where="--timeout") if timeout else None
+    if out is not None:
+        require_free_folder(out)
     project = load_calibrated(source, parsed_values(values))
-    found = crosscheck_project(project, protocols_of(project, pull), names(engines))
-    absent: dict[str, str] = {}
-    failed = compared = 0
-    for state, result in found.items():
-        for comparison in result.comparisons:
-            _print(state, comparison)
-        for name, why in result.failed.items():
-            typer.echo(f"{state or 'at rest'}: {name} failed: {why}", err=True)
-        absent |= result.absent
-        failed += len(result.failed)
-        compared += len(result.comparisons)
-    for name, why in absent.items():
-        typer.echo(f"{name} was left out, it is not installed: {why}", err=True)
-    if failed or not compared:
+    protocols = protocols_of(project, pull)
+    with _clock() as show:
+        found = crosscheck_project(project, protocols, names(engines), timeout=longest, progress=show)
+    _print(found)
+    if out is not None:
+        write_crosscheck(project, found, out)
+        typer.echo(f"Wrote {out}")
+    compared = any(result.comparisons for result in found.values())
+    if not compared or not all(result.agrees for result in found.values()):
         raise typer.Exit(FAILED)
 
 
-def _print(state: str, comparison: Comparison) -> None:
+@contextmanager
+def _clock() -> Generator[Callable[[str, str], None]]:
+    """On the terminal, which engine is at work and for how long; nothing where there is none."""
     from rich.console import Console
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
+        task = bar.add_task("", total=None)
+        yield lambda state, engine: bar.reset(task, description=f"{state or AT_REST}: {engine} beside softcal")
+
+
+def _print(found: dict[str, Crosscheck]) -> None:
+    absent: dict[str, str] = {}
+    for state, result in found.items():
+        for comparison in result.comparisons:
+            typer.echo(f"{state or AT_REST}: {comparison.engine}")
+            print_table(_table(comparison))
+            for change in comparison.changed:
+                typer.echo(f"For {comparison.engine}, and softcal beside it: {change}")
+            typer.echo(f"{state or AT_REST}: {comparison.verdict}.\n")
+        for name, why in result.failed.items():
+            typer.echo(f"{state or AT_REST}: {name} failed: {why}", err=True)
+        absent |= result.absent
+    for name, why in absent.items():
+        typer.echo(f"{name} was left out, it is not installed: {why}", err=True)
+
+
+def _table(comparison: Comparison) -> Table:
+    """Eighty columns wide, unless a name is long."""
     from rich.table import Table
 
-    table = Table(state or "at rest", "unit", "softcal", comparison.engine, "difference", "relative")
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    table.add_column("", overflow="fold")
+    for name in ("unit", "softcal", comparison.engine, "differ by", "relative"):
+        table.add_column(name, justify="left" if name == "unit" else "right", no_wrap=True)
     for one in comparison.differences:
-        table.add_row(
-            one.quantity,
-            one.unit,
-            f"{one.softcal:.6g}",
-            f"{one.engine:.6g}",
-            f"{one.absolute:.2e}",
-            f"{one.relative:.1e}",
-        )
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=160)  # a log does not wrap
-    console.print(table)
-    for change in comparison.changed:
-        typer.echo(f"For {comparison.engine}, and softcal beside it: {change}")
-    typer.echo(f"{state or 'at rest'}: {comparison.verdict}.")
+        numbers = (f"{one.softcal:.6g}", f"{one.engine:.6g}", f"{one.absolute:.1e}", f"{one.relative:.1e}")
+        table.add_row(one.quantity, one.unit, *numbers)
+    return table

@@ -1,24 +1,26 @@
-"""A loaded state of the robot as a CalculiX deck, and what CalculiX makes of it.
+"""A loaded state of the robot as a CalculiX deck.
 
 The deck is the system as it stands: every point is a node; plates are rigid bodies over the points that ride on them,
-ties are equations between displacements, fixed points are boundaries, and every force at the state (weight, loads, and
-the cables' pull along their converged directions) is a dead force on a node. So CalculiX ends where softcal does, if
-both are right. It has no neo-Hooke law of SOFA's form: bodies are written with its own, isochoric one
-(`neo-hooke-isochoric` in softcal) at the same modulus and ratio, which is the same at small strain alone.
+ties are equations between displacements, fixed points are boundaries, weight and loads are dead forces on nodes, and
+cables are springs that pull with softcal's tensions. The deck goes to the state in steps that each end at a shape of
+softcal's own: CalculiX is there too at the end of each, if both are right. It has no neo-Hooke law of SOFA's form:
+bodies are written with its own, isochoric one (`neo-hooke-isochoric` in softcal) at the same modulus and ratio, which
+is the same at small strain alone.
 """
 
 from __future__ import annotations
 
-import shutil
-import subprocess
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from softcal.checks import Floats, Ints
-from softcal.errors import Fault, ParameterError, SimulationError
+from softcal.checks import Floats
+from softcal.errors import Fault, ParameterError
+from softcal.export.calculix_cables import cable_lines, dead_pulls
+from softcal.export.calculix_format import listed, number, set_name, weighted_sum
+from softcal.export.way import way_to
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.layout import FIXED, Layout
 from softcal.twin.build import Twin, build_twin
@@ -28,16 +30,24 @@ from softcal.twin.robot import Robot
 
 DECK = "robot.inp"
 ITS_LAW = "neo-hooke-isochoric"
-TIMEOUT = 1800.0  # [s]
-FIRST_INCREMENT, SMALLEST_INCREMENT, LARGEST_INCREMENT = 0.05, 1e-6, 0.2
+# A whole step at once, and parts of it where that does not converge; forces to a millionth of the average one.
+_STEP = (
+    "*STEP, NLGEOM, INC=1000",
+    "*STATIC",
+    "1.0, 1.0, 1e-4, 1.0",
+    "*CONTROLS, PARAMETERS=FIELD",
+    "1e-6, 1e-6, , , 1e-6",
+)
+_OUTPUT = ("*NODE FILE", "U", "*NODE PRINT, NSET=ALL, FREQUENCY=100000", "U", "*END STEP")
 
 
 @dataclass(frozen=True)
 class Deck:
-    """The deck's text; first: body -> its first node less one."""
+    """The deck's text; first: body -> its first node less one; n_states: shapes, each the end of a step."""
 
     text: str
     first: dict[str, int]
+    n_states: int
 
 
 def in_its_law(robot: Robot) -> Robot:
@@ -51,14 +61,39 @@ def in_its_law(robot: Robot) -> Robot:
     )
 
 
-def calculix_deck(robot: Robot, shape: Snapshot) -> Deck:
-    """The deck of a robot under the loads and cable tensions of one of its shapes.
+def calculix_deck(robot: Robot, shapes: Sequence[Snapshot]) -> Deck:
+    """The deck of a robot under the loads and cable tensions of its shapes, one after the other; see `way_to`.
 
     Raises
     ------
     ParameterError
         For what CalculiX cannot be given: rods, contact, friction along cables.
     """
+    _require(robot)
+    twin = build_twin(robot)
+    layout = twin.system.layout
+    last_node = layout.n_points + 2 * layout.n_moving_frames
+    cables = cable_lines(twin, shapes, last_node, sum(len(mesh.tets) for mesh in twin.meshes.values()))
+    lines = [
+        "** Written by softcal. Units: m, kg, s, N, Pa. Run it with: ccx -i robot",
+        *_nodes(twin),
+        *cables.nodes,
+        *_elements(twin),
+        *_bonds(twin),
+        *_materials(robot),
+        *cables.springs,
+        *cables.equations,
+        *(["*INITIAL CONDITIONS, TYPE=TEMPERATURE", "ALL, 0.0"] if cables.springs else []),
+    ]
+    dead = twin.system.loads.total({name: info.value for name, info in robot_parameters(robot).items()})
+    for k, shape in enumerate(shapes, start=1):
+        temperature = ["*TEMPERATURE", f"ALL, {number(k)}"] if cables.springs else []
+        loads = _point_loads(layout, dead + dead_pulls(twin, shape))
+        lines += [f"** {shape.label}", *_STEP, *temperature, *loads, *_OUTPUT]
+    return Deck("\n".join([*lines, ""]), dict(twin.first_point), len(shapes))
+
+
+def _require(robot: Robot) -> None:
     faults = [
         Fault("a rod has no solid elements to write", where=rod.name, attempt="a solid mesh") for rod in robot.rods
     ]
@@ -73,27 +108,6 @@ def calculix_deck(robot: Robot, shape: Snapshot) -> Deck:
         faults.append(Fault("contact is not written", where="contact", attempt="a project without contact"))
     if faults:
         raise ParameterError(faults)
-    twin = build_twin(robot)
-    lines = [
-        "** Written by softcal. Units: m, kg, s, N, Pa. Run it with: ccx -i robot",
-        *_nodes(twin.system.layout),
-        *_elements(twin),
-        *_bonds(twin),
-        *_materials(robot),
-        "*STEP, NLGEOM, INC=10000",
-        "*STATIC",
-        f"{FIRST_INCREMENT}, 1.0, {SMALLEST_INCREMENT}, {LARGEST_INCREMENT}",
-        "*CONTROLS, PARAMETERS=FIELD",
-        "1e-6, 1e-6, , , 1e-6",
-        *_forces(twin, shape),
-        "*NODE FILE",
-        "U",
-        "*NODE PRINT, NSET=ALL, FREQUENCY=100000",
-        "U",
-        "*END STEP",
-        "",
-    ]
-    return Deck("\n".join(lines), dict(twin.first_point))
 
 
 def write_calculix(robot: Robot, shape: Snapshot, folder: Path, *, given: Robot | None = None) -> list[Path]:
@@ -106,60 +120,29 @@ def write_calculix(robot: Robot, shape: Snapshot, folder: Path, *, given: Robot 
     ParameterError
         For what CalculiX cannot be given; see `calculix_deck`.
     """
-    deck = calculix_deck(robot, shape)
+    _require(robot)
+    deck = calculix_deck(robot, way_to(robot, shape).shapes)
     notes = _notes(given or robot)
     path, readme = folder / DECK, folder / "README.txt"
     path.write_text(deck.text, encoding="utf-8")
     pulls = ", ".join(f"{name} {tension:.6g} N" for name, tension in shape.tensions.items())
     readme.write_text(
         f"State: {shape.label}{f'; cables: {pulls}' if pulls else ''}.\n"
+        f"Steps: {deck.n_states}. Each ends at an equilibrium of softcal's on the way there, the last at this one.\n"
         "Run: ccx -i robot\nLook at it: cgx robot.frd\n" + "".join(f"{note}\n" for note in notes),
         encoding="utf-8",
     )
     return [path, readme]
 
 
-def run_calculix(deck: Deck, folder: Path, *, timeout: float = TIMEOUT) -> Floats:
-    """Displacements of all nodes (n, 3) [m] as CalculiX finds them; the folder keeps its files.
-
-    Raises
-    ------
-    SimulationError
-        Where ccx is not installed, does not converge, or takes longer than `timeout` [s].
-    """
-    ccx = shutil.which("ccx")
-    if ccx is None:
-        raise SimulationError(
-            "CalculiX was not found: there is no ccx on the PATH. Debian: apt-get install calculix-ccx."
-        )
-    (folder / DECK).write_text(deck.text, encoding="utf-8")
-    stem = DECK.removesuffix(".inp")
-    try:
-        done = subprocess.run(
-            [ccx, "-i", stem], cwd=folder, capture_output=True, text=True, timeout=timeout, check=False
-        )
-    except subprocess.TimeoutExpired as error:
-        raise SimulationError(f"CalculiX did not end within {timeout:g} s.") from error
-    printed = folder / f"{stem}.dat"
-    tables = printed.read_text().split("for set ALL and time") if printed.exists() else []
-    ends = [table for table in tables if table.lstrip().startswith("0.1000000E+01")]
-    if not ends:
-        said = [line.strip() for line in done.stdout.splitlines() if "*ERROR" in line or "divergence" in line]
-        why = f" ({said[-1]})" if said else ""
-        raise SimulationError(f"CalculiX did not reach the full load{why}; see {printed.name} and its other files.")
-    rows = np.array([[float(v) for v in row.split()] for row in ends[-1].split("\n")[1:] if row.strip()])
-    out = np.zeros((int(rows[:, 0].max()), 3))
-    out[rows[:, 0].astype(int) - 1] = rows[:, 1:4]
-    return out
-
-
-def _nodes(layout: Layout) -> Iterator[str]:
+def _nodes(twin: Twin) -> Iterator[str]:
+    layout = twin.system.layout
     yield "*NODE, NSET=ALL"
     for i, at in enumerate(layout.X):
-        yield f"{i + 1}, " + ", ".join(_number(v) for v in at)
-    for k in range(layout.n_moving_frames):
+        yield f"{i + 1}, " + ", ".join(number(v) for v in at)
+    for k, pivot in enumerate(_pivots(twin)):
         reference, turn = _frame_nodes(layout, k)
-        at = ", ".join(_number(v) for v in layout.references[k])
+        at = ", ".join(number(v) for v in pivot)
         yield f"{reference}, {at}"
         yield f"{turn}, {at}"
 
@@ -170,11 +153,30 @@ def _frame_nodes(layout: Layout, k: int) -> tuple[int, int]:
     return first, first + 1
 
 
+def _pivots(twin: Twin) -> Floats:
+    """Where the moving frames' reference nodes stand (n_moving_frames, 3) [m]: amid the nodes by which a plate holds
+    its bodies. CalculiX's tangent leaves out how a rigid body's links curve; there that matters least.
+    """
+    layout = twin.system.layout
+    out = layout.references[: layout.n_moving_frames].copy()
+    held: list[set[int]] = [set() for _ in out]
+    for name, mesh in twin.meshes.items():
+        nodes = mesh.tets + twin.first_point[name]
+        riders = layout.rider[nodes]
+        for k in range(len(out)):
+            bends = (riders == k).any(axis=1) & (riders != k).any(axis=1)
+            held[k].update(nodes[bends][riders[bends] == k].tolist())
+    for k, nodes in enumerate(held):
+        if nodes:
+            out[k] = layout.X[sorted(nodes)].mean(axis=0)
+    return out
+
+
 def _elements(twin: Twin) -> Iterator[str]:
     number = 0
     for body in twin.robot.bodies:
         mesh, first = twin.meshes[body.name], twin.first_point[body.name]
-        yield f"*ELEMENT, TYPE={'C3D4' if mesh.order == 1 else 'C3D10'}, ELSET={_set(body.name)}"
+        yield f"*ELEMENT, TYPE={'C3D4' if mesh.order == 1 else 'C3D10'}, ELSET={set_name(body.name)}"
         for tet in mesh.tets:
             number += 1
             yield f"{number}, " + ", ".join(str(first + n + 1) for n in tet)
@@ -191,62 +193,39 @@ def _bonds(twin: Twin) -> Iterator[str]:
         riders = np.flatnonzero(layout.rider == k)
         if k >= layout.n_moving_frames or len(riders) == 0:
             continue
-        yield f"*NSET, NSET={_set(name)}"
-        yield from _listed(riders + 1)
+        yield f"*NSET, NSET={set_name(name)}"
+        yield from listed(riders + 1)
         reference, turn = _frame_nodes(layout, k)
-        yield f"*RIGID BODY, NSET={_set(name)}, REF NODE={reference}, ROT NODE={turn}"
+        yield f"*RIGID BODY, NSET={set_name(name)}, REF NODE={reference}, ROT NODE={turn}"
     ties = layout.ties
     for point in np.unique(ties.point):
         own = ties.point == point
-        terms = [(m, w) for m, w in zip(ties.master[own], ties.weight[own], strict=True) if w != 0.0]
-        for axis in (1, 2, 3):
-            yield "*EQUATION"
-            yield str(1 + len(terms))
-            written = [f"{point + 1}, {axis}, 1.0", *(f"{m + 1}, {axis}, {_number(-w)}" for m, w in terms)]
-            for i in range(0, len(written), 4):
-                yield ", ".join(written[i : i + 4])
+        terms = zip(ties.master[own].tolist(), ties.weight[own].tolist(), strict=True)
+        yield from weighted_sum(int(point) + 1, [(m + 1, w) for m, w in terms if w != 0.0])
 
 
 def _materials(robot: Robot) -> Iterator[str]:
     for body in robot.bodies:
         law = LAWS[ITS_LAW]
         mu, kappa = law.shear_modulus(body.parameters), law.bulk_modulus(body.parameters)
-        yield f"*MATERIAL, NAME={_set(body.name)}"
+        yield f"*MATERIAL, NAME={set_name(body.name)}"
         yield "*HYPERELASTIC, NEO HOOKE"
-        yield f"{_number(mu / 2)}, {_number(2 / kappa)}"
-        yield f"*SOLID SECTION, ELSET={_set(body.name)}, MATERIAL={_set(body.name)}"
+        yield f"{number(mu / 2)}, {number(2 / kappa)}"
+        yield f"*SOLID SECTION, ELSET={set_name(body.name)}, MATERIAL={set_name(body.name)}"
 
 
-def _forces(twin: Twin, shape: Snapshot) -> Iterator[str]:
-    """Every force at the shape, as it is there: on free nodes and riders; what acts on fixed ones is left out."""
-    layout, cables = twin.system.layout, twin.system.cables
-    theta = {name: info.value for name, info in robot_parameters(twin.robot).items()}
-    force = twin.system.loads.total(theta)
-    x = positions(twin, shape)
-    tension = np.array([shape.tensions.get(name, 0.0) for name in cables.names])
-    if cables.n_cables:
-        force -= cables.segment_gradient(x, tension[cables.cable], 3 * layout.n_points).reshape(-1, 3)
+def _point_loads(layout: Layout, force: Floats) -> Iterator[str]:
+    """Forces (n_points, 3) [N] on free nodes and riders; what acts on fixed ones is left out."""
     moves = (layout.rider != FIXED) & (layout.rider < layout.n_moving_frames)
     rows = [
-        f"{i + 1}, {axis + 1}, {_number(force[i, axis])}"
+        f"{i + 1}, {axis + 1}, {number(force[i, axis])}"
         for i in np.flatnonzero(moves & np.any(force != 0.0, axis=1))
         for axis in np.flatnonzero(force[i])
     ]
     if rows:
-        yield "*CLOAD"
+        # In a static step CalculiX goes evenly from the loads before to these; what is not named here goes to zero.
+        yield "*CLOAD, OP=NEW"
         yield from rows
-
-
-def positions(twin: Twin, shape: Snapshot) -> Floats:
-    """Positions of all points of the twin (n_points, 3) [m] in a shape of its robot."""
-    layout = twin.system.layout
-    x, position, rotation = layout.X.copy(), layout.references.copy(), np.tile(np.eye(3), (layout.n_frames, 1, 1))
-    for name, points in shape.points.items():
-        x[twin.first_point[name] :][: len(points)] = points
-    for name, (at, turn) in shape.plates.items():
-        position[twin.frame[name]], rotation[twin.frame[name]] = at, turn
-    layout.links.place(x, position, rotation)
-    return x
 
 
 def _notes(robot: Robot) -> tuple[str, ...]:
@@ -260,17 +239,3 @@ def _notes(robot: Robot) -> tuple[str, ...]:
         if body.element == "P2P1":
             notes.append(f"{body.name}: P2P1 is written as C3D10, which stiffens as Poisson's ratio nears 0.5.")
     return tuple(notes)
-
-
-def _number(value: float) -> str:
-    """At most the twenty characters that CalculiX reads of a number: the rest, an exponent maybe, it would drop."""
-    return f"{value:.12e}"
-
-
-def _set(name: str) -> str:
-    return name.upper()
-
-
-def _listed(numbers: Ints) -> Iterator[str]:
-    for i in range(0, len(numbers), 12):
-        yield ", ".join(str(n) for n in numbers[i : i + 12]) + ","

@@ -6,7 +6,6 @@ on the same mesh, at the same parameters and loads: a difference is then one of 
 
 from __future__ import annotations
 
-import shutil
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -16,10 +15,12 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import Fault, InputError, ParameterError, SimulationError
-from softcal.export.calculix import calculix_deck, in_its_law, run_calculix
-from softcal.export.sofa_engine import sofa_engine
+from softcal.export.calculix import calculix_deck, in_its_law
+from softcal.export.calculix_run import HOW_TO_GET, TIMEOUT, find_calculix, run_calculix
+from softcal.export.sofa_engine import SofaSettings, sofa_engine
 from softcal.export.sofa_install import find_sofa
 from softcal.export.sofa_robot import linear_robot
+from softcal.export.way import Way, shortenings, way_to
 from softcal.twin.build import cached_twin
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response, Snapshot
@@ -29,18 +30,31 @@ from softcal.twin.simulate import simulate
 AGREES = 1e-4  # relative; of angles [rad]
 SELF = "softcal"
 STILL = 1e-12  # [m]
+NEEDED = "tension (by slope)"  # that an engine would need for softcal's shortening; see `Outcome`
 
 
 @dataclass(frozen=True)
 class Outcome:
     """What an engine finds: tensions [N] and shortenings [m] of cables, unless it was given them; poses of plates
     (position [m], rotation); positions of the nodes of bodies (n, 3) [m].
+
+    needed: for an engine that was given the tensions, those [N] that it would need for softcal's shortenings, to first
+    order by softcal's exact stiffness.
     """
 
     tensions: Mapping[str, float]
     shortenings: Mapping[str, float]
     plates: Mapping[str, tuple[Floats, Floats]]
     points: Mapping[str, Floats]
+    needed: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Running:
+    """How engines are run: timeout [s] of each one's process, None for its own; SOFA's settings."""
+
+    timeout: float | None = None
+    sofa: SofaSettings = field(default_factory=SofaSettings)
 
 
 @dataclass(frozen=True)
@@ -48,12 +62,12 @@ class Engine:
     """Another program that solves a robot's statics.
 
     own: the robot in its law and elements. missing: why it cannot run here and how to get it, or "". solve: from the
-    robot, a protocol of one sample and softcal's shape there to what the engine finds.
+    robot, a protocol of one sample, softcal's shape there and how to run it to what the engine finds.
     """
 
     own: Callable[[Robot], Robot]
     missing: Callable[[], str]
-    solve: Callable[[Robot, Protocol, Snapshot], Outcome]
+    solve: Callable[[Robot, Protocol, Snapshot, Running], Outcome]
 
 
 @dataclass(frozen=True)
@@ -103,11 +117,24 @@ class Crosscheck:
     absent: Mapping[str, str] = field(default_factory=dict)
     failed: Mapping[str, str] = field(default_factory=dict)
 
+    @property
+    def agrees(self) -> bool:
+        """Whether none failed, and all that were compared agree."""
+        return not self.failed and all(one.agrees for one in self.comparisons)
 
-def crosscheck(robot: Robot, protocol: Protocol, engines: Sequence[str]) -> Crosscheck:
+
+def crosscheck(
+    robot: Robot,
+    protocol: Protocol,
+    engines: Sequence[str],
+    *,
+    running: Running | None = None,
+    progress: Callable[[str], None] = lambda name: None,
+) -> Crosscheck:
     """Put the robot's furthest state of a protocol through other engines.
 
-    engines: names in `ENGINES`; `softcal` may be among them, being what all are compared with.
+    engines: names in `ENGINES`; `softcal` may be among them, being what all are compared with. progress: is told each
+    engine that is put to work.
     """
     end = furthest_state(protocol)
     comparisons: list[Comparison] = []
@@ -120,12 +147,13 @@ def crosscheck(robot: Robot, protocol: Protocol, engines: Sequence[str]) -> Cros
         if why := engine.missing():
             absent[name] = why
             continue
+        progress(name)
         try:
             own = engine.own(robot)
             response = simulate(own, end, snapshots=True, curve_tolerance=0.0)
             ours = _of_response(response)
             _require_motion(own, ours)
-            theirs = engine.solve(own, end, response.snapshots[-1])
+            theirs = engine.solve(own, end, response.snapshots[-1], running or Running())
         except (InputError, SimulationError) as error:
             failed[name] = str(error)
             continue
@@ -169,13 +197,13 @@ def _require_motion(robot: Robot, ours: Outcome) -> None:
 def _differences(robot: Robot, ours: Outcome, theirs: Outcome) -> list[Difference]:
     moved, there = _moved(robot, ours), _moved(robot, theirs)
     tip = max(float(np.linalg.norm(u, axis=1).max()) for u in moved.values())
+    strongest = max((abs(value) for value in ours.tensions.values()), default=0.0)
     found: list[Difference] = []
-    for kind, unit, a, b in (
-        ("tension", "N", ours.tensions, theirs.tensions),
-        ("shortening", "m", ours.shortenings, theirs.shortenings),
+    for kind, unit, a, b, size in (
+        ("tension", "N", ours.tensions, theirs.tensions, strongest),
+        (NEEDED, "N", ours.tensions, theirs.needed, strongest),
+        ("shortening", "m", ours.shortenings, theirs.shortenings, tip),
     ):
-        largest = max((abs(value) for value in a.values()), default=0.0)
-        size = largest if kind == "tension" else tip
         found += [
             Difference(f"{name}.{kind}", unit, a[name], b[name], abs(a[name] - b[name]), _over(a[name] - b[name], size))
             for name in a
@@ -217,17 +245,17 @@ def _changes(given: Robot, own: Robot) -> list[str]:
 
 
 def _missing_calculix() -> str:
-    found = shutil.which("ccx") is not None
-    return "" if found else "there is no ccx on the PATH; Debian: apt-get install calculix-ccx"
+    return "" if find_calculix() else HOW_TO_GET
 
 
-def _solve_calculix(robot: Robot, protocol: Protocol, shape: Snapshot) -> Outcome:
+def _solve_calculix(robot: Robot, protocol: Protocol, shape: Snapshot, running: Running) -> Outcome:
     """Under the weight, the loads and the cables' pull at softcal's shape: it is given the tensions."""
-    twin, deck = cached_twin(robot), calculix_deck(robot, shape)
+    twin, way = cached_twin(robot), way_to(robot, shape)
+    deck = calculix_deck(robot, way.shapes)
     layout, cables = twin.system.layout, twin.system.cables
     with tempfile.TemporaryDirectory() as folder:
-        x = layout.X + run_calculix(deck, Path(folder))[: layout.n_points]
-    shortening = cables.rest_length - cables.lengths(x)
+        x = layout.X + run_calculix(deck, Path(folder), timeout=running.timeout or TIMEOUT)[-1, : layout.n_points]
+    shortening = dict(zip(cables.names, (cables.rest_length - cables.lengths(x)).tolist(), strict=True))
     plates: dict[str, tuple[Floats, Floats]] = {}
     for name, k in twin.frame.items():
         riders = np.flatnonzero(layout.rider == k)
@@ -235,10 +263,20 @@ def _solve_calculix(robot: Robot, protocol: Protocol, shape: Snapshot) -> Outcom
             plates[name] = _fitted_pose(layout.X[riders], x[riders], layout.references[k])
     return Outcome(
         tensions={},
-        shortenings=dict(zip(cables.names, shortening.tolist(), strict=True)),
+        shortenings=shortening,
         plates=plates,
         points={name: x[deck.first[name] :][: mesh.n_points] for name, mesh in twin.meshes.items()},
+        needed=_needed(way, shape, shortenings(twin, shape), shortening),
     )
+
+
+def _needed(way: Way, shape: Snapshot, ours: Mapping[str, float], theirs: Mapping[str, float]) -> dict[str, float]:
+    """The tensions [N] that another engine would need for our shortenings, from what it has under our tensions."""
+    if way.stiffness is None:
+        return {}
+    lacks = np.array([ours[name] - theirs[name] for name in way.taut])
+    more = way.stiffness @ lacks
+    return {name: shape.tensions[name] + float(dT) for name, dT in zip(way.taut, more, strict=True)}
 
 
 def _fitted_pose(X: Floats, x: Floats, reference: Floats) -> tuple[Floats, Floats]:
@@ -257,9 +295,10 @@ def _missing_sofa() -> str:
     return ""
 
 
-def _solve_sofa(robot: Robot, protocol: Protocol, shape: Snapshot) -> Outcome:
+def _solve_sofa(robot: Robot, protocol: Protocol, shape: Snapshot, running: Running) -> Outcome:
     """Run to rest under the commands themselves."""
-    found = _of_response(sofa_engine()(robot, protocol, snapshots=True))
+    engine = sofa_engine(replace(running.sofa, timeout=running.timeout or running.sofa.timeout))
+    found = _of_response(engine(robot, protocol, snapshots=True))
     given = {f"{name}.{command.control}" for name, command in protocol.commands.items()}
     return replace(
         found,

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import signal
-import subprocess
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from softcal.export.processes import exit_code
 from softcal.export.sofa_install import Sofa
 from softcal.export.sofa_robot import LinearRobot
 from softcal.export.sofa_scene import Resting, scene_parameters, write_scene
@@ -96,37 +95,13 @@ def _attempt(
 
 def _ended(sofa: Sofa, folder: Path, timeout: float) -> str:
     """Run the scene; how its process ended, in words."""
-    with (folder / LOG).open("wb") as log:
-        process = subprocess.Popen(
-            [sofa.python, "run.py", "--job", JOB],
-            cwd=folder,
-            env=sofa.environment(),
-            stdin=subprocess.DEVNULL,
-            stdout=log,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-        )
-        try:
-            code = process.wait(timeout)
-        except subprocess.TimeoutExpired:
-            return f"was ended after {timeout:g} s without an answer"
-        finally:
-            _end(process)
+    command = [sofa.python, "run.py", "--job", JOB]
+    code = exit_code(command, folder, folder / LOG, timeout=timeout, environment=sofa.environment())
+    if code is None:
+        return f"was ended after {timeout:g} s without an answer"
     if code < 0:
         return f"crashed ({signal.Signals(-code).name})"
     return f"ended with exit code {code}"
-
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    """End the process and all that it started."""
-    if process.poll() is not None:
-        return
-    with contextlib.suppress(ProcessLookupError):
-        if hasattr(os, "killpg"):
-            os.killpg(process.pid, signal.SIGKILL)
-        else:
-            process.kill()
-    process.wait()
 
 
 def _last_error(lines: list[str]) -> str:

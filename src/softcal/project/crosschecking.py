@@ -1,25 +1,39 @@
-"""A project in several engines: which are asked for, and each experiment or pull put through them."""
+"""A project in several engines: which are asked for, each experiment or pull put through them, and the files of it."""
 
 from __future__ import annotations
 
+import csv
 import difflib
-from collections.abc import Mapping, Sequence
+import json
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 
+from softcal.calibration.outcome import installed_versions
 from softcal.errors import Fault, InputError
-from softcal.export.crosscheck import ENGINES, SELF, Crosscheck, crosscheck
+from softcal.export.crosscheck import AGREES, ENGINES, SELF, Crosscheck, Running, crosscheck
+from softcal.project.output import new_folder
 from softcal.project.project import Project
 from softcal.twin.protocol import Protocol
 
+TABLE, RECORD = "differences.csv", "crosscheck.json"
+
 
 def crosscheck_project(
-    project: Project, protocols: Mapping[str, Protocol], engines: Sequence[str] = ()
+    project: Project,
+    protocols: Mapping[str, Protocol],
+    engines: Sequence[str] = (),
+    *,
+    timeout: float | None = None,
+    progress: Callable[[str, str], None] = lambda state, engine: None,
 ) -> dict[str, Crosscheck]:
     """Each protocol's furthest state, by name, in the engines (by default all); see `softcal.export.crosscheck`.
+
+    timeout [s]: of each engine's process, by default its own. progress: is told the state and the engine at work.
 
     Raises
     ------
     InputError
-        For an engine that does not exist, or none but softcal itself.
+        For an engine that does not exist, or none but softcal itself, or a timeout that is none.
     """
     known = [SELF, *ENGINES]
     chosen = list(dict.fromkeys(engines)) or known
@@ -36,6 +50,55 @@ def crosscheck_project(
     ]
     if not faults and chosen == [SELF]:
         faults.append(Fault("there is nothing to compare softcal with", "--engines", SELF, ", ".join(known)))
+    if timeout is not None and not timeout > 0.0:
+        faults.append(Fault("no engine can end in no time", "--timeout", f"{timeout:g} s", "> 0 s, such as 10min"))
     if faults:
         raise InputError(faults)
-    return {name: crosscheck(project.robot, protocol, chosen) for name, protocol in protocols.items()}
+    running = Running(timeout, project.engines.sofa.settings)
+
+    def one(name: str, protocol: Protocol) -> Crosscheck:
+        return crosscheck(
+            project.robot, protocol, chosen, running=running, progress=lambda engine: progress(name, engine)
+        )
+
+    return {name: one(name, protocol) for name, protocol in protocols.items()}
+
+
+def write_crosscheck(project: Project, found: Mapping[str, Crosscheck], folder: Path) -> None:
+    """Write every difference (`differences.csv`), and the verdicts with what they hold for (`crosscheck.json`), into a
+    new folder, whole or not at all.
+
+    Raises
+    ------
+    StorageError
+        Where the folder holds files, or cannot be written.
+    """
+    record = {
+        "project": project.name,
+        "agreement": AGREES,
+        "parameters": {name: {"value": info.value, "unit": info.unit} for name, info in project.parameters.items()},
+        "states": {state or "at rest": _told(result) for state, result in found.items()},
+        "hashes": dict(project.hashes),
+        "versions": installed_versions(),
+    }
+    with new_folder(folder) as part:
+        with (part / TABLE).open("w", newline="", encoding="utf-8") as file:
+            table = csv.writer(file)
+            table.writerow(["state", "engine", "quantity", "unit", "in_softcal", "in_engine", "difference", "relative"])
+            for state, result in found.items():
+                for comparison in result.comparisons:
+                    for one in comparison.differences:
+                        numbers = (one.softcal, one.engine, one.absolute, one.relative)
+                        of = (state or "at rest", comparison.engine, one.quantity, one.unit)
+                        table.writerow([*of, *(f"{number:.9g}" for number in numbers)])
+        (part / RECORD).write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+
+
+def _told(result: Crosscheck) -> dict[str, object]:
+    """By engine: whether it agrees and the verdict, or why there is none."""
+    compared = {
+        one.engine: {"agrees": one.agrees, "verdict": one.verdict, "changed": list(one.changed)}
+        for one in result.comparisons
+    }
+    failed = {engine: {"failed": why} for engine, why in result.failed.items()}
+    return {**compared, **failed, **{engine: {"absent": why} for engine, why in result.absent.items()}}

@@ -1,0 +1,89 @@
+"""Cables in a CalculiX deck: springs from via point to via point that pull alike however long they are.
+
+So a cable's pull turns with the robot, as it does in softcal, and CalculiX has a cable's stiffness too. The springs'
+force is made to follow the steps by CalculiX's temperatures, on which nothing else depends: at temperature k it is the
+tension of the k-th shape, and at zero none.
+
+A via point inside an element is a node that follows the element's nodes. CalculiX gets that wrong, by a part in a
+hundred, where some of those belong to a rigid body. The segments of a cable that end in such a place are dead forces
+instead, as they are at each shape.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.export.calculix_format import number, set_name, weighted_sum
+from softcal.export.way import positions
+from softcal.twin.build import Twin
+from softcal.twin.loads import Weights
+from softcal.twin.response import Snapshot
+
+FAR = 1.0  # [m], of a segment's elongation: the table of forces ends there, and its last value goes on
+
+
+@dataclass(frozen=True)
+class CableLines:
+    """Lines of the deck: nodes for via points inside elements, the springs, and what those nodes follow."""
+
+    nodes: tuple[str, ...]
+    springs: tuple[str, ...]
+    equations: tuple[str, ...]
+
+
+def cable_lines(twin: Twin, shapes: Sequence[Snapshot], node: int, element: int) -> CableLines:
+    """Of all cables that pull in any of the shapes; node, element: the last numbers that are taken."""
+    nodes: list[str] = []
+    springs: list[str] = []
+    equations: list[str] = []
+    for name, via in twin.via.items():
+        tensions = [shape.tensions.get(name, 0.0) for shape in shapes]
+        segments = [(i, i + 1) for i, pair in enumerate(pairwise(via)) if _is_spring(twin, pair)]
+        if not any(tensions) or not segments:
+            continue
+        ends: dict[int, int] = {}
+        for i in sorted({i for segment in segments for i in segment}):
+            if len(via[i]) == 1:
+                ends[i] = via[i][0][0] + 1
+                continue
+            node += 1
+            ends[i] = node
+            at = np.sum([weight * twin.system.layout.X[point] for point, weight in via[i]], axis=0)
+            nodes.append(f"{node}, " + ", ".join(number(v) for v in at))
+            equations += weighted_sum(node, [(point + 1, weight) for point, weight in via[i] if weight != 0.0])
+        springs.append(f"*ELEMENT, TYPE=SPRINGA, ELSET=CABLE_{set_name(name)}")
+        for a, b in segments:
+            element += 1
+            springs.append(f"{element}, {ends[a]}, {ends[b]}")
+        springs.append(f"*SPRING, ELSET=CABLE_{set_name(name)}, NONLINEAR")
+        for k, tension in enumerate([0.0, *tensions]):
+            springs += [f"{number(tension)}, {number(stretch)}, {number(k)}" for stretch in (-FAR, FAR)]
+    return CableLines(tuple(nodes), tuple(springs), tuple(equations))
+
+
+def dead_pulls(twin: Twin, shape: Snapshot) -> Floats:
+    """Forces at a shape (n_points, 3) [N] of the segments that are no springs."""
+    cables, n_points = twin.system.cables, twin.system.layout.n_points
+    pulls = [
+        0.0 if _is_spring(twin, pair) else shape.tensions.get(name, 0.0)
+        for name, via in twin.via.items()
+        for pair in pairwise(via)
+    ]
+    if not any(pulls):
+        return np.zeros((n_points, 3))
+    return -cables.segment_gradient(positions(twin, shape), np.array(pulls), 3 * n_points).reshape(-1, 3)
+
+
+def _is_spring(twin: Twin, segment: tuple[Weights, Weights]) -> bool:
+    """Whether both its ends can be nodes: points of the deck, or sums of such as belong to no rigid body."""
+    layout = twin.system.layout
+    for end in segment:
+        riders = layout.rider[[point for point, weight in end if weight != 0.0]]
+        if len(end) > 1 and np.any((riders >= 0) & (riders < layout.n_moving_frames)):
+            return False
+    return True

@@ -1,0 +1,103 @@
+"""How a robot comes to a shape of its own: in steps that another engine can follow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.twin.build import Twin, cached_twin
+from softcal.twin.parameters import robot_parameters
+from softcal.twin.protocol import Command, Protocol
+from softcal.twin.response import Snapshot
+from softcal.twin.robot import Robot
+from softcal.twin.simulate import simulate
+
+TURN = np.deg2rad(15.0)  # of the element that turns most, from one shape to the next, about
+SAME = 1e-6  # of the largest displacement
+
+
+@dataclass(frozen=True)
+class Way:
+    """shapes: on the way, the last one where it leads. taut: the cables that pull there. stiffness: d tension of each /
+    d shortening of each at the end (n_taut, n_taut) [N/m], or None where it is not known.
+    """
+
+    shapes: tuple[Snapshot, ...]
+    taut: tuple[str, ...]
+    stiffness: Floats | None
+
+
+def way_to(robot: Robot, end: Snapshot) -> Way:
+    """The robot under its loads alone, if it has any; then its taut cables pulled in by equal parts of what they are at
+    the end, as many as the element that turns most has 15 degrees in its turn.
+
+    Where that does not lead to `end` (the robot snaps on the way, or snapped before), the way is `end` alone.
+    """
+    twin = cached_twin(robot)
+    cables = twin.system.cables
+    taut = tuple(name for name in cables.names if end.tensions.get(name, 0.0) > 0.0)
+    if not taut:
+        return Way((end,), (), np.zeros((0, 0)))
+    begin = simulate(robot, Protocol({}), snapshots=True).snapshots[0]
+    n = max(1, int(np.ceil(_largest_turn(twin, begin, end) / TURN)))
+    share = np.arange(1, n + 1) / n
+    first, last = shortenings(twin, begin), shortenings(twin, end)
+    commands = {name: Command("shortening", first[name] + share * (last[name] - first[name])) for name in taut}
+    by = [f"{name}.shortening" for name in taut]
+    response = simulate(robot, Protocol(commands), sensitivities=by, snapshots=True, curve_tolerance=0.0)
+    pulls = [{name: float(command.values[i]) for name, command in commands.items()} for i in range(n)]
+    found = [shape for pull in pulls for shape in response.snapshots if _is_at(shape, pull)]
+    if not response.succeeded or len(found) != n or not _are_same(twin, found[-1], end):
+        return Way((end,), taut, None)
+    rows = [response.sensitivities[f"{name}.tension"] for name in taut]
+    stiffness = np.array([[float(row[name][-1]) for name in by] for row in rows])
+    theta = {name: info.value for name, info in robot_parameters(robot).items()}
+    is_loaded = bool(np.any(twin.system.loads.total(theta)))
+    return Way((*((begin,) if is_loaded else ()), *found[:-1], end), taut, stiffness)
+
+
+def positions(twin: Twin, shape: Snapshot) -> Floats:
+    """Positions of all points of the twin (n_points, 3) [m] in a shape of its robot."""
+    layout = twin.system.layout
+    x, position, rotation = layout.X.copy(), layout.references.copy(), np.tile(np.eye(3), (layout.n_frames, 1, 1))
+    for name, points in shape.points.items():
+        x[twin.first_point[name] :][: len(points)] = points
+    for name, (at, turn) in shape.plates.items():
+        position[twin.frame[name]], rotation[twin.frame[name]] = at, turn
+    layout.links.place(x, position, rotation)
+    return x
+
+
+def shortenings(twin: Twin, shape: Snapshot) -> dict[str, float]:
+    """What each cable is shorter by than at rest [m], slack or not."""
+    cables = twin.system.cables
+    return dict(zip(cables.names, (cables.rest_length - cables.lengths(positions(twin, shape))).tolist(), strict=True))
+
+
+def _is_at(shape: Snapshot, pull: dict[str, float]) -> bool:
+    scale = max(abs(value) for value in pull.values())
+    return all(abs(shape.controls[name] - value) <= 1e-9 * scale for name, value in pull.items())
+
+
+def _are_same(twin: Twin, one: Snapshot, other: Snapshot) -> bool:
+    x, y = positions(twin, one), positions(twin, other)
+    return float(np.abs(x - y).max()) <= SAME * float(np.abs(y - twin.system.layout.X).max())
+
+
+def _largest_turn(twin: Twin, before: Snapshot, after: Snapshot) -> float:
+    """The angle [rad], at most a half turn, by which the element that turns most has turned."""
+    largest = 0.0
+    for name, mesh in twin.meshes.items():
+        corners = mesh.tets[:, :4]
+        was, now = (_edges(shape.points[name], corners) for shape in (before, after))
+        U, _, Vt = np.linalg.svd(now @ np.linalg.inv(was))
+        trace = np.trace(U @ Vt, axis1=1, axis2=2)
+        largest = max(largest, float(np.arccos(np.clip(0.5 * (trace - 1.0), -1.0, 1.0)).max()))
+    return largest
+
+
+def _edges(points: Floats, tets: np.ndarray) -> Floats:
+    """Edges from the first corner, as columns (n_tets, 3, 3) [m]."""
+    return np.swapaxes(points[tets[:, 1:]] - points[tets[:, :1]], 1, 2)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import shutil
 from dataclasses import replace
 
@@ -14,9 +15,20 @@ from project_case import write_project
 from typer.testing import CliRunner
 
 from softcal.cli import app
+from softcal.cli.crosscheck_command import _table
+from softcal.cli.printing import print_table
 from softcal.errors import SimulationError
 from softcal.export import crosscheck as module
-from softcal.export.crosscheck import ENGINES, Engine, Outcome, _fitted_pose, crosscheck, furthest_state
+from softcal.export.crosscheck import (
+    ENGINES,
+    Comparison,
+    Difference,
+    Engine,
+    Outcome,
+    _fitted_pose,
+    crosscheck,
+    furthest_state,
+)
 from softcal.export.sofa_engine import SofaSettings
 from softcal.export.way import Way, way_to
 from softcal.twin.parameters import with_parameters
@@ -189,8 +201,6 @@ def test_the_command_prints_a_table_and_a_verdict_and_writes_them(tmp_path):
     assert done.exit_code == 0, done.output
     assert "plate.rotation" in done.output
     assert "pull: calculix and softcal agree to 0.0001" in done.output
-    table = done.output[: done.output.index("For calculix")].splitlines()
-    assert max(len(line.rstrip()) for line in table) <= 80
     with (out / "differences.csv").open() as file:
         rows = {row["quantity"]: row for row in csv.DictReader(file)}
     assert rows["front.tension (by slope)"]["unit"] == "N"
@@ -200,6 +210,21 @@ def test_the_command_prints_a_table_and_a_verdict_and_writes_them(tmp_path):
     assert record["states"]["pull"]["calculix"]["agrees"]
     assert record["states"]["pull"]["calculix"]["verdict"] in done.output
     assert record["parameters"]["bar.youngs_modulus"] == {"value": 2e6, "unit": "Pa"}
+
+
+@pytest.mark.parametrize("value", [1.234567e-5, -0.01234567, 123456.7])
+def test_the_table_has_all_its_columns_in_a_terminal_of_80(value, monkeypatch, capsys):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "80")
+    names = ("front.tension (by slope)", "neck: largest displacement")
+    rows = tuple(Difference(name, "rad", value, value, 1e-12, 1e-10) for name in names)
+    print_table(_table(Comparison("calculix", rows, ())))
+    lines = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", capsys.readouterr().out).splitlines()
+    assert max(map(len, lines)) <= 80
+    (row,) = [line for line in lines if "tension" in line]
+    assert row.count(f"{value:.6g}") == 2
+    assert "1.0e-12" in row
+    assert "1.0e-10" in row
 
 
 def test_a_disagreement_ends_with_1_and_is_written(tmp_path, monkeypatch):

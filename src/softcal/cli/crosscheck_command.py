@@ -101,13 +101,9 @@ def _print(found: dict[str, Crosscheck]) -> None:
 
 
 def _table(comparison: Comparison) -> Table:
-    """Eighty columns wide, unless a name is long."""
     from rich.table import Table
 
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
-    table.add_column("", overflow="fold")
-    for name in ("unit", "softcal", comparison.engine, "differ by", "relative"):
-        table.add_column(name, justify="left" if name == "unit" else "right", no_wrap=True)
+    table = Table("", "unit", "softcal", comparison.engine, "differ by", "relative")
     for one in comparison.differences:
         numbers = (f"{one.softcal:.6g}", f"{one.engine:.6g}", f"{one.absolute:.1e}", f"{one.relative:.1e}")
         table.add_row(one.quantity, one.unit, *numbers)

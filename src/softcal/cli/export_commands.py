@@ -52,7 +52,7 @@ def vtk(source: Source, out: Out, pull: Pull = None, values: Values = None) -> N
 @export.command()
 @told
 def calculix(source: Source, out: Out, pull: Pull = None, values: Values = None) -> None:
-    """For CalculiX: a deck of the robot at the end of each experiment or pull, with the cables' forces as loads."""
+    """For CalculiX: a deck of the robot at the end of each experiment or pull, with the cables as springs."""
     from softcal.project.exporting import export_calculix, load_calibrated
 
     project = load_calibrated(source, parsed_values(values))

@@ -155,7 +155,7 @@ def _frame_nodes(layout: Layout, k: int) -> tuple[int, int]:
 
 def _pivots(twin: Twin) -> Floats:
     """Where the moving frames' reference nodes stand (n_moving_frames, 3) [m]: amid the nodes by which a plate holds
-    its bodies. CalculiX's tangent leaves out how a rigid body's links curve; there that matters least.
+    its bodies. CalculiX's tangent leaves out how a rigid body's links curve; from there its iterations go furthest.
     """
     layout = twin.system.layout
     out = layout.references[: layout.n_moving_frames].copy()

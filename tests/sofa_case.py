@@ -22,7 +22,7 @@ from softcal.twin.response import Response, Snapshot
 from softcal.twin.robot import Body, Cable, Disc, Marker, Plate, PointLoad, Robot, SurfaceLoad, Tie, ViaPoint
 
 FAKE = Path(__file__).parent / "fake_sofa"
-OF_THE_SCENE = ("Sofa", "SofaRuntime", "scene", "pulling", "robot_state", "run", "fake_mechanics")
+OF_THE_SCENE = ("Sofa", "SofaRuntime", "scene", "parts", "rods", "pulling", "robot_state", "run", "fake_mechanics")
 
 
 def neck_robot(data: dict) -> Robot:
@@ -147,7 +147,7 @@ def scene_modules(folder: Path) -> Iterator[SimpleNamespace]:
     forget()
     sys.path[:0] = [str(folder), str(FAKE / "lib" / "python3" / "site-packages")]
     try:
-        names = ("Sofa", "scene", "pulling", "robot_state")
+        names = ("Sofa", "scene", "rods", "pulling", "robot_state")
         yield SimpleNamespace(**{name: importlib.import_module(name) for name in names})
     finally:
         sys.path[:] = path

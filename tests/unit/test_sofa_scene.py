@@ -16,7 +16,6 @@ from softcal.export.sofa_export import furthest, write_sofa
 from softcal.export.sofa_robot import linear_robot
 from softcal.export.sofa_scene import legacy_vtk, scene_parameters, schedule_csv
 from softcal.geometry.quadratic import to_quadratic
-from softcal.twin.manipulator import ManipulatorShape, manipulator
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import (
     Contact,
@@ -257,8 +256,6 @@ def test_mesh_file_is_the_mesh_to_the_last_digit(tmp_path):
 
 def test_what_no_scene_can_hold_is_refused():
     robot = column_robot()
-    with pytest.raises(ParameterError, match="solid meshes"):
-        linear_robot(manipulator(ManipulatorShape(), youngs_modulus=1e9, poissons_ratio=0.4))
     with pytest.raises(ParameterError, match="contact"):
         linear_robot(replace(robot, contact=Contact(1e-4, 1e6)))
     with pytest.raises(ParameterError, match=r"no friction; got 0.1"):

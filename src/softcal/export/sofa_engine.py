@@ -61,7 +61,7 @@ class SofaEngine:
         Raises
         ------
         ParameterError
-            Where it cannot: rods, contact, friction along cables, elements and laws that SOFA does not have.
+            Where it cannot: contact, friction along cables, elements and laws that SOFA does not have.
         """
         if faults := [*scene_faults(robot), *element_faults(robot)]:
             raise ParameterError(faults)

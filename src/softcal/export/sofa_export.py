@@ -10,6 +10,7 @@ import numpy as np
 from softcal.export.sofa_identify import Identified, identify
 from softcal.export.sofa_install import CONDA, ROOT
 from softcal.export.sofa_robot import linear_robot
+from softcal.export.sofa_rods import SEGMENTS
 from softcal.export.sofa_scene import (
     ASSUMED_DENSITY,
     PARAMETERS,
@@ -42,7 +43,7 @@ def write_sofa(
     Raises
     ------
     ParameterError
-        For what no scene can hold: rods, contact, friction along cables; or a pull that cannot tell the parameters.
+        For what no scene can hold: contact, friction along cables; or a pull that cannot tell the parameters.
     SimulationError
         Where parameters are to be identified, and the robot cannot follow the protocol.
     """
@@ -81,10 +82,14 @@ def _readme(name: str, found: Identified, protocol: Protocol) -> str:
     pulled = ", ".join(f"{cable} by {command.control}" for cable, command in protocol.commands.items())
     notes = [f"- {sentence}" for sentence in found.sentences]
     notes += [
-        f"- {body.name} has no density in the project; {ASSUMED_DENSITY:g} kg/m^3 gives it inertia"
+        f"- {part.name} has no density in the project; {ASSUMED_DENSITY:g} kg/m^3 gives it inertia"
         + (" and a force takes its weight off." if robot.gravity.any() else ".")
-        for body in robot.bodies
-        if body.density <= 0.0
+        for part in (*robot.bodies, *robot.rods)
+        if part.density <= 0.0
+    ]
+    notes += [
+        f"- {rod.name}: a rod, {SEGMENTS} beams for each of its elements, with softcal's own stiffness."
+        for rod in robot.rods
     ]
     keys = ", ".join(f"{i} {cable.name}" for i, cable in enumerate(robot.cables[:9], start=1)) or "there are none"
     return _TEXT.format(
@@ -117,7 +122,7 @@ Without a window, every row of the schedule run to rest, into `response.csv`:
 
 | file | what it holds |
 |---|---|
-| `scene.py` | `createScene`: bodies, plates, cables, loads |
+| `scene.py`, `parts.py`, `rods.py` | `createScene`: bodies, rods, plates, cables, loads |
 | `{parameters}` | every number; the scene reads it anew each time |
 | `*.vtk` | the bodies' meshes |
 | `pulling.py` | keys and schedule |

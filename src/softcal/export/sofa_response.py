@@ -115,6 +115,7 @@ def shapes(
                 plates={name: _pose(at) for name, at in record["plates"].items()},
                 controls=dict(controls),
                 tensions={name: float(cable["tension"]) for name, cable in record["cables"].items()},
+                rods={name: np.array(points) for name, points in record["rods"].items()},
                 markers={name: np.array(at) for name, at in record["markers"].items()},
             )
         )

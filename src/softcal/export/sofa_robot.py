@@ -8,6 +8,7 @@ import numpy as np
 
 from softcal.checks import Ints
 from softcal.errors import Fault, ParameterError
+from softcal.export.sofa_rods import linear_rod
 from softcal.geometry.mesh import TetMesh
 from softcal.twin.robot import Body, Robot, SurfaceLoad
 
@@ -17,10 +18,6 @@ ITS_LAW, ITS_ELEMENT = "neo-hooke", "P1"
 def scene_faults(robot: Robot) -> list[Fault]:
     """What no scene of SOFA and SoftRobots alone can hold."""
     faults = [
-        Fault("SOFA has no such rods without other plugins", rod.name, attempt="solid meshes (springs: {model: solid})")
-        for rod in robot.rods
-    ]
-    faults += [
         Fault("SOFA's cables have no friction", where=cable.name, got=f"{cable.friction_coefficient:g}", allowed="0")
         for cable in robot.cables
         if cable.friction_coefficient > 0.0
@@ -103,7 +100,10 @@ def linear_robot(robot: Robot) -> LinearRobot:
         replace(cable, via_points=tuple(replace(v, on="") if v.on in still else v for v in cable.via_points))
         for cable in robot.cables
     )
-    return LinearRobot(replace(robot, bodies=bodies, plates=plates, ties=ties, loads=loads, cables=cables), still)
+    rods = tuple(linear_rod(rod, still) for rod in robot.rods)
+    return LinearRobot(
+        replace(robot, bodies=bodies, rods=rods, plates=plates, ties=ties, loads=loads, cables=cables), still
+    )
 
 
 def _corner_mesh(mesh: TetMesh) -> TetMesh:

@@ -14,16 +14,17 @@ from typing import Any
 import numpy as np
 
 from softcal.export.sofa_robot import LinearRobot
+from softcal.export.sofa_rods import SEGMENTS, finer, node_volumes, rod_parameters
 from softcal.geometry.mesh import TetMesh
 from softcal.mechanics.attachment import attach
 from softcal.mechanics.element import nodal_volumes
 from softcal.twin.loads import surface_forces
 from softcal.twin.masses import plate_inertia
 from softcal.twin.protocol import Protocol
-from softcal.twin.robot import Body, Cable, Control, Marker, Plate, PointLoad, Robot
+from softcal.twin.robot import Body, Cable, Control, Marker, Plate, PointLoad, Robot, Rod
 
 FORMAT = 1
-FILES = ("scene.py", "robot_state.py", "pulling.py", "run.py")
+FILES = ("scene.py", "parts.py", "rods.py", "robot_state.py", "pulling.py", "run.py")
 HERE = Path(__file__).parent / "sofa_files"
 PARAMETERS, SCHEDULE = "parameters.json", "schedule.csv"
 # Without inertia nothing settles: a weightless body gets this density [kg/m^3], and a force against its weight.
@@ -84,6 +85,7 @@ def scene_parameters(
         "constraint_solver": {"iterations": 500, "tolerance": 1e-9},
         "rest": asdict(resting or Resting()),
         "bodies": {body.name: _body(body) for body in robot.bodies},
+        "rods": {rod.name: rod_parameters(rod, density_in_motion(rod)) for rod in robot.rods},
         "plates": {plate.name: _plate(plate) for plate in robot.plates},
         "ties": {tie.name: {"body": tie.body, "on": tie.on, "nodes": tie.nodes.tolist()} for tie in robot.ties},
         "loads": _loads(robot, linear.still, meshes),
@@ -145,12 +147,17 @@ def _mesh_file(body: Body) -> str:
     return f"{body.name}.vtk"
 
 
+def density_in_motion(part: Body | Rod) -> float:
+    """The density [kg/m^3] that a part has in the scene."""
+    return part.density if part.density > 0.0 else ASSUMED_DENSITY
+
+
 def _body(body: Body) -> dict[str, Any]:
     return {
         "mesh": _mesh_file(body),
         "youngs_modulus": body.parameters["youngs_modulus"],
         "poissons_ratio": body.parameters["poissons_ratio"],
-        "density": body.density if body.density > 0.0 else ASSUMED_DENSITY,
+        "density": density_in_motion(body),
         "fixed": body.fixed.tolist(),
     }
 
@@ -196,6 +203,14 @@ def _loads(robot: Robot, still: tuple[str, ...], meshes: Mapping[str, TetMesh]) 
             forces = -ASSUMED_DENSITY * volumes[:, None] * robot.gravity
             loads[f"{body.name}_weightless"] = {
                 "on": body.name, "nodes": list(range(len(volumes))), "forces": forces.tolist(),
+            }  # fmt: skip
+    for rod in robot.rods:
+        if rod.density <= 0.0 and robot.gravity.any():
+            volumes = node_volumes(finer(rod, SEGMENTS))
+            forces = np.zeros((len(volumes), 6))
+            forces[:, :3] = -ASSUMED_DENSITY * volumes[:, None] * robot.gravity
+            loads[f"{rod.name}_weightless"] = {
+                "on": rod.name, "nodes": list(range(len(forces))), "forces": forces.tolist(),
             }  # fmt: skip
     for load in robot.loads:
         if load.on in still:

@@ -92,7 +92,7 @@ def export_sofa(project: Project, protocols: Mapping[str, Protocol], folder: Pat
     Raises
     ------
     ParameterError
-        For what no scene can hold: rods, contact, friction along cables.
+        For what no scene can hold: contact, friction along cables.
     StorageError
         Where the folder holds files, or cannot be written.
     SimulationError

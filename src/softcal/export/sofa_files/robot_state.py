@@ -29,6 +29,14 @@ def read_cable(node, cable, dt):
     return {"tension": float(node.cable.force.value) / dt, "shortening": shortening, "points": points.tolist()}
 
 
+def read_rods(parts, parameters):
+    """The twin's own nodes of every rod: the scene has more."""
+    return {
+        name: np.array(node.dofs.position.value)[:: parameters["rods"][name]["segments"], :3].tolist()
+        for name, node in parts["rods"].items()
+    }
+
+
 def read_plate(name, plate, parts):
     if plate["fixed"]:
         return plate["reference"] + [0.0, 0.0, 0.0, 1.0]
@@ -62,9 +70,9 @@ def turned(quaternion, vector):
 
 
 def speed(parts):
-    """The largest speed [m/s] of the bodies' nodes and the plates' frames; NaN where a number is not finite."""
+    """The largest speed [m/s] of bodies' and rods' nodes and plates' frames; NaN where a number is not finite."""
     largest = 0.0
-    for node in list(parts["bodies"].values()) + list(parts["plates"].values()):
+    for node in [node for kind in ("bodies", "rods", "plates") for node in parts[kind].values()]:
         velocity = np.array(node.dofs.velocity.value, dtype=float)[:, :3]
         position = np.array(node.dofs.position.value, dtype=float)
         if not (np.isfinite(velocity).all() and np.isfinite(position).all()):

@@ -20,7 +20,8 @@ import Sofa.Core
 import Sofa.Simulation
 import SofaRuntime
 from pulling import read_schedule
-from robot_state import pull, read_state, speed
+from robot_state import pull, read_rods, read_state, speed
+from rods import require_stiffness
 from scene import PLUGINS, build, read_parameters
 
 FALTERS, FALTERING = 2.0, 0.9  # [s] in which the speed must fall to this part of what it was
@@ -41,6 +42,8 @@ class Run:
         self.parts = build(self.root, parameters)
         # init() of v23.12 is initRoot() of later versions.
         getattr(Sofa.Simulation, "initRoot", Sofa.Simulation.init)(self.root)
+        for name, node in self.parts["rods"].items():
+            require_stiffness(node.beams, name, parameters["rods"][name])
         self.steps = 0
         self.values = {
             name: 0.0 if cable["control"] == "tension" else SLACK for name, cable in parameters["cables"].items()
@@ -108,6 +111,7 @@ def run(states, parameters, rest, tell, shapes=False):
             if shapes:
                 nodes = it.parts["bodies"].items()
                 record["points"] = {name: node.dofs.position.value.tolist() for name, node in nodes}
+                record["rods"] = read_rods(it.parts, parameters)
             tell({"state": number, **record})
     except Lost as error:
         tell({"failed": str(error), "time": it.steps * it.dt, "steps": it.steps, "seconds": time.time() - began})

@@ -8,12 +8,12 @@ import json
 import os
 import sys
 
-import Sofa
-import Sofa.Core
-
 HERE = os.path.dirname(os.path.abspath(__file__))
 if HERE not in sys.path:
     sys.path.insert(0, HERE)
+
+from parts import add_fixed, first_known, put_together
+from rods import add_rod
 
 PLUGINS = [
     "SoftRobots",
@@ -28,6 +28,7 @@ PLUGINS = [
     "Sofa.Component.Mass",
     "Sofa.Component.MechanicalLoad",
     "Sofa.Component.ODESolver.Backward",
+    "Sofa.Component.SolidMechanics.FEM.Elastic",
     "Sofa.Component.SolidMechanics.FEM.HyperElastic",
     "Sofa.Component.StateContainer",
     "Sofa.Component.Topology.Container.Dynamic",
@@ -51,7 +52,7 @@ def read_parameters():
 
 
 def build(root, parameters):
-    """The whole scene below `root`; the nodes of its bodies, plates and cables by name."""
+    """The whole scene below `root`; the nodes of its bodies, rods, plates and cables by name."""
     time, solver = parameters["time"], parameters["constraint_solver"]
     root.gravity = parameters["gravity"]
     root.dt = time["dt"]
@@ -70,12 +71,14 @@ def build(root, parameters):
     robot.addObject("SparseLDLSolver", template="CompressedRowSparseMatrixd")
     robot.addObject("GenericConstraintCorrection")
 
-    parts = {"bodies": {}, "plates": {}, "cables": {}}
+    parts = {"bodies": {}, "rods": {}, "plates": {}, "cables": {}}
     for name, plate in parameters["plates"].items():
         if not plate["fixed"]:
             parts["plates"][name] = add_plate(robot, name, plate)
     for name in bodies_in_order(parameters):
         parts["bodies"][name] = add_body(robot, name, parameters, parts)
+    for name, rod in parameters["rods"].items():
+        parts["rods"][name] = add_rod(robot, name, rod, parts)
     for name, load in parameters["loads"].items():
         add_load(name, load, parts)
     for name, cable in parameters["cables"].items():
@@ -84,15 +87,6 @@ def build(root, parameters):
         if marker["on"]:
             carried_points(parts, marker["on"], name, [marker["at"]], showObject=True, showObjectScale=5.0)
     return parts
-
-
-def first_known(*names):
-    """The first of some components' names that this SOFA knows."""
-    known = {entry.className for entry in Sofa.Core.ObjectFactory.components}
-    for name in names:
-        if name in known:
-            return name
-    raise RuntimeError("This SOFA has none of the components " + ", ".join(names))
 
 
 def add_plate(robot, name, plate):
@@ -182,13 +176,6 @@ def add_solid(node, mesh, body):
     )
 
 
-def add_fixed(node, indices):
-    """Nodes that do not move."""
-    if indices:
-        # The second is the name up to v23.12, the first since v24.06.
-        node.addObject(first_known("FixedProjectiveConstraint", "FixedConstraint"), indices=indices)
-
-
 def carried_points(parts, on, name, points, **shown):
     """A node with points that ride on a plate or in a body."""
     if on in parts["plates"]:
@@ -202,24 +189,13 @@ def carried_points(parts, on, name, points, **shown):
     return node
 
 
-def put_together(node, parents, pairs):
-    """The node's points, each (number of the parent, number of its point)."""
-    node.addObject(
-        "SubsetMultiMapping",
-        template="Vec3,Vec3",
-        input=[parent.dofs.getLinkPath() for parent in parents],
-        output=node.dofs.getLinkPath(),
-        indexPairs=[number for pair in pairs for number in pair],
-    )
-
-
 def add_load(name, load, parts):
     """A dead force at a point, or dead forces on nodes of a body."""
     if "at" in load:
         node = carried_points(parts, load["on"], name, [load["at"]])
         node.addObject("ConstantForceField", indices=[0], forces=[load["force"]])
     else:
-        node = parts["bodies"][load["on"]]
+        node = parts["rods"].get(load["on"]) or parts["bodies"][load["on"]]
         node.addObject("ConstantForceField", name=name, indices=load["nodes"], forces=load["forces"])
 
 

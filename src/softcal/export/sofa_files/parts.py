@@ -1,0 +1,31 @@
+"""What bodies, rods, plates and cables of scene.py are made with."""
+
+import Sofa
+import Sofa.Core
+
+
+def first_known(*names):
+    """The first of some components' names that this SOFA knows."""
+    known = {entry.className for entry in Sofa.Core.ObjectFactory.components}
+    for name in names:
+        if name in known:
+            return name
+    raise RuntimeError("This SOFA has none of the components " + ", ".join(names))
+
+
+def add_fixed(node, indices):
+    """Nodes that do not move."""
+    if indices:
+        # The second is the name up to v23.12, the first since v24.06.
+        node.addObject(first_known("FixedProjectiveConstraint", "FixedConstraint"), indices=indices)
+
+
+def put_together(node, parents, pairs, template="Vec3"):
+    """The node's points or frames, each (number of the parent, number of its point)."""
+    node.addObject(
+        "SubsetMultiMapping",
+        template=template + "," + template,
+        input=[parent.dofs.getLinkPath() for parent in parents],
+        output=node.dofs.getLinkPath(),
+        indexPairs=[number for pair in pairs for number in pair],
+    )

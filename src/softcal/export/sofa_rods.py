@@ -1,0 +1,133 @@
+"""Rods in SOFA's scene: Rigid3 nodes, and between them two-node beams whose stiffness is softcal's own.
+
+SOFA's BeamFEMForceField knows straight beams of round section, without shear. Its stiffness matrices can be set, and
+what it does with them suits any element: the displacement of one end as the other sees it, times the matrix. So the
+scene gives it those of softcal's elements at rest: pre-curved, of any section, with shear. Each stands twice in the
+scene, as seen from either end and with half its stiffness; what the one view is off by to first order in the element's
+turn, the other is off by the other way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.linalg import expm
+from scipy.spatial.transform import Rotation
+
+from softcal.checks import Floats, Ints
+from softcal.geometry.centreline import Centreline
+from softcal.mechanics.rod import RodTerm, build_rod
+from softcal.twin.robot import Rod
+
+SEGMENTS = 2  # beams of the scene for each of softcal's elements
+SAME_MASS = 1e-9  # of each other: nodes whose masses agree to this share a component
+FLEXIBILITY_OF = (0.0, 1.0)  # two of Poisson's ratios: the flexibility is linear in it
+
+
+def linear_rod(rod: Rod, still: Collection[str]) -> Rod:
+    """The rod with its nodes on plates that stand still fixed in space."""
+    on_still = [nodes for plate, nodes in rod.clamped.items() if plate in still]
+    return replace(
+        rod,
+        clamped={plate: nodes for plate, nodes in rod.clamped.items() if plate not in still},
+        fixed=np.sort(np.concatenate([rod.fixed, *on_still])),
+    )
+
+
+def rod_parameters(rod: Rod, density: float) -> dict[str, Any]:
+    """What parameters.json holds of a rod, cut finer: its nodes, what holds them, and the flexibility of its elements.
+
+    by_bending, by_shear: of every element (6, 6), so that (by_bending + (1 + nu) by_shear) / E is how its later end
+    moves and turns against the earlier one per force and moment at the later one, all in axes of space at rest.
+    """
+    rod = finer(rod, SEGMENTS)
+    bending, shear = _flexibilities(rod)
+    return {
+        "segments": SEGMENTS,
+        "nodes": rod.centreline.nodes.tolist(),
+        "youngs_modulus": rod.parameters["youngs_modulus"],
+        "poissons_ratio": rod.parameters["poissons_ratio"],
+        "radius": 0.5 * rod.section.outer_diameter,
+        "by_bending": bending.tolist(),
+        "by_shear": shear.tolist(),
+        "fixed": rod.fixed.tolist(),
+        "plates": {name: nodes.tolist() for name, nodes in rod.clamped.items()},
+        "masses": _masses(rod, density),
+    }
+
+
+def finer(rod: Rod, segments: int) -> Rod:
+    """The rod with every element cut into equal ones, along the screw that softcal's element follows at rest."""
+    line = rod.centreline
+    xi = _on_own_nodes(rod).xi_rest
+    pieces: list[tuple[Floats, Floats]] = []
+    for k in range(segments):
+        part = k / segments
+        nodes = line.nodes[:-1] + np.einsum("nij,nj->ni", line.triads[:-1], _screwed(xi, part))
+        pieces.append((nodes, line.triads[:-1] @ Rotation.from_rotvec(part * xi[:, 3:]).as_matrix()))
+    nodes = np.stack([nodes for nodes, _ in pieces], axis=1).reshape(-1, 3)
+    triads = np.stack([triads for _, triads in pieces], axis=1).reshape(-1, 3, 3)
+    cut = Centreline(
+        np.vstack([nodes, line.nodes[-1:]]),
+        np.concatenate([triads, line.triads[-1:]]),
+        np.repeat(line.lengths / segments, segments),
+    )
+    clamped = {plate: _with_between(nodes, segments) for plate, nodes in rod.clamped.items()}
+    return replace(rod, centreline=cut, clamped=clamped, fixed=_with_between(rod.fixed, segments))
+
+
+def _screwed(xi: Floats, part: float) -> Floats:
+    """How far a part of each screw (n, 6) leads (n, 3), in the axes that it begins with."""
+    out = np.zeros_like(xi[:, :3])
+    for i, (rho, theta) in enumerate(zip(xi[:, :3], xi[:, 3:], strict=True)):
+        twist = np.zeros((4, 4))
+        twist[:3, :3] = np.cross(np.eye(3), theta)
+        twist[:3, 3] = rho
+        out[i] = expm(part * twist)[:3, 3]
+    return out
+
+
+def _with_between(nodes: Ints, segments: int) -> Ints:
+    """The finer rod's numbers of nodes, and of those between two of them that are neighbours."""
+    held = segments * np.sort(nodes)
+    between = [at + np.arange(1, segments) for at in held if at + segments in held]
+    return np.sort(np.concatenate([held, *between]))
+
+
+def node_volumes(rod: Rod) -> Floats:
+    """What each node carries of the rod's volume (m,) [m^3]: half of the elements beside it."""
+    half = 0.5 * rod.section.area * rod.centreline.lengths
+    return np.append(half, 0.0) + np.insert(half, 0, 0.0)
+
+
+def _masses(rod: Rod, density: float) -> list[dict[str, Any]]:
+    """Nodes of one mass [kg] together; inertia: per mass, of the section about its axis, in every direction [m^2]."""
+    masses = density * node_volumes(rod)
+    inertia = (rod.section.I1 + rod.section.I2) / rod.section.area
+    groups: list[dict[str, Any]] = []
+    for node in np.argsort(-masses, kind="stable").tolist():
+        mass = float(masses[node])
+        if not groups or mass < (1.0 - SAME_MASS) * groups[-1]["mass"]:
+            groups.append({"mass": mass, "inertia_per_mass": inertia, "nodes": []})
+        groups[-1]["nodes"].append(node)
+    return groups
+
+
+def _on_own_nodes(rod: Rod) -> RodTerm:
+    nodes = rod.centreline.nodes
+    return build_rod(rod.name, rod.section, rod.centreline, np.arange(len(nodes)), nodes)
+
+
+def _flexibilities(rod: Rod) -> tuple[Floats, Floats]:
+    nodes, term = np.array(rod.centreline.nodes), _on_own_nodes(rod)
+    axes = np.tile(np.eye(3), (len(nodes), 1, 1))
+    found: list[Floats] = []
+    for ratio in FLEXIBILITY_OF:
+        tangent = term.assemble(nodes, axes, {"youngs_modulus": 1.0, "poissons_ratio": ratio}).tangent
+        assert tangent is not None  # noqa: S101
+        found.append(np.asarray(np.linalg.inv(tangent[:, 6:, 6:]), dtype=np.float64))
+    shear = found[1] - found[0]
+    return found[0] - shear, shear

@@ -127,7 +127,7 @@ def test_a_run_goes_on_only_with_the_settings_it_began_with(tmp_path: Path, aske
     begun = calibrate(load(project_with(tmp_path / "a", QUICK, ONE_FREE, CLOSE)), **options)
     assert {one.resting for one in asked} == {Resting(ramp=0.02, longest=6.0)}
     assert begun.headline.hashes["engine"] == "sofa"
-    assert begun.headline.hashes["engines.sofa.time_steps"] == "0.01, 0.005, 0.002"
+    assert begun.headline.hashes["engines.sofa.time_steps"] == "0.05, 0.01, 0.005, 0.002"
     n = len(asked)
 
     slower = QUICK.replace("20 ms", "30 ms").replace("6 s", "7 s")

@@ -23,7 +23,7 @@ from softcal.twin.protocol import Command, Protocol
 
 E_MODULUS, RATIO = 2.6e5, 0.3  # a shear modulus of 1e5 Pa
 A, B, PITCH = 100.0, 2000.0, 20.0  # of fake_mechanics/spring.py
-QUICK = Resting(ramp=0.02, longest=6.0)
+QUICK = Resting(time_steps=(0.01, 0.005, 0.002), ramp=0.02, longest=6.0)
 
 
 def tension(d, scale=1.0):

@@ -54,7 +54,7 @@ class Resting:
     pulled beyond what it would bear without its cable, and so feeds the motion.
     """
 
-    time_steps: tuple[float, ...] = (0.01, 0.005, 0.002)
+    time_steps: tuple[float, ...] = (0.05, 0.01, 0.005, 0.002)
     rayleigh_stiffness: float = 0.0
     rayleigh_mass: float = 5.0
     ramp: float = 1.0

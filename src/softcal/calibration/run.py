@@ -13,6 +13,7 @@ from typing import Any, Literal
 
 from softcal.calibration.fingerprint import fingerprints
 from softcal.calibration.hold_out import fitted_part, predicted
+from softcal.calibration.interrupts import interrupts_held
 from softcal.calibration.optimiser import Optimiser, Proposal
 from softcal.calibration.optimiser_grid import GridOptimiser
 from softcal.calibration.optimiser_least_squares import LeastSquaresOptimiser
@@ -125,14 +126,16 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
     identity = {**fingerprints(problem), **(hashes or {})}
     whole, problem = problem, fitted_part(problem, hold_out)
     with contextlib.ExitStack() as stack:
-        run = _open(store, resume, identity, settings, files)
-        if run is not None:
-            stack.enter_context(run)
-            settings = run.settings
+        with interrupts_held():
+            run = _open(store, resume, identity, settings, files)
+            if run is not None:
+                stack.enter_context(run)
+                settings = run.settings
         optimiser = _optimiser(problem, settings)
         journal = None
         if run is not None and method == "tpe":
-            journal = OptunaJournal(run.folder / "optuna.journal", problem.space)
+            with interrupts_held():
+                journal = OptunaJournal(run.folder / "optuna.journal", problem.space)
         tally = _Tally(problem, run, journal, began)
         evaluator = stack.enter_context(Evaluator(problem, workers=workers, jacobian=optimiser.needs_jacobian))
         stopped = _search(optimiser, evaluator, tally, progress)
@@ -256,7 +259,8 @@ def _search(optimiser: Optimiser, evaluator: Evaluator, tally: _Tally, progress:
             fresh = evaluator.evaluate([p for p in proposals if p.number not in recalled])
             for proposal in proposals:
                 evaluation = recalled.get(proposal.number) or next(fresh)[1]
-                tally.note(proposal.number, evaluation, jacobian=optimiser.needs_jacobian)
+                with interrupts_held():  # a trial is in all files and in the result, or in none of them
+                    tally.note(proposal.number, evaluation, jacobian=optimiser.needs_jacobian)
                 optimiser.tell(proposal, evaluation)
                 if progress is not None:
                     progress(_progress(tally, optimiser))

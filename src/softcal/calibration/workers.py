@@ -12,9 +12,11 @@ import pickle
 import signal
 from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import resource_tracker
 from types import MappingProxyType
 from typing import Any
 
+from softcal.calibration.interrupts import interrupts_held
 from softcal.calibration.optimiser import Proposal
 from softcal.calibration.problem import Evaluation, Problem
 from softcal.errors import CalibrationError, Fault, ParameterError
@@ -61,9 +63,11 @@ class Evaluator:
             for proposal in proposals:
                 yield proposal, self._problem.evaluate(proposal.theta, jacobian=self._jacobian)
             return
-        pool = self._pool or self._start()
         try:
-            futures = [pool.submit(_evaluate, dict(proposal.theta), self._jacobian) for proposal in proposals]
+            # Submitting starts workers; one whose parent is interrupted meanwhile gets half of what it is to read.
+            with interrupts_held(), _born_deaf():
+                pool = self._pool or self._start()
+                futures = [pool.submit(_evaluate, dict(proposal.theta), self._jacobian) for proposal in proposals]
             for proposal, future in zip(proposals, futures, strict=True):
                 yield proposal, future.result()
         except BrokenProcessPool as error:
@@ -98,6 +102,23 @@ def _threads_per_worker(threads: int) -> Generator[None]:
                 os.environ[name] = value
 
 
+@contextlib.contextmanager
+def _born_deaf() -> Generator[None]:
+    """Block Ctrl-C for the processes that are started in here, until they can say that they ignore it.
+
+    Not by ignoring it here meanwhile: what is ignored is lost, what is blocked waits.
+    """
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    resource_tracker.ensure_running()  # else the first worker's start starts it, and that ends with an unblocking
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _pickled(problem: Problem) -> bytes:
     buffer = io.BytesIO()
     pickler = pickle.Pickler(buffer)
@@ -117,6 +138,8 @@ _here: dict[str, Problem] = {}
 def _begin(pickled: bytes) -> None:
     # Ctrl-C reaches the whole process group; only the parent answers it, so that no trial is lost half-told.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     _here["problem"] = pickle.loads(pickled)
 
 

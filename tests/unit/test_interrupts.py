@@ -1,0 +1,246 @@
+"""Ctrl-C at the worst moments: while a trial is kept, while workers start, while the run folder is made."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing.util
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from project_case import write_project
+from test_calibration_run import problem_of, same
+
+from softcal.calibration import store as storing
+from softcal.calibration.interrupts import interrupts_held
+from softcal.calibration.optimiser_tpe import OptunaJournal
+from softcal.calibration.run import Progress, calibrate
+from softcal.calibration.store import RunStore
+from softcal.errors import CalibrationError
+from softcal.project.calibration import calibrate as calibrate_project
+from softcal.project.project import load
+
+
+def press_ctrl_c() -> None:
+    signal.raise_signal(signal.SIGINT)
+
+
+def test_a_held_interrupt_comes_afterwards_and_once() -> None:
+    done: list[str] = []
+
+    def work() -> None:
+        with interrupts_held():
+            press_ctrl_c()
+            press_ctrl_c()
+            done.append("all of it")
+        done.append("what follows")
+
+    answer = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        work()
+    assert done == ["all of it"]
+    assert signal.getsignal(signal.SIGINT) is answer
+
+
+def test_held_within_held_it_comes_after_the_outer() -> None:
+    done: list[str] = []
+
+    def work() -> None:
+        with interrupts_held():
+            with interrupts_held():
+                press_ctrl_c()
+            done.append("outer")
+
+    with pytest.raises(KeyboardInterrupt):
+        work()
+    assert done == ["outer"]
+
+
+def test_who_answered_before_is_asked_and_who_ignored_still_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, frame: asked.append(number))
+    try:
+        with interrupts_held():
+            press_ctrl_c()
+            assert asked == []
+        assert asked == [signal.SIGINT]
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        with interrupts_held():
+            press_ctrl_c()
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def test_in_other_threads_nothing_is_held() -> None:
+    done: list[object] = []
+
+    def elsewhere() -> None:
+        with interrupts_held():
+            done.append(signal.getsignal(signal.SIGINT))
+
+    answer = signal.getsignal(signal.SIGINT)
+    thread = threading.Thread(target=elsewhere)
+    thread.start()
+    thread.join()
+    assert done == [answer]
+
+
+class Trap:
+    """Presses Ctrl-C just after a function has done its work, the first time that it is called once armed."""
+
+    def __init__(self, patch: pytest.MonkeyPatch, owner: object, name: str) -> None:
+        self.armed, self.sprung = False, False
+        real: Callable[..., Any] = getattr(owner, name)
+
+        def caught(*arguments: Any, **options: Any) -> Any:
+            answer = real(*arguments, **options)
+            if self.armed and not self.sprung:
+                self.sprung = True
+                press_ctrl_c()
+            return answer
+
+        patch.setattr(owner, name, caught)
+
+    def arm(self, progress: Progress) -> None:
+        self.armed = progress.done == 2
+
+
+@pytest.mark.parametrize(
+    ("owner", "name"),
+    [(RunStore, "append"), (os, "symlink"), (os, "fsync"), (os, "rename"), (os, "unlink"), (OptunaJournal, "keep")],
+    ids=["trials.sqlite", "lock", "journal", "release", "released", "kept"],
+)
+def test_a_trial_is_kept_whole_wherever_the_interrupt_comes(
+    owner: object, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import optuna
+    from optuna.storages.journal import JournalFileBackend
+
+    options: dict[str, Any] = {"method": "tpe", "trials": 6, "seed": 3}
+    folder = tmp_path / "run"
+    with monkeypatch.context() as patch:
+        trap = Trap(patch, owner, name)
+        result = calibrate(problem_of(), **options, store=folder, progress=trap.arm)
+    assert trap.sprung
+    assert "Stopped by the user after 3 of at most 6" in result.status
+    assert len(result.trials) == 3
+    with contextlib.closing(sqlite3.connect(folder / "trials.sqlite")) as database:
+        assert database.execute("SELECT COUNT(*) FROM trials").fetchone() == (3,)
+    storage = optuna.storages.JournalStorage(JournalFileBackend(str(folder / "optuna.journal")))
+    assert len(optuna.load_study(study_name="softcal", storage=storage).trials) == 3
+    assert not list(folder.glob("*.lock*"))
+    same(calibrate(problem_of(), **options), calibrate(problem_of(), **options, store=folder, resume=True))
+
+
+def test_a_run_that_is_stopped_while_its_folder_is_made_is_resumed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "run"
+    with monkeypatch.context() as patch:
+        trap = Trap(patch, storing, "write_text")
+        trap.armed = True
+        with pytest.raises(KeyboardInterrupt):
+            calibrate(problem_of(), method="grid", trials=9, store=folder, files={"notes.txt": "of the run"})
+    assert trap.sprung
+    resumed = calibrate(problem_of(), method="grid", trials=9, store=folder, resume=True)
+    same(calibrate(problem_of(), method="grid", trials=9), resumed)
+
+
+def spawning(patch: pytest.MonkeyPatch, then: Callable[[int], None]) -> None:
+    """Have `then` called with the id of every process just after its birth, before it is told what it is to do."""
+    real = multiprocessing.util.spawnv_passfds
+
+    def spawned(*arguments: Any) -> int:
+        pid = real(*arguments)
+        then(pid)
+        return pid
+
+    patch.setattr(multiprocessing.util, "spawnv_passfds", spawned)
+
+
+def test_workers_hear_no_ctrl_c_from_their_birth_on(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    pressing: list[threading.Thread] = []
+
+    def press_for_a_second(pid: int) -> None:
+        with contextlib.suppress(ProcessLookupError):
+            for _ in range(50):
+                os.kill(pid, signal.SIGINT)
+                time.sleep(0.02)
+
+    def begin(pid: int) -> None:
+        pressing.append(threading.Thread(target=press_for_a_second, args=(pid,)))
+        pressing[-1].start()
+
+    with monkeypatch.context() as patch:
+        spawning(patch, begin)
+        found = calibrate(problem_of(), method="grid", trials=16, workers=2)
+    for thread in pressing:
+        thread.join()
+    assert len(pressing) >= 2
+    assert capfd.readouterr().err == ""
+    same(calibrate(problem_of(), method="grid", trials=16), found)
+
+
+def test_interrupted_while_it_starts_workers_it_starts_them_whole_and_stops(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    options: dict[str, Any] = {"method": "grid", "trials": 16}
+    born: list[int] = []
+
+    def press_elsewhere() -> None:
+        """In another thread, which the system may choose when the main one blocks the signal."""
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+        press_ctrl_c()
+
+    def press(pid: int) -> None:
+        born.append(pid)
+        thread = threading.Thread(target=press_elsewhere)
+        thread.start()
+        thread.join()
+
+    with monkeypatch.context() as patch:
+        spawning(patch, press)
+        with pytest.raises(CalibrationError, match=r"Stopped by the user before any trial could be completed"):
+            calibrate(problem_of(), **options, workers=2, store=tmp_path / "run")
+    assert len(born) >= 2
+    assert capfd.readouterr().err == ""
+    same(calibrate(problem_of(), **options), calibrate(problem_of(), **options, store=tmp_path / "run", resume=True))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("delay", [0.0, 0.1, 0.3, 0.6, 1.2])
+def test_a_real_ctrl_c_while_workers_start(delay: float, tmp_path: Path) -> None:
+    path, out = write_project(tmp_path / "p"), tmp_path / "run"
+    command = [sys.executable, "-m", "softcal.cli", "calibrate", str(path), "--out", str(out), "--no-report"]
+    command += ["--method", "tpe", "--trials", "4000", "--workers", "2"]
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    folder = out / "calibrations" / "pull"
+    deadline = time.monotonic() + 60
+    while not (folder / "optuna.journal").is_file() and time.monotonic() < deadline:  # the last before the workers
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.005)
+    time.sleep(delay)
+    os.killpg(process.pid, signal.SIGINT)  # to the whole group, as a terminal does
+    try:
+        _, err = process.communicate(timeout=120)
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+    assert process.returncode == 130, err
+    assert "Traceback" not in err
+    with contextlib.closing(sqlite3.connect(folder / "trials.sqlite")) as database:
+        (n_before,) = database.execute("SELECT COUNT(*) FROM trials").fetchone()
+    found = calibrate_project(load(path), out=out, resume=True, method="tpe", trials=n_before + 2)
+    assert len(found.headline.trials) == n_before + 2

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from softcal.geometry.centreline import straight
+from softcal.geometry.pose import Pose
 from softcal.geometry.section import circular
 from softcal.project.simulation import pull, twin_view
 from softcal.report.check_figures import robot_scenes
@@ -83,7 +84,7 @@ def test_a_disc_goes_with_its_plate():
     plate = Plate("top", {}, np.array([0.01, 0.0, 0.0]), disc=Disc(np.array([0.0, 0.0, 0.1]), [0, 0, 1], 0.04, 0.01))
     turn = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
     one = robot()
-    surface = plate_surface(one, plate, (np.array([0.01, 0.0, 0.5]), turn), "#0072b2", opacity=1.0)
+    surface = plate_surface(one, plate, Pose(turn, np.array([0.01, 0.0, 0.5])), "#0072b2", opacity=1.0)
     assert surface is not None
     np.testing.assert_allclose(surface.points.mean(axis=0), [0.0, -0.1, 0.5], atol=2e-4)
 

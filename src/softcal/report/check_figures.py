@@ -10,6 +10,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.experiments.dataset import Dataset
+from softcal.geometry.pose import Pose
 from softcal.geometry.ring import across
 from softcal.geometry.surface import boundary_triangles
 from softcal.report.chart_bench import draw_record
@@ -148,7 +149,7 @@ def _plates(robot: Robot) -> tuple[list[Part], list[Label]]:
     for plate in robot.plates:
         if plate.disc is None and plate.nodes:
             continue
-        pose = plate.reference, np.eye(3)
+        pose = Pose(np.eye(3), plate.reference)
         surface = plate_surface(robot, plate, pose, INK if plate.fixed else BLUE, opacity=1.0 if plate.disc else 0.5)
         if surface is not None:
             parts.append(surface)

@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.geometry.pose import Pose
 from softcal.report.scene import Surface
 from softcal.report.shapes import disc_surface, flat_disc, unit_circle
 from softcal.twin.robot import Disc, Plate, Robot
-
-Pose = tuple[Floats, Floats]
 
 
 def robot_points(robot: Robot) -> Floats:
@@ -68,24 +67,25 @@ def plate_radius(robot: Robot, plate: Plate) -> float:
 
 
 def plate_surface(robot: Robot, plate: Plate, pose: Pose, colour: str, *, opacity: float) -> Surface | None:
-    """A plate where it is now, its own shape or a flat disc in its place; None where it has no extent."""
-    position, rotation = pose
+    """A plate where it is now, its own shape or a flat disc in its place; None where it has no extent.
+
+    pose: of the plate's reference point.
+    """
     if plate.disc is not None:
         rest = disc_surface(plate, plate.disc, colour, opacity=opacity)
-        return replace(rest, points=position + (rest.points - plate.reference) @ rotation.T)
+        return replace(rest, points=pose.apply(rest.points - plate.reference))
     radius = plate_radius(robot, plate)
     if not radius > 0.0:
         return None
-    return flat_disc(position, rotation @ plate_normal(robot, plate), radius, colour, opacity=opacity)
+    return flat_disc(pose.position, pose.rotation @ plate_normal(robot, plate), radius, colour, opacity=opacity)
 
 
 def plate_rim(robot: Robot, plate: Plate, pose: Pose) -> Floats:
     """Points around a plate where it is now (n, 3), for the line from its name."""
-    position, rotation = pose
     centre = plate.reference if plate.disc is None else plate.disc.centre
     normal = plate_normal(robot, plate)
     shape = plate.disc or Disc(centre, normal, 2 * max(plate_radius(robot, plate), 1e-9), 1.0)
-    return position + 0.97 * (_rim(shape) - shape.centre) @ rotation.T + (centre - plate.reference) @ rotation.T
+    return pose.apply(0.97 * (_rim(shape) - shape.centre) + centre - plate.reference)
 
 
 def _rim(shape: Disc) -> Floats:

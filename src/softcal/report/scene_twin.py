@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.geometry.pose import Pose
 from softcal.geometry.surface import boundary_triangles
 from softcal.report.content import TwinView
 from softcal.report.robot_view import plate_rim, plate_surface, robot_points, up_direction
@@ -100,7 +101,8 @@ def twin_parts(
     for plate in robot.plates:
         if plate.name not in snapshot.plates:
             continue
-        pose = snapshot.plates[plate.name]
+        position, rotation = snapshot.plates[plate.name]
+        pose = Pose(rotation, position)
         look = (MUTED, 1.0) if plate.fixed else (BLUE, 0.35)
         surface = plate_surface(robot, plate, pose, look[0], opacity=look[1])
         parts += [] if surface is None else [surface]

@@ -22,7 +22,7 @@ from softcal.geometry.centreline import Centreline
 from softcal.mechanics.rod import RodTerm, build_rod
 from softcal.twin.robot import Rod
 
-SEGMENTS = 2  # beams of the scene for each of softcal's elements
+SEGMENTS = 3  # beams of the scene for each of softcal's elements
 SAME_MASS = 1e-9  # of each other: nodes whose masses agree to this share a component
 FLEXIBILITY_OF = (0.0, 1.0)  # two of Poisson's ratios: the flexibility is linear in it
 

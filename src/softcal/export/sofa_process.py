@@ -62,7 +62,7 @@ def run_states(
             break
     if best is None:
         raise ValueError("there is no time step to try")
-    return replace(best, failure=" Then ".join(failures), steps=steps)
+    return replace(best, failure=". Then ".join(failures), steps=steps)
 
 
 def _attempt(

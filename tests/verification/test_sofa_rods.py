@@ -9,6 +9,7 @@ import pytest
 from manipulator_case import manipulator
 from mechanics_cases import elastic, pulled, tensed
 
+from softcal.export.crosscheck import crosscheck
 from softcal.export.sofa_engine import sofa_engine
 from softcal.geometry.centreline import helix, straight
 from softcal.geometry.section import Section, circular, rectangular
@@ -99,6 +100,16 @@ def test_helical_spring_pulled_by_a_cable():
         np.testing.assert_allclose(theirs.channels[f"seen.{axis}"], ours.channels[f"seen.{axis}"], rtol=0, atol=5e-5)
     shape = simulate(robot, pulled(0.03), snapshots=True).snapshots[-1].rods["wire"]
     np.testing.assert_allclose(theirs.snapshots[-1].rods["wire"], shape, rtol=0, atol=5e-5)
+
+
+def test_crosscheck_compares_rods():
+    robot = cantilever((0.0, 0.5, 1.0), n=3, section=rectangular(0.02, 0.03))
+    found = crosscheck(robot, tensed(1.0, cable="slack"), ["sofa"])
+    (comparison,) = found.comparisons
+    assert comparison.agrees, comparison.verdict
+    seen = {one.quantity: one for one in comparison.differences}
+    assert seen["rod: largest displacement"].softcal > 2e-6
+    assert seen["tip.displacement"].relative < 1e-4
 
 
 def test_backbone_through_discs():

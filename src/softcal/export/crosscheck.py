@@ -36,7 +36,7 @@ NEEDED = "tension (by slope)"  # that an engine would need for softcal's shorten
 @dataclass(frozen=True)
 class Outcome:
     """What an engine finds: tensions [N] and shortenings [m] of cables, unless it was given them; poses of plates
-    (position [m], rotation); positions of the nodes of bodies (n, 3) [m].
+    (position [m], rotation); positions of the nodes of bodies and rods (n, 3) [m].
 
     needed: for an engine that was given the tensions, those [N] that it would need for softcal's shortenings, to first
     order by softcal's exact stiffness.
@@ -179,18 +179,19 @@ def _of_response(response: Response) -> Outcome:
         tensions={name: float(response.channels[f"{name}.tension"][-1]) for name in names},
         shortenings={name: float(response.channels[f"{name}.shortening"][-1]) for name in names},
         plates=shape.plates,
-        points=shape.points,
+        points={**shape.points, **shape.rods},
     )
 
 
 def _moved(robot: Robot, outcome: Outcome) -> dict[str, Floats]:
-    """Displacements of the nodes of bodies [m]."""
-    meshes = cached_twin(robot).meshes
-    return {name: x - meshes[name].points for name, x in outcome.points.items()}
+    """Displacements of the nodes of bodies and rods [m]."""
+    rest = {name: mesh.points for name, mesh in cached_twin(robot).meshes.items()}
+    rest |= {rod.name: rod.centreline.nodes for rod in robot.rods}
+    return {name: x - rest[name] for name, x in outcome.points.items()}
 
 
 def _require_motion(robot: Robot, ours: Outcome) -> None:
-    if all(np.abs(u).max() < STILL for u in _moved(robot, ours).values()) and robot.bodies:
+    if all(np.abs(u).max() < STILL for u in _moved(robot, ours).values()):
         raise ParameterError(Fault("nothing moves the robot, so engines cannot differ", attempt="--pull CABLE=VALUE"))
 
 

@@ -87,10 +87,12 @@ def _readme(name: str, found: Identified, protocol: Protocol) -> str:
         for part in (*robot.bodies, *robot.rods)
         if part.density <= 0.0
     ]
-    notes += [
-        f"- {rod.name}: a rod, {SEGMENTS} beams for each of its elements, with softcal's own stiffness."
-        for rod in robot.rods
-    ]
+    if robot.rods:
+        names = ", ".join(rod.name for rod in robot.rods)
+        notes.append(
+            f"- {names}: of each element of a rod {SEGMENTS} beams, in the scene twice, from either end with half the "
+            "stiffness, which is softcal's own (`rods.py`)."
+        )
     keys = ", ".join(f"{i} {cable.name}" for i, cable in enumerate(robot.cables[:9], start=1)) or "there are none"
     return _TEXT.format(
         name=name,

@@ -20,7 +20,7 @@ from softcal.project.calibration_schema import CalibrationSection
 from softcal.project.project import Project
 from softcal.project.simulation import robot_in
 from softcal.report.compared import Compared, Configuration
-from softcal.report.content import TwinView
+from softcal.report.twin_view import TwinView
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate

@@ -18,7 +18,8 @@ from softcal.project.project import Project
 from softcal.project.run_folder import Run, load_run
 from softcal.project.settled import from_undeformed, settled_shapes
 from softcal.project.simulation import simulate, twin_view
-from softcal.report.content import ExperimentContent, Landscape, ReportContent, TwinView
+from softcal.report.content import ExperimentContent, Landscape, ReportContent
+from softcal.report.twin_view import TwinView
 from softcal.report.write import ReportPaths
 from softcal.report.write import write_report as write_content
 

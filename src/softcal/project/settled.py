@@ -10,8 +10,8 @@ from softcal.calibration.result import CalibrationResult
 from softcal.project.calibration import calibrated
 from softcal.project.project import Project
 from softcal.project.simulation import simulate
-from softcal.report.content import TwinView
 from softcal.report.settled import SettledShapes
+from softcal.report.twin_view import TwinView
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Snapshot
 from softcal.twin.robot import Robot

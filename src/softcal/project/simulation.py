@@ -23,7 +23,7 @@ from softcal.twin.simulate import simulate as simulate_robot
 from softcal.units import format_quantity
 
 if TYPE_CHECKING:
-    from softcal.report.content import TwinView
+    from softcal.report.twin_view import TwinView
 
 # Samples of a pull that is asked for by its end alone.
 PULL_SAMPLES = 41
@@ -145,7 +145,7 @@ def pull(robot: Robot, cable: str, control: Control, end: float, samples: int = 
 
 def twin_view(robot: Robot, response: Response) -> TwinView | None:
     """The robot at rest and at its largest pitch, to draw; None where there are no two shapes."""
-    from softcal.report.content import TwinView
+    from softcal.report.twin_view import TwinView
 
     if len(response.snapshots) < 2:
         return None

@@ -15,7 +15,7 @@ from softcal.report.scene_twin import displacements, twin_parts
 from softcal.report.wording import number, parameter_label, scale_of
 
 if TYPE_CHECKING:
-    from softcal.report.content import TwinView
+    from softcal.report.twin_view import TwinView
 
 _LONGEST = 30  # letters of parameters above a shape
 

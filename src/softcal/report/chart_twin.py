@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.report.content import TwinView
 from softcal.report.scene import Camera, Scene, Surface
 from softcal.report.scene_render import Rendering, draw_flat, render_scenes
 from softcal.report.scene_twin import twin_scenes
 from softcal.report.style import DISPLACEMENT, FAINT, INK, MUTED, house_style, new_figure
+from softcal.report.twin_view import TwinView
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

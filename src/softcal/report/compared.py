@@ -9,7 +9,7 @@ import numpy as np
 
 from softcal.analysis.nominal import Nominal
 from softcal.checks import Floats
-from softcal.report.content import TwinView
+from softcal.report.twin_view import TwinView
 
 
 @dataclass(frozen=True)

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from softcal.calibration.result import CalibrationResult
 from softcal.checks import Floats, Ints, frozen_floats, frozen_ints
 from softcal.errors import Fault, InputError
 from softcal.experiments.dataset import Dataset
 from softcal.materials.infill import effective_modulus
+from softcal.report.compared import Compared
 from softcal.report.settled import SettledShapes
-from softcal.twin.response import Snapshot
-from softcal.twin.robot import Robot
-
-if TYPE_CHECKING:
-    from softcal.report.compared import Compared
+from softcal.report.twin_view import TwinView
 
 
 @dataclass(frozen=True)
@@ -34,31 +30,6 @@ class ExperimentContent:
     prepared: Dataset
     cycles: Dataset | None = None
     drive: str = "shortening"
-
-
-@dataclass(frozen=True)
-class TwinView:
-    """The calibrated twin in two states, to be drawn side by side.
-
-    tets: body -> connectivity of `Snapshot.points` (`Response.tets`), of order one or two.
-    """
-
-    robot: Robot
-    rest: Snapshot
-    bent: Snapshot
-    tets: Mapping[str, Ints]
-
-    def __post_init__(self) -> None:
-        tets = {body: frozen_ints(cells, name=f"tets of {body}") for body, cells in self.tets.items()}
-        object.__setattr__(self, "tets", tets)
-        faults = [
-            Fault("the snapshot lacks a body", where=f"snapshot '{snapshot.label}'", got=body, allowed=", ".join(tets))
-            for snapshot in (self.rest, self.bent)
-            for body in tets
-            if body not in snapshot.points
-        ]
-        if faults:
-            raise InputError(faults)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,6 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.geometry.pose import Pose
 from softcal.geometry.surface import boundary_triangles
-from softcal.report.content import TwinView
 from softcal.report.robot_view import plate_rim, plate_surface, robot_points, up_direction
 from softcal.report.scene import (
     Ball,
@@ -25,6 +24,7 @@ from softcal.report.scene import (
     refined,
 )
 from softcal.report.shapes import flat_disc, rod_surface
+from softcal.report.twin_view import TwinView
 from softcal.twin.response import Snapshot
 from softcal.twin.robot import Robot
 

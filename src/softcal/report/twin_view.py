@@ -1,0 +1,36 @@
+"""The calibrated twin at rest and pulled, as pictures show it. Frozen; SI."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from softcal.checks import Ints, frozen_ints
+from softcal.errors import Fault, InputError
+from softcal.twin.response import Snapshot
+from softcal.twin.robot import Robot
+
+
+@dataclass(frozen=True)
+class TwinView:
+    """The calibrated twin in two states, to be drawn side by side.
+
+    tets: body -> connectivity of `Snapshot.points` (`Response.tets`), of order one or two.
+    """
+
+    robot: Robot
+    rest: Snapshot
+    bent: Snapshot
+    tets: Mapping[str, Ints]
+
+    def __post_init__(self) -> None:
+        tets = {body: frozen_ints(cells, name=f"tets of {body}") for body, cells in self.tets.items()}
+        object.__setattr__(self, "tets", tets)
+        faults = [
+            Fault("the snapshot lacks a body", where=f"snapshot '{snapshot.label}'", got=body, allowed=", ".join(tets))
+            for snapshot in (self.rest, self.bent)
+            for body in tets
+            if body not in snapshot.points
+        ]
+        if faults:
+            raise InputError(faults)

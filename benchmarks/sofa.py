@@ -60,7 +60,7 @@ def measure(quick: bool) -> Section:
         "*Pull in time*: paper A's 2 mm/s with its step of 0.01 s and its damping, the exported scene and its "
         "controller as they are, without start and loading; beside it softcal's settled curve, which is how the papers "
         "read it. *Studies* of 1000 trials are **extrapolated**: the one from that pull times 1000; the other "
-        f"from paper A's TPE within its bounds for E and ν on the twin's own tension and pitch, the same {n} trials in "
+        f"from paper A's TPE within its bounds for E and ν on the twin's own tension and pitch, its first {n} in "
         f"both, times {STUDY / n:g}."
     ]
     return Section(TITLE, HEADER, rows, notes=notes)

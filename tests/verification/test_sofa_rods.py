@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from manipulator_case import manipulator
-from mechanics_cases import elastic, pulled, tensed
+from mechanics_cases import column_robot, elastic, pulled, tensed
 
 from softcal.export.crosscheck import crosscheck
 from softcal.export.sofa_engine import sofa_engine
 from softcal.geometry.centreline import helix, straight
-from softcal.geometry.section import Section, circular, rectangular
+from softcal.geometry.section import Section, circular, given, rectangular
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response
 from softcal.twin.robot import Cable, Marker, Plate, PointLoad, Robot, Rod, ViaPoint
@@ -110,6 +111,22 @@ def test_crosscheck_compares_rods():
     seen = {one.quantity: one for one in comparison.differences}
     assert seen["rod: largest displacement"].softcal > 2e-6
     assert seen["tip.displacement"].relative < 1e-4
+
+
+def test_rod_beside_a_body():
+    """Both hold one plate; the rod, of a section that is no circle, is drawn and bent."""
+    column = column_robot(parameters=elastic(1e6, 0.4), divisions=(2, 2, 6))
+    section = given(1.2e-5, 1.1e-11, 1.9e-11, 2.2e-11)
+    rod = Rod(
+        "rod", straight((-0.04, 0.0, 0.0), (-0.04, 0.0, 0.1), 8), section, elastic(1e9, 0.3),
+        clamped={"plate": np.array([8])}, fixed=[0],
+    )  # fmt: skip
+    robot = replace(column, rods=(rod,), plates=(replace(column.plates[0], mass=0.01),))
+    responses = both(robot, pulled(0.005, 0.01))
+    tension = [response.channels["front.tension"] for response in responses]
+    assert tension[1][-1] > 20.0
+    np.testing.assert_allclose(tension[0], tension[1], rtol=1e-4)
+    assert apart(responses, "plate").max() < 2e-4 * 0.01
 
 
 def test_backbone_through_discs():

@@ -321,6 +321,14 @@ def test_a_report_of_what_is_no_run(capsys: pytest.CaptureFixture[str], tmp_path
     assert "there is no run here" in err
 
 
+def test_a_projects_folder_is_no_run(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    path = write_project(tmp_path / "p")
+    code, _, err = run(capsys, "export", "sofa", path.parent, "--out", tmp_path / "scene")
+    assert code == 2
+    assert "there is no run here" in err
+    assert str(path) in err
+
+
 @pytest.mark.parametrize("record", ["", "{", "[]", '{"format": 9}', json.dumps({"format": 1})])
 def test_a_run_with_a_broken_record(capsys: pytest.CaptureFixture[str], tmp_path: Path, record: str):
     (tmp_path / "run.json").write_text(record)

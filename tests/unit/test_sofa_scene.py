@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from dataclasses import replace
 
 import meshio
@@ -11,7 +13,7 @@ import pytest
 from mechanics_cases import column_robot, elastic, pulled, shared_json, side_cable, tensed
 from sofa_case import beam_robot, many_parts, neck_robot, recorded, scene_modules, use_fake
 
-from softcal.errors import ParameterError
+from softcal.errors import InputError, ParameterError
 from softcal.export.sofa_export import furthest, write_sofa
 from softcal.export.sofa_robot import linear_robot
 from softcal.export.sofa_scene import legacy_vtk, scene_parameters, schedule_csv
@@ -262,6 +264,29 @@ def test_what_no_scene_can_hold_is_refused():
         linear_robot(replace(robot, cables=(replace(robot.cables[0], friction_coefficient=0.1),)))
 
 
+@pytest.mark.parametrize(("protocol", "said"), [(pulled(0.5), "more than its length"), (tensed(-1.0), "cannot push")])
+def test_a_pull_that_no_cable_can_follow_is_no_schedule(tmp_path, protocol, said):
+    with pytest.raises(InputError, match=said):
+        write_sofa(column_robot(), protocol, tmp_path, "a column")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("root", [True, False])
+def test_the_scene_finds_sofa_by_sofa_root(tmp_path, monkeypatch, root):
+    """As its README says: no PYTHONPATH; and a sentence where there is no SOFA."""
+    write_sofa(column_robot(), pulled(0.01), tmp_path, "a column")
+    (tmp_path / "schedule.csv").write_text("time [s],front.shortening [m]\n0,0\n1,0.001\n")
+    use_fake(monkeypatch)
+    monkeypatch.delenv("PYTHONPATH", raising=False)
+    if not root:
+        monkeypatch.delenv("SOFA_ROOT")
+    python = [sys.executable] if root else [sys.executable, "-S"]  # which may have SOFA among its own packages
+    done = subprocess.run([*python, "run.py"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode == 0) == root, done.stdout + done.stderr
+    assert "3 states at rest" in done.stdout if root else "Set SOFA_ROOT" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
 def test_schedule_pulls_at_the_papers_speed():
     rows = [line.split(",") for line in schedule_csv(pulled(0.0, 0.01, 0.03)).splitlines()]
     assert rows[0] == ["time [s]", "front.shortening [m]"]
@@ -320,7 +345,8 @@ def test_foreign_bodies_are_identified_anew_and_say_so(tmp_path):
     assert left["largest_difference"] == pytest.approx(difference, rel=1e-3)
     assert difference < 0.02 * ours.channels["front.tension"].max()
     readme = (tmp_path / "README.md").read_text()
-    assert "re-identified" in readme
+    found = f"{body['youngs_modulus'] / 1e6:.5g} MPa (twin: 2 MPa)"
+    assert f"re-identified on this mesh and pull: neck.youngs_modulus {found}, neck.poissons_ratio" in readme
     assert "Largest difference" in readme
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from softcal.errors import InputError
 from softcal.export.sofa_identify import Identified, identify
 from softcal.export.sofa_install import CONDA, ROOT
 from softcal.export.sofa_robot import linear_robot
@@ -21,7 +22,7 @@ from softcal.export.sofa_scene import (
     schedule_csv,
     write_scene,
 )
-from softcal.twin.protocol import Protocol
+from softcal.twin.protocol import Protocol, command_faults
 from softcal.twin.robot import Robot
 
 README = "README.md"
@@ -42,11 +43,14 @@ def write_sofa(
 
     Raises
     ------
-    ParameterError
-        For what no scene can hold: contact, friction along cables; or a pull that cannot tell the parameters.
+    InputError
+        For what no scene can hold: contact, friction along cables; for a pull that no cable can follow, or that cannot
+        tell the parameters.
     SimulationError
         Where parameters are to be identified, and the robot cannot follow the protocol.
     """
+    if faults := command_faults(robot, protocol):
+        raise InputError(faults)
     found = identify(robot, linear_robot(robot), protocol)
     parameters = {
         "name": name,
@@ -115,7 +119,7 @@ A SOFA scene written by softcal: SofaPython3 and SoftRobots, SOFA v23.12 to v26.
 {schedule}. A key takes over (with Ctrl in runSofa's window): a digit chooses a cable
 ({keys}), + and - pull and release it, P prints where the robot is.
 
-Without a window, every row of the schedule run to rest, into `response.csv`:
+Without a window, the robot with slack cables and then every row of the schedule run to rest, into `response.csv`:
 
     export {root}=/where/SOFA/is          # conda and pixi set it
     python run.py                         # the Python that SOFA's bindings are for

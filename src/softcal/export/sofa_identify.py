@@ -25,6 +25,7 @@ from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
 from softcal.twin.robot import Body, Robot
 from softcal.twin.simulate import simulate
+from softcal.units import format_quantity
 
 SAMPLES = 15
 TRIALS = 30
@@ -52,7 +53,9 @@ class Identified:
         if not self.values:
             return ()
         names = sorted({name.rpartition(".")[0] for name in self.values})
-        found = ", ".join(f"{name} {new:.6g} (twin: {old:.6g})" for name, (old, new) in self.values.items())
+        found = ", ".join(
+            f"{name} {_shown(name, new)} (twin: {_shown(name, old)})" for name, (old, new) in self.values.items()
+        )
         left = ", ".join(
             f"{name} {1e3 * value if unit == 'm' else value:.3g} {UNITS[unit]} of "
             f"{1e3 * largest if unit == 'm' else largest:.4g}"
@@ -98,6 +101,10 @@ def identify(robot: Robot, linear: LinearRobot, protocol: Protocol) -> Identifie
         for key, value in body.parameters.items()
     }
     return Identified(there, values, left)
+
+
+def _shown(name: str, value: float) -> str:
+    return format_quantity(value, "Pa" if name.endswith(".youngs_modulus") else "1", digits=5)
 
 
 def _modulus(body: Body) -> FreeParameter:

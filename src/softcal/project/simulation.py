@@ -139,7 +139,8 @@ def pull(robot: Robot, cable: str, control: Control, end: float, samples: int = 
     if cable not in known:
         raise ParameterError(Fault("the robot has no such cable", got=f"'{cable}'", allowed=", ".join(known)))
     if not end > 0 or samples < 2:
-        raise ParameterError(Fault("a pull goes from zero to a number above zero", got=f"{control} {end:g}"))
+        got = format_quantity(end, "m" if control == "shortening" else "N") if samples >= 2 else f"{samples} samples"
+        raise ParameterError(Fault("a pull goes from zero to a number above zero", f"{cable}.{control}", got))
     return Protocol({cable: Command(control, np.linspace(0.0, end, samples))})
 
 

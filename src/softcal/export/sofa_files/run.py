@@ -6,6 +6,7 @@ is a line of JSON in the job's file. A state is at rest when nothing has moved f
 
 import argparse
 import csv
+import glob
 import json
 import math
 import os
@@ -14,11 +15,18 @@ import time
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path.insert(0, HERE)
+if ROOT := os.environ.get("SOFA_ROOT"):
+    # Last: bindings that this Python knows already go first.
+    sys.path.extend(sorted(glob.glob(os.path.join(ROOT, "plugins", "*", "lib", "python3", "site-packages"))))
+    sys.path.extend(sorted(glob.glob(os.path.join(ROOT, "lib", "python3*", "site-packages"))))
 
-import Sofa
-import Sofa.Core
-import Sofa.Simulation
-import SofaRuntime
+try:
+    import Sofa
+    import Sofa.Core
+    import Sofa.Simulation
+    import SofaRuntime
+except ImportError as error:
+    sys.exit(f"SOFA's Python packages do not load ({error}). Set SOFA_ROOT, and run this with the Python they are for.")
 from pulling import read_schedule
 from robot_state import pull, read_rods, read_state, speed
 from rods import require_stiffness

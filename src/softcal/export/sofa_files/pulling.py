@@ -22,15 +22,21 @@ class Pulling(Sofa.Core.Controller):
         self.schedule = read_schedule(os.path.join(HERE, "schedule.csv"))
         self.cables = list(self.parameters["cables"])
         self.chosen = 0
+        self.begin()
+
+    def begin(self):
         self.by_hand = False
-        self.elapsed = 0.0
+        self.time = 0.0
         self.values = dict.fromkeys(self.cables, 0.0)
 
     def onAnimateBeginEvent(self, event):
         dt = float(self.root.dt.value)
-        self.elapsed += dt
+        now = float(self.root.time.value) + dt
+        if now < self.time:
+            self.begin()  # runSofa's Reset, of which controllers hear nothing else
+        self.time = now
         if not self.by_hand:
-            self.values.update(at_time(self.schedule, self.elapsed))
+            self.values.update(at_time(self.schedule, now))
         pull(self.parts, self.parameters, self.values, dt)
 
     def onKeypressedEvent(self, event):

@@ -103,7 +103,7 @@ def _readme(name: str, found: Identified, protocol: Protocol) -> str:
         conda=CONDA,
         root=ROOT,
         parameters=PARAMETERS,
-        schedule=f"`{SCHEDULE}` pulls {pulled}" if pulled else "There is no schedule: the cables are pulled by keys",
+        schedule=f"`{SCHEDULE}` pulls {pulled}, until a key takes over" if pulled else "There is no schedule",
         keys=keys,
         notes="\n".join(notes) or "- The bodies are those of the project, element by element.",
     )
@@ -116,12 +116,12 @@ A SOFA scene written by softcal: SofaPython3 and SoftRobots, SOFA v23.12 to v26.
     {conda}
     runSofa -l SofaPython3 scene.py
 
-{schedule}. A key takes over (with Ctrl in runSofa's window): a digit chooses a cable
+{schedule}. Keys (with Ctrl in runSofa's window): a digit chooses a cable
 ({keys}), + and - pull and release it, P prints where the robot is.
 
 Without a window, the robot with slack cables and then every row of the schedule run to rest, into `response.csv`:
 
-    export {root}=/where/SOFA/is          # conda and pixi set it
+    export {root}=/where/SOFA/is       # conda and pixi set it
     python run.py                         # the Python that SOFA's bindings are for
 
 ## Files

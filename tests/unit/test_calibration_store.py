@@ -176,6 +176,16 @@ def test_a_resume_of_something_else_is_refused_with_every_difference(run: tuple[
         assert words in text
 
 
+def test_another_engine_is_one_fault_beside_what_else_differs(tmp_path: Path) -> None:
+    sofa = {"engine": "sofa", "engines.sofa.ramp": "0.1", "engines.sofa.states": "9"}
+    RunStore.create(tmp_path / "run", identity={"robot": "a"}, settings={}, versions={}).close()
+    with pytest.raises(StorageError) as caught:
+        RunStore.resume(tmp_path / "run", identity={"robot": "b", **sofa}, settings={})
+    engine, robot = map(str, caught.value.faults)
+    assert "another engine; got sofa; allowed: softcal. Try: --engine softcal." in engine
+    assert "something else: robot; got b; allowed: a" in robot
+
+
 def test_another_number_of_trials_is_another_grid(tmp_path: Path) -> None:
     calibrate(problem_of(), method="grid", trials=9, store=tmp_path / "run")
     with pytest.raises(StorageError, match="another grid"):

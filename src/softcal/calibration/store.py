@@ -22,6 +22,7 @@ from typing import Any
 from softcal.calibration.result import Trial
 from softcal.errors import Fault, StorageError
 
+OWN = "softcal"  # the engine of a run whose identity names none
 _FORMAT = 1
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS trials (
@@ -109,7 +110,7 @@ class RunStore:
         except (ValueError, KeyError, TypeError) as error:
             raise StorageError(Fault("the record of the run cannot be read", where=str(path))) from error
         faults = [
-            *_differences("the run calibrates something else", path, held_identity, identity),
+            *_other_things(path, held_identity, identity),
             *_differences("the run was begun otherwise", path, held_settings, settings, ignored=("batch", "trials")),
         ]
         if held_settings.get("method") == "grid" and held_settings.get("trials") != settings.get("trials"):
@@ -218,6 +219,25 @@ def storing(path: Path) -> Generator[None]:
         raise StorageError(
             Fault("the run cannot be kept", where=str(path), got=reason, attempt="a folder that can be written to")
         ) from error
+
+
+def _other_things(path: Path, held: Mapping[str, str], given: Mapping[str, str]) -> list[Fault]:
+    """In what the identity differs; of another engine one fault, since its settings are then all there or all not."""
+    what, engines = "the run calibrates something else", (held.get("engine", OWN), given.get("engine", OWN))
+    if engines[0] == engines[1]:
+        return _differences(what, path, held, given)
+    held, given = (
+        {key: value for key, value in one.items() if key != "engine" and not key.startswith("engines.")}
+        for one in (held, given)
+    )
+    other = Fault(
+        "the run was made with another engine",
+        str(path),
+        got=engines[1],
+        allowed=engines[0],
+        attempt=f"--engine {engines[0]}",
+    )
+    return [other, *_differences(what, path, held, given)]
 
 
 def _differences(

@@ -161,9 +161,10 @@ def test_an_engine_that_fails_or_is_absent_stops_no_other(monkeypatch):
 
 def test_what_calculix_cannot_be_given_is_a_reason():
     cable = replace(side_cable("front", (0.05, 0.0)), friction_coefficient=0.1)
-    found = crosscheck(replace(ROBOT, cables=(cable,)), pulled(0.0, 0.004), ["calculix"])
-    if "calculix" not in found.absent:
-        assert "a cable with friction is not written" in found.failed["calculix"]
+    found = crosscheck(replace(ROBOT, cables=(cable,)), pulled(0.0, 0.004), ["calculix"])  # installed or not
+    assert "a cable with friction is not written" in found.refused["calculix"]
+    assert not found.absent
+    assert not found.failed
 
 
 def test_a_robot_that_nothing_moves_is_no_comparison(monkeypatch):
@@ -247,6 +248,22 @@ def test_an_absent_engine_beside_one_that_agrees_is_told_and_no_failure(tmp_path
     assert json.loads((out / "crosscheck.json").read_text())["states"]["pull"]["sofa"] == {
         "absent": "get it at the shop"
     }
+
+
+@pytest.mark.parametrize(("other", "code"), [("sofa", 0), ("", 1)])
+def test_an_engine_that_cannot_have_the_robot_is_no_failure_beside_one_that_can(tmp_path, monkeypatch, other, code):
+    monkeypatch.setitem(ENGINES, "sofa", softer(1.0, "bar.youngs_modulus", 2e6))
+    rubbing = ("  cables:\n    front:\n", "  cables:\n    front:\n      friction_coefficient: 0.1\n")
+    project, out = write_project(tmp_path, rubbing), tmp_path / "out"
+    arguments = ["--engines", f"calculix,{other}".rstrip(","), "--pull", "front=3mm", "--out", str(out)]
+    done = CliRunner().invoke(app, ["crosscheck", str(project), *arguments])
+    assert done.exit_code == code, done.output
+    assert (
+        "calculix was left out, it cannot have this robot: front: a cable with friction is not written" in done.output
+    )
+    assert "failed" not in done.output
+    record = json.loads((out / "crosscheck.json").read_text())
+    assert record["states"]["pull"]["calculix"]["refused"].startswith("front: a cable with friction")
 
 
 def test_an_absent_engine_is_named_with_how_to_get_it(tmp_path, monkeypatch):

@@ -49,7 +49,7 @@ def crosscheck(
 ) -> None:
     """Compare engines: the same robot, mesh and loads in each one that is installed, and whether they agree.
 
-    Ends with 0 where all that could be compared agree, and 1 where one differs or fails, or none is installed.
+    Ends with 0 where all that could be compared agree, and 1 where one differs or fails, or none could be compared.
     """
     from softcal.project.crosschecking import crosscheck_project, write_crosscheck
     from softcal.project.exporting import load_calibrated
@@ -86,6 +86,7 @@ def _clock() -> Generator[Callable[[str, str], None]]:
 
 def _print(found: dict[str, Crosscheck]) -> None:
     absent: dict[str, str] = {}
+    refused: dict[str, str] = {}
     for state, result in found.items():
         for comparison in result.comparisons:
             typer.echo(f"{state or AT_REST}: {comparison.engine}")
@@ -96,6 +97,9 @@ def _print(found: dict[str, Crosscheck]) -> None:
         for name, why in result.failed.items():
             typer.echo(f"{state or AT_REST}: {name} failed: {why}", err=True)
         absent |= result.absent
+        refused |= result.refused
+    for name, why in refused.items():
+        typer.echo(f"{name} was left out, it cannot have this robot: {why}", err=True)
     for name, why in absent.items():
         typer.echo(f"{name} was left out, it is not installed: {why}", err=True)
 

@@ -94,6 +94,12 @@ def calculix_deck(robot: Robot, shapes: Sequence[Snapshot]) -> Deck:
 
 
 def _require(robot: Robot) -> None:
+    if faults := deck_faults(robot):
+        raise ParameterError(faults)
+
+
+def deck_faults(robot: Robot) -> list[Fault]:
+    """What no deck can hold: rods, contact, friction along cables."""
     faults = [
         Fault("a rod has no solid elements to write", where=rod.name, attempt="a solid mesh") for rod in robot.rods
     ]
@@ -106,8 +112,7 @@ def _require(robot: Robot) -> None:
     ]
     if robot.contact is not None:
         faults.append(Fault("contact is not written", where="contact", attempt="a project without contact"))
-    if faults:
-        raise ParameterError(faults)
+    return faults
 
 
 def write_calculix(robot: Robot, shape: Snapshot, folder: Path, *, given: Robot | None = None) -> list[Path]:

@@ -15,11 +15,11 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import Fault, InputError, ParameterError, SimulationError
-from softcal.export.calculix import calculix_deck, in_its_law
+from softcal.export.calculix import calculix_deck, deck_faults, in_its_law
 from softcal.export.calculix_run import HOW_TO_GET, TIMEOUT, find_calculix, run_calculix
 from softcal.export.sofa_engine import SofaSettings, sofa_engine
 from softcal.export.sofa_install import find_sofa
-from softcal.export.sofa_robot import linear_robot
+from softcal.export.sofa_robot import linear_robot, scene_faults
 from softcal.export.way import Way, shortenings, way_to
 from softcal.twin.build import cached_twin
 from softcal.twin.protocol import Command, Protocol
@@ -62,12 +62,14 @@ class Engine:
     """Another program that solves a robot's statics.
 
     own: the robot in its law and elements. missing: why it cannot run here and how to get it, or "". solve: from the
-    robot, a protocol of one sample, softcal's shape there and how to run it to what the engine finds.
+    robot, a protocol of one sample, softcal's shape there and how to run it to what the engine finds. lacks: what of a
+    robot the engine cannot be given.
     """
 
     own: Callable[[Robot], Robot]
     missing: Callable[[], str]
     solve: Callable[[Robot, Protocol, Snapshot, Running], Outcome]
+    lacks: Callable[[Robot], list[Fault]] = lambda robot: []
 
 
 @dataclass(frozen=True)
@@ -111,10 +113,11 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Crosscheck:
-    """Comparisons by engine; why engines are absent, or failed."""
+    """Comparisons by engine; why engines are absent, cannot have the robot, or failed."""
 
     comparisons: tuple[Comparison, ...]
     absent: Mapping[str, str] = field(default_factory=dict)
+    refused: Mapping[str, str] = field(default_factory=dict)
     failed: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -139,11 +142,16 @@ def crosscheck(
     end = furthest_state(protocol)
     comparisons: list[Comparison] = []
     absent: dict[str, str] = {}
+    refused: dict[str, str] = {}
     failed: dict[str, str] = {}
     for name in engines:
         if name == SELF:
             continue
         engine = ENGINES[name]
+        # First: nobody needs to install an engine that cannot have the robot.
+        if faults := engine.lacks(robot):
+            refused[name] = "\n".join(map(str, faults))
+            continue
         if why := engine.missing():
             absent[name] = why
             continue
@@ -158,7 +166,7 @@ def crosscheck(
             failed[name] = str(error)
             continue
         comparisons.append(Comparison(name, tuple(_differences(own, ours, theirs)), tuple(_changes(robot, own))))
-    return Crosscheck(tuple(comparisons), absent, failed)
+    return Crosscheck(tuple(comparisons), absent, refused, failed)
 
 
 def furthest_state(protocol: Protocol) -> Protocol:
@@ -309,6 +317,6 @@ def _solve_sofa(robot: Robot, protocol: Protocol, shape: Snapshot, running: Runn
 
 
 ENGINES: dict[str, Engine] = {
-    "calculix": Engine(in_its_law, _missing_calculix, _solve_calculix),
-    "sofa": Engine(lambda robot: linear_robot(robot).robot, _missing_sofa, _solve_sofa),
+    "calculix": Engine(in_its_law, _missing_calculix, _solve_calculix, deck_faults),
+    "sofa": Engine(lambda robot: linear_robot(robot).robot, _missing_sofa, _solve_sofa, scene_faults),
 }

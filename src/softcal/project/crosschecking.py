@@ -101,4 +101,5 @@ def _told(result: Crosscheck) -> dict[str, object]:
         for one in result.comparisons
     }
     failed = {engine: {"failed": why} for engine, why in result.failed.items()}
-    return {**compared, **failed, **{engine: {"absent": why} for engine, why in result.absent.items()}}
+    refused = {engine: {"refused": why} for engine, why in result.refused.items()}
+    return {**compared, **failed, **refused, **{engine: {"absent": why} for engine, why in result.absent.items()}}

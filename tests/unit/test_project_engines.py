@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
+from mechanics_cases import pulled, tensed
 from project_case import write_project
 from sofa_case import use_fake
 from typer.testing import CliRunner
@@ -16,6 +17,7 @@ from softcal.export import sofa_engine as sofa_engine_module
 from softcal.export.sofa_engine import SofaSettings
 from softcal.export.sofa_scene import Resting
 from softcal.project.calibration import calibrate
+from softcal.project.exporting import export_sofa
 from softcal.project.project import load
 
 ALL = """\
@@ -119,6 +121,21 @@ def test_they_reach_an_exported_scene(tmp_path: Path):
     rest = {"time_steps": [0.02, 0.004], "rayleigh_stiffness": 0.01, "rayleigh_mass": 3.0, "ramp": 0.02}
     assert parameters["rest"] == {**rest, "speed": 2e-6, "hold": 0.05, "longest": 8.0}
     assert parameters["time"] == {"dt": 0.005, "rayleigh_stiffness": 0.2, "rayleigh_mass": 0.3}
+
+
+def test_an_exported_scene_names_the_experiment_of_its_schedule(tmp_path: Path):
+    project = load(write_project(tmp_path / "project"))
+    several = {"short": pulled(0.002), "far": pulled(0.008), "strong": tensed(3.0)}
+    export_sofa(project, several, tmp_path / "several")
+    readme = (tmp_path / "several" / "README.md").read_text()
+    assert (
+        "pulls front by shortening, as experiment `far` does (of the project's the one that pulls most), until"
+        in readme
+    )
+    last = (tmp_path / "several" / "schedule.csv").read_text().splitlines()[-1]
+    assert float(last.split(",")[1]) == pytest.approx(0.008)
+    export_sofa(project, {"far": pulled(0.008)}, tmp_path / "one")
+    assert "experiment `" not in (tmp_path / "one" / "README.md").read_text()
 
 
 def test_a_run_goes_on_only_with_the_settings_it_began_with(tmp_path: Path, asked: list[SofaSettings]):

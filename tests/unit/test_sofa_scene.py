@@ -296,7 +296,13 @@ def test_schedule_pulls_at_the_papers_speed():
     assert len(by_force) <= 43
     assert by_force[-1].split(",")[1] == "8"
     assert float(by_force[-1].split(",")[0]) == pytest.approx(20.0, abs=0.05)
-    assert furthest({"a": pulled(0.01), "b": pulled(0.04), "c": pulled(0.02)}).commands["front"].values[0] == 0.04
+
+
+def test_the_schedule_is_the_furthest_pull_within_one_control():
+    assert furthest({"a": pulled(0.01), "b": pulled(0.04), "c": pulled(0.02)}) == "b"
+    assert furthest({"a": tensed(8.0), "b": pulled(0.02), "c": pulled(0.04)}) == "c"
+    assert furthest({"a": tensed(2.0), "b": tensed(8.0)}) == "b"
+    assert furthest({"a": Protocol({}), "b": tensed(1.0)}) == "b"
 
 
 def test_controller_follows_the_schedule_until_a_key_is_pressed(tmp_path, monkeypatch):

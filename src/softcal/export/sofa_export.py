@@ -23,7 +23,7 @@ from softcal.export.sofa_scene import (
     write_scene,
 )
 from softcal.twin.protocol import Protocol, command_faults
-from softcal.twin.robot import Robot
+from softcal.twin.robot import Control, Robot
 
 README = "README.md"
 
@@ -34,12 +34,14 @@ def write_sofa(
     folder: Path,
     name: str,
     *,
+    experiment: str = "",
     stepping: Stepping | None = None,
     resting: Resting | None = None,
 ) -> list[Path]:
     """Write the robot's scene, with a schedule that pulls its cables as the protocol does, into an existing folder.
 
     Bodies that SOFA cannot have as they are become linear tets with parameters of their own; see `identify`.
+    experiment: whose protocol this is, where it was chosen among several; for the README.
 
     Raises
     ------
@@ -68,22 +70,30 @@ def write_sofa(
         path.write_text(schedule_csv(protocol), encoding="utf-8")
         written.append(path)
     path = folder / README
-    path.write_text(_readme(name, found, protocol), encoding="utf-8")
+    path.write_text(_readme(name, found, protocol, experiment), encoding="utf-8")
     return [*written, path]
 
 
-def furthest(protocols: Mapping[str, Protocol]) -> Protocol:
-    """Of several protocols the one that pulls most: a scene has one schedule."""
-    return max(protocols.values(), key=_largest)
+def furthest(protocols: Mapping[str, Protocol]) -> str:
+    """Of several protocols the name of the one that pulls most: a scene has one schedule.
+
+    It is the one with the largest shortening; tensions, which no length compares with, decide where none shortens.
+    """
+    return max(
+        protocols, key=lambda name: (_largest(protocols[name], "shortening"), _largest(protocols[name], "tension"))
+    )
 
 
-def _largest(protocol: Protocol) -> float:
-    return max((float(np.abs(command.values).max(initial=0.0)) for command in protocol.commands.values()), default=0.0)
+def _largest(protocol: Protocol, control: Control) -> float:
+    commands = (command for command in protocol.commands.values() if command.control == control)
+    return max((float(np.abs(command.values).max(initial=0.0)) for command in commands), default=0.0)
 
 
-def _readme(name: str, found: Identified, protocol: Protocol) -> str:
+def _readme(name: str, found: Identified, protocol: Protocol, experiment: str) -> str:
     robot = found.linear.robot
     pulled = ", ".join(f"{cable} by {command.control}" for cable, command in protocol.commands.items())
+    if experiment:
+        pulled += f", as experiment `{experiment}` does (of the project's the one that pulls most)"
     notes = [f"- {sentence}" for sentence in found.sentences]
     notes += [
         f"- {part.name} has no density in the project; {ASSUMED_DENSITY:g} kg/m^3 gives it inertia"

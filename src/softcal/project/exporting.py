@@ -105,12 +105,21 @@ def export_sofa(project: Project, protocols: Mapping[str, Protocol], folder: Pat
     from softcal.export.sofa_scene import Stepping
 
     require_free_folder(folder)
-    protocol = furthest(protocols)
+    chosen = furthest(protocols)
+    experiment = chosen if len(protocols) > 1 else ""
     motion, resting = project.dynamics, project.engines.sofa.settings.resting
     stepping = Stepping(motion.time_step, motion.rayleigh_stiffness, motion.rayleigh_mass)
     return write_folder(
         folder,
-        lambda part: write_sofa(project.robot, protocol, part, project.name, stepping=stepping, resting=resting),
+        lambda part: write_sofa(
+            project.robot,
+            protocols[chosen],
+            part,
+            project.name,
+            experiment=experiment,
+            stepping=stepping,
+            resting=resting,
+        ),
     )
 
 

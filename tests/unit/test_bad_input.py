@@ -281,7 +281,7 @@ def test_a_set_that_sets_nothing(capsys: pytest.CaptureFixture[str], tmp_path: P
         (("--set", "bar.youngs_modulus=1"), "unit is missing"),
         (("--set", "bar.poissons_ratio=0.5"), "0.4999"),
         (("--experiment", "push"), "allowed: pull"),
-        (("--pull", "left=4mm"), "allowed: front"),
+        (("--pull", "left=4mm"), "--pull: the robot has no such cable; got 'left'; allowed: front"),
         (("--pull", "front=4"), "a cable and a length or force"),
         (("--pull", "front=-4 mm"), "above zero"),
         (("--pull", "front=4mm", "--experiment", "pull"), "exclude each other"),

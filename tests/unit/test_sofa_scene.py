@@ -287,6 +287,17 @@ def test_the_scene_finds_sofa_by_sofa_root(tmp_path, monkeypatch, root):
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.parametrize(
+    ("rows", "said"), [("", "1 state at rest, in response.csv.\n"), ("0,0\n", "2 states at rest, in response.csv.\n")]
+)
+def test_the_scene_counts_its_states(tmp_path, monkeypatch, rows, said):
+    write_sofa(column_robot(), pulled(0.01), tmp_path, "a column")
+    (tmp_path / "schedule.csv").write_text(f"time [s],front.shortening [m]\n{rows}")
+    use_fake(monkeypatch)
+    done = subprocess.run([sys.executable, "run.py"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.stdout == said, done.stderr
+
+
 def test_schedule_pulls_at_the_papers_speed():
     rows = [line.split(",") for line in schedule_csv(pulled(0.0, 0.01, 0.03)).splitlines()]
     assert rows[0] == ["time [s]", "front.shortening [m]"]

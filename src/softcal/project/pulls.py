@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -32,7 +33,7 @@ def parse_pulls(robot: Robot, texts: Sequence[str]) -> Protocol:
                 raise InputError(Fault("the cable is pulled twice", "--pull", f"'{text}'", "one pull for each cable"))
             commands |= pull(robot, cable, control, end).commands
         except InputError as error:
-            faults.extend(error.faults)
+            faults.extend(fault if fault.where else replace(fault, where="--pull") for fault in error.faults)
     if faults:
         raise InputError(faults)
     return Protocol(commands)

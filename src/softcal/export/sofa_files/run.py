@@ -188,8 +188,8 @@ def main():
     states = [record for record in records if "state" in record]
     if states:
         write_table(os.path.join(HERE, "response.csv"), states)
-    failure = records[-1].get("failed", "")
-    sys.stdout.write(f"{len(states)} states at rest, in response.csv. {failure}\n")
+    found = f"{len(states)} state{'' if len(states) == 1 else 's'} at rest, in response.csv."
+    sys.stdout.write(" ".join(filter(None, (found, records[-1].get("failed")))) + "\n")
     return 0 if reached else 1
 
 

@@ -33,7 +33,7 @@ from softcal.twin.simulate import simulate
 TITLE = "SOFA side by side"
 HEADER = ["what", "SOFA", "softcal", "ratio", "how far apart"]
 SAMPLES = 100
-TRIALS, QUICK_TRIALS, STUDY = 4, 1, 1000
+TRIALS, QUICK_TRIALS, STUDY = 3, 1, 1000
 REPEATS = 5  # of softcal's; SOFA's take minutes
 PULL_SECONDS = PULL / 2e-3  # [s], paper A's 2 mm/s
 HERE = Path(__file__).resolve().parent

@@ -18,9 +18,11 @@ def redundant(gradients: Floats) -> Ints:
 
     gradients: of each cable's length by the unknowns, (n_unknowns, n_cables).
     """
-    sizes = np.linalg.norm(gradients, axis=0)
-    directions = gradients / np.where(sizes > 0.0, sizes, 1.0)
-    values, combinations = np.linalg.eigh(directions.T @ directions)
+    # Of the few products alone: this is asked at every step of Newton's.
+    products = gradients.T @ gradients
+    sizes = np.sqrt(products.diagonal())
+    sizes[sizes == 0.0] = 1.0
+    values, combinations = np.linalg.eigh(products / sizes / sizes[:, None])
     none = np.abs(combinations[:, values < _IN_SPAN])
     return np.flatnonzero(none.max(axis=1, initial=0.0) > _TAKES_PART)
 

@@ -9,7 +9,7 @@ import pytest
 from mechanics_cases import column_robot, elastic, pulled, side_cable, tensed
 
 from softcal.export import way as module
-from softcal.export.way import shortenings, way_to
+from softcal.export.way import positions, shortenings, way_to
 from softcal.twin.build import cached_twin
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate
@@ -30,7 +30,8 @@ def test_the_steps_are_equal_parts_of_the_pull_of_some_15_degrees():
         module._largest_turn(cached_twin(ROBOT), simulate(ROBOT, pulled(0.0), snapshots=True).snapshots[0], end)
     )
     assert len(way.shapes) == np.ceil(turn / 15.0) > 2
-    pulls = [shortenings(cached_twin(ROBOT), shape)["front"] for shape in way.shapes]
+    twin = cached_twin(ROBOT)
+    pulls = [shortenings(twin, positions(twin, shape))["front"] for shape in way.shapes]
     np.testing.assert_allclose(pulls, np.linspace(0.0, 0.04, len(pulls) + 1)[1:], rtol=1e-6)
     assert way.shapes[-1] is end
 

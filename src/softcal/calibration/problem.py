@@ -26,6 +26,8 @@ from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
 from softcal.twin.robot import Robot
 
+SOFTCAL = "softcal"  # the engine that computes where no other simulator is named
+
 
 class Simulate(TypingProtocol):
     """The twin: `softcal.twin.simulate.simulate`, or a stand-in with its signature."""

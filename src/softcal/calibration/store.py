@@ -19,10 +19,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from softcal.calibration.problem import SOFTCAL
 from softcal.calibration.result import Trial
 from softcal.errors import Fault, StorageError
 
-OWN = "softcal"  # the engine of a run whose identity names none
 _FORMAT = 1
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS trials (
@@ -223,7 +223,7 @@ def storing(path: Path) -> Generator[None]:
 
 def _other_things(path: Path, held: Mapping[str, str], given: Mapping[str, str]) -> list[Fault]:
     """In what the identity differs; of another engine one fault, since its settings are then all there or all not."""
-    what, engines = "the run calibrates something else", (held.get("engine", OWN), given.get("engine", OWN))
+    what, engines = "the run calibrates something else", (held.get("engine", SOFTCAL), given.get("engine", SOFTCAL))
     if engines[0] == engines[1]:
         return _differences(what, path, held, given)
     held, given = (

@@ -63,7 +63,7 @@ def crosscheck(
     protocols = protocols_of(project, pull)
     with _clock() as show:
         found = crosscheck_project(project, protocols, names(engines), timeout=longest, progress=show)
-    _print(found)
+    _print_crosscheck(found)
     if out is not None:
         write_crosscheck(project, found, out)
         typer.echo(f"Wrote {out}")
@@ -84,7 +84,7 @@ def _clock() -> Generator[Callable[[str, str], None]]:
         yield lambda state, engine: bar.reset(task, description=f"{state or AT_REST}: {engine} beside softcal")
 
 
-def _print(found: dict[str, Crosscheck]) -> None:
+def _print_crosscheck(found: dict[str, Crosscheck]) -> None:
     absent: dict[str, str] = {}
     refused: dict[str, str] = {}
     for state, result in found.items():

@@ -12,7 +12,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
+from softcal.calibration.problem import SOFTCAL
 from softcal.checks import Floats
 from softcal.errors import Fault, InputError, ParameterError, SimulationError
 from softcal.export.calculix import calculix_deck, deck_faults, in_its_law
@@ -20,7 +22,7 @@ from softcal.export.calculix_run import HOW_TO_GET, TIMEOUT, find_calculix, run_
 from softcal.export.sofa_engine import SofaSettings, sofa_engine
 from softcal.export.sofa_install import find_sofa
 from softcal.export.sofa_robot import linear_robot, scene_faults
-from softcal.export.way import Way, shortenings, way_to
+from softcal.export.way import Way, positions, shortenings, way_to
 from softcal.twin.build import cached_twin
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response, Snapshot
@@ -28,7 +30,6 @@ from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
 
 AGREES = 1e-4  # relative; of angles [rad]
-SELF = "softcal"
 STILL = 1e-12  # [m]
 NEEDED = "tension (by slope)"  # that an engine would need for softcal's shortening; see `Outcome`
 
@@ -145,7 +146,7 @@ def crosscheck(
     refused: dict[str, str] = {}
     failed: dict[str, str] = {}
     for name in engines:
-        if name == SELF:
+        if name == SOFTCAL:
             continue
         engine = ENGINES[name]
         # First: nobody needs to install an engine that cannot have the robot.
@@ -239,9 +240,8 @@ def _over(difference: float, size: float) -> float:
 
 
 def _angle(R: Floats) -> float:
-    """The angle [rad] of a rotation, exact for small ones too."""
-    sine = 0.5 * np.linalg.norm([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    return float(np.arctan2(sine, 0.5 * (np.trace(R) - 1.0)))
+    """The angle [rad] of a rotation."""
+    return float(Rotation.from_matrix(R).magnitude())
 
 
 def _changes(given: Robot, own: Robot) -> list[str]:
@@ -261,10 +261,10 @@ def _solve_calculix(robot: Robot, protocol: Protocol, shape: Snapshot, running: 
     """Under the weight, the loads and the cables' pull at softcal's shape: it is given the tensions."""
     twin, way = cached_twin(robot), way_to(robot, shape)
     deck = calculix_deck(robot, way.shapes)
-    layout, cables = twin.system.layout, twin.system.cables
+    layout = twin.system.layout
     with tempfile.TemporaryDirectory() as folder:
         x = layout.X + run_calculix(deck, Path(folder), timeout=running.timeout or TIMEOUT)[-1, : layout.n_points]
-    shortening = dict(zip(cables.names, (cables.rest_length - cables.lengths(x)).tolist(), strict=True))
+    shortening = shortenings(twin, x)
     plates: dict[str, tuple[Floats, Floats]] = {}
     for name, k in twin.frame.items():
         riders = np.flatnonzero(layout.rider == k)
@@ -275,7 +275,7 @@ def _solve_calculix(robot: Robot, protocol: Protocol, shape: Snapshot, running: 
         shortenings=shortening,
         plates=plates,
         points={name: x[deck.first[name] :][: mesh.n_points] for name, mesh in twin.meshes.items()},
-        needed=_needed(way, shape, shortenings(twin, shape), shortening),
+        needed=_needed(way, shape, shortenings(twin, positions(twin, shape)), shortening),
     )
 
 

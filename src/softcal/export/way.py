@@ -43,7 +43,7 @@ def way_to(robot: Robot, end: Snapshot) -> Way:
     begin = simulate(robot, Protocol({}), snapshots=True).snapshots[0]
     n = max(1, int(np.ceil(_largest_turn(twin, begin, end) / TURN)))
     share = np.arange(1, n + 1) / n
-    first, last = shortenings(twin, begin), shortenings(twin, end)
+    first, last = (shortenings(twin, positions(twin, shape)) for shape in (begin, end))
     commands = {name: Command("shortening", first[name] + share * (last[name] - first[name])) for name in taut}
     by = [f"{name}.shortening" for name in taut]
     response = simulate(robot, Protocol(commands), sensitivities=by, snapshots=True, curve_tolerance=0.0)
@@ -70,10 +70,10 @@ def positions(twin: Twin, shape: Snapshot) -> Floats:
     return x
 
 
-def shortenings(twin: Twin, shape: Snapshot) -> dict[str, float]:
-    """What each cable is shorter by than at rest [m], slack or not."""
+def shortenings(twin: Twin, x: Floats) -> dict[str, float]:
+    """What each cable is shorter by than at rest [m], slack or not, with all points at x (n_points, 3) [m]."""
     cables = twin.system.cables
-    return dict(zip(cables.names, (cables.rest_length - cables.lengths(positions(twin, shape))).tolist(), strict=True))
+    return dict(zip(cables.names, (cables.rest_length - cables.lengths(x)).tolist(), strict=True))
 
 
 def _is_at(shape: Snapshot, pull: dict[str, float]) -> bool:

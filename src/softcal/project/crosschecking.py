@@ -9,8 +9,9 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from softcal.calibration.outcome import installed_versions
+from softcal.calibration.problem import SOFTCAL
 from softcal.errors import Fault, InputError
-from softcal.export.crosscheck import AGREES, ENGINES, SELF, Crosscheck, Running, crosscheck
+from softcal.export.crosscheck import AGREES, ENGINES, Crosscheck, Running, crosscheck
 from softcal.project.output import new_folder
 from softcal.project.project import Project
 from softcal.twin.protocol import Protocol
@@ -35,7 +36,7 @@ def crosscheck_project(
     InputError
         For an engine that does not exist, or none but softcal itself, or a timeout that is none.
     """
-    known = [SELF, *ENGINES]
+    known = [SOFTCAL, *ENGINES]
     chosen = list(dict.fromkeys(engines)) or known
     faults = [
         Fault(
@@ -48,8 +49,8 @@ def crosscheck_project(
         for name in chosen
         if name not in known
     ]
-    if not faults and chosen == [SELF]:
-        faults.append(Fault("there is nothing to compare softcal with", "--engines", SELF, ", ".join(known)))
+    if not faults and chosen == [SOFTCAL]:
+        faults.append(Fault("there is nothing to compare softcal with", "--engines", SOFTCAL, ", ".join(known)))
     if timeout is not None and not timeout > 0.0:
         faults.append(Fault("no engine can end in no time", "--timeout", f"{timeout:g} s", "> 0 s, such as 10min"))
     if faults:

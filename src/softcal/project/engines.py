@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from softcal.calibration.problem import Simulate
+from softcal.calibration.problem import SOFTCAL, Simulate
 from softcal.errors import Fault, ParameterError
 from softcal.project.engines_schema import EnginesSection
 from softcal.twin.robot import Robot
 
-SOFTCAL, SOFA = "softcal", "sofa"
+SOFA = "sofa"
 ENGINES = (SOFTCAL, SOFA)
 # How long one waits is a matter of the machine: a run goes on with another timeout.
 OF_THE_MACHINE = ("timeout",)

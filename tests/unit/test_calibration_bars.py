@@ -17,12 +17,15 @@ def last_lines(err: str, n: int) -> list[str]:
     ][-n:]
 
 
+def be_a_terminal(monkeypatch: pytest.MonkeyPatch, columns: int) -> None:
+    for name, value in {"FORCE_COLOR": "1", "TERM": "xterm", "COLUMNS": str(columns)}.items():
+        monkeypatch.setenv(name, value)
+
+
 def test_a_stage_is_seen_while_it_is_computed(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setenv("COLUMNS", "100")
+    be_a_terminal(monkeypatch, 100)
     with CalibrationBars() as bars:
         bars.show("20mm", Progress(5, 5, 1, 0.25, {}))
         bars.show("20mm", Progress(5, 5, 1, 0.25, {}, "importances (fANOVA)"))
@@ -35,9 +38,7 @@ def test_a_stage_is_seen_while_it_is_computed(
 
 
 def test_at_80_columns_nothing_is_cut_off(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setenv("COLUMNS", "80")
+    be_a_terminal(monkeypatch, 80)
     with CalibrationBars() as bars:
         bars.show("joint without load52_a, load52_b", Progress(1000, 1000, 13, 0.00569243, {}))
         bars.show("30mm_5mms", Progress(999, 1000, 0, 0.00569243, {}, "importances (fANOVA)"))

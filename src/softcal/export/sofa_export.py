@@ -152,7 +152,7 @@ Without a window, the robot with slack cables and then every row of the schedule
 - `ParameterSet` is mu and Lame's lambda, from `youngs_modulus` and `poissons_ratio` in `{parameters}`.
 - The time step and damping in `time` are the project's `dynamics`, by default those of the soft neck's paper. Damping
   by stiffness resists while cables are pulled: about as if they were `rayleigh_stiffness` seconds further on (0.2 s at
-  2 mm/s: 0.4 mm). Compare with the twin at rest. It also
-  feeds a robot that is pulled beyond what it would bear without its cable: it then never settles. `run.py`
-  goes by `rest` (the project's `engines`, by default without such damping); `--time-step` tries a shorter step.
+  2 mm/s: 0.4 mm). Compare with the twin at rest. It also feeds a robot that is pulled beyond what it would bear without
+  its cable: it then never settles. `run.py` goes by `rest` (the project's `engines`, by default without such damping);
+  `--time-step` tries a shorter step.
 """

@@ -10,34 +10,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from example_script import example_script
 
 from softcal.calibration.result import CalibrationResult
 from softcal.errors import ParameterError
 from softcal.project.calibration import calibrate
 from softcal.project.markers import measure_markers
-from softcal.project.project import Project, load
+from softcal.project.project import Project
 from softcal.project.sweep import sweep
 from softcal.units import parse_quantity
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "manipulator"
 NAMES = "11=front1,12=front2,13=front3,14=front4"
 SPRINGS = [f"spring{k}" for k in (1, 2, 3, 4)]
-
-
-@pytest.fixture(scope="module")
-def generator() -> ModuleType:
-    return example_script(EXAMPLE / "generate.py")
-
-
-@pytest.fixture(scope="module")
-def truth(generator: ModuleType) -> dict[str, Any]:
-    return generator.read_truth()
-
-
-@pytest.fixture(scope="module")
-def project() -> Project:
-    return load(EXAMPLE / "project.yaml")
 
 
 def places(path: Path) -> dict[tuple[str, str], np.ndarray]:

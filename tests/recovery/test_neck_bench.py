@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from example_script import example_script
 
 from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.problem import Problem
@@ -24,7 +23,7 @@ from softcal.calibration.result import CalibrationResult
 from softcal.calibration.run import calibrate
 from softcal.experiments.dataset import Dataset
 from softcal.project.calibration import make_problem
-from softcal.project.project import Project, load
+from softcal.project.project import Project
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate
@@ -36,24 +35,9 @@ MESH_AT_MOST = 0.12  # share by which the project's mesh is stiffer than the fin
 
 
 @pytest.fixture(scope="module")
-def generator() -> ModuleType:
-    return example_script(EXAMPLE / "generate.py")
-
-
-@pytest.fixture(scope="module")
-def truth(generator: ModuleType) -> dict[str, Any]:
-    return generator.read_truth()
-
-
-@pytest.fixture(scope="module")
 def true_values(truth: dict[str, Any]) -> dict[str, float]:
     neck = truth["neck"]
     return {E: parse_quantity(neck["youngs_modulus"], "Pa"), NU: float(neck["poissons_ratio"])}
-
-
-@pytest.fixture(scope="module")
-def project() -> Project:
-    return load(EXAMPLE / "project.yaml")
 
 
 @pytest.fixture(scope="module")

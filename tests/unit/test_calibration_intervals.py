@@ -11,7 +11,6 @@ import pytest
 from fake_twin import NU, E, fake_experiment, fake_robot, fake_simulate
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.optimize import minimize
 
 from softcal.calibration.intervals import intervals
 from softcal.calibration.parameters import FreeParameter
@@ -84,28 +83,35 @@ def test_it_is_the_profile_within_the_limits_and_never_past_them(
         assert step @ precision @ step == pytest.approx(T**2, rel=1e-6)
 
 
-def test_three_parameters_agree_with_a_search_for_the_extremes() -> None:
+def extreme(j: int, sign: float, matrix: np.ndarray, low: np.ndarray, high: np.ndarray) -> float:
+    """The farthest that coordinate j goes in the ellipsoid x @ inv(matrix) @ x <= T^2 within a box, by every face."""
+    precision = np.linalg.inv(matrix)
+    best = 0.0
+    for face in itertools.product((None, 0, 1), repeat=len(low)):
+        free = [i for i, side in enumerate(face) if side is None]
+        held = [i for i, side in enumerate(face) if side is not None]
+        x = np.zeros(len(low))
+        x[held] = np.where(np.array(face) == 1, high, low)[held]
+        # The slice's own ellipsoid: its centre, its shape, and what the held coordinates leave of T^2.
+        shape = np.linalg.inv(precision[np.ix_(free, free)])
+        x[free] = -shape @ precision[np.ix_(free, held)] @ x[held]
+        left = T**2 - float(x @ precision @ x)
+        if left >= 0.0 and j in free:
+            x[free] += sign * math.sqrt(left) * shape[:, free.index(j)] / math.sqrt(shape[free.index(j), free.index(j)])
+        if left >= 0.0 and np.all(low - 1e-12 <= x) and np.all(x <= high + 1e-12):
+            best = max(best, sign * float(x[j]))
+    return sign * best
+
+
+def test_three_parameters_agree_with_the_extremes_over_all_faces_of_the_limits() -> None:
     matrix = np.array([[1.0, 0.8, 0.6], [0.8, 1.0, 0.7], [0.6, 0.7, 1.0]])
     free = [FreeParameter(name, "1", 0.0, 1.0, floor=0.0, ceiling=1.0) for name in ("a", "b", "c")]
     theta, errors = {"a": 0.5, "b": 0.05, "c": 0.9}, np.array([0.1, 0.1, 0.1])
     found = intervals(free, theta, errors, np.linalg.cholesky(matrix).T, 28)
-    precision, centre = np.linalg.inv(matrix), np.array(list(theta.values()))
-
-    def within(x: np.ndarray) -> float:
-        step = (x - centre) / errors
-        return float(T**2 - step @ precision @ step)
-
-    for j, sign in itertools.product(range(3), (1.0, -1.0)):
-        end = minimize(
-            lambda x, j=j, sign=sign: sign * x[j],
-            centre,
-            bounds=[(0.0, 1.0)] * 3,
-            constraints={"type": "ineq", "fun": within},
-            method="SLSQP",
-            options={"ftol": 1e-12},
-        )
-        assert end.success
-        assert found[j][0 if sign > 0 else 1] == pytest.approx(end.x[j], abs=1e-6)
+    centre = np.array(list(theta.values()))
+    low, high = -centre / errors, (1.0 - centre) / errors
+    ends = [[extreme(j, sign, matrix, low, high) for sign in (-1.0, 1.0)] for j in range(3)]
+    assert np.array(found) == pytest.approx(centre[:, None] + errors[:, None] * np.array(ends), abs=1e-9)
 
 
 def test_tables_files_and_charts_have_it_within_the_limits(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

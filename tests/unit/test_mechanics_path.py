@@ -116,7 +116,7 @@ def test_node_between_two_is_on_the_curve():
 def test_node_between_two_is_found_in_small_steps_where_the_guess_fails(monkeypatch):
     statics, start = started()
     path = follow(statics, PULL, start, 0.04, first_step=0.02)
-    monkeypatch.setattr(path_module, "_interpolated", lambda layout, before, after, c: _turned_inside_out(start.state))
+    monkeypatch.setattr(path_module, "interpolated", lambda layout, before, after, c: _turned_inside_out(start.state))
     node = between(statics, PULL, path, 0.033)
     direct = follow(statics, PULL, start, 0.033, first_step=0.005).nodes[-1]
     np.testing.assert_allclose(node.state.tension, direct.state.tension, rtol=1e-7)

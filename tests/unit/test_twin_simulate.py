@@ -105,3 +105,14 @@ def test_a_ratio_of_zero_without_pressure_fails_with_a_sentence():
     response = simulate(robot, pulled(0.0, 0.01))
     assert not response.succeeded
     assert "use element P2, or a ratio of 0.001" in response.status
+
+
+def test_sample_by_tension_is_solved_once_as_one_by_shortening_is():
+    robot = column_robot("P2P1", parameters=elastic(1e6, 0.45), divisions=(1, 1, 4))
+    d = np.linspace(0.002, 0.03, 9)
+    by_length = simulate(robot, pulled(*d), curve_tolerance=0.0)
+    T = by_length.channels["front.tension"]
+    by_tension = simulate(robot, tensed(*T), curve_tolerance=0.0)
+    np.testing.assert_allclose(by_tension.channels["front.shortening"], d, rtol=1e-8)
+    way = simulate(robot, tensed(*T), curve_tolerance=1.0)  # the few nodes on the way to the largest tension
+    assert by_tension.n_factorisations <= by_length.n_factorisations + way.n_factorisations

@@ -127,9 +127,8 @@ def between(statics: Statics, line: Line, path: Path, c: float) -> Node:
     SimulationError
         Where no equilibrium was found from there.
     """
-    before = max((node for node in path.nodes if node.c <= c), key=lambda node: node.c)
-    after = min((node for node in path.nodes if node.c >= c), key=lambda node: node.c)
-    guess = _interpolated(statics.system.layout, before, after, c)
+    before, after = neighbours(path, c)
+    guess = interpolated(statics.system.layout, before, after, c)
     if statics.system.free_way(before.state, guess) == 1.0:
         solved = statics.equilibrium(guess, line.at(c))
         if solved.converged:
@@ -140,7 +139,13 @@ def between(statics: Statics, line: Line, path: Path, c: float) -> Node:
     return way.nodes[-1]
 
 
-def _interpolated(layout: Layout, before: Node, after: Node, c: float) -> State:
+def neighbours(path: Path, c: float) -> tuple[Node, Node]:
+    """The last node up to c and the first one from there on."""
+    before = max((node for node in path.nodes if node.c <= c), key=lambda node: node.c)
+    return before, min((node for node in path.nodes if node.c >= c), key=lambda node: node.c)
+
+
+def interpolated(layout: Layout, before: Node, after: Node, c: float) -> State:
     """The cubic Hermite state between two nodes."""
     h = after.c - before.c
     if h <= 0.0:

@@ -8,7 +8,8 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
-from softcal.mechanics.path import Line, Node, Path, between, follow, node_at
+from softcal.mechanics.path import Line, Node, Path, between, follow, interpolated, neighbours, node_at
+from softcal.mechanics.state import State
 from softcal.mechanics.statics import Statics
 from softcal.twin.build import Twin
 from softcal.twin.curve import Curve
@@ -71,13 +72,11 @@ class Sweep:
     def _start(self) -> Node:
         """The robot under its loads, with the driven cable just taut: c there is L0 - L."""
         state = loaded_state(self.twin, self.statics)
-        cables = self.twin.system.cables
-        c = (
-            0.0
-            if self.cable is None
-            else float(cables.rest_length[self._i_cable] - cables.lengths(state.x)[self._i_cable])
-        )
+        c = 0.0 if self.cable is None else self._shortening(state)
         return node_at(self.statics, self._line, c, state, self.names)
+
+    def _shortening(self, state: State) -> float:
+        return self._length - float(self.twin.system.cables.lengths(state.x)[self._i_cable])
 
     def _slack_node(self, start: Node) -> Node:
         """The same state with the driven cable slack: nothing moves as it is pulled in."""
@@ -167,6 +166,11 @@ class Sweep:
             return self._response(values, slopes, by_parameter, "Solved: no tension.", True, path.nodes, snapshots)
         is_wound = path.reached and path.nodes[-1].c >= wound * (1.0 - 1e-9)
         c = curve.first_passage(i_tension, T)
+        if self.tolerance <= 0.0:
+            path = self._at_tensions(path, c, T)
+            curve = self._curve(path.nodes)
+            c = curve.first_passage(i_tension, T)
+        # What is left: where the curve that is solved reaches a tension elsewhere than the one that was read.
         while self.tolerance <= 0.0:
             missing = self._missing(path, c[np.isfinite(c)])
             if len(missing) == 0:
@@ -191,6 +195,30 @@ class Sweep:
             status += f" Cable {self.cable} is wound up to zero length from {limit:.4g} N on."
         shown = self._up_to(path, float(at.max(initial=start.c))) if snapshots else path.nodes
         return self._response(values, slopes, by_parameter, status, n == len(T), shown, snapshots)
+
+    def _at_tensions(self, path: Path, c: Floats, T: Floats) -> Path:
+        """The path with a node at each tension whose shortening is known about; to solve at that and read the tension
+        again would take two solves.
+        """
+        about = dict(zip(c.tolist(), T.tolist(), strict=True))
+        missing = self._missing(path, c[np.isfinite(c)]).tolist()
+        extra = [self._at_tension(path, value, about[value]) for value in missing]
+        nodes = [*path.nodes, *(node for node in extra if node is not None)]
+        return replace(path, nodes=tuple(sorted(nodes, key=lambda node: node.c)))
+
+    def _at_tension(self, path: Path, c: float, T: float) -> Node | None:
+        """The node at a tension between the two nodes around c; None where no equilibrium was found there."""
+        before, after = neighbours(path, c)
+        guess = interpolated(self.twin.system.layout, before, after, c)
+        if self.twin.system.free_way(before.state, guess) < 1.0:
+            return None
+        held = slack_line(self.twin).at(0.0)
+        held = replace(held, tension=np.where(np.arange(len(held.tension)) == self._i_cable, T, 0.0))
+        solved = self.statics.equilibrium(guess, held)
+        if not solved.converged:
+            return None
+        c = self._shortening(solved.state)
+        return node_at(self.statics, self._line, c, solved.state, self.names) if before.c < c < after.c else None
 
     def _up_to(self, path: Path, c: float) -> tuple[Node, ...]:
         """The nodes up to c, with one there: a path to a tension ends beyond it."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mechanics_cases import column_robot, elastic, pulled
+from mechanics_cases import column_robot, elastic, pulled, tensed
 
 from softcal.errors import ParameterError
 from softcal.export.vtk import write_vtk
@@ -61,3 +61,14 @@ def test_stress_of_a_homogeneous_stretch(order):
     uniaxial = np.zeros((1, 3, 3))
     uniaxial[0, 0, 0] = -3.0
     np.testing.assert_allclose(von_mises(uniaxial), 3.0)
+
+
+def test_stress_near_incompressibility_is_that_of_the_elements_pressure(tmp_path):
+    """Of the displacements alone the stress would be hundreds of times too large at a ratio of 0.4999."""
+    pyvista = pytest.importorskip("pyvista")
+    stress = {}
+    for ratio in (0.49, 0.4999):
+        robot = column_robot("P2P1", parameters=elastic(1e6, ratio), divisions=(1, 1, 5))
+        response = simulate(robot, tensed(3.0), snapshots=True)
+        stress[ratio] = pyvista.read(write_vtk(robot, response, tmp_path)[-1]).cell_data["stress"]
+    np.testing.assert_allclose(stress[0.4999], stress[0.49], atol=0.1 * np.abs(stress[0.49]).max())

@@ -63,4 +63,12 @@ def snapshot(twin: Twin, state: State, label: str, controls: dict[str, float]) -
     markers = {name: place(weights) for name, weights in twin.markers.items()}
     plates = {name: (state.position[i].copy(), state.rotation[i].copy()) for name, i in twin.frame.items()}
     tensions = {cable.name: float(state.tension[i]) for i, cable in enumerate(robot.cables)}
-    return Snapshot(label, points, cables, plates, controls, tensions, rods, markers=markers)
+    return Snapshot(label, points, cables, plates, controls, tensions, rods, _pressures(twin, state), markers)
+
+
+def _pressures(twin: Twin, state: State) -> dict[str, Floats]:
+    found: dict[str, Floats] = {}
+    for name, (first, nodes) in twin.pressure_nodes.items():
+        found[name] = np.zeros(twin.meshes[name].n_points)
+        found[name][nodes] = state.pressure[first : first + len(nodes)]
+    return found

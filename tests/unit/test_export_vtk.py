@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
-from mechanics_cases import column_robot, elastic, pulled, tensed
+from mechanics_cases import column_robot, elastic, pulled, side_cable, tensed
+from project_case import write_project
 
+from softcal.cli import main
 from softcal.errors import ParameterError
 from softcal.export.vtk import write_vtk
 from softcal.geometry.primitives import box_mesh
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.stress import cauchy_stress, green_lagrange_strain, von_mises
+from softcal.project.film import films
+from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate
 
 
@@ -72,3 +79,68 @@ def test_stress_near_incompressibility_is_that_of_the_elements_pressure(tmp_path
         response = simulate(robot, tensed(3.0), snapshots=True)
         stress[ratio] = pyvista.read(write_vtk(robot, response, tmp_path)[-1]).cell_data["stress"]
     np.testing.assert_allclose(stress[0.4999], stress[0.49], atol=0.1 * np.abs(stress[0.49]).max())
+
+
+def steps_of(series: Path) -> list[float]:
+    return [float(text) for text in re.findall(r'timestep="([^"]*)"', series.read_text())]
+
+
+@pytest.mark.parametrize(("make", "scale", "unit"), [(pulled, 1e-3, "shortening"), (tensed, 1.0, "tension")])
+def test_shapes_of_samples_are_solved_there_and_timed_by_the_drive(tmp_path, make, scale, unit):
+    robot = column_robot("P1", parameters=elastic(1e6, 0.3), divisions=(1, 1, 4))
+    drive = np.array([0.0, 0.5, 1.0, 1.5, 2.0])
+    response = simulate(robot, make(*(scale * drive)), snapshots="samples")
+    assert steps_of(write_vtk(robot, response, tmp_path)[0]) == pytest.approx(drive, abs=1e-12)
+    for k, shape in enumerate(response.snapshots):
+        assert shape.controls == {"front": pytest.approx(scale * drive[k], abs=1e-15)}
+        alone = simulate(robot, make(scale * drive[k]), snapshots=True).snapshots[-1]
+        np.testing.assert_allclose(shape.points["neck"], alone.points["neck"], atol=1e-9)
+        assert shape.tensions["front"] == pytest.approx(response.channels["front.tension"][k], abs=1e-9)
+
+
+def test_shapes_that_do_not_ascend_are_numbered(tmp_path):
+    robot = column_robot("P1", parameters=elastic(1e6, 0.3), divisions=(1, 1, 4))
+    response = simulate(robot, pulled(0.0, 0.002, 0.001, 0.002), snapshots="samples")
+    assert steps_of(write_vtk(robot, response, tmp_path)[0]) == [1.0, 2.0, 3.0, 4.0]
+    np.testing.assert_array_equal(response.snapshots[1].points["neck"], response.snapshots[3].points["neck"])
+
+
+def test_displacements_are_from_the_robot_without_loads(tmp_path):
+    """Also where the first shape is pulled already, as the first of several states is, and of cables and rods."""
+    pyvista = pytest.importorskip("pyvista")
+    cables = (side_cable("front", (0.05, 0.0)), side_cable("left", (0.0, 0.05)))
+    robot = column_robot("P1", parameters=elastic(1e6, 0.3), divisions=(1, 1, 4), cables=cables)
+    told = Protocol({cable.name: Command("shortening", np.array([0.004, 0.008])) for cable in cables})
+    response = simulate(robot, told, snapshots=True)
+    series, first, _ = write_vtk(robot, response, tmp_path)
+    assert steps_of(series) == [1.0, 2.0]
+    grid = pyvista.read(first)
+    rest = grid.points - grid.point_data["displacement"]
+    np.testing.assert_allclose(rest[-4:], [point.at for cable in cables for point in cable.via_points], atol=1e-9)
+    np.testing.assert_allclose(rest[:-4], robot.bodies[0].mesh.points, atol=1e-9)
+
+
+def test_film_of_a_pull_is_even_and_of_states_refused():
+    up_and_down = {"front": Command("shortening", np.array([0.01, 0.04, 0.0]))}
+    together = {**up_and_down, "left": Command("tension", np.array([0.5, 2.0, 0.0]))}
+    apart = {**up_and_down, "left": Command("tension", np.array([2.0, 0.5, 0.0]))}
+    found = films({"one": Protocol(up_and_down), "two": Protocol(together), "rest": Protocol({})}, 5)
+    np.testing.assert_allclose(found["one"].commands["front"].values, [0.0, 0.01, 0.02, 0.03, 0.04])
+    np.testing.assert_allclose(found["two"].commands["left"].values, [0.0, 0.5, 1.0, 1.5, 2.0])
+    assert found["two"].commands["left"].control == "tension"
+    assert found["rest"].n_samples == 1
+    with pytest.raises(ParameterError, match="apart: the samples pull the cables by different shares"):
+        films({"one": Protocol(up_and_down), "apart": Protocol(apart)}, 5)
+    with pytest.raises(ParameterError, match="--shapes: nothing is pulled"):
+        films({"rest": Protocol({"front": Command("tension", np.zeros(2))})}, 5)
+    with pytest.raises(ParameterError, match="--shapes: a film has a first and a last shape; got 1; allowed: >= 2"):
+        films({"one": Protocol(up_and_down)}, 1)
+
+
+def test_command_line_writes_a_film(tmp_path, capsys):
+    pytest.importorskip("pyvista")
+    path = write_project(tmp_path / "project")
+    with pytest.raises(SystemExit) as left:
+        main(["export", "vtk", str(path), "--pull", "front=6mm", "--shapes", "4", "--out", str(tmp_path / "out")])
+    assert left.value.code in (0, None), capsys.readouterr().err
+    assert steps_of(tmp_path / "out" / "shapes.pvd") == pytest.approx([0.0, 2.0, 4.0, 6.0])

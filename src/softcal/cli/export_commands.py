@@ -40,12 +40,25 @@ Pull = Annotated[
 
 @export.command()
 @told
-def vtk(source: Source, out: Out, pull: Pull = None, values: Values = None) -> None:
-    """For ParaView: a .vtu for every solved shape, with displacement, stress, strain and the parameters."""
+def vtk(
+    source: Source,
+    out: Out,
+    pull: Pull = None,
+    shapes: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="For a film: N shapes in even steps of the pull; by default the few at which it was solved.",
+            show_default=False,
+        ),
+    ] = None,
+    values: Values = None,
+) -> None:
+    """For ParaView: shapes over a pull as .vtu files, with displacement, stress, strain and the parameters."""
     from softcal.project.exporting import export_vtk, load_calibrated
 
     project = load_calibrated(source, parsed_values(values))
-    written = export_vtk(project, protocols_of(project, pull), out)
+    written = export_vtk(project, protocols_of(project, pull), out, shapes)
     typer.echo(f"Wrote {len(written)} files into {out}")
 
 

@@ -1,8 +1,12 @@
 """A simulation as files for ParaView: one .vtu per solved shape, and a .pvd that plays them in order.
 
-Points carry `displacement` [m]; tets `stress` (Cauchy) and `von_mises` [Pa], and `strain` (Green-Lagrange), each the
-element's mean; rods and cables are lines, discs their skins. `part` numbers the parts as in `parts.txt`. The
-parameters are field data.
+ParaView's time is what drives the robot: the one pulled cable's shortening [mm] or tension [N], or the time [s]. It is
+the number of the shape where several cables are pulled, and where the drive does not ascend: shapes of one time would
+be drawn together.
+
+Points carry `displacement` [m] from the robot without loads; tets `stress` (Cauchy) and `von_mises` [Pa], and `strain`
+(Green-Lagrange), each the element's mean; rods and cables are lines, discs their skins. `part` numbers the parts as in
+`parts.txt`. The parameters are field data.
 """
 
 from __future__ import annotations
@@ -36,16 +40,16 @@ def write_vtk(robot: Robot, response: Response, folder: Path) -> list[Path]:
     """
     if not response.snapshots:
         raise ParameterError(Fault("the response has no shapes", attempt="simulate with snapshots=True"))
-    rest = response.snapshots[0]
-    names = [*rest.points, *rest.rods, *rest.cables, *(p.name for p in robot.plates if p.disc is not None)]
+    first = response.snapshots[0]
+    names = [*first.points, *first.rods, *first.cables, *(p.name for p in robot.plates if p.disc is not None)]
     written: list[Path] = []
     for i, shape in enumerate(response.snapshots):
         path = folder / f"shape-{i:03d}.vtu"
         _grid(robot, response, shape, names).save(str(path))
         written.append(path)
     entries = "".join(
-        f'    <DataSet timestep="{i}" group="" part="0" name={quoteattr(shape.label)} file="{path.name}"/>\n'
-        for i, (shape, path) in enumerate(zip(response.snapshots, written, strict=True))
+        f'    <DataSet timestep="{time:.10g}" group="" part="0" name={quoteattr(shape.label)} file="{path.name}"/>\n'
+        for time, shape, path in zip(_times(response.snapshots), response.snapshots, written, strict=True)
     )
     series = folder / "shapes.pvd"
     series.write_text(
@@ -55,6 +59,11 @@ def write_vtk(robot: Robot, response: Response, folder: Path) -> list[Path]:
     )
     (folder / "parts.txt").write_text("".join(f"{i} {name}\n" for i, name in enumerate(names)), encoding="utf-8")
     return [series, *written]
+
+
+def _times(shapes: tuple[Snapshot, ...]) -> Floats:
+    drive = np.array([1e3 * shape.drive if shape.drive_unit == "m" else shape.drive for shape in shapes])
+    return drive if (np.diff(drive) > 0.0).all() else np.arange(1.0, len(shapes) + 1.0)
 
 
 class _Cells:
@@ -85,19 +94,20 @@ class _Cells:
 def _grid(robot: Robot, response: Response, shape: Snapshot, names: list[str]) -> Any:
     import pyvista
 
-    rest = response.snapshots[0]
     cells = _Cells()
     bodies = {body.name: body for body in robot.bodies}
     for name, x in shape.points.items():
         body, tets = bodies[name], response.tets[name]
-        mesh = TetMesh(_rest_points(body, tets, rest.points[name]), tets)
+        mesh = TetMesh(_rest_points(body, tets, len(x)), tets)
         cells.add(names.index(name), x, mesh.points, tets, VTK_TET if mesh.order == 1 else VTK_TET10)
         cells.stress[-1] = cauchy_stress(mesh, LAWS[body.law], body.parameters, x, shape.pressures.get(name))
         cells.strain[-1] = green_lagrange_strain(mesh, x)
-    for lines, at_rest in ((shape.rods, rest.rods), (shape.cables, rest.cables)):
-        for name, x in lines.items():
-            segments = np.arange(len(x) - 1)[:, None] + [0, 1]
-            cells.add(names.index(name), x, at_rest[name], segments, VTK_LINE)
+    lines = {rod.name: (rod.centreline.nodes, shape.rods[rod.name]) for rod in robot.rods}
+    for cable in robot.cables:
+        lines[cable.name] = np.array([point.at for point in cable.via_points]), shape.cables[cable.name]
+    for name, (at_rest, x) in lines.items():
+        segments = np.arange(len(x) - 1)[:, None] + [0, 1]
+        cells.add(names.index(name), x, at_rest, segments, VTK_LINE)
     for plate in robot.plates:
         if plate.disc is not None:
             skin, faces = disc_skin(plate.disc)
@@ -119,10 +129,10 @@ def _grid(robot: Robot, response: Response, shape: Snapshot, names: list[str]) -
     return grid
 
 
-def _rest_points(body: Body, tets: Ints, first: Floats) -> Floats:
+def _rest_points(body: Body, tets: Ints, n: int) -> Floats:
     """The undeformed nodes of the element's mesh: the body's own, and middles of edges where it had none."""
     given = body.mesh.points
-    if len(given) == len(first):
+    if len(given) == n:
         return given
     from softcal.geometry.quadratic import to_linear, to_quadratic
 

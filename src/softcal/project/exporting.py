@@ -9,15 +9,17 @@ from typing import TYPE_CHECKING
 
 from softcal.errors import Fault, ParameterError, StorageError, UnitError
 from softcal.project.calibration import calibrated
+from softcal.project.film import films
 from softcal.project.output import new_folder, require_free_folder
 from softcal.project.project import Project, load
 from softcal.project.run_folder import PROJECT, RECORD, headline_of, load_run
 from softcal.project.search import held_values
-from softcal.project.simulation import simulate, simulate_each
+from softcal.project.simulation import simulate_each
 from softcal.twin.parameters import robot_parameters, with_parameters
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response
 from softcal.twin.robot import Robot
+from softcal.twin.simulate import simulate
 from softcal.units import parse_quantity
 
 if TYPE_CHECKING:
@@ -47,11 +49,17 @@ def load_calibrated(path: Path, values: Mapping[str, str] | None = None) -> Proj
     return replace(project, robot=with_parameters(project.robot, held))
 
 
-def export_vtk(project: Project, protocols: Mapping[str, Protocol], folder: Path) -> list[Path]:
-    """Every shape of each protocol, by name, as .vtu files for ParaView in a new folder; see `softcal.export.vtk`.
+def export_vtk(
+    project: Project, protocols: Mapping[str, Protocol], folder: Path, shapes: int | None = None
+) -> list[Path]:
+    """Shapes of each protocol, by name, as .vtu files for ParaView in a new folder; see `softcal.export.vtk`.
+
+    shapes: how many, evenly from no pull to the furthest, each solved; by default those at which the pull was solved.
 
     Raises
     ------
+    ParameterError
+        For a number of shapes of what is no pull; see `softcal.project.film`.
     StorageError
         Where the folder holds files, or cannot be written.
     SimulationError
@@ -59,7 +67,12 @@ def export_vtk(project: Project, protocols: Mapping[str, Protocol], folder: Path
     """
     from softcal.export.vtk import write_vtk
 
-    return _export_each(project, protocols, folder, lambda response, inside: write_vtk(project.robot, response, inside))
+    return _export_each(
+        protocols if shapes is None else films(protocols, shapes),
+        lambda protocol: simulate(project.robot, protocol, snapshots=True if shapes is None else "samples"),
+        folder,
+        lambda response, inside: write_vtk(project.robot, response, inside),
+    )
 
 
 def export_calculix(project: Project, protocols: Mapping[str, Protocol], folder: Path) -> list[Path]:
@@ -78,12 +91,12 @@ def export_calculix(project: Project, protocols: Mapping[str, Protocol], folder:
     """
     from softcal.export.calculix import in_its_law, write_calculix
 
-    own = replace(project, robot=in_its_law(project.robot))
+    own = in_its_law(project.robot)
     return _export_each(
-        own,
         protocols,
+        lambda protocol: simulate(own, protocol, snapshots=True),
         folder,
-        lambda response, inside: write_calculix(own.robot, response.snapshots[-1], inside, given=project.robot),
+        lambda response, inside: write_calculix(own, response.snapshots[-1], inside, given=project.robot),
     )
 
 
@@ -167,14 +180,14 @@ def _reach(text: str) -> Reach:
 
 
 def _export_each(
-    project: Project,
     protocols: Mapping[str, Protocol],
+    simulated: Callable[[Protocol], Response],
     folder: Path,
     write: Callable[[Response, Path], list[Path]],
 ) -> list[Path]:
     """Let `write` put each protocol's response into a new folder, several ones into folders of their names in it."""
     require_free_folder(folder)
-    responses = simulate_each(protocols, lambda protocol: simulate(project, protocol, snapshots=True))
+    responses = simulate_each(protocols, simulated)
     return write_folder(
         folder,
         lambda part: [

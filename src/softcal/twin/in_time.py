@@ -127,7 +127,7 @@ class _Run:
             self._end_without(now, settling, longest)
         if dynamics.n_halvings:
             self.status += f" {dynamics.n_halvings} step(s) were taken in halves."
-        if self.n_snapshots and (not self.shapes or self.shapes[-1].label != _label(now)):
+        if self.n_snapshots and (not self.shapes or self.shapes[-1].drive != now.time):
             self.shapes.append(self._shape(now))
 
     def fail(self, why: str) -> None:
@@ -190,7 +190,7 @@ class _Run:
         self.rows.append(row)
 
     def _shape(self, now: Instant) -> Snapshot:
-        return snapshot(self.twin, now.state, _label(now), self.schedule.at(now.time))
+        return snapshot(self.twin, now.state, self.schedule.at(now.time), now.time, "s")
 
     def _speed(self, now: Instant) -> float:
         """Of what is watched [m/s]."""
@@ -202,7 +202,3 @@ class _Run:
             parts = [w * velocities.points[p] for p, w in self.twin.markers[on]]
             return float(np.linalg.norm(np.sum(parts, axis=0)))
         return float(np.sqrt(np.square(velocities.points).sum(axis=1).max(initial=0.0)))
-
-
-def _label(now: Instant) -> str:
-    return f"{now.time:.6g} s"

@@ -14,7 +14,7 @@ from softcal.mechanics.statics import Statics
 from softcal.mechanics.system import Controls
 from softcal.twin.build import Twin
 from softcal.twin.protocol import Protocol
-from softcal.twin.response import Response, Snapshot
+from softcal.twin.response import Response, Shown, Snapshot
 from softcal.twin.sensors import channel_units, sense, sense_rates
 from softcal.twin.start import loaded_state, slack_line, snapshot
 
@@ -28,7 +28,7 @@ def simulate_many(
     protocol: Protocol,
     names: tuple[str, ...],
     *,
-    snapshots: bool,
+    snapshots: Shown,
     commanded: tuple[str, ...] = (),
 ) -> Response:
     """See `simulate`. Slopes are not given, there being no single control, but derivatives by the commands of the
@@ -59,7 +59,7 @@ def simulate_many(
             rates.append(sense_rates(twin, state, np.column_stack([node.by_parameter, by_command])))
             rates[-1][:, len(names) :] = _commanded_rates(twin, protocol, commanded, rates[-1][:, len(names) :])
             if snapshots:
-                shapes.append(snapshot(twin, state, f"sample {i + 1}", _shown(protocol, i)))
+                shapes.append(snapshot(twin, state, _shown(protocol, i), i + 1, ""))
         status = f"Solved: {protocol.n_samples} equilibria, {statics.n_factorisations} factorisations."
     except SimulationError as error:
         status, succeeded = f"Sample {len(values) + 1} of {protocol.n_samples} was not reached: {error}", False

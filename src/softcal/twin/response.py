@@ -4,13 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 from softcal.checks import Floats, Ints
+
+Shown = bool | Literal["samples"]
 
 
 @dataclass(frozen=True)
 class Snapshot:
-    """A solved shape to draw: positions of every body's mesh points, cable polylines, plate poses."""
+    """A solved shape to draw: positions of every body's mesh points, cable polylines, plate poses.
+
+    drive: where it stands in a film: the shortening [m] or tension [N] of the one cable that is driven, or the time
+    [s]; with several driven cables the number of the sample, from 1, in the unit "".
+    """
 
     label: str
     points: Mapping[str, Floats]  # body -> (n_points, 3) [m], the points of the element's own mesh
@@ -21,6 +28,8 @@ class Snapshot:
     rods: Mapping[str, Floats] = field(default_factory=dict)  # rod -> (n_nodes, 3) [m]
     pressures: Mapping[str, Floats] = field(default_factory=dict)  # P2P1 body -> (n_points,) [Pa], zero but at corners
     markers: Mapping[str, Floats] = field(default_factory=dict)  # marker -> (3,) [m]
+    drive: float = 0.0
+    drive_unit: str = ""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from softcal.twin.build import cached_twin
 from softcal.twin.many import simulate_many
 from softcal.twin.parameters import robot_parameters, unknown_name
 from softcal.twin.protocol import Protocol, command_faults
-from softcal.twin.response import Response
+from softcal.twin.response import Response, Shown
 from softcal.twin.robot import Robot
 from softcal.twin.sweep import Sweep
 
@@ -25,7 +25,7 @@ def simulate(
     protocol: Protocol,
     *,
     sensitivities: Sequence[str] = (),
-    snapshots: bool = False,
+    snapshots: Shown = False,
     curve_tolerance: float = CURVE_TOLERANCE,
 ) -> Response:
     """The twin's quasi-static response to a protocol.
@@ -41,7 +41,8 @@ def simulate(
         Dotted names of robot parameters, or commands of the protocol (`cable1.tension`); the response then holds exact
         derivatives of every channel by each.
     snapshots
-        Whether shapes to draw are kept: at rest, and at every solved node.
+        Whether shapes to draw are kept: at rest, and at every solved node. With "samples", at every sample and nowhere
+        else, in their order, and every sample is solved.
 
     Returns
     -------
@@ -84,8 +85,9 @@ def simulate(
         ]
         if len(driven) > 1:
             return simulate_many(twin, statics, protocol, names, snapshots=snapshots, commanded=commanded)
-        sweep = Sweep(twin, statics, names, driven[0] if driven else None, curve_tolerance)
-        response = sweep.response(protocol, snapshots=snapshots)
+        tolerance = 0.0 if snapshots == "samples" else curve_tolerance
+        sweep = Sweep(twin, statics, names, driven[0] if driven else None, tolerance, snapshots)
+        response = sweep.response(protocol)
         return _with_commands(response, protocol, driven, commanded)
     finally:
         statics.release()

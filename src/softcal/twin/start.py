@@ -14,6 +14,7 @@ from softcal.mechanics.statics import Statics
 from softcal.twin.build import Twin
 from softcal.twin.loads import Weights
 from softcal.twin.response import Snapshot
+from softcal.units import format_quantity
 
 
 def slack_line(twin: Twin) -> Line:
@@ -46,7 +47,7 @@ def loaded_state(twin: Twin, statics: Statics) -> State:
     return path.nodes[-1].state
 
 
-def snapshot(twin: Twin, state: State, label: str, controls: dict[str, float]) -> Snapshot:
+def snapshot(twin: Twin, state: State, controls: dict[str, float], drive: float, unit: str) -> Snapshot:
     """A state's shape, to draw."""
     robot = twin.robot
     points = {
@@ -63,7 +64,25 @@ def snapshot(twin: Twin, state: State, label: str, controls: dict[str, float]) -
     markers = {name: place(weights) for name, weights in twin.markers.items()}
     plates = {name: (state.position[i].copy(), state.rotation[i].copy()) for name, i in twin.frame.items()}
     tensions = {cable.name: float(state.tension[i]) for i, cable in enumerate(robot.cables)}
-    return Snapshot(label, points, cables, plates, controls, tensions, rods, _pressures(twin, state), markers)
+    return Snapshot(
+        _label(drive, unit),
+        points,
+        cables,
+        plates,
+        controls,
+        tensions,
+        rods,
+        _pressures(twin, state),
+        markers,
+        drive,
+        unit,
+    )
+
+
+def _label(drive: float, unit: str) -> str:
+    if not unit:
+        return f"sample {drive:.0f}" if drive else "at rest"
+    return format_quantity(drive, unit, digits=6 if unit == "s" else 4)
 
 
 def _pressures(twin: Twin, state: State) -> dict[str, Floats]:

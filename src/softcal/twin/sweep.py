@@ -14,7 +14,7 @@ from softcal.mechanics.statics import Statics
 from softcal.twin.build import Twin
 from softcal.twin.curve import Curve
 from softcal.twin.protocol import Protocol
-from softcal.twin.response import Response
+from softcal.twin.response import Response, Shown, Snapshot
 from softcal.twin.sensors import channel_units, sense, sense_rates
 from softcal.twin.start import loaded_state, slack_line, snapshot
 
@@ -33,19 +33,20 @@ class Sweep:
     names: tuple[str, ...]
     cable: str | None
     tolerance: float
+    snapshots: Shown
 
-    def response(self, protocol: Protocol, *, snapshots: bool) -> Response:
+    def response(self, protocol: Protocol) -> Response:
         """See `simulate`."""
         try:
             start = self._start()
             if self.cable is None:
-                return self._at_rest(start, protocol.n_samples, snapshots=snapshots)
+                return self._at_rest(start, protocol.n_samples)
             command = protocol.commands[self.cable]
             if command.control == "shortening":
-                return self._by_shortening(start, command.values, snapshots=snapshots)
-            return self._by_tension(start, command.values, snapshots=snapshots)
+                return self._by_shortening(start, command.values)
+            return self._by_tension(start, command.values)
         except SimulationError as error:
-            return self._response(np.zeros((0, len(self._units))), None, None, str(error), False, (), False)
+            return self._response(np.zeros((0, len(self._units))), None, None, str(error), False)
 
     # The line of equilibria: the driven cable's shortening c from where it just goes taut, all others slack.
 
@@ -125,7 +126,7 @@ class Sweep:
 
     # The two ways to drive it.
 
-    def _by_shortening(self, start: Node, d: Floats, *, snapshots: bool) -> Response:
+    def _by_shortening(self, start: Node, d: Floats) -> Response:
         end = float(d.max())
         path = Path((start,), True, names=self.names)
         if end > start.c + SAME * self._length:
@@ -150,10 +151,11 @@ class Sweep:
         if path.reached and np.any(values[:, 2 * self._i_cable + 1] < 0.0):
             low = float(d[:n][np.argmin(values[:, 2 * self._i_cable + 1])])
             status = f"Cable {self.cable} would have to push at {1e3 * low:.4g} mm: the robot snaps through there."
-            return self._response(np.zeros((0, values.shape[1])), None, None, status, False, path.nodes, snapshots)
-        return self._response(values, slopes, by_parameter, status, path.reached, path.nodes, snapshots)
+            return self._response(np.zeros((0, values.shape[1])), None, None, status, False, self._solved(path, "m"))
+        shapes = self._shapes(path, np.maximum(d[:n], start.c), d[:n], "m")
+        return self._response(values, slopes, by_parameter, status, path.reached, shapes)
 
-    def _by_tension(self, start: Node, T: Floats, *, snapshots: bool) -> Response:
+    def _by_tension(self, start: Node, T: Floats) -> Response:
         i_tension = 2 * self._i_cable + 1
         largest = float(T.max())
         wound = self._length * (1.0 - WOUND_UP)
@@ -162,8 +164,9 @@ class Sweep:
             path = self._follow(start, wound, until=largest)
         path, curve = self._refined(path)
         if len(path.nodes) == 1:
-            values, slopes, by_parameter = curve.at(np.full(len(T), start.c))
-            return self._response(values, slopes, by_parameter, "Solved: no tension.", True, path.nodes, snapshots)
+            at = np.full(len(T), start.c)
+            shapes = self._shapes(path, at, np.zeros(len(T)), "N")
+            return self._response(*curve.at(at), "Solved: no tension.", True, shapes)
         is_wound = path.reached and path.nodes[-1].c >= wound * (1.0 - 1e-9)
         c = curve.first_passage(i_tension, T)
         if self.tolerance <= 0.0:
@@ -193,8 +196,10 @@ class Sweep:
         if is_wound and beyond.any():
             limit = float(curve.values[:, i_tension].max())
             status += f" Cable {self.cable} is wound up to zero length from {limit:.4g} N on."
-        shown = self._up_to(path, float(at.max(initial=start.c))) if snapshots else path.nodes
-        return self._response(values, slopes, by_parameter, status, n == len(T), shown, snapshots)
+        if self.snapshots:
+            path = self._up_to(path, float(at.max(initial=start.c)))
+        shapes = self._shapes(path, at, T[:n], "N")
+        return self._response(values, slopes, by_parameter, status, n == len(T), shapes)
 
     def _at_tensions(self, path: Path, c: Floats, T: Floats) -> Path:
         """The path with a node at each tension whose shortening is known about; to solve at that and read the tension
@@ -220,10 +225,10 @@ class Sweep:
         c = self._shortening(solved.state)
         return node_at(self.statics, self._line, c, solved.state, self.names) if before.c < c < after.c else None
 
-    def _up_to(self, path: Path, c: float) -> tuple[Node, ...]:
-        """The nodes up to c, with one there: a path to a tension ends beyond it."""
+    def _up_to(self, path: Path, c: float) -> Path:
+        """The path up to c, with a node there: one to a tension ends beyond it."""
         path = self._with_nodes(path, self._missing(path, np.array([c])))
-        return tuple(node for node in path.nodes if node.c <= c + SAME * self._length)
+        return replace(path, nodes=tuple(node for node in path.nodes if node.c <= c + SAME * self._length))
 
     def _follow(self, start: Node, end: float, *, until: float = np.inf) -> Path:
         i = self._i_cable
@@ -245,11 +250,28 @@ class Sweep:
 
     # What comes out.
 
-    def _at_rest(self, start: Node, n: int, *, snapshots: bool) -> Response:
-        curve = self._curve((start,))
-        values, slopes, by_parameter = curve.at(np.zeros(n))
-        status = "Solved: no cable is driven."
-        return self._response(values, slopes, by_parameter, status, True, (start,), snapshots)
+    def _at_rest(self, start: Node, n: int) -> Response:
+        numbers = range(1, n + 1) if self.snapshots == "samples" else (0,)
+        shapes = tuple(snapshot(self.twin, start.state, {}, k, "") for k in numbers) if self.snapshots else ()
+        return self._response(*self._curve((start,)).at(np.zeros(n)), "Solved: no cable is driven.", True, shapes)
+
+    def _shapes(self, path: Path, c: Floats, commands: Floats, unit: str) -> tuple[Snapshot, ...]:
+        """What is to be drawn: the samples that the commands [unit] bring to c, or the path that leads there."""
+        if self.snapshots != "samples":
+            return self._solved(path, unit)
+        have = np.array([node.c for node in path.nodes])
+        nearest = [path.nodes[int(np.abs(have - value).argmin())] for value in c]
+        return tuple(self._shape(node, float(told), unit) for node, told in zip(nearest, commands, strict=True))
+
+    def _solved(self, path: Path, unit: str) -> tuple[Snapshot, ...]:
+        if not self.snapshots:
+            return ()
+        i = self._i_cable
+        commands = [node.c if unit == "m" else float(node.state.tension[i]) for node in path.nodes]
+        return tuple(self._shape(node, told, unit) for node, told in zip(path.nodes, commands, strict=True))
+
+    def _shape(self, node: Node, command: float, unit: str) -> Snapshot:
+        return snapshot(self.twin, node.state, {self.cable or "": command}, command, unit)
 
     def _sentence(self, path: Path, n: int, n_samples: int) -> str:
         if path.reached:
@@ -267,8 +289,7 @@ class Sweep:
         by_parameter: Floats | None,
         status: str,
         succeeded: bool,
-        nodes: tuple[Node, ...],
-        snapshots: bool,
+        shapes: tuple[Snapshot, ...] = (),
     ) -> Response:
         units = self._units
         channels = {name: values[:, k] for k, name in enumerate(units)}
@@ -277,12 +298,6 @@ class Sweep:
             sensitivities = {
                 name: {p: by_parameter[:, k, j] for j, p in enumerate(self.names)} for k, name in enumerate(units)
             }
-        shapes = ()
-        if snapshots:
-            shapes = tuple(
-                snapshot(self.twin, node.state, f"{1e3 * node.c:.4g} mm", {self.cable or "none": node.c})
-                for node in nodes
-            )
         return Response(
             channels=channels,
             units=units,
@@ -292,5 +307,5 @@ class Sweep:
             sensitivities=sensitivities,
             slopes={} if slopes is None else {name: slopes[:, k] for k, name in enumerate(units)},
             snapshots=shapes,
-            tets={name: mesh.tets for name, mesh in self.twin.meshes.items()} if snapshots else {},
+            tets={name: mesh.tets for name, mesh in self.twin.meshes.items()} if shapes else {},
         )

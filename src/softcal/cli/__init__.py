@@ -9,6 +9,7 @@ from softcal.cli import project_commands
 from softcal.cli import simulate_command
 from softcal.cli import calibrate_commands
 from softcal.cli import validate_command
+from softcal.cli import mesh_study_command
 from softcal.cli import sweep_command
 from softcal.cli import marker_commands
 from softcal.cli import export_commands
@@ -22,6 +23,7 @@ COMMAND_GROUPS = (
     simulate_command,
     calibrate_commands,
     validate_command,
+    mesh_study_command,
     sweep_command,
     marker_commands,
     export_commands,

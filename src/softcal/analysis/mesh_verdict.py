@@ -1,0 +1,103 @@
+"""What a mesh study says, in words: by how much the mesh puts each parameter off, beside what noise does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from softcal.analysis.mesh_study import LIMIT, MeshStudy
+from softcal.calibration.result import Estimate
+from softcal.units import format_quantity, readable_unit
+
+Tone = Literal["good", "note", "warning"]
+# Shifts in standard errors up to which noise hides them, and from which the mesh decides.
+HIDDEN, DECIDES = 1.0, 3.0
+
+
+@dataclass(frozen=True)
+class MeshVerdict:
+    """A sentence, and whether it is good news."""
+
+    text: str
+    tone: Tone
+
+
+def mesh_verdicts(study: MeshStudy) -> tuple[MeshVerdict, ...]:
+    """A sentence for each parameter of the robot, and what to do, where something is to be done."""
+    best = study.best
+    if best is None:
+        why = " ".join(f"{one.name}: {one.failure}" for one in study.finer)
+        return (MeshVerdict(f"What the mesh contributes is not known, nothing finer was simulated. {why}", "warning"),)
+    found = [_verdict(label, study.parameters[label], study) for label in study.of_robot]
+    if not found:
+        found = [MeshVerdict("No parameter of the robot was free that could have absorbed the mesh.", "note")]
+    if any(one.tone == "warning" for one in found):
+        found.append(MeshVerdict(_advice(study), "warning"))
+    return tuple(found)
+
+
+def shift_in_errors(estimate: Estimate, value: float) -> float | None:
+    """How far another value is from an estimate, over its standard error; None where it has none."""
+    return (value - estimate.value) / estimate.standard_error if estimate.standard_error else None
+
+
+def shift_text(estimate: Estimate, value: float) -> str:
+    """How far another value is from an estimate, also in standard errors: "+1.4 MPa (12 s.e.)"."""
+    unit, errors = readable_unit(estimate.value, estimate.unit), shift_in_errors(estimate, value)
+    text = format_quantity(value - estimate.value, estimate.unit, unit, digits=3)
+    text = text if value <= estimate.value else f"+{text}"
+    return text if errors is None else f"{text} ({times_text(errors)} s.e.)"
+
+
+def times_text(times: float) -> str:
+    """How many times something is, without sign: "0.3", "12", "540"."""
+    size = abs(times)
+    return f"{size:.2g}" if size < 100.0 else f"{size:.0f}"
+
+
+def reference_text(study: MeshStudy) -> str:
+    """The discretisation that is judged by, in words."""
+    best = study.best
+    if best is None:
+        return "nothing finer"
+    return best.what if best.name == LIMIT else f"with {best.what}"
+
+
+def _verdict(label: str, estimate: Estimate, study: MeshStudy) -> MeshVerdict:
+    best = study.best
+    assert best is not None  # noqa: S101 (the caller has looked)
+    value = best.values[label]
+    unit = readable_unit(estimate.value, estimate.unit)
+    here, there = (format_quantity(v, estimate.unit, unit) for v in (estimate.value, value))
+    errors = shift_in_errors(estimate, value)
+    if estimate.at_bound and label in best.at_bound:
+        text = f"{label} stands at a bound of its range, {here}, on any mesh: the mesh cannot move it."
+        return MeshVerdict(text, "note")
+    side = "low" if value > estimate.value else "high"
+    change = abs(value - estimate.value)
+    by = f"{100.0 * change / abs(value):.2g} %"
+    if estimate.unit == "1" or value == 0.0:
+        by = format_quantity(change, estimate.unit, unit, digits=2)
+    least = " or more" if label in best.at_bound else ""
+    text = f"The mesh makes {label} too {side} by {by}{least}: {here}, where {there} is expected"
+    text += f" {reference_text(study)}."
+    if label in best.at_bound:
+        text += " There it stands at a bound of its range."
+    if errors is None:
+        return MeshVerdict(f"{text} Noise gives it no standard error to compare with.", "note")
+    size = abs(errors)
+    if size <= HIDDEN:
+        return MeshVerdict(f"{text} That is {times_text(size)} times its standard error: noise hides it.", "good")
+    tone: Tone = "warning" if size > DECIDES else "note"
+    return MeshVerdict(f"{text} That is {times_text(size)} times its standard error.", tone)
+
+
+def _advice(study: MeshStudy) -> str:
+    what: list[str] = []
+    if any(element != study.element for element in study.elements):
+        what.append(f"{study.element} elements")
+    if study.elements:
+        what.append("a finer mesh")
+    if study.size.rod_elements:
+        what.append("more elements along the rods")
+    return f"The mesh decides more than noise does: use {' or '.join(what)}, and calibrate again."

@@ -1,0 +1,174 @@
+"""Uniform refinement: each tet cut in eight, each element of a rod in two, with every set of the mesh kept.
+
+A tet is cut at the middles of its edges: four tets at its corners, and the octahedron between them in four around the
+shortest of its three diagonals (Bey, Computing 55, 1995), so that no two of the pieces meet in anything but a whole
+face. A quadratic tet is cut along its own map, so the pieces fill exactly what it filled, curved sides too. The body
+keeps its shape: where flat sides stand for a curved surface, they do so in the pieces as well.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from softcal.checks import Floats, Ints
+from softcal.geometry.centreline import Centreline
+from softcal.geometry.mesh import TET_EDGES, TET_FACES, TetMesh
+from softcal.geometry.quadratic import to_quadratic
+from softcal.geometry.surface import matching_faces
+
+PIECES = 8
+# Nodes 4..9 of a quadratic tet are the octahedron's corners; each diagonal with the four corners around it, in turn.
+_DIAGONALS = (((4, 9), (6, 7, 8, 5)), ((6, 8), (4, 7, 9, 5)), ((7, 5), (4, 6, 9, 8)))
+# Nodes of the tets at the corners.
+_AT_CORNERS = ((0, 4, 6, 7), (4, 1, 5, 8), (6, 5, 2, 9), (7, 8, 9, 3))
+# Nodes of a quadratic triangle's quarters; they look where it looks.
+_QUARTERS = ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))
+
+
+@dataclass(frozen=True)
+class MeshCounts:
+    """How many corners, edges, faces and tets a mesh has."""
+
+    corners: int
+    edges: int
+    faces: int
+    tets: int
+
+    @property
+    def refined(self) -> MeshCounts:
+        """Of the mesh with every tet in eight: it need not be made to be counted."""
+        return MeshCounts(
+            corners=self.corners + self.edges,
+            edges=2 * self.edges + 3 * self.faces + self.tets,
+            faces=4 * self.faces + PIECES * self.tets,
+            tets=PIECES * self.tets,
+        )
+
+
+def count(mesh: TetMesh) -> MeshCounts:
+    """Corners, edges, faces and tets of a mesh, whatever its order."""
+    corners = mesh.tets[:, :4]
+    kinds = [np.sort(corners[:, local].reshape(-1, len(local[0])), axis=1) for local in (TET_EDGES, TET_FACES)]
+    edges, faces = (len(np.unique(_keys(kind, mesh.n_points))) for kind in kinds)
+    return MeshCounts(len(mesh.corners), edges, faces, mesh.n_tets)
+
+
+def refined_mesh(mesh: TetMesh) -> TetMesh:
+    """The mesh of the same order with every tet in eight [m]: tets 8 k … 8 k + 7 are those of tet k.
+
+    The nodes keep their numbers, and new ones follow. A new node is in a node set where both ends of its edge are; face
+    sets hold the quarters of their triangles, element sets the pieces of their tets.
+    """
+    nodes = to_quadratic(mesh)
+    pieces = _pieces(nodes.points[nodes.tets])
+    cut = TetMesh(
+        nodes.points,
+        nodes.tets[np.arange(nodes.n_tets)[:, None, None], pieces].reshape(-1, 4),
+        node_sets=dict(nodes.node_sets),
+        face_sets={name: _quartered(nodes, faces) for name, faces in nodes.face_sets.items()},
+        element_sets={
+            name: (PIECES * tets[:, None] + np.arange(PIECES)).ravel() for name, tets in nodes.element_sets.items()
+        },
+    )
+    if mesh.order == 1:
+        return cut
+    fine = to_quadratic(cut)
+    points = np.array(fine.points)
+    points[fine.tets[:, 4:]] = _middles_on_map(nodes, pieces)
+    return TetMesh(points, fine.tets, dict(fine.node_sets), dict(fine.face_sets), dict(fine.element_sets))
+
+
+def refined_centreline(line: Centreline) -> Centreline:
+    """The centreline with a node in the middle of every element; node k becomes node 2 k.
+
+    The middle is half the screw that takes one end to the other: exact on straight rods, arcs and helices, and what the
+    rods' elements take for their shape.
+    """
+    from scipy.spatial.transform import Rotation
+
+    first, last = line.triads[:-1], line.triads[1:]
+    turn = Rotation.from_matrix(np.swapaxes(first, 1, 2) @ last).as_rotvec()
+    chord = np.einsum("nji,nj->ni", first, np.diff(line.nodes, axis=0))
+    screw = np.linalg.solve(_screw_map(turn), chord[:, :, None])
+    half = 0.5 * (_screw_map(0.5 * turn) @ screw)[:, :, 0]
+    m = len(line.nodes)
+    nodes, triads = np.empty((2 * m - 1, 3)), np.empty((2 * m - 1, 3, 3))
+    nodes[::2], triads[::2] = line.nodes, line.triads
+    nodes[1::2] = line.nodes[:-1] + np.einsum("nij,nj->ni", first, half)
+    triads[1::2] = first @ Rotation.from_rotvec(0.5 * turn).as_matrix()
+    return Centreline(nodes, triads, np.repeat(0.5 * line.lengths, 2))
+
+
+def refined_nodes(nodes: Ints) -> Ints:
+    """Numbers in the refined centreline of nodes of a centreline, with the middles of elements both whose ends are."""
+    held = np.unique(nodes)
+    middles = [2 * a + 1 for a, b in pairwise(held.tolist()) if b == a + 1]
+    return np.sort(np.concatenate([2 * held, np.array(middles, dtype=np.int64)]))
+
+
+def _pieces(X: Floats) -> Ints:
+    """The nodes (0 to 9) of each tet's pieces, (n_tets, 8, 4), from the places of its ten nodes (n_tets, 10, 3)."""
+    lengths = np.stack([np.linalg.norm(X[:, a] - X[:, b], axis=1) for (a, b), _ in _DIAGONALS], axis=1)
+    # Of diagonals that differ by rounding alone the first, so that the same mesh elsewhere is cut the same way.
+    shortest = np.argmax(lengths <= (1.0 + 1e-9) * lengths.min(axis=1, keepdims=True), axis=1)
+    return _tables()[shortest]
+
+
+def _tables() -> Ints:
+    """The nodes of all pieces for each choice of the diagonal, (3, 8, 4), each piece the right way round."""
+    places = _barycentric()[:, 1:]
+    tables: list[list[tuple[int, ...]]] = []
+    for (a, b), around in _DIAGONALS:
+        inner = [(a, b, *pair) for pair in pairwise((*around, around[0]))]
+        tables.append([*_AT_CORNERS, *(_upright(tet, places) for tet in inner)])
+    return np.array(tables, dtype=np.int64)
+
+
+def _upright(tet: tuple[int, ...], places: Floats) -> tuple[int, ...]:
+    X = places[list(tet)]
+    return tet if np.linalg.det(X[1:] - X[0]) > 0.0 else (tet[1], tet[0], *tet[2:])
+
+
+def _barycentric() -> Floats:
+    """Barycentric coordinates (10, 4) of a quadratic tet's nodes."""
+    corners = np.eye(4)
+    return np.concatenate([corners, [0.5 * (corners[a] + corners[b]) for a, b in TET_EDGES]])
+
+
+def _middles_on_map(nodes: TetMesh, pieces: Ints) -> Floats:
+    """Where a quadratic mesh's own map has the middles of the edges of its pieces, (8 n_tets, 6, 3) [m]."""
+    at = _barycentric()[pieces]  # (n_tets, 8, 4, 4)
+    L = 0.5 * (at[:, :, [a for a, _ in TET_EDGES]] + at[:, :, [b for _, b in TET_EDGES]])
+    edges = [4.0 * L[..., a] * L[..., b] for a, b in TET_EDGES]
+    N = np.concatenate([L * (2.0 * L - 1.0), np.stack(edges, axis=-1)], axis=-1)
+    return np.einsum("epka,eai->epki", N, nodes.points[nodes.tets]).reshape(-1, len(TET_EDGES), 3)
+
+
+def _quartered(mesh: TetMesh, faces: Ints) -> Ints:
+    if faces.shape[1] == 3:  # a quadratic mesh whose set names the corners alone
+        faces = matching_faces(mesh, faces)
+    return faces[:, _QUARTERS].reshape(-1, 3)
+
+
+def _keys(rows: Ints, n: int) -> Ints:
+    """One number for each row of sorted node numbers."""
+    keys = rows[:, 0]
+    for column in rows.T[1:]:
+        keys = keys * n + column
+    return keys
+
+
+def _screw_map(turn: Floats) -> Floats:
+    """(n, 3, 3): takes the translation of a screw with this rotation vector (n, 3) to where its end is."""
+    angle = np.linalg.norm(turn, axis=1)[:, None, None]
+    x, y, z = turn.T
+    zero = np.zeros_like(x)
+    K = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
+    small = angle < 1e-3
+    t = np.where(small, 1.0, angle)
+    first = np.where(small, 0.5 - angle**2 / 24.0, (1.0 - np.cos(t)) / t**2)
+    second = np.where(small, 1.0 / 6.0 - angle**2 / 120.0, (t - np.sin(t)) / t**3)
+    return np.eye(3) + first * K + second * K @ K

@@ -1,0 +1,133 @@
+"""The same robot on better discretisations that need no mesher: elements halved, or of a higher kind."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from softcal.checks import Ints
+from softcal.geometry.mesh import TetMesh
+from softcal.geometry.refine import MeshCounts, count, refined_centreline, refined_mesh, refined_nodes
+from softcal.twin.robot import Body, ElementKind, Plate, PointLoad, Robot, Rod, SurfaceLoad
+
+# Better elements of a body come later.
+ELEMENT_RANK: Mapping[ElementKind, int] = {"P1": 0, "P2": 1, "P2P1": 2}
+# Apart from the names of the mesh's own sets.
+_OURS = "of the robot: "
+
+
+@dataclass(frozen=True)
+class Size:
+    """How large a robot's discretisation is: tets, elements of rods, and unknowns (those of held nodes among them)."""
+
+    tets: int
+    rod_elements: int
+    unknowns: int
+
+
+def size(robot: Robot, halvings: int = 0) -> Size:
+    """The size of a robot with its elements halved so many times; nothing is made for it."""
+    bodies: list[tuple[Body, MeshCounts]] = []
+    for body in robot.bodies:
+        counts = count(body.mesh)
+        for _ in range(halvings):
+            counts = counts.refined
+        bodies.append((body, counts))
+    elements = [(len(rod.centreline.nodes) - 1) * 2**halvings for rod in robot.rods]
+    return Size(
+        sum(counts.tets for _, counts in bodies),
+        sum(elements),
+        sum(_unknowns(body.element, counts) for body, counts in bodies) + 6 * sum(n + 1 for n in elements),
+    )
+
+
+def elevated(robot: Robot, element: ElementKind) -> Robot:
+    """The robot with elements of this kind in all bodies that have lower ones; the tets stay."""
+    rank = ELEMENT_RANK[element]
+    return replace(
+        robot,
+        bodies=tuple(
+            replace(body, element=element) if ELEMENT_RANK[body.element] < rank else body for body in robot.bodies
+        ),
+    )
+
+
+def halved(robot: Robot) -> Robot:
+    """The robot with every tet in eight and every element of a rod in two, held, tied and loaded in the same places.
+
+    What was near enough to a body to be tied to it stays so, whatever the finer mesh would allow by default.
+    """
+    bodies = {body.name: _refined_body(body, robot) for body in robot.bodies}
+    meshes = {name: mesh for name, (_, mesh) in bodies.items()}
+
+    def nodes(body: str, key: str) -> Ints:
+        return meshes[body].node_sets[_OURS + key]
+
+    def plate(old: Plate) -> Plate:
+        return replace(old, nodes={body: nodes(body, f"plate {old.name}") for body in old.nodes})
+
+    def load(old: PointLoad | SurfaceLoad) -> PointLoad | SurfaceLoad:
+        if isinstance(old, PointLoad):
+            return old
+        return replace(old, faces=meshes[old.on].face_sets[f"{_OURS}load {old.name}"])
+
+    return replace(
+        robot,
+        bodies=tuple(body for body, _ in bodies.values()),
+        rods=tuple(_halved_rod(rod) for rod in robot.rods),
+        plates=tuple(plate(old) for old in robot.plates),
+        ties=tuple(
+            replace(
+                tie,
+                nodes=nodes(tie.body, f"tie {tie.name}"),
+                tolerance=math.inf if tie.tolerance is None else tie.tolerance,
+            )
+            for tie in robot.ties
+        ),
+        loads=tuple(load(old) for old in robot.loads),
+    )
+
+
+def _refined_body(body: Body, robot: Robot) -> tuple[Body, TetMesh]:
+    """The body on its refined mesh, and that mesh with what the robot does to the body among its sets."""
+    node_sets = {_OURS + "fixed": body.fixed}
+    node_sets |= {f"{_OURS}plate {p.name}": p.nodes[body.name] for p in robot.plates if body.name in p.nodes}
+    node_sets |= {f"{_OURS}tie {tie.name}": tie.nodes for tie in robot.ties if tie.body == body.name}
+    face_sets = {
+        f"{_OURS}load {load.name}": load.faces
+        for load in robot.loads
+        if isinstance(load, SurfaceLoad) and load.on == body.name
+    }
+    old = body.mesh
+    mesh = refined_mesh(
+        TetMesh(
+            old.points,
+            old.tets,
+            {**old.node_sets, **node_sets},
+            {**old.face_sets, **face_sets},
+            dict(old.element_sets),
+        )
+    )
+    own = TetMesh(mesh.points, mesh.tets, _own(mesh.node_sets), _own(mesh.face_sets), dict(mesh.element_sets))
+    return replace(body, mesh=own, fixed=mesh.node_sets[_OURS + "fixed"]), mesh
+
+
+def _own(sets: Mapping[str, Ints]) -> dict[str, Ints]:
+    return {name: values for name, values in sets.items() if not name.startswith(_OURS)}
+
+
+def _halved_rod(rod: Rod) -> Rod:
+    return replace(
+        rod,
+        centreline=refined_centreline(rod.centreline),
+        clamped={plate: refined_nodes(nodes) for plate, nodes in rod.clamped.items()},
+        fixed=refined_nodes(rod.fixed),
+    )
+
+
+def _unknowns(element: ElementKind, counts: MeshCounts) -> int:
+    if element == "P1":
+        return 3 * counts.corners
+    displacements = 3 * (counts.corners + counts.edges)
+    return displacements + (counts.corners if element == "P2P1" else 0)

@@ -17,6 +17,7 @@ from softcal.export import sofa_engine as sofa_engine_module
 from softcal.export.sofa_engine import SofaSettings
 from softcal.export.sofa_scene import Resting
 from softcal.project.calibration import calibrate
+from softcal.project.cases import Case
 from softcal.project.exporting import export_sofa
 from softcal.project.project import load
 
@@ -125,7 +126,10 @@ def test_they_reach_an_exported_scene(tmp_path: Path):
 
 def test_an_exported_scene_names_the_experiment_of_its_schedule(tmp_path: Path):
     project = load(write_project(tmp_path / "project"))
-    several = {"short": pulled(0.002), "far": pulled(0.008), "strong": tensed(3.0)}
+    several = {
+        name: Case(project.robot, protocol)
+        for name, protocol in {"short": pulled(0.002), "far": pulled(0.008), "strong": tensed(3.0)}.items()
+    }
     export_sofa(project, several, tmp_path / "several")
     readme = (tmp_path / "several" / "README.md").read_text()
     assert (
@@ -134,7 +138,7 @@ def test_an_exported_scene_names_the_experiment_of_its_schedule(tmp_path: Path):
     )
     last = (tmp_path / "several" / "schedule.csv").read_text().splitlines()[-1]
     assert float(last.split(",")[1]) == pytest.approx(0.008)
-    export_sofa(project, {"far": pulled(0.008)}, tmp_path / "one")
+    export_sofa(project, {"far": several["far"]}, tmp_path / "one")
     assert "experiment `" not in (tmp_path / "one" / "README.md").read_text()
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from softcal.cli.app import FAILED, app, told
-from softcal.cli.export_commands import Pull, Source, protocols_of
+from softcal.cli.export_commands import Pull, Source
 from softcal.cli.printing import print_table
 from softcal.cli.values import Values, names, parsed_values
 
@@ -51,6 +51,7 @@ def crosscheck(
 
     Ends with 0 where all that could be compared agree, and 1 where one differs or fails, or none could be compared.
     """
+    from softcal.project.cases import cases
     from softcal.project.crosschecking import crosscheck_project, write_crosscheck
     from softcal.project.exporting import load_calibrated
     from softcal.project.output import require_free_folder
@@ -60,9 +61,9 @@ def crosscheck(
     if out is not None:
         require_free_folder(out)
     project = load_calibrated(source, parsed_values(values))
-    protocols = protocols_of(project, pull)
+    chosen = cases(project, pull or ())
     with _clock() as show:
-        found = crosscheck_project(project, protocols, names(engines), timeout=longest, progress=show)
+        found = crosscheck_project(project, chosen, names(engines), timeout=longest, progress=show)
     _print_crosscheck(found)
     if out is not None:
         write_crosscheck(project, found, out)

@@ -3,18 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from softcal.cli.app import app, told
 from softcal.cli.values import Values, names, parsed_values
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from softcal.project.project import Project
-    from softcal.twin.protocol import Protocol
 
 export = typer.Typer(
     help="Write a project, or the result of a calibration, for other programs.",
@@ -55,10 +49,11 @@ def vtk(
     values: Values = None,
 ) -> None:
     """For ParaView: shapes over a pull as .vtu files, with displacement, stress, strain and the parameters."""
+    from softcal.project.cases import cases
     from softcal.project.exporting import export_vtk, load_calibrated
 
     project = load_calibrated(source, parsed_values(values))
-    written = export_vtk(project, protocols_of(project, pull), out, shapes)
+    written = export_vtk(cases(project, pull or ()), out, shapes)
     typer.echo(f"Wrote {len(written)} files into {out}")
 
 
@@ -66,10 +61,11 @@ def vtk(
 @told
 def calculix(source: Source, out: Out, pull: Pull = None, values: Values = None) -> None:
     """For CalculiX: a deck of the robot at the end of each experiment or pull, with the cables as springs."""
+    from softcal.project.cases import cases
     from softcal.project.exporting import export_calculix, load_calibrated
 
     project = load_calibrated(source, parsed_values(values))
-    export_calculix(project, protocols_of(project, pull), out)
+    export_calculix(cases(project, pull or ()), out)
     typer.echo(f"Wrote {out}; run it there with: ccx -i robot")
 
 
@@ -77,12 +73,13 @@ def calculix(source: Source, out: Out, pull: Pull = None, values: Values = None)
 @told
 def sofa(source: Source, out: Out, pull: Pull = None, values: Values = None) -> None:
     """For SOFA: a scene for SofaPython3 and SoftRobots, with its meshes, every number as JSON, keys and a schedule."""
+    from softcal.project.cases import Case, cases
     from softcal.project.exporting import export_sofa, load_calibrated
     from softcal.twin.protocol import Protocol
 
     project = load_calibrated(source, parsed_values(values))
     has_pull = bool(pull) or bool(project.experiments)
-    export_sofa(project, protocols_of(project, pull) if has_pull else {"": Protocol({})}, out)
+    export_sofa(project, cases(project, pull or ()) if has_pull else {"": Case(project.robot, Protocol({}))}, out)
     typer.echo(f"Wrote {out}; run it with: runSofa -l SofaPython3 {out / 'scene.py'}")
 
 
@@ -114,13 +111,3 @@ def reduced(
     written = export_reduced(project, out, reach, names(cables), samples)
     typer.echo(written[-1].read_text(encoding="utf-8"))
     typer.echo(f"Wrote {out}")
-
-
-def protocols_of(project: Project, pull: list[str] | None) -> Mapping[str, Protocol]:
-    """By name: the pull, or what each experiment does to the robot."""
-    from softcal.project.pulls import parse_pulls
-    from softcal.project.simulation import protocol_of
-
-    if pull:
-        return {"pull": parse_pulls(project.robot, pull)}
-    return {name: protocol_of(project, name) for name in list(project.experiments) or [""]}

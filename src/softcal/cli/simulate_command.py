@@ -41,9 +41,8 @@ def simulate(
     engine: Engine = "softcal",
 ) -> None:
     """Simulate the twin: its response as CSV with units, and a picture at rest and at the largest pitch."""
+    from softcal.project.cases import cases
     from softcal.project.project import load
-    from softcal.project.pulls import parse_pulls
-    from softcal.project.simulation import protocol_of
     from softcal.project.simulation_folder import simulate_to_folder
 
     loaded = load(project, values=parsed_values(values))
@@ -53,11 +52,7 @@ def simulate(
         raise InputError(Fault("an experiment's samples have no times of their own", "--in-time", attempt="--pull"))
     if in_time and engine != "softcal":
         raise InputError(Fault("other engines are run to rest, not in time", "--in-time", f"--engine {engine}"))
-    if pull:
-        protocols = {"pull": parse_pulls(loaded.robot, pull)}
-    else:
-        names = [experiment] if experiment else list(loaded.experiments) or [""]
-        protocols = {name: protocol_of(loaded, name) for name in names}
-    for name, response in simulate_to_folder(loaded, protocols, out, in_time=in_time, engine=engine).items():
+    chosen = cases(loaded, pull or (), experiment)
+    for name, response in simulate_to_folder(loaded, chosen, out, in_time=in_time, engine=engine).items():
         typer.echo(f"{name}: {response.status}")
     typer.echo(f"Wrote {out}")

@@ -12,22 +12,22 @@ from softcal.calibration.outcome import installed_versions
 from softcal.calibration.problem import SOFTCAL
 from softcal.errors import Fault, InputError
 from softcal.export.crosscheck import AGREES, ENGINES, Crosscheck, Running, crosscheck
+from softcal.project.cases import Case
 from softcal.project.output import new_folder
 from softcal.project.project import Project
-from softcal.twin.protocol import Protocol
 
 TABLE, RECORD = "differences.csv", "crosscheck.json"
 
 
 def crosscheck_project(
     project: Project,
-    protocols: Mapping[str, Protocol],
+    cases: Mapping[str, Case],
     engines: Sequence[str] = (),
     *,
     timeout: float | None = None,
     progress: Callable[[str, str], None] = lambda state, engine: None,
 ) -> dict[str, Crosscheck]:
-    """Each protocol's furthest state, by name, in the engines (by default all); see `softcal.export.crosscheck`.
+    """Each case's furthest state, by name, in the engines (by default all); see `softcal.export.crosscheck`.
 
     timeout [s]: of each engine's process, by default its own. progress: is told the state and the engine at work.
 
@@ -57,12 +57,12 @@ def crosscheck_project(
         raise InputError(faults)
     running = Running(timeout, project.engines.sofa.settings)
 
-    def one(name: str, protocol: Protocol) -> Crosscheck:
+    def one(name: str, case: Case) -> Crosscheck:
         return crosscheck(
-            project.robot, protocol, chosen, running=running, progress=lambda engine: progress(name, engine)
+            case.robot, case.protocol, chosen, running=running, progress=lambda engine: progress(name, engine)
         )
 
-    return {name: one(name, protocol) for name, protocol in protocols.items()}
+    return {name: one(name, case) for name, case in cases.items()}
 
 
 def write_crosscheck(project: Project, found: Mapping[str, Crosscheck], folder: Path) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from softcal.errors import Fault, ParameterError, StorageError, UnitError
 from softcal.project.calibration import calibrated
+from softcal.project.cases import Case, protocols_of
 from softcal.project.film import films
 from softcal.project.output import new_folder, require_free_folder
 from softcal.project.project import Project, load
@@ -16,7 +17,6 @@ from softcal.project.run_folder import PROJECT, RECORD, headline_of, load_run
 from softcal.project.search import held_values
 from softcal.project.simulation import simulate_each
 from softcal.twin.parameters import robot_parameters, with_parameters
-from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
@@ -49,10 +49,8 @@ def load_calibrated(path: Path, values: Mapping[str, str] | None = None) -> Proj
     return replace(project, robot=with_parameters(project.robot, held))
 
 
-def export_vtk(
-    project: Project, protocols: Mapping[str, Protocol], folder: Path, shapes: int | None = None
-) -> list[Path]:
-    """Shapes of each protocol, by name, as .vtu files for ParaView in a new folder; see `softcal.export.vtk`.
+def export_vtk(cases: Mapping[str, Case], folder: Path, shapes: int | None = None) -> list[Path]:
+    """Shapes of each case, by name, as .vtu files for ParaView in a new folder; see `softcal.export.vtk`.
 
     shapes: how many, evenly from no pull to the furthest, each solved; by default those at which the pull was solved.
 
@@ -67,16 +65,17 @@ def export_vtk(
     """
     from softcal.export.vtk import write_vtk
 
+    told = protocols_of(cases) if shapes is None else films(protocols_of(cases), shapes)
     return _export_each(
-        protocols if shapes is None else films(protocols, shapes),
-        lambda protocol: simulate(project.robot, protocol, snapshots=True if shapes is None else "samples"),
+        {name: replace(case, protocol=told[name]) for name, case in cases.items()},
+        lambda case: simulate(case.robot, case.protocol, snapshots=True if shapes is None else "samples"),
         folder,
-        lambda response, inside: write_vtk(project.robot, response, inside),
+        lambda case, response, inside: write_vtk(case.robot, response, inside),
     )
 
 
-def export_calculix(project: Project, protocols: Mapping[str, Protocol], folder: Path) -> list[Path]:
-    """The last shape of each protocol, by name, as a CalculiX deck in a new folder; see `softcal.export.calculix`.
+def export_calculix(cases: Mapping[str, Case], folder: Path) -> list[Path]:
+    """The last shape of each case, by name, as a CalculiX deck in a new folder; see `softcal.export.calculix`.
 
     It is the shape of the robot with CalculiX's own law and elements, so that the cables' forces balance in them.
 
@@ -91,17 +90,18 @@ def export_calculix(project: Project, protocols: Mapping[str, Protocol], folder:
     """
     from softcal.export.calculix import in_its_law, write_calculix
 
-    own = in_its_law(project.robot)
     return _export_each(
-        protocols,
-        lambda protocol: simulate(own, protocol, snapshots=True),
+        cases,
+        lambda case: simulate(in_its_law(case.robot), case.protocol, snapshots=True),
         folder,
-        lambda response, inside: write_calculix(own, response.snapshots[-1], inside, given=project.robot),
+        lambda case, response, inside: write_calculix(
+            in_its_law(case.robot), response.snapshots[-1], inside, given=case.robot
+        ),
     )
 
 
-def export_sofa(project: Project, protocols: Mapping[str, Protocol], folder: Path) -> list[Path]:
-    """The robot as a SOFA scene in a new folder, with that protocol as schedule that pulls most.
+def export_sofa(project: Project, cases: Mapping[str, Case], folder: Path) -> list[Path]:
+    """The robot as a SOFA scene in a new folder: that case which pulls most, with its protocol as schedule.
 
     It moves by the project's `dynamics`; `run.py` runs it to rest by its `engines`. See `softcal.export.sofa_export`.
 
@@ -118,15 +118,15 @@ def export_sofa(project: Project, protocols: Mapping[str, Protocol], folder: Pat
     from softcal.export.sofa_scene import Stepping
 
     require_free_folder(folder)
-    chosen = furthest(protocols)
-    experiment = chosen if len(protocols) > 1 else ""
+    chosen = furthest(protocols_of(cases))
+    experiment = chosen if len(cases) > 1 else ""
     motion, resting = project.dynamics, project.engines.sofa.settings.resting
     stepping = Stepping(motion.time_step, motion.rayleigh_stiffness, motion.rayleigh_mass)
     return write_folder(
         folder,
         lambda part: write_sofa(
-            project.robot,
-            protocols[chosen],
+            cases[chosen].robot,
+            cases[chosen].protocol,
             part,
             project.name,
             experiment=experiment,
@@ -180,20 +180,20 @@ def _reach(text: str) -> Reach:
 
 
 def _export_each(
-    protocols: Mapping[str, Protocol],
-    simulated: Callable[[Protocol], Response],
+    cases: Mapping[str, Case],
+    simulated: Callable[[Case], Response],
     folder: Path,
-    write: Callable[[Response, Path], list[Path]],
+    write: Callable[[Case, Response, Path], list[Path]],
 ) -> list[Path]:
-    """Let `write` put each protocol's response into a new folder, several ones into folders of their names in it."""
+    """Let `write` put each case's response into a new folder, several ones into folders of their names in it."""
     require_free_folder(folder)
-    responses = simulate_each(protocols, simulated)
+    responses = simulate_each(cases, simulated)
     return write_folder(
         folder,
         lambda part: [
             path
             for name, response in responses.items()
-            for path in write(response, _subfolder(part, name, len(responses)))
+            for path in write(cases[name], response, _subfolder(part, name, len(responses)))
         ],
     )
 

@@ -6,7 +6,7 @@ import csv
 import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -24,6 +24,8 @@ from softcal.units import format_quantity
 
 if TYPE_CHECKING:
     from softcal.report.twin_view import TwinView
+
+Of = TypeVar("Of")
 
 # Samples of a pull that is asked for by its end alone.
 PULL_SAMPLES = 41
@@ -73,15 +75,15 @@ def simulate(
     return (engine or simulate_robot)(robot, protocol, sensitivities=sensitivities, snapshots=snapshots)
 
 
-def simulate_each(protocols: Mapping[str, Protocol], simulated: Callable[[Protocol], Response]) -> dict[str, Response]:
-    """The response to each protocol, by name.
+def simulate_each(cases: Mapping[str, Of], simulated: Callable[[Of], Response]) -> dict[str, Response]:
+    """The response to each of several cases, by name.
 
     Raises
     ------
     SimulationError
         Where the twin could not follow one of them.
     """
-    responses = {name: simulated(protocol) for name, protocol in protocols.items()}
+    responses = {name: simulated(case) for name, case in cases.items()}
     for name, response in responses.items():
         if not response.succeeded:
             raise SimulationError(f"{name}: {response.status}")

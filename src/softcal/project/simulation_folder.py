@@ -8,24 +8,25 @@ from pathlib import Path
 
 from softcal.calibration.outcome import installed_versions
 from softcal.calibration.result_files import response_file
+from softcal.project.cases import Case
 from softcal.project.engines import SOFA, SOFTCAL, engine_for
 from softcal.project.motion import simulate_pull_in_time
 from softcal.project.output import new_folder, require_free_folder
 from softcal.project.project import Project
 from softcal.project.simulation import response_csv, simulate, simulate_each, twin_view
-from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response
+from softcal.twin.robot import Robot
 
 
 def simulate_to_folder(
     project: Project,
-    protocols: Mapping[str, Protocol],
+    cases: Mapping[str, Case],
     folder: Path,
     *,
     in_time: bool = False,
     engine: str = SOFTCAL,
 ) -> dict[str, Response]:
-    """Simulate each protocol by name and write what came of it into a new folder, whole or not at all.
+    """Simulate each case by name and write what came of it into a new folder, whole or not at all.
 
     in_time: as motion, by the project's `dynamics`, and not as equilibria. engine: what computes equilibria.
 
@@ -41,20 +42,24 @@ def simulate_to_folder(
     require_free_folder(folder)
     simulator = engine_for(engine, project.robot, project.engines)
     if in_time:
-        responses = simulate_each(protocols, lambda protocol: simulate_pull_in_time(project, protocol))
+        responses = simulate_each(cases, lambda case: simulate_pull_in_time(project, case.protocol))
     else:
         responses = simulate_each(
-            protocols, lambda protocol: simulate(project, protocol, snapshots=True, engine=simulator)
+            cases, lambda case: simulate(case.robot, case.protocol, snapshots=True, engine=simulator)
         )
     with new_folder(folder) as part:
         for name, response in responses.items():
             (part / response_file(name)).write_text(response_csv(response), encoding="utf-8")
-            _draw(project, name, response, part)
+            _draw(cases[name].robot, name, response, part)
         record = {
             "project": project.name,
             "parameters": {n: {"value": info.value, "unit": info.unit} for n, info in project.parameters.items()},
             "responses": {
-                name: {"status": response.status, "n_factorisations": response.n_factorisations}
+                name: {
+                    "status": response.status,
+                    "n_factorisations": response.n_factorisations,
+                    **_settings(project, cases[name]),
+                }
                 for name, response in responses.items()
             },
             **({"dynamics": project.dynamics.model_dump()} if in_time else {"engine": engine}),
@@ -66,8 +71,14 @@ def simulate_to_folder(
     return responses
 
 
-def _draw(project: Project, name: str, response: Response, folder: Path) -> None:
-    view = twin_view(project.robot, response)
+def _settings(project: Project, case: Case) -> dict[str, dict[str, float]]:
+    """What the experiment sets the robot and the rig to, SI, where it sets anything."""
+    settings = project.experiments[case.experiment].settings if case.experiment else {}
+    return {"settings": dict(settings)} if settings else {}
+
+
+def _draw(robot: Robot, name: str, response: Response, folder: Path) -> None:
+    view = twin_view(robot, response)
     if view is None:
         return
     from softcal.report.chart_twin import draw_twin

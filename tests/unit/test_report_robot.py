@@ -13,11 +13,12 @@ from softcal.geometry.pose import Pose
 from softcal.geometry.section import circular
 from softcal.project.simulation import pull, twin_view
 from softcal.report.check_figures import robot_scenes
-from softcal.report.robot_view import plate_normal, plate_radius, plate_surface, robot_points, up_direction
+from softcal.report.robot_view import plate_surface, robot_points
 from softcal.report.scene import Ball, Surface, Tube
 from softcal.report.scene_twin import twin_scenes
 from softcal.report.shapes import disc_surface, rod_surface, tube
 from softcal.report.style import LOOP, ORANGE
+from softcal.twin.facing import plate_normal, plate_radius, up_direction
 from softcal.twin.manipulator import ManipulatorShape, manipulator
 from softcal.twin.robot import Disc, Plate, Robot, Rod
 from softcal.twin.simulate import simulate

@@ -14,7 +14,6 @@ from softcal.geometry.surface import boundary_triangles
 from softcal.report import scene_render
 from softcal.report.chart_twin import draw_side_by_side, draw_twin
 from softcal.report.check_figures import region_colours, robot_scenes
-from softcal.report.robot_view import plate_normal, plate_radius
 from softcal.report.scene import (
     Arrow,
     Label,
@@ -25,6 +24,7 @@ from softcal.report.scene import (
 from softcal.report.scene_render import Rendering, draw_flat, render_scenes
 from softcal.report.scene_twin import twin_scenes
 from softcal.report.style import encode, new_figure
+from softcal.twin.facing import plate_normal, plate_radius
 
 UNIT = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 

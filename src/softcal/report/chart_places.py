@@ -12,9 +12,10 @@ from softcal.calibration.result import ExperimentFit
 from softcal.checks import Floats, Ints
 from softcal.geometry.surface import boundary_triangles
 from softcal.report.outline import View, outline, two_views
-from softcal.report.robot_view import robot_points, up_direction
+from softcal.report.robot_view import robot_points
 from softcal.report.settled import SettledShapes
 from softcal.report.style import FAINT, INK, MUTED, SERIES, house_style, new_figure
+from softcal.twin.facing import up_direction
 from softcal.twin.response import Snapshot
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from softcal.geometry.ring import across
 from softcal.geometry.surface import boundary_triangles
 from softcal.report.chart_bench import draw_record
 from softcal.report.chart_twin import draw_side_by_side
-from softcal.report.robot_view import plate_rim, plate_surface, robot_points, up_direction
+from softcal.report.robot_view import plate_rim, plate_surface, robot_points
 from softcal.report.scene import (
     Arrow,
     Ball,
@@ -37,6 +37,7 @@ from softcal.report.shapes import rod_surface
 from softcal.report.style import BLUE, GREEN, INK, ORANGE, PURPLE, RED, SKY, encode
 from softcal.report.wording import file_stem, number
 from softcal.report.write import write_files
+from softcal.twin.facing import up_direction
 from softcal.twin.robot import Body, PointLoad, Robot, Rod, SurfaceLoad
 
 _BODY = "#d6d3cd"

@@ -1,4 +1,4 @@
-"""How the parts of a robot look: where plates face, how wide they are, which way is up. Lengths in m."""
+"""How the parts of a robot look: its extent, its plates. Lengths in m."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from softcal.checks import Floats
 from softcal.geometry.pose import Pose
 from softcal.report.scene import Surface
 from softcal.report.shapes import disc_surface, flat_disc, unit_circle
+from softcal.twin.facing import plate_normal, plate_radius
 from softcal.twin.robot import Disc, Plate, Robot
 
 
@@ -21,49 +22,6 @@ def robot_points(robot: Robot) -> Floats:
         if plate.disc is not None:
             found.append(_rim(plate.disc))
     return np.concatenate(found)
-
-
-def up_direction(robot: Robot) -> Floats:
-    """What is up in a picture: against gravity; without it, the way the first plate faces; else z."""
-    weight = float(np.linalg.norm(robot.gravity))
-    if weight > 0.0:
-        return -robot.gravity / weight
-    return plate_normal(robot, robot.plates[0]) if robot.plates else np.array([0.0, 0.0, 1.0])
-
-
-def plate_normal(robot: Robot, plate: Plate) -> Floats:
-    """Unit normal of a plate at rest: its disc's axis, else away from what is fixed, or of the rod that it holds."""
-    if plate.disc is not None:
-        return np.asarray(plate.disc.axis)
-    tied = [body.mesh.points[plate.nodes[body.name]] for body in robot.bodies if body.name in plate.nodes]
-    if tied:
-        held = [body.mesh.points[body.fixed] for body in robot.bodies if len(body.fixed)]
-        base = np.concatenate(held or [body.mesh.points for body in robot.bodies])
-        axis = np.concatenate(tied).mean(axis=0) - base.mean(axis=0)
-        size = float(np.linalg.norm(axis))
-        return axis / size if size > 0 else np.array([0.0, 0.0, 1.0])
-    tangents = [
-        rod.centreline.triads[rod.clamped[plate.name][0], :, 2]
-        for rod in robot.rods
-        if len(rod.clamped.get(plate.name, ()))
-    ]
-    return np.asarray(tangents[0]) if tangents else np.array([0.0, 0.0, 1.0])
-
-
-def plate_radius(robot: Robot, plate: Plate) -> float:
-    """Radius [m] of the flat disc that covers the plate's nodes, holes and rods and the cable points on it."""
-    if plate.disc is not None:
-        return 0.5 * plate.disc.diameter
-    normal = plate_normal(robot, plate)
-    points = [body.mesh.points[plate.nodes[body.name]] for body in robot.bodies if body.name in plate.nodes]
-    points += [via.at[None] for cable in robot.cables for via in cable.via_points if via.on == plate.name]
-    points += [at[None] for at in plate.holes.values()]
-    clamped = [rod for rod in robot.rods if plate.name in rod.clamped]
-    points += [rod.centreline.nodes[rod.clamped[plate.name]] for rod in clamped]
-    offsets = np.concatenate([*points, plate.reference[None]]) - plate.reference
-    across = offsets - np.outer(offsets @ normal, normal)
-    widest = float(np.max(np.linalg.norm(across, axis=1)))
-    return 1.08 * max([widest, *(rod.section.outer_diameter for rod in clamped)])
 
 
 def plate_surface(robot: Robot, plate: Plate, pose: Pose, colour: str, *, opacity: float) -> Surface | None:

@@ -9,7 +9,7 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.geometry.pose import Pose
 from softcal.geometry.surface import boundary_triangles
-from softcal.report.robot_view import plate_rim, plate_surface, robot_points, up_direction
+from softcal.report.robot_view import plate_rim, plate_surface, robot_points
 from softcal.report.scene import (
     Ball,
     Camera,
@@ -25,6 +25,7 @@ from softcal.report.scene import (
 )
 from softcal.report.shapes import flat_disc, rod_surface
 from softcal.report.twin_view import TwinView
+from softcal.twin.facing import up_direction
 from softcal.twin.response import Snapshot
 from softcal.twin.robot import Robot
 

@@ -19,7 +19,7 @@ from scene import createScene, read_parameters
 
 def main() -> None:
     root = Sofa.Core.Node("root")
-    createScene(root)
+    createScene(root, seen=False)
     getattr(Sofa.Simulation, "initRoot", Sofa.Simulation.init)(root)
     dt = float(root.dt.value)
     n = round(float(sys.argv[1]) / dt)

@@ -15,6 +15,7 @@ from mechanics_cases import SHARED, elastic
 
 from softcal.export.sofa_robot import linear_robot
 from softcal.export.sofa_scene import scene_parameters, write_scene
+from softcal.export.sofa_visual import visual_parameters
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.read import read_mesh
 from softcal.twin.protocol import Protocol
@@ -22,7 +23,9 @@ from softcal.twin.response import Response, Snapshot
 from softcal.twin.robot import Body, Cable, Disc, Marker, Plate, PointLoad, Robot, SurfaceLoad, Tie, ViaPoint
 
 FAKE = Path(__file__).parent / "fake_sofa"
-OF_THE_SCENE = ("Sofa", "SofaRuntime", "scene", "parts", "rods", "pulling", "robot_state", "run", "fake_mechanics")
+OF_THE_SCENE = (
+    "Sofa", "SofaRuntime", "scene", "parts", "rods", "visuals", "pulling", "robot_state", "run", "fake_mechanics",
+)  # fmt: skip
 
 
 def neck_robot(data: dict) -> Robot:
@@ -154,12 +157,15 @@ def scene_modules(folder: Path) -> Iterator[SimpleNamespace]:
         forget()
 
 
-def recorded(robot: Robot, protocol: Protocol, folder: Path):
-    """The scene of a robot as `createScene` builds it: the root of the recorded graph, and its parameters."""
+def recorded(robot: Robot, protocol: Protocol, folder: Path, *, seen: bool = False):
+    """The scene of a robot as `createScene` builds it: the root of the recorded graph, and its parameters.
+
+    seen: with what there is to see.
+    """
     linear = linear_robot(robot)
-    parameters = scene_parameters(linear, protocol)
+    parameters = scene_parameters(linear, protocol) | ({"visual": visual_parameters(linear)} if seen else {})
     write_scene(linear, parameters, folder)
     with scene_modules(folder) as modules:
         root = modules.Sofa.Core.Node("root")
-        assert modules.scene.createScene(root) is root
+        assert modules.scene.createScene(root, seen) is root
     return root, parameters

@@ -22,6 +22,7 @@ from softcal.export.sofa_scene import (
     schedule_csv,
     write_scene,
 )
+from softcal.export.sofa_visual import visual_parameters, write_surfaces
 from softcal.twin.protocol import Protocol, command_faults
 from softcal.twin.robot import Control, Robot
 
@@ -57,6 +58,7 @@ def write_sofa(
     parameters = {
         "name": name,
         **scene_parameters(found.linear, protocol, stepping, resting),
+        "visual": visual_parameters(found.linear),
         "re_identified": {key: {"twin": old, "scene": new} for key, (old, new) in found.values.items()},
         "differences_left": {
             key: {"largest_difference": value, "of": largest, "unit": unit}
@@ -64,7 +66,7 @@ def write_sofa(
         },
         "notes": list(found.sentences),
     }
-    written = write_scene(found.linear, parameters, folder)
+    written = [*write_scene(found.linear, parameters, folder), *write_surfaces(found.linear, folder)]
     if protocol.commands:
         path = folder / SCHEDULE
         path.write_text(schedule_csv(protocol), encoding="utf-8")
@@ -139,6 +141,7 @@ Without a window, the robot with slack cables and then every row of the schedule
 | file | what it holds |
 |---|---|
 | `scene.py`, `parts.py`, `rods.py` | `createScene`: bodies, rods, plates, cables, loads |
+| `visuals.py`, `*.obj` | what there is to see: surfaces, colours, the camera |
 | `{parameters}` | every number; the scene reads it anew each time |
 | `*.vtk` | the bodies' meshes |
 | `pulling.py` | keys and schedule |

@@ -24,7 +24,7 @@ from softcal.twin.protocol import Protocol
 from softcal.twin.robot import Body, Cable, Control, Marker, Plate, PointLoad, Robot, Rod
 
 FORMAT = 1
-FILES = ("scene.py", "parts.py", "rods.py", "robot_state.py", "pulling.py", "run.py")
+FILES = ("scene.py", "parts.py", "rods.py", "visuals.py", "robot_state.py", "pulling.py", "run.py")
 HERE = Path(__file__).parent / "sofa_files"
 PARAMETERS, SCHEDULE = "parameters.json", "schedule.csv"
 # Without inertia nothing settles: a weightless body gets this density [kg/m^3], and a force against its weight.

@@ -29,3 +29,16 @@ def put_together(node, parents, pairs, template="Vec3"):
         output=node.dofs.getLinkPath(),
         indexPairs=[number for pair in pairs for number in pair],
     )
+
+
+def carried_points(parts, on, name, points, **shown):
+    """A node with points that ride on a plate or in a body."""
+    if on in parts["plates"]:
+        node = parts["plates"][on].addChild(name)
+        node.addObject("MechanicalObject", name="dofs", template="Vec3", position=points, **shown)
+        node.addObject("RigidMapping", globalToLocalCoords=True)
+    else:
+        node = parts["bodies"][on].addChild(name)
+        node.addObject("MechanicalObject", name="dofs", template="Vec3", position=points, **shown)
+        node.addObject("BarycentricMapping")
+    return node

@@ -12,7 +12,7 @@ HERE = os.path.dirname(os.path.abspath(__file__))
 if HERE not in sys.path:
     sys.path.insert(0, HERE)
 
-from parts import add_fixed, first_known, put_together
+from parts import add_fixed, carried_points, first_known, put_together
 from rods import add_rod
 
 PLUGINS = [
@@ -32,16 +32,19 @@ PLUGINS = [
     "Sofa.Component.SolidMechanics.FEM.HyperElastic",
     "Sofa.Component.StateContainer",
     "Sofa.Component.Topology.Container.Dynamic",
-    "Sofa.Component.Visual",
 ]
 
 
-def createScene(root):
-    """What runSofa calls."""
+def createScene(root, seen=True):
+    """What runSofa calls; seen: with what there is to see."""
     from pulling import Pulling
 
     parameters = read_parameters()
     parts = build(root, parameters)
+    if seen:
+        from visuals import add_visuals
+
+        add_visuals(root, parameters, parts)
     root.addObject(Pulling(root, parameters, parts, name="pulling"))
     return root
 
@@ -57,7 +60,6 @@ def build(root, parameters):
     root.gravity = parameters["gravity"]
     root.dt = time["dt"]
     root.addObject("RequiredPlugin", name="plugins", pluginName=PLUGINS)
-    root.addObject("VisualStyle", displayFlags="showBehaviorModels showForceFields showInteractionForceFields")
     root.addObject("FreeMotionAnimationLoop")
     # The second is the name up to v25.06, the first since v25.12.
     kind = first_known("BlockGaussSeidelConstraintSolver", "GenericConstraintSolver")
@@ -83,9 +85,6 @@ def build(root, parameters):
         add_load(name, load, parts)
     for name, cable in parameters["cables"].items():
         parts["cables"][name] = add_cable(robot, name, cable, parts)
-    for name, marker in parameters["markers"].items():
-        if marker["on"]:
-            carried_points(parts, marker["on"], name, [marker["at"]], showObject=True, showObjectScale=5.0)
     return parts
 
 
@@ -97,8 +96,6 @@ def add_plate(robot, name, plate):
         name="dofs",
         template="Rigid3",
         position=[plate["centre_of_mass"] + [0.0, 0.0, 0.0, 1.0]],
-        showObject=True,
-        showObjectScale=0.02,
     )
     if plate["mass"] > 0.0:
         inertia = [value for row in plate["inertia_per_mass"] for value in row]
@@ -174,19 +171,6 @@ def add_solid(node, mesh, body):
         ParameterSet=[mu, lame],
         topology="@topology",
     )
-
-
-def carried_points(parts, on, name, points, **shown):
-    """A node with points that ride on a plate or in a body."""
-    if on in parts["plates"]:
-        node = parts["plates"][on].addChild(name)
-        node.addObject("MechanicalObject", name="dofs", template="Vec3", position=points, **shown)
-        node.addObject("RigidMapping", globalToLocalCoords=True)
-    else:
-        node = parts["bodies"][on].addChild(name)
-        node.addObject("MechanicalObject", name="dofs", template="Vec3", position=points, **shown)
-        node.addObject("BarycentricMapping")
-    return node
 
 
 def add_load(name, load, parts):

@@ -1,0 +1,63 @@
+"""What people see: shaded surfaces, cables as lines, markers as balls. `createScene` adds it, `run.py` does without."""
+
+import os
+
+import Sofa
+import SofaRuntime
+from parts import carried_points
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+OPENGL = "Sofa.GL.Component.Rendering3D"
+# Force fields would draw every tet; a cable is an interaction, whatever it is called elsewhere.
+FLAGS = "showVisualModels hideBehaviorModels hideForceFields showInteractionForceFields"
+COLOURS = {"bodies": [0.95, 0.55, 0.25], "rods": [0.95, 0.55, 0.25], "plates": [0.65, 0.7, 0.78]}
+CABLE, MARKER = [0.05, 0.2, 0.45, 1.0], [0.1, 0.55, 0.25, 1.0]
+
+
+def add_visuals(root, parameters, parts):
+    """All that is there to be seen; without OpenGL no surfaces."""
+    shown = parameters["visual"]
+    root.addObject("RequiredPlugin", name="visual_plugins", pluginName=["Sofa.Component.Visual"])
+    root.addObject("VisualStyle", displayFlags=FLAGS)
+    root.addObject("InteractiveCamera", name="camera", **shown["camera"])
+    for node in parts["cables"].values():
+        node.cable.color.value = CABLE
+        node.cable.drawPoints.value = False
+        node.cable.drawPullPoint.value = False
+    for name, marker in parameters["markers"].items():
+        if marker["on"]:
+            ball = {"showObject": True, "drawMode": 1, "showObjectScale": shown["marker_radius"], "showColor": MARKER}
+            carried_points(parts, marker["on"], name, [marker["at"]], **ball)
+    for name, node in parts["plates"].items():
+        if name not in shown["surfaces"]:
+            node.dofs.showObject.value = True
+            node.dofs.showObjectScale.value = 5.0 * shown["marker_radius"]
+    if not SofaRuntime.importPlugin(OPENGL):
+        Sofa.msg_warning(root, "This SOFA has no " + OPENGL + ", so there are no surfaces to see.")
+        return
+    root.addObject("RequiredPlugin", name="opengl", pluginName=[OPENGL])
+    for name, surface in shown["surfaces"].items():
+        add_surface(root, name, surface, parts)
+
+
+def add_surface(root, name, surface, parts):
+    """The surface of a part, which moves with it, or of a plate that stands still."""
+    kind = next((kind for kind in COLOURS if name in parts[kind]), "plates")
+    node = (parts[kind].get(name) or root.robot.addChild(name)).addChild("visual")
+    node.addObject("MeshOBJLoader", name="loader", filename=os.path.join(HERE, surface["file"]))
+    look = material(COLOURS[kind], surface["opacity"])
+    node.addObject("OglModel", name="surface", src="@loader", material=look)
+    if kind == "bodies":
+        node.addObject("BarycentricMapping")
+    elif kind == "rods":
+        node.addObject("RigidMapping", globalToLocalCoords=True, rigidIndexPerPoint=surface["nodes"])
+    elif name in parts["plates"]:
+        node.addObject("RigidMapping", globalToLocalCoords=True)
+
+
+def material(colour, opacity):
+    """A colour as SOFA writes it: with `color` alone, what runSofa's light does not reach is nearly black."""
+    lit, unlit = ([share * value for value in colour] for share in (0.8, 0.55))
+    words = ["softcal", "Diffuse", 1, *lit, opacity, "Ambient", 1, *unlit, 1.0, "Specular", 0, 1, 1, 1, 1]
+    words += ["Emissive", 0, 0, 0, 0, 0, "Shininess", 0, 45]
+    return " ".join(str(word) for word in words)

@@ -65,13 +65,18 @@ sweep:
 OVER = {"springs.youngs_modulus": "1.2GPa:0.4GPa:0.4GPa", "springs.poissons_ratio": "0.1,0.3"}
 
 
-def robot(modulus: float = MODULUS, ratio: float = RATIO) -> Robot:
+def robot(modulus: float = MODULUS, ratio: float = RATIO, elements_per_turn: int = 6) -> Robot:
     shape = ManipulatorShape(
         total_length=LENGTH, n_sections=2, wire_diameter=0.006, turns=2.0, cable_ends=(2,), cables_per_end=2,
         first_azimuths=(np.radians(30.0),),
     )  # fmt: skip
     return manipulator(
-        shape, youngs_modulus=modulus, poissons_ratio=ratio, density=0.0, disc_mass=0.02, elements_per_turn=6
+        shape,
+        youngs_modulus=modulus,
+        poissons_ratio=ratio,
+        density=0.0,
+        disc_mass=0.02,
+        elements_per_turn=elements_per_turn,
     )
 
 

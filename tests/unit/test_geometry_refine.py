@@ -49,8 +49,8 @@ def test_the_pieces_fill_the_body_the_right_way_round(parts, order, seed):
     before, after = check_quality(mesh), check_quality(fine)
     assert (fine.n_tets, fine.order) == (8 * mesh.n_tets, mesh.order)
     assert after.volume == pytest.approx(before.volume, rel=1e-12)
-    assert not after.inverted and not after.unreferenced
-    assert after.n_duplicate_nodes == 0 and after.n_parts == 1
+    assert after.inverted == after.unreferenced == ()
+    assert (after.n_duplicate_nodes, after.n_parts) == (0, 1)
     own = mesh.points[mesh.tets[:, :4]]
     pieces = fine.points[fine.tets[:, :4]].reshape(-1, 8, 4, 3)
     sizes = np.linalg.det(pieces[:, :, 1:] - pieces[:, :, :1])

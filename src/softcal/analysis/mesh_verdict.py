@@ -12,6 +12,8 @@ from softcal.units import format_quantity, readable_unit
 Tone = Literal["good", "note", "warning"]
 # Shifts in standard errors up to which noise hides them, and from which the mesh decides.
 HIDDEN, DECIDES = 1.0, 3.0
+# Of a parameter's range: a shift below the one is none, and beyond the other no matter for derivatives in one place.
+_NEAR, _FAR = 1e-3, 0.3
 
 
 @dataclass(frozen=True)
@@ -70,19 +72,21 @@ def _verdict(label: str, estimate: Estimate, study: MeshStudy) -> MeshVerdict:
     unit = readable_unit(estimate.value, estimate.unit)
     here, there = (format_quantity(v, estimate.unit, unit) for v in (estimate.value, value))
     errors = shift_in_errors(estimate, value)
-    if estimate.at_bound and label in best.at_bound:
-        text = f"{label} stands at a bound of its range, {here}, on any mesh: the mesh cannot move it."
+    if estimate.at_bound and abs(value - estimate.value) <= _NEAR * (estimate.upper - estimate.lower):
+        text = f"{label} stands at a bound of its range, {here}, and would on a finer mesh."
         return MeshVerdict(text, "note")
     side = "low" if value > estimate.value else "high"
     change = abs(value - estimate.value)
     by = f"{100.0 * change / abs(value):.2g} %"
     if estimate.unit == "1" or value == 0.0:
         by = format_quantity(change, estimate.unit, unit, digits=2)
-    least = " or more" if label in best.at_bound else ""
+    least = " or more" if label in best.at_bound and not estimate.at_bound else ""
     text = f"The mesh makes {label} too {side} by {by}{least}: {here}, where {there} is expected"
     text += f" {reference_text(study)}."
     if label in best.at_bound:
         text += " There it stands at a bound of its range."
+    if estimate.unit == "1" and change > _FAR * (estimate.upper - estimate.lower):
+        text += " That is far for what derivatives at the values found can tell: take it for a direction."
     if errors is None:
         return MeshVerdict(f"{text} Noise gives it no standard error to compare with.", "note")
     size = abs(errors)

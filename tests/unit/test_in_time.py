@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +15,10 @@ from project_case import write_project
 
 from softcal.cli import main
 from softcal.errors import InputError, ParameterError, ProjectFileError
+from softcal.project.cases import cases
+from softcal.project.motion import schedule_of, simulate_each_in_time
 from softcal.project.project import load
+from softcal.project.simulation import simulate as simulate_project
 from softcal.twin.in_time import simulate_in_time
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
@@ -196,6 +200,76 @@ def test_simulate_in_time_writes_the_trajectory(tmp_path: Path, capsys: pytest.C
     assert (out / "twin-pull.png").exists()
 
 
-def test_experiments_have_no_time_of_their_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    assert run("simulate", write_project(tmp_path), "--in-time", "--out", tmp_path / "out") == 2
-    assert "--in-time: an experiment's samples have no times of their own" in capsys.readouterr().err
+QUICK = "time_step: 20 ms, ramp: 0.2 s, rayleigh_stiffness: 50 ms"
+PREPARED = "    noise: {tension: 0.05 N, pitch: 0.2 deg}\n"
+
+
+def with_steps(*steps: str) -> tuple[str, str]:
+    return PREPARED, PREPARED + "    prepare:\n" + "".join(f"      - {step}\n" for step in steps)
+
+
+def triangles(n_cycles: int) -> str:
+    """A bench file of cycles from 0 to 10 mm and back, 2 s each, with what a spring of 100 N/m would read."""
+    time = np.arange(0.0, 2.0 * n_cycles + 0.01, 0.05)
+    d = 10.0 * (1.0 - np.abs(time % 2.0 - 1.0))
+    rows = [f"{t:.3f},{x:.6f},{0.1 * x:.6f},{0.5 * x:.6f}" for t, x in zip(time, d, strict=True)]
+    return "\n".join(["Time [s],Displacement [mm],Force [N],Pitch [deg]", *rows]) + "\n"
+
+
+def test_an_experiment_goes_by_the_times_of_its_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """Its first sample is pulled already: the pull grows to it over the ramp, and the table's clock starts there."""
+    path, out = write_project(tmp_path, DENSE, with_dynamics(QUICK)), tmp_path / "out"
+    assert run("simulate", path, "--in-time", "--out", out) == 0, capsys.readouterr().err
+    header, *_ = (out / "response-pull.csv").read_text().splitlines()
+    values = np.loadtxt(out / "response-pull.csv", delimiter=",", skiprows=1)
+    table = dict(zip(header.split(","), values.T, strict=True))
+    data = load(path).experiments["pull"].dataset
+    at = np.searchsorted(table["time [s]"], 0.2 + data.values("time") - 1e-9)
+    np.testing.assert_allclose(table["front.shortening [m]"][at], data.values("shortening"), rtol=1e-9)
+    still = simulate_project(load(path), experiment="pull")
+    np.testing.assert_allclose(table["plate.pitch [rad]"][at[-1]], still.channels["plate.pitch"][-1], rtol=0.03)
+    assert table["time [s]"][-1] > 0.2 + 2.4 + 0.1  # and then it settles
+
+
+def test_cycles_are_replayed_where_the_samples_have_lost_their_times(tmp_path: Path):
+    """A branch averaged over cycles has no times; the record that it was taken from, corrections and all, has."""
+    corrected = with_steps("zero: {channel: tension, by: min}", "find_cycles", "take_branch: loading")
+    path = write_project(tmp_path, DENSE, with_dynamics("hold: 1 s"), corrected, data=triangles(3))
+    project = load(path)
+    assert "time" not in project.experiments["pull"].dataset.channels
+    schedule = schedule_of(project, cases(project)["pull"])
+    assert schedule.times[-1] == pytest.approx(7.0)
+    np.testing.assert_allclose(
+        [schedule.at(t)["front"] for t in (0.5, 1.0, 1.5, 2.0, 5.0, 6.5)],
+        np.array([5, 10, 5, 0, 10, 0]) * 1e-3,
+        atol=1e-9,
+    )
+
+
+@pytest.mark.parametrize(
+    ("changes", "data", "message"),
+    [
+        (
+            (("          time: {name: Time}\n", ""),),
+            None,
+            "pull: the samples have no times to move by; got no column `time`",
+        ),
+        (
+            (with_steps("find_cycles", "take_branch: loading", "zero: {channel: shortening, by: 1 mm}"),),
+            triangles(3),
+            "pull, prepare: the cycles that the samples were taken from lack a correction; got zero",
+        ),
+    ],
+)
+def test_an_experiment_without_times_says_what_to_give(tmp_path: Path, changes, data, message: str):
+    project = load(write_project(tmp_path, *changes, data=data))
+    with pytest.raises(InputError, match=message):
+        simulate_each_in_time(project, cases(project))
+
+
+def test_motion_is_a_film_timed_in_seconds(tmp_path: Path):
+    pytest.importorskip("pyvista")
+    path, out = write_project(tmp_path, DENSE, with_dynamics(QUICK + ", hold: 0.2 s")), tmp_path / "out"
+    assert run("export", "vtk", path, "--pull", "front=2mm", "--in-time", "--shapes", "4", "--out", out) == 0
+    steps = [float(text) for text in re.findall(r'timestep="([^"]*)"', (out / "shapes.pvd").read_text())]
+    np.testing.assert_allclose(steps, [0.0, 0.1, 0.2, 0.3, 0.4])

@@ -46,6 +46,9 @@ def vtk(
             show_default=False,
         ),
     ] = None,
+    in_time: Annotated[
+        bool, typer.Option("--in-time", help="Shapes of the motion, as simulate --in-time has it.")
+    ] = False,
     values: Values = None,
 ) -> None:
     """For ParaView: shapes over a pull as .vtu files, with displacement, stress, strain and the parameters."""
@@ -53,7 +56,7 @@ def vtk(
     from softcal.project.exporting import export_vtk, load_calibrated
 
     project = load_calibrated(source, parsed_values(values))
-    written = export_vtk(cases(project, pull or ()), out, shapes)
+    written = export_vtk(project, cases(project, pull or ()), out, shapes, in_time=in_time)
     typer.echo(f"Wrote {len(written)} files into {out}")
 
 

@@ -34,8 +34,8 @@ def simulate(
         bool,
         typer.Option(
             "--in-time",
-            help="With --pull: as motion in time, the pull growing slowly until the robot has settled; see dynamics in "
-            "the project.",
+            help="As motion in time, until the robot has settled: experiments by the times of their samples, a pull "
+            "growing slowly; see dynamics in the project.",
         ),
     ] = False,
     engine: Engine = "softcal",
@@ -48,8 +48,6 @@ def simulate(
     loaded = load(project, values=parsed_values(values))
     if pull and experiment:
         raise InputError(Fault("--pull and --experiment exclude each other"))
-    if in_time and not pull:
-        raise InputError(Fault("an experiment's samples have no times of their own", "--in-time", attempt="--pull"))
     if in_time and engine != "softcal":
         raise InputError(Fault("other engines are run to rest, not in time", "--in-time", f"--engine {engine}"))
     chosen = cases(loaded, pull or (), experiment)

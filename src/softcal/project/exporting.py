@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,13 +11,14 @@ from softcal.errors import Fault, ParameterError, StorageError, UnitError
 from softcal.project.calibration import calibrated
 from softcal.project.cases import Case, protocols_of
 from softcal.project.film import films
+from softcal.project.motion import SNAPSHOTS, simulate_each_in_time
 from softcal.project.output import new_folder, require_free_folder
 from softcal.project.project import Project, load
 from softcal.project.run_folder import PROJECT, RECORD, headline_of, load_run
 from softcal.project.search import held_values
 from softcal.project.simulation import simulate_each
 from softcal.twin.parameters import robot_parameters, with_parameters
-from softcal.twin.response import Response
+from softcal.twin.response import Response, Shown
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
 from softcal.units import parse_quantity
@@ -49,10 +50,14 @@ def load_calibrated(path: Path, values: Mapping[str, str] | None = None) -> Proj
     return replace(project, robot=with_parameters(project.robot, held))
 
 
-def export_vtk(cases: Mapping[str, Case], folder: Path, shapes: int | None = None) -> list[Path]:
+def export_vtk(
+    project: Project, cases: Mapping[str, Case], folder: Path, shapes: int | None = None, *, in_time: bool = False
+) -> list[Path]:
     """Shapes of each case, by name, as .vtu files for ParaView in a new folder; see `softcal.export.vtk`.
 
     shapes: how many, evenly from no pull to the furthest, each solved; by default those at which the pull was solved.
+    in_time: shapes of the motion, by the project's `dynamics`; `shapes` of them, by default 40, until the schedule is
+    over, and as often after that.
 
     Raises
     ------
@@ -65,13 +70,20 @@ def export_vtk(cases: Mapping[str, Case], folder: Path, shapes: int | None = Non
     """
     from softcal.export.vtk import write_vtk
 
-    told = protocols_of(cases) if shapes is None else films(protocols_of(cases), shapes)
-    return _export_each(
-        {name: replace(case, protocol=told[name]) for name, case in cases.items()},
-        lambda case: simulate(case.robot, case.protocol, snapshots=True if shapes is None else "samples"),
-        folder,
-        lambda case, response, inside: write_vtk(case.robot, response, inside),
-    )
+    require_free_folder(folder)
+    if in_time:
+        responses = simulate_each_in_time(project, cases, shapes or SNAPSHOTS)
+    elif shapes is None:
+        responses = _simulated(cases, snapshots=True)
+    else:
+        told = films(protocols_of(cases), shapes)
+        filmed = {name: replace(case, protocol=told[name]) for name, case in cases.items()}
+        responses = _simulated(filmed, snapshots="samples")
+    return _write_each(responses, folder, lambda name, inside: write_vtk(cases[name].robot, responses[name], inside))
+
+
+def _simulated(cases: Mapping[str, Case], snapshots: Shown) -> dict[str, Response]:
+    return simulate_each(cases, lambda case: simulate(case.robot, case.protocol, snapshots=snapshots))
 
 
 def export_calculix(cases: Mapping[str, Case], folder: Path) -> list[Path]:
@@ -90,12 +102,14 @@ def export_calculix(cases: Mapping[str, Case], folder: Path) -> list[Path]:
     """
     from softcal.export.calculix import in_its_law, write_calculix
 
-    return _export_each(
-        cases,
-        lambda case: simulate(in_its_law(case.robot), case.protocol, snapshots=True),
+    require_free_folder(folder)
+    own = {name: replace(case, robot=in_its_law(case.robot)) for name, case in cases.items()}
+    responses = _simulated(own, snapshots=True)
+    return _write_each(
+        responses,
         folder,
-        lambda case, response, inside: write_calculix(
-            in_its_law(case.robot), response.snapshots[-1], inside, given=case.robot
+        lambda name, inside: write_calculix(
+            own[name].robot, responses[name].snapshots[-1], inside, given=cases[name].robot
         ),
     )
 
@@ -179,22 +193,10 @@ def _reach(text: str) -> Reach:
         return Reach(parse_quantity(text, "N", where="--reach"), "N")
 
 
-def _export_each(
-    cases: Mapping[str, Case],
-    simulated: Callable[[Case], Response],
-    folder: Path,
-    write: Callable[[Case, Response, Path], list[Path]],
-) -> list[Path]:
-    """Let `write` put each case's response into a new folder, several ones into folders of their names in it."""
-    require_free_folder(folder)
-    responses = simulate_each(cases, simulated)
+def _write_each(names: Collection[str], folder: Path, write: Callable[[str, Path], list[Path]]) -> list[Path]:
+    """Let `write` fill a new folder with what each name stands for, several ones in folders of their names in it."""
     return write_folder(
-        folder,
-        lambda part: [
-            path
-            for name, response in responses.items()
-            for path in write(cases[name], response, _subfolder(part, name, len(responses)))
-        ],
+        folder, lambda part: [path for name in names for path in write(name, _subfolder(part, name, len(names)))]
     )
 
 

@@ -1,29 +1,122 @@
-"""The twin of a project in time: pulls that grow evenly, then rest."""
+"""The twin of a project in time: pulls that grow evenly, and experiments by the times of their samples; then rest."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+
 import numpy as np
 
+from softcal.calibration.experiment import Experiment
+from softcal.calibration.observation import commands
+from softcal.errors import Fault, InputError
+from softcal.experiments.dataset import Dataset
+from softcal.project.cases import Case
 from softcal.project.project import Project
+from softcal.project.simulation import simulate_each
 from softcal.twin.in_time import simulate_in_time
-from softcal.twin.protocol import Command, Protocol
+from softcal.twin.protocol import Command
 from softcal.twin.response import Response
 from softcal.twin.schedule import Schedule
 
 SNAPSHOTS = 40
+TIME = "time"
+# What changes a channel that drives: a record that was not yet through it is not what the twin was compared with.
+CORRECTIONS = ("zero", "detrend", "remove_slack", "correct_pulley_friction")
 
 
-def simulate_pull_in_time(project: Project, protocol: Protocol) -> Response:
-    """A protocol's samples, two or more, evenly over the ramp of the project's `dynamics`, the last one then held.
+def simulate_each_in_time(project: Project, cases: Mapping[str, Case], shapes: int = SNAPSHOTS) -> dict[str, Response]:
+    """The motion in each case, by name, as the project's `dynamics` say; see `schedule_of`. shapes: how many to keep.
 
     Raises
     ------
-    ParameterError
-        For a command that the robot cannot follow, or a robot without mass.
+    InputError
+        For what is no schedule, all cases at once; for a command that the robot cannot follow, or one without mass.
+    SimulationError
+        Where no motion was found, or a robot did not settle.
     """
-    dynamics, commands = project.dynamics, dict(protocol.commands)
-    times = np.linspace(0.0, dynamics.ramp, protocol.n_samples)
-    if dynamics.hold:
-        times = np.append(times, dynamics.ramp + dynamics.hold)
-        commands = {n: Command(c.control, np.append(c.values, c.values[-1])) for n, c in commands.items()}
-    return simulate_in_time(project.robot, Schedule(times, commands), dynamics.settings, snapshots=SNAPSHOTS)
+    schedules: dict[str, Schedule] = {}
+    faults: list[Fault] = []
+    for name, case in cases.items():
+        try:
+            schedules[name] = schedule_of(project, case)
+        except InputError as error:
+            faults.extend(error.faults)
+    if faults:
+        raise InputError(faults)
+    settings = project.dynamics.settings
+    return simulate_each(
+        {name: (case.robot, schedules[name]) for name, case in cases.items()},
+        lambda one: simulate_in_time(*one, settings, snapshots=shapes),
+    )
+
+
+def schedule_of(project: Project, case: Case) -> Schedule:
+    """A pull evenly over the `ramp` of the project's `dynamics`; an experiment by the times of its samples, from the
+    first on, and after a ramp where that one pulls already. The last commands are then held for its `hold`.
+
+    Raises
+    ------
+    InputError
+        For an experiment that drives nothing, or whose samples have no times that ascend.
+    """
+    dynamics = project.dynamics
+    if case.experiment:
+        schedule = _replayed(project, project.experiments[case.experiment])
+    else:
+        schedule = Schedule(np.linspace(0.0, dynamics.ramp, case.protocol.n_samples), case.protocol.commands)
+    if not dynamics.hold:
+        return schedule
+    times = np.append(schedule.times, schedule.times[-1] + dynamics.hold)
+    held = {n: Command(c.control, np.append(c.values, c.values[-1])) for n, c in schedule.commands.items()}
+    return Schedule(times, held)
+
+
+def _replayed(project: Project, experiment: Experiment) -> Schedule:
+    if not experiment.drives:
+        raise InputError(Fault("nothing is driven, so nothing moves", experiment.name, attempt="--pull"))
+    data = _timed(project, experiment)
+    times = data.values(TIME)
+    told = commands(replace(experiment, dataset=data), experiment.rig_values())
+    kept = np.diff(times, prepend=-np.inf) > 0.0  # of samples that share a time, the first
+    times = times[kept] - times[0]
+    values = {name: command.values[kept] for name, command in told.items()}
+    if any(own[0] != 0.0 for own in values.values()):
+        times = np.append(0.0, project.dynamics.ramp + times)
+        values = {name: np.append(0.0, own) for name, own in values.items()}
+    return Schedule(times, {name: Command(told[name].control, own) for name, own in values.items()})
+
+
+def _timed(project: Project, experiment: Experiment) -> Dataset:
+    """The samples that the twin is compared with where they have times, else all cycles that they were taken from.
+
+    Raises
+    ------
+    InputError
+        Where neither has times that ascend, or the cycles lack a correction that the samples have.
+    """
+    name, samples, cycles = experiment.name, experiment.dataset, project.cycles[experiment.name]
+    if _ascends(samples):
+        return samples
+    if cycles is None or not _ascends(cycles):
+        got = "times that fall" if TIME in samples.channels else "no column `time`"
+        allowed = "a column `time` in every file, and no step that takes the order of the samples away"
+        raise InputError(Fault("the samples have no times to move by", name, got, allowed, "--pull"))
+    later = [step.name for step in samples.provenance[len(cycles.provenance) :] if step.name in CORRECTIONS]
+    if later:
+        raise InputError(
+            Fault(
+                "the cycles that the samples were taken from lack a correction",
+                f"{name}, prepare",
+                ", ".join(later),
+                attempt="that step before select_cycles and take_branch",
+            )
+        )
+    return cycles
+
+
+def _ascends(data: Dataset) -> bool:
+    if TIME not in data.channels:
+        return False
+    steps = np.diff(data.values(TIME))
+    return bool((steps >= 0.0).all() and (steps > 0.0).any())

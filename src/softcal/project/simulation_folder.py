@@ -10,7 +10,7 @@ from softcal.calibration.outcome import installed_versions
 from softcal.calibration.result_files import response_file
 from softcal.project.cases import Case
 from softcal.project.engines import SOFA, SOFTCAL, engine_for
-from softcal.project.motion import simulate_pull_in_time
+from softcal.project.motion import simulate_each_in_time
 from softcal.project.output import new_folder, require_free_folder
 from softcal.project.project import Project
 from softcal.project.simulation import response_csv, simulate, simulate_each, twin_view
@@ -42,7 +42,7 @@ def simulate_to_folder(
     require_free_folder(folder)
     simulator = engine_for(engine, project.robot, project.engines)
     if in_time:
-        responses = simulate_each(cases, lambda case: simulate_pull_in_time(project, case.protocol))
+        responses = simulate_each_in_time(project, cases)
     else:
         responses = simulate_each(
             cases, lambda case: simulate(case.robot, case.protocol, snapshots=True, engine=simulator)

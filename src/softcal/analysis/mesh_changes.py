@@ -89,7 +89,7 @@ def _together(held: Sequence[Change]) -> Change:
     def mean(values: Sequence[float]) -> float:
         return math.sqrt(sum(c.n * value**2 for c, value in zip(held, values, strict=True)) / n)
 
-    shares, noises = [c.share for c in held], [c.noise for c in held]
+    shares, noises, orders = [c.share for c in held], [c.noise for c in held], [c.order for c in held]
     share = sum(c.n * c.magnitude**2 * (c.share or 0.0) for c in held) / size if size > 0.0 else None
     return replace(
         held[0],
@@ -100,7 +100,7 @@ def _together(held: Sequence[Change]) -> Change:
         residual=mean([c.residual for c in held]),
         magnitude=math.sqrt(size / n),
         n=n,
-        order=None,
+        order=None if None in orders else sum(order or 0.0 for order in orders) / len(orders),
     )
 
 

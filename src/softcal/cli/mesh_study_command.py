@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
     from softcal.analysis.mesh_changes import Change
     from softcal.analysis.mesh_study import Finer, MeshStudy, Observer
-    from softcal.calibration.result import Estimate
 
 
 @app.command("mesh-study")
@@ -65,7 +64,7 @@ def mesh_study(
         found = study(studied, element=element, halvings=halvings, max_unknowns=unknowns, progress=show)
     if studied.calibration:
         typer.echo(f"What the mesh contributes to the calibration '{studied.calibration}'")
-    print_table(_table(found))
+    _print_study(found)
     for one in found.finer:
         if one.failure:
             typer.echo(f"Not simulated, {one.name} ({one.what}): {one.failure}")
@@ -113,45 +112,71 @@ def _bars() -> Generator[Observer]:
         yield show
 
 
-def _table(found: MeshStudy) -> Table:
-    """A column for each discretisation: its size, what it changes, what would be found on it."""
+def _print_study(found: MeshStudy) -> None:
+    finer = [one for one in found.finer if not one.failure]
+    print_table(_sizes(found, finer))
+    if finer:
+        print_table(_changes(finer))
+        print_table(_parameters(found, finer))
+
+
+def _sizes(found: MeshStudy, finer: Sequence[Finer]) -> Table:
+    """A line for each discretisation: how large it is, and the loss at the values found and after the shifts."""
     from rich.table import Table
 
-    from softcal.cli.calibration_table import value_text
-    from softcal.units import format_quantity, readable_unit
-
-    finer = [one for one in found.finer if not one.failure]
-    table = Table("", "as it is", *(one.name for one in finer))
-    sizes = [found.size, *(one.size for one in finer)]
-    for what, key in (("tets", "tets"), ("elements of rods", "rod_elements"), ("unknowns", "unknowns")):
-        if getattr(found.size, key):
-            table.add_row(what, *("" if size is None else f"{getattr(size, key):,}" for size in sizes))
-    table.add_row("loss", f"{found.loss:.4g}", *(_number(one.loss) for one in finer))
-    table.add_row("loss after the shifts", "", *(_number(one.reachable) for one in finer))
-    table.add_section()
-    _add_changes(table, finer)
-    table.add_section()
-    for label, estimate in found.parameters.items():
-        unit = readable_unit(estimate.value, estimate.unit)
-        there = [format_quantity(one.values[label], estimate.unit, unit) for one in finer]
-        table.add_row(label.replace("[", r"\["), value_text(estimate), *there)
-        table.add_row("  shift", "", *(_shift(estimate, one, label) for one in finer))
+    keys = {"tets": "tets", "elements of rods": "rod_elements", "unknowns": "unknowns"}
+    shown = {what: key for what, key in keys.items() if getattr(found.size, key)}
+    table = Table("", *shown, "loss", "loss after shifts")
+    for name, size, loss, after in [
+        ("as it is", found.size, found.loss, None),
+        *((one.name, one.size, one.loss, one.reachable) for one in finer),
+    ]:
+        sizes = ("" if size is None else f"{getattr(size, key):,}" for key in shown.values())
+        table.add_row(name, *sizes, _number(loss, 4), _number(after, 4))
     return table
 
 
-def _add_changes(table: Table, finer: Sequence[Finer]) -> None:
-    """Lines for what happens to each channel, over all experiments, and how that stands beside noise and residual."""
+def _changes(finer: Sequence[Finer]) -> Table:
+    """A line for each channel and discretisation: the change over all experiments, beside residual and noise."""
+    from rich.table import Table
+
     from softcal.analysis.mesh_changes import pooled
 
-    changes = [pooled(one.changes) for one in finer]
-    for name in dict.fromkeys(name for held in changes for name in held):
-        own = [held[name] for held in changes]
-        table.add_row(f"{name}, change", "", *(_change(c) for c in own))
-        table.add_row("  over its RMSE", "", *(_number(c.rms / c.residual if c.residual else None) for c in own))
-        if any(c.noise for c in own):
-            table.add_row("  over its noise", "", *(_number(c.rms / c.noise if c.noise else None) for c in own))
-        if any(c.order for c in own):
-            table.add_row("  order", "", *("" if c.order is None else f"{c.order:.1f}" for c in own))
+    changes = {one.name: pooled(one.changes) for one in finer}
+    is_noisy = any(c.noise for held in changes.values() for c in held.values())
+    has_order = any(c.order for one in finer for c in one.changes)
+    heads = ["over its RMSE", *["over its noise"] * is_noisy, *["order"] * has_order]
+    table = Table("channel", "on", "change", *heads)
+    for name in dict.fromkeys(name for held in changes.values() for name in held):
+        for on, held in changes.items():
+            c = held[name]
+            told = [_number(c.rms / c.residual if c.residual else None)]
+            told += [_number(c.rms / c.noise if c.noise else None)] * is_noisy
+            told += [_number(c.order, 2)] * has_order
+            table.add_row(name, on, _change(c), *told)
+        table.add_section()
+    return table
+
+
+def _parameters(found: MeshStudy, finer: Sequence[Finer]) -> Table:
+    """Lines for each parameter: what was found, and what is expected on what is finer; of the rig, on the best."""
+    from rich.table import Table
+
+    from softcal.analysis.mesh_verdict import shift_text
+    from softcal.cli.calibration_table import value_text
+    from softcal.units import format_quantity, readable_unit
+
+    table = Table("parameter", "on", "value", "shift")
+    for label, estimate in found.parameters.items():
+        unit = readable_unit(estimate.value, estimate.unit)
+        table.add_row(label.replace("[", r"\["), "as it is", value_text(estimate), "")
+        for one in finer:
+            if label in found.of_robot or one.name == found.reference:
+                there = format_quantity(one.values[label], estimate.unit, unit)
+                bound = " (at a bound)" if label in one.at_bound else ""
+                table.add_row("", one.name, there + bound, shift_text(estimate, one.values[label]))
+        table.add_section()
+    return table
 
 
 def _change(change: Change) -> str:
@@ -162,11 +187,5 @@ def _change(change: Change) -> str:
     return format_quantity(change.rms, change.unit, digits=3)
 
 
-def _shift(estimate: Estimate, one: Finer, label: str) -> str:
-    from softcal.analysis.mesh_verdict import shift_text
-
-    return shift_text(estimate, one.values[label]) + (" at bound" if label in one.at_bound else "")
-
-
-def _number(value: float | None) -> str:
-    return "" if value is None else f"{value:.3g}"
+def _number(value: float | None, digits: int = 3) -> str:
+    return "" if value is None else f"{value:.{digits}g}"

@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from softcal.analysis.landscape import ProportionalTwin, loss_over, scales_with_modulus
+from softcal.analysis.mesh_study import MeshStudy
 from softcal.calibration.problem import Problem
 from softcal.calibration.result import CalibrationResult
 from softcal.project.calibration import JOINT, calibrated, make_problem
 from softcal.project.calibration_schema import CalibrationSection
 from softcal.project.comparing import compared
+from softcal.project.mesh_study import FOLDER, read_study
 from softcal.project.project import Project
 from softcal.project.run_folder import Run, load_run
 from softcal.project.settled import from_undeformed, settled_shapes
@@ -52,6 +54,7 @@ def report_content(run: Run) -> ReportContent:
     project = run.project
     headline = JOINT if JOINT in run.results else next(iter(run.results))
     settled = settled_shapes(project, run.results[headline])
+    mesh, mesh_note = _mesh_study(run)
     return ReportContent(
         project_name=project.name,
         results=run.results,
@@ -60,12 +63,24 @@ def report_content(run: Run) -> ReportContent:
         settled=settled,
         landscapes=_landscapes(project, run.results, run.settings),
         compared=compared(project, run.settings, run.results[headline]),
+        mesh_study=mesh,
+        mesh_note=mesh_note,
         print_infill=project.print_infill,
         headline=headline,
         versions=run.versions,
         hashes=run.hashes,
         created=run.created,
     )
+
+
+def _mesh_study(run: Run) -> tuple[MeshStudy | None, str]:
+    """The mesh study that lies in a run, if it is of the values there are now; else why it is not told."""
+    stored = read_study(run.folder / FOLDER)
+    if stored is None:
+        return None, ""
+    if stored.is_of(run.results):
+        return stored.study, f"Of the calibration '{stored.calibration}'." if len(run.results) > 1 else ""
+    return None, f"The mesh study in {FOLDER} is of other values than those found: take it away, and make it anew."
 
 
 def _shown(run: Run) -> list[str]:

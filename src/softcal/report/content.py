@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from softcal.analysis.mesh_study import MeshStudy
 from softcal.calibration.result import CalibrationResult
 from softcal.checks import Floats, Ints, frozen_floats, frozen_ints
 from softcal.errors import Fault, InputError
@@ -98,7 +99,8 @@ class ReportContent:
     what people read, and `CalibrationResult.experiments` says which experiments it was fitted to.
     experiments: name -> data. headline: label of the result to show first; "" takes "joint", else the first.
     landscapes: label of a calibration -> loss over two parameters; where absent, the trials are drawn.
-    compared: what the headline is compared with.
+    compared: what the headline is compared with. mesh_study: what the mesh contributes to one of the results; or
+    mesh_note says why one that there is is not told.
     settled: the shapes of the headline's calibration, where positions were compared.
     A simulated channel without a measured one (pitch where no IMU was used) belongs in `ExperimentFit.simulated`.
     """
@@ -110,6 +112,8 @@ class ReportContent:
     settled: SettledShapes | None = None
     landscapes: Mapping[str, Landscape] = field(default_factory=dict)
     compared: Compared | None = None
+    mesh_study: MeshStudy | None = None
+    mesh_note: str = ""
     print_infill: PrintInfill | None = None
     headline: str = ""
     versions: Mapping[str, str] = field(default_factory=dict)

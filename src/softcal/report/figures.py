@@ -21,7 +21,9 @@ from softcal.report.wording import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Section = Literal["overview", "twin", "bench", "fit", "search", "history", "parameters", "plausible", "compared"]
+Section = Literal[
+    "overview", "twin", "bench", "fit", "search", "history", "parameters", "plausible", "compared", "mesh"
+]
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,7 @@ def report_pictures(content: ReportContent) -> list[Picture]:
         *_fits(content),
         *_searches(content),
         *_estimates(content),
+        *_mesh(content),
     ]
 
 
@@ -249,3 +252,15 @@ def _estimates(content: ReportContent) -> Iterator[Picture]:
                 f"{low} and {high} MPa (green); solid material lies further right (grey)."
             )
             yield _picture(figure, "plausible-modulus", "plausible", caption)
+
+
+def _mesh(content: ReportContent) -> Iterator[Picture]:
+    from softcal.report.chart_mesh import draw_mesh_study
+
+    figure = None if content.mesh_study is None else draw_mesh_study(content.mesh_study)
+    if figure is not None:
+        caption = (
+            "What noise leaves open (blue: 95 % interval) and what the mesh adds (red: to what would be found on the "
+            "best of the finer ones); open markers: each of them."
+        )
+        yield _picture(figure, "mesh-study", "mesh", caption)

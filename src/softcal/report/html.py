@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from softcal.analysis.mesh_verdict import mesh_verdicts
 from softcal.calibration.result import CalibrationResult
 from softcal.report.comparison import improvements
 from softcal.report.content import ReportContent
@@ -71,6 +72,7 @@ def render_page(content: ReportContent, pictures: Sequence[Picture], tables: Map
         result_label=result_label,
         fits_table_1=_fits_table_1(content),
         is_sweep=content.headline_result.is_sweep,
+        mesh_verdicts=() if content.mesh_study is None else mesh_verdicts(content.mesh_study),
     )
 
 

@@ -1,0 +1,67 @@
+"""The numbers of a mesh study as tables of a report."""
+
+from __future__ import annotations
+
+from softcal.analysis.mesh_changes import pooled
+from softcal.analysis.mesh_study import MeshStudy
+from softcal.analysis.mesh_verdict import shift_text
+from softcal.report.content import ReportContent
+from softcal.report.tables import Cell, Column, Table
+from softcal.report.wording import estimate_scale, estimate_text, number, scale_of
+
+
+def mesh_tables(content: ReportContent) -> tuple[Table, Table]:
+    """What each discretisation would find, and what it changes in each channel; empty without a study."""
+    study = content.mesh_study
+    return (_parameters(study), _changes(study))
+
+
+def _parameters(study: MeshStudy | None) -> Table:
+    rows: list[tuple[Cell, ...]] = []
+    for label, estimate in study.parameters.items() if study is not None else ():
+        scale = estimate_scale(estimate)
+        for one in study.finer if study is not None else ():
+            if one.failure:
+                continue
+            there = f"{number(one.values[label] / scale.factor, 4)} {scale.unit}".rstrip()
+            unknowns = None if one.size is None else one.size.unknowns
+            told = [estimate_text(estimate), one.name, unknowns, there, shift_text(estimate, one.values[label])]
+            rows.append((label, *told, "yes" if label in one.at_bound else "no"))
+    heads = ("Parameter", "Found", "Discretisation", "Unknowns", "Expected on it", "Shift", "At a bound there")
+    note = (
+        "h/2: every element halved, h/4: halved twice; limit: extrapolated from both to elements of no size; s.e.: "
+        "standard errors of the noise. The shifts are first order, by the exact derivatives on the finer mesh."
+    )
+    return Table(
+        "mesh-study", "What would be found on finer meshes", tuple(Column(h) for h in heads), tuple(rows), note
+    )
+
+
+def _changes(study: MeshStudy | None) -> Table:
+    rows: list[tuple[Cell, ...]] = []
+    for one in study.finer if study is not None else ():
+        for name, change in pooled(one.changes).items():
+            scale = scale_of(change.unit)
+            rows.append(
+                (
+                    one.name,
+                    name,
+                    f"{number(change.rms / scale.factor)} {scale.unit}".rstrip(),
+                    None if change.share is None else 100 * change.share,
+                    change.rms / change.residual if change.residual else None,
+                    change.rms / change.noise if change.noise else None,
+                    change.order,
+                )
+            )
+        if one.failure:
+            rows.append((one.name, f"not simulated: {one.failure}", None, None, None, None, None))
+    columns = (
+        Column("Discretisation"),
+        Column("Channel"),
+        Column("Change, RMS"),
+        Column("of the channel", "%", 2),
+        Column("over its RMSE"),
+        Column("over its noise"),
+        Column("Order", digits=2),
+    )
+    return Table("mesh-study-channels", "What finer meshes change at the values found", columns, tuple(rows))

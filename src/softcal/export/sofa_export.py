@@ -130,6 +130,8 @@ A SOFA scene written by softcal: SofaPython3 and SoftRobots, SOFA v23.12 to v26.
 
 {schedule}. Keys (with Ctrl in runSofa's window): a digit chooses a cable
 ({keys}), + and - pull and release it, P prints where the robot is.
+Among runSofa's display flags, Visual Models are the surfaces, Interaction Force Fields the cables, and Force Fields,
+hidden at first, the tets and beams. Without Sofa.GL there are no surfaces.
 
 Without a window, the robot with slack cables and then every row of the schedule run to rest, into `response.csv`:
 

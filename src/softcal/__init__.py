@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from softcal.project.calibration import Calibrations as Calibrations
     from softcal.project.calibration import calibrate as calibrate
     from softcal.project.checking import check as check
+    from softcal.project.mesh_study import mesh_study as mesh_study
     from softcal.project.project import Project as Project
     from softcal.project.project import load as load
     from softcal.project.reporting import write_report as write_report
@@ -101,6 +102,7 @@ _HOMES = {
     "load": "softcal.project.project",
     "load_run": "softcal.project.run_folder",
     "manipulator": "softcal.twin.manipulator",
+    "mesh_study": "softcal.project.mesh_study",
     "pull": "softcal.project.simulation",
     "ramp": "softcal.twin.schedule",
     "simulate": "softcal.project.simulation",
@@ -150,6 +152,7 @@ __all__ = [
     "load",
     "load_run",
     "manipulator",
+    "mesh_study",
     "pull",
     "ramp",
     "simulate",

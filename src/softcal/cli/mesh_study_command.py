@@ -52,7 +52,8 @@ def mesh_study(
     No mesher is needed: every tet is cut in eight, linear tets are made quadratic, elements of rods are halved.
     """
     from softcal.analysis.mesh_verdict import mesh_verdicts
-    from softcal.project.mesh_study import default_folder, study, study_source, write_study
+    from softcal.project.mesh_study import default_folder, study, study_source
+    from softcal.project.mesh_study_files import write_study
     from softcal.project.output import require_free_folder
 
     folder = out if out is not None else default_folder(source)
@@ -73,7 +74,7 @@ def mesh_study(
     for verdict in mesh_verdicts(found):
         typer.echo(verdict.text)
     if folder is not None:
-        write_study(found, studied, folder)
+        write_study(found, studied.project, studied.calibration, folder)
         typer.echo(f"Wrote {folder}")
         if folder == default_folder(source):
             typer.echo(f"Into the report with: softcal report {source}")

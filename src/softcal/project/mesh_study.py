@@ -1,33 +1,24 @@
-"""A calibrated run, or a project at its parameters, studied for what the mesh contributes; the study as files."""
+"""A calibrated run, or a project at its parameters, studied for what the mesh contributes."""
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from softcal.analysis.mesh_changes import Change
-from softcal.analysis.mesh_study import UNKNOWNS, Finer, MeshStudy, Observer, mesh_study
-from softcal.analysis.mesh_verdict import mesh_verdicts
-from softcal.calibration.outcome import installed_versions
+from softcal.analysis.mesh_study import UNKNOWNS, MeshStudy, Observer
+from softcal.analysis.mesh_study import mesh_study as study_problem
 from softcal.calibration.problem import Problem
-from softcal.calibration.result import CalibrationResult, Estimate
-from softcal.calibration.store import write_text
 from softcal.errors import Fault, InputError, ParameterError, StorageError
 from softcal.project.calibration import JOINT, make_problem
-from softcal.project.output import new_folder
+from softcal.project.mesh_study_files import FOLDER, write_study
+from softcal.project.output import require_free_folder
 from softcal.project.project import Project, load
 from softcal.project.run_folder import PROJECT, RECORD, Run, load_run
-from softcal.twin.finer import ELEMENT_RANK, Size
+from softcal.twin.finer import ELEMENT_RANK
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.robot import ElementKind
 
-FOLDER, STUDY, PARAMETERS, CHANGES = "mesh-study", "mesh-study.json", "parameters.csv", "changes.csv"
-FORMAT = 1
 MOST_HALVINGS = 3
 
 
@@ -49,6 +40,8 @@ def study_source(path: Path, values: Mapping[str, str] | None = None, calibratio
     InputError
         For what is neither, a calibration that the run does not have or a sweep, values for a run, or a project with
         nothing measured or free.
+    StorageError
+        For a folder that holds no run.
     """
     if path.is_dir():
         if (path / PROJECT).is_file() and not (path / RECORD).is_file():
@@ -96,98 +89,62 @@ def study(
         faults.append(Fault("nothing finer is asked for", "--halvings", got, attempt="--halvings 1"))
     if faults or kind is None:
         raise InputError(faults)
-    return mesh_study(
+    return study_problem(
         source.problem, source.theta, element=kind, halvings=halvings, max_unknowns=max_unknowns, progress=progress
     )
+
+
+def mesh_study(
+    path: str | Path,
+    *,
+    calibration: str = "",
+    values: Mapping[str, str] | None = None,
+    element: str = "P2P1",
+    halvings: int = 2,
+    max_unknowns: int = UNKNOWNS,
+    out: str | Path | None = None,
+    progress: Observer | None = None,
+) -> MeshStudy:
+    """What the mesh contributes to what a run found, or to a project's twin at its present parameters.
+
+    Parameters
+    ----------
+    path
+        A run folder, or a project file.
+    calibration
+        Of a run: which; the joint one by default, else the first.
+    values
+        Of a project: parameters to hold, such as `{"neck.poissons_ratio": "0.45"}`.
+    element
+        What bodies of lower elements are raised to.
+    halvings
+        How often elements are halved.
+    max_unknowns
+        Discretisations with more are left out, and say so.
+    out
+        A new folder for the study as JSON and CSV; a run's report tells the one in its `mesh-study`.
+    progress
+        Told of every discretisation and trajectory.
+
+    Raises
+    ------
+    InputError
+        For what cannot be studied, an option that makes no sense, or a folder that holds files.
+    SimulationError
+        Where the twin cannot be simulated as it is.
+    """
+    if out is not None:
+        require_free_folder(Path(out))
+    source = study_source(Path(path), values, calibration)
+    found = study(source, element=element, halvings=halvings, max_unknowns=max_unknowns, progress=progress)
+    if out is not None:
+        write_study(found, source.project, source.calibration, Path(out))
+    return found
 
 
 def default_folder(path: Path) -> Path | None:
     """Where the study of a run goes if nobody says: into the run. That of a project is printed only."""
     return path / FOLDER if path.is_dir() else None
-
-
-def write_study(found: MeshStudy, source: StudySource, folder: Path) -> None:
-    """Write the study (`mesh-study.json`) and its tables (`parameters.csv`, `changes.csv`) into a new folder.
-
-    Raises
-    ------
-    StorageError
-        Where the folder holds files, or cannot be written; nothing is then left behind.
-    """
-    record = {
-        "format": FORMAT,
-        "project": source.project.name,
-        "calibration": source.calibration,
-        "verdicts": [one.text for one in mesh_verdicts(found)],
-        "study": asdict(found),
-        "hashes": dict(source.project.hashes),
-        "versions": installed_versions(),
-    }
-    with new_folder(folder) as part:
-        write_text(part / PARAMETERS, parameters_csv(found))
-        write_text(part / CHANGES, changes_csv(found))
-        write_text(part / STUDY, json.dumps(record, indent=2, allow_nan=False) + "\n")
-
-
-@dataclass(frozen=True)
-class StoredStudy:
-    """A study read back, and the calibration that it is of, "" for a project's."""
-
-    study: MeshStudy
-    calibration: str
-
-    def is_of(self, results: Mapping[str, CalibrationResult]) -> bool:
-        """Whether the run still has the values that were studied."""
-        result = results.get(self.calibration)
-        found = {label: e.value for label, e in self.study.parameters.items()}
-        return result is not None and found == {label: e.value for label, e in result.parameters.items()}
-
-
-def read_study(folder: Path) -> StoredStudy | None:
-    """The study in a folder, or None where there is none.
-
-    Raises
-    ------
-    StorageError
-        Where it cannot be read.
-    """
-    path = folder / STUDY
-    if not path.is_file():
-        return None
-    try:
-        record = json.loads(path.read_text(encoding="utf-8"))
-        if record["format"] != FORMAT:
-            raise StorageError(Fault("the study is of another format", str(path), str(record["format"]), str(FORMAT)))
-        return StoredStudy(_study(record["study"]), record["calibration"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise StorageError(Fault("the mesh study cannot be read", str(path), str(error))) from error
-
-
-def parameters_csv(found: MeshStudy) -> str:
-    """A row for every discretisation and parameter: what was found, its standard error, what is expected there [SI]."""
-    header = ["discretisation", "unknowns", "parameter", "unit", "found", "standard_error", "expected", "shift"]
-    rows: list[list[object]] = [[*header, "shift over standard error [1]", "at_bound", "status"]]
-    for one in found.finer:
-        first = [one.name, "" if one.size is None else one.size.unknowns]
-        if one.failure:
-            rows.append([*first, *[""] * 8, one.failure])
-        for label, value in one.values.items():
-            estimate = found.parameters[label]
-            shift, error = value - estimate.value, estimate.standard_error
-            told = [label, estimate.unit, estimate.value, "" if error is None else error, value, shift]
-            rows.append([*first, *told, shift / error if error else "", label in one.at_bound, "simulated"])
-    return _csv(rows)
-
-
-def changes_csv(found: MeshStudy) -> str:
-    """A row for every discretisation, experiment and channel: how much it changes, beside noise and residual [SI]."""
-    header = ["discretisation", "experiment", "of", "unit", "RMS change", "relative [1]", "noise sd", "RMSE of the fit"]
-    rows: list[list[object]] = [[*header, "n [1]", "order [1]"]]
-    for one in found.finer:
-        for c in one.changes:
-            numbers = [c.rms, c.share, c.noise, c.residual, c.n, c.order]
-            rows.append([one.name, c.experiment, c.name, c.unit, *("" if x is None else x for x in numbers)])
-    return _csv(rows)
 
 
 def _of_run(run: Run, calibration: str) -> StudySource:
@@ -228,32 +185,3 @@ def _rig(problem: Problem) -> dict[str, float]:
 
 def _has_lower(problem: Problem, element: ElementKind) -> bool:
     return any(ELEMENT_RANK[body.element] < ELEMENT_RANK[element] for body in problem.robot.bodies)
-
-
-def _study(data: dict[str, Any]) -> MeshStudy:
-    return MeshStudy(
-        parameters={label: Estimate(**one) for label, one in data["parameters"].items()},
-        of_robot=tuple(data["of_robot"]),
-        loss=data["loss"],
-        loss_name=data["loss_name"],
-        elements=tuple(data["elements"]),
-        element=data["element"],
-        size=Size(**data["size"]),
-        finer=tuple(_finer(one) for one in data["finer"]),
-        reference=data["reference"],
-        notes=tuple(data["notes"]),
-    )
-
-
-def _finer(data: dict[str, Any]) -> Finer:
-    held: dict[str, Any] = dict(data)
-    held["size"] = None if data["size"] is None else Size(**data["size"])
-    held["changes"] = tuple(Change(**change) for change in data["changes"])
-    held["at_bound"] = tuple(data["at_bound"])
-    return Finer(**held)
-
-
-def _csv(rows: list[list[object]]) -> str:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    return text.getvalue()

@@ -15,7 +15,7 @@ from softcal.calibration.result import CalibrationResult
 from softcal.project.calibration import JOINT, calibrated, make_problem
 from softcal.project.calibration_schema import CalibrationSection
 from softcal.project.comparing import compared
-from softcal.project.mesh_study import FOLDER, read_study
+from softcal.project.mesh_study_files import FOLDER, read_study
 from softcal.project.project import Project
 from softcal.project.run_folder import Run, load_run
 from softcal.project.settled import from_undeformed, settled_shapes

@@ -31,6 +31,7 @@ from softcal.export.crosscheck import (
 )
 from softcal.export.sofa_engine import SofaSettings
 from softcal.export.way import Way, way_to
+from softcal.project import cases
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Robot
@@ -167,10 +168,16 @@ def test_what_calculix_cannot_be_given_is_a_reason():
     assert not found.failed
 
 
-def test_a_robot_that_nothing_moves_is_no_comparison(monkeypatch):
-    monkeypatch.setitem(ENGINES, "same", softer(1.0))
-    found = crosscheck(ROBOT, Protocol({}), ["same"])
-    assert "nothing moves the robot" in found.failed["same"]
+def test_a_robot_that_nothing_moves_is_no_comparison_and_no_failure(monkeypatch):
+    def fail(*given):
+        raise AssertionError
+
+    monkeypatch.setitem(ENGINES, "same", replace(softer(1.0), solve=fail))
+    monkeypatch.setitem(ENGINES, "absent", replace(softer(1.0), missing=lambda: "get it at the shop"))
+    found = crosscheck(ROBOT, Protocol({}), ["same", "absent"])
+    assert found.still == ("same",)
+    assert (found.comparisons, found.failed) == ((), {})
+    assert found.absent == {"absent": "get it at the shop"}
 
 
 def test_the_furthest_state_is_where_the_cables_are_pulled_most():
@@ -273,6 +280,41 @@ def test_an_absent_engine_is_named_with_how_to_get_it(tmp_path, monkeypatch):
     assert done.exit_code == 1
     assert "apt-get install calculix-ccx" in done.output
     assert "conda install -c sofa-framework sofa-softrobots" in done.output
+
+
+@pytest.fixture
+def given(tmp_path, monkeypatch):
+    """The command on a project with these states."""
+
+    def run(protocols, factor=1.0):
+        monkeypatch.setitem(ENGINES, "calculix", softer(factor, "bar.youngs_modulus", 2e6))
+        monkeypatch.setattr(
+            cases, "cases", lambda project, pulls: {name: cases.Case(project.robot, p) for name, p in protocols.items()}
+        )
+        project, out = write_project(tmp_path), tmp_path / "out"
+        done = CliRunner().invoke(app, ["crosscheck", str(project), "--engines", "calculix", "--out", str(out)])
+        return done, out
+
+    return run
+
+
+def test_states_in_which_nothing_moves_are_a_fault_of_the_user(given):
+    done, out = given({"idle": Protocol({}), "slack": pulled(0.0)})
+    assert done.exit_code == 2, done.output
+    assert "nothing moves the robot, so there is nothing to compare" in done.output
+    assert "--pull CABLE=VALUE" in done.output
+    assert "failed" not in done.output
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(("factor", "code"), [(1.0, 0), (0.9, 1)])
+def test_a_state_in_which_nothing_moves_leaves_the_verdict_to_the_others(given, factor, code):
+    done, out = given({"idle": Protocol({}), "pull": pulled(0.003)}, factor)
+    assert done.exit_code == code, done.output
+    assert "idle: nothing moves the robot, so there is nothing to compare." in done.output
+    states = json.loads((out / "crosscheck.json").read_text())["states"]
+    assert states["idle"] == {"calculix": {"still": "nothing moves the robot, so there is nothing to compare"}}
+    assert states["pull"]["calculix"]["agrees"] == (code == 0)
 
 
 def test_a_folder_that_holds_files_is_refused_before_any_engine_works(tmp_path, monkeypatch):

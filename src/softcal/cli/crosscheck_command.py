@@ -49,7 +49,8 @@ def crosscheck(
 ) -> None:
     """Compare engines: the same robot, mesh and loads in each one that is installed, and whether they agree.
 
-    Ends with 0 where all that could be compared agree, and 1 where one differs or fails, or none could be compared.
+    Ends with 0 where all that could be compared agree, 1 where one differs or fails, or none could be compared, and 2
+    where nothing moves the robot.
     """
     from softcal.project.cases import cases
     from softcal.project.crosschecking import crosscheck_project, write_crosscheck
@@ -86,6 +87,8 @@ def _clock() -> Generator[Callable[[str, str], None]]:
 
 
 def _print_crosscheck(found: dict[str, Crosscheck]) -> None:
+    from softcal.project.crosschecking import NOTHING_MOVES
+
     absent: dict[str, str] = {}
     refused: dict[str, str] = {}
     for state, result in found.items():
@@ -95,6 +98,8 @@ def _print_crosscheck(found: dict[str, Crosscheck]) -> None:
             for change in comparison.changed:
                 typer.echo(f"For {comparison.engine}, and softcal beside it: {change}")
             typer.echo(f"{state or AT_REST}: {comparison.verdict}.\n")
+        if result.still:
+            typer.echo(f"{state or AT_REST}: {NOTHING_MOVES}.\n")
         for name, why in result.failed.items():
             typer.echo(f"{state or AT_REST}: {name} failed: {why}", err=True)
         absent |= result.absent

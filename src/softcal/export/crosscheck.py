@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from softcal.calibration.problem import SOFTCAL
 from softcal.checks import Floats
-from softcal.errors import Fault, InputError, ParameterError, SimulationError
+from softcal.errors import Fault, InputError, SimulationError
 from softcal.export.calculix import calculix_deck, deck_faults, in_its_law
 from softcal.export.calculix_run import HOW_TO_GET, TIMEOUT, find_calculix, run_calculix
 from softcal.export.sofa_engine import SofaSettings, sofa_engine
@@ -114,12 +114,15 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Crosscheck:
-    """Comparisons by engine; why engines are absent, cannot have the robot, or failed."""
+    """Comparisons by engine; why engines are absent, cannot have the robot, or failed; still: the engines that could
+    have been asked, but nothing moves the robot, so that there is nothing to compare.
+    """
 
     comparisons: tuple[Comparison, ...]
     absent: Mapping[str, str] = field(default_factory=dict)
     refused: Mapping[str, str] = field(default_factory=dict)
     failed: Mapping[str, str] = field(default_factory=dict)
+    still: tuple[str, ...] = ()
 
     @property
     def agrees(self) -> bool:
@@ -145,6 +148,7 @@ def crosscheck(
     absent: dict[str, str] = {}
     refused: dict[str, str] = {}
     failed: dict[str, str] = {}
+    still: list[str] = []
     for name in engines:
         if name == SOFTCAL:
             continue
@@ -161,13 +165,15 @@ def crosscheck(
             own = engine.own(robot)
             response = simulate(own, end, snapshots=True, curve_tolerance=0.0)
             ours = _of_response(response)
-            _require_motion(own, ours)
+            if _is_still(own, ours):
+                still.append(name)
+                continue
             theirs = engine.solve(own, end, response.snapshots[-1], running or Running())
         except (InputError, SimulationError) as error:
             failed[name] = str(error)
             continue
         comparisons.append(Comparison(name, tuple(_differences(own, ours, theirs)), tuple(_changes(robot, own))))
-    return Crosscheck(tuple(comparisons), absent, refused, failed)
+    return Crosscheck(tuple(comparisons), absent, refused, failed, tuple(still))
 
 
 def furthest_state(protocol: Protocol) -> Protocol:
@@ -199,9 +205,8 @@ def _moved(robot: Robot, outcome: Outcome) -> dict[str, Floats]:
     return {name: x - rest[name] for name, x in outcome.points.items()}
 
 
-def _require_motion(robot: Robot, ours: Outcome) -> None:
-    if all(np.abs(u).max() < STILL for u in _moved(robot, ours).values()):
-        raise ParameterError(Fault("nothing moves the robot, so engines cannot differ", attempt="--pull CABLE=VALUE"))
+def _is_still(robot: Robot, ours: Outcome) -> bool:
+    return all(np.abs(u).max() < STILL for u in _moved(robot, ours).values())
 
 
 def _differences(robot: Robot, ours: Outcome, theirs: Outcome) -> list[Difference]:

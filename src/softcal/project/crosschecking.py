@@ -17,6 +17,7 @@ from softcal.project.output import new_folder
 from softcal.project.project import Project
 
 TABLE, RECORD = "differences.csv", "crosscheck.json"
+NOTHING_MOVES = "nothing moves the robot, so there is nothing to compare"
 
 
 def crosscheck_project(
@@ -34,7 +35,8 @@ def crosscheck_project(
     Raises
     ------
     InputError
-        For an engine that does not exist, or none but softcal itself, or a timeout that is none.
+        For an engine that does not exist, or none but softcal itself, or a timeout that is none; where nothing moves
+        the robot in any state that an engine could be asked for.
     """
     known = [SOFTCAL, *ENGINES]
     chosen = list(dict.fromkeys(engines)) or known
@@ -62,7 +64,11 @@ def crosscheck_project(
             case.robot, case.protocol, chosen, running=running, progress=lambda engine: progress(name, engine)
         )
 
-    return {name: one(name, case) for name, case in cases.items()}
+    found = {name: one(name, case) for name, case in cases.items()}
+    asked = [result for result in found.values() if result.comparisons or result.failed or result.still]
+    if asked and all(result.still and not result.failed for result in asked):
+        raise InputError(Fault(NOTHING_MOVES, attempt="--pull CABLE=VALUE"))
+    return found
 
 
 def write_crosscheck(project: Project, found: Mapping[str, Crosscheck], folder: Path) -> None:
@@ -103,4 +109,6 @@ def _told(result: Crosscheck) -> dict[str, object]:
     }
     failed = {engine: {"failed": why} for engine, why in result.failed.items()}
     refused = {engine: {"refused": why} for engine, why in result.refused.items()}
-    return {**compared, **failed, **refused, **{engine: {"absent": why} for engine, why in result.absent.items()}}
+    absent = {engine: {"absent": why} for engine, why in result.absent.items()}
+    still = {engine: {"still": NOTHING_MOVES} for engine in result.still}
+    return {**compared, **failed, **refused, **absent, **still}

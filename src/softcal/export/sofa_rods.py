@@ -24,6 +24,7 @@ from softcal.twin.robot import Rod
 
 SEGMENTS = 3  # beams of the scene for each of softcal's elements
 SAME_MASS = 1e-9  # of each other: nodes whose masses agree to this share a component
+SAME_KIND = 1e-10  # of the largest entry: elements whose flexibilities agree to this share them
 FLEXIBILITY_OF = (0.0, 1.0)  # two of Poisson's ratios: the flexibility is linear in it
 
 
@@ -40,19 +41,21 @@ def linear_rod(rod: Rod, still: Collection[str]) -> Rod:
 def rod_parameters(rod: Rod, density: float) -> dict[str, Any]:
     """What parameters.json holds of a rod, cut finer: its nodes, what holds them, and the flexibility of its elements.
 
-    by_bending, by_shear: of every element (6, 6), so that (by_bending + (1 + nu) by_shear) / E is how its later end
-    moves and turns against the earlier one per force and moment at the later one, all in axes of space at rest.
+    flexibilities: of every kind of element by_bending and by_shear (6, 6), so that (by_bending + (1 + nu) by_shear) / E
+    is how its later end moves and turns against the earlier one per force and moment at the later one, in the axes of
+    the section at its earlier end. kinds: the kind of every element; axes: those axes at rest, as quaternions.
     """
     rod = finer(rod, SEGMENTS)
-    bending, shear = _flexibilities(rod)
+    flexibilities, kinds = _flexibilities(rod)
     return {
         "segments": SEGMENTS,
         "nodes": rod.centreline.nodes.tolist(),
         "youngs_modulus": rod.parameters["youngs_modulus"],
         "poissons_ratio": rod.parameters["poissons_ratio"],
         "radius": 0.5 * rod.section.outer_diameter,
-        "by_bending": bending.tolist(),
-        "by_shear": shear.tolist(),
+        "flexibilities": flexibilities,
+        "kinds": kinds,
+        "axes": Rotation.from_matrix(rod.centreline.triads[:-1]).as_quat().tolist(),
         "fixed": rod.fixed.tolist(),
         "plates": {name: nodes.tolist() for name, nodes in rod.clamped.items()},
         "masses": _masses(rod, density),
@@ -121,13 +124,30 @@ def _on_own_nodes(rod: Rod) -> RodTerm:
     return build_rod(rod.name, rod.section, rod.centreline, np.arange(len(nodes)), nodes)
 
 
-def _flexibilities(rod: Rod) -> tuple[Floats, Floats]:
+def _flexibilities(rod: Rod) -> tuple[list[dict[str, Any]], list[int]]:
+    """Of every kind of element, and the kind of each: a helix's elements are all of one."""
     nodes, term = np.array(rod.centreline.nodes), _on_own_nodes(rod)
     axes = np.tile(np.eye(3), (len(nodes), 1, 1))
     found: list[Floats] = []
     for ratio in FLEXIBILITY_OF:
-        tangent = term.assemble(nodes, axes, {"youngs_modulus": 1.0, "poissons_ratio": ratio}).tangent
-        assert tangent is not None  # noqa: S101
+        tangent = term.tangent(nodes, axes, {"youngs_modulus": 1.0, "poissons_ratio": ratio})
         found.append(np.asarray(np.linalg.inv(tangent[:, 6:, 6:]), dtype=np.float64))
-    shear = found[1] - found[0]
-    return found[0] - shear, shear
+    turn = np.kron(np.eye(2), rod.centreline.triads[:-1])
+    shear = np.swapaxes(turn, 1, 2) @ (found[1] - found[0]) @ turn
+    bending = np.swapaxes(turn, 1, 2) @ found[0] @ turn - shear
+    length = np.repeat([1.0, float(rod.centreline.lengths.mean())], 3)  # moments and turns as forces and ways
+    firsts, kinds = _alike(np.stack([bending, shear], axis=1) * length[:, None] * length)
+    return [{"by_bending": bending[i].tolist(), "by_shear": shear[i].tolist()} for i in firsts], kinds
+
+
+def _alike(values: Floats) -> tuple[list[int], list[int]]:
+    """The first of every kind of values (n, ...) of one unit, and the kind of each."""
+    apart = SAME_KIND * float(np.abs(values).max())
+    firsts: list[int] = []
+    kinds: list[int] = []
+    for one in values:
+        kind = next((k for k, i in enumerate(firsts) if np.abs(values[i] - one).max() <= apart), len(firsts))
+        if kind == len(firsts):
+            firsts.append(len(kinds))
+        kinds.append(kind)
+    return firsts, kinds

@@ -113,10 +113,20 @@ class RodTerm:
         xi, turn = self._coordinates(position, rotation)
         deviation = xi - self.xi_rest
         conjugate = _times(S, deviation)
-        gradient, hessian = self._derivatives(position, rotation, conjugate, S if tangent and carried is None else None)
-        if tangent and carried is not None:
-            _, hessian = self._derivatives(position, rotation, carried, S)
+        hessian: Floats | None = None
+        if tangent and carried is None:
+            gradient, hessian = self._derivatives(position, rotation, conjugate, S)
+        else:
+            gradient = self._gradient(position, rotation, conjugate)
+            if tangent and carried is not None:
+                _, hessian = self._derivatives(position, rotation, carried, S)
         return RodForces(0.5 * float(np.sum(conjugate * deviation)), gradient, hessian, float(turn.max()))
+
+    def tangent(self, position: Floats, rotation: Floats, theta: Mapping[str, float]) -> Floats:
+        """The exact symmetric tangent alone (n, 12, 12), as `assemble` has it."""
+        S = self._stiffness(theta)
+        xi, _ = self._coordinates(position, rotation)
+        return self._derivatives(position, rotation, _times(S, xi - self.xi_rest), S)[1]
 
     def predicted(self, position: Floats, rotation: Floats, theta: Mapping[str, float], increments: Floats) -> Floats:
         """Section forces (n, 6), linear in increments (n, 12) of each element from the given poses, for `assemble` at
@@ -143,8 +153,8 @@ class RodTerm:
         by_E = _times(S, xi - self.xi_rest) / E
         by_nu = -_times(S, _times(self.by_shear, by_E))
         return {
-            "youngs_modulus": self._derivatives(position, rotation, by_E, None)[0],
-            "poissons_ratio": self._derivatives(position, rotation, by_nu, None)[0],
+            "youngs_modulus": self._gradient(position, rotation, by_E),
+            "poissons_ratio": self._gradient(position, rotation, by_nu),
         }
 
     def turn(self, position: Floats, rotation: Floats) -> Floats:
@@ -170,25 +180,19 @@ class RodTerm:
         rod_kernels.coordinates(position, rotation, self.frames, self.arm, self.triad, xi, turn)
         return xi, turn
 
-    def _derivatives(
-        self, position: Floats, rotation: Floats, conjugate: Floats, S: Floats | None
-    ) -> tuple[Floats, Floats | None]:
+    def _gradient(self, position: Floats, rotation: Floats, conjugate: Floats) -> Floats:
+        gradient = np.empty((len(self.frames), 12))
+        ends = (position, rotation, self.frames, self.arm, self.triad)
+        rod_kernels.derivatives(*ends, conjugate, self.by_bending, False, gradient, np.empty((0, 12, 12)))
+        return gradient
+
+    def _derivatives(self, position: Floats, rotation: Floats, conjugate: Floats, S: Floats) -> tuple[Floats, Floats]:
+        """Gradient and tangent."""
         n = len(self.frames)
-        gradient = np.empty((n, 12))
-        tangent = np.empty((n if S is not None else 0, 12, 12))
-        rod_kernels.derivatives(
-            position,
-            rotation,
-            self.frames,
-            self.arm,
-            self.triad,
-            conjugate,
-            self.by_bending if S is None else S,
-            S is not None,
-            gradient,
-            tangent,
-        )
-        return gradient, None if S is None else tangent
+        gradient, tangent = np.empty((n, 12)), np.empty((n, 12, 12))
+        ends = (position, rotation, self.frames, self.arm, self.triad)
+        rod_kernels.derivatives(*ends, conjugate, S, True, gradient, tangent)
+        return gradient, tangent
 
 
 def build_rod(

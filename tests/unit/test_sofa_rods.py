@@ -11,7 +11,7 @@ from sofa_case import recorded, scene_modules, use_fake
 
 from softcal.export.sofa_export import write_sofa
 from softcal.export.sofa_robot import linear_robot
-from softcal.export.sofa_rods import SEGMENTS, finer, linear_rod, node_volumes
+from softcal.export.sofa_rods import SEGMENTS, finer, linear_rod, node_volumes, rod_parameters
 from softcal.export.sofa_scene import ASSUMED_DENSITY, scene_parameters
 from softcal.geometry.centreline import Centreline, helix, straight
 from softcal.geometry.section import circular, rectangular
@@ -193,3 +193,28 @@ def test_parameters_and_readme_of_a_robot_of_rods(tmp_path):
     rod = scene_parameters(linear_robot(robot), tensed(0.1, cable="pull"))["rods"]["wire"]
     assert rod["segments"] == SEGMENTS
     assert rod["plates"] == {"head": list(range(SEGMENTS * (N - 1), SEGMENTS * N + 1))}
+
+
+@pytest.mark.parametrize("line", [straight((0, 0, 0), (0.03, 0.05, 0.1), 5), coil(N)])
+def test_elements_that_are_alike_share_one_flexibility(line):
+    rod = Rod("rod", line, circular(0.004), elastic(1e9, 0.4), fixed=[0])
+    written = rod_parameters(rod, 1000.0)
+    assert len(written["flexibilities"]) == 1
+    assert written["kinds"] == [0] * (len(written["nodes"]) - 1)
+
+
+def test_elements_of_two_lengths_have_two_flexibilities(tmp_path, monkeypatch):
+    """The stiffness of every one of them is its own nevertheless."""
+    use_fake(monkeypatch)
+    line = straight((0, 0, 0), (0.03, 0.05, 0.1), [0.0, 0.1, 0.2, 0.6, 1.0])
+    robot = Robot(rods=(Rod("rod", line, circular(0.004), elastic(1e9, 0.4), fixed=[0]),))
+    _, parameters = recorded(robot, tensed(cable="none"), tmp_path)
+    written = parameters["rods"]["rod"]
+    assert written["kinds"] == [0] * 2 * SEGMENTS + [1] * 2 * SEGMENTS
+    rod = finer(robot.rods[0], SEGMENTS)
+    nodes = np.array(rod.centreline.nodes)
+    term = build_rod("rod", rod.section, rod.centreline, np.arange(len(nodes)), nodes)
+    exact = term.assemble(nodes, np.tile(np.eye(3), (len(nodes), 1, 1)), elastic(1e9, 0.4)).tangent
+    with scene_modules(tmp_path) as modules:
+        found = np.array(modules.rods.stiffnesses(written))
+    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-9 * np.abs(exact).max())

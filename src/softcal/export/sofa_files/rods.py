@@ -4,6 +4,7 @@ import numpy as np
 import Sofa
 import Sofa.Core
 from parts import add_fixed, put_together
+from robot_state import turned
 
 UNTURNED = [0.0, 0.0, 0.0, 1.0]
 
@@ -121,9 +122,14 @@ def beams_data(rod):
 def stiffnesses(rod):
     """Of every element (12, 12): forces and moments at both ends by their displacements and rotations, at rest."""
     E, nu = rod["youngs_modulus"], rod["poissons_ratio"]
+    of_kinds = [
+        E * np.linalg.inv(np.array(one["by_bending"]) + (1.0 + nu) * np.array(one["by_shear"]))
+        for one in rod["flexibilities"]
+    ]
     found = []
-    for k, (bending, shear) in enumerate(zip(rod["by_bending"], rod["by_shear"])):
-        later = E * np.linalg.inv(np.array(bending) + (1.0 + nu) * np.array(shear))
+    for k, (kind, axes) in enumerate(zip(rod["kinds"], rod["axes"])):
+        turn = np.kron(np.eye(2), np.transpose([turned(np.array(axes), e) for e in np.eye(3)]))
+        later = turn @ of_kinds[kind] @ turn.T
         x, y, z = np.subtract(rod["nodes"][k + 1], rod["nodes"][k])
         carried = np.eye(6)  # what the later end does where the earlier one moves and nothing strains
         carried[:3, 3:] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]

@@ -17,7 +17,7 @@ from softcal.errors import Fault, ParameterError, SimulationError
 from softcal.project.project import Project
 from softcal.twin.parameters import robot_parameters, with_parameters
 from softcal.twin.protocol import Command, Protocol
-from softcal.twin.response import Response, Snapshot
+from softcal.twin.response import Response, Shown, Snapshot
 from softcal.twin.robot import Control, Robot
 from softcal.twin.simulate import simulate as simulate_robot
 from softcal.units import format_quantity
@@ -37,7 +37,7 @@ def simulate(
     *,
     experiment: str = "",
     sensitivities: Sequence[str] = (),
-    snapshots: bool = False,
+    snapshots: Shown = False,
     engine: Simulate | None = None,
 ) -> Response:
     """The twin's response to a protocol, or to what one of a project's experiments did to the robot.
@@ -54,7 +54,8 @@ def simulate(
     sensitivities
         Parameters by which every channel is derived too.
     snapshots
-        Whether shapes to draw are kept.
+        Whether shapes to draw are kept: those that were solved, or with "samples" those of the samples, every one of
+        which is then solved; of another engine, those at which it came to rest.
     engine
         What computes it, softcal itself by default; see `softcal.project.engines`.
 
@@ -72,7 +73,9 @@ def simulate(
     if protocol is None:
         protocol = protocol_of(twin, experiment) if isinstance(twin, Project) else Protocol({})
         robot = robot_in(twin, experiment) if isinstance(twin, Project) else robot
-    return (engine or simulate_robot)(robot, protocol, sensitivities=sensitivities, snapshots=snapshots)
+    if engine is not None:
+        return engine(robot, protocol, sensitivities=sensitivities, snapshots=bool(snapshots))
+    return simulate_robot(robot, protocol, sensitivities=sensitivities, snapshots=snapshots)
 
 
 def simulate_each(cases: Mapping[str, Of], simulated: Callable[[Of], Response]) -> dict[str, Response]:

@@ -197,7 +197,7 @@ def test_an_order_is_found_where_there_is_one(order: float, size: float, at: flo
     [
         ([1.0, 2.0], [1.1, 2.1], [1.3, 2.3]),  # goes away
         ([1.0, 2.0], [1.1, 2.1], [1.05, 2.05]),  # goes back
-        ([1.0, 2.0], [1.1, 2.1], [1.15, 2.04]),  # goes elsewhere
+        ([1.0, 2.0], [1.1, 2.1], [1.19, 2.08]),  # goes elsewhere
         ([1.0, 2.0], [1.1, 2.1], [1.1, 2.1]),  # is there
     ],
     ids=["away", "back", "elsewhere", "there"],
@@ -214,6 +214,8 @@ def test_changes_are_pooled_over_experiments():
     both = found["tension"]
     assert both.rms == pytest.approx(np.sqrt((10 * 0.3**2 + 30 * 0.4**2) / 40))
     assert both.share == pytest.approx((10 * 9 * -0.1 + 30 * 4 * -0.2) / (10 * 9 + 30 * 4))
+    assert both.residual == pytest.approx(np.sqrt((10 * 0.2**2 + 30 * 0.4**2) / 40))
+    assert both.order == pytest.approx(1.5)
     assert (both.experiment, both.n, both.noise) == ("", 40, pytest.approx(0.05))
     assert found["m1"] == place
 
@@ -247,7 +249,7 @@ def test_the_verdict_says_how_much_and_what_to_do():
 def test_noise_may_hide_the_mesh():
     (verdict,) = mesh_verdicts(made_up(2.02e6))
     assert verdict.tone == "good"
-    assert "0.4 times its standard error: noise hides it" in verdict.text
+    assert verdict.text == "The mesh makes x too low by 0.99 %, 0.4 times its standard error: noise hides it."
     (between,) = mesh_verdicts(made_up(2.1e6))
     assert between.tone == "note"
 
@@ -266,6 +268,12 @@ def test_bounds_are_told():
     (reached,) = said(made_up(40e6, error=None))
     assert "too low by 95 % or more" in reached
     assert "There it stands at a bound of its range. Noise gives it no standard error" in reached
+
+
+def test_what_is_nothing_is_told_as_nothing():
+    assert said(made_up(2.0e6)) == ["The mesh does not move x."]
+    to_zero, *_ = said(made_up(0.0, found=0.1, unit="N", error=0.01, bounds=(-1.0, 1.0)))
+    assert "too high by 0.1 N: 0.1 N, where 0 N is expected" in to_zero
 
 
 def test_shifts_in_words():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import inspect
 import json
 import shutil
 from pathlib import Path
@@ -11,7 +12,8 @@ import pytest
 from project_case import MODULUS, write_project
 
 import softcal
-from softcal.cli import main
+from softcal.analysis.mesh_study import UNKNOWNS
+from softcal.cli import main, mesh_study_command
 from softcal.project.mesh_study import study_source
 from softcal.project.mesh_study_files import FOLDER, read_study
 from softcal.project.reporting import report_content
@@ -227,6 +229,10 @@ def test_a_sweep_has_no_optimum(
     code, _, told = run(capsys, "mesh-study", calibrated, "--out", tmp_path / "study")
     assert code == 2
     assert "a sweep has no optimum to study" in told
+
+
+def test_the_limit_of_the_command_is_that_of_the_study():
+    assert inspect.signature(mesh_study_command.mesh_study).parameters["unknowns"].default == UNKNOWNS
 
 
 def test_in_python(calibrated: Path, tmp_path: Path):

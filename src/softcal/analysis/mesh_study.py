@@ -318,8 +318,8 @@ def _notes(model: _Model, reference: str) -> list[str]:
         )
     if reference.endswith("h/2"):
         notes.append(
-            "What a further halving would change is not in what is expected: some third of what this one did, where "
-            "the error falls with the square of the elements' size."
+            "What further halvings would change is not in what is expected: some third of what the last one did, where "
+            "the error falls with the square of the elements' size; more at notches and clamped edges."
         )
     elif reference in ELEMENT_RANK:
         notes.append(f"The error of {reference} elements themselves on these tets is not in what is expected.")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from softcal.analysis.mesh_study import LIMIT, MeshStudy
+from softcal.analysis.mesh_study import LIMIT, Finer, MeshStudy
 from softcal.calibration.result import Estimate
 from softcal.units import format_quantity, readable_unit
 
@@ -30,7 +30,7 @@ def mesh_verdicts(study: MeshStudy) -> tuple[MeshVerdict, ...]:
     if best is None:
         why = " ".join(f"{one.name}: {one.failure}" for one in study.finer)
         return (MeshVerdict(f"What the mesh contributes is not known, nothing finer was simulated. {why}", "warning"),)
-    found = [_verdict(label, study.parameters[label], study) for label in study.of_robot]
+    found = [_verdict(label, study, best) for label in study.of_robot]
     if not found:
         found = [MeshVerdict("No parameter of the robot was free that could have absorbed the mesh.", "note")]
     if any(one.tone == "warning" for one in found):
@@ -62,13 +62,11 @@ def reference_text(study: MeshStudy) -> str:
     best = study.best
     if best is None:
         return "nothing finer"
-    return best.what if best.name == LIMIT else f"with {best.what}"
+    return "with elements of no size (extrapolated)" if best.name == LIMIT else f"with {best.what}"
 
 
-def _verdict(label: str, estimate: Estimate, study: MeshStudy) -> MeshVerdict:
-    best = study.best
-    assert best is not None  # noqa: S101 (the caller has looked)
-    value = best.values[label]
+def _verdict(label: str, study: MeshStudy, best: Finer) -> MeshVerdict:
+    estimate, value = study.parameters[label], best.values[label]
     unit = readable_unit(estimate.value, estimate.unit)
     here, there = (format_quantity(v, estimate.unit, unit) for v in (estimate.value, value))
     errors = shift_in_errors(estimate, value)
@@ -77,10 +75,16 @@ def _verdict(label: str, estimate: Estimate, study: MeshStudy) -> MeshVerdict:
         return MeshVerdict(text, "note")
     side = "low" if value > estimate.value else "high"
     change = abs(value - estimate.value)
-    by = f"{100.0 * change / abs(value):.2g} %"
+    if change == 0.0:
+        return MeshVerdict(f"The mesh does not move {label}.", "good")
     if estimate.unit == "1" or value == 0.0:
         by = format_quantity(change, estimate.unit, unit, digits=2)
+    else:
+        by = f"{100.0 * change / abs(value):.2g} %"
     least = " or more" if label in best.at_bound and not estimate.at_bound else ""
+    if errors is not None and abs(errors) <= HIDDEN:
+        hidden = f"{times_text(errors)} times its standard error: noise hides it."
+        return MeshVerdict(f"The mesh makes {label} too {side} by {by}{least}, {hidden}", "good")
     text = f"The mesh makes {label} too {side} by {by}{least}: {here}, where {there} is expected"
     text += f" {reference_text(study)}."
     if label in best.at_bound:
@@ -90,8 +94,6 @@ def _verdict(label: str, estimate: Estimate, study: MeshStudy) -> MeshVerdict:
     if errors is None:
         return MeshVerdict(f"{text} Noise gives it no standard error to compare with.", "note")
     size = abs(errors)
-    if size <= HIDDEN:
-        return MeshVerdict(f"{text} That is {times_text(size)} times its standard error: noise hides it.", "good")
     tone: Tone = "warning" if size > DECIDES else "note"
     return MeshVerdict(f"{text} That is {times_text(size)} times its standard error.", tone)
 

@@ -155,12 +155,13 @@ def _changes(finer: Sequence[Finer]) -> Table:
             told += [_number(c.rms / c.noise if c.noise else None)] * is_noisy
             told += [_number(c.order, 2)] * has_order
             table.add_row(name, on, _change(c), *told)
-        table.add_section()
+        if len(finer) > 1:
+            table.add_section()
     return table
 
 
 def _parameters(found: MeshStudy, finer: Sequence[Finer]) -> Table:
-    """Lines for each parameter: what was found, and what is expected on what is finer; of the rig, on the best."""
+    """Lines for each parameter: what was found, and what is expected on what is finer; one for each of the rig's."""
     from rich.table import Table
 
     from softcal.analysis.mesh_verdict import shift_text
@@ -169,14 +170,17 @@ def _parameters(found: MeshStudy, finer: Sequence[Finer]) -> Table:
 
     table = Table("parameter", "on", "value", "shift")
     for label, estimate in found.parameters.items():
-        unit = readable_unit(estimate.value, estimate.unit)
-        table.add_row(label.replace("[", r"\["), "as it is", value_text(estimate), "")
+        unit, name = readable_unit(estimate.value, estimate.unit), label.replace("[", r"\[")
+        if label in found.of_robot:
+            table.add_row(name, "as it is", value_text(estimate), "")
+            name = ""
         for one in finer:
             if label in found.of_robot or one.name == found.reference:
                 there = format_quantity(one.values[label], estimate.unit, unit)
                 bound = " (at a bound)" if label in one.at_bound else ""
-                table.add_row("", one.name, there + bound, shift_text(estimate, one.values[label]))
-        table.add_section()
+                table.add_row(name, one.name, there + bound, shift_text(estimate, one.values[label]))
+        if label in found.of_robot:
+            table.add_section()
     return table
 
 

@@ -46,7 +46,7 @@ def shift_in_errors(estimate: Estimate, value: float) -> float | None:
 def shift_text(estimate: Estimate, value: float) -> str:
     """How far another value is from an estimate, also in standard errors: "+1.4 MPa (12 s.e.)"."""
     unit, errors = readable_unit(estimate.value, estimate.unit), shift_in_errors(estimate, value)
-    text = format_quantity(value - estimate.value, estimate.unit, unit, digits=3)
+    text = format_quantity(value - estimate.value, estimate.unit, unit, digits=2)
     text = text if value <= estimate.value else f"+{text}"
     return text if errors is None else f"{text} ({times_text(errors)} s.e.)"
 

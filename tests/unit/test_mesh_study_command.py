@@ -14,7 +14,7 @@ from project_case import MODULUS, write_project
 import softcal
 from softcal.analysis.mesh_study import UNKNOWNS
 from softcal.cli import main, mesh_study_command
-from softcal.project.mesh_study import study_source
+from softcal.project.mesh_study import study, study_source
 from softcal.project.mesh_study_files import FOLDER, read_study
 from softcal.project.reporting import report_content
 from softcal.project.run_folder import load_run
@@ -169,6 +169,18 @@ def test_a_project_is_studied_at_its_parameters_and_printed(tmp_path: Path, caps
     assert "Not simulated, P2P1 h/2" in told
     assert "more than the limit of 2,000" in told
     assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_another_engine_is_noted(calibrated: Path, tmp_path: Path):
+    copied = tmp_path / "run"
+    shutil.copytree(calibrated, copied, ignore=shutil.ignore_patterns(FOLDER))
+    assert study_source(copied).notes == ()
+    path = copied / "calibrations" / "pull" / "result.json"
+    record = json.loads(path.read_text(encoding="utf-8"))
+    record["hashes"]["engine"] = "sofa"
+    path.write_text(json.dumps(record), encoding="utf-8")
+    (note,) = study(study_source(copied), halvings=1, max_unknowns=100).notes
+    assert note == "The calibration was computed by sofa, the study is by softcal itself."
 
 
 def test_the_present_values_are_those_of_each_experiment(tmp_path: Path):

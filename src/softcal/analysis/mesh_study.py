@@ -42,6 +42,7 @@ LIMIT = "limit"
 UNKNOWNS = 150_000  # a minute or two for a curve
 TOLERANCE = 1e-5  # of a curve between its nodes, over a channel's largest value: what the mesh changes must stand out
 ORDERS = (0.5, 6.0)  # of convergence, that are believed
+_OFF = 2e-3  # of the search range: values that far from the optimum are not at it
 # Told at the beginning and after each trajectory: the discretisation, and how many of how many (None: not known yet).
 Observer = Callable[[str, int, int | None], None]
 
@@ -308,8 +309,10 @@ def _notes(model: _Model, reference: str) -> list[str]:
     own = model.space.to_model(np.clip(model.z + model.own_step, 0.0, 1.0))
     off = [
         label
-        for label, e in model.parameters.items()
-        if not e.at_bound and abs(own[label] - e.value) > (e.standard_error or 0.02 * abs(e.value))
+        for (label, e), step in zip(model.parameters.items(), np.abs(model.own_step), strict=True)
+        if step > (_OFF if e.standard_error else 10.0 * _OFF)
+        and not e.at_bound
+        and abs(own[label] - e.value) > (e.standard_error or 0.0)
     ]
     if off:
         notes.append(

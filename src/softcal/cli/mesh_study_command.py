@@ -107,6 +107,8 @@ def _bars() -> Generator[Observer]:
 
         def show(name: str, done: int, of: int | None) -> None:
             if name not in tasks:
+                for task in bars.tasks:  # those before are at their end, however many curves they had
+                    bars.update(task.id, total=task.completed)
                 tasks[name] = bars.add_task(name, total=of)
             bars.update(tasks[name], completed=done, total=of)
 

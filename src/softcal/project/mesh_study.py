@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from softcal.analysis.mesh_study import UNKNOWNS, MeshStudy, Observer
 from softcal.analysis.mesh_study import mesh_study as study_problem
-from softcal.calibration.problem import Problem
+from softcal.calibration.problem import SOFTCAL, Problem
 from softcal.errors import Fault, InputError, ParameterError, StorageError
 from softcal.project.calibration import JOINT, make_problem
 from softcal.project.mesh_study_files import FOLDER, write_study
@@ -24,12 +24,16 @@ MOST_HALVINGS = 3
 
 @dataclass(frozen=True)
 class StudySource:
-    """What is studied: a problem at values [SI by label], and the calibration of a run that found them, or ""."""
+    """What is studied: a problem at values [SI by label], and the calibration of a run that found them, or "".
+
+    notes: what the reader of the study must know.
+    """
 
     problem: Problem
     theta: Mapping[str, float]
     calibration: str
     project: Project
+    notes: tuple[str, ...] = ()
 
 
 def study_source(path: Path, values: Mapping[str, str] | None = None, calibration: str = "") -> StudySource:
@@ -89,9 +93,10 @@ def study(
         faults.append(Fault("nothing finer is asked for", "--halvings", got, attempt="--halvings 1"))
     if faults or kind is None:
         raise InputError(faults)
-    return study_problem(
+    found = study_problem(
         source.problem, source.theta, element=kind, halvings=halvings, max_unknowns=max_unknowns, progress=progress
     )
+    return replace(found, notes=(*source.notes, *found.notes))
 
 
 def mesh_study(
@@ -158,7 +163,11 @@ def _of_run(run: Run, calibration: str) -> StudySource:
         attempt = "softcal calibrate, or softcal mesh-study PROJECT for its present values"
         raise InputError(Fault("a sweep has no optimum to study", str(run.folder), attempt=attempt))
     problem = make_problem(run.project, run.settings).only(list(result.experiments))
-    return StudySource(problem, {name: e.value for name, e in result.parameters.items()}, label, run.project)
+    engine = result.hashes.get("engine", SOFTCAL)
+    notes = (
+        () if engine == SOFTCAL else (f"The calibration was computed by {engine}, the study is by {SOFTCAL} itself.",)
+    )
+    return StudySource(problem, {name: e.value for name, e in result.parameters.items()}, label, run.project, notes)
 
 
 def _present(problem: Problem) -> dict[str, float]:

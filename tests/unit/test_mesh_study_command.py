@@ -6,6 +6,7 @@ import csv
 import inspect
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,7 @@ from softcal.project.mesh_study_files import FOLDER, read_study
 from softcal.project.reporting import report_content
 from softcal.project.run_folder import load_run
 from softcal.report.all_tables import all_tables
+from softcal.report.chart_mesh import drawn_parameters
 from softcal.report.figures import report_pictures
 from softcal.report.html import render_page
 
@@ -121,6 +123,13 @@ def test_the_report_of_a_run_tells_its_study(studied: Path, monkeypatch: pytest.
     assert content.mesh_study is not None
     (picture,) = [one for one in report_pictures(content) if one.section == "mesh"]
     assert picture.name == "mesh-study"
+    assert drawn_parameters(content.mesh_study) == ["bar.youngs_modulus", "front.slack[pull]"]
+    still = replace(content.mesh_study.parameters["front.slack[pull]"], interval=None)
+    held = {**content.mesh_study.parameters, "front.slack[pull]": still}
+    finer = tuple(
+        replace(one, values={**one.values, "front.slack[pull]": still.value}) for one in content.mesh_study.finer
+    )
+    assert drawn_parameters(replace(content.mesh_study, parameters=held, finer=finer)) == ["bar.youngs_modulus"]
     tables = all_tables(content)
     assert len(tables["mesh-study"].rows) == 2 * len(content.mesh_study.finer)
     page = render_page(content, [picture], tables)

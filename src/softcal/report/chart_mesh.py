@@ -17,9 +17,14 @@ _MARKERS = ("s", "^", "v", "P", "X", "*")
 
 
 def drawn_parameters(study: MeshStudy) -> list[str]:
-    """Labels of what is drawn."""
+    """Labels of what is drawn: not what stands at a bound, on the finer meshes too."""
     rig = [label for label in study.parameters if label not in study.of_robot]
-    return [*study.of_robot, *rig][:MOST]
+    still = {
+        label
+        for label, e in study.parameters.items()
+        if e.interval is None and all(one.values.get(label, e.value) == e.value for one in study.finer)
+    }
+    return [label for label in (*study.of_robot, *rig) if label not in still][:MOST]
 
 
 def draw_mesh_study(study: MeshStudy) -> Figure | None:

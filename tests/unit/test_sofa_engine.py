@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import pickle
 import re
 from dataclasses import replace
@@ -11,13 +12,16 @@ import numpy as np
 import pytest
 from mechanics_cases import column_robot, elastic, pulled, side_cable, tensed
 from project_case import write_project
-from sofa_case import FAKE, use_fake
+from sofa_case import FAKE, scene_modules, use_fake
 
 from softcal.cli import main
 from softcal.errors import InputError, ParameterError
 from softcal.export import sofa_install
 from softcal.export.sofa_engine import SofaEngine, sofa_engine
-from softcal.export.sofa_scene import Resting
+from softcal.export.sofa_install import find_sofa
+from softcal.export.sofa_process import run_states
+from softcal.export.sofa_robot import linear_robot
+from softcal.export.sofa_scene import Resting, scene_parameters, write_scene
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Command, Protocol
 
@@ -132,14 +136,87 @@ def test_a_crash_is_not_tried_again_and_a_restless_run_is(engine, monkeypatch):
     use_fake(monkeypatch, fault="long-steps@1")
     response = engine(column(), pulled(0.01))
     assert response.succeeded, response.status
-    assert "of 0.005 s at last" in response.status
+    assert "the shortest of 0.005 s" in response.status
     use_fake(monkeypatch, fault="restless@1")
     response = engine(column(), pulled(0.01))
     assert response.status.count("does not come to rest") == 3
-    assert "The rest state with slack cables" in response.status
+    assert response.status.count("The rest state with slack cables") == 1
+    assert [f"(time step {dt:g} s)" in response.status for dt in QUICK.time_steps] == [True] * 3
     assert len(response.channels["front.tension"]) == 0
     use_fake(monkeypatch, fault="crash@1")
     assert engine(column(), pulled(0.01)).status.count("SIGSEGV") == 1
+
+
+REST, EASY, SHORTER = 10, 2 + 10, 4 + 20  # steps: to rest, and of a state with 0.01 s and with 0.005 s
+NAN, DANCE = 1, 2 + 400  # in which a state with 0.01 s is given up
+
+
+def resting_steps(robot, protocol, states):
+    """What SOFA answers for states, one by one."""
+    outcome = run_states(find_sofa(), linear_robot(robot), protocol, states, QUICK, timeout=60.0)
+    return outcome, [(record["steps"], record["dt"]) for record in outcome.records]
+
+
+@pytest.mark.parametrize(("fault", "given_up"), [("far-nan@0.025", NAN), ("far-dance@0.025", DANCE)])
+def test_a_state_that_does_not_settle_is_begun_again_from_the_one_before(engine, monkeypatch, fault, given_up):
+    use_fake(monkeypatch, fault=fault)
+    d = np.array([0.01, 0.02, 0.03, 0.04])
+    outcome, steps = resting_steps(column(), pulled(*d), [{"front": x} for x in d])
+    # Half of the way to 30 mm is where the ramp's first step of two ends; the states before stay as they are.
+    first, last = outcome.records[3]["steps"] - SHORTER, outcome.records[4]
+    assert steps[:3] == [(REST, 0.01), (EASY, 0.01), (EASY, 0.01)]
+    assert first in (given_up, given_up + 1)
+    assert (last["steps"], last["dt"]) == (SHORTER, 0.005)  # not tried with 0.01 s
+    assert outcome.steps == REST + 2 * EASY + first + 2 * SHORTER
+    # The time that was given up is not counted.
+    assert last["time"] == pytest.approx(0.01 * (REST + 2 * EASY) + 0.005 * 2 * SHORTER)
+    response = engine(column(), pulled(*d))
+    assert response.succeeded, response.status
+    assert f"{outcome.steps} steps, the shortest of 0.005 s" in response.status
+    np.testing.assert_allclose(response.channels["front.tension"], tension(d), rtol=1e-9)
+
+
+def test_a_longer_step_comes_back_where_it_served(engine, monkeypatch):
+    """A state begins with the step of the one that was pulled most alike."""
+    use_fake(monkeypatch, fault="far-nan@0.025")
+    robot = column(cables=[side_cable("front", (0.05, 0.0)), side_cable("back", (-0.05, 0.0))])
+    d = [0.01, 0.03, 0.029, 0.011, 0.03]
+    protocol = Protocol({"front": Command("shortening", d), "back": Command("tension", [0.1] * len(d))})
+    outcome, steps = resting_steps(robot, protocol, [{"front": x, "back": 0.1} for x in d])
+    assert not outcome.failure
+    assert [dt for _, dt in steps] == [0.01, 0.01, 0.005, 0.005, 0.01, 0.005]
+    assert [n for n, _ in steps[3:]] == [SHORTER, EASY, SHORTER]  # none was given up
+
+
+def test_before_a_state_is_given_up_longer_steps_are_tried_too(engine, tmp_path):
+    linear = linear_robot(column())
+    write_scene(linear, scene_parameters(linear, pulled(0.01), resting=QUICK), tmp_path)
+    tried = []
+    with scene_modules(tmp_path) as modules:
+        module = importlib.import_module("run")
+        parameters = modules.scene.read_parameters()
+        run = module.Run(parameters, parameters["rest"])
+
+        def approach(goal):
+            tried.append(run.scene.dt)
+            if (run.scene.dt < 0.01) == (goal["front"] == 0.02):
+                raise module.Lost("it dances")
+
+        run.approach = approach
+        run.reach({"front": 0.01})
+        run.reach({"front": 0.02})
+    assert tried == [0.01, 0.005, 0.005, 0.002, 0.01]
+
+
+def test_where_no_step_serves_all_reasons_are_told(engine, monkeypatch):
+    use_fake(monkeypatch, fault="far-nan@0.015")
+    twice = replace(engine, resting=replace(QUICK, time_steps=(0.01, 0.008)))
+    status = twice(column(), pulled(0.01, 0.02, 0.03)).status
+    assert re.fullmatch(
+        r"SOFA: State 2 of 3: positions or velocities are no numbers any more; the last good ones are those at 0\.23 s "
+        r"\(time step 0\.01 s\)\. Then positions .* at 0\.228 s \(time step 0\.008 s\)\.",
+        status,
+    ), status
 
 
 def test_a_hang_is_ended(engine, monkeypatch):

@@ -6,15 +6,25 @@ scheme (tests/fake_sofa). Where SOFA_ROOT is set, the last tests run SOFA itself
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from mechanics_cases import column_robot, elastic, pulled, shared_json, tensed
 from project_case import write_project
-from sofa_case import assert_neck_as_measured, assert_tip_as_measured, beam_robot, many_parts, neck_robot, use_fake
+from sofa_case import (
+    assert_neck_as_measured,
+    assert_tip_as_measured,
+    beam_robot,
+    many_parts,
+    neck_robot,
+    scene_modules,
+    use_fake,
+)
 
 from softcal.calibration.experiment import Experiment
 from softcal.calibration.loss import LikelihoodLoss
@@ -25,9 +35,14 @@ from softcal.experiments.dataset import Channel, Dataset
 from softcal.export.sofa_engine import SofaEngine, sofa_engine
 from softcal.export.sofa_export import write_sofa
 from softcal.export.sofa_install import find_sofa
+from softcal.export.sofa_robot import linear_robot
+from softcal.export.sofa_scene import scene_parameters, write_scene
+from softcal.geometry.centreline import straight
+from softcal.geometry.section import circular
 from softcal.project.calibration import calibrate as calibrate_project
 from softcal.project.project import load
 from softcal.twin.protocol import Command, Protocol
+from softcal.twin.robot import Cable, Plate, Robot, Rod, ViaPoint
 from softcal.twin.simulate import simulate
 
 needs_sofa = pytest.mark.skipif("SOFA_ROOT" not in os.environ, reason="SOFA is not installed: SOFA_ROOT is not set")
@@ -67,6 +82,40 @@ def test_neck_by_shortening(engine):
     data = shared_json("neck-shortening.json")
     rows = data["rows"]
     assert_neck_as_measured(engine(neck_robot(data), pulled(*[row["shortening_m"] for row in rows])), rows)
+
+
+def test_a_state_begun_again_ends_where_it_would_have(engine, monkeypatch):
+    """After numbers that are none, from the positions at rest before: plates, ties and cables follow."""
+    robot, d = many_parts(), [0.001, 0.002, 0.003]
+    protocol = Protocol({"between": Command("shortening", d), "through": Command("tension", [0.4, 0.8, 1.0])})
+    engine = replace(engine, resting=replace(engine.resting, time_steps=(0.02, 0.006), speed=1e-8))
+    expected = engine(robot, protocol)
+    monkeypatch.setenv("FAKE_SOFA_FAULT", "far-nan@0.0025")
+    found = engine(robot, protocol)
+    assert "the shortest of 0.006 s" in found.status
+    assert "the shortest of 0.02 s" in expected.status
+    for channel, values in expected.channels.items():
+        np.testing.assert_allclose(found.channels[channel], values, rtol=0, atol=1e-8, err_msg=channel)
+
+
+def test_a_scene_goes_back_to_where_everything_was(monkeypatch, tmp_path):
+    use_fake(monkeypatch, mechanics="twin")
+    linear, protocol = linear_robot(many_parts()), Protocol({"between": Command("shortening", [0.002])})
+    write_scene(linear, scene_parameters(linear, protocol), tmp_path)
+    with scene_modules(tmp_path) as modules:
+        parameters = modules.scene.read_parameters()
+        run = importlib.import_module("run").Run(parameters, parameters["rest"])
+        for state in ({}, {"between": 0.002}):
+            run.reach(state)
+        there, time = run.scene.positions(), run.time
+        fast = max(run.step({"between": 0.004}) for _ in range(3))
+        for dt in (0.05, 0.01):
+            run.go_back(dt)
+            assert run.time == time
+            for path, positions in run.scene.positions().items():
+                np.testing.assert_allclose(positions, there[path], rtol=0, atol=1e-12, err_msg=path)
+            assert run.step(run.values) < 1e-6  # where it is it stays
+    assert fast > 1e-2
 
 
 @pytest.mark.slow  # its last state needs a shorter time step, which the engine finds
@@ -211,6 +260,75 @@ def test_sofa_itself_pulls_the_scene_by_schedule_and_by_keys(tmp_path):
         expected = simulate(robot, pulled(d), curve_tolerance=0.0).channels["front.tension"][0]
         assert told["tension"] == pytest.approx(expected, rel=1e-3)
 
+
+def backbone() -> Robot:
+    """A rod with a plate at its end, which a cable bends."""
+    rod = Rod(
+        "rod", straight((0.0, 0.0, 0.0), (0.0, 0.0, 0.1), 4, first=(0.0, 1.0, 0.0)), circular(4e-3),
+        elastic(1e9, 0.4), clamped={"tip": np.array([4])}, fixed=[0],
+    )  # fmt: skip
+    tip = Plate("tip", {}, np.array([0.0, 0.0, 0.1]), mass=0.01)
+    front = Cable("front", (ViaPoint((0.02, 0.0, 0.1), "tip"), ViaPoint((0.02, 0.0, 0.0))))
+    return Robot(plates=(tip,), rods=(rod,), cables=(front,))
+
+
+@needs_sofa
+@pytest.mark.parametrize(
+    "robot", [column_robot(parameters=elastic(2.3e6, 0.43), divisions=(2, 2, 6)), backbone()], ids=["body", "rod"]
+)
+def test_sofa_itself_goes_on_from_where_it_settled_as_if_nothing_had_been(tmp_path, robot):
+    """After it was lost, and with another time step: the steps that a state takes tell what SOFA still remembers."""
+    linear = linear_robot(robot)
+    write_scene(linear, scene_parameters(linear, pulled(0.002)), tmp_path)
+    sofa = find_sofa()
+    done = subprocess.run(
+        [sofa.python, "-c", GO_BACK],
+        cwd=tmp_path,
+        env=sofa.environment(),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    # SOFA's own messages are on the same stream.
+    told = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
+    plain, back, shorter, after_longer = told
+    assert back == pytest.approx(plain, rel=1e-12)
+    assert after_longer["steps"] == shorter["steps"]
+    assert after_longer["tension"] == pytest.approx(shorter["tension"], rel=1e-7)
+
+
+GO_BACK = """
+import contextlib
+import json
+from run import Lost, Run
+from scene import read_parameters
+
+parameters = read_parameters()
+rest = parameters["rest"]
+
+def told(run, shortening):
+    record = run.reach({"front": shortening})
+    print(json.dumps({"steps": record["steps"], "tension": record["cables"]["front"]["tension"]}))
+
+def settled(dt):
+    run = Run(parameters, {**rest, "time_steps": [dt]})
+    for state in ({}, {"front": 0.004}):
+        run.reach(state)
+    return run
+
+told(settled(0.05), 0.008)
+lost = settled(0.05)
+with contextlib.suppress(Lost):
+    for _ in range(20):
+        lost.step({"front": 0.09})
+lost.go_back(0.05)
+told(lost, 0.008)
+told(settled(0.01), 0.008)
+longer = settled(0.05)
+longer.rest = {**rest, "time_steps": [0.01]}
+told(longer, 0.008)
+"""
 
 STEP_THE_SCENE = """
 import json

@@ -27,7 +27,7 @@ from softcal.twin.robot import Robot
 from softcal.twin.sensors import channel_units
 
 STATES = 12
-TIMEOUT = 1800.0  # [s], of one attempt at one simulation
+TIMEOUT = 1800.0  # [s], of one simulation
 STEP = 2e-2  # of a parameter's value, or of its distance from what it may not reach
 STEPS_FROM_ZERO = {"kg/m^3": 10.0, "kg": 1e-3, "N": 1e-3}
 COMMAND_STEPS = {"tension": 1e-2, "shortening": 1e-4}  # [N], [m]
@@ -146,9 +146,8 @@ class _Run:
         )
 
     def _status(self, outcome: Outcome, seen: Samples) -> str:
-        text = (
-            f"Solved by SOFA: {len(outcome.records)} states at rest, {self.steps} steps, of {outcome.dt:g} s at last."
-        )
+        n_states, shortest = len(outcome.records), min(record["dt"] for record in outcome.records)
+        text = f"Solved by SOFA: {n_states} states at rest, {self.steps} steps, the shortest of {shortest:g} s."
         if seen.error > 0.0:
             text += f" Between states a cubic spline, off by some {seen.error:.1g} of the largest value."
         elif np.isnan(seen.error):

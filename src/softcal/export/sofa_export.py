@@ -158,6 +158,6 @@ Without a window, the robot with slack cables and then every row of the schedule
 - The time step and damping in `time` are the project's `dynamics`, by default those of the soft neck's paper. Damping
   by stiffness resists while cables are pulled: about as if they were `rayleigh_stiffness` seconds further on (0.2 s at
   2 mm/s: 0.4 mm). Compare with the twin at rest. It also feeds a robot that is pulled beyond what it would bear without
-  its cable: it then never settles. `run.py` goes by `rest` (the project's `engines`, by default without such damping);
-  `--time-step` tries a shorter step.
+  its cable: it then never settles. `run.py` goes by `rest` (the project's `engines`, by default without such damping):
+  a state that does not settle is begun again with the next of its `time_steps`; `--time-step` tries another one.
 """

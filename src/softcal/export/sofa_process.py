@@ -7,7 +7,7 @@ import json
 import signal
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,14 +24,12 @@ JOB, ANSWER, LOG = "job.json", "answer.jsonl", "sofa.log"
 class Outcome:
     """What SOFA answered: a record of each state that came to rest, the slack one first.
 
-    failure: why it ended before the last, "" where it did not; again: whether a shorter time step may help.
+    failure: why it ended before the last, "" where it did not. steps: in all, with those of states begun again.
     """
 
     records: tuple[Mapping[str, Any], ...]
     failure: str
-    again: bool
     steps: int
-    dt: float
 
 
 def run_states(
@@ -44,34 +42,12 @@ def run_states(
     timeout: float,
     shapes: bool = False,
 ) -> Outcome:
-    """Run every state to rest; where one does not settle, all over again with the next shorter time step."""
-    parameters = scene_parameters(linear, protocol, resting=resting)
-    steps = 0
-    failures: list[str] = []
-    best: Outcome | None = None
-    for dt in resting.time_steps:
-        job = {"states": [dict(state) for state in states], "rest": asdict(resting), "dt": dt, "shapes": shapes}
-        outcome = _attempt(sofa, linear, parameters, job, timeout)
-        steps += outcome.steps
-        if best is None or len(outcome.records) > len(best.records):
-            best = outcome
-        if not outcome.failure:
-            return replace(outcome, steps=steps)
-        failures.append(f"{outcome.failure} (time step {dt:g} s)")
-        if not outcome.again:
-            break
-    if best is None:
-        raise ValueError("there is no time step to try")
-    return replace(best, failure=". Then ".join(failures), steps=steps)
-
-
-def _attempt(
-    sofa: Sofa, linear: LinearRobot, parameters: Mapping[str, Any], job: Mapping[str, Any], timeout: float
-) -> Outcome:
+    """Run every state to rest, in one process of at most `timeout` [s]."""
+    job = {"states": [dict(state) for state in states], "rest": asdict(resting), "shapes": shapes, "out": ANSWER}
     with tempfile.TemporaryDirectory(prefix="softcal-sofa-") as name:
         folder = Path(name)
-        write_scene(linear, parameters, folder)
-        (folder / JOB).write_text(json.dumps({**job, "out": ANSWER}), encoding="utf-8")
+        write_scene(linear, scene_parameters(linear, protocol, resting=resting), folder)
+        (folder / JOB).write_text(json.dumps(job), encoding="utf-8")
         ended = _ended(sofa, folder, timeout)
         lines = [] if not (folder / ANSWER).is_file() else (folder / ANSWER).read_text(encoding="utf-8").splitlines()
         said = (folder / LOG).read_text(encoding="utf-8", errors="replace").strip().splitlines()
@@ -82,15 +58,14 @@ def _attempt(
     records = tuple(answer for answer in answers if "state" in answer)
     last = answers[-1] if answers else {}
     steps = int(last.get("steps", 0)) if "state" not in last else sum(int(record["steps"]) for record in records)
-    dt = float(job["dt"])
     if last.get("done"):
-        return Outcome(records, "", False, steps, dt)
-    where = f"State {len(records)} of {len(job['states'])}: " if records else "The rest state with slack cables: "
+        return Outcome(records, "", steps)
+    where = f"State {len(records)} of {len(states)}: " if records else "The rest state with slack cables: "
     if "failed" in last:
-        return Outcome(records, f"{where}{last['failed']}", True, steps, dt)
+        return Outcome(records, f"{where}{last['failed']}", steps)
     good = f"; the last good time is {float(records[-1]['time']):.6g} s" if records else ""
     told = f": {_last_error(said)}" if said else ""
-    return Outcome(records, f"{where}SOFA {ended}{good}{told}", False, steps, dt)
+    return Outcome(records, f"{where}SOFA {ended}{good}{told}", steps)
 
 
 def _ended(sofa: Sofa, folder: Path, timeout: float) -> str:

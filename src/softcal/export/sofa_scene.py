@@ -49,9 +49,9 @@ class Resting:
     """How run.py runs to rest.
 
     ramp [s] from state to state; a state is at rest when nothing has moved faster than `speed` [m/s] for `hold` [s],
-    and is given up after `longest` [s], or as soon as the speed no longer falls. time_steps [s]: the next one is tried
-    where the one before did not settle. No damping by stiffness: SOFA's is the tangent's, which is negative in a body
-    pulled beyond what it would bear without its cable, and so feeds the motion.
+    and is given up after `longest` [s], or as soon as the speed no longer falls. time_steps [s]: with the next one a
+    state is begun again that did not settle with the one before. No damping by stiffness: SOFA's is the tangent's,
+    which is negative in a body pulled beyond what it would bear without its cable, and so feeds the motion.
     """
 
     time_steps: tuple[float, ...] = (0.05, 0.01, 0.005, 0.002)

@@ -2,6 +2,7 @@
 
 Without a job the states are the rows of schedule.csv, and response.csv is written; with `--job job.json` every record
 is a line of JSON in the job's file. A state is at rest when nothing has moved faster than `speed` [m/s] for `hold` [s].
+One that does not come to rest is begun again from the last one that did, with the next of `time_steps` [s].
 """
 
 import argparse
@@ -27,6 +28,7 @@ try:
     import SofaRuntime
 except ImportError as error:
     sys.exit(f"SOFA's Python packages do not load ({error}). Set SOFA_ROOT, and run this with the Python they are for.")
+import numpy as np
 from pulling import read_schedule
 from robot_state import pull, read_rods, read_state, speed
 from rods import require_stiffness
@@ -40,54 +42,132 @@ class Lost(Exception):
     """The motion cannot be followed further."""
 
 
-class Run:
-    """A scene that is stepped; what it last was told."""
+class Scene:
+    """The scene with one time step [s].
 
-    def __init__(self, parameters, rest):
-        self.parameters, self.rest = parameters, rest
-        self.dt = float(parameters["time"]["dt"])
+    Each step has a scene of its own: SOFA keeps the matrix of masses that plates carry with the factor, of the step and
+    the damping, with which it was first needed.
+    """
+
+    def __init__(self, parameters, dt):
+        self.dt = dt
         self.root = Sofa.Core.Node("root")
-        self.parts = build(self.root, parameters)
+        self.parts = build(self.root, {**parameters, "time": {**parameters["time"], "dt": dt}})
         # init() of v23.12 is initRoot() of later versions.
         getattr(Sofa.Simulation, "initRoot", Sofa.Simulation.init)(self.root)
         for name, node in self.parts["rods"].items():
             require_stiffness(node.beams, name, parameters["rods"][name])
-        self.steps = 0
+
+    def states(self):
+        """Every node's positions, by where they are in the graph."""
+        found = filter(None, (getattr(node, "dofs", None) for node in below(self.root)))
+        return {state.getLinkPath(): state for state in found}
+
+    def positions(self):
+        return {path: np.array(state.position.value, dtype=float) for path, state in self.states().items()}
+
+    def put(self, positions):
+        """Everything where it was, and still. What is mapped SOFA's reset puts in its place, and the mappings."""
+        for path, state in self.states().items():
+            state.reset_position.value = positions[path]
+        Sofa.Simulation.reset(self.root)
+
+
+class Run:
+    """The scene from state to state: where it settled last, and what it then was told."""
+
+    def __init__(self, parameters, rest):
+        self.parameters, self.rest = parameters, rest
+        self.scenes = {}
+        self.scene = self.scene_of(rest["time_steps"][0])
+        self.kept, self.kept_time = self.scene.positions(), 0.0
+        self.steps, self.time = 0, 0.0
         self.values = {
             name: 0.0 if cable["control"] == "tension" else SLACK for name, cable in parameters["cables"].items()
         }
+        self.settled = []  # how far the cables were pulled in each state, and which time step brought it to rest
+
+    def scene_of(self, dt):
+        if dt not in self.scenes:
+            self.scenes[dt] = Scene(self.parameters, dt)
+        return self.scenes[dt]
+
+    def go_back(self, dt):
+        """To the last state at rest, to go on with a time step."""
+        self.scene = self.scene_of(dt)
+        self.scene.put(self.kept)
+        self.time = self.kept_time
 
     def step(self, values):
         """One step of time; the speed after it."""
-        pull(self.parts, self.parameters, values, self.dt)
-        Sofa.Simulation.animate(self.root, self.dt)
+        scene = self.scene
+        pull(scene.parts, self.parameters, values, scene.dt)
+        Sofa.Simulation.animate(scene.root, scene.dt)
         self.steps += 1
-        now = speed(self.parts)
+        now = speed(scene.parts)
         if not math.isfinite(now):
-            last = (self.steps - 1) * self.dt
-            raise Lost(f"positions or velocities are no numbers any more; the last good ones are those at {last:.6g} s")
+            raise Lost(
+                f"positions or velocities are no numbers any more; the last good ones are those at {self.time:.6g} s"
+            )
+        self.time += scene.dt
         return now
 
     def reach(self, target):
-        """Ramp to a state and run to rest; its record."""
+        """Run to a state, where need be again from the last one with another time step; its record.
+
+        The next shorter ones are tried, and at last those that are longer than what it began with.
+        """
         begun = self.steps
+        goal = {**self.values, **target}
+        pulls = {name: max(value, 0.0) for name, value in goal.items()}
+        time_steps = self.rest["time_steps"]
+        first = self.first_choice(pulls)
+        failures = []
+        for k in [*range(first, len(time_steps)), *reversed(range(first))]:
+            if failures or time_steps[k] != self.scene.dt:
+                self.go_back(time_steps[k])
+            try:
+                self.approach(goal)
+                break
+            except Lost as error:
+                failures.append(f"{error} (time step {time_steps[k]:g} s)")
+        else:
+            raise Lost(". Then ".join(failures))
+        self.values = goal
+        self.settled.append((pulls, k))
+        self.kept, self.kept_time = self.scene.positions(), self.time
+        return {**self.read(), "time": self.time, "dt": self.scene.dt, "steps": self.steps - begun}
+
+    def read(self):
+        return read_state(self.scene.parts, self.parameters, self.scene.dt)
+
+    def first_choice(self, pulls):
+        """Which time step to try first: the one of the state so far that is pulled most alike. Those dance alike."""
+        if not self.settled:
+            return 0
+        seen = [pulls, *(there for there, _ in self.settled)]
+        largest = {name: max(there[name] for there in seen) or 1.0 for name in pulls}
+
+        def apart(state):
+            return sum(((state[0][name] - pull) / largest[name]) ** 2 for name, pull in pulls.items())
+
+        return min(reversed(self.settled), key=apart)[1]
+
+    def approach(self, goal):
+        """Ramp to a state and run to rest."""
         start = dict(self.values)
         if any(value == SLACK for value in start.values()):
-            there = read_state(self.parts, self.parameters, self.dt)["cables"]
+            there = self.read()["cables"]
             start = {name: there[name]["shortening"] if value == SLACK else value for name, value in start.items()}
-        goal = {**self.values, **target}
         if goal != self.values:
-            n_ramp = max(1, round(self.rest["ramp"] / self.dt))
+            n_ramp = max(1, round(self.rest["ramp"] / self.scene.dt))
             for k in range(1, n_ramp + 1):
                 part = 0.5 - 0.5 * math.cos(math.pi * k / n_ramp)
                 values = {n: v if v == SLACK else start[n] + part * (v - start[n]) for n, v in goal.items()}
                 self.step(values)
-        self.values = goal
-        self.settle()
-        record = read_state(self.parts, self.parameters, self.dt)
-        return {**record, "time": self.steps * self.dt, "steps": self.steps - begun}
+        self.settle(goal)
 
-    def settle(self):
+    def settle(self, values):
         """Step until nothing has moved for a while.
 
         A speed that no longer falls will not: the tendon's stiffness is not in SOFA's matrix, and a robot pulled beyond
@@ -95,10 +175,11 @@ class Run:
         """
         still = 0.0
         before = largest = math.inf
-        n_window = max(1, round(FALTERS / self.dt))
-        for k in range(1, round(self.rest["longest"] / self.dt) + 1):
-            now = self.step(self.values)
-            still = still + self.dt if now <= self.rest["speed"] else 0.0
+        dt = self.scene.dt
+        n_window = max(1, round(FALTERS / dt))
+        for k in range(1, round(self.rest["longest"] / dt) + 1):
+            now = self.step(values)
+            still = still + dt if now <= self.rest["speed"] else 0.0
             if still >= self.rest["hold"] - 1e-9:
                 return
             largest = now if k % n_window == 1 or n_window == 1 else max(largest, now)
@@ -109,6 +190,13 @@ class Run:
         raise Lost("it has not come to rest within {:g} s: still {:.3g} m/s".format(self.rest["longest"], now))
 
 
+def below(node):
+    """A node and all below it; those of several parents are told as often."""
+    yield node
+    for child in node.children:
+        yield from below(child)
+
+
 def run(states, parameters, rest, tell, shapes=False):
     """The rest state with all cables slack, then every state; `tell` takes each record. Whether all were reached."""
     began = time.time()
@@ -117,12 +205,12 @@ def run(states, parameters, rest, tell, shapes=False):
         for number, state in enumerate([{}] + states):
             record = it.reach(state)
             if shapes:
-                nodes = it.parts["bodies"].items()
+                nodes = it.scene.parts["bodies"].items()
                 record["points"] = {name: node.dofs.position.value.tolist() for name, node in nodes}
-                record["rods"] = read_rods(it.parts, parameters)
+                record["rods"] = read_rods(it.scene.parts, parameters)
             tell({"state": number, **record})
     except Lost as error:
-        tell({"failed": str(error), "time": it.steps * it.dt, "steps": it.steps, "seconds": time.time() - began})
+        tell({"failed": str(error), "time": it.time, "steps": it.steps, "seconds": time.time() - began})
         return False
     tell({"done": True, "steps": it.steps, "seconds": time.time() - began})
     return True
@@ -157,7 +245,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--job", help="a file of what to do, as softcal writes it")
     parser.add_argument("--probe", metavar="FILE", help="write what this SOFA lacks, and end")
-    parser.add_argument("--time-step", type=float, help="in seconds; shorter ones settle where longer ones dance")
+    parser.add_argument("--time-step", type=float, help="in seconds: this one alone, and not those of parameters.json")
     given = parser.parse_args()
     if given.probe:
         with open(given.probe, "w", encoding="utf-8") as file:
@@ -172,9 +260,9 @@ def main():
         columns.pop("time", None)
         job = {"states": [dict(zip(columns, row)) for row in zip(*columns.values())], "rest": parameters["rest"]}
     rest = job["rest"]
-    step = given.time_step or job.get("dt") or rest["time_steps"][0]
-    damping = {key: rest[key] for key in ("rayleigh_stiffness", "rayleigh_mass")}
-    parameters["time"] = {"dt": step, **damping}
+    if given.time_step:
+        rest = {**rest, "time_steps": [given.time_step]}
+    parameters["time"] = {key: rest[key] for key in ("rayleigh_stiffness", "rayleigh_mass")}
     if given.job:
         with open(job["out"], "w", encoding="utf-8") as file:
 

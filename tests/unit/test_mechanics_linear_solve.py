@@ -42,6 +42,21 @@ def test_solves_for_one_and_for_many_right_hand_sides(kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("seed", range(5))
+def test_counts_the_negative_eigenvalues(kind, seed):
+    K = saddle(seed=seed)
+    triangle = upper(K)
+    factors = kind(triangle.indptr.astype(np.int64), triangle.indices.astype(np.int64))
+    lowest = np.linalg.eigvalsh(K)
+    between = 0.5 * (lowest[1:] + lowest[:-1])
+    for shift in (0.0, 2.0 * lowest[0], *between[[0, 3, 40, -1]], 2.0 * lowest[-1]):
+        moved = upper(K - shift * np.eye(len(K)))
+        assert np.array_equal(moved.indices, triangle.indices)
+        factors.factorise(moved.data)
+        assert factors.n_negative == np.count_nonzero(lowest < shift)
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_new_values_on_the_same_pattern(kind):
     K = saddle()
     triangle = upper(K)

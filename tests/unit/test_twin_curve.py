@@ -12,7 +12,7 @@ def curve_of(f, df, c, by=None):
     c = np.asarray(c, dtype=float)
     values, slopes = np.asarray(f(c))[:, None], np.asarray(df(c))[:, None]
     by_parameter = np.zeros((len(c), 1, 0)) if by is None else np.asarray(by(c))[:, None, None]
-    return Curve(c, values, slopes, by_parameter)
+    return Curve(c, values, slopes, by_parameter, np.zeros(len(c) - 1, dtype=bool))
 
 
 @settings(deadline=None)

@@ -26,7 +26,7 @@ from softcal.twin.response import Snapshot
 from softcal.twin.robot import Body, Cable, Contact, Disc, Marker, Plate, PointLoad, Robot, Rod, Tie, ViaPoint
 from softcal.twin.schedule import Schedule, TimeSettings
 from softcal.twin.simulate import simulate
-from softcal.twin.start import loaded_state
+from softcal.twin.start import loaded
 
 E, SIDE, APART = 1e6, 0.02, 1e-3
 E_Z = np.array([0.0, 0.0, 1.0])
@@ -181,7 +181,7 @@ def test_tangent_is_the_gradients_derivative_while_touching():
     statics = Statics(twin.system, theta)
     none = np.zeros(1)
     pressed = Controls(np.array([True]), none + 9.0, none)
-    state = loaded_state(twin, statics)
+    state = loaded(twin, statics).state
     for tension in np.linspace(0.5, 9.0, 18):
         solved = statics.equilibrium(state, Controls(np.array([True]), none + tension, none))
         assert solved.converged, solved.status

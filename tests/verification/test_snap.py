@@ -1,12 +1,21 @@
 """A shallow roof that snaps through: the cable that pulls its ridge down would have to push it up in between."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from mechanics_cases import elastic, pulled
 
 from softcal.geometry.centreline import straight
 from softcal.geometry.section import rectangular
-from softcal.twin.robot import Cable, Plate, Robot, Rod, ViaPoint
+from softcal.mechanics.stability import fall
+from softcal.mechanics.state import rest_state
+from softcal.mechanics.statics import Statics
+from softcal.mechanics.system import Controls
+from softcal.twin.build import build_twin
+from softcal.twin.parameters import robot_parameters
+from softcal.twin.protocol import Command, Protocol
+from softcal.twin.robot import Cable, Plate, PointLoad, Robot, Rod, ViaPoint
 from softcal.twin.simulate import simulate
 
 SPAN, RISE = 0.05, 0.004
@@ -61,3 +70,33 @@ def test_before_and_beyond_the_snap_the_cable_pulls(roof: Robot) -> None:
     # There the hinges are stretched by 6 %, which the formula takes for small.
     assert tension[2] == pytest.approx(force(d)[2], rel=0.15)
     assert tension.min() > 0.1
+
+
+@pytest.mark.parametrize("by", ["weight", "cables", "fall"])
+def test_a_force_that_the_roof_cannot_bear_snaps_it_through(roof: Robot, by: str) -> None:
+    d = np.linspace(0.0, 3.0, 3001) * RISE
+    limit = force(d[d < RISE]).max()
+    shares = np.array([0.9, 1.2])
+    if by == "weight":
+        loads = [
+            PointLoad("weight", "ridge", np.array([0.0, 0.0, RISE]), np.array([0.0, 0.0, -s * limit])) for s in shares
+        ]
+        answers = [simulate(replace(roof, loads=(load,)), Protocol({})) for load in loads]
+        low = RISE - np.array([answer.channels["ridge.z"][0] for answer in answers])
+    elif by == "fall":
+        twin, none = build_twin(roof), np.zeros(1)
+        statics = Statics(twin.system, {name: info.value for name, info in robot_parameters(roof).items()})
+        rest = rest_state(twin.system.layout)
+        ends = [fall(statics, rest, Controls(np.array([True]), none + s * limit, none)) for s in shares]
+        assert all(end.converged for end in ends), [end.status for end in ends]
+        low = RISE - np.array([end.state.position[twin.frame["ridge"], 2] for end in ends])
+        statics.release()
+    else:
+        two = replace(roof, cables=(*roof.cables, replace(roof.cables[0], name="back")))
+        half = Command("tension", 0.5 * shares * limit)
+        answer = simulate(two, Protocol({"front": half, "back": half}))
+        assert answer.succeeded, answer.status
+        low = RISE - answer.channels["ridge.z"]
+    assert low[0] == pytest.approx(d[np.argmax(force(d) > shares[0] * limit)], rel=0.02)
+    assert low[1] > 2.0 * RISE
+    assert low[1] == pytest.approx(d[np.flatnonzero(force(d) < shares[1] * limit)[-1]], rel=0.02)

@@ -23,6 +23,11 @@ class Factorisation(Protocol):
 
     def solve(self, b: Floats) -> Floats: ...
 
+    @property
+    def n_negative(self) -> int:
+        """How many eigenvalues of the matrix factorised last are negative (Sylvester's law of inertia)."""
+        ...
+
     def release(self) -> None: ...
 
 
@@ -85,6 +90,11 @@ class Pardiso:
         """x with A x = b; b (n,) or (n, k)."""
         return self._call(33, np.asfortranarray(b, dtype=np.float64))
 
+    @property
+    def n_negative(self) -> int:
+        """How many eigenvalues of the matrix factorised last are negative."""
+        return int(self._handle.options[22])
+
     def release(self) -> None:
         """Give the factors' memory back."""
         self._finalizer()
@@ -128,6 +138,7 @@ class SuperLU:
     def __init__(self, indptr: Ints, indices: Ints) -> None:
         self._indptr = indptr
         self._indices = indices
+        self._matrix: Any = None
         self._lu: Any = None
 
     def factorise(self, data: Floats) -> None:
@@ -139,13 +150,18 @@ class SuperLU:
             Where the matrix is singular.
         """
         import scipy.sparse as sp
-        from scipy.sparse.linalg import splu
 
         n = len(self._indptr) - 1
         upper = sp.csr_matrix((data, self._indices, self._indptr), shape=(n, n))
-        full = (upper + sp.triu(upper, 1).T).tocsc()
+        self._matrix = (upper + sp.triu(upper, 1).T).tocsc()
+        self._lu = self._factors(0.01)
+
+    def _factors(self, pivot_threshold: float) -> Any:
+        from scipy.sparse.linalg import splu
+
+        options = {"SymmetricMode": True}
         try:
-            self._lu = splu(full, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}, diag_pivot_thresh=0.01)
+            return splu(self._matrix, permc_spec="MMD_AT_PLUS_A", options=options, diag_pivot_thresh=pivot_threshold)
         except RuntimeError as error:
             raise SimulationError(f"The tangent could not be factorised ({error}).") from error
 
@@ -153,9 +169,17 @@ class SuperLU:
         """x with A x = b; b (n,) or (n, k)."""
         return self._lu.solve(b)
 
+    @property
+    def n_negative(self) -> int:
+        """How many eigenvalues of the matrix factorised last are negative."""
+        lu = self._lu
+        if np.any(lu.perm_r != lu.perm_c):  # its pivots tell only where all stand on the diagonal
+            lu = self._factors(0.0)
+        return int(np.count_nonzero(lu.U.diagonal() < 0.0))
+
     def release(self) -> None:
         """Give the factors' memory back."""
-        self._lu = None
+        self._matrix = self._lu = None
 
 
 @functools.cache

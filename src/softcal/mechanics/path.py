@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
 from softcal.mechanics.layout import Layout
+from softcal.mechanics.stability import fall, is_stable
 from softcal.mechanics.state import State, difference, moved
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.system import Controls
 
-SMALLEST_STEP = 1e-4  # of the whole range
+SMALLEST_STEP = 1e-4  # of the whole range: where equilibria end
+CLOSE = 1e-3  # of the way so far: where they cease to be stable
 GROWTH = 2.0
 EASY, HARD = 7, 12  # iterations (with kept factorisations) below which steps grow, above which they shrink
 
@@ -43,12 +45,17 @@ class Line:
 
 @dataclass(frozen=True)
 class Node:
-    """An equilibrium on the path. slope: dz/dc (n_unknowns,); by_parameter: dz/dtheta at fixed c (n_unknowns, k)."""
+    """An equilibrium on the path. slope: dz/dc (n_unknowns,); by_parameter: dz/dtheta at fixed c (n_unknowns, k);
+    is_stable: whether it is one of least energy, or one that a cable would have to push for, which is none anyway;
+    is_fallen: whether the robot fell to it from an unstable one (it buckled, or snapped).
+    """
 
     c: float
     state: State
     slope: Floats
     by_parameter: Floats
+    is_stable: bool = True
+    is_fallen: bool = False
 
 
 @dataclass(frozen=True)
@@ -77,7 +84,24 @@ def node_at(statics: Statics, line: Line, c: float, state: State, names: tuple[s
     # A held cable's tension is given: its rate is the line's.
     tensions = dz[statics.system.layout.first_tension_unknown :]
     tensions[line.is_held, 0] = line.tension_rate[line.is_held]
-    return Node(c, state, dz[:, 0], dz[:, 1:])
+    return Node(c, state, dz[:, 0], dz[:, 1:], _pushes(state) or is_stable(statics, at))
+
+
+def _pushes(state: State) -> bool:
+    """Whether a cable pushes, as none can: such a state is on the way to another at most."""
+    return bool(np.any(state.tension < 0.0))
+
+
+def stable_node_at(statics: Statics, line: Line, c: float, state: State, names: tuple[str, ...]) -> Node:
+    """The node of an equilibrium, or of the stable one that the robot falls to from there.
+
+    Raises
+    ------
+    SimulationError
+        Where the tangent is singular, or the robot falls to no other equilibrium.
+    """
+    node = node_at(statics, line, c, state, names)
+    return node if node.is_stable else _fallen(statics, line, c, state, names)
 
 
 def follow(
@@ -91,11 +115,15 @@ def follow(
     stop: Callable[[Node], bool] = lambda node: False,
     largest_step: float = np.inf,
 ) -> Path:
-    """Equilibria from a node to c = end, or to where `stop` says so. A failed step is cut and tried again."""
+    """Stable equilibria from a node to c = end, or to where `stop` says so. A failed step is cut and tried again.
+
+    Where they cease to be stable the robot falls: the next node is the stable equilibrium that it comes to.
+    """
     layout = statics.system.layout
     nodes = [start]
     h = min(first_step, largest_step, end - start.c)
     scale = max(end - start.c, 1e-300)
+    beyond: Node | None = None  # the nearest equilibrium ahead that was found unstable
     while nodes[-1].c < end - 1e-12 * scale:
         last = nodes[-1]
         # Steps that fill what is left evenly.
@@ -104,19 +132,44 @@ def follow(
         c = end if abs(last.c + step - end) < 1e-12 * scale else last.c + step
         guess = statics.reachable(last.state, _predicted_step(layout, nodes, c))
         solved = statics.equilibrium(guess, line.at(c))
-        if solved.converged:
-            nodes.append(node_at(statics, line, c, solved.state, names))
-            if stop(nodes[-1]):
-                return Path(tuple(nodes), True, names=names)
-            if solved.n_iterations <= EASY:
-                h = GROWTH * step
-            elif solved.n_iterations >= HARD:
-                h = 0.5 * step
-            continue
-        h = 0.4 * step
-        if h < SMALLEST_STEP * scale:
-            return Path(tuple(nodes), False, solved.status, names)
+        node = node_at(statics, line, c, solved.state, names) if solved.converged else None
+        if node is None or not node.is_stable:
+            close = SMALLEST_STEP * scale if node is None else CLOSE * (c - start.c)
+            if 0.4 * step >= close and (node is None or last.is_stable):
+                h, beyond = 0.4 * step, node or beyond
+                continue
+            if node is None and _pushes(last.state):
+                return Path(tuple(nodes), False, solved.status, names)
+            # Not from the nearest unstable one: a branch's first steps are hard.
+            unstable = beyond or node
+            try:
+                node = _fallen(statics, line, *((unstable.c, unstable.state) if unstable else (c, last.state)), names)
+            except SimulationError as error:
+                return Path(tuple(nodes), False, solved.status or str(error), names)
+            h = step
+        elif solved.n_iterations <= EASY:
+            h = GROWTH * step
+        elif solved.n_iterations >= HARD:
+            h = 0.5 * step
+        nodes.append(node)
+        beyond = None
+        if stop(node):
+            break
     return Path(tuple(nodes), True, names=names)
+
+
+def _fallen(statics: Statics, line: Line, c: float, state: State, names: tuple[str, ...]) -> Node:
+    """The stable node at c that the robot falls to from a state.
+
+    Raises
+    ------
+    SimulationError
+        Where it comes to none.
+    """
+    fallen = fall(statics, state, line.at(c))
+    if not fallen.converged:
+        raise SimulationError(f"the robot is not stable there, and falls to no other equilibrium: {fallen.status}")
+    return replace(node_at(statics, line, c, fallen.state, names), is_fallen=True)
 
 
 def between(statics: Statics, line: Line, path: Path, c: float) -> Node:
@@ -132,7 +185,9 @@ def between(statics: Statics, line: Line, path: Path, c: float) -> Node:
     if statics.system.free_way(before.state, guess) == 1.0:
         solved = statics.equilibrium(guess, line.at(c))
         if solved.converged:
-            return node_at(statics, line, c, solved.state, path.names)
+            node = node_at(statics, line, c, solved.state, path.names)
+            if node.is_stable:
+                return node
     way = follow(statics, line, before, c, first_step=0.3 * (c - before.c), names=path.names)
     if not way.reached:
         raise SimulationError(f"No equilibrium between two neighbouring ones: {way.status}.")
@@ -161,7 +216,7 @@ def _predicted_step(layout: Layout, nodes: list[Node], c: float) -> Floats:
     last = nodes[-1]
     h = c - last.c
     dz = h * last.slope
-    if len(nodes) > 1:
+    if len(nodes) > 1 and not last.is_fallen:
         before = nodes[-2]
         width = last.c - before.c
         back = difference(layout, before.state, last.state)  # z(c - width) - z(c)

@@ -25,6 +25,8 @@ PATIENCE = 6  # iterations without a smaller residual
 WITH_CONTACT = 4  # times as many of both where surfaces may touch: the set of contacts must be found too
 REUSE_BELOW = 0.1  # a factorisation is kept while each step shrinks the residual at least tenfold
 SMALL_START = 1e-3  # and from a first residual as small as this
+FARTHEST = 10.0  # of the robot's extent
+TORN = f"the robot would stretch to more than {FARTHEST:.0f} times its size"
 MAX_CUTS = 8  # halvings of a step that would invert an element
 TURN_PER_STEP = 1.0  # [rad] of a plate, or of a rod's section, at most
 MOVE_PER_STEP = 0.33  # of the robot's extent, at most
@@ -61,7 +63,7 @@ class Statics:
         layout = system.layout
         shear = _largest_shear_modulus(system, theta)
         self._force_floor = 1e-4 * shear * system.stiffness_length**2
-        self._length = float(np.linalg.norm(np.ptp(layout.X, axis=0)))
+        self.length = float(np.linalg.norm(np.ptp(layout.X, axis=0)))
         self._farthest = float(np.abs(layout.X).max())
         of_rods = [layout.first_frame_unknown + 6 * _moving(layout, rod) for rod in system.rods]
         rows = [np.arange(layout.first_frame_unknown), *(first + i for first in of_rods for i in range(3))]
@@ -70,7 +72,7 @@ class Statics:
         self._rounding = 0.0
         volume = sum(float(s.w.sum()) for s in system.solids)
         self._volume = volume / max(layout.n_pressures, 1)
-        self._unit = _units(system, self.theta, shear, self._length)
+        self._unit = _units(system, self.theta, shear, self.length)
         entries = self._unit[system.pattern.rows] * self._unit[system.pattern.indices]
         self._unit_places = np.flatnonzero(entries != 1.0)  # most are one: points are in metres
         self._unit_entries = entries[self._unit_places]
@@ -89,14 +91,16 @@ class Statics:
         parts = (
             at.reduced[: layout.first_frame_unknown] / force,
             frames[:, :3].ravel() / force,
-            frames[:, 3:].ravel() / (force * self._length),
+            frames[:, 3:].ravel() / (force * self.length),
             at.reduced[layout.first_pressure_unknown : layout.first_tension_unknown] / self._volume,
-            at.reduced[layout.first_tension_unknown :] / self._length,
+            at.reduced[layout.first_tension_unknown :] / self.length,
         )
         return float(np.sqrt(max(part @ part for part in parts)))
 
-    def factorise(self, at: Linearisation) -> None:
+    def factorise(self, at: Linearisation, drag: float = 0.0) -> None:
         """Factorise the tangent of a linearisation, for the solves to come.
+
+        drag: of every point and frame against its motion, per step, as a part of the tangent's usual diagonal entry.
 
         Raises
         ------
@@ -107,12 +111,16 @@ class Statics:
             raise SimulationError("There is no tangent to factorise.")
         self._require_independent(at.border)
         self._factors = self._planned
+        data = at.data.copy()
+        if drag > 0.0:
+            moving = slice(self.system.layout.first_pressure_unknown)
+            diagonal, unit = self.system.pattern.indptr[:-1][moving], self._unit[moving]
+            data[diagonal] += drag * float(np.abs(data[diagonal] * unit**2).mean()) / unit**2
         if at.touch is None:
-            data = at.data.copy()
             data[self._unit_places] *= self._unit_entries
             self._factors.factorise(data)
         else:
-            self._factors = self._with_touch(at.data, at.touch)
+            self._factors = self._with_touch(data, at.touch)
         self._rounding = ROUNDING * self._farthest * float(np.linalg.norm(at.data[self._diagonal]))
         self.n_factorisations += 1
         self._border = at.border
@@ -177,7 +185,8 @@ class Statics:
                 status = f"Newton's method stalled (residual {best:.1e}, tolerance {TOLERANCE:.0e})"
                 return Equilibrium(state, False, iteration, residual, status)
             if residual < TOLERANCE:
-                return Equilibrium(state, True, iteration, residual)
+                torn = self.is_torn(state)
+                return Equilibrium(state, not torn, iteration, residual, TORN if torn else "")
             if not residual < min(1e3 * previous, 1e6):
                 return Equilibrium(
                     state, False, iteration, residual, f"Newton's method diverged (residual {residual:.1e})"
@@ -190,7 +199,7 @@ class Statics:
                 return Equilibrium(
                     state, False, iteration, residual, f"the tangent is singular: {str(error).rstrip('.')}"
                 )
-            step = self._limited(dz)
+            step = self.limited(dz)
             serves = step == 1.0 and residual < (SMALL_START if np.isinf(previous) else REUSE_BELOW * previous)
             work = float(dz @ at.reduced)
             for _ in range(MAX_CUTS):
@@ -231,6 +240,10 @@ class Statics:
             candidate = moved(self.system.layout, state, part * dz)
         return state, 0.0
 
+    def is_torn(self, state: State) -> bool:
+        """Whether the robot is stretched as no law is meant for: loads beyond a fold may pull it to any length."""
+        return float(np.ptp(state.x, axis=0).max()) > FARTHEST * self.length
+
     def tangent_at(self, state: State, controls: Controls) -> Linearisation:
         """Linearise and factorise at an equilibrium, for predictors and sensitivities.
 
@@ -242,6 +255,23 @@ class Statics:
         at = self.system.linearise(state, controls, self.theta)
         self.factorise(at)
         return at
+
+    def n_unstable(self) -> int:
+        """In how many independent ways the state whose tangent was factorised last leaves by itself; none is stable.
+
+        The potential has a minimum among the states with these cable lengths where the bordered tangent has as many
+        negative eigenvalues as it has multipliers: pressures, tensions of taut cables. Friction makes the border
+        unsymmetric; its sign changes where the tangent becomes singular, as without friction.
+        """
+        border = self._border
+        n = self.system.layout.first_tension_unknown
+        n_negative = self._factors.n_negative
+        if len(border.corner):
+            if self._columns_solved is None:
+                self._columns_solved = self._sparse_solve(border.columns[:n])
+            schur = border.rows.T @ self._columns_solved - np.diag(border.corner)
+            n_negative += int(np.count_nonzero(np.linalg.eigvals(schur).real > 0.0))
+        return n_negative - self.system.layout.n_pressures - len(border.corner)
 
     def release(self) -> None:
         """Give the factors' memory back."""
@@ -259,12 +289,12 @@ class Statics:
         solved *= self._unit[:, None]
         return solved
 
-    def _limited(self, dz: Floats) -> float:
+    def limited(self, dz: Floats) -> float:
         """A step length that neither turns a frame nor moves a point too far at once."""
         layout = self.system.layout
         frames = dz[layout.first_frame_unknown : layout.first_pressure_unknown].reshape(-1, 6)
         turn = float(np.abs(frames[:, 3:]).max(initial=0.0))
-        move = float(np.abs(dz[: layout.first_frame_unknown]).max(initial=0.0)) / self._length
+        move = float(np.abs(dz[: layout.first_frame_unknown]).max(initial=0.0)) / self.length
         return min(1.0, TURN_PER_STEP / max(turn, 1e-300), MOVE_PER_STEP / max(move, 1e-300))
 
 

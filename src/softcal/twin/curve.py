@@ -12,12 +12,16 @@ from softcal.checks import Floats
 
 @dataclass(frozen=True)
 class Curve:
-    """Channels along the control c. c (n,); values, slopes (n, n_channels); by_parameter (n, n_channels, k)."""
+    """Channels along the control c. c (n,); values, slopes (n, n_channels); by_parameter (n, n_channels, k).
+
+    is_jump (n - 1,): intervals in which the robot falls from one node to the next: they are straight.
+    """
 
     c: Floats
     values: Floats
     slopes: Floats
     by_parameter: Floats
+    is_jump: np.ndarray
 
     def at(self, c: Floats) -> tuple[Floats, Floats, Floats]:
         """Values, slopes (m, n_channels) and derivatives by parameters (m, n_channels, k) at c (m,)."""
@@ -29,13 +33,27 @@ class Curve:
                 np.repeat(self.by_parameter, n, axis=0),
             )
         spline = self.spline()
-        # The slopes' own derivatives by the parameters are not known: a spline through the nodes, straight for two.
-        by_parameter = make_interp_spline(self.c, self.by_parameter, k=min(3, len(self.c) - 1))
-        return spline(c), spline(c, 1), by_parameter(c)
+        return spline(c), spline(c, 1), self._by_parameter_at(c)
+
+    def _by_parameter_at(self, c: Floats) -> Floats:
+        """The slopes' own derivatives by the parameters are not known: splines through the nodes, straight for two."""
+        ends: list[int] = np.flatnonzero(self.is_jump).tolist()
+        out = make_interp_spline(self.c, self.by_parameter, k=1)(c)
+        for first, last in zip([0, *(i + 1 for i in ends)], [*ends, len(self.c) - 1], strict=True):
+            inside = (self.c[first] <= c) & (c <= self.c[last])
+            k = min(3, last - first)
+            if k > 1 and inside.any():
+                nodes = slice(first, last + 1)
+                out[inside] = make_interp_spline(self.c[nodes], self.by_parameter[nodes], k=k)(c[inside])
+        return out
 
     def spline(self) -> CubicHermiteSpline:
         """The channels as piecewise cubics in c."""
-        return CubicHermiteSpline(self.c, self.values, self.slopes)
+        spline = CubicHermiteSpline(self.c, self.values, self.slopes)
+        rise = np.diff(self.values, axis=0) / np.diff(self.c)[:, None]
+        spline.c[:2, self.is_jump] = 0.0
+        spline.c[2, self.is_jump] = rise[self.is_jump]
+        return spline
 
     def error(self) -> Floats:
         """Estimated error of the interpolation in each interval, (n - 1, n_channels); infinite where it is unknown.
@@ -48,8 +66,12 @@ class Curve:
             return np.full((len(h), self.values.shape[1]), np.inf)
         third = 6.0 * (self.slopes[1:] + self.slopes[:-1]) / h**2 - 12.0 * np.diff(self.values, axis=0) / h**3
         fourth = np.abs(np.diff(third, axis=0)) / (0.5 * (h[1:] + h[:-1]))
-        padded = np.concatenate([fourth[:1], fourth, fourth[-1:]])
-        return np.maximum(padded[1:], padded[:-1]) * h**4 / 384.0
+        fourth[self.is_jump[1:] | self.is_jump[:-1]] = np.nan  # nothing goes on across a jump
+        none = np.full((1, fourth.shape[1]), np.nan)
+        largest = np.fmax(np.concatenate([none, fourth]), np.concatenate([fourth, none]))
+        error = np.where(np.isnan(largest), np.inf, largest) * h**4 / 384.0
+        error[self.is_jump] = 0.0
+        return error
 
     def first_passage(self, channel: int, targets: Floats) -> Floats:
         """The smallest c at which a channel reaches each target (m,); NaN where it never does.

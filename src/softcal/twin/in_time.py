@@ -22,7 +22,7 @@ from softcal.twin.response import Response, Snapshot
 from softcal.twin.robot import Robot
 from softcal.twin.schedule import Schedule, Settling, TimeSettings
 from softcal.twin.sensors import channel_units, sense
-from softcal.twin.start import loaded_state, snapshot
+from softcal.twin.start import loaded, snapshot
 
 DEFAULT = TimeSettings()
 
@@ -84,7 +84,7 @@ def _start(twin: Twin, theta: Mapping[str, float], settings: TimeSettings) -> In
         return at_rest(rest_state(twin.system.layout))
     statics = Statics(twin.system, theta)
     try:
-        return at_rest(loaded_state(twin, statics))
+        return at_rest(loaded(twin, statics).state)
     finally:
         statics.release()
 

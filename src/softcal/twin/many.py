@@ -8,7 +8,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
-from softcal.mechanics.path import Line, Node, follow, node_at
+from softcal.mechanics.path import Line, Node, follow, node_at, stable_node_at
 from softcal.mechanics.state import State
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.system import Controls
@@ -16,7 +16,7 @@ from softcal.twin.build import Twin
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response, Shown, Snapshot
 from softcal.twin.sensors import channel_units, sense, sense_rates
-from softcal.twin.start import loaded_state, slack_line, snapshot
+from softcal.twin.start import UNDER_LOADS, fallen, loaded, slack_line, snapshot
 
 SLACK_TENSION = 1e-7  # of the largest tension around: less is none
 SLACK_LENGTH = 1e-9  # of a cable's length
@@ -38,9 +38,12 @@ def simulate_many(
     values: list[Floats] = []
     rates: list[Floats] = []
     shapes: list[Snapshot] = []
-    status, succeeded = "", True
+    status, succeeded, falls = "", True, list[str]()
     try:
-        start = state = loaded_state(twin, statics)
+        loads = loaded(twin, statics)
+        start = state = loads.state
+        if loads.falls:
+            falls.append(fallen(UNDER_LOADS))
         # Lengths as they are: a cable that is commanded in length starts at its own.
         lengths = twin.system.cables.lengths(state.x)
         slack = replace(slack_line(twin).at(0.0), shortening=twin.system.cables.rest_length - lengths)
@@ -54,6 +57,8 @@ def simulate_many(
                 # The way from the sample before may lead through states that have no equilibrium.
                 node, controls = _reach(twin, statics, start, slack, target, by_length, names)
             state = node.state
+            if node.is_fallen:
+                falls.append(fallen(f"on the way to sample {i + 1}"))
             values.append(_commanded(twin, protocol, i, sense(twin, state)))
             by_command = _by_command(twin, statics, state, controls, by_length, commanded)
             rates.append(sense_rates(twin, state, np.column_stack([node.by_parameter, by_command])))
@@ -63,6 +68,7 @@ def simulate_many(
         status = f"Solved: {protocol.n_samples} equilibria, {statics.n_factorisations} factorisations."
     except SimulationError as error:
         status, succeeded = f"Sample {len(values) + 1} of {protocol.n_samples} was not reached: {error}", False
+    status += "".join(falls)
     table = np.array(values).reshape(len(values), len(units))
     labels = (*names, *(f"{cable}.{protocol.commands[cable].control}" for cable in commanded))
     by_parameter = np.array(rates).reshape(len(values), len(units), len(labels))
@@ -113,6 +119,7 @@ def _reach(
     lengths = cables.lengths(state.x)
     # A taut cable goes from its present length to the target's; a slack one waits for the check.
     start = replace(now, shortening=cables.rest_length - lengths, tension=np.where(now.is_held, now.tension, 0.0))
+    falls = False
     for _ in range(4 * cables.n_cables + 4):
         line = Line(
             start.is_held,
@@ -122,16 +129,17 @@ def _reach(
             target.shortening - start.shortening,
         )
         still = not np.any(line.tension_rate[start.is_held]) and not np.any(line.shortening_rate[~start.is_held])
-        begin = node_at(statics, line, 1.0 if still else 0.0, state, () if not still else names)
         if still:
-            node = begin
+            node = stable_node_at(statics, line, 1.0, state, names)
+            falls |= node.is_fallen
         else:
-            path = follow(statics, line, begin, 1.0, first_step=1.0)
+            path = follow(statics, line, node_at(statics, line, 0.0, state, ()), 1.0, first_step=1.0)
             if not path.reached:
                 raise SimulationError(
                     f"no equilibrium beyond {100 * path.nodes[-1].c:.3g} % of the step: {path.status}."
                 )
             node = node_at(statics, line, 1.0, path.nodes[-1].state, names)
+            falls |= any(node.is_fallen for node in path.nodes)
         state = node.state
         lengths = cables.lengths(state.x)
         scale = max(float(np.abs(state.tension).max(initial=0.0)), 1e-12)
@@ -139,7 +147,7 @@ def _reach(
         gap = lengths - cables.rest_length + target.shortening
         too_long = by_length & start.is_held & (gap > SLACK_LENGTH * cables.rest_length)
         if not pushes.any() and not too_long.any():
-            return node, Controls(start.is_held, target.tension, target.shortening)
+            return replace(node, is_fallen=falls), Controls(start.is_held, target.tension, target.shortening)
         is_held = (start.is_held | pushes) & ~too_long
         tension = np.where(is_held, np.where(by_length, np.maximum(state.tension, 0.0), target.tension), 0.0)
         start = Controls(is_held, np.where(pushes, 0.0, tension), cables.rest_length - lengths)

@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
 from softcal.mechanics.path import Line, Node, follow, node_at
+from softcal.mechanics.stability import is_stable
 from softcal.mechanics.state import State, rest_state
 from softcal.mechanics.statics import Statics
 from softcal.twin.build import Twin
 from softcal.twin.loads import Weights
 from softcal.twin.response import Snapshot
 from softcal.units import format_quantity
+
+UNDER_LOADS = "under its loads"
+
+
+def fallen(where: str) -> str:
+    """The sentence, with a blank before it, on a robot that is not stable there."""
+    return f" Not stable {where}, the robot buckles or snaps to another equilibrium."
 
 
 def slack_line(twin: Twin) -> Line:
@@ -23,8 +31,16 @@ def slack_line(twin: Twin) -> Line:
     return Line(np.ones(n, dtype=bool), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n))
 
 
-def loaded_state(twin: Twin, statics: Statics) -> State:
-    """The equilibrium under the dead loads, put on in as many steps as it takes.
+@dataclass(frozen=True)
+class Start:
+    """The robot under its dead loads. falls: whether it buckles or snaps as they are put on."""
+
+    state: State
+    falls: bool = False
+
+
+def loaded(twin: Twin, statics: Statics) -> Start:
+    """The stable equilibrium under the dead loads, put on in as many steps as it takes.
 
     Raises
     ------
@@ -34,17 +50,17 @@ def loaded_state(twin: Twin, statics: Statics) -> State:
     rest = rest_state(twin.system.layout)
     line = slack_line(twin)
     if not np.any(twin.system.loads.total(statics.theta)):
-        return rest
+        return Start(rest)
     direct = statics.equilibrium(rest, line.at(0.0))
-    if direct.converged:
-        return direct.state
+    if direct.converged and is_stable(statics, statics.tangent_at(direct.state, line.at(0.0))):
+        return Start(direct.state)
     ramp = replace(line, load=0.0, load_rate=1.0)
     start: Node = node_at(statics, ramp, 0.0, rest, ())
     path = follow(statics, ramp, start, 1.0, first_step=0.2)
     if not path.reached:
         reached = 100.0 * path.nodes[-1].c
         raise SimulationError(f"No equilibrium under the dead loads beyond {reached:.3g} % of them: {path.status}.")
-    return path.nodes[-1].state
+    return Start(path.nodes[-1].state, any(node.is_fallen for node in path.nodes))
 
 
 def snapshot(twin: Twin, state: State, controls: dict[str, float], drive: float, unit: str) -> Snapshot:

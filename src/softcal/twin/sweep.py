@@ -16,7 +16,7 @@ from softcal.twin.curve import Curve
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response, Shown, Snapshot
 from softcal.twin.sensors import channel_units, sense, sense_rates
-from softcal.twin.start import loaded_state, slack_line, snapshot
+from softcal.twin.start import UNDER_LOADS, fallen, loaded, slack_line, snapshot
 
 FIRST_STEP = 0.12  # of the driven cable's length
 WOUND_UP = 1e-3  # of its length: a cable shorter than this is wound up
@@ -72,9 +72,9 @@ class Sweep:
 
     def _start(self) -> Node:
         """The robot under its loads, with the driven cable just taut: c there is L0 - L."""
-        state = loaded_state(self.twin, self.statics)
-        c = 0.0 if self.cable is None else self._shortening(state)
-        return node_at(self.statics, self._line, c, state, self.names)
+        start = loaded(self.twin, self.statics)
+        c = 0.0 if self.cable is None else self._shortening(start.state)
+        return replace(node_at(self.statics, self._line, c, start.state, self.names), is_fallen=start.falls)
 
     def _shortening(self, state: State) -> float:
         return self._length - float(self.twin.system.cables.lengths(state.x)[self._i_cable])
@@ -91,7 +91,8 @@ class Sweep:
         values[:, turns] = np.unwrap(values[:, turns], axis=0)
         rates = [sense_rates(self.twin, node.state, np.column_stack([node.slope, node.by_parameter])) for node in nodes]
         c = np.array([node.c for node in nodes])
-        return Curve(c, values, np.array([r[:, 0] for r in rates]), np.array([r[:, 1:] for r in rates]))
+        is_jump = np.array([node.is_fallen for node in nodes[1:]], dtype=bool)
+        return Curve(c, values, np.array([r[:, 0] for r in rates]), np.array([r[:, 1:] for r in rates]), is_jump)
 
     def _refined(self, path: Path) -> tuple[Path, Curve]:
         """The path with nodes added until the curve between them is as exact as asked for."""
@@ -131,11 +132,16 @@ class Sweep:
         path = Path((start,), True, names=self.names)
         if end > start.c + SAME * self._length:
             path = self._follow(start, end)
-        path, curve = self._refined(path)
-        reached = path.nodes[-1].c
         taut = d > start.c
+        falls = any(node.is_fallen for node in path.nodes[1:])
+        if falls:  # what comes after is not smooth enough to be read between nodes, nor reached from both sides
+            path = self._by_samples(start, np.unique(d[taut]))
+            curve = self._curve(path.nodes)
+        else:
+            path, curve = self._refined(path)
+        reached = path.nodes[-1].c
         n = len(d) if path.reached else int(np.argmax(np.append(d, np.inf) > reached))
-        if self.tolerance <= 0.0:
+        if self.tolerance <= 0.0 and not falls:
             path = self._with_nodes(path, self._missing(path, d[:n][taut[:n]]))
             curve = self._curve(path.nodes)
         values, slopes, by_parameter = curve.at(np.maximum(d[:n], start.c))
@@ -166,7 +172,7 @@ class Sweep:
         if len(path.nodes) == 1:
             at = np.full(len(T), start.c)
             shapes = self._shapes(path, at, np.zeros(len(T)), "N")
-            return self._response(*curve.at(at), "Solved: no tension.", True, shapes)
+            return self._response(*curve.at(at), "Solved: no tension." + self._falls(path), True, shapes)
         is_wound = path.reached and path.nodes[-1].c >= wound * (1.0 - 1e-9)
         c = curve.first_passage(i_tension, T)
         if self.tolerance <= 0.0:
@@ -201,6 +207,16 @@ class Sweep:
         shapes = self._shapes(path, at, T[:n], "N")
         return self._response(values, slopes, by_parameter, status, n == len(T), shapes)
 
+    def _by_samples(self, start: Node, c: Floats) -> Path:
+        """The path through every one of c, in their order."""
+        path = Path((start,), True, names=self.names)
+        for value in c:
+            leg = self._follow(path.nodes[-1], float(value))
+            path = replace(leg, nodes=(*path.nodes, *leg.nodes[1:]))
+            if not leg.reached:
+                break
+        return path
+
     def _at_tensions(self, path: Path, c: Floats, T: Floats) -> Path:
         """The path with a node at each tension whose shortening is known about; to solve at that and read the tension
         again would take two solves.
@@ -212,10 +228,10 @@ class Sweep:
         return replace(path, nodes=tuple(sorted(nodes, key=lambda node: node.c)))
 
     def _at_tension(self, path: Path, c: float, T: float) -> Node | None:
-        """The node at a tension between the two nodes around c; None where no equilibrium was found there."""
+        """The node at a tension between the two nodes around c; None where no stable equilibrium was found there."""
         before, after = neighbours(path, c)
         guess = interpolated(self.twin.system.layout, before, after, c)
-        if self.twin.system.free_way(before.state, guess) < 1.0:
+        if after.is_fallen or self.twin.system.free_way(before.state, guess) < 1.0:
             return None
         held = slack_line(self.twin).at(0.0)
         held = replace(held, tension=np.where(np.arange(len(held.tension)) == self._i_cable, T, 0.0))
@@ -223,7 +239,8 @@ class Sweep:
         if not solved.converged:
             return None
         c = self._shortening(solved.state)
-        return node_at(self.statics, self._line, c, solved.state, self.names) if before.c < c < after.c else None
+        node = node_at(self.statics, self._line, c, solved.state, self.names) if before.c < c < after.c else None
+        return node if node is not None and node.is_stable else None
 
     def _up_to(self, path: Path, c: float) -> Path:
         """The path up to c, with a node there: one to a tension ends beyond it."""
@@ -253,7 +270,8 @@ class Sweep:
     def _at_rest(self, start: Node, n: int) -> Response:
         numbers = range(1, n + 1) if self.snapshots == "samples" else (0,)
         shapes = tuple(snapshot(self.twin, start.state, {}, k, "") for k in numbers) if self.snapshots else ()
-        return self._response(*self._curve((start,)).at(np.zeros(n)), "Solved: no cable is driven.", True, shapes)
+        status = "Solved: no cable is driven." + self._falls(Path((start,), True))
+        return self._response(*self._curve((start,)).at(np.zeros(n)), status, True, shapes)
 
     def _shapes(self, path: Path, c: Floats, commands: Floats, unit: str) -> tuple[Snapshot, ...]:
         """What is to be drawn: the samples that the commands [unit] bring to c, or the path that leads there."""
@@ -275,12 +293,19 @@ class Sweep:
 
     def _sentence(self, path: Path, n: int, n_samples: int) -> str:
         if path.reached:
-            return f"Solved: {len(path.nodes)} equilibria, {self.statics.n_factorisations} factorisations."
-        end = 1e3 * path.nodes[-1].c
-        return (
-            f"No equilibrium beyond {end:.4g} mm of shortening of {self.cable} "
-            f"({n} of {n_samples} samples reached): {path.status}."
-        )
+            found = f"Solved: {len(path.nodes)} equilibria, {self.statics.n_factorisations} factorisations."
+        else:
+            end = 1e3 * path.nodes[-1].c
+            found = (
+                f"No equilibrium beyond {end:.4g} mm of shortening of {self.cable} "
+                f"({n} of {n_samples} samples reached): {path.status}."
+            )
+        return found + self._falls(path)
+
+    def _falls(self, path: Path) -> str:
+        loads = [fallen(UNDER_LOADS)] if path.nodes[0].is_fallen else []
+        at = ", ".join(f"{1e3 * node.c:.4g}" for node in path.nodes[1:] if node.is_fallen)
+        return "".join([*loads, *([fallen(f"at {at} mm of shortening of {self.cable}")] if at else [])])
 
     def _response(
         self,

@@ -1,0 +1,146 @@
+"""Where equilibria cease to be stable the robot falls to the stable ones: Euler's loads, and elasticas beyond them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from mechanics_cases import elastic, pulled
+from scipy.optimize import brentq
+from scipy.special import ellipe, ellipk
+
+from softcal.geometry.centreline import straight
+from softcal.geometry.primitives import box_mesh
+from softcal.geometry.quadratic import to_quadratic
+from softcal.geometry.section import circular, rectangular
+from softcal.twin.protocol import Command, Protocol
+from softcal.twin.robot import Body, Cable, Plate, PointLoad, Robot, Rod, ViaPoint
+from softcal.twin.simulate import simulate
+
+E, LENGTH, WIDTH, THICKNESS = 5e7, 0.2, 0.01, 0.004
+EI = E * WIDTH * THICKNESS**3 / 12.0
+TOP = np.array([0.0, 0.0, LENGTH])
+PINNED = np.pi**2 * EI / LENGTH**2  # a cable from tip to foot has no moment about either
+CANTILEVER = PINNED / 4.0
+
+
+def column(section=None, *, cables: tuple[Cable, ...] = (), loads: tuple[PointLoad, ...] = ()) -> Robot:
+    """A straight rod that stands on the ground, with a plate on top."""
+    section = rectangular(WIDTH, THICKNESS) if section is None else section
+    line = straight((0, 0, 0), tuple(TOP), 40)
+    rod = Rod("column", line, section, elastic(E, 0.3), clamped={"top": [40]}, fixed=[0])
+    return Robot(plates=(Plate("top", {}, TOP),), rods=(rod,), cables=cables, loads=loads)
+
+
+def axial(side: float = 0.0, name: str = "front") -> Cable:
+    """A cable from the top down to the foot, beside the axis by `side` [m] along x."""
+    beside = np.array([side, 0.0, 0.0])
+    return Cable(name, (ViaPoint(beside), ViaPoint(TOP + beside, "top")), pulled_end="first")
+
+
+def modulus_of(measure: Callable[[float], float], target: float) -> float:
+    """The elliptic modulus k at which an elastica's measure, falling in k, is `target`."""
+    return float(brentq(lambda k: measure(k) - target, 1e-9, 0.995))
+
+
+def chord_of(k: float) -> float:
+    """Tip to foot of a pinned elastica, over its length."""
+    return float(2.0 * ellipe(k * k) / ellipk(k * k) - 1.0)
+
+
+def test_a_column_that_a_cable_presses_follows_the_elastica() -> None:
+    d = np.array([0.2, 1.0, 5.0, 10.0, 20.0, 40.0, 60.0]) * 1e-3
+    response = simulate(column(cables=(axial(),)), pulled(*d), sensitivities=["column.youngs_modulus"])
+    assert response.succeeded, response.status
+    exact = [4.0 * ellipk(k * k) ** 2 * EI / LENGTH**2 for k in (modulus_of(chord_of, 1.0 - v / LENGTH) for v in d)]
+    # Shear and stretch, which the elastica has none of, take 0.08 % away.
+    np.testing.assert_allclose(response.channels["front.tension"], exact, rtol=1e-3)
+    assert np.all(response.channels["front.tension"] < exact)
+    # Everything scales with the modulus.
+    slope = E * response.sensitivities["front.tension"]["column.youngs_modulus"]
+    np.testing.assert_allclose(slope, response.channels["front.tension"], rtol=1e-6)
+
+
+def test_it_is_told_where_it_buckles() -> None:
+    response = simulate(column(cables=(axial(),)), pulled(0.001))
+    critical = 1e3 * PINNED * LENGTH / (E * WIDTH * THICKNESS)
+    assert "Not stable at " in response.status
+    at = float(response.status.split("Not stable at ")[1].split(" mm of shortening of front")[0])
+    assert critical * (1.0 - 1e-3) < at < critical * (1.0 + 5e-3)  # shear, and how closely it is looked for
+    straight_on = simulate(column(cables=(axial(),)), pulled(0.9e-3 * critical))
+    assert "stable" not in straight_on.status
+    assert straight_on.channels["top.x"][0] == straight_on.channels["top.y"][0] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_it_bends_the_way_of_the_weaker_side_in_a_drive_by_tension_too() -> None:
+    share = np.array([0.5, 0.95, 1.1, 1.3])
+    protocol = Protocol({"front": Command("tension", share * PINNED)})
+    response = simulate(column(cables=(axial(),)), protocol)
+    assert response.succeeded, response.status
+    k = np.array(
+        [np.nan, np.nan] + [brentq(lambda k, s=s: (2 * ellipk(k * k) / np.pi) ** 2 - s, 0, 0.99) for s in share[2:]]
+    )
+    d = response.channels["front.shortening"]
+    np.testing.assert_allclose(d[:2], share[:2] * PINNED * LENGTH / (E * WIDTH * THICKNESS), rtol=1e-3)
+    # The load hardly grows with the bend, so 0.08 % of the load is more of the length.
+    np.testing.assert_allclose(d[2:], [LENGTH * (1.0 - chord_of(v)) for v in k[2:]], rtol=0.02)
+
+
+def test_a_weight_on_a_column_bends_it_as_a_cantilever() -> None:
+    for share in (0.9, 1.2, 2.0):
+        load = PointLoad("weight", "top", TOP, np.array([0.0, 0.0, -share * CANTILEVER]))
+        response = simulate(column(loads=(load,)), Protocol({}))
+        assert response.succeeded, response.status
+        aside = float(np.hypot(response.channels["top.x"][0], response.channels["top.y"][0]))
+        if share < 1.0:
+            assert aside < 1e-9
+            assert "stable" not in response.status
+            continue
+        assert "Not stable under its loads" in response.status
+        k = brentq(lambda k, s=share: (2.0 * ellipk(k * k) / np.pi) ** 2 - s, 0.0, 0.999)
+        assert aside == pytest.approx(2.0 * k * LENGTH / ellipk(k * k), rel=5e-3)
+
+
+def test_a_solid_column_buckles_at_eulers_load() -> None:
+    mesh = box_mesh((WIDTH, THICKNESS, LENGTH), (1, 1, 40))
+    corner = np.array([0.5 * WIDTH, 0.5 * THICKNESS, 0.0])
+    ends = {z: np.flatnonzero(np.isclose(to_quadratic(mesh).points[:, 2], z)) for z in (0.0, LENGTH)}
+    body = Body("solid", to_quadratic(mesh), fixed=ends[0.0], parameters=elastic(E, 0.3), element="P2P1")
+    top = Plate("top", {"solid": ends[LENGTH]}, corner + TOP)
+    cable = Cable("front", (ViaPoint(corner), ViaPoint(corner + TOP, "top")), pulled_end="first")
+    response = simulate(Robot((body,), (top,), (cable,)), pulled(0.002, 0.02))
+    assert response.succeeded, response.status
+    assert "Not stable" in response.status
+    exact = [
+        4.0 * ellipk(k * k) ** 2 * EI / LENGTH**2
+        for k in (modulus_of(chord_of, 1.0 - v / LENGTH) for v in (0.002, 0.02))
+    ]
+    np.testing.assert_allclose(response.channels["front.tension"], exact, rtol=0.03)
+
+
+def test_two_cables_that_pull_alike_buckle_it_too() -> None:
+    cables = (axial(0.004, "left"), axial(-0.004, "right"))
+    half = 0.5 * PINNED * np.array([0.5, 1.5])
+    response = simulate(
+        column(rectangular(THICKNESS, WIDTH), cables=cables),
+        Protocol({n: Command("tension", half) for n in ("left", "right")}),
+    )
+    assert response.succeeded, response.status
+    assert "Not stable on the way to sample 2" in response.status
+    aside = np.hypot(response.channels["top.x"], response.channels["top.y"])
+    assert aside[0] < 1e-9
+    assert aside[1] > 0.1 * LENGTH
+
+
+def test_what_can_move_without_force_counts_as_stable() -> None:
+    """A round column may buckle to any side: it turns about its axis without force, and that is no second buckling."""
+    response = simulate(column(circular(0.006), cables=(axial(),)), pulled(0.005, 0.01, 0.02))
+    assert response.succeeded, response.status
+    k = [modulus_of(chord_of, 1.0 - v / LENGTH) for v in (0.005, 0.01, 0.02)]
+    bending = E * np.pi * 0.003**4 / 4.0
+    exact = [4.0 * ellipk(v * v) ** 2 * bending / LENGTH**2 for v in k]
+    np.testing.assert_allclose(response.channels["front.tension"], exact, rtol=2e-3)
+    places = response.status.split("Not stable at ")[1].split(" mm of shortening of front")[0].split(", ")
+    critical = 1e3 * np.pi**2 * bending / (E * np.pi * 0.003**2 * LENGTH)
+    assert np.array(places, dtype=float) == pytest.approx(critical, rel=0.02)

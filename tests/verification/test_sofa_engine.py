@@ -118,8 +118,8 @@ def test_a_scene_goes_back_to_where_everything_was(monkeypatch, tmp_path):
     assert fast > 1e-2
 
 
-@pytest.mark.slow  # its last state needs a shorter time step, which the engine finds
 def test_neck_by_tension(engine):
+    """Its last state needs a shorter time step, which the engine finds."""
     data = shared_json("neck-tension.json")
     rows = data["rows"]
     assert_neck_as_measured(engine(neck_robot(data), tensed(*[row["tension_N"] for row in rows])), rows)

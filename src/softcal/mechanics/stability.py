@@ -116,4 +116,3 @@ def _down(
                 return candidate, there, drag
         drag *= MORE
     raise SimulationError("No drag holds it.")
-

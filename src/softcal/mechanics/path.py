@@ -134,7 +134,9 @@ def follow(
         solved = statics.equilibrium(guess, line.at(c))
         node = node_at(statics, line, c, solved.state, names) if solved.converged else None
         if node is None or not node.is_stable:
-            close = SMALLEST_STEP * scale if node is None else CLOSE * (c - start.c)
+            close = SMALLEST_STEP * scale
+            if node is not None:
+                close = max(CLOSE * (c - start.c), CLOSE * close)
             if 0.4 * step >= close and (node is None or last.is_stable):
                 h, beyond = 0.4 * step, node or beyond
                 continue

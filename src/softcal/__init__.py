@@ -14,6 +14,9 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from softcal.calibration.experiment import Experiment as Experiment
+    from softcal.calibration.parameters import FreeParameter as FreeParameter
+    from softcal.calibration.problem import make_problem as make_problem
     from softcal.calibration.result import CalibrationResult as CalibrationResult
     from softcal.errors import CalibrationError as CalibrationError
     from softcal.errors import DatasetError as DatasetError
@@ -26,7 +29,15 @@ if TYPE_CHECKING:
     from softcal.errors import SoftcalError as SoftcalError
     from softcal.errors import StorageError as StorageError
     from softcal.errors import UnitError as UnitError
+    from softcal.experiments.dataset import Channel as Channel
     from softcal.experiments.dataset import Dataset as Dataset
+    from softcal.geometry.centreline import helix as helix
+    from softcal.geometry.centreline import straight as straight
+    from softcal.geometry.mesh import TetMesh as TetMesh
+    from softcal.geometry.primitives import box_mesh as box_mesh
+    from softcal.geometry.read import read_mesh as read_mesh
+    from softcal.geometry.section import circular as circular
+    from softcal.geometry.section import rectangular as rectangular
     from softcal.project.calibration import Calibrations as Calibrations
     from softcal.project.calibration import calibrate as calibrate
     from softcal.project.checking import check as check
@@ -43,11 +54,14 @@ if TYPE_CHECKING:
     from softcal.twin.in_time import simulate_in_time as simulate_in_time
     from softcal.twin.manipulator import ManipulatorShape as ManipulatorShape
     from softcal.twin.manipulator import manipulator as manipulator
+    from softcal.twin.parameters import robot_parameters as robot_parameters
+    from softcal.twin.parameters import with_parameters as with_parameters
     from softcal.twin.protocol import Command as Command
     from softcal.twin.protocol import Protocol as Protocol
     from softcal.twin.response import Response as Response
     from softcal.twin.robot import Body as Body
     from softcal.twin.robot import Cable as Cable
+    from softcal.twin.robot import Contact as Contact
     from softcal.twin.robot import Disc as Disc
     from softcal.twin.robot import Marker as Marker
     from softcal.twin.robot import Plate as Plate
@@ -68,11 +82,15 @@ _HOMES = {
     "CalibrationError": "softcal.errors",
     "CalibrationResult": "softcal.calibration.result",
     "Calibrations": "softcal.project.calibration",
+    "Channel": "softcal.experiments.dataset",
     "Command": "softcal.twin.protocol",
+    "Contact": "softcal.twin.robot",
     "Dataset": "softcal.experiments.dataset",
     "DatasetError": "softcal.errors",
     "Disc": "softcal.twin.robot",
+    "Experiment": "softcal.calibration.experiment",
     "Fault": "softcal.errors",
+    "FreeParameter": "softcal.calibration.parameters",
     "InputError": "softcal.errors",
     "ManipulatorShape": "softcal.twin.manipulator",
     "Marker": "softcal.twin.robot",
@@ -93,22 +111,32 @@ _HOMES = {
     "StorageError": "softcal.errors",
     "SurfaceLoad": "softcal.twin.robot",
     "Swept": "softcal.project.sweep",
+    "TetMesh": "softcal.geometry.mesh",
     "Tie": "softcal.twin.robot",
     "TimeSettings": "softcal.twin.schedule",
     "UnitError": "softcal.errors",
     "ViaPoint": "softcal.twin.robot",
+    "box_mesh": "softcal.geometry.primitives",
     "calibrate": "softcal.project.calibration",
     "check": "softcal.project.checking",
+    "circular": "softcal.geometry.section",
+    "helix": "softcal.geometry.centreline",
     "load": "softcal.project.project",
     "load_run": "softcal.project.run_folder",
+    "make_problem": "softcal.calibration.problem",
     "manipulator": "softcal.twin.manipulator",
     "mesh_study": "softcal.project.mesh_study",
     "pull": "softcal.project.simulation",
     "ramp": "softcal.twin.schedule",
+    "read_mesh": "softcal.geometry.read",
+    "rectangular": "softcal.geometry.section",
+    "robot_parameters": "softcal.twin.parameters",
     "simulate": "softcal.project.simulation",
     "simulate_in_time": "softcal.twin.in_time",
+    "straight": "softcal.geometry.centreline",
     "sweep": "softcal.project.sweep",
     "validate": "softcal.project.validation",
+    "with_parameters": "softcal.twin.parameters",
     "write_report": "softcal.project.reporting",
 }
 
@@ -118,11 +146,15 @@ __all__ = [
     "CalibrationError",
     "CalibrationResult",
     "Calibrations",
+    "Channel",
     "Command",
+    "Contact",
     "Dataset",
     "DatasetError",
     "Disc",
+    "Experiment",
     "Fault",
+    "FreeParameter",
     "InputError",
     "ManipulatorShape",
     "Marker",
@@ -143,22 +175,32 @@ __all__ = [
     "StorageError",
     "SurfaceLoad",
     "Swept",
+    "TetMesh",
     "Tie",
     "TimeSettings",
     "UnitError",
     "ViaPoint",
+    "box_mesh",
     "calibrate",
     "check",
+    "circular",
+    "helix",
     "load",
     "load_run",
+    "make_problem",
     "manipulator",
     "mesh_study",
     "pull",
     "ramp",
+    "read_mesh",
+    "rectangular",
+    "robot_parameters",
     "simulate",
     "simulate_in_time",
+    "straight",
     "sweep",
     "validate",
+    "with_parameters",
     "write_report",
 ]
 

@@ -44,10 +44,10 @@ def test_driven_by_shortening_tension_and_pitch_are_compared_and_the_other_way_r
     assert fake_experiment(drive="tension").compared == ("shortening", "pitch")
 
 
-def test_slack_is_taken_off_and_the_cable_never_pushes() -> None:
+def test_slack_is_taken_off_and_leaves_a_cable_longer_than_at_rest() -> None:
     experiment = fake_experiment(reach=0.04, n_samples=5)
     told = commands(experiment, {**experiment.rig_values(), "front.slack": 0.015})["front"]
-    np.testing.assert_allclose(told.values, [0.0, 0.0, 0.005, 0.015, 0.025])
+    np.testing.assert_allclose(told.values, [-0.015, -0.005, 0.005, 0.015, 0.025])
 
 
 def test_a_tension_below_the_offset_leaves_the_cable_slack() -> None:

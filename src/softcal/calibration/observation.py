@@ -168,8 +168,8 @@ def _controls(experiment: Experiment, rig: Mapping[str, float], channel: str) ->
     cable, _, control = experiment.twin_channel(channel).rpartition(".")
     measured = experiment.dataset.values(channel)
     if control == "shortening":
-        free = measured - rig[f"{cable}.slack"]
-        return np.maximum(free, 0.0), {f"{cable}.slack": -(free > 0).astype(float)}
+        # Below zero too: a cable that the sagging robot has drawn out is slack there, and taut at zero.
+        return measured - rig[f"{cable}.slack"], {f"{cable}.slack": -np.ones_like(measured)}
     gain, by_friction = _pulley_gain(experiment, rig)
     free = (measured - rig[f"{cable}.tension_offset"]) / gain
     pulled = (free > 0).astype(float)

@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from mechanics_cases import elastic, pulled
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
+from sweep_case import robot
 
 from softcal.geometry.centreline import straight
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.quadratic import to_quadratic
 from softcal.geometry.section import circular, rectangular
+from softcal.mechanics import path as path_module
+from softcal.mechanics.path import Line, between, follow, node_at
+from softcal.mechanics.state import rest_state
+from softcal.mechanics.statics import Statics
+from softcal.twin.build import build_twin
+from softcal.twin.parameters import robot_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Body, Cable, Plate, PointLoad, Robot, Rod, ViaPoint
 from softcal.twin.simulate import simulate
@@ -144,3 +152,55 @@ def test_what_can_move_without_force_counts_as_stable() -> None:
     places = response.status.split("Not stable at ")[1].split(" mm of shortening of front")[0].split(", ")
     critical = 1e3 * np.pi**2 * bending / (E * np.pi * 0.003**2 * LENGTH)
     assert np.array(places, dtype=float) == pytest.approx(critical, rel=0.02)
+
+
+@pytest.mark.parametrize("d", [(8.54,), (5.0,), (1.4702678540003604,), (1.557756217622556, 2.33281891, 2.67224729)])
+def test_it_falls_once_and_always_to_the_same_side(d: tuple[float, ...]) -> None:
+    """Wherever the samples are: a response that jumps from side to side with them, or with E, fits nothing."""
+    first = simulate(column(cables=(axial(),)), pulled(0.001))
+    response = simulate(column(cables=(axial(),)), pulled(*np.array(d) * 1e-3))
+    assert np.all(np.sign(response.channels["top.y"]) == np.sign(first.channels["top.y"])), response.status
+    assert "," not in response.status.split("Not stable at")[1].split(" mm of")[0]
+
+
+@pytest.mark.parametrize("share", [1.1759, 1.2436, 1.4356, 1.5922])
+def test_a_drive_by_tension_falls_once_too(share: float) -> None:
+    response = simulate(column(cables=(axial(),)), Protocol({"front": Command("tension", np.array([share * PINNED]))}))
+    assert response.channels["top.y"][0] < -0.05
+    assert "," not in response.status.split("Not stable at")[1].split(" mm of")[0]
+
+
+def test_slopes_where_the_last_sample_is_the_one_that_it_falls_to() -> None:
+    """The line across the fall is some thousand times as steep."""
+    d = 1.0015e-3 * PINNED * LENGTH / (E * WIDTH * THICKNESS) * 1e3
+    last, goes_on = (simulate(column(cables=(axial(),)), pulled(*at)) for at in ((d,), (d, 1.5 * d)))
+    for channel in ("front.tension", "top.z"):
+        assert last.slopes[channel][0] == pytest.approx(goes_on.slopes[channel][0], rel=0.01)
+
+
+def test_a_node_that_is_put_in_beyond_a_fall_knows_of_it() -> None:
+    twin = build_twin(column(cables=(axial(),)))
+    statics = Statics(twin.system, {name: info.value for name, info in robot_parameters(twin.robot).items()})
+    line = Line(np.array([False]), np.zeros(1), np.zeros(1), np.zeros(1), np.ones(1))
+    start = node_at(statics, line, 0.0, rest_state(twin.system.layout), ())
+    path = follow(statics, line, start, 2e-4, first_step=2e-5)
+    fell = next(i for i, node in enumerate(path.nodes) if node.is_fallen)
+    upright = statics.equilibrium(start.state, line.at(2e-4)).state
+    unseen = replace(path, nodes=(start, replace(node_at(statics, line, 2e-4, upright, ()), is_stable=True)))
+    assert between(statics, line, unseen, 1e-4).is_fallen
+    assert not between(statics, line, path, 0.5 * path.nodes[fell - 1].c).is_fallen
+    # A tension that rounding makes negative is no push: it must not hide that the straight column is not stable.
+    twice = replace(upright, tension=np.array([*upright.tension, -1e-12]))
+    assert not node_at(statics, line, 2e-4, upright, ()).is_stable
+    assert not path_module._pushes(twice)
+    assert path_module._pushes(replace(upright, tension=-upright.tension))
+    statics.release()
+
+
+def test_what_falls_again_and_again_is_given_up() -> None:
+    """A manipulator that is pulled together: each step is a fall, and took 30 s on this small one."""
+    tension = {"cable1": np.array([15.0, 20.0]), "cable2": np.array([0.1, 0.1])}
+    response = simulate(robot(), Protocol({name: Command("tension", values) for name, values in tension.items()}))
+    assert not response.succeeded
+    assert "it buckles or snaps more than 20 times" in response.status
+    assert response.n_factorisations < 5000

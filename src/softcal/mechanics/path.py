@@ -12,11 +12,13 @@ from softcal.errors import SimulationError
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.stability import fall, is_stable
 from softcal.mechanics.state import State, difference, moved
-from softcal.mechanics.statics import Statics
+from softcal.mechanics.statics import SLACK_TENSION, Statics
 from softcal.mechanics.system import Controls
 
 SMALLEST_STEP = 1e-4  # of the whole range: where equilibria end
 CLOSE = 1e-3  # of the way so far: where they cease to be stable
+SAME = 1e-6  # of the robot's extent: states as near as this are one
+MOST_FALLS = 20  # of a path: beyond it is not a robot's, and every one takes as long as many steps
 GROWTH = 2.0
 EASY, HARD = 7, 12  # iterations (with kept factorisations) below which steps grow, above which they shrink
 
@@ -89,7 +91,7 @@ def node_at(statics: Statics, line: Line, c: float, state: State, names: tuple[s
 
 def _pushes(state: State) -> bool:
     """Whether a cable pushes, as none can: such a state is on the way to another at most."""
-    return bool(np.any(state.tension < 0.0))
+    return bool(np.any(state.tension < -SLACK_TENSION * np.abs(state.tension).max(initial=0.0)))
 
 
 def stable_node_at(statics: Statics, line: Line, c: float, state: State, names: tuple[str, ...]) -> Node:
@@ -132,16 +134,25 @@ def follow(
         c = end if abs(last.c + step - end) < 1e-12 * scale else last.c + step
         guess = statics.reachable(last.state, _predicted_step(layout, nodes, c))
         solved = statics.equilibrium(guess, line.at(c))
+        if (
+            solved.converged
+            and 0.4 * step >= SMALLEST_STEP * scale
+            and _strays(statics, last.state, guess, solved.state)
+        ):
+            h = 0.4 * step
+            continue
         node = node_at(statics, line, c, solved.state, names) if solved.converged else None
         if node is None or not node.is_stable:
-            close = SMALLEST_STEP * scale
-            if node is not None:
-                close = max(CLOSE * (c - start.c), CLOSE * close)
+            close = CLOSE * max(c - start.c, SMALLEST_STEP * scale)
+            if node is None:  # a branch's first steps are shorter yet
+                close = min(SMALLEST_STEP * scale, close)
             if 0.4 * step >= close and (node is None or last.is_stable):
                 h, beyond = 0.4 * step, node or beyond
                 continue
             if node is None and _pushes(last.state):
                 return Path(tuple(nodes), False, solved.status, names)
+            if sum(one.is_fallen for one in nodes) == MOST_FALLS:
+                return Path(tuple(nodes), False, f"it buckles or snaps more than {MOST_FALLS} times", names)
             # Not from the nearest unstable one: a branch's first steps are hard.
             unstable = beyond or node
             try:
@@ -158,6 +169,16 @@ def follow(
         if stop(node):
             break
     return Path(tuple(nodes), True, names=names)
+
+
+def _strays(statics: Statics, before: State, guess: State, found: State) -> bool:
+    """Whether an equilibrium is further from what was predicted than that is from the one before: it may be on another
+    branch. Where surfaces touch predictions are worth less.
+    """
+    layout = statics.system.layout
+    moving = layout.first_pressure_unknown
+    off, step = (np.linalg.norm(difference(layout, a, b)[:moving]) for a, b in ((found, guess), (guess, before)))
+    return not statics.system.contacts and bool(off > step + SAME * statics.length)
 
 
 def _fallen(statics: Statics, line: Line, c: float, state: State, names: tuple[str, ...]) -> Node:
@@ -193,7 +214,7 @@ def between(statics: Statics, line: Line, path: Path, c: float) -> Node:
     way = follow(statics, line, before, c, first_step=0.3 * (c - before.c), names=path.names)
     if not way.reached:
         raise SimulationError(f"No equilibrium between two neighbouring ones: {way.status}.")
-    return way.nodes[-1]
+    return replace(way.nodes[-1], is_fallen=any(node.is_fallen for node in way.nodes[1:]))
 
 
 def neighbours(path: Path, c: float) -> tuple[Node, Node]:
@@ -218,7 +239,8 @@ def _predicted_step(layout: Layout, nodes: list[Node], c: float) -> Floats:
     last = nodes[-1]
     h = c - last.c
     dz = h * last.slope
-    if len(nodes) > 1 and not last.is_fallen:
+    # Beside a fall a branch turns as no parabola does: one may lead to the branch that was left.
+    if len(nodes) > 1 and not any(node.is_fallen for node in nodes[-2:]):
         before = nodes[-2]
         width = last.c - before.c
         back = difference(layout, before.state, last.state)  # z(c - width) - z(c)

@@ -8,7 +8,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
-from softcal.mechanics.state import State
+from softcal.mechanics.state import State, difference
 from softcal.mechanics.statics import TOLERANCE, TORN, Equilibrium, Statics
 from softcal.mechanics.system import Controls, Linearisation
 
@@ -28,14 +28,15 @@ def fall(statics: Statics, state: State, controls: Controls) -> Equilibrium:
     the drag is as small as the steps allow, but never so small that a step would go up. Never raises: the status says
     why where none is found.
     """
-    residual, drag = np.inf, LEAST_DRAG
+    residual, drag, last = np.inf, LEAST_DRAG, 0.0
     state = replace(state, tension=np.where(controls.is_held, controls.tension, state.tension))
     try:
         at = statics.system.linearise(state, controls, statics.theta)
         for step in range(MAX_STEPS):
             residual = statics.norm(at)
             ended = statics.equilibrium(state, controls) if residual < NEARLY else None
-            if ended is not None and ended.converged:
+            # Further off than by a last step it may be another equilibrium than the one that the robot falls to.
+            if ended is not None and ended.converged and _way(statics, state, ended.state) <= last:
                 there = statics.tangent_at(ended.state, controls)
                 if is_stable(statics, there):
                     return replace(ended, n_iterations=step + ended.n_iterations)
@@ -43,7 +44,9 @@ def fall(statics: Statics, state: State, controls: Controls) -> Equilibrium:
                     drag = _holding(statics, there, LEAST_DRAG)
                     state = statics.reachable(ended.state, _push(statics))
                     at = statics.system.linearise(state, controls, statics.theta)
+            before = state
             state, at, drag = _down(statics, state, controls, at, max(LESS * drag, LEAST_DRAG))
+            last = _way(statics, before, state)
     except SimulationError as error:
         return Equilibrium(state, False, 0, residual, str(error).rstrip("."))
     return Equilibrium(state, False, MAX_STEPS, residual, f"it does not come to rest within {MAX_STEPS} steps")
@@ -64,6 +67,12 @@ def is_stable(statics: Statics, at: Linearisation) -> bool:
     held = statics.n_unstable() == 0
     statics.factorise(at)
     return held
+
+
+def _way(statics: Statics, state: State, there: State) -> float:
+    """How far it is from a state to another one, in metres and radians alike."""
+    moving = statics.system.layout.first_pressure_unknown
+    return float(np.linalg.norm(difference(statics.system.layout, there, state)[:moving]))
 
 
 def _holding(statics: Statics, at: Linearisation, drag: float) -> float:

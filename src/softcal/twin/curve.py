@@ -33,7 +33,11 @@ class Curve:
                 np.repeat(self.by_parameter, n, axis=0),
             )
         spline = self.spline()
-        return spline(c), spline(c, 1), self._by_parameter_at(c)
+        slopes = spline(c, 1)
+        i = np.searchsorted(self.c, c)
+        at_node = self.c[np.minimum(i, len(self.c) - 1)] == c
+        slopes[at_node] = self.slopes[i[at_node]]  # theirs, not a fall's
+        return spline(c), slopes, self._by_parameter_at(c)
 
     def _by_parameter_at(self, c: Floats) -> Floats:
         """The slopes' own derivatives by the parameters are not known: splines through the nodes, straight for two."""

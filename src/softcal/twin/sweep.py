@@ -133,12 +133,11 @@ class Sweep:
         if end > start.c + SAME * self._length:
             path = self._follow(start, end)
         taut = d > start.c
-        falls = any(node.is_fallen for node in path.nodes[1:])
-        if falls:  # what comes after is not smooth enough to be read between nodes, nor reached from both sides
+        if not _falls_on(path):
+            path, _ = self._refined(path)
+        if falls := _falls_on(path):  # what comes after is not smooth enough to be read, nor reached from both sides
             path = self._by_samples(start, np.unique(d[taut]))
-            curve = self._curve(path.nodes)
-        else:
-            path, curve = self._refined(path)
+        curve = self._curve(path.nodes)
         reached = path.nodes[-1].c
         n = len(d) if path.reached else int(np.argmax(np.append(d, np.inf) > reached))
         if self.tolerance <= 0.0 and not falls:
@@ -334,3 +333,8 @@ class Sweep:
             snapshots=shapes,
             tets={name: mesh.tets for name, mesh in self.twin.meshes.items()} if shapes else {},
         )
+
+
+def _falls_on(path: Path) -> bool:
+    """Whether the robot falls on the way, and not under its loads alone."""
+    return any(node.is_fallen for node in path.nodes[1:])

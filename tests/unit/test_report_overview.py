@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import pytest
 from matplotlib.figure import Figure
-from report_example import bench_experiment, example_content, tpe_result
+from report_example import bench_experiment, example_content, fit_of, tpe_result
 
-from softcal.report.chart_bench import draw_overview
+from softcal.report.chart_bench import draw_overview, draw_record, draw_trajectory
+from softcal.report.series import Trajectory, trajectory
 
 
 def overview(n: int) -> Figure:
@@ -46,3 +47,17 @@ def test_no_two_tests_look_alike() -> None:
     twins = [line for line in axes.lines if line.get_linestyle() != "None"]
     assert len({(line.get_color(), line.get_marker()) for line in points}) == 18
     assert len({(line.get_color(), line.get_linestyle()) for line in twins}) == 18
+
+
+def test_a_record_of_force_shows_its_angles_too() -> None:
+    measured, alone = (bench_experiment("20 mm", 0.02, 2e6, pitch=pitch).raw for pitch in (True, False))
+    assert [axes.get_ylabel() for axes in draw_record(measured).axes] == ["Cable force [N]", "Pitch [deg]"]
+    assert [axes.get_ylabel() for axes in draw_record(alone).axes] == ["Cable force [N]"]
+
+
+def test_a_sample_without_neighbours_is_marked() -> None:
+    experiment = bench_experiment("20 mm", 0.02, 2e6)
+    whole = trajectory(experiment, fit_of(experiment))
+    for pieces, marker in ((whole.pieces, ""), (tuple(slice(k, k + 1) for k in range(50)), "D")):
+        figure = draw_trajectory(Trajectory(whole.experiment, whole.abscissa, whole.panels, pieces))
+        assert {line.get_marker() for line in figure.axes[1].lines[1:]} == {marker}

@@ -23,8 +23,10 @@ from softcal.report.scene import (
 )
 from softcal.report.scene_render import Rendering, draw_flat, render_scenes
 from softcal.report.scene_twin import twin_scenes
+from softcal.report.scene_worker import from_behind
 from softcal.report.style import encode, new_figure
 from softcal.twin.facing import plate_normal, plate_radius
+from softcal.twin.robot import ViaPoint
 
 UNIT = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 
@@ -148,3 +150,36 @@ def test_labels_do_not_overlap() -> None:
         assert len(boxes) >= 8
         clashes = [(a, b) for i, a in enumerate(boxes) for b in boxes[i + 1 :] if a.overlaps(b)]
         assert not clashes
+
+
+def test_a_body_with_cables_inside_is_seen_through() -> None:
+    robot = neck_robot(column_mesh())
+    inner = replace(robot.cables[0], via_points=(ViaPoint(np.array([0, 0, 0.05]), "neck"), *robot.cables[0].via_points))
+    for cables, through in (((robot.cables[0],), False), ((inner,), True)):
+        (scene, _), _ = robot_scenes(replace(robot, cables=cables))
+        (body,) = [part for part in scene.parts if isinstance(part, Surface) and part.edges]
+        assert (body.opacity < 1) is through
+
+
+def test_a_surface_to_see_through_is_drawn_from_behind() -> None:
+    (scene, _), (camera, _) = robot_scenes(neck_robot(column_mesh()))
+    (body,) = [part for part in scene.parts if isinstance(part, Surface) and part.edges]
+    tints = np.arange(len(body.triangles))[:, None] / len(body.triangles) * np.ones(3)
+    drawn = from_behind(replace(body, colours=tints), camera)
+    depth = (body.points[drawn.triangles].mean(axis=1) @ camera.back).round(12)
+    assert np.all(np.diff(depth) >= 0)
+    was = np.round(drawn.colours[:, 0] * len(body.triangles)).astype(int)
+    np.testing.assert_array_equal(body.triangles[was], drawn.triangles)
+
+
+@pytest.mark.parametrize("height", [0.04, 0.1067, 0.3])
+def test_the_colours_legend_is_whole_on_a_narrow_picture(height: float) -> None:
+    robot = neck_robot(column_mesh(height))
+    scenes, cameras = robot_scenes(robot)
+    names = ["body", "fixed", "plate (nodes, via points)", "cable", "via point in space", "via point on a body", "load"]
+    figure = draw_side_by_side(scenes, cameras, Rendering((), "flat"), colours=dict.fromkeys(names, "#808080")).figure
+    figure.draw_without_rendering()
+    (legend,) = figure.legends
+    box, page = legend.get_window_extent(), figure.bbox
+    assert page.x0 <= box.x0 < box.x1 <= page.x1
+    assert page.y0 <= box.y0 < box.y1 <= min(axes.get_window_extent().y0 for axes in figure.axes)

@@ -35,6 +35,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+_ANGLES = ("pitch", "roll", "yaw")
+
+
 def has_force_displacement(data: Dataset) -> bool:
     """Whether a dataset has what a force–displacement chart needs."""
     return "shortening" in data.channels and "tension" in data.channels
@@ -53,7 +56,7 @@ def draw_force_displacement(experiment: ExperimentContent) -> Figure:
             few = data.n_samples <= 25
             for piece in _cycle_pieces(data):
                 axes.plot(
-                    *_force_displacement(data, piece), color=BLUE, linewidth=2.2, marker="o" if few else "",
+                    *_over_displacement(data, piece), color=BLUE, linewidth=2.2, marker="o" if few else "",
                     markersize=3.5, label="used for the fit" if piece.start == 0 else None, zorder=4,
                 )  # fmt: skip
         _force_displacement_axes(axes, experiment.name)
@@ -62,14 +65,20 @@ def draw_force_displacement(experiment: ExperimentContent) -> Figure:
 
 
 def draw_record(data: Dataset) -> Figure:
-    """A dataset as it came: force over displacement where it has both, otherwise each channel over time."""
+    """A dataset as it came: force and angles over displacement where it has that, otherwise each channel over time."""
     with house_style():
         if has_force_displacement(data):
-            figure = new_figure()
-            axes = figure.add_subplot()
+            angles = [name for name in _ANGLES if name in data.channels]
+            figure = new_figure(5.2, 3.5 + 2.1 * len(angles))
+            axes, *beneath = figure.subplots(1 + len(angles), 1, squeeze=False)[:, 0]
             draw_cycles(axes, data)
             _force_displacement_axes(axes, data.name)
             axes.legend(loc="upper left")
+            for below, name in zip(beneath, angles, strict=True):
+                draw_cycles(below, data, name)
+                below.set_xlabel("Displacement [mm]")
+                below.set_ylabel(scale_of("rad").axis(channel_label(name)))
+                below.set_xlim(axes.get_xlim())
             return figure
         names = [name for name in data.channels if name != "time" and not is_deviation(name)] or ["time"]
         figure = new_figure(5.2, 1.2 + 1.5 * len(names))
@@ -85,10 +94,10 @@ def draw_record(data: Dataset) -> Figure:
         return figure
 
 
-def draw_cycles(axes: Axes, data: Dataset) -> None:
-    """Cycles of force over displacement: what lies outside any, the first, the later ones."""
+def draw_cycles(axes: Axes, data: Dataset, channel: str = "tension") -> None:
+    """Cycles of force, or another channel, over displacement: what lies outside any, the first, the later ones."""
     if data.cycle is None:
-        axes.plot(*_force_displacement(data, slice(None)), color=MUTED, linewidth=1.0, label="as measured")
+        axes.plot(*_over_displacement(data, slice(None), channel), color=MUTED, linewidth=1.0, label="as measured")
         return
     seen: set[str] = set()
     first = float(np.min(data.cycle[data.cycle >= 0], initial=np.inf))
@@ -102,7 +111,7 @@ def draw_cycles(axes: Axes, data: Dataset) -> None:
         else:
             label, colour, line = f"cycles {int(first) + 2} to {last + 1}", LOOP, "-"
         axes.plot(
-            *_force_displacement(data, piece), color=colour, linestyle=line, linewidth=1.2,
+            *_over_displacement(data, piece, channel), color=colour, linestyle=line, linewidth=1.2,
             label=None if label in seen else label, zorder=3 if number == first else 2,
         )  # fmt: skip
         seen.add(label)
@@ -115,8 +124,9 @@ def _cycle_pieces(data: Dataset) -> list[slice]:
     return [slice(start, stop) for start, stop in pairwise(cuts)]
 
 
-def _force_displacement(data: Dataset, rows: slice) -> tuple[Floats, Floats]:
-    return data.values("shortening")[rows] / scale_of("m").factor, data.values("tension")[rows]
+def _over_displacement(data: Dataset, rows: slice, channel: str = "tension") -> tuple[Floats, Floats]:
+    shown = data.values(channel)[rows] / scale_of(data.channels[channel].unit).factor
+    return data.values("shortening")[rows] / scale_of("m").factor, shown
 
 
 def _force_displacement_axes(axes: Axes, title: str) -> None:
@@ -160,7 +170,10 @@ def _draw_values(axes: Axes, path: Trajectory, panel: TrajectoryPanel) -> None:
                 markersize=3.5, markerfacecolor="none", linewidth=2.6, alpha=1.0 if few else 0.45,
                 label="measured" if named else None,
             )  # fmt: skip
-        axes.plot(x, panel.simulated[piece], color=SIMULATED, label="simulated" if named else None)
+        axes.plot(
+            x, panel.simulated[piece], color=SIMULATED, marker=_lone(piece), markersize=4.5,
+            label="simulated" if named else None,
+        )  # fmt: skip
     axes.set_ylabel(panel.scale.axis(panel.label))
     legend = axes.legend(loc="best")
     if panel.measured is None:
@@ -172,11 +185,17 @@ def _draw_residual(axes: Axes, path: Trajectory, panel: TrajectoryPanel) -> None
     assert panel.residual is not None  # noqa: S101 - the caller lists residual rows only where there is one
     axes.axhline(0.0, color=INK, linewidth=0.8)
     for piece in path.pieces:
-        axes.plot(path.abscissa.values[piece], panel.residual[piece], color=SIMULATED, linewidth=1.2)
+        x, off = path.abscissa.values[piece], panel.residual[piece]
+        axes.plot(x, off, color=SIMULATED, linewidth=1.2, marker=_lone(piece), markersize=4.5)
     reach = 1.15 * float(np.nanmax(np.abs(panel.residual))) or 1.0
     axes.set_ylim(-reach, reach)
     axes.set_ylabel(panel.scale.axis("Residual"))
     axes.locator_params(axis="y", nbins=3)
+
+
+def _lone(piece: slice) -> str:
+    """A marker for a sample without neighbours, which no line shows."""
+    return "D" if piece.stop - piece.start == 1 else ""
 
 
 def draw_overview(content: ReportContent, result: CalibrationResult) -> Figure:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -18,6 +19,8 @@ from softcal.report.twin_view import TwinView
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+_WIDE = 5.8  # [in], of a figure with room for three columns of its legend
 
 
 @dataclass(frozen=True)
@@ -52,8 +55,11 @@ def draw_side_by_side(
     panel = min(max(3.4 * (right - left) / (top - bottom), 2.4), 3.6)  # all lengths of the layout in inches
     tall = panel * (top - bottom) / (right - left)
     lines = 1 + max(scene.title.count("\n") for scene in scenes)
-    title, foot = 0.12 + 0.2 * lines, (0.62 if largest or colours else 0.08)
-    width, height = 0.16 + panel * len(scenes), title + tall + foot
+    width = 0.16 + panel * len(scenes)
+    columns = 3 if width > _WIDE else 2
+    foot = 0.62 if largest else 0.1 + 0.195 * math.ceil(len(colours) / columns) if colours else 0.08
+    title = 0.12 + 0.2 * lines
+    height = title + tall + foot
     with house_style():
         figure = new_figure(width, height)
         figure.set_layout_engine("none")  # pictures keep their aspect, so the places are given rather than found
@@ -77,7 +83,7 @@ def draw_side_by_side(
             bar.outline.set_visible(False)  # type: ignore[operator]
         if colours:
             patches = [Patch(facecolor=colour, edgecolor=MUTED, label=name) for name, colour in colours.items()]
-            figure.legend(handles=patches, loc="lower center", ncols=3)
+            figure.legend(handles=patches, loc="lower center", ncols=columns)
         return ScenePicture(figure, rendering.note)
 
 
@@ -99,7 +105,7 @@ def _name_parts(axes: Axes, scene: Scene, camera: Camera) -> None:
     if not scene.labels:
         return
     crowd = 1e3 * camera.project(
-        np.concatenate([p.points for p in scene.parts if isinstance(p, Surface) and p.opacity == 1])
+        np.concatenate([p.points for p in scene.parts if isinstance(p, Surface) and p.opacity > 0.5])
     )
     middle = 0.5 * (crowd[:, 0].min() + crowd[:, 0].max())
     reach = [1e3 * camera.project(label.at)[:, :2] for label in scene.labels]

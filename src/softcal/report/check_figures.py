@@ -41,6 +41,7 @@ from softcal.twin.facing import up_direction
 from softcal.twin.robot import Body, PointLoad, Robot, Rod, SurfaceLoad
 
 _BODY = "#d6d3cd"
+_SEEN_THROUGH = 0.6  # a body with cables inside
 
 
 @dataclass(frozen=True)
@@ -129,10 +130,12 @@ def region_colours(robot: Robot, body: Body) -> Floats:
 
 
 def _surface(robot: Robot, body: Body) -> Surface:
+    inside = any(via.on == body.name for cable in robot.cables for via in cable.via_points)
     return Surface(
         body.mesh.points,
         boundary_triangles(body.mesh.tets),
         region_colours(robot, body),
+        opacity=_SEEN_THROUGH if inside else 1.0,
         edges=body.mesh.n_tets < 20000,
     )
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import pickle
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ def render(scene: Scene, camera: Camera, height: int) -> np.ndarray[Any, Any]:
     plotter = pv.Plotter(off_screen=True, window_size=[width, height], lighting="light kit")
     try:
         for part in scene.parts:
-            _add(plotter, part)
+            _add(plotter, part, camera)
         middle = 0.5 * ((left + right) * camera.right + (bottom + top) * camera.up)
         depth = 10.0 * (right - left + top - bottom)
         plotter.camera_position = [tuple(middle + depth * camera.back), tuple(middle), tuple(camera.up)]
@@ -39,10 +40,12 @@ def render(scene: Scene, camera: Camera, height: int) -> np.ndarray[Any, Any]:
         plotter.close()
 
 
-def _add(plotter: Any, part: Part) -> None:
+def _add(plotter: Any, part: Part, camera: Camera) -> None:
     import pyvista as pv
 
     if isinstance(part, Surface):
+        if part.opacity < 1:
+            part = from_behind(part, camera)
         mesh = pv.PolyData(np.array(part.points), _cells(part.triangles))
         data = mesh.point_data if part.per_point else mesh.cell_data
         data["colour"] = np.round(255 * part.colours).astype(np.uint8)
@@ -57,6 +60,14 @@ def _add(plotter: Any, part: Part) -> None:
         plotter.add_mesh(pv.Sphere(radius=part.radius, center=tuple(part.at)), color=part.colour, ambient=0.35)
     else:
         plotter.add_mesh(_arrow(part), color=part.colour, ambient=0.35)
+
+
+def from_behind(part: Surface, camera: Camera) -> Surface:
+    """The furthest triangles first: depth peeling does not sort them on every machine's OpenGL."""
+    depth = camera.project(part.points)[part.triangles][..., 2].mean(axis=1)
+    order = np.argsort(depth)
+    colours = part.colours if part.per_point else part.colours[order]
+    return replace(part, triangles=part.triangles[order], colours=colours)
 
 
 def _arrow(part: Arrow) -> Any:

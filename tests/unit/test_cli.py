@@ -306,7 +306,7 @@ def test_ctrl_c_keeps_everything_and_resumes(tmp_path: Path):
     _, err = process.communicate(timeout=60)
     assert process.returncode == 130, err
     assert "Traceback" not in err
-    assert f"--out {out} --resume" in err
+    assert f"--out {out} --method tpe --trials 4000 --resume" in err
     held = json.loads((out / "result.json").read_text())
     assert "Stopped by the user" in held["status"]
     n_before = len((out / "trials.csv").read_text().splitlines()) - 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -11,7 +12,7 @@ from softcal.cli.app import INTERRUPTED, ProjectFile, app, told
 from softcal.cli.calibration_bars import CalibrationBars
 from softcal.cli.calibration_table import print_results
 from softcal.cli.printing import print_warnings
-from softcal.cli.values import Engine, Values, WithReport, Workers, names, parsed_values
+from softcal.cli.values import Engine, Values, WithReport, Workers, as_typed, names, parsed_values
 
 
 @app.command()
@@ -73,13 +74,19 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
         )
     print_results(found.results)
     if found.interrupted:
-        held = "".join(f" --set {value}" for value in values or []) + "".join(f" --split {one}" for one in split or [])
-        held += "" if engine == "softcal" else f" --engine {engine}"
-        typer.echo(
-            f"Stopped. Everything so far is kept in {folder}. "
-            f"Go on with: softcal calibrate {project} --out {folder}{held} --resume",
-            err=True,
-        )
+        options: dict[str, str | int | list[str] | None] = {
+            "--method": method,
+            "--fit": fit,
+            "--trials": trials,
+            "--seed": seed,
+            "--hold-out": hold_out,
+            "--split": split,
+            "--set": values,
+            "--engine": None if engine == "softcal" else engine,
+            "--workers": None if workers == 1 else workers,
+        }
+        again = f"{shlex.quote(str(project))} --out {shlex.quote(str(folder))}{as_typed(options)} --resume"
+        typer.echo(f"Stopped. Everything so far is kept in {folder}. Go on with: softcal calibrate {again}", err=True)
         raise typer.Exit(INTERRUPTED)
     typer.echo(f"Run: {folder}")
     if report:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+from collections.abc import Mapping
 from typing import Annotated
 
 import typer
@@ -59,6 +61,12 @@ def parsed_pairs(given: list[str] | None, option: str, what: str, allowed: str) 
     if faults:
         raise InputError(faults)
     return found
+
+
+def as_typed(options: Mapping[str, str | int | list[str] | None]) -> str:
+    """Those options that were given as they are typed again, a blank before each."""
+    pairs = [(name, one) for name, given in options.items() for one in (given if isinstance(given, list) else [given])]
+    return "".join(f" {name} {shlex.quote(str(one))}" for name, one in pairs if one is not None)
 
 
 def names(text: str) -> list[str]:

@@ -9,6 +9,7 @@ from mechanics_cases import column_robot, elastic, pulled, twin_and_theta
 from softcal.errors import SimulationError
 from softcal.mechanics import path as path_module
 from softcal.mechanics.path import Line, between, follow, node_at
+from softcal.mechanics.stability import is_stable
 from softcal.mechanics.state import rest_state
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.system import Controls
@@ -154,3 +155,35 @@ def test_interpolated_curve_keeps_its_tolerance():
             error = np.abs(read.channels[name] - exact.channels[name]).max()
             assert error < 2.0 * tolerance * np.abs(exact.channels[name]).max()
     assert read.n_factorisations < exact.n_factorisations
+
+
+def test_predictor_takes_no_parabola_through_a_fall():
+    """After a fall the first steps follow the slope alone: past a buckling load branches turn as roots do."""
+    statics, start = started()
+    path = follow(statics, PULL, start, 0.02, first_step=0.005)
+    one, two = path.nodes[-2:]
+    layout = statics.system.layout
+    smooth = path_module._predicted_step(layout, [one, two], 0.021)
+    assert np.abs(smooth - 0.001 * two.slope).max() > 1e-6
+    for nodes in ([replace(one, is_fallen=True), two], [one, replace(two, is_fallen=True)]):
+        np.testing.assert_allclose(path_module._predicted_step(layout, nodes, 0.021), 0.001 * two.slope, rtol=1e-9)
+
+
+class Wavering:
+    """Statics of a tangent with so many falling directions without drag, and with the least."""
+
+    def __init__(self, without, with_drag):
+        self.counts, self.drag = (without, with_drag), 0.0
+
+    def factorise(self, at, drag=0.0):
+        self.drag = drag
+
+    def n_unstable(self):
+        return self.counts[self.drag > 0.0]
+
+
+@pytest.mark.parametrize(("counts", "stable"), [((0, 0), True), ((1, 0), True), ((2, 1), False)])
+def test_what_rounding_makes_negative_is_stable(counts, stable):
+    statics = Wavering(*counts)
+    assert is_stable(statics, None) == stable
+    assert statics.drag == 0.0  # the factors stay those of the tangent itself: sensitivities follow

@@ -73,3 +73,27 @@ def test_passage_snaps_past_a_maximum():
 def test_what_is_passed_at_the_start_is_the_start():
     curve = curve_of(np.exp, np.exp, np.linspace(0.0, 2.0, 5))
     np.testing.assert_array_equal(curve.first_passage(0, np.array([0.5, 1.0])), [0.0, 0.0])
+
+
+def test_nothing_goes_on_across_a_fall():
+    """A cubic before, another one after, a straight line between; errors are told from each side alone."""
+    before, after = (np.polynomial.Polynomial(p) for p in ([0.0, 1.0, -2.0, 0.5], [5.0, -1.0, 0.3, 2.0]))
+    c = np.array([0.0, 0.3, 0.7, 1.0, 1.1, 1.5, 2.0, 2.4])
+    is_before = c <= 1.0
+    values, slopes, by = (
+        np.where(is_before, f(c), g(c))
+        for f, g in ((before, after), (before.deriv(), after.deriv()), (before.deriv(2), after.deriv(3)))
+    )
+    is_jump = np.diff(is_before.astype(int)) != 0
+    curve = Curve(c, values[:, None], slopes[:, None], by[:, None, None], is_jump)
+    assert curve.error().max() < 1e-10
+    at = np.array([0.5, 1.0, 1.1, 1.9])
+    of = [before, before, after, after]
+    found = curve.at(at)
+    np.testing.assert_allclose(found[0][:, 0], [f(x) for f, x in zip(of, at, strict=True)], atol=1e-12)
+    np.testing.assert_allclose(found[1][:, 0], [f.deriv()(x) for f, x in zip(of, at, strict=True)], atol=1e-11)
+    expected = [before.deriv(2)(0.5), before.deriv(2)(1.0), after.deriv(3)(1.1), after.deriv(3)(1.9)]
+    np.testing.assert_allclose(found[2][:, 0, 0], expected, atol=1e-11)
+    across = curve.at(np.array([1.05]))
+    assert across[0][0, 0] == pytest.approx(0.5 * (before(1.0) + after(1.1)))
+    assert across[1][0, 0] == pytest.approx((after(1.1) - before(1.0)) / 0.1)

@@ -21,9 +21,11 @@ from softcal.mechanics.path import Line, between, follow, node_at
 from softcal.mechanics.state import rest_state
 from softcal.mechanics.statics import Statics
 from softcal.twin.build import build_twin
+from softcal.twin.in_time import simulate_in_time
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Body, Cable, Plate, PointLoad, Robot, Rod, ViaPoint
+from softcal.twin.schedule import Schedule
 from softcal.twin.simulate import simulate
 
 E, LENGTH, WIDTH, THICKNESS = 5e7, 0.2, 0.01, 0.004
@@ -31,6 +33,7 @@ EI = E * WIDTH * THICKNESS**3 / 12.0
 TOP = np.array([0.0, 0.0, LENGTH])
 PINNED = np.pi**2 * EI / LENGTH**2  # a cable from tip to foot has no moment about either
 CANTILEVER = PINNED / 4.0
+WAIT = Schedule(np.array([0.0, 0.01]), {})
 
 
 def column(section=None, *, cables: tuple[Cable, ...] = (), loads: tuple[PointLoad, ...] = ()) -> Robot:
@@ -98,7 +101,8 @@ def test_it_bends_the_way_of_the_weaker_side_in_a_drive_by_tension_too() -> None
 def test_a_weight_on_a_column_bends_it_as_a_cantilever() -> None:
     for share in (0.9, 1.2, 2.0):
         load = PointLoad("weight", "top", TOP, np.array([0.0, 0.0, -share * CANTILEVER]))
-        response = simulate(column(loads=(load,)), Protocol({}))
+        robot = column(loads=(load,))
+        response = simulate(robot, Protocol({}))
         assert response.succeeded, response.status
         aside = float(np.hypot(response.channels["top.x"][0], response.channels["top.y"][0]))
         if share < 1.0:
@@ -106,6 +110,8 @@ def test_a_weight_on_a_column_bends_it_as_a_cantilever() -> None:
             assert "stable" not in response.status
             continue
         assert "Not stable under its loads" in response.status
+        in_time = simulate_in_time(replace(robot, plates=(replace(robot.plates[0], mass=0.01),)), WAIT)
+        assert "Not stable under its loads" in in_time.status
         k = brentq(lambda k, s=share: (2.0 * ellipk(k * k) / np.pi) ** 2 - s, 0.0, 0.999)
         assert aside == pytest.approx(2.0 * k * LENGTH / ellipk(k * k), rel=5e-3)
 

@@ -22,7 +22,7 @@ from softcal.twin.response import Response, Snapshot
 from softcal.twin.robot import Robot
 from softcal.twin.schedule import Schedule, Settling, TimeSettings
 from softcal.twin.sensors import channel_units, sense
-from softcal.twin.start import loaded, snapshot
+from softcal.twin.start import UNDER_LOADS, Start, fallen, loaded, snapshot
 
 DEFAULT = TimeSettings()
 
@@ -71,7 +71,9 @@ def simulate_in_time(
     dynamics = Dynamics(twin.system, inertia, theta, settings.rayleigh, settings.scheme)
     run = _Run(twin, schedule, settings, snapshots)
     try:
-        run.to_the_end(dynamics, _start(twin, theta, settings))
+        start = _start(twin, theta, settings)
+        run.falls = fallen(UNDER_LOADS) if start.falls else ""
+        run.to_the_end(dynamics, at_rest(start.state))
     except SimulationError as error:
         run.fail(str(error))
     finally:
@@ -79,12 +81,12 @@ def simulate_in_time(
     return run.response(dynamics)
 
 
-def _start(twin: Twin, theta: Mapping[str, float], settings: TimeSettings) -> Instant:
+def _start(twin: Twin, theta: Mapping[str, float], settings: TimeSettings) -> Start:
     if settings.start == "undeformed":
-        return at_rest(rest_state(twin.system.layout))
+        return Start(rest_state(twin.system.layout))
     statics = Statics(twin.system, theta)
     try:
-        return at_rest(loaded(twin, statics).state)
+        return loaded(twin, statics)
     finally:
         statics.release()
 
@@ -101,6 +103,7 @@ class _Run:
     rows: list[Floats] = field(default_factory=list[Floats])
     shapes: list[Snapshot] = field(default_factory=list[Snapshot])
     status: str = ""
+    falls: str = ""
     succeeded: bool = True
 
     def to_the_end(self, dynamics: Dynamics, now: Instant) -> None:
@@ -142,7 +145,7 @@ class _Run:
         return Response(
             channels=dict(zip(units, columns, strict=True)),
             units=units,
-            status=self.status,
+            status=self.status + self.falls,
             succeeded=self.succeeded,
             n_factorisations=dynamics.n_factorisations,
             snapshots=tuple(self.shapes),

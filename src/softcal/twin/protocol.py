@@ -27,7 +27,8 @@ class Command:
 class Protocol:
     """Commands by cable name, all of one length. A cable that is not named is slack (tension zero).
 
-    Samples are quasi-static states; the robot is elastic, so their order and repetition do not matter.
+    Samples are quasi-static states; the robot is elastic, so their order and repetition do not matter. Where it falls
+    from one state to another, one driven cable is taken to be pulled on and on, and several as the samples follow.
     """
 
     commands: Mapping[str, Command]

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from report_example import E_NAME, NU_NAME, example_content, tpe_result
+from report_example import E_NAME, NU_NAME, column_mesh, example_content, tpe_result, twin_view
 
 from softcal.calibration.outcome import bound_note
 from softcal.calibration.result import CalibrationResult, Estimate, ExperimentFit, Trial
@@ -117,6 +117,13 @@ def test_a_bound_is_a_warning_with_its_value() -> None:
     at_bound = {E_NAME: Estimate(4e7, "Pa", True, 1e5, 4e7)}
     assert "E stands at its upper bound of 40.00 MPa" in texts(small_content(parameters=at_bound), "warning")
     assert "No parameter stands at a bound" in texts(small_content(), "good")
+
+
+def test_a_twin_that_falls_in_its_furthest_test_is_a_warning():
+    twin = twin_view(column_mesh())
+    told = "Not stable at 12 mm of shortening of front, the robot buckles or snaps to another equilibrium."
+    assert "stable" not in texts(replace(small_content(), twin=twin), "warning")
+    assert told in texts(replace(small_content(), twin=replace(twin, falls=told)), "warning")
 
 
 def test_a_bound_is_told_once() -> None:

@@ -79,8 +79,10 @@ def test_it_is_told_where_it_buckles() -> None:
     assert "Not stable at " in response.status
     at = float(response.status.split("Not stable at ")[1].split(" mm of shortening of front")[0])
     assert critical * (1.0 - 1e-3) < at < critical * (1.0 + 5e-3)  # shear, and how closely it is looked for
+    assert response.falls == response.status[response.status.index("Not stable") :]
     straight_on = simulate(column(cables=(axial(),)), pulled(0.9e-3 * critical))
     assert "stable" not in straight_on.status
+    assert straight_on.falls == ""
     assert straight_on.channels["top.x"][0] == straight_on.channels["top.y"][0] == pytest.approx(0.0, abs=1e-12)
 
 
@@ -158,6 +160,18 @@ def test_what_can_move_without_force_counts_as_stable() -> None:
     places = response.status.split("Not stable at ")[1].split(" mm of shortening of front")[0].split(", ")
     critical = 1e3 * np.pi**2 * bending / (E * np.pi * 0.003**2 * LENGTH)
     assert np.array(places, dtype=float) == pytest.approx(critical, rel=0.02)
+
+
+def test_a_column_pressed_beside_its_axis_bends_without_a_fall() -> None:
+    """Its curve has a knee, a hundred times as narrow as the pull is long; it is met all the same."""
+    beside = np.array([0.0, 1e-4, 0.0])
+    robot = column(cables=(Cable("front", (ViaPoint(beside), ViaPoint(TOP + beside, "top")), pulled_end="first"),))
+    d = np.array([0.03, 0.07, 0.1, 0.5, 2.0, 20.0]) * 1e-3
+    solved, read = (simulate(robot, pulled(*d), curve_tolerance=tolerance) for tolerance in (0.0, 1e-4))
+    assert "stable" not in read.status
+    for channel in ("front.tension", "top.y"):
+        exact = solved.channels[channel]
+        np.testing.assert_allclose(read.channels[channel], exact, atol=2e-4 * np.abs(exact).max())
 
 
 @pytest.mark.parametrize("d", [(8.54,), (5.0,), (1.4702678540003604,), (1.557756217622556, 2.33281891, 2.67224729)])

@@ -235,6 +235,16 @@ def test_the_table_has_all_its_columns_in_a_terminal_of_80(value, monkeypatch, c
     assert "1.0e-10" in row
 
 
+def test_a_disagreement_where_the_robot_falls_says_so():
+    falls = "Not stable at 12 mm of shortening of front, the robot buckles or snaps to another equilibrium."
+    apart = (Difference("plate.x", "m", 0.01, -0.01, 0.02, 2.0),)
+    assert Comparison("sofa", apart, (), falls).verdict.endswith(
+        f"{falls} Of several such, two engines may come to different ones"
+    )
+    assert "stable" not in Comparison("sofa", apart, ()).verdict
+    assert "stable" not in Comparison("sofa", (Difference("plate.x", "m", 0.01, 0.01, 0.0, 0.0),), (), falls).verdict
+
+
 def test_a_disagreement_ends_with_1_and_is_written(tmp_path, monkeypatch):
     monkeypatch.setitem(ENGINES, "calculix", softer(0.9, "bar.youngs_modulus", 2e6))
     project, out = write_project(tmp_path), tmp_path / "out"

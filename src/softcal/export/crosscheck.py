@@ -87,11 +87,14 @@ class Difference:
 
 @dataclass(frozen=True)
 class Comparison:
-    """One engine at one state; changed: in what the robot differs there from the project's, for both."""
+    """One engine at one state; changed: in what the robot differs there from the project's, for both; falls: where the
+    robot buckles or snaps on the way, by softcal, or "".
+    """
 
     engine: str
     differences: tuple[Difference, ...]
     changed: tuple[str, ...]
+    falls: str = ""
 
     @property
     def verdict(self) -> str:
@@ -101,10 +104,13 @@ class Comparison:
         worst = max(self.differences, key=lambda one: one.relative)
         if worst.relative <= AGREES:
             return f"{self.engine} and softcal agree to {AGREES:g} (worst: {worst.relative:.1e}, {worst.quantity})"
-        return (
+        told = (
             f"{self.engine} and softcal differ by {worst.absolute:.3g} {worst.unit} in {worst.quantity}, "
             f"{worst.relative:.1e} relative; {AGREES:g} would be agreement"
         )
+        if self.falls:
+            told += f". {self.falls} Of several such, two engines may come to different ones"
+        return told
 
     @property
     def agrees(self) -> bool:
@@ -172,7 +178,8 @@ def crosscheck(
         except (InputError, SimulationError) as error:
             failed[name] = str(error)
             continue
-        comparisons.append(Comparison(name, tuple(_differences(own, ours, theirs)), tuple(_changes(robot, own))))
+        differences = tuple(_differences(own, ours, theirs))
+        comparisons.append(Comparison(name, differences, tuple(_changes(robot, own)), response.falls))
     return Crosscheck(tuple(comparisons), absent, refused, failed, tuple(still))
 
 

@@ -166,7 +166,8 @@ def twin_view(robot: Robot, response: Response) -> TwinView | None:
 
     shapes = response.snapshots
     bent = shapes[max(range(1, len(shapes)), key=bending)]
-    return TwinView(robot, replace(rest, label=_title(rest)), replace(bent, label=_title(bent)), response.tets)
+    at_rest, furthest = (replace(shape, label=_title(shape)) for shape in (rest, bent))
+    return TwinView(robot, at_rest, furthest, response.tets, response.falls)
 
 
 def _title(shape: Snapshot) -> str:

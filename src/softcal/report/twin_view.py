@@ -16,12 +16,14 @@ class TwinView:
     """The calibrated twin in two states, to be drawn side by side.
 
     tets: body -> connectivity of `Snapshot.points` (`Response.tets`), of order one or two.
+    falls: where it is not stable on the way (`Response.falls`), or "".
     """
 
     robot: Robot
     rest: Snapshot
     bent: Snapshot
     tets: Mapping[str, Ints]
+    falls: str = ""
 
     def __post_init__(self) -> None:
         tets = {body: frozen_ints(cells, name=f"tets of {body}") for body, cells in self.tets.items()}

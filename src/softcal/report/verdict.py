@@ -81,6 +81,7 @@ def verdicts(content: ReportContent) -> list[Sentence]:
         *_bounds(result),
         *_identified(result),
         *_plausible(content),
+        *_stability(content),
         *_agreement(content),
         *_failures(content),
         *_unmeasured_pitch(result),
@@ -232,6 +233,12 @@ def _plausible(content: ReportContent) -> Iterable[Sentence]:
         f"(Eq. 5, {100 * content.print_infill.infill:.3g} % infill)."
     )
     yield Sentence(text, "good" if inside else "warning")
+
+
+def _stability(content: ReportContent) -> Iterable[Sentence]:
+    if content.twin is not None and content.twin.falls:
+        text = f"In the test that drives the twin furthest: {content.twin.falls} The bench should have seen it too."
+        yield Sentence(text, "warning")
 
 
 def _agreement(content: ReportContent) -> Iterable[Sentence]:

@@ -147,6 +147,7 @@ class _Run:
             units=units,
             status=self.status + self.falls,
             succeeded=self.succeeded,
+            falls=self.falls.strip(),
             n_factorisations=dynamics.n_factorisations,
             snapshots=tuple(self.shapes),
             tets={name: mesh.tets for name, mesh in self.twin.meshes.items()} if self.shapes else {},

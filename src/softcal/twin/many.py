@@ -67,15 +67,15 @@ def simulate_many(
         status = f"Solved: {protocol.n_samples} equilibria, {statics.n_factorisations} factorisations."
     except SimulationError as error:
         status, succeeded = f"Sample {len(values) + 1} of {protocol.n_samples} was not reached: {error}", False
-    status += "".join(falls)
     table = np.array(values).reshape(len(values), len(units))
     labels = (*names, *(f"{cable}.{protocol.commands[cable].control}" for cable in commanded))
     by_parameter = np.array(rates).reshape(len(values), len(units), len(labels))
     return Response(
         channels={name: table[:, k] for k, name in enumerate(units)},
         units=units,
-        status=status,
+        status=status + "".join(falls),
         succeeded=succeeded,
+        falls="".join(falls).strip(),
         n_factorisations=statics.n_factorisations,
         sensitivities={name: {p: by_parameter[:, k, j] for j, p in enumerate(labels)} for k, name in enumerate(units)},
         snapshots=tuple(shapes),

@@ -40,7 +40,8 @@ class Response:
     `<plate>.x`, `.y`, `.z` [m], `<plate>.pitch`, `.roll`, `.yaw` [rad], `<marker>.x`, `.y`, `.z` [m].
     sensitivities: channel -> parameter -> d channel / d parameter, shape (n_samples,).
     slopes: channel -> d channel / d control, shape (n_samples,), along the one cable that is driven.
-    status: a sentence. n_solved: samples up to the first that could not be reached (all when the solve succeeded).
+    status: a sentence; falls: what of it tells where the robot was not stable, or "". The channels end before the first
+    sample that could not be reached.
     """
 
     channels: Mapping[str, Floats]
@@ -52,3 +53,4 @@ class Response:
     slopes: Mapping[str, Floats] = field(default_factory=dict)
     snapshots: tuple[Snapshot, ...] = ()
     tets: Mapping[str, Ints] = field(default_factory=dict)  # body -> connectivity of `Snapshot.points`
+    falls: str = ""

@@ -21,7 +21,7 @@ from softcal.twin.start import UNDER_LOADS, fallen, loaded, slack_line, snapshot
 FIRST_STEP = 0.12  # of the driven cable's length
 WOUND_UP = 1e-3  # of its length: a cable shorter than this is wound up
 SAME = 1e-9  # of its length: two nodes closer than this are one
-MAX_REFINEMENTS = 6
+MAX_REFINEMENTS = 24  # a knee may be some thousand times as narrow as the curve is long
 
 
 @dataclass(frozen=True)
@@ -156,9 +156,10 @@ class Sweep:
         if path.reached and np.any(values[:, 2 * self._i_cable + 1] < 0.0):
             low = float(d[:n][np.argmin(values[:, 2 * self._i_cable + 1])])
             status = f"Cable {self.cable} would have to push at {1e3 * low:.4g} mm: the robot snaps through there."
-            return self._response(np.zeros((0, values.shape[1])), None, None, status, False, self._solved(path, "m"))
+            shapes = self._solved(path, "m")
+            return self._response(np.zeros((0, values.shape[1])), None, None, status, False, shapes, self._falls(path))
         shapes = self._shapes(path, np.maximum(d[:n], start.c), d[:n], "m")
-        return self._response(values, slopes, by_parameter, status, path.reached, shapes)
+        return self._response(values, slopes, by_parameter, status, path.reached, shapes, self._falls(path))
 
     def _by_tension(self, start: Node, T: Floats) -> Response:
         i_tension = 2 * self._i_cable + 1
@@ -171,7 +172,7 @@ class Sweep:
         if len(path.nodes) == 1:
             at = np.full(len(T), start.c)
             shapes = self._shapes(path, at, np.zeros(len(T)), "N")
-            return self._response(*curve.at(at), "Solved: no tension." + self._falls(path), True, shapes)
+            return self._response(*curve.at(at), "Solved: no tension.", True, shapes, self._falls(path))
         is_wound = path.reached and path.nodes[-1].c >= wound * (1.0 - 1e-9)
         c = curve.first_passage(i_tension, T)
         if self.tolerance <= 0.0:
@@ -204,7 +205,7 @@ class Sweep:
         if self.snapshots:
             path = self._up_to(path, float(at.max(initial=start.c)))
         shapes = self._shapes(path, at, T[:n], "N")
-        return self._response(values, slopes, by_parameter, status, n == len(T), shapes)
+        return self._response(values, slopes, by_parameter, status, n == len(T), shapes, self._falls(path))
 
     def _by_samples(self, start: Node, c: Floats) -> Path:
         """The path through every one of c, in their order."""
@@ -269,8 +270,8 @@ class Sweep:
     def _at_rest(self, start: Node, n: int) -> Response:
         numbers = range(1, n + 1) if self.snapshots == "samples" else (0,)
         shapes = tuple(snapshot(self.twin, start.state, {}, k, "") for k in numbers) if self.snapshots else ()
-        status = "Solved: no cable is driven." + self._falls(Path((start,), True))
-        return self._response(*self._curve((start,)).at(np.zeros(n)), status, True, shapes)
+        status, falls = "Solved: no cable is driven.", self._falls(Path((start,), True))
+        return self._response(*self._curve((start,)).at(np.zeros(n)), status, True, shapes, falls)
 
     def _shapes(self, path: Path, c: Floats, commands: Floats, unit: str) -> tuple[Snapshot, ...]:
         """What is to be drawn: the samples that the commands [unit] bring to c, or the path that leads there."""
@@ -299,7 +300,7 @@ class Sweep:
                 f"No equilibrium beyond {end:.4g} mm of shortening of {self.cable} "
                 f"({n} of {n_samples} samples reached): {path.status}."
             )
-        return found + self._falls(path)
+        return found
 
     def _falls(self, path: Path) -> str:
         loads = [fallen(UNDER_LOADS)] if path.nodes[0].is_fallen else []
@@ -314,6 +315,7 @@ class Sweep:
         status: str,
         succeeded: bool,
         shapes: tuple[Snapshot, ...] = (),
+        falls: str = "",
     ) -> Response:
         units = self._units
         channels = {name: values[:, k] for k, name in enumerate(units)}
@@ -325,8 +327,9 @@ class Sweep:
         return Response(
             channels=channels,
             units=units,
-            status=status,
+            status=status + falls,
             succeeded=succeeded,
+            falls=falls.strip(),
             n_factorisations=self.statics.n_factorisations,
             sensitivities=sensitivities,
             slopes={} if slopes is None else {name: slopes[:, k] for k, name in enumerate(units)},

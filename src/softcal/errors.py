@@ -40,7 +40,8 @@ class Fault:
             text += f"; allowed: {self.allowed}"
         text = text.rstrip(".") + "."
         if self.attempt:
-            text += f" Try: {self.attempt.rstrip('.')}."
+            attempt = self.attempt.rstrip(".")
+            text += f" Try: {attempt}" + ("" if attempt.endswith("?") else ".")
         return text
 
 

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -210,6 +211,11 @@ def test_a_finished_run_resumes_to_the_same(capsys: pytest.CaptureFixture[str], 
     after = json.loads((finished / "run" / "result.json").read_text())
     assert after["parameters"] == before["parameters"]
     assert after["n_solves"] == before["n_solves"]
+
+
+def test_version(capsys: pytest.CaptureFixture[str]):
+    code, out, _ = run(capsys, "--version")
+    assert (code, out) == (0, f"softcal {version('softcal')}\n")
 
 
 def test_resume_without_a_run(capsys: pytest.CaptureFixture[str], tmp_path: Path):

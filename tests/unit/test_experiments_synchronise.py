@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import bench_record
 import numpy as np
 import pytest
@@ -58,6 +60,16 @@ def test_merges_on_the_machines_clock() -> None:
     assert "+3.00" in outcome
     assert "ppm" in outcome
     assert "correlation of shortening and pitch +0.99" in outcome
+
+
+def test_files_in_the_other_order_are_told_the_right_one() -> None:
+    with pytest.raises(DatasetError, match=r"first of the two files has no shortening.*Try: first the file with short"):
+        synchronise(imu(3.0), utm())
+
+
+@pytest.mark.parametrize(("rate", "told"), [(4e-4, r"runs [34]\d\d ppm faster"), (-4e-4, r"runs [34]\d\d ppm slower")])
+def test_a_clock_that_loses_is_slower(rate: float, told: str) -> None:
+    assert re.search(told, synchronise(utm(), imu(3.0, rate, noise=0.0)).provenance[-1].outcome)
 
 
 def test_only_samples_that_both_have_are_kept() -> None:

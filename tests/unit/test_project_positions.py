@@ -17,6 +17,7 @@ from softcal.calibration.frame import rotation
 from softcal.cli.app import app
 from softcal.errors import InputError, ProjectFileError
 from softcal.project.calibration import calibrate, calibrated
+from softcal.project.checking import check
 from softcal.project.project import Project, load
 from softcal.project.reporting import report_content
 from softcal.project.run_folder import load_run
@@ -125,6 +126,10 @@ def test_tables_are_joined_by_the_labels_of_their_states(project: Project) -> No
     assert project.experiments["hanging"].settings == {"weight.force": pytest.approx(0.981)}
     assert project.space is not None
     assert project.space.parameters[0].of == ("spring1.youngs_modulus", "spring2.youngs_modulus")
+
+
+def test_settings_are_told_with_their_unit(project: Project) -> None:
+    assert "weight.force = 0.981 N" in dict(check(project).rows)["experiment hanging"]
 
 
 def test_the_settings_of_an_experiment_hold_when_it_is_simulated(project: Project) -> None:

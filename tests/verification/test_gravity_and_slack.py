@@ -162,6 +162,8 @@ def test_what_no_cable_can_do_is_refused():
         simulate(robot, tensed(1.0, cable="back"))
     with pytest.raises(ParameterError, match=r"did you mean 'neck\.youngs_modulus'"):
         simulate(robot, tensed(1.0), sensitivities=("neck.young_modulus",))
+    with pytest.raises(ParameterError, match=r"Try: did you mean 'plate\.mass'\?$"):
+        simulate(robot, tensed(1.0), sensitivities=("plate.friction_coefficient",))
 
 
 def test_a_load_without_equilibrium_ends_in_a_sentence():

@@ -17,12 +17,29 @@ BAD_INPUT, FAILED, INTERRUPTED = 2, 1, 130
 
 app = typer.Typer(
     name="softcal",
-    help="From bench measurements of a printed, cable-driven soft robot to a calibrated finite-element twin.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+
+
+def _tell_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"softcal {version('softcal')}")
+        raise typer.Exit
+
+
+@app.callback()
+def root(
+    version: Annotated[
+        bool, typer.Option("--version", help="Show the version and exit.", callback=_tell_version, is_eager=True)
+    ] = False,
+) -> None:
+    """From bench measurements of a printed, cable-driven soft robot to a calibrated finite-element twin."""
+
 
 ProjectFile = Annotated[Path, typer.Argument(metavar="PROJECT", help="The project file.", show_default=False)]
 

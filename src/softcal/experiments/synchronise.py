@@ -35,6 +35,10 @@ class ClockFit:
         return time + self.lag + self.rate * (time - self.middle)
 
 
+def _pace(rate: float) -> str:
+    return f"runs {abs(rate) * 1e6:.0f} ppm {'faster' if rate > 0 else 'slower'}"
+
+
 def synchronise(
     utm: Dataset,
     imu: Dataset,
@@ -74,6 +78,18 @@ def synchronise(
                 attempt="leave it out of the columns of one",
             )
         )
+    faults = [
+        Fault(
+            f"the {place} of the two files has no {channel}",
+            where=f"{utm.name} and {imu.name}",
+            got=", ".join(data.channels),
+            attempt=f"first the file with {reference}, then the one with {signal}, or {key}: another channel",
+        )
+        for place, data, key, channel in (("first", utm, "reference", reference), ("second", imu, "signal", signal))
+        if channel not in data.channels
+    ]
+    if faults:
+        raise DatasetError(faults)
     fit = fit_clock(
         utm,
         imu,
@@ -89,7 +105,7 @@ def synchronise(
     outcome = (
         f"the clock of {imu.name} shows {fit.lag:+.4f} s beside that of {utm.name} at "
         f"{format_quantity(fit.middle, 's')}, "
-        f"{f'runs {fit.rate * 1e6:+.0f} ppm faster' if estimate_rate else 'taken to run as fast'}; "
+        f"{_pace(fit.rate) if estimate_rate else 'taken to run as fast'}; "
         f"correlation of {reference} and {signal} {fit.correlation:+.4f}; "
         f"{len(inside)} of {utm.n_samples} samples have both"
     )

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from softcal.calibration.experiment import Experiment
+from softcal.calibration.experiment import Experiment, rig_unit
 from softcal.checks import Ints
 from softcal.errors import Fault
 from softcal.experiments.names import is_deviation
@@ -17,6 +17,7 @@ from softcal.project.output import require_writable
 from softcal.project.project import Project
 from softcal.project.simulation import simulate
 from softcal.twin.build import build_twin
+from softcal.twin.parameters import robot_parameters
 from softcal.twin.robot import Plate, Rod
 from softcal.units import format_quantity
 
@@ -163,7 +164,7 @@ def _bench_rows(project: Project) -> list[tuple[str, str]]:
         rows += [
             (
                 f"experiment {name}",
-                f"{_driven(experiment)}, compared: " + _compared(experiment),
+                f"{_driven(project, experiment)}, compared: " + _compared(experiment),
             ),
             (
                 "  data",
@@ -177,11 +178,15 @@ def _bench_rows(project: Project) -> list[tuple[str, str]]:
     return rows
 
 
-def _driven(experiment: Experiment) -> str:
+def _driven(project: Project, experiment: Experiment) -> str:
     """What drives the twin, in words."""
+    known = robot_parameters(project.robot)
+    units = {name: known[name].unit if name in known else rig_unit(name) or "1" for name in experiment.settings}
     names = [experiment.twin_channel(channel).rsplit(".", 1) for channel in experiment.drives]
     driven = " and ".join(f"{cable} by {control}" for cable, control in names) or "no cable is driven"
-    return driven + "".join(f", {name} = {value:.6g}" for name, value in experiment.settings.items())
+    return driven + "".join(
+        f", {name} = {format_quantity(value, units[name])}" for name, value in experiment.settings.items()
+    )
 
 
 def _compared(experiment: Experiment) -> str:

@@ -126,5 +126,5 @@ def _require_empty(folder: Path, attempt: str) -> None:
     if held:
         shown = ", ".join(held[:4]) + (", …" if len(held) > 4 else "")
         raise StorageError(
-            Fault("the folder is not empty, and nothing is overwritten", str(folder), f"holds {shown}", attempt=attempt)
+            Fault("the folder is not empty, and nothing is overwritten", str(folder), shown, attempt=attempt)
         )

@@ -92,7 +92,8 @@ def _with_force(load: PointLoad, values: Mapping[str, float]) -> PointLoad:
 
 def unknown_name(name: str, known: Mapping[str, object]) -> Fault:
     """The fault of a parameter that does not exist, with the nearest that does."""
-    nearest = difflib.get_close_matches(name, list(known), n=1, cutoff=0.0)
+    of_the_same = [one for one in known if one.rpartition(".")[0] == name.rpartition(".")[0]]
+    nearest = difflib.get_close_matches(name, of_the_same or list(known), n=1, cutoff=0.0)
     return Fault(
         "there is no such parameter",
         where=name,

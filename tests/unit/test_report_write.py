@@ -15,6 +15,7 @@ import pytest
 from report_example import bench_experiment, column_mesh, example_content, neck_robot, tpe_result
 
 from softcal.errors import StorageError
+from softcal.experiments.dataset import Dataset, Step
 from softcal.report import check_figures
 from softcal.report.all_tables import all_tables
 from softcal.report.check_figures import draw_check
@@ -147,6 +148,18 @@ def test_an_experiment_driven_by_tension_compares_the_travel(tmp_path: Path) -> 
         ReportContent("neck", {"8N": replace(result, experiments={"8N": fit})}, {"8N": experiment}), tmp_path
     ).page
     assert "the travel to 1.00 mm RMS (5.0 % of its largest)" in page.read_text()
+
+
+def test_a_record_without_force_is_captioned_as_it_is_drawn() -> None:
+    """No light tones, and no samples in blue beside them."""
+    content = example_content(n_trials=3)
+    name, experiment = next(iter(content.experiments.items()))
+    still = Dataset("still", {key: experiment.raw.channels[key] for key in ("time", "pitch")})
+    averaged = replace(still, provenance=(*still.provenance, Step("average", {}, "")))
+    hung = replace(experiment, raw=still, prepared=averaged, cycles=None)
+    content = replace(content, experiments={**content.experiments, name: hung})
+    (caption,) = [p.caption for p in report_pictures(content) if p.section == "bench" and p.caption.startswith(name)]
+    assert caption == f"{name}: the record; the fit uses what average made of it."
 
 
 def test_check_pictures_are_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

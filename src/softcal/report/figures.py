@@ -139,7 +139,8 @@ def _bench(content: ReportContent) -> Iterator[Picture]:
             continue
         drawable = has_force_displacement(experiment.prepared) or has_force_displacement(experiment.raw)
         figure = draw_force_displacement(experiment) if drawable else draw_record(experiment.raw)
-        yield _picture(figure, f"force-displacement-{file_stem(name)}", "bench", _bench_caption(experiment))
+        caption = _bench_caption(experiment) if drawable else _record_caption(experiment)
+        yield _picture(figure, f"force-displacement-{file_stem(name)}", "bench", caption)
 
 
 def _is_of_states(experiment: ExperimentContent) -> bool:
@@ -154,6 +155,11 @@ def _bench_caption(experiment: ExperimentContent) -> str:
     if experiment.cycles is None and later:
         caption += f" Between the two lie: {joined(later)}."
     return caption
+
+
+def _record_caption(experiment: ExperimentContent) -> str:
+    later = [step.name for step in experiment.prepared.provenance[len(experiment.raw.provenance) :]]
+    return f"{experiment.name}: the record" + (f"; the fit uses what {joined(later)} made of it." if later else ".")
 
 
 def _places(content: ReportContent) -> Iterator[Picture]:

@@ -280,3 +280,8 @@ def test_shifts_in_words():
     assert shift_text(Estimate(2.0e6, "Pa", False, 1e5, 4e7, 0.1e6), 2.5e6) == "+0.5 MPa (5 s.e.)"
     assert shift_text(Estimate(2e-3, "m", False, 0.0, 1e-2), 1.9e-3) == "-0.1 mm"
     assert [times_text(x) for x in (0.04, -12.3, 543.2)] == ["0.04", "12", "543"]
+
+
+def test_a_place_moves_as_far_as_its_coordinates_together():
+    """3 and 4 are 5, whatever is done to average over the samples."""
+    assert mesh_changes._distance(np.array([[3.0, 3.0], [4.0, 4.0]])) == pytest.approx(5.0)

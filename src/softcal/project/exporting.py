@@ -7,14 +7,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from softcal.errors import Fault, ParameterError, StorageError, UnitError
+from softcal.errors import Fault, ParameterError, UnitError
 from softcal.project.calibration import calibrated
 from softcal.project.cases import Case, protocols_of
 from softcal.project.film import films
 from softcal.project.motion import SNAPSHOTS, simulate_each_in_time
 from softcal.project.output import new_folder, require_free_folder
 from softcal.project.project import Project, load
-from softcal.project.run_folder import PROJECT, RECORD, headline_of, load_run
+from softcal.project.run_folder import headline_of, load_run, refuse_project_folder
 from softcal.project.search import held_values
 from softcal.project.simulation import simulate_each
 from softcal.twin.parameters import robot_parameters, with_parameters
@@ -41,9 +41,7 @@ def load_calibrated(path: Path, values: Mapping[str, str] | None = None) -> Proj
     """
     if not path.is_dir():
         return load(path, values=values or {})
-    if (path / PROJECT).is_file() and not (path / RECORD).is_file():
-        allowed = "a folder that softcal calibrate wrote, or a project file"
-        raise StorageError(Fault("there is no run here", str(path), f"no {RECORD}", allowed, str(path / PROJECT)))
+    refuse_project_folder(path)
     run = load_run(path)
     project = calibrated(run.project, headline_of(run.results)[1])
     held = held_values(values or {}, robot_parameters(project.robot))

@@ -9,12 +9,12 @@ from pathlib import Path
 from softcal.analysis.mesh_study import UNKNOWNS, MeshStudy, Observer
 from softcal.analysis.mesh_study import mesh_study as study_problem
 from softcal.calibration.problem import SOFTCAL, Problem
-from softcal.errors import Fault, InputError, ParameterError, StorageError
+from softcal.errors import Fault, InputError, ParameterError
 from softcal.project.calibration import JOINT, make_problem
 from softcal.project.mesh_study_files import FOLDER, write_study
 from softcal.project.output import require_free_folder
 from softcal.project.project import Project, load
-from softcal.project.run_folder import PROJECT, RECORD, Run, load_run
+from softcal.project.run_folder import Run, load_run, refuse_project_folder
 from softcal.twin.finer import ELEMENT_RANK
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.robot import ElementKind
@@ -48,9 +48,7 @@ def study_source(path: Path, values: Mapping[str, str] | None = None, calibratio
         For a folder that holds no run.
     """
     if path.is_dir():
-        if (path / PROJECT).is_file() and not (path / RECORD).is_file():
-            allowed = "a folder that softcal calibrate wrote, or a project file"
-            raise StorageError(Fault("there is no run here", str(path), f"no {RECORD}", allowed, str(path / PROJECT)))
+        refuse_project_folder(path)
         if values:
             raise InputError(
                 Fault("a run is studied at what it found", "--set", ", ".join(values), "a project file with --set")

@@ -160,6 +160,19 @@ def load_run(folder: str | Path) -> Run:
     )
 
 
+def refuse_project_folder(folder: Path) -> None:
+    """Check that a folder is not that of a project, whose file would have done as well as a run.
+
+    Raises
+    ------
+    StorageError
+        Where it is.
+    """
+    if (folder / PROJECT).is_file() and not (folder / RECORD).is_file():
+        allowed = "a folder that softcal calibrate wrote, or a project file"
+        raise StorageError(Fault("there is no run here", str(folder), f"no {RECORD}", allowed, str(folder / PROJECT)))
+
+
 def headline_of(results: Mapping[str, CalibrationResult]) -> tuple[str, CalibrationResult]:
     """The result to show first with its label: the joint one, the only one, or "" and all put side by side."""
     if "joint" in results:

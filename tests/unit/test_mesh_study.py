@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mechanics_cases import column_robot, elastic
 
+from softcal.analysis import mesh_changes
 from softcal.analysis import mesh_study as studying
 from softcal.analysis.mesh_changes import Change, pooled
 from softcal.analysis.mesh_study import LIMIT, Finer, MeshStudy, mesh_study

@@ -143,7 +143,7 @@ def test_two_cables_that_pull_alike_buckle_it_too() -> None:
         Protocol({n: Command("tension", half) for n in ("left", "right")}),
     )
     assert response.succeeded, response.status
-    assert "Not stable on the way to sample 2" in response.status
+    assert "Not stable on the way to sample 2 (left " in response.status
     aside = np.hypot(response.channels["top.x"], response.channels["top.y"])
     assert aside[0] < 1e-9
     assert aside[1] > 0.1 * LENGTH

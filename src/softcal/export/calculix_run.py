@@ -49,7 +49,7 @@ def run_calculix(deck: Deck, folder: Path, *, timeout: float = TIMEOUT) -> Float
         said = _complaint((folder / LOG).read_text(encoding="utf-8", errors="replace"))
         how = f" ({said})" if said else f" (exit code {code})"
         how = f" (it crashed: {signal.Signals(-code).name})" if code < 0 else how
-        raise SimulationError(f"CalculiX did not reach the full load{how}; {reached}.")
+        raise SimulationError(f"CalculiX did not reach the full load{how}; {reached}. Try a smaller pull.")
     return np.array(found)
 
 

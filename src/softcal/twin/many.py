@@ -17,8 +17,10 @@ from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response, Shown, Snapshot
 from softcal.twin.sensors import channel_units, sense, sense_rates
 from softcal.twin.start import UNDER_LOADS, fallen, loaded, slack_line, snapshot
+from softcal.units import format_quantity
 
 SLACK_LENGTH = 1e-9  # of a cable's length
+_UNITS = {"tension": "N", "shortening": "m"}
 
 
 def simulate_many(
@@ -37,12 +39,11 @@ def simulate_many(
     values: list[Floats] = []
     rates: list[Floats] = []
     shapes: list[Snapshot] = []
-    status, succeeded, falls = "", True, list[str]()
+    status, succeeded, falls, falls_at = "", True, "", list[int]()
     try:
         loads = loaded(twin, statics)
         start = state = loads.state
-        if loads.falls:
-            falls.append(fallen(UNDER_LOADS))
+        falls = fallen(UNDER_LOADS) if loads.falls else ""
         # Lengths as they are: a cable that is commanded in length starts at its own.
         lengths = twin.system.cables.lengths(state.x)
         slack = replace(slack_line(twin).at(0.0), shortening=twin.system.cables.rest_length - lengths)
@@ -57,7 +58,7 @@ def simulate_many(
                 node, controls = _reach(twin, statics, start, slack, target, by_length, names)
             state = node.state
             if node.is_fallen:
-                falls.append(fallen(f"on the way to sample {i + 1}"))
+                falls_at.append(i)
             values.append(_commanded(twin, protocol, i, sense(twin, state)))
             by_command = _by_command(twin, statics, state, controls, by_length, commanded)
             rates.append(sense_rates(twin, state, np.column_stack([node.by_parameter, by_command])))
@@ -66,16 +67,20 @@ def simulate_many(
                 shapes.append(snapshot(twin, state, _shown(protocol, i), i + 1, ""))
         status = f"Solved: {protocol.n_samples} equilibria, {statics.n_factorisations} factorisations."
     except SimulationError as error:
-        status, succeeded = f"Sample {len(values) + 1} of {protocol.n_samples} was not reached: {error}", False
+        where, pulls = f"Sample {len(values) + 1} of {protocol.n_samples}", _pulls(protocol, len(values))
+        status, succeeded = f"{where} was not reached{pulls}: {error}", False
+    if falls_at:
+        later = f" and {len(falls_at) - 1} later ones" if len(falls_at) > 1 else ""
+        falls += fallen(f"on the way to sample {falls_at[0] + 1}{_pulls(protocol, falls_at[0])}{later}")
     table = np.array(values).reshape(len(values), len(units))
     labels = (*names, *(f"{cable}.{protocol.commands[cable].control}" for cable in commanded))
     by_parameter = np.array(rates).reshape(len(values), len(units), len(labels))
     return Response(
         channels={name: table[:, k] for k, name in enumerate(units)},
         units=units,
-        status=status + "".join(falls),
+        status=status + falls,
         succeeded=succeeded,
-        falls="".join(falls).strip(),
+        falls=falls.strip(),
         n_factorisations=statics.n_factorisations,
         sensitivities={name: {p: by_parameter[:, k, j] for j, p in enumerate(labels)} for k, name in enumerate(units)},
         snapshots=tuple(shapes),
@@ -220,6 +225,13 @@ def _commanded(twin: Twin, protocol: Protocol, i: int, values: Floats) -> Floats
         if command is not None and command.control == "shortening":
             values[2 * k] = command.values[i]
     return values
+
+
+def _pulls(protocol: Protocol, i: int) -> str:
+    """What pulls in a sample, in brackets after a blank; "" where nothing does."""
+    commands = {name: (command.values[i], _UNITS[command.control]) for name, command in protocol.commands.items()}
+    told = ", ".join(f"{name} {format_quantity(float(v), unit)}" for name, (v, unit) in commands.items() if v != 0.0)
+    return f" ({told})" if told else ""
 
 
 def _shown(protocol: Protocol, i: int) -> dict[str, float]:

@@ -74,7 +74,8 @@ def schedule_of(project: Project, case: Case) -> Schedule:
 
 def _replayed(project: Project, experiment: Experiment) -> Schedule:
     if not experiment.drives:
-        raise InputError(Fault("nothing is driven, so nothing moves", experiment.name, attempt="--pull, or --experiment"))
+        fault = Fault("nothing is driven, so nothing moves", experiment.name, attempt="--pull, or --experiment")
+        raise InputError(fault)
     data = _timed(project, experiment)
     times = data.values(TIME)
     told = commands(replace(experiment, dataset=data), experiment.rig_values())

@@ -134,6 +134,19 @@ def test_shapes_are_kept_over_the_run():
     assert response.tets["neck"].shape[1] == 4
 
 
+@pytest.mark.parametrize("settling", [None, Settling(speed=1e-6)])
+def test_an_observer_is_told_of_every_step_in_order_and_to_the_end(settling: Settling | None):
+    told: list[tuple[float, float]] = []
+    settings = TimeSettings(0.03, until_settled=settling)
+    response = simulate_in_time(
+        column(), ramp(TENSION, 0.1), settings, progress=lambda time, over: told.append((time, over))
+    )
+    times, ends = np.array(told).T
+    np.testing.assert_array_equal(times, response.channels["time"])
+    np.testing.assert_array_equal(ends, 4 * 0.03)  # the schedule ends within the fourth step
+    assert (times[-1] > ends[-1]) is np.bool_(settling is not None)
+
+
 def test_what_the_robot_has_not_is_refused():
     with pytest.raises(ParameterError, match="side: there is no such cable"):
         simulate_in_time(column(), ramp({"side": ("tension", 1.0)}, 1.0))
@@ -188,7 +201,9 @@ def test_simulate_in_time_writes_the_trajectory(tmp_path: Path, capsys: pytest.C
     path = write_project(tmp_path, DENSE, with_dynamics("time_step: 20 ms, ramp: 0.2 s, rayleigh_stiffness: 50 ms"))
     out = tmp_path / "out"
     assert run("simulate", path, "--pull", "front=2mm", "--in-time", "--out", out) == 0
-    assert "pull: Settled after " in capsys.readouterr().out
+    told = capsys.readouterr()
+    assert "pull: Settled after " in told.out
+    assert told.err == ""  # no bar into a pipe
     with (out / "response-pull.csv").open(newline="") as stream:
         header, *rows = list(csv.reader(stream))
     table = dict(zip(header, np.array(rows, dtype=float).T, strict=True))
@@ -267,9 +282,20 @@ def test_an_experiment_without_times_says_what_to_give(tmp_path: Path, changes, 
         simulate_each_in_time(project, cases(project))
 
 
-def test_motion_is_a_film_timed_in_seconds(tmp_path: Path):
+def test_motion_is_a_film_timed_in_seconds(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     pytest.importorskip("pyvista")
     path, out = write_project(tmp_path, DENSE, with_dynamics(QUICK + ", hold: 0.2 s")), tmp_path / "out"
     assert run("export", "vtk", path, "--pull", "front=2mm", "--in-time", "--shapes", "4", "--out", out) == 0
     steps = [float(text) for text in re.findall(r'timestep="([^"]*)"', (out / "shapes.pvd").read_text())]
     np.testing.assert_allclose(steps, [0.0, 0.1, 0.2, 0.3, 0.4])
+    assert capsys.readouterr().err == ""
+
+
+def test_each_case_is_told_of_by_its_name(tmp_path: Path):
+    project = load(write_project(tmp_path, DENSE, with_dynamics(QUICK + ", hold: 0.2 s")))
+    told: list[tuple[str, float, float]] = []
+    chosen = cases(project, ["front=2mm"])
+    both = {"one": chosen["pull"], "other": chosen["pull"]}
+    simulate_each_in_time(project, both, progress=lambda *state: told.append(state))
+    assert [name for name, time, _ in told if time == 0.0] == ["one", "other"]
+    assert [name for name, time, over in told if time == over] == ["one", "other"]

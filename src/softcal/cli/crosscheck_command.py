@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Generator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,6 +10,7 @@ import typer
 from softcal.cli.app import FAILED, app, told
 from softcal.cli.export_commands import Pull, Source
 from softcal.cli.printing import print_table
+from softcal.cli.running import clock
 from softcal.cli.values import Values, names, parsed_values
 
 if TYPE_CHECKING:
@@ -63,8 +61,14 @@ def crosscheck(
         require_free_folder(out)
     project = load_calibrated(source, parsed_values(values))
     chosen = cases(project, pull or ())
-    with _clock() as show:
-        found = crosscheck_project(project, chosen, names(engines), timeout=longest, progress=show)
+    with clock() as show:
+        found = crosscheck_project(
+            project,
+            chosen,
+            names(engines),
+            timeout=longest,
+            progress=lambda state, engine: show(f"{state or AT_REST}: {engine} beside softcal"),
+        )
     _print_crosscheck(found)
     if out is not None:
         write_crosscheck(project, found, out)
@@ -72,18 +76,6 @@ def crosscheck(
     compared = any(result.comparisons for result in found.values())
     if not compared or not all(result.agrees for result in found.values()):
         raise typer.Exit(FAILED)
-
-
-@contextmanager
-def _clock() -> Generator[Callable[[str, str], None]]:
-    """On the terminal, which engine is at work and for how long; nothing where there is none."""
-    from rich.console import Console
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
-        task = bar.add_task("", total=None)
-        yield lambda state, engine: bar.reset(task, description=f"{state or AT_REST}: {engine} beside softcal")
 
 
 def _print_crosscheck(found: dict[str, Crosscheck]) -> None:

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from softcal.cli.app import app, told
+from softcal.cli.running import motion_bars
 from softcal.cli.values import Values, names, parsed_values
 
 export = typer.Typer(
@@ -56,7 +57,8 @@ def vtk(
     from softcal.project.exporting import export_vtk, load_calibrated
 
     project = load_calibrated(source, parsed_values(values))
-    written = export_vtk(project, cases(project, pull or ()), out, shapes, in_time=in_time)
+    with motion_bars() as show:
+        written = export_vtk(project, cases(project, pull or ()), out, shapes, in_time=in_time, progress=show)
     typer.echo(f"Wrote {len(written)} files into {out}")
 
 

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from softcal.cli.app import ProjectFile, app, told
+from softcal.cli.running import motion_bars
 from softcal.cli.values import Engine, Values, parsed_values
 from softcal.errors import Fault, InputError
 
@@ -51,6 +52,8 @@ def simulate(
     if in_time and engine != "softcal":
         raise InputError(Fault("other engines are run to rest, not in time", "--in-time", f"--engine {engine}"))
     chosen = cases(loaded, pull or (), experiment)
-    for name, response in simulate_to_folder(loaded, chosen, out, in_time=in_time, engine=engine).items():
+    with motion_bars() as show:
+        responses = simulate_to_folder(loaded, chosen, out, in_time=in_time, engine=engine, progress=show)
+    for name, response in responses.items():
         typer.echo(f"{name}: {response.status}")
     typer.echo(f"Wrote {out}")

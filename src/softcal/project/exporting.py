@@ -11,7 +11,7 @@ from softcal.errors import Fault, ParameterError, UnitError
 from softcal.project.calibration import calibrated
 from softcal.project.cases import Case, protocols_of
 from softcal.project.film import films
-from softcal.project.motion import SNAPSHOTS, simulate_each_in_time
+from softcal.project.motion import SNAPSHOTS, Observer, simulate_each_in_time
 from softcal.project.output import new_folder, require_free_folder
 from softcal.project.project import Project, load
 from softcal.project.run_folder import headline_of, load_run, refuse_project_folder
@@ -49,13 +49,19 @@ def load_calibrated(path: Path, values: Mapping[str, str] | None = None) -> Proj
 
 
 def export_vtk(
-    project: Project, cases: Mapping[str, Case], folder: Path, shapes: int | None = None, *, in_time: bool = False
+    project: Project,
+    cases: Mapping[str, Case],
+    folder: Path,
+    shapes: int | None = None,
+    *,
+    in_time: bool = False,
+    progress: Observer | None = None,
 ) -> list[Path]:
     """Shapes of each case, by name, as .vtu files for ParaView in a new folder; see `softcal.export.vtk`.
 
     shapes: how many, evenly from no pull to the furthest, each solved; by default those at which the pull was solved.
     in_time: shapes of the motion, by the project's `dynamics`; `shapes` of them, by default 40, until the schedule is
-    over, and as often after that.
+    over, and as often after that. progress: is told of each motion how far it is.
 
     Raises
     ------
@@ -70,7 +76,7 @@ def export_vtk(
 
     require_free_folder(folder)
     if in_time:
-        responses = simulate_each_in_time(project, cases, shapes or SNAPSHOTS)
+        responses = simulate_each_in_time(project, cases, shapes or SNAPSHOTS, progress=progress)
     elif shapes is None:
         responses = _simulated(cases, snapshots=True)
     else:

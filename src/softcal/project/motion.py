@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -23,10 +24,16 @@ SNAPSHOTS = 40
 TIME = "time"
 # What changes a channel that drives: a record that was not yet through it is not what the twin was compared with.
 CORRECTIONS = ("zero", "detrend", "remove_slack", "correct_pulley_friction")
+# Told as `simulate_in_time` tells it, after the name of the case: the time, and when its schedule is over, both [s].
+Observer = Callable[[str, float, float], None]
 
 
-def simulate_each_in_time(project: Project, cases: Mapping[str, Case], shapes: int = SNAPSHOTS) -> dict[str, Response]:
-    """The motion in each case, by name, as the project's `dynamics` say; see `schedule_of`. shapes: how many to keep.
+def simulate_each_in_time(
+    project: Project, cases: Mapping[str, Case], shapes: int = SNAPSHOTS, *, progress: Observer | None = None
+) -> dict[str, Response]:
+    """The motion in each case, by name, as the project's `dynamics` say; see `schedule_of`.
+
+    shapes: how many to keep. progress: is told of each case how far it is.
 
     Raises
     ------
@@ -45,10 +52,12 @@ def simulate_each_in_time(project: Project, cases: Mapping[str, Case], shapes: i
     if faults:
         raise InputError(faults)
     settings = project.dynamics.settings
-    return simulate_each(
-        {name: (case.robot, schedules[name]) for name, case in cases.items()},
-        lambda one: simulate_in_time(*one, settings, snapshots=shapes),
-    )
+
+    def moved(name: str) -> Response:
+        told = None if progress is None else partial(progress, name)
+        return simulate_in_time(cases[name].robot, schedules[name], settings, snapshots=shapes, progress=told)
+
+    return simulate_each({name: name for name in cases}, moved)
 
 
 def schedule_of(project: Project, case: Case) -> Schedule:

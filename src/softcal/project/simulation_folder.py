@@ -10,7 +10,7 @@ from softcal.calibration.outcome import installed_versions
 from softcal.calibration.result_files import response_file
 from softcal.project.cases import Case
 from softcal.project.engines import SOFA, SOFTCAL, engine_for
-from softcal.project.motion import simulate_each_in_time
+from softcal.project.motion import Observer, simulate_each_in_time
 from softcal.project.output import new_folder, require_free_folder
 from softcal.project.project import Project
 from softcal.project.simulation import response_csv, simulate, simulate_each, twin_view
@@ -25,10 +25,12 @@ def simulate_to_folder(
     *,
     in_time: bool = False,
     engine: str = SOFTCAL,
+    progress: Observer | None = None,
 ) -> dict[str, Response]:
     """Simulate each case by name and write what came of it into a new folder, whole or not at all.
 
     in_time: as motion, by the project's `dynamics`, and not as equilibria. engine: what computes equilibria.
+    progress: is told of each motion how far it is.
 
     Raises
     ------
@@ -42,7 +44,7 @@ def simulate_to_folder(
     require_free_folder(folder)
     simulator = engine_for(engine, project.robot, project.engines)
     if in_time:
-        responses = simulate_each_in_time(project, cases)
+        responses = simulate_each_in_time(project, cases, progress=progress)
     else:
         responses = simulate_each(
             cases, lambda case: simulate(case.robot, case.protocol, snapshots=True, engine=simulator)

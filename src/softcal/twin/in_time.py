@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -25,10 +25,17 @@ from softcal.twin.sensors import channel_units, sense
 from softcal.twin.start import UNDER_LOADS, Start, fallen, loaded, snapshot
 
 DEFAULT = TimeSettings()
+# Told at the beginning and after each step: the time, and when the schedule is over, both [s]; later, it settles.
+Observer = Callable[[float, float], None]
 
 
 def simulate_in_time(
-    robot: Robot, schedule: Schedule, settings: TimeSettings = DEFAULT, *, snapshots: int = 0
+    robot: Robot,
+    schedule: Schedule,
+    settings: TimeSettings = DEFAULT,
+    *,
+    snapshots: int = 0,
+    progress: Observer | None = None,
 ) -> Response:
     """The twin's motion under a schedule of commands.
 
@@ -38,6 +45,9 @@ def simulate_in_time(
         What moves, what is done to it, and how that is computed.
     snapshots
         How many shapes to draw are kept, evenly over the run's steps; 0 keeps none.
+    progress
+        Called at the beginning and after each step with the time so far [s] and that at which the schedule is over [s];
+        a motion that is to settle goes on after that.
 
     Returns
     -------
@@ -69,8 +79,9 @@ def simulate_in_time(
         parts = ", ".join(part.name for part in (*robot.bodies, *robot.rods, *robot.plates))
         raise ParameterError(Fault("nothing that moves has mass", parts, attempt="a density, or a plate's mass"))
     dynamics = Dynamics(twin.system, inertia, theta, settings.rayleigh, settings.scheme)
-    run = _Run(twin, schedule, settings, snapshots)
+    run = _Run(twin, schedule, settings, snapshots, progress)
     try:
+        run.tell(0.0)
         start = _start(twin, theta, settings)
         run.falls = fallen(UNDER_LOADS) if start.falls else ""
         run.to_the_end(dynamics, at_rest(start.state))
@@ -99,6 +110,7 @@ class _Run:
     schedule: Schedule
     settings: TimeSettings
     n_snapshots: int
+    progress: Observer | None = None
     times: list[float] = field(default_factory=list[float])
     rows: list[Floats] = field(default_factory=list[Floats])
     shapes: list[Snapshot] = field(default_factory=list[Snapshot])
@@ -109,14 +121,14 @@ class _Run:
     def to_the_end(self, dynamics: Dynamics, now: Instant) -> None:
         """Step until the schedule is over, and then until nothing moves where that is asked for."""
         h, settling = self.settings.time_step, self.settings.until_settled
-        end = float(self.schedule.times[-1])
-        n_steps = max(int(np.ceil(end / h - 1e-9)), 0)
+        n_steps = self._n_steps
         longest = n_steps + (0 if settling is None else int(np.ceil(settling.longest / h)))
         self._keep(now, n_steps)
         still_since = np.inf
         for k in range(1, longest + 1):
             now = replace(dynamics.advance(now, h, self._controls), time=k * h)
             self._keep(now, n_steps)
+            self.tell(now.time)
             if settling is None or k < n_steps:
                 continue
             still_since = min(still_since, now.time) if self._speed(now) <= settling.speed else np.inf
@@ -132,6 +144,11 @@ class _Run:
             self.status += f" {dynamics.n_halvings} step(s) were taken in halves."
         if self.n_snapshots and (not self.shapes or self.shapes[-1].drive != now.time):
             self.shapes.append(self._shape(now))
+
+    def tell(self, time: float) -> None:
+        """Tell who looks on how far it is."""
+        if self.progress is not None:
+            self.progress(time, self._n_steps * self.settings.time_step)
 
     def fail(self, why: str) -> None:
         """No motion was found."""
@@ -152,6 +169,11 @@ class _Run:
             snapshots=tuple(self.shapes),
             tets={name: mesh.tets for name, mesh in self.twin.meshes.items()} if self.shapes else {},
         )
+
+    @property
+    def _n_steps(self) -> int:
+        """Of the schedule."""
+        return max(int(np.ceil(float(self.schedule.times[-1]) / self.settings.time_step - 1e-9)), 0)
 
     @property
     def _watched(self) -> str:

@@ -1,0 +1,61 @@
+"""What is seen of a command while it runs: what it is doing, and how far a motion is. Nothing without a terminal."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.progress import TaskID
+
+    from softcal.project.motion import Observer
+
+
+@contextmanager
+def clock() -> Generator[Callable[[str], None]]:
+    """On the terminal, what is being done and for how long."""
+    from rich.console import Console
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
+        task = bar.add_task("", total=None)
+        yield lambda doing: bar.reset(task, description=doing)
+
+
+@contextmanager
+def motion_bars() -> Generator[Observer]:
+    """On the terminal, a bar for each motion, of which the time of its schedule is known, and not that of settling."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(20),
+        TextColumn("{task.fields[moved]}"),
+        TimeElapsedColumn(),
+    )
+    bars = Progress(*columns, console=Console(stderr=True), disable=not sys.stderr.isatty())
+    tasks: dict[str, TaskID] = {}
+
+    def end() -> None:
+        for task in bars.tasks:
+            bars.update(task.id, total=task.completed)
+
+    def show(name: str, time: float, over: float) -> None:
+        label, moved = (name, f"{time:.2f} of {over:.2f} s") if time <= over else (f"{name}: settling", f"{time:.2f} s")
+        if label not in tasks:
+            bars.start()
+            end()
+            tasks[label] = bars.add_task(label, total=over if time <= over else None, moved="")
+        bars.update(tasks[label], completed=time, moved=moved)
+
+    try:
+        yield show
+        end()
+    finally:
+        if tasks:
+            bars.stop()

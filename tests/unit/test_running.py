@@ -1,0 +1,63 @@
+"""What is seen of a motion and of a report while they are computed: on a terminal, and nothing elsewhere."""
+
+from __future__ import annotations
+
+import re
+import sys
+
+import pytest
+
+from softcal.cli.running import clock, motion_bars
+
+
+def be_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in {"FORCE_COLOR": "1", "TERM": "xterm", "COLUMNS": "80"}.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+
+
+def drawn(err: str) -> list[str]:
+    text = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", err).replace("\r", "\n")
+    return [line.rstrip() for line in text.split("\n") if line.strip()]
+
+
+def test_a_motion_has_a_bar_and_another_while_it_settles(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    be_a_terminal(monkeypatch)
+    with motion_bars() as show:
+        for time in (0.0, 0.5, 1.0, 1.5):
+            show("pull", time, 1.0)
+        show("again", 0.25, 1.0)
+    pull, settling, again = drawn(capsys.readouterr().err)[-3:]
+    assert re.search(r"^ *pull +━{20} 1\.00 of 1\.00 s +\d:\d\d:\d\d$", pull)
+    assert re.search(r"^ *pull: settling +━{20} 1\.50 s +\d:\d\d:\d\d$", settling)
+    assert "again" in again
+    assert "0.25 of 1.00 s" in again
+
+
+def test_what_is_being_done_is_seen_in_turn_and_then_gone(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    be_a_terminal(monkeypatch)
+    with clock() as show:
+        show("Simulating")
+        show("Drawing")
+    printed = capsys.readouterr().err
+    assert "Drawing 0:00:00" in drawn(printed)[-1]
+    assert printed.endswith("\x1b[2K")  # the line is erased
+
+
+def test_into_a_pipe_nothing_is_drawn(capsys: pytest.CaptureFixture[str]) -> None:
+    with motion_bars() as show, clock() as tell:
+        show("pull", 0.5, 1.0)
+        show("pull", 1.5, 1.0)
+        tell("Drawing")
+    assert capsys.readouterr() == ("", "")
+
+
+def test_without_a_motion_there_is_no_bar(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    be_a_terminal(monkeypatch)
+    with motion_bars():
+        pass
+    assert capsys.readouterr() == ("", "")

@@ -91,7 +91,9 @@ def test_writing_twice_gives_the_same_files(content: ReportContent, tmp_path: Pa
     name = "20 mm, 5 mm/s"
     experiments = {name: content.experiments[name]}
     lean = ReportContent("neck", {name: content.results[name]}, experiments)
-    first = {path: path.read_bytes() for path in _all(write_report(lean, tmp_path))}
+    told: list[str] = []
+    first = {path: path.read_bytes() for path in _all(write_report(lean, tmp_path, progress=told.append))}
+    assert told == ["Drawing the figures", "Writing the report"]
     (tmp_path / "mine.txt").write_text("kept")
     second = {path: path.read_bytes() for path in _all(write_report(lean, tmp_path))}
     assert first == second

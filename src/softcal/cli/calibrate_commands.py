@@ -12,6 +12,7 @@ from softcal.cli.app import INTERRUPTED, ProjectFile, app, told
 from softcal.cli.calibration_bars import CalibrationBars
 from softcal.cli.calibration_table import print_results
 from softcal.cli.printing import print_warnings
+from softcal.cli.running import clock
 from softcal.cli.values import Engine, Values, WithReport, Workers, as_typed, names, parsed_values
 
 
@@ -109,7 +110,8 @@ def report_run(run: Path, out: Path | None) -> None:
     """Write a run's report and say where it lies."""
     from softcal.project.reporting import write_report
 
-    paths = write_report(run, out)
+    with clock() as show:
+        paths = write_report(run, out, progress=show)
     for note in paths.notes:
         typer.echo(f"Note: {note}", err=True)
     typer.echo(f"Report: {paths.page}")

@@ -22,7 +22,7 @@ from softcal.project.settled import from_undeformed, settled_shapes
 from softcal.project.simulation import simulate, twin_view
 from softcal.report.content import ExperimentContent, Landscape, ReportContent
 from softcal.report.twin_view import TwinView
-from softcal.report.write import ReportPaths
+from softcal.report.write import Observer, ReportPaths
 from softcal.report.write import write_report as write_content
 
 # Columns and rows of a landscape that is computed; with this many trials, the trials themselves show it.
@@ -30,7 +30,7 @@ LANDSCAPE_SHAPE = (41, 9)
 ENOUGH_TRIALS = 100
 
 
-def write_report(run: str | Path, out: str | Path | None = None) -> ReportPaths:
+def write_report(run: str | Path, out: str | Path | None = None, *, progress: Observer | None = None) -> ReportPaths:
     """Write the report of a run folder: one self-contained page, figures as PNG and SVG, tables as CSV.
 
     Parameters
@@ -39,14 +39,20 @@ def write_report(run: str | Path, out: str | Path | None = None) -> ReportPaths:
         A folder that `calibrate` wrote; it may have been moved.
     out
         Where the report goes; by default into the run folder.
+    progress
+        Called with what is begun: reading the run, simulating, drawing, writing.
 
     Raises
     ------
     StorageError
         Where there is no run with a result, or the folder cannot be written.
     """
+    told = progress or (lambda stage: None)
+    told("Reading the run")
     read = load_run(run)
-    return write_content(report_content(read), Path(out) if out is not None else read.folder)
+    told("Simulating the calibrated twin")
+    content = report_content(read)
+    return write_content(content, Path(out) if out is not None else read.folder, progress=told)
 
 
 def report_content(run: Run) -> ReportContent:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +12,8 @@ from softcal.report.all_tables import all_tables
 from softcal.report.content import ReportContent
 from softcal.report.figures import report_pictures
 from softcal.report.html import render_page
+
+Observer = Callable[[str], None]  # told what is begun
 
 
 @dataclass(frozen=True)
@@ -24,18 +26,19 @@ class ReportPaths:
     notes: tuple[str, ...] = ()
 
 
-def write_report(content: ReportContent, out_dir: str | Path) -> ReportPaths:
+def write_report(content: ReportContent, out_dir: str | Path, *, progress: Observer | None = None) -> ReportPaths:
     """Write `report.html`, `figures/*.png`, `figures/*.svg` and `tables/*.csv` into a folder.
 
     An older report in the folder is replaced, file by file; nothing else there is touched. Everything is drawn
-    before anything is written.
+    before anything is written. progress: is told when either begins.
 
     Raises
     ------
     StorageError
         Where the folder cannot be written.
     """
-    folder = Path(out_dir)
+    folder, told = Path(out_dir), progress or (lambda stage: None)
+    told("Drawing the figures")
     pictures, tables = report_pictures(content), all_tables(content)
     files: dict[Path, bytes] = {}
     for picture in pictures:
@@ -43,6 +46,7 @@ def write_report(content: ReportContent, out_dir: str | Path) -> ReportPaths:
         files[folder / "figures" / f"{picture.name}.svg"] = picture.svg
     for table in tables.values():
         files[folder / "tables" / f"{table.key}.csv"] = table.as_csv().encode()
+    told("Writing the report")
     page = folder / "report.html"
     files[page] = render_page(content, pictures, tables).encode()
     write_files(files)

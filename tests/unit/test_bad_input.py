@@ -258,6 +258,18 @@ def test_force_in_kilonewtons_by_mistake_is_warned_of(
     assert "implausible beside the twin's" in err
 
 
+def test_a_value_outside_the_bounds_of_its_search_is_warned_of(tmp_path: Path):
+    from softcal.project.checking import check
+    from softcal.project.project import load
+
+    path = write_project(tmp_path, ("youngs_modulus: 2 MPa", "youngs_modulus: 90 MPa"))
+    beyond = [warning for warning in check(load(path)).warnings if "outside the bounds" in warning]
+    assert len(beyond) == 1
+    assert beyond[0].startswith(
+        "bar.youngs_modulus: the project's value is outside the bounds of the search; got 90 MPa"
+    )
+
+
 def test_plausible_data_are_not_warned_of(tmp_path: Path):
     from softcal.project.checking import check
     from softcal.project.project import load

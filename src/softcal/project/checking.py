@@ -56,6 +56,7 @@ def check(project: Project, out_dir: str | Path | None = None) -> CheckReport:
     warnings = [str(fault) for fault in project.warnings]
     if project.experiments and project.space is None:
         warnings.append("no parameter is free: there is nothing to calibrate")
+    warnings += _beyond_bounds(project)
     warnings += [sentence for name in project.experiments if (sentence := _against_twin(project, name))]
     parts = (*_body_rows(project), *_rod_rows(project), *_part_rows(project))
     rows = (*parts, *_bench_rows(project), *_search_rows(project))
@@ -211,6 +212,27 @@ def _search_rows(project: Project) -> list[tuple[str, str]]:
         rows["untied"] = ", ".join(settings.split)
     rows["calibration"] = f"{settings.method}, loss {settings.loss}, fit {settings.fit}, seed {settings.seed}"
     return list(rows.items())
+
+
+def _beyond_bounds(project: Project) -> list[str]:
+    """Free parameters whose value in the project is outside their bounds: a search does not begin there."""
+    faults: list[Fault] = []
+    known = project.parameters
+    for p in project.space.parameters if project.space else ():
+        values = [known[target].value for target in p.targets if target in known]
+        if p.start is None and any(not p.lower <= value <= p.upper for value in values):
+            got = ", ".join(dict.fromkeys(format_quantity(value, p.unit) for value in values))
+            low, high = (format_quantity(bound, p.unit) for bound in (p.lower, p.upper))
+            faults.append(
+                Fault(
+                    "the project's value is outside the bounds of the search",
+                    p.label,
+                    got,
+                    f"{low} to {high}",
+                    "a start",
+                )
+            )
+    return [str(fault) for fault in faults]
 
 
 def _against_twin(project: Project, name: str) -> str:

@@ -266,7 +266,7 @@ def _mesh(content: ReportContent) -> Iterator[Picture]:
     figure = None if content.mesh_study is None else draw_mesh_study(content.mesh_study)
     if figure is not None:
         caption = (
-            "What noise leaves open (blue: 95 % interval) and what the mesh adds (orange: to what would be found on the "
-            "best of the finer ones); open markers: each of them."
+            "What noise leaves open (blue: 95 % interval) and what the mesh adds (orange: to what would be found on "
+            "the best of the finer ones); open markers: each of them."
         )
         yield _picture(figure, "mesh-study", "mesh", caption)

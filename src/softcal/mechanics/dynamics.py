@@ -20,7 +20,7 @@ from softcal.errors import SimulationError
 from softcal.mechanics.inertia import Inertia
 from softcal.mechanics.inertial_system import Damping, InertialSystem, Instant, Stepper, after, coasting, stepper
 from softcal.mechanics.state import State, moved
-from softcal.mechanics.statics import SLACK_TENSION, Statics
+from softcal.mechanics.statics import SLACK_LENGTH, SLACK_TENSION, Statics
 from softcal.mechanics.system import Controls, System
 
 Scheme = Literal["converged", "one-solve"]
@@ -28,7 +28,6 @@ Scheme = Literal["converged", "one-solve"]
 Drive = Callable[[float], Controls]
 
 MAX_HALVINGS = 6
-SLACK_LENGTH = 1e-9  # of a cable's length
 ADVICE = "Try a shorter time step, a slower pull, or converged steps."
 
 

@@ -11,7 +11,7 @@ from softcal.checks import Floats
 from softcal.errors import SimulationError
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.stability import fall, is_stable
-from softcal.mechanics.state import State, difference, moved
+from softcal.mechanics.state import State, difference, distance, moved
 from softcal.mechanics.statics import SLACK_TENSION, Statics
 from softcal.mechanics.system import Controls
 
@@ -155,8 +155,9 @@ def follow(
                 return Path(tuple(nodes), False, f"it buckles or snaps more than {MOST_FALLS} times", names)
             # Not from the nearest unstable one: a branch's first steps are hard.
             unstable = beyond or node
+            c, state = (unstable.c, unstable.state) if unstable else (c, last.state)
             try:
-                node = _fallen(statics, line, *((unstable.c, unstable.state) if unstable else (c, last.state)), names)
+                node = _fallen(statics, line, c, state, names)
             except SimulationError as error:
                 return Path(tuple(nodes), False, solved.status or str(error), names)
             h = step
@@ -175,10 +176,10 @@ def _strays(statics: Statics, before: State, guess: State, found: State) -> bool
     """Whether an equilibrium is further from what was predicted than that is from the one before: it may be on another
     branch. Where surfaces touch predictions are worth less.
     """
+    if statics.system.contacts:
+        return False
     layout = statics.system.layout
-    moving = layout.first_pressure_unknown
-    off, step = (np.linalg.norm(difference(layout, a, b)[:moving]) for a, b in ((found, guess), (guess, before)))
-    return not statics.system.contacts and bool(off > step + SAME * statics.length)
+    return distance(layout, found, guess) > distance(layout, guess, before) + SAME * statics.length
 
 
 def _fallen(statics: Statics, line: Line, c: float, state: State, names: tuple[str, ...]) -> Node:

@@ -8,7 +8,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
-from softcal.mechanics.state import State, difference
+from softcal.mechanics.state import State, distance
 from softcal.mechanics.statics import TOLERANCE, TORN, Equilibrium, Statics
 from softcal.mechanics.system import Controls, Linearisation
 
@@ -28,6 +28,7 @@ def fall(statics: Statics, state: State, controls: Controls) -> Equilibrium:
     the drag is as small as the steps allow, but never so small that a step would go up. Never raises: the status says
     why where none is found.
     """
+    layout = statics.system.layout
     residual, drag, last = np.inf, LEAST_DRAG, 0.0
     state = replace(state, tension=np.where(controls.is_held, controls.tension, state.tension))
     try:
@@ -36,7 +37,7 @@ def fall(statics: Statics, state: State, controls: Controls) -> Equilibrium:
             residual = statics.norm(at)
             ended = statics.equilibrium(state, controls) if residual < NEARLY else None
             # Further off than by a last step it may be another equilibrium than the one that the robot falls to.
-            if ended is not None and ended.converged and _way(statics, state, ended.state) <= last:
+            if ended is not None and ended.converged and distance(layout, ended.state, state) <= last:
                 there = statics.tangent_at(ended.state, controls)
                 if is_stable(statics, there):
                     return replace(ended, n_iterations=step + ended.n_iterations)
@@ -46,7 +47,7 @@ def fall(statics: Statics, state: State, controls: Controls) -> Equilibrium:
                     at = statics.system.linearise(state, controls, statics.theta)
             before = state
             state, at, drag = _down(statics, state, controls, at, max(LESS * drag, LEAST_DRAG))
-            last = _way(statics, before, state)
+            last = distance(layout, state, before)
     except SimulationError as error:
         return Equilibrium(state, False, 0, residual, str(error).rstrip("."))
     return Equilibrium(state, False, MAX_STEPS, residual, f"it does not come to rest within {MAX_STEPS} steps")
@@ -67,12 +68,6 @@ def is_stable(statics: Statics, at: Linearisation) -> bool:
     held = statics.n_unstable() == 0
     statics.factorise(at)
     return held
-
-
-def _way(statics: Statics, state: State, there: State) -> float:
-    """How far it is from a state to another one, in metres and radians alike."""
-    moving = statics.system.layout.first_pressure_unknown
-    return float(np.linalg.norm(difference(statics.system.layout, there, state)[:moving]))
 
 
 def _holding(statics: Statics, at: Linearisation, drag: float) -> float:

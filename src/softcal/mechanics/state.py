@@ -68,6 +68,11 @@ def difference(layout: Layout, after: State, before: State) -> Floats:
     )
 
 
+def distance(layout: Layout, one: State, other: State) -> float:
+    """How far two states are apart: the norm of the dz of points and frames, metres and radians alike."""
+    return float(np.linalg.norm(difference(layout, one, other)[: layout.first_pressure_unknown]))
+
+
 def exponential(omega: Floats) -> Floats:
     """Rotation matrices (n, 3, 3) of rotation vectors (n, 3) [rad] (Rodrigues)."""
     rotation = np.broadcast_to(np.eye(3), (len(omega), 3, 3)).copy()

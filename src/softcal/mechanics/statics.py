@@ -28,6 +28,7 @@ SMALL_START = 1e-3  # and from a first residual as small as this
 FARTHEST = 10.0  # of the robot's extent
 TORN = f"the robot would stretch to more than {FARTHEST:.0f} times its size"
 SLACK_TENSION = 1e-7  # of the largest tension around: less is none
+SLACK_LENGTH = 1e-9  # of a cable's length: longer by less is as long
 MAX_CUTS = 8  # halvings of a step that would invert an element
 TURN_PER_STEP = 1.0  # [rad] of a plate, or of a rod's section, at most
 MOVE_PER_STEP = 0.33  # of the robot's extent, at most

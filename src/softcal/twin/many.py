@@ -10,7 +10,7 @@ from softcal.checks import Floats
 from softcal.errors import SimulationError
 from softcal.mechanics.path import Line, Node, follow, node_at, stable_node_at
 from softcal.mechanics.state import State
-from softcal.mechanics.statics import SLACK_TENSION, Statics
+from softcal.mechanics.statics import SLACK_LENGTH, SLACK_TENSION, Statics
 from softcal.mechanics.system import Controls
 from softcal.twin.build import Twin
 from softcal.twin.protocol import Protocol
@@ -19,7 +19,6 @@ from softcal.twin.sensors import channel_units, sense, sense_rates
 from softcal.twin.start import UNDER_LOADS, fallen, loaded, slack_line, snapshot
 from softcal.units import format_quantity
 
-SLACK_LENGTH = 1e-9  # of a cable's length
 _UNITS = {"tension": "N", "shortening": "m"}
 
 

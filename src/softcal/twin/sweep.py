@@ -293,14 +293,12 @@ class Sweep:
 
     def _sentence(self, path: Path, n: int, n_samples: int) -> str:
         if path.reached:
-            found = f"Solved: {len(path.nodes)} equilibria, {self.statics.n_factorisations} factorisations."
-        else:
-            end = 1e3 * path.nodes[-1].c
-            found = (
-                f"No equilibrium beyond {end:.4g} mm of shortening of {self.cable} "
-                f"({n} of {n_samples} samples reached): {path.status}."
-            )
-        return found
+            return f"Solved: {len(path.nodes)} equilibria, {self.statics.n_factorisations} factorisations."
+        end = 1e3 * path.nodes[-1].c
+        return (
+            f"No equilibrium beyond {end:.4g} mm of shortening of {self.cable} "
+            f"({n} of {n_samples} samples reached): {path.status}."
+        )
 
     def _falls(self, path: Path) -> str:
         loads = [fallen(UNDER_LOADS)] if path.nodes[0].is_fallen else []

@@ -11,6 +11,7 @@ import json
 import os
 import subprocess
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -237,23 +238,23 @@ def test_sofa_itself_gives_the_necks_published_parameters():
     assert_published_comes_back(sofa_engine(), neck_robot(data), seen)
 
 
+def told_by_sofa(script: str, folder: Path) -> list[dict]:
+    """What a script prints as lines of JSON, run by SOFA's Python in the folder of a scene."""
+    sofa = find_sofa()
+    done = subprocess.run(
+        [sofa.python, "-c", script], cwd=folder, env=sofa.environment(), capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    # SOFA's own messages are on the same stream.
+    return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
+
+
 @needs_sofa
 def test_sofa_itself_pulls_the_scene_by_schedule_and_by_keys(tmp_path):
     """As runSofa has it: createScene, and the controller that hears of every step and key."""
     robot = column_robot(parameters=elastic(2.3e6, 0.43), divisions=(2, 2, 6))
     write_sofa(robot, pulled(0.0, 0.002), tmp_path, "column")
-    sofa = find_sofa()
-    done = subprocess.run(
-        [sofa.python, "-c", STEP_THE_SCENE],
-        cwd=tmp_path,
-        env=sofa.environment(),
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    # SOFA's own messages are on the same stream.
-    records = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
+    records = told_by_sofa(STEP_THE_SCENE, tmp_path)
     for record, d in zip(records, (0.002, 0.00204), strict=True):
         told = record["cables"]["front"]
         assert told["shortening"] == pytest.approx(d, rel=1e-6)
@@ -280,19 +281,7 @@ def test_sofa_itself_goes_on_from_where_it_settled_as_if_nothing_had_been(tmp_pa
     """After it was lost, and with another time step: the steps that a state takes tell what SOFA still remembers."""
     linear = linear_robot(robot)
     write_scene(linear, scene_parameters(linear, pulled(0.002)), tmp_path)
-    sofa = find_sofa()
-    done = subprocess.run(
-        [sofa.python, "-c", GO_BACK],
-        cwd=tmp_path,
-        env=sofa.environment(),
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    # SOFA's own messages are on the same stream.
-    told = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
-    plain, back, shorter, after_longer = told
+    plain, back, shorter, after_longer = told_by_sofa(GO_BACK, tmp_path)
     assert back == pytest.approx(plain, rel=1e-12)
     assert after_longer["steps"] == shorter["steps"]
     assert after_longer["tension"] == pytest.approx(shorter["tension"], rel=1e-7)

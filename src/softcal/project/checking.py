@@ -222,16 +222,9 @@ def _beyond_bounds(project: Project) -> list[str]:
         values = [known[target].value for target in p.targets if target in known]
         if p.start is None and any(not p.lower <= value <= p.upper for value in values):
             got = ", ".join(dict.fromkeys(format_quantity(value, p.unit) for value in values))
-            low, high = (format_quantity(bound, p.unit) for bound in (p.lower, p.upper))
-            faults.append(
-                Fault(
-                    "the project's value is outside the bounds of the search",
-                    p.label,
-                    got,
-                    f"{low} to {high}",
-                    "a start",
-                )
-            )
+            allowed = " to ".join(format_quantity(bound, p.unit) for bound in (p.lower, p.upper))
+            what = "the project's value is outside the bounds of the search"
+            faults.append(Fault(what, p.label, got, allowed, attempt="a start, or other bounds"))
     return [str(fault) for fault in faults]
 
 

@@ -236,7 +236,18 @@ def test_a_name_that_is_in_no_image():
     bench = manipulator()
     seen = views_of(bench, 1)
     markers = replace(MARKERS, names={**MARKERS.names, 9: "S9"})
-    with pytest.raises(DatasetError, match=r"S9 \(marker 9\) is in none of the images; got markers 0, 1, 2, 3, 4"):
+    table = marker_table(markers, seen, estimate_poses(WEBCAM, markers, seen))
+    assert table.names == ("S1", "S2", "S3", "S4")
+    assert table.remarks == (
+        "S9 (marker 9) is in none of the images, which show markers 0, 1, 2, 3, 4; the table leaves it out",
+    )
+    assert not any(table.notes.values())
+
+
+def test_names_none_of_which_is_in_an_image():
+    seen = views_of(manipulator(), 1)
+    markers = replace(MARKERS, names={8: "S8", 9: "S9"})
+    with pytest.raises(DatasetError, match=r"got S8 \(marker 8\), S9 \(marker 9\); allowed: markers 0, 1, 2, 3, 4"):
         marker_table(markers, seen, estimate_poses(WEBCAM, markers, seen))
 
 

@@ -299,7 +299,7 @@ def test_all_that_is_wrong_with_the_images_is_told_at_once(capsys: pytest.Captur
         (["--names", "1=S1,1=S2"], "marker 1 is named twice"),
         (["--names", "S1"], "--names: this says nothing about a marker; got 'S1'; allowed: 1=S1,2=S2"),
         (["--names", "1=S 1"], "a name cannot be the head of a column"),
-        (["--names", "1=S1,9=S9"], "S9 (marker 9) is in none of the images"),
+        (["--names", "9=S9"], "--names: none of the named markers is in the images; got S9 (marker 9)"),
         (["--sizes", "1=3kg"], "--sizes, marker 1: the unit does not fit"),
         (["--group-by", "moon"], "images cannot be grouped so; got 'moon'"),
         (["--viewpoints", "two"], "there is no such choice of viewpoints"),

@@ -66,27 +66,34 @@ def marker_table(
     Raises
     ------
     DatasetError
-        Where a marker with a name is in no image at all.
+        Where markers have names and none of them is in any image, or the images show the base alone.
     """
     unclear = unclear or {}
     seen = {number for one in glimpses for number in one.corners}
     base = set(markers.standing)
     wanted = [number for number in (markers.names or sorted(seen)) if number not in base]
     never = [number for number in wanted if number not in seen]
-    if never:
-        there = ", ".join(map(str, sorted(seen)))
+    there = ", ".join(map(str, sorted(seen)))
+    if never == wanted and never:
         raise DatasetError(
-            [
-                Fault(f"{markers.label(number)} is in none of the images", "--names", f"markers {there}")
-                for number in never
-            ]
+            Fault(
+                "none of the named markers is in the images",
+                "--names",
+                ", ".join(markers.label(number) for number in never),
+                f"markers {there}",
+            )
         )
+    wanted = [number for number in wanted if number in seen]
     if not wanted:
         raise DatasetError(Fault("there is no marker in the images but the base", got=str(sorted(seen))))
     groups = poses.groups
     notes = {group: _notes(markers, group, wanted, glimpses, poses, unclear) for group in groups}
     strangers = sorted(seen - base - set(wanted))
-    remarks = [f"{image} shows no base with clear edges and was left out" for image in poses.lost]
+    remarks = [
+        f"{markers.label(number)} is in none of the images, which show markers {there}; the table leaves it out"
+        for number in never
+    ]
+    remarks += [f"{image} shows no base with clear edges and was left out" for image in poses.lost]
     if strangers:
         remarks.append(f"markers without a name were left out: {', '.join(map(str, strangers))}")
     remarks += [

@@ -1,0 +1,5 @@
+"""`python -m softcal` is `softcal`."""
+
+from softcal.cli import main
+
+main()

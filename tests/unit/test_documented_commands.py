@@ -41,7 +41,7 @@ def commands(document: str) -> list[str]:
     """The indented lines of a document that begin with a program, without the remark behind two spaces or `#`."""
     text = (ROOT / document).read_text(encoding="utf-8").replace("\\\n", "")
     found = re.findall(r"^    ((?:softcal|python) .*)$", text, re.MULTILINE)
-    spoken = [re.split(r"\s{3,}(?=[^-\s])|\s+#", line)[0].strip() for line in found]
+    spoken = [re.split(r"\s{2,}(?=[^-\s])|\s+#", line)[0].strip() for line in found]
     return [re.sub(r"\[(--[^]]*)\]", r"\1", line) for line in spoken]
 
 

@@ -11,11 +11,12 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from softcal.errors import DatasetError
-from softcal.experiments.corrections import correct_pulley_friction, detrend, detrended, smooth, zero
+from softcal.experiments.corrections import detrend, detrended, smooth, zero
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.experiments.noise import estimate_noise, set_noise
 from softcal.experiments.plausibility import check_plausible
 from softcal.experiments.prepare import PREPARATIONS, parse_steps, prepare
+from softcal.experiments.pulleys import correct_pulley_friction
 from softcal.experiments.sampling import resample, window
 from softcal.experiments.slack import find_slack, remove_slack
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
@@ -12,6 +11,8 @@ from softcal.calibration.experiment import AXES, FRAME, PULLEY_FRICTION, Experim
 from softcal.calibration.frame import rotation, rotation_rates
 from softcal.checks import Floats
 from softcal.errors import Fault, ParameterError
+from softcal.experiments.branches import branch_of
+from softcal.experiments.pulleys import pulley_gain
 from softcal.twin.protocol import Command
 from softcal.twin.response import Response
 
@@ -185,5 +186,7 @@ def _pulley_gain(experiment: Experiment, rig: Mapping[str, float]) -> tuple[floa
     pulleys = experiment.rig.pulleys
     if pulleys is None:
         return 1.0, 0.0
-    gain = math.exp(pulleys.turning * (rig[PULLEY_FRICTION] - pulleys.friction_coefficient))
-    return gain, pulleys.turning * gain
+    branch = branch_of(experiment.dataset) or "loading"
+    nominal, _ = pulley_gain(branch, pulleys.turning * pulleys.friction_coefficient)
+    gain, rate = pulley_gain(branch, pulleys.turning * rig[PULLEY_FRICTION])
+    return gain / nominal, pulleys.turning * rate / nominal

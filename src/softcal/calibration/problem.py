@@ -16,6 +16,7 @@ from typing import Protocol as TypingProtocol
 import numpy as np
 
 from softcal.calibration.experiment import AXES, Experiment, rig_parameters
+from softcal.calibration.friction import friction_faults
 from softcal.calibration.loss import Block, Loss, PapersLoss, by_experiment, errors_by_point, gradient, require, total
 from softcal.calibration.observation import Observation, Samples, commands, control_parameters, observe
 from softcal.calibration.parameters import FreeParameter, SearchSpace, search_space
@@ -79,6 +80,7 @@ class Problem:
     def __post_init__(self) -> None:
         object.__setattr__(self, "experiments", tuple(self.experiments))
         faults = [*_part_faults(self.robot, self.experiments), *self._space_faults(), *self._setting_faults()]
+        faults += [f for e in self.experiments for f in friction_faults(self.robot, e, self.space.free_in(e.name))]
         if faults:
             raise InputError(faults)
         require(self.loss, self.experiments)

@@ -15,6 +15,9 @@ from softcal.units import format_quantity
 
 Branch = Literal["loading", "unloading", "mean"]
 
+PULLEY_STEP = "correct_pulley_friction"
+BRANCH_STEP = "take_branch"
+
 # How far [of the travel] from the turning point a sample still counts as dwelling there.
 _DWELL = 0.002
 
@@ -79,12 +82,14 @@ def take_branch(dataset: Dataset, branch: Branch = "loading", *, n_samples: int 
     Raises
     ------
     DatasetError
-        Where a branch asked for is not there, or the cycles have no range of shortening in common.
+        Where a branch asked for is not there, the cycles have no range of shortening in common, or the pulleys'
+        friction was corrected for another branch.
     """
     if branch not in ("loading", "unloading", "mean"):
         raise DatasetError(
             Fault("no such branch", where=dataset.name, got=f"'{branch}'", allowed="loading, unloading, mean")
         )
+    require_branch(dataset, branch)
     cycles = cycle_rows(dataset)
     wanted = ("loading", "unloading") if branch == "mean" else (branch,)
     rows = [[getattr(cycle, one) for one in wanted] for cycle in cycles]
@@ -128,8 +133,35 @@ def take_branch(dataset: Dataset, branch: Branch = "loading", *, n_samples: int 
     if len(numbers) > 1:
         scatter = ", ".join(f"{k} {format_quantity(channels[k].sigma, channels[k].unit)}" for k in names)
         outcome += f"; scatter over the cycles: {scatter}"
-    step = Step("take_branch", {"branch": branch, "n_samples": n_grid, "cycles": numbers}, outcome)
+    step = Step(BRANCH_STEP, {"branch": branch, "n_samples": n_grid, "cycles": numbers}, outcome)
     return replace(dataset, channels=channels, cycle=None, provenance=(*dataset.provenance, step))
+
+
+def branch_of(dataset: Dataset) -> Branch | None:
+    """The branch that `take_branch` took; None where none was taken."""
+    return next((step.settings["branch"] for step in dataset.provenance if step.name == BRANCH_STEP), None)
+
+
+def require_branch(dataset: Dataset, branch: Branch) -> None:
+    """Let the dataset be read on a branch, if the pulleys' friction, where there is any, was corrected for that one.
+
+    Raises
+    ------
+    DatasetError
+        Where it was corrected for another branch.
+    """
+    steps = [step for step in dataset.provenance if step.name == PULLEY_STEP and step.settings["exponent"] > 0.0]
+    for step in steps:
+        if step.settings["branch"] != branch:
+            raise DatasetError(
+                Fault(
+                    "the friction of the pulleys has another sign on this branch than it was corrected with",
+                    where=dataset.name,
+                    got=f"{PULLEY_STEP} for {step.settings['branch']}, take_branch: {branch}",
+                    allowed="one branch for both",
+                    attempt=f"'branch: {branch}' in {PULLEY_STEP}, or that step after take_branch",
+                )
+            )
 
 
 def _split(shortening: Floats, rows: Ints, number: int) -> CycleRows:

@@ -1,8 +1,7 @@
-"""Corrections of single channels: pulley friction, zero, drift, smoothing."""
+"""Corrections of single channels: zero, drift, smoothing."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -13,49 +12,6 @@ from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
 from softcal.experiments.dataset import Dataset, Step
 from softcal.units import format_quantity
-
-
-def correct_pulley_friction(
-    dataset: Dataset, n_pulleys: int, friction_coefficient: float, wrap_angle: float = np.pi
-) -> Dataset:
-    """The tension of every cable at the neck from that at the machine, as the loss over the pulleys leaves it.
-
-    T_neck = T_UTM exp(-n mu theta): the cable is pulled over n pulleys with friction mu [-], each wrapped by
-    theta [rad].
-
-    Raises
-    ------
-    DatasetError
-        Where the dataset has no tension, or a setting is negative.
-
-    References
-    ----------
-    "FEM-Based Optimization of the Mechanical Properties of a Soft Robotic Neck", eq. (1).
-    """
-    if n_pulleys < 0 or friction_coefficient < 0.0 or wrap_angle < 0.0:
-        raise DatasetError(
-            Fault(
-                "the pulleys' friction cannot be negative",
-                where=dataset.name,
-                got=f"{n_pulleys} pulleys, coefficient {friction_coefficient:g}, wrap angle {wrap_angle:g} rad",
-                allowed="numbers >= 0",
-            )
-        )
-    factor = float(np.exp(-n_pulleys * friction_coefficient * wrap_angle))
-    tensions = [name for name in dataset.channels if name.rsplit(".", 1)[-1] in ("tension", "tension_sd")]
-    if not tensions:
-        dataset.values("tension")
-    step = Step(
-        "correct_pulley_friction",
-        {"n_pulleys": n_pulleys, "friction_coefficient": friction_coefficient, "wrap_angle": wrap_angle},
-        f"tension at the neck is {factor:.4f} of that at the machine",
-    )
-    at_neck = {
-        name: replace(measured, values=measured.values * factor, sigma=measured.sigma * factor)
-        for name in tensions
-        for measured in [dataset.channels[name]]
-    }
-    return replace(dataset, channels={**dataset.channels, **at_neck}, provenance=(*dataset.provenance, step))
 
 
 def zero(

@@ -14,11 +14,12 @@ from typing import Any, Literal
 from softcal.errors import DatasetError, Fault, InputError
 from softcal.experiments.averaging import average
 from softcal.experiments.branches import take_branch
-from softcal.experiments.corrections import correct_pulley_friction, detrend, smooth, zero
+from softcal.experiments.corrections import detrend, smooth, zero
 from softcal.experiments.cycles import classify_cycles, find_cycles, select_cycles
 from softcal.experiments.dataset import Dataset
 from softcal.experiments.names import CHANNEL_UNITS, channel_unit, nearest
 from softcal.experiments.noise import estimate_noise, set_noise
+from softcal.experiments.pulleys import correct_pulley_friction
 from softcal.experiments.sampling import resample, window
 from softcal.experiments.slack import remove_slack
 from softcal.units import SI_UNITS, parse_quantity
@@ -93,6 +94,7 @@ class PlannedStep:
 _WITH_GAPS = ("correct_pulley_friction", "window", "average", "set_noise")
 
 _CHANNEL = Setting("channel")
+_BRANCH = Setting("choice", choices=("loading", "unloading", "mean"))
 
 PREPARATIONS: Mapping[str, Preparation] = {
     preparation.name: preparation
@@ -104,6 +106,7 @@ PREPARATIONS: Mapping[str, Preparation] = {
                 "n_pulleys": Setting("count"),
                 "friction_coefficient": Setting("ratio"),
                 "wrap_angle": Setting("angle"),
+                "branch": _BRANCH,
             },
         ),
         Preparation(
@@ -118,7 +121,7 @@ PREPARATIONS: Mapping[str, Preparation] = {
         Preparation(
             "take_branch",
             take_branch,
-            {"branch": Setting("choice", choices=("loading", "unloading", "mean")), "n_samples": Setting("count")},
+            {"branch": _BRANCH, "n_samples": Setting("count")},
         ),
         Preparation(
             "zero",

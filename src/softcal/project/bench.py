@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from softcal.calibration.experiment import AXES, Experiment, Pulleys, Rig
 from softcal.errors import InputError
-from softcal.experiments.corrections import correct_pulley_friction
+from softcal.experiments.branches import BRANCH_STEP, PULLEY_STEP, Branch
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.experiments.merge import merge_on_labels, merge_on_one_clock
 from softcal.experiments.motion_capture import read_c3d
@@ -19,6 +19,7 @@ from softcal.experiments.names import is_deviation
 from softcal.experiments.noise import set_noise
 from softcal.experiments.plausibility import check_plausible
 from softcal.experiments.prepare import PlannedStep, parse_steps
+from softcal.experiments.pulleys import correct_pulley_friction
 from softcal.experiments.read import read_table
 from softcal.experiments.synchronise import synchronise
 from softcal.project.bench_names import (
@@ -36,8 +37,7 @@ from softcal.project.robot_schema import RobotSection
 from softcal.twin.robot import Robot
 
 # From these steps on, the dataset no longer holds every cycle.
-CHOOSING = ("select_cycles", "take_branch")
-PULLEY_STEP = "correct_pulley_friction"
+CHOOSING = ("select_cycles", BRANCH_STEP)
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,9 @@ def build_bench(
     if rig.pulleys is not None and any(name.rsplit(".", 1)[-1] == "tension" for name in record.channels):
         with findings.at(("rig", "pulleys")):
             pulleys = rig.pulleys
-            prepared.now = correct_pulley_friction(record, pulleys.count, pulleys.friction_coefficient, pulleys.wrap)
+            prepared.now = correct_pulley_friction(
+                record, pulleys.count, pulleys.friction_coefficient, pulleys.wrap, _branch(steps)
+            )
     for i, step in enumerate(steps):
         key = next(iter(section.prepare[i])) if isinstance(section.prepare[i], Mapping) else None
         with findings.at((*path, "prepare", i, key) if key else (*path, "prepare", i)):
@@ -243,6 +245,12 @@ def _planned(step: str | Mapping[str, Any], path: KeyPath, findings: Findings) -
             keys = [key for key in re.sub(r"^\[0\]", "", fault.where).split(".") if key]
             findings.faults.append(replace(fault, where=findings.document.where((*path, *keys))))
         return None
+
+
+def _branch(steps: Sequence[PlannedStep | None]) -> Branch:
+    """The branch that the steps will take: the pulleys' friction is corrected for that one."""
+    taken = (step.settings.get("branch", "loading") for step in steps if step and step.name == BRANCH_STEP)
+    return next(taken, "loading")
 
 
 def _rig(section: ExperimentSection, rig: RigSection) -> Rig:

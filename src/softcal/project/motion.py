@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from softcal.calibration.experiment import Experiment
+from softcal.calibration.friction import pulley_faults
 from softcal.calibration.observation import commands
 from softcal.errors import Fault, InputError
 from softcal.experiments.dataset import Dataset
@@ -86,6 +87,9 @@ def _replayed(project: Project, experiment: Experiment) -> Schedule:
         fault = Fault("nothing is driven, so nothing moves", experiment.name, attempt="--pull, or --experiment")
         raise InputError(fault)
     data = _timed(project, experiment)
+    if any(channel.rsplit(".", 1)[-1] == "tension" for channel in experiment.drives):
+        if faults := pulley_faults(replace(experiment, dataset=data)):
+            raise InputError(faults)
     times = data.values(TIME)
     told = commands(replace(experiment, dataset=data), experiment.rig_values())
     kept = np.diff(times, prepend=-np.inf) > 0.0  # of samples that share a time, the first

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from softcal.calibration.experiment import PULLEY_FRICTION, Experiment, rig_parameters
+from softcal.calibration.friction import friction_faults
 from softcal.calibration.parameters import SearchSpace
 from softcal.checks import Ints
 from softcal.errors import Fault, ProjectFileError
@@ -156,11 +157,14 @@ def load(
     held = held_values(given, known)
     of_robot = robot_parameters(built.robot)
     robot = with_parameters(built.robot, {name: value for name, value in held.items() if name in of_robot})
+    tests = {name: _with_held_rig(bench.experiment, held) for name, bench in whole.items()}
+    _check_friction(robot, space, tests, findings)
+    findings.raise_if_any()
     return Project(
         path=path,
         name=str(document.data["name"]),
         robot=robot,
-        experiments={name: _with_held_rig(bench.experiment, held) for name, bench in whole.items()},
+        experiments=tests,
         records={name: bench.record for name, bench in whole.items()},
         cycles={name: bench.cycles for name, bench in whole.items()},
         space=space,
@@ -305,6 +309,14 @@ def _check_settings(space: SearchSpace | None, experiments: Mapping[str, Experim
         free = space.free_in(name) if space is not None else set[str]()
         for key in free & set(experiment.settings):
             findings.add(("experiments", name, "settings", key), "the parameter is set and free at once", got=key)
+
+
+def _check_friction(
+    robot: Robot, space: SearchSpace | None, experiments: Mapping[str, Experiment], findings: Findings
+) -> None:
+    for name, experiment in experiments.items():
+        for fault in friction_faults(robot, experiment, space.free_in(name) if space is not None else ()):
+            findings.faults.append(replace(fault, where=findings.document.where(("experiments", name))))
 
 
 def _print_infill(document: Document, findings: Findings) -> PrintInfill | None:

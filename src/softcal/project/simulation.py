@@ -16,7 +16,7 @@ from softcal.calibration.problem import Simulate
 from softcal.errors import Fault, ParameterError, SimulationError
 from softcal.project.project import Project
 from softcal.twin.parameters import robot_parameters, with_parameters
-from softcal.twin.protocol import Command, Protocol
+from softcal.twin.protocol import Command, Protocol, let_go_faults
 from softcal.twin.response import Response, Shown, Snapshot
 from softcal.twin.robot import Control, Robot
 from softcal.twin.simulate import simulate as simulate_robot
@@ -67,12 +67,26 @@ def simulate(
     Raises
     ------
     ParameterError
-        For a cable, parameter or experiment that does not exist.
+        For a cable, parameter or experiment that does not exist; for a protocol that lets a cable with friction go.
     """
     robot = twin.robot if isinstance(twin, Project) else twin
+    if protocol is not None and (faults := let_go_faults(robot, protocol)):
+        raise ParameterError(faults)
     if protocol is None:
         protocol = protocol_of(twin, experiment) if isinstance(twin, Project) else Protocol({})
         robot = robot_in(twin, experiment) if isinstance(twin, Project) else robot
+    return response_to(robot, protocol, sensitivities=sensitivities, snapshots=snapshots, engine=engine)
+
+
+def response_to(
+    robot: Robot,
+    protocol: Protocol,
+    *,
+    sensitivities: Sequence[str] = (),
+    snapshots: Shown = False,
+    engine: Simulate | None = None,
+) -> Response:
+    """As `simulate`, of samples that are states by themselves, whatever their order."""
     if engine is not None:
         return engine(robot, protocol, sensitivities=sensitivities, snapshots=bool(snapshots))
     return simulate_robot(robot, protocol, sensitivities=sensitivities, snapshots=snapshots)

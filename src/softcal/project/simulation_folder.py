@@ -13,7 +13,7 @@ from softcal.project.engines import SOFA, SOFTCAL, engine_for
 from softcal.project.motion import Observer, simulate_each_in_time
 from softcal.project.output import new_folder, require_free_folder
 from softcal.project.project import Project
-from softcal.project.simulation import response_csv, simulate, simulate_each, twin_view
+from softcal.project.simulation import response_csv, response_to, simulate_each, twin_view
 from softcal.twin.response import Response
 from softcal.twin.robot import Robot
 
@@ -47,7 +47,7 @@ def simulate_to_folder(
         responses = simulate_each_in_time(project, cases, progress=progress)
     else:
         responses = simulate_each(
-            cases, lambda case: simulate(case.robot, case.protocol, snapshots=True, engine=simulator)
+            cases, lambda case: response_to(case.robot, case.protocol, snapshots=True, engine=simulator)
         )
     with new_folder(folder) as part:
         for name, response in responses.items():

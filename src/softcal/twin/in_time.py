@@ -17,7 +17,7 @@ from softcal.mechanics.system import Controls
 from softcal.twin.build import Twin, cached_twin
 from softcal.twin.masses import robot_inertia
 from softcal.twin.parameters import robot_parameters
-from softcal.twin.protocol import Protocol, command_faults
+from softcal.twin.protocol import Protocol, command_faults, let_go_faults
 from softcal.twin.response import Response, Snapshot
 from softcal.twin.robot import Robot
 from softcal.twin.schedule import Schedule, Settling, TimeSettings
@@ -64,7 +64,7 @@ def simulate_in_time(
     MeshError
         For a robot that cannot be built.
     """
-    faults = command_faults(robot, Protocol(schedule.commands))
+    faults = [*command_faults(robot, protocol := Protocol(schedule.commands)), *let_go_faults(robot, protocol)]
     if faults:
         raise ParameterError(faults)
     settling = settings.until_settled

@@ -27,8 +27,11 @@ class Command:
 class Protocol:
     """Commands by cable name, all of one length. A cable that is not named is slack (tension zero).
 
-    Samples are quasi-static states; the robot is elastic, so their order and repetition do not matter. Where it falls
-    from one state to another, one driven cable is taken to be pulled on and on, and several as the samples follow.
+    Samples are quasi-static states; the robot is elastic, so their order and repetition do not matter. Where friction
+    acts along cables, each sample is the state that the cables are pulled to from rest, and never let go to.
+
+    Where it falls from one state to another, one driven cable is taken to be pulled on and on, and several as the
+    samples follow.
     """
 
     commands: Mapping[str, Command]
@@ -42,6 +45,41 @@ class Protocol:
     @property
     def n_samples(self) -> int:
         return max((len(command.values) for command in self.commands.values()), default=1)
+
+
+LET_GO = 0.02  # of the range: what goes back by less is the noise of a machine that pulls
+
+
+def lets_go(values: Floats) -> bool:
+    """Whether what is pulled more and more, sample by sample, is let go again."""
+    return bool(np.max(np.maximum.accumulate(values) - values) > LET_GO * np.ptp(values))
+
+
+def let_go_faults(robot: Robot, protocol: Protocol) -> list[Fault]:
+    """That one cable with friction is pulled and let go again: its friction would have to turn round.
+
+    The samples of several driven cables are states by themselves, each pulled to from rest.
+    """
+    driven = {name: command for name, command in protocol.commands.items() if np.any(command.values != 0.0)}
+    rough = {cable.name for cable in robot.cables if cable.friction_coefficient > 0.0}
+    if len(driven) != 1:
+        return []
+    return [
+        let_go_fault("", name, f"a {command.control} that rises and falls")
+        for name, command in driven.items()
+        if name in rough and lets_go(command.values)
+    ]
+
+
+def let_go_fault(where: str, cable: str, got: str) -> Fault:
+    """That a test lets a cable with friction go."""
+    return Fault(
+        f"the friction of {cable} is modelled for a cable that is pulled: it turns round where the cable is let go",
+        where=where,
+        got=got,
+        allowed="the loading branch alone",
+        attempt=f"take_branch: loading, or {cable}.friction_coefficient: 0",
+    )
 
 
 def command_faults(robot: Robot, protocol: Protocol) -> list[Fault]:

@@ -1,0 +1,92 @@
+"""The pulleys between the machine and the neck: their friction by the way in which the cable slides.
+
+    T_UTM = T exp(+n mu theta)    where the cable is pulled: loading
+    T_UTM = T exp(-n mu theta)    where it is let go: unloading
+    T_UTM = T cosh(n mu theta)    in the mean of both at one shortening
+
+n pulleys with friction mu [-], each wrapped by theta [rad]; T is the tension at the neck.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from softcal.errors import DatasetError, Fault
+from softcal.experiments.branches import PULLEY_STEP, Branch, branch_of, require_branch
+from softcal.experiments.dataset import Dataset, Step
+
+
+def pulley_gain(branch: Branch, exponent: float) -> tuple[float, float]:
+    """The machine's tension over the neck's on a branch, and its derivative by the exponent n mu theta [-]."""
+    match branch:
+        case "loading":
+            return math.exp(exponent), math.exp(exponent)
+        case "unloading":
+            return math.exp(-exponent), -math.exp(-exponent)
+        case "mean":
+            return math.cosh(exponent), math.sinh(exponent)
+
+
+def correct_pulley_friction(
+    dataset: Dataset,
+    n_pulleys: int,
+    friction_coefficient: float,
+    wrap_angle: float = np.pi,
+    branch: Branch | None = None,
+) -> Dataset:
+    """The tension of every cable at the neck from that at the machine, by the friction of the pulleys on one branch.
+
+    Parameters
+    ----------
+    branch
+        Which branch the tension is read on in the end; by default the one that `take_branch` took before, or loading.
+        On another one the tension is wrong, so that `take_branch` refuses it afterwards.
+
+    Raises
+    ------
+    DatasetError
+        Where the dataset has no tension, a setting is negative, or the branch is not that of the data.
+
+    References
+    ----------
+    "FEM-Based Optimization of the Mechanical Properties of a Soft Robotic Neck", eq. (1), for loading.
+    """
+    if n_pulleys < 0 or friction_coefficient < 0.0 or wrap_angle < 0.0:
+        raise DatasetError(
+            Fault(
+                "the pulleys' friction cannot be negative",
+                where=dataset.name,
+                got=f"{n_pulleys} pulleys, coefficient {friction_coefficient:g}, wrap angle {wrap_angle:g} rad",
+                allowed="numbers >= 0",
+            )
+        )
+    tensions = [name for name in dataset.channels if name.rsplit(".", 1)[-1] in ("tension", "tension_sd")]
+    if not tensions:
+        dataset.values("tension")
+    read_on = branch_of(dataset) or branch or "loading"
+    own = n_pulleys * friction_coefficient * wrap_angle
+    step = Step(
+        PULLEY_STEP,
+        {
+            "n_pulleys": n_pulleys,
+            "friction_coefficient": friction_coefficient,
+            "wrap_angle": wrap_angle,
+            "branch": branch or read_on,
+            "exponent": own,
+        },
+    )
+    require_branch(replace(dataset, provenance=(*dataset.provenance, step)), read_on)
+    # Pulleys may be corrected one after the other; the mean's hyperbolic cosines do not multiply.
+    before = sum(float(one.settings["exponent"]) for one in dataset.provenance if one.name == PULLEY_STEP)
+    factor = pulley_gain(read_on, before)[0] / pulley_gain(read_on, before + own)[0]
+    way = {"loading": "while it is pulled", "unloading": "while it is let go", "mean": "in the mean of both branches"}
+    step = replace(step, outcome=f"tension at the neck is {factor:.4f} of that at the machine, {way[read_on]}")
+    at_neck = {
+        name: replace(measured, values=measured.values * factor, sigma=measured.sigma * factor)
+        for name in tensions
+        for measured in [dataset.channels[name]]
+    }
+    return replace(dataset, channels={**dataset.channels, **at_neck}, provenance=(*dataset.provenance, step))

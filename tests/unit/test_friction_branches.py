@@ -1,0 +1,169 @@
+"""Friction has one sign where a cable is pulled and the other where it is let go: corrected by branch, or refused."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fake_twin import TRUE, fake_experiment, fake_robot, fake_simulate
+from project_case import bar_robot, bench_values, write_project
+
+import softcal
+from softcal.calibration.experiment import Pulleys, Rig
+from softcal.calibration.loss import PapersLoss
+from softcal.calibration.observation import observe
+from softcal.calibration.parameters import FreeParameter, SearchSpace
+from softcal.calibration.problem import Problem
+from softcal.errors import DatasetError, InputError, ParameterError, ProjectFileError
+from softcal.experiments.branches import take_branch
+from softcal.experiments.dataset import Channel, Dataset, Step
+from softcal.experiments.pulleys import correct_pulley_friction, pulley_gain
+from softcal.project.project import load
+from softcal.twin.parameters import with_parameters
+from softcal.twin.protocol import Command, Protocol, lets_go
+
+RIG = ("experiments:\n", "rig:\n  pulleys: {count: 2, wrap: 180 deg, friction_coefficient: 0.1}\nexperiments:\n")
+NOISE = "    noise: {tension: 0.05 N, pitch: 0.2 deg}\n"
+MU = ("  cables:\n    front:\n", "  cables:\n    front:\n      friction_coefficient: 0.1\n")
+LOSS = 0.2 * math.pi  # of paper A's two pulleys
+FRICTION = "pulleys.friction_coefficient"
+
+
+def loop_csv(exponent: float = LOSS) -> str:
+    """The bar pulled and let go again, as a machine behind pulleys sees it."""
+    _, d, tension, pitch = (np.asarray(column) for column in bench_values())
+    up, down = np.arange(len(d)), np.arange(len(d))[::-1]
+    rows = np.concatenate([up, down])
+    gain = np.concatenate([np.full(len(d), math.exp(exponent)), np.full(len(d), math.exp(-exponent))])
+    lines = ["Time [s],Displacement [mm],Force [N],Pitch [deg]"]
+    lines += [
+        f"{0.1 * i:.3f},{d[r]:.6f},{tension[r] * g:.9f},{pitch[r]:.6f}"
+        for i, (r, g) in enumerate(zip(rows, gain, strict=True))
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def prepared(*steps: str) -> tuple[str, str]:
+    return NOISE, f"    prepare: [{', '.join(steps)}]\n{NOISE}"
+
+
+def loop() -> Dataset:
+    d = np.concatenate([np.linspace(0.0, 0.02, 41), np.linspace(0.02, 0.0, 41)])
+    sign = np.repeat([1.0, -1.0], 41)
+    channels = {"shortening": Channel(d, "m"), "tension": Channel(500.0 * d * np.exp(sign * LOSS), "N", 0.1)}
+    return Dataset("loop", channels)
+
+
+@pytest.mark.parametrize("branch", ["loading", "unloading", "mean"])
+def test_every_branch_of_the_machine_gives_the_necks_tension(tmp_path: Path, branch: str) -> None:
+    project = load(write_project(tmp_path, RIG, prepared(f"take_branch: {branch}"), data=loop_csv()))
+    data = project.experiments["pull"].dataset
+    _, d, tension, _ = bench_values()
+    elastic = np.interp(1e3 * data.values("shortening"), d, tension)
+    np.testing.assert_allclose(data.values("tension"), elastic, rtol=2e-3, atol=2e-3 * max(tension))
+
+
+@pytest.mark.parametrize("branch", ["loading", "unloading", "mean"])
+def test_the_correction_comes_before_or_after_the_branch(branch: str) -> None:
+    before = take_branch(correct_pulley_friction(loop(), 2, 0.1, np.pi, branch), branch)
+    after = correct_pulley_friction(take_branch(loop(), branch), 2, 0.1, np.pi)
+    one_by_one = correct_pulley_friction(correct_pulley_friction(take_branch(loop(), branch), 1, 0.1), 1, 0.1)
+    for data in (before, after, one_by_one):
+        np.testing.assert_allclose(data.values("tension"), 500.0 * data.values("shortening"), atol=1e-9)
+
+
+def test_a_branch_that_the_correction_was_not_for_is_refused() -> None:
+    with pytest.raises(DatasetError, match="correct_pulley_friction for loading, take_branch: mean"):
+        take_branch(correct_pulley_friction(loop(), 2, 0.1), "mean")
+    with pytest.raises(DatasetError, match="correct_pulley_friction for loading, take_branch: unloading"):
+        correct_pulley_friction(take_branch(loop(), "unloading"), 2, 0.1, np.pi, "loading")
+    take_branch(correct_pulley_friction(loop(), 2, 0.0), "mean")  # no friction has no sign
+
+
+def test_tensions_of_both_branches_cannot_be_corrected_at_once(tmp_path: Path) -> None:
+    path = write_project(tmp_path, RIG, data=loop_csv())
+    with pytest.raises(ProjectFileError, match="one sign while the cable is pulled and the other while it is let go"):
+        load(path)
+    assert load(write_project(tmp_path, data=loop_csv(0.0))).experiments["pull"].dataset.n_samples == 50
+
+
+@pytest.mark.parametrize("branch", ["loading", "unloading", "mean"])
+def test_free_pulley_friction_is_read_by_branch(branch: str) -> None:
+    pulled = fake_experiment(rig=Rig(pulleys=Pulleys(2, np.pi, 0.1)))
+    taken = replace(pulled.dataset, provenance=(Step("take_branch", {"branch": branch}),))
+    experiment = replace(pulled, dataset=taken)
+    robot = with_parameters(fake_robot(), TRUE)
+    response = fake_simulate(robot, Protocol({"front": Command("shortening", taken.values("shortening"))}))
+
+    def seen(mu: float):
+        rig = {**experiment.rig_values(), FRICTION: mu}
+        return observe(experiment, rig, response, slice(0, taken.n_samples), (FRICTION,))
+
+    true = response.channels["front.tension"]
+    expected = {"loading": np.exp, "unloading": lambda a: np.exp(-a), "mean": np.cosh}[branch]
+    ratio = expected(2 * np.pi * 0.17) / expected(2 * np.pi * 0.1)
+    np.testing.assert_allclose(seen(0.17).predicted["tension"], ratio * true, rtol=1e-12)
+    rate = (seen(0.17 + 1e-6).predicted["tension"] - seen(0.17 - 1e-6).predicted["tension"]) / 2e-6
+    np.testing.assert_allclose(seen(0.17).derivatives["tension"][FRICTION], rate, rtol=1e-6, atol=1e-9)
+    assert pulley_gain(branch, 0.0)[0] == 1.0
+
+
+def test_a_test_that_lets_a_rough_cable_go_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ProjectFileError) as caught:
+        load(write_project(tmp_path, MU, data=loop_csv(0.0)))
+    assert "the friction of front is modelled for a cable that is pulled" in str(caught.value)
+    assert "project.yaml:" in str(caught.value)
+    assert "experiments.pull" in str(caught.value)
+    load(write_project(tmp_path, data=loop_csv(0.0)))
+    load(write_project(tmp_path, MU, prepared("take_branch: loading"), data=loop_csv(0.0)))
+    load(write_project(tmp_path, MU))
+
+
+@pytest.mark.parametrize("branch", ["unloading", "mean"])
+def test_so_is_a_branch_on_which_it_was_let_go(tmp_path: Path, branch: str) -> None:
+    step = prepared(f"take_branch: {branch}")
+    with pytest.raises(ProjectFileError, match=f"take_branch: {branch}"):
+        load(write_project(tmp_path, MU, step, data=loop_csv(0.0)))
+    free = ("  front.slack:", "  front.friction_coefficient: {bounds: [0, 0.3]}\n  front.slack:")
+    with pytest.raises(ProjectFileError, match="the friction of front is modelled"):
+        load(write_project(tmp_path, free, step, data=loop_csv(0.0)))
+    load(write_project(tmp_path, step, data=loop_csv(0.0)))
+
+
+def test_so_is_a_value_that_is_given_for_it(tmp_path: Path) -> None:
+    path = write_project(tmp_path, data=loop_csv(0.0))
+    with pytest.raises(ProjectFileError, match="the friction of front is modelled"):
+        load(path, values={"front.friction_coefficient": "0.1"})
+
+
+def test_a_problem_of_python_refuses_it_too() -> None:
+    pulled = fake_experiment()
+    data = pulled.dataset
+    both = data.take(np.r_[0 : data.n_samples, data.n_samples - 1 : -1 : -1], Step("there and back"))
+    rough = with_parameters(fake_robot(), {"front.friction_coefficient": 0.1})
+    space = SearchSpace((FreeParameter("neck.youngs_modulus", "Pa", 0.1e6, 10e6),))
+    Problem(fake_robot(), (replace(pulled, dataset=both),), space, PapersLoss(), simulate=fake_simulate)
+    with pytest.raises(InputError, match="the friction of front is modelled"):
+        Problem(rough, (replace(pulled, dataset=both),), space, PapersLoss(), simulate=fake_simulate)
+
+
+def test_a_pull_that_is_let_go_is_simulated_without_friction_alone() -> None:
+    there_and_back = np.concatenate([np.linspace(0.0, 0.02, 5), np.linspace(0.015, 0.0, 4)])
+    protocol = Protocol({"front": Command("shortening", there_and_back)})
+    response = softcal.simulate(bar_robot(), protocol)
+    assert response.succeeded
+    np.testing.assert_allclose(response.channels["front.tension"][:5][::-1], response.channels["front.tension"][4:])
+    rough = with_parameters(bar_robot(), {"front.friction_coefficient": 0.3})
+    with pytest.raises(ParameterError, match="turns round where the cable is let go"):
+        softcal.simulate(rough, protocol)
+    assert softcal.simulate(rough, Protocol({"front": Command("shortening", there_and_back[:5])})).succeeded
+
+
+def test_a_machines_jitter_lets_nothing_go() -> None:
+    d = np.linspace(0.0, 0.02, 400) + 5e-5 * np.random.default_rng(1).standard_normal(400)
+    assert not lets_go(d)
+    assert lets_go(np.concatenate([d, d[:-40:-1]]))
+    assert not lets_go(np.zeros(3))

@@ -9,8 +9,10 @@ SETUP := pyproject.toml scripts/bootstrap.sh scripts/system_packages.sh scripts/
 
 DEMO_PROJECT ?= examples/neck/project.yaml
 DEMO_OUT ?= runs/demo-$(shell date +%Y%m%d-%H%M%S)
-# Options for pytest, such as PYTEST_ARGS="-k cable -x".
+# Options for pytest, such as PYTEST_ARGS="-k cable -x"; and on how many processes it runs, 0 for none of its own.
 PYTEST_ARGS ?=
+TEST_WORKERS ?= $(shell getconf _NPROCESSORS_ONLN)
+PYTEST = $(PYTHON_IN) -m pytest -n $(TEST_WORKERS) --dist worksteal
 SLOW_LIMIT ?= 40m
 
 .PHONY: help demo test test-slow bench format clean
@@ -46,11 +48,11 @@ demo: $(RUN)
 	$(VENV)/bin/softcal report $(OUT)/nu-free
 
 test: $(DEV)
-	$(PYTHON_IN) -m pytest $(PYTEST_ARGS)
+	$(PYTEST) $(PYTEST_ARGS)
 
 # pytest's exit code 5: no test is marked slow, which is no failure.
 test-slow: $(DEV)
-	timeout --signal=INT --kill-after=60 $(SLOW_LIMIT) $(PYTHON_IN) -m pytest -m slow $(PYTEST_ARGS) || [ $$? -eq 5 ]
+	timeout --signal=INT --kill-after=60 $(SLOW_LIMIT) $(PYTEST) -m slow $(PYTEST_ARGS) || [ $$? -eq 5 ]
 
 bench: $(BENCH)
 	$(PYTHON_IN) -m benchmarks.run

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+import signal
+import sys
+from collections.abc import Generator
 from pathlib import Path
 
 import pytest
@@ -13,10 +16,43 @@ ROOT = Path(__file__).resolve().parents[1]
 # Before anything imports matplotlib: a test must not open a window.
 os.environ.setdefault("MPLBACKEND", "Agg")
 
+# Before anything imports NumPy, and for every process that a test starts: tests run in several processes, which get a
+# core each. (Intel's library rounds by the number of threads, so that this also makes results the same everywhere.)
+for _variable in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
+    os.environ[_variable] = "1"
+
 # On CI the same examples every time, and no deadline anywhere: the first call may compile a kernel.
 settings.register_profile("default", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("ci", parent=settings.get_profile("default"), derandomize=True, print_blob=True)
 settings.load_profile("ci" if os.environ.get("CI") else "default")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _heard_signals() -> None:
+    """Let the stop signals be heard where the caller has set them to be ignored (`nohup make test`, `trap '' INT`).
+
+    Tests send them to themselves and to processes that they start, which inherit what is ignored, and not a handler.
+    """
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) is signal.SIG_IGN:
+            signal.signal(number, lambda *_: None)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _kernels_of_one_signature() -> Generator[None]:
+    """Numba's cache on disk may mix up two signatures of a kernel that two processes compile at the same time."""
+    yield
+    kernels = {
+        f"{module}.{name}": value
+        for module, held in list(sys.modules.items())
+        if module.startswith("softcal.mechanics.")
+        for name, value in vars(held).items()
+        if getattr(value, "nopython_signatures", ())
+    }
+    several = {name: kernel.signatures for name, kernel in kernels.items() if len(kernel.signatures) > 1}
+    assert not several
 
 
 @pytest.fixture(scope="session")

@@ -311,14 +311,20 @@ if __name__ == "__main__":
 """
 
 
-def test_a_real_ctrl_c_ends_the_workers_and_keeps_every_trial(tmp_path: Path) -> None:
+def _with_two_workers(folder: Path, tmp_path: Path) -> subprocess.Popen[str]:
+    """A calibration in a process of its own, which writes a line when both its workers are at work."""
     here = Path(__file__).parent
-    script, folder, at_work = tmp_path / "slow.py", tmp_path / "run", tmp_path / "at_work"
+    script, at_work = tmp_path / "slow.py", tmp_path / "at_work"
     at_work.mkdir()
     script.write_text(_SLOW_SCRIPT.format(path=[str(here), str(here.parent)], folder=str(folder), at_work=str(at_work)))
-    process = subprocess.Popen(
+    return subprocess.Popen(
         [sys.executable, str(script)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
+
+
+def test_a_real_ctrl_c_ends_the_workers_and_keeps_every_trial(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    process = _with_two_workers(folder, tmp_path)
     # Ends the waiting below, whatever is wrong: with the processes their pipes are closed.
     watchdog = threading.Timer(120, os.killpg, (process.pid, signal.SIGKILL))
     watchdog.start()
@@ -337,3 +343,32 @@ def test_a_real_ctrl_c_ends_the_workers_and_keeps_every_trial(tmp_path: Path) ->
     kept = load_result(folder)
     assert 0 < len(kept.trials) < 2500
     assert f"after {len(kept.trials)} of at most 2500" in out
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM], ids=["killed", "ended"])
+def test_workers_end_with_their_parent_however_it_ends(tmp_path: Path, number: signal.Signals) -> None:
+    """The workers share the parent's pipes, so these end when the last of them has."""
+    process = _with_two_workers(tmp_path / "run", tmp_path)
+    outlived: list[bool] = []
+
+    def end_all() -> None:
+        outlived.append(True)
+        os.killpg(process.pid, signal.SIGKILL)
+
+    assert process.stdout is not None
+    watchdog = threading.Timer(120, end_all)
+    watchdog.start()
+    try:
+        assert process.stdout.readline() == "going on\n"
+        watchdog.cancel()
+        watchdog = threading.Timer(15, end_all)
+        watchdog.start()
+        os.kill(process.pid, number)  # to it alone
+        process.stdout.read()
+    finally:
+        watchdog.cancel()
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+    assert process.returncode == -number
+    assert not outlived

@@ -297,8 +297,17 @@ def test_report_from_a_moved_run(capsys: pytest.CaptureFixture[str], finished: P
     assert content.experiments["pull"].raw.n_samples == 25
 
 
-def test_ctrl_c_keeps_everything_and_resumes(tmp_path: Path):
-    """A real process, a real signal: exit code 130, and the same result as a run that was never stopped."""
+@pytest.mark.parametrize(
+    ("number", "code", "by"),
+    [
+        (signal.SIGINT, 130, "the user"),
+        (signal.SIGTERM, 143, "SIGTERM"),
+        (signal.SIGHUP, 129, "SIGHUP"),
+    ],
+    ids=["Ctrl-C", "SIGTERM", "SIGHUP"],
+)
+def test_a_stop_keeps_everything_and_resumes(tmp_path: Path, number: signal.Signals, code: int, by: str):
+    """A real process, a real signal: an exit code of its own, what to type next, and a run that goes on."""
     path, out = write_project(tmp_path / "p"), tmp_path / "run"
     command = [sys.executable, "-m", "softcal.cli", "calibrate", str(path), "--out", str(out), "--no-report"]
     command += ["--method", "tpe", "--trials", "4000"]
@@ -308,13 +317,13 @@ def test_ctrl_c_keeps_everything_and_resumes(tmp_path: Path):
     while not (store.is_file() and store.stat().st_size > 1500) and time.monotonic() < deadline:
         assert process.poll() is None, process.communicate()
         time.sleep(0.05)
-    os.kill(process.pid, signal.SIGINT)
+    os.kill(process.pid, number)
     _, err = process.communicate(timeout=60)
-    assert process.returncode == 130, err
+    assert process.returncode == code, err
     assert "Traceback" not in err
     assert f"--out {out} --method tpe --trials 4000 --resume" in err
     held = json.loads((out / "result.json").read_text())
-    assert "Stopped by the user" in held["status"]
+    assert f"Stopped by {by} after" in held["status"]
     n_before = len((out / "trials.csv").read_text().splitlines()) - 1
     assert n_before >= 1
     found = calibrating.calibrate(load(path), out=out, resume=True, method="tpe", trials=n_before + 2)

@@ -20,7 +20,7 @@ from project_case import write_project
 from test_calibration_run import problem_of, same
 
 from softcal.calibration import store as storing
-from softcal.calibration.interrupts import interrupts_held
+from softcal.calibration.interrupts import Stop, StopSignal, exit_code, interrupts_held, stop_signals_raised, stoppable
 from softcal.calibration.optimiser_tpe import OptunaJournal
 from softcal.calibration.run import Progress, calibrate
 from softcal.calibration.store import RunStore
@@ -77,6 +77,44 @@ def test_who_answered_before_is_asked_and_who_ignored_still_does(monkeypatch: py
             press_ctrl_c()
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_other_stop_signals_are_raised_held_and_noted_as_ctrl_c_is(number: signal.Signals) -> None:
+    done: list[str] = []
+    stops: list[Stop] = []
+
+    def work() -> None:
+        with stop_signals_raised(), stoppable() as stop:
+            stops.append(stop)
+            with interrupts_held():
+                signal.raise_signal(number)
+                done.append("all of it")
+            done.append("what follows")
+
+    before = signal.signal(number, signal.SIG_DFL)
+    try:
+        with pytest.raises(StopSignal, match=number.name) as stopped:
+            work()
+        assert signal.getsignal(number) is signal.SIG_DFL
+    finally:
+        signal.signal(number, before)
+    assert stops[0].by is stopped.value
+    assert exit_code(stopped.value) == 128 + number
+    assert exit_code(KeyboardInterrupt()) == 130
+    assert done == ["all of it"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_that_the_caller_has_set_to_be_ignored_stays_ignored(number: signal.Signals) -> None:
+    before = signal.signal(number, signal.SIG_IGN)
+    try:
+        with stop_signals_raised(), stoppable() as stop, interrupts_held():
+            signal.raise_signal(number)
+        assert stop.by is None
+        assert signal.getsignal(number) is signal.SIG_IGN
+    finally:
+        signal.signal(number, before)
 
 
 def test_in_other_threads_nothing_is_held() -> None:

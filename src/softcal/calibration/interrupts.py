@@ -1,29 +1,122 @@
-"""Ctrl-C held back for the moments in which it would leave something half done."""
+"""The signals that ask a program to stop: Ctrl-C (SIGINT), SIGTERM and SIGHUP, alike.
+
+Each raises KeyboardInterrupt where the program listens to it: Python does so for Ctrl-C, `stop_signals_raised` for the
+others. A signal that the caller has set to be ignored (`nohup`, `trap '' INT`) stays ignored.
+"""
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
-from collections.abc import Generator
+from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
+from types import FrameType
+from typing import NoReturn
+
+STOP_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+
+_Handler = Callable[[int, FrameType | None], object]
+
+
+class StopSignal(KeyboardInterrupt):
+    """A stop that was asked for by another signal than Ctrl-C's; its text is the signal's name."""
+
+    def __init__(self, number: int) -> None:
+        KeyboardInterrupt.__init__(self, signal.Signals(number).name)
+        self.number = number
+
+
+def exit_code(stop: KeyboardInterrupt) -> int:
+    """The exit code of a program that was stopped: 128 and the number of the signal, as in a shell."""
+    return 128 + (stop.number if isinstance(stop, StopSignal) else signal.SIGINT)
+
+
+@contextmanager
+def stop_signals_raised() -> Generator[None]:
+    """Raise `StopSignal` for SIGTERM and SIGHUP in here, where they would end the program without a word."""
+    terminals = [number for number in range(3) if os.isatty(number)]
+
+    def answer(number: int, frame: FrameType | None) -> NoReturn:
+        _leave_closed_terminals(terminals)
+        raise StopSignal(number)
+
+    by_default = [number for number in STOP_SIGNALS if signal.getsignal(number) is signal.SIG_DFL]
+    with _answered(dict.fromkeys(by_default, answer)):
+        yield
 
 
 @contextmanager
 def interrupts_held() -> Generator[None]:
-    """Let a Ctrl-C that comes in here wait for the end, and come then.
+    """Let a stop that is asked for in here wait for the end, and come then.
 
     Only the main thread is ever interrupted, so in others this does nothing.
     """
-    answer = signal.getsignal(signal.SIGINT)
-    # None: a handler from outside Python, which could not be put back.
-    if threading.current_thread() is not threading.main_thread() or answer is None:
+    came: list[int] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        came.append(number)
+
+    try:
+        with _answered(dict.fromkeys(_heard(), note)):
+            yield
+    finally:
+        for number in dict.fromkeys(came):
+            signal.raise_signal(number)
+
+
+@dataclass
+class Stop:
+    """What asked to stop, the user or another program; None where nothing has."""
+
+    by: KeyboardInterrupt | None = None
+
+
+@contextmanager
+def stoppable() -> Generator[Stop]:
+    """Note that a stop was asked for in here, so that what follows is not begun."""
+    stop = Stop()
+
+    def noted(answer: _Handler) -> _Handler:
+        def note(number: int, frame: FrameType | None) -> None:
+            try:
+                answer(number, frame)
+            except KeyboardInterrupt as asked:
+                stop.by = asked
+                raise
+
+        return note
+
+    with _answered({number: noted(answer) for number, answer in _heard().items()}):
+        yield stop
+
+
+def _heard() -> dict[int, _Handler]:
+    """The handlers of the stop signals that are neither ignored nor left to the system, nor from outside Python."""
+    handlers = {number: signal.getsignal(number) for number in STOP_SIGNALS}
+    return {number: handler for number, handler in handlers.items() if callable(handler)}
+
+
+@contextmanager
+def _answered(answers: Mapping[int, _Handler]) -> Generator[None]:
+    """Have signals answered by other handlers in here; only the main thread can have that."""
+    if threading.current_thread() is not threading.main_thread():
         yield
         return
-    came = threading.Event()
-    signal.signal(signal.SIGINT, lambda number, frame: came.set())
+    before = {number: signal.signal(number, answer) for number, answer in answers.items()}
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, answer)
-        if came.is_set():
-            signal.raise_signal(signal.SIGINT)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _leave_closed_terminals(numbers: list[int]) -> None:
+    """Let what is written to a terminal that has been closed go nowhere: it would be an error."""
+    gone = [number for number in numbers if not os.isatty(number)]
+    if gone:
+        nowhere = os.open(os.devnull, os.O_RDWR)
+        for number in gone:
+            os.dup2(nowhere, number)
+        os.close(nowhere)

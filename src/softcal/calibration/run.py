@@ -67,7 +67,8 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
 ) -> CalibrationResult:
     """Find the free parameters of a problem, all its experiments jointly.
 
-    Ctrl-C ends the search; what was found by then is the result, and says so in its status.
+    Ctrl-C ends the search (as other signals do, see `interrupts`); what was found by then is the result, and says so in
+    its status.
     With more than one worker a script must guard its own start with `if __name__ == "__main__":`.
 
     Parameters
@@ -141,7 +142,7 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
         stopped = _search(optimiser, evaluator, tally, progress)
         if tally.best is None:
             raise CalibrationError(_no_result(tally, stopped))
-        status = _stopped_status(tally, optimiser) if stopped else optimiser.status
+        status = _stopped_status(tally, optimiser, stopped) if stopped else optimiser.status
         account = Account(settings, status, tally.n_solves, tally.elapsed(), identity)
         if method != "least-squares":
             _tell_stage(progress, tally, optimiser, "importances (fANOVA)")
@@ -251,8 +252,8 @@ class _Tally:
             self.best = evaluation
 
 
-def _search(optimiser: Optimiser, evaluator: Evaluator, tally: _Tally, progress: Observer | None) -> bool:
-    """Run the search to its end; True where the user stopped it."""
+def _search(optimiser: Optimiser, evaluator: Evaluator, tally: _Tally, progress: Observer | None) -> str:
+    """Run the search to its end; what stopped it before, "" where nothing did."""
     try:
         while proposals := optimiser.ask():
             recalled = {p.number: found for p in proposals if (found := tally.recall(p)) is not None}
@@ -264,9 +265,9 @@ def _search(optimiser: Optimiser, evaluator: Evaluator, tally: _Tally, progress:
                 optimiser.tell(proposal, evaluation)
                 if progress is not None:
                     progress(_progress(tally, optimiser))
-    except KeyboardInterrupt:
-        return True
-    return False
+    except KeyboardInterrupt as stop:
+        return str(stop) or "the user"
+    return ""
 
 
 def _progress(tally: _Tally, optimiser: Optimiser, stage: str = "") -> Progress:
@@ -330,9 +331,9 @@ def _check(settings: Mapping[str, Any]) -> None:
         raise ParameterError(faults)
 
 
-def _no_result(tally: _Tally, stopped: bool) -> str:
+def _no_result(tally: _Tally, stopped: str) -> str:
     if stopped:
-        return f"Stopped by the user before any trial could be completed ({len(tally.trials)} failed)."
+        return f"Stopped by {stopped} before any trial could be completed ({len(tally.trials)} failed)."
     reason, count = Counter(trial.reason for trial in tally.trials).most_common(1)[0]
     return (
         f"All {len(tally.trials)} trials failed: the twin could not be simulated anywhere. The commonest reason "
@@ -340,9 +341,9 @@ def _no_result(tally: _Tally, stopped: bool) -> str:
     )
 
 
-def _stopped_status(tally: _Tally, optimiser: Optimiser) -> str:
+def _stopped_status(tally: _Tally, optimiser: Optimiser, stopped: str) -> str:
     kept = " Resume the run to go on." if tally.run is not None else ""
     return (
-        f"Stopped by the user after {len(tally.trials)} of at most {optimiser.total} trials; "
+        f"Stopped by {stopped} after {len(tally.trials)} of at most {optimiser.total} trials; "
         f"this is the best so far.{kept}"
     )

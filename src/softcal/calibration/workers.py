@@ -10,11 +10,12 @@ import multiprocessing
 import os
 import pickle
 import signal
+import threading
 from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import resource_tracker
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NoReturn
 
 from softcal.calibration.interrupts import interrupts_held
 from softcal.calibration.optimiser import Proposal
@@ -28,7 +29,7 @@ class Evaluator:
     """Evaluates a problem at many points with `workers` processes.
 
     The workers are fresh interpreters (spawned, since a fork would copy locks that MKL's and Numba's threads may hold)
-    with cores // workers threads each.
+    with cores // workers threads each. They end with this process, however it ends.
 
     Raises
     ------
@@ -136,11 +137,20 @@ _here: dict[str, Problem] = {}
 
 
 def _begin(pickled: bytes) -> None:
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     # Ctrl-C reaches the whole process group; only the parent answers it, so that no trial is lost half-told.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     _here["problem"] = pickle.loads(pickled)
+
+
+def _end_with_parent() -> NoReturn:
+    """Wait for the end of the parent, by whatever signal, and end with it: nobody else would ask for the answer."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+    os._exit(1)
 
 
 def _evaluate(theta: dict[str, float], jacobian: bool) -> Evaluation:

@@ -16,6 +16,7 @@ from softcal.cli import export_commands
 from softcal.cli import crosscheck_command
 
 # isort: on
+from softcal.calibration.interrupts import stop_signals_raised
 from softcal.cli.app import app
 
 COMMAND_GROUPS = (
@@ -32,5 +33,9 @@ COMMAND_GROUPS = (
 
 
 def main(argv: list[str] | None = None) -> None:
-    """Run the command line and leave with its exit code: 0, 1 failed, 2 bad input, 130 stopped by Ctrl-C."""
-    app(args=argv)
+    """Run the command line and leave with its exit code.
+
+    0; 1 failed; 2 bad input; stopped by a signal 128 and its number: 130 by Ctrl-C, 143 by SIGTERM, 129 by SIGHUP.
+    """
+    with stop_signals_raised():
+        app(args=argv)

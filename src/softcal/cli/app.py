@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, ParamSpec
 
 import typer
 
+from softcal.calibration.interrupts import exit_code
 from softcal.errors import InputError, SoftcalError
 
 P = ParamSpec("P")
 
-BAD_INPUT, FAILED, INTERRUPTED = 2, 1, 130
+BAD_INPUT, FAILED = 2, 1
 
 app = typer.Typer(
     name="softcal",
@@ -59,8 +61,20 @@ def told(command: Callable[P, None]) -> Callable[P, None]:
         except SoftcalError as error:
             typer.echo(f"Error: {error}", err=True)
             raise typer.Exit(FAILED) from None
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as stop:
             typer.echo("Stopped.", err=True)
-            raise typer.Exit(INTERRUPTED) from None
+            raise typer.Exit(exit_code(stop)) from None
 
     return run
+
+
+@contextmanager
+def resumable(folder: Path, kept: str, again: str) -> Generator[None]:
+    """Where a run is stopped in here, say what is kept of it, in which folder, and how to go on."""
+    try:
+        yield
+    except KeyboardInterrupt as stop:
+        if not (folder / "run.json").is_file():
+            raise
+        typer.echo(f"Stopped. {kept} so far is kept in {folder}. Go on with: {again}", err=True)
+        raise typer.Exit(exit_code(stop)) from None

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from softcal.cli.app import INTERRUPTED, ProjectFile, app, told
+from softcal.cli.app import ProjectFile, app, resumable, told
 from softcal.cli.calibration_bars import CalibrationBars
 from softcal.cli.calibration_table import print_results
 from softcal.cli.printing import print_warnings
@@ -58,37 +58,37 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
     loaded = load(project, values=parsed_values(values))
     print_warnings(loaded.warnings)
     folder = out if out is not None else project.parent / "run"
-    with CalibrationBars() as bars:
-        found = calibrate_project(
-            loaded,
-            out=folder,
-            resume=resume,
-            method=method,
-            fit=fit,
-            trials=trials,
-            seed=seed,
-            hold_out=None if hold_out is None else names(hold_out),
-            split=split,
-            workers=workers,
-            engine=engine,
-            progress=bars.show,
-        )
-    print_results(found.results)
-    if found.interrupted:
-        options: dict[str, str | int | list[str] | None] = {
-            "--method": method,
-            "--fit": fit,
-            "--trials": trials,
-            "--seed": seed,
-            "--hold-out": hold_out,
-            "--split": split,
-            "--set": values,
-            "--engine": None if engine == "softcal" else engine,
-            "--workers": None if workers == 1 else workers,
-        }
-        again = f"{shlex.quote(str(project))} --out {shlex.quote(str(folder))}{as_typed(options)} --resume"
-        typer.echo(f"Stopped. Everything so far is kept in {folder}. Go on with: softcal calibrate {again}", err=True)
-        raise typer.Exit(INTERRUPTED)
+    options: dict[str, str | int | list[str] | None] = {
+        "--method": method,
+        "--fit": fit,
+        "--trials": trials,
+        "--seed": seed,
+        "--hold-out": hold_out,
+        "--split": split,
+        "--set": values,
+        "--engine": None if engine == "softcal" else engine,
+        "--workers": None if workers == 1 else workers,
+    }
+    again = f"{shlex.quote(str(project))} --out {shlex.quote(str(folder))}{as_typed(options)} --resume"
+    with resumable(folder, "Everything", f"softcal calibrate {again}"):
+        with CalibrationBars() as bars:
+            found = calibrate_project(
+                loaded,
+                out=folder,
+                resume=resume,
+                method=method,
+                fit=fit,
+                trials=trials,
+                seed=seed,
+                hold_out=None if hold_out is None else names(hold_out),
+                split=split,
+                workers=workers,
+                engine=engine,
+                progress=bars.show,
+            )
+        print_results(found.results)
+        if found.stopped_by is not None:
+            raise found.stopped_by
     typer.echo(f"Run: {folder}")
     if report:
         report_run(folder, None)

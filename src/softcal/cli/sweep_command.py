@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from softcal.cli.app import INTERRUPTED, ProjectFile, app, told
+from softcal.cli.app import ProjectFile, app, resumable, told
 from softcal.cli.calibrate_commands import report_run
 from softcal.cli.calibration_bars import CalibrationBars
 from softcal.cli.printing import print_table, print_warnings
@@ -55,22 +55,20 @@ def sweep(
     loaded = load(project, values=parsed_values(values))
     print_warnings(loaded.warnings)
     folder = out if out is not None else project.parent / "sweep"
-    with CalibrationBars() as bars:
-        found = sweep_project(
-            loaded,
-            over=axes or None,
-            experiments=None if experiments is None else names(experiments),
-            out=folder,
-            resume=resume,
-            workers=workers,
-            progress=bars.show,
-        )
-    _print_sweep(found)
-    if found.interrupted:
-        typer.echo(
-            f"Stopped. Every cell so far is kept in {folder}; go on with the same command and --resume.", err=True
-        )
-        raise typer.Exit(INTERRUPTED)
+    with resumable(folder, "Every cell", "the same command and --resume"):
+        with CalibrationBars() as bars:
+            found = sweep_project(
+                loaded,
+                over=axes or None,
+                experiments=None if experiments is None else names(experiments),
+                out=folder,
+                resume=resume,
+                workers=workers,
+                progress=bars.show,
+            )
+        _print_sweep(found)
+        if found.stopped_by is not None:
+            raise found.stopped_by
     typer.echo(f"Sweep: {folder}")
     if report:
         report_run(folder, None)

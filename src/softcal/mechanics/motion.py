@@ -36,6 +36,7 @@ class Motion:
         """P^T g for a gradient g on all entities (3 n_points + n_pressures,) -> (n_unknowns - n_cables,)."""
         layout, links = self.layout, self.layout.links
         n = 3 * layout.n_points
+        gradient = np.ascontiguousarray(gradient)  # one signature for the kernels: Numba's cache is not safe for two
         forces = gradient[:n].reshape(-1, 3)
         if len(links.follower):
             forces = forces.copy()

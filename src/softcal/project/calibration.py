@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import signal
-import threading
-from collections.abc import Callable, Generator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import FrameType
 
 from softcal.analysis.validation import with_split
 from softcal.calibration.experiment import PULLEY_FRICTION
 from softcal.calibration.hold_out import fitted_part
+from softcal.calibration.interrupts import stoppable
 from softcal.calibration.loss import PAPER_WEIGHTS, DistanceLoss, LikelihoodLoss, Loss, PapersLoss
 from softcal.calibration.problem import Problem
 from softcal.calibration.result import CalibrationResult
@@ -37,12 +34,17 @@ Observer = Callable[[str, Progress], None]
 class Calibrations:
     """What was found: result by label (an experiment's name, or "joint"), and where it is kept.
 
-    interrupted: the user stopped the search; what was found by then is in `results`.
+    stopped_by: what stopped the search before its end, Ctrl-C or another signal; `results` has what was found by then.
     """
 
     results: Mapping[str, CalibrationResult]
     folder: Path | None
-    interrupted: bool
+    stopped_by: KeyboardInterrupt | None = None
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether the search was stopped before its end."""
+        return self.stopped_by is not None
 
     @property
     def headline(self) -> CalibrationResult:
@@ -124,13 +126,13 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
                     progress=_labelled(progress, label),
                 )
             except CalibrationError:
-                if not stop.asked:
+                if stop.by is None:
                     raise
-            if stop.asked:
+            if stop.by is not None:
                 break
     if folder is not None and results:
         finish_run(project, results, folder)
-    return Calibrations(results, folder, stop.asked)
+    return Calibrations(results, folder, stop.by)
 
 
 def make_problem(project: Project, settings: CalibrationSection | None = None) -> Problem:
@@ -203,32 +205,6 @@ def _labelled(progress: Observer | None, label: str) -> Callable[[Progress], Non
     if progress is None:
         return None
     return lambda state: progress(label, state)
-
-
-@dataclass
-class Stop:
-    """Whether the user has asked to stop."""
-
-    asked: bool = False
-
-
-@contextmanager
-def stoppable() -> Generator[Stop]:
-    """Note that Ctrl-C was pressed, so that the calibrations that follow are not begun."""
-    stop = Stop()
-    if threading.current_thread() is not threading.main_thread():
-        yield stop
-        return
-
-    def note(number: int, frame: FrameType | None) -> None:
-        stop.asked = True
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGINT, note)
-    try:
-        yield stop
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 def calibrated(project: Project, result: CalibrationResult) -> Project:

@@ -11,6 +11,7 @@ from typing import Any
 
 from softcal.analysis.nominal import Nominal, nominal
 from softcal.analysis.sweep import BestCell, best_cells, section_errors, sections
+from softcal.calibration.interrupts import stoppable
 from softcal.calibration.loss import Loss
 from softcal.calibration.parameters import search_space
 from softcal.calibration.problem import Problem
@@ -21,7 +22,7 @@ from softcal.calibration.store import RunStore, write_text
 from softcal.errors import CalibrationError, Fault, InputError, ParameterError
 from softcal.project.axes import Axis, doubled, parse_axis
 from softcal.project.bench_names import experiments_named
-from softcal.project.calibration import make_loss, stoppable
+from softcal.project.calibration import make_loss
 from softcal.project.project import Project
 from softcal.project.run_folder import begin_run, calibration_folder, finish_run, reopen_run
 
@@ -33,14 +34,19 @@ FORMULA = "nominal error / error of the best cell - 1; 100 % where the error was
 class Swept:
     """What a sweep found: every cell as a trial of `result`, what the nominal values give, and the best cells.
 
-    interrupted: the user stopped it; the cells that were simulated by then are there.
+    stopped_by: what stopped it before its end, Ctrl-C or another signal; the cells simulated by then are there.
     """
 
     result: CalibrationResult
     nominal: Nominal
     best: tuple[BestCell, ...]
     folder: Path | None
-    interrupted: bool
+    stopped_by: KeyboardInterrupt | None = None
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether the sweep was stopped before its end."""
+        return self.stopped_by is not None
 
 
 def sweep(
@@ -121,12 +127,12 @@ def sweep(
             failed = [] if store is None else _all_failed(store)
             if failed and folder is not None:
                 write_text(folder / "sweep.csv", failed_csv(problem, failed))
-            if stop.asked:
-                raise KeyboardInterrupt from None
+            if stop.by is not None:
+                raise stop.by from None
             if not failed or folder is None:
                 raise
             raise CalibrationError(f"{error} Every cell and its reason: {folder / 'sweep.csv'}.") from None
-    found = Swept(result, known, best_cells(result, known), folder, stop.asked)
+    found = Swept(result, known, best_cells(result, known), folder, stop.by)
     if folder is not None:
         write_text(folder / "sweep.csv", sweep_csv(result))
         finish_run(project, {SWEEP: result}, folder, {SWEEP: sweep_json(found)})

@@ -8,10 +8,11 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from softcal.analysis.validation import Prediction, Validation, folds_of, leave_out, with_split
+from softcal.calibration.interrupts import stoppable
 from softcal.calibration.problem import Problem
 from softcal.calibration.run import Progress
 from softcal.errors import Fault, ParameterError
-from softcal.project.calibration import make_problem, stoppable
+from softcal.project.calibration import make_problem
 from softcal.project.calibration_schema import CalibrationSection
 from softcal.project.output import require_free_file, write_new_file
 from softcal.project.project import Project
@@ -59,15 +60,15 @@ def validate(
                 problem,
                 folds,
                 progress=_told(progress, label),
-                stopped=lambda: stop.asked,
+                stopped=lambda: stop.by is not None,
                 method=settings.method,
                 trials=settings.trials,
                 seed=settings.seed,
                 starts=settings.starts,
                 workers=workers,
             )
-    if stop.asked:
-        raise KeyboardInterrupt
+    if stop.by is not None:
+        raise stop.by
     return Validation(models)
 
 

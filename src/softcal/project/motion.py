@@ -16,15 +16,13 @@ from softcal.experiments.dataset import Dataset
 from softcal.project.cases import Case
 from softcal.project.project import Project
 from softcal.project.simulation import simulate_each
+from softcal.project.whole_record import TIME, ascends, whole_record
 from softcal.twin.in_time import simulate_in_time
 from softcal.twin.protocol import Command
 from softcal.twin.response import Response
 from softcal.twin.schedule import Schedule
 
 SNAPSHOTS = 40
-TIME = "time"
-# What changes a channel that drives: a record that was not yet through it is not what the twin was compared with.
-CORRECTIONS = ("zero", "detrend", "remove_slack", "correct_pulley_friction")
 # Told as `simulate_in_time` tells it, after the name of the case: the time, and when its schedule is over, both [s].
 Observer = Callable[[str, float, float], None]
 
@@ -109,28 +107,12 @@ def _timed(project: Project, experiment: Experiment) -> Dataset:
     InputError
         Where neither has times that ascend, or the cycles lack a correction that the samples have.
     """
-    name, samples, cycles = experiment.name, experiment.dataset, project.cycles[experiment.name]
-    if _ascends(samples):
-        return samples
-    if cycles is None or not _ascends(cycles):
-        got = "times that fall" if TIME in samples.channels else "no column `time`"
+    name = experiment.name
+    if ascends(experiment.dataset):
+        return experiment.dataset
+    record = whole_record(project, name)
+    if record is None:
+        got = "times that fall" if TIME in experiment.dataset.channels else "no column `time`"
         allowed = "a column `time` in every file, and no step that takes the order of the samples away"
         raise InputError(Fault("the samples have no times to move by", name, got, allowed, "--pull"))
-    later = [step.name for step in samples.provenance[len(cycles.provenance) :] if step.name in CORRECTIONS]
-    if later:
-        raise InputError(
-            Fault(
-                "the cycles that the samples were taken from lack a correction",
-                f"{name}, prepare",
-                ", ".join(later),
-                attempt="that step before select_cycles and take_branch",
-            )
-        )
-    return cycles
-
-
-def _ascends(data: Dataset) -> bool:
-    if TIME not in data.channels:
-        return False
-    steps = np.diff(data.values(TIME))
-    return bool((steps >= 0.0).all() and (steps > 0.0).any())
+    return record

@@ -20,6 +20,7 @@ from softcal.project.project import Project
 from softcal.project.run_folder import Run, load_run
 from softcal.project.settled import from_undeformed, settled_shapes
 from softcal.project.simulation import simulate, twin_view
+from softcal.project.whole_record import compare_records
 from softcal.report.content import ExperimentContent, Landscape, ReportContent
 from softcal.report.twin_view import TwinView
 from softcal.report.write import Observer, ReportPaths
@@ -68,6 +69,9 @@ def report_content(run: Run) -> ReportContent:
         twin=_twin(project, run.results[headline]) or from_undeformed(settled),
         settled=settled,
         landscapes=_landscapes(project, run.results, run.settings),
+        records={
+            label: compare_records(project, result) for label, result in run.results.items() if not result.is_sweep
+        },
         compared=compared(project, run.settings, run.results[headline]),
         mesh_study=mesh,
         mesh_note=mesh_note,

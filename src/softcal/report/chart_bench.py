@@ -137,8 +137,11 @@ def _force_displacement_axes(axes: Axes, title: str) -> None:
     axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
 
 
-def draw_trajectory(path: Trajectory) -> Figure:
-    """Paper A's Fig. 6: measured and simulated channels over the trajectory, the residual beneath each."""
+def draw_trajectory(path: Trajectory, width: float = 5.2) -> Figure:
+    """Paper A's Fig. 6: measured and simulated channels over the trajectory, the residual beneath each.
+
+    width: of the figure [in].
+    """
     rows: list[tuple[TrajectoryPanel, str]] = []
     for panel in path.panels:
         rows.append((panel, "values"))
@@ -146,7 +149,7 @@ def draw_trajectory(path: Trajectory) -> Figure:
             rows.append((panel, "residual"))
     heights = [2.0 if kind == "values" else 0.85 for _, kind in rows]
     with house_style():
-        figure = new_figure(5.2, 0.9 + sum(heights) * 0.92)
+        figure = new_figure(width, 0.9 + sum(heights) * 0.92)
         stack = figure.subplots(len(rows), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
         for axes, (panel, kind) in zip(stack, rows, strict=True):
             if kind == "values":
@@ -154,6 +157,8 @@ def draw_trajectory(path: Trajectory) -> Figure:
             else:
                 _draw_residual(axes, path, panel)
         stack[0].set_title(path.experiment)
+        # Beside the title, where it covers no curve.
+        stack[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.1)
         stack[-1].set_xlabel(path.abscissa.label)
         figure.align_ylabels(list(stack))
         return figure
@@ -175,10 +180,9 @@ def _draw_values(axes: Axes, path: Trajectory, panel: TrajectoryPanel) -> None:
             label="simulated" if named else None,
         )  # fmt: skip
     axes.set_ylabel(panel.scale.axis(panel.label))
-    legend = axes.legend(loc="best")
     if panel.measured is None:
-        legend.set_title(f"{panel.label.lower()} was not measured")
-        legend.get_title().set_fontsize(8.5)
+        text = f"{panel.label.lower()} was not measured"
+        axes.text(0.02, 0.95, text, transform=axes.transAxes, va="top", fontsize=8.5, color=MUTED)
 
 
 def _draw_residual(axes: Axes, path: Trajectory, panel: TrajectoryPanel) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from softcal.analysis.mesh_study import MeshStudy
+from softcal.analysis.record import RecordFit
 from softcal.calibration.result import CalibrationResult
 from softcal.checks import Floats, Ints, frozen_floats, frozen_ints
 from softcal.errors import Fault, InputError
@@ -102,6 +103,7 @@ class ReportContent:
     compared: what the headline is compared with. mesh_study: what the mesh contributes to one of the results; or
     mesh_note says why one that there is is not told.
     settled: the shapes of the headline's calibration, where positions were compared.
+    records: label of a calibration -> experiment -> its twin over the whole record, where there is one.
     A simulated channel without a measured one (pitch where no IMU was used) belongs in `ExperimentFit.simulated`.
     """
 
@@ -111,6 +113,7 @@ class ReportContent:
     twin: TwinView | None = None
     settled: SettledShapes | None = None
     landscapes: Mapping[str, Landscape] = field(default_factory=dict)
+    records: Mapping[str, Mapping[str, RecordFit]] = field(default_factory=dict[str, Mapping[str, RecordFit]])
     compared: Compared | None = None
     mesh_study: MeshStudy | None = None
     mesh_note: str = ""
@@ -121,7 +124,7 @@ class ReportContent:
     created: str = ""
 
     def __post_init__(self) -> None:
-        for name in ("results", "experiments", "landscapes", "versions", "hashes"):
+        for name in ("results", "experiments", "landscapes", "records", "versions", "hashes"):
             object.__setattr__(self, name, dict(getattr(self, name)))
         faults: list[Fault] = []
         if not self.results:
@@ -138,6 +141,7 @@ class ReportContent:
             Fault(f"{what} of a calibration that does not exist", got=label, allowed=", ".join(self.results))
             for what, labels in (
                 ("a landscape", self.landscapes),
+                ("whole records", self.records),
                 ("the headline", [self.headline] * bool(self.headline)),
             )
             for label in labels

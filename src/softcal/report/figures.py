@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
+from softcal.analysis.record import RecordFit
+from softcal.calibration.result import ExperimentFit
 from softcal.report.content import ExperimentContent, ReportContent
 from softcal.report.style import encode
 from softcal.report.wording import (
@@ -22,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Section = Literal[
-    "overview", "twin", "bench", "fit", "search", "history", "parameters", "plausible", "compared", "mesh"
+    "overview", "twin", "bench", "fit", "record", "search", "history", "parameters", "plausible", "compared", "mesh"
 ]
 
 
@@ -52,6 +54,7 @@ def report_pictures(content: ReportContent) -> list[Picture]:
         *_bench(content),
         *_places(content),
         *_fits(content),
+        *_records(content),
         *_searches(content),
         *_estimates(content),
         *_mesh(content),
@@ -212,6 +215,32 @@ def _fits(content: ReportContent) -> Iterator[Picture]:
                 caption += f" {path.abscissa.note}"
             stem = f"trajectory-{file_stem(name)}" + ("" if alone else f"-by-{file_stem(label)}")
             yield _picture(draw_trajectory(path), stem, "fit", caption)
+
+
+def _records(content: ReportContent) -> Iterator[Picture]:
+    # Of every experiment once: the headline's calibration where it holds it, else the first that does.
+    drawn: set[str] = set()
+    for label in dict.fromkeys([content.headline, *content.records]):
+        fresh = {n: found for n, found in content.records.get(label, {}).items() if n not in drawn}
+        drawn.update(fresh)
+        for name, found in fresh.items():
+            if found.fit is not None:
+                yield _record(content, label, name, found, found.fit)
+
+
+def _record(content: ReportContent, label: str, name: str, found: RecordFit, fit: ExperimentFit) -> Picture:
+    from softcal.report.chart_bench import draw_trajectory
+    from softcal.report.series import trajectory
+
+    path = trajectory(replace(content.experiments[name], prepared=found.record, drive="time"), fit)
+    caption = (
+        f"{name}: the whole record and the twin ({result_label(label)}), driven by the measured {joined(found.drives)}. "
+        "The twin was fitted to part of these samples, or to what was averaged from them. It is elastic: the loop "
+        "between loading and unloading remains in the residual."
+    )
+    if found.every > 1:
+        caption += f" One sample in {found.every} is compared."
+    return Picture(f"record-{file_stem(name)}", "record", caption, *encode(draw_trajectory(path, 9.0)), "png")
 
 
 def _searches(content: ReportContent) -> Iterator[Picture]:

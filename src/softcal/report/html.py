@@ -68,6 +68,12 @@ def render_page(content: ReportContent, pictures: Sequence[Picture], tables: Map
         verdicts=verdicts(content),
         sections=sections,
         tables=tables,
+        record_failures=[
+            f"{name}: not compared with its whole record: {found.failure}"
+            for records in content.records.values()
+            for name, found in records.items()
+            if found.failure
+        ],
         provenance={name: provenance_rows(e.prepared) for name, e in content.experiments.items()},
         result_label=result_label,
         fits_table_1=_fits_table_1(content),

@@ -152,15 +152,15 @@ def all_parameters_table(content: ReportContent) -> Table:
 
 def errors_table(content: ReportContent) -> Table:
     """Table II of paper A: RMSE and detrended RMSE of force and pitch; of shortening where it was compared."""
-    every = [
-        (label, name, fit) for label, result in content.results.items() for name, fit in result.experiments.items()
-    ]
-    every += [
-        (label, f"{name} (held out)", held.fit)
-        for label, result in content.results.items()
-        for name, held in result.held_out.items()
-    ]
-    fits = [entry for entry in every if any("." not in channel for channel in entry[2].rmse)]
+    every: list[tuple[str, str, str, ExperimentFit]] = []
+    for label, result in content.results.items():
+        records = content.records.get(label, {})
+        for name, fit in result.experiments.items():
+            every.append((label, name, "fitted samples", fit))
+            if name in records and (whole := records[name].fit) is not None:
+                every.append((label, name, "whole record", whole))
+        every += [(label, name, "held out", held.fit) for name, held in result.held_out.items()]
+    fits = [entry for entry in every if any("." not in channel for channel in entry[-1].rmse)]
     channels: list[tuple[str, str, Scale]] = [
         ("tension", "Force", Scale("N", 1.0)),
         ("pitch", "Pitch", Scale("rad", 1.0)),
@@ -170,16 +170,16 @@ def errors_table(content: ReportContent) -> Table:
     shown = [
         (channel, label, scale)
         for channel, label, scale in channels
-        if channel != "shortening" or any("shortening" in fit.rmse for *_, fit in fits)
+        if channel != "shortening" or any("shortening" in entry[-1].rmse for entry in fits)
     ]
-    columns = [Column("Calibration"), Column("Experiment")]
+    columns = [Column("Calibration"), Column("Experiment"), Column("Compared over")]
     for channel, label, scale in shown:
         columns += [Column(f"{label} RMSE", scale.unit), Column(f"{label} RMSE, detrended", scale.unit)]
         if channel == "tension":
             columns.append(Column("of peak force", "%", 2))
     rows: list[tuple[Cell, ...]] = []
-    for label, name, fit in fits:
-        row: list[Cell] = [result_label(label), name]
+    for label, name, samples, fit in fits:
+        row: list[Cell] = [result_label(label), name, samples]
         for channel, _, scale in shown:
             errors = (fit.rmse.get(channel), fit.rmse_detrended.get(channel))
             row += [None if error is None else error / scale.factor for error in errors]
@@ -189,8 +189,13 @@ def errors_table(content: ReportContent) -> Table:
         rows.append(tuple(row))
     note = (
         "RMSE is the root mean square of simulated minus measured; detrended removes the straight line that fits that "
-        "error best, as in paper A. An empty cell means that the channel was not measured or drove the twin."
+        "error best. An empty cell means that the channel was not measured or drove the twin."
     )
+    if any(samples == "whole record" for _, _, samples, _ in fits):
+        note += (
+            " The whole record is every sample after the corrections, loading and unloading; the twin was fitted to the "
+            "fitted samples alone."
+        )
     return Table("table-2-errors", "Table II. How well the twin follows the bench", tuple(columns), tuple(rows), note)
 
 

@@ -14,6 +14,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from softcal.analysis.record import RecordFit as RecordFit
     from softcal.calibration.experiment import Experiment as Experiment
     from softcal.calibration.parameters import FreeParameter as FreeParameter
     from softcal.calibration.problem import make_problem as make_problem
@@ -51,6 +52,7 @@ if TYPE_CHECKING:
     from softcal.project.sweep import Swept as Swept
     from softcal.project.sweep import sweep as sweep
     from softcal.project.validation import validate as validate
+    from softcal.project.whole_record import compare_records as compare_records
     from softcal.twin.in_time import simulate_in_time as simulate_in_time
     from softcal.twin.manipulator import ManipulatorShape as ManipulatorShape
     from softcal.twin.manipulator import manipulator as manipulator
@@ -101,6 +103,7 @@ _HOMES = {
     "Project": "softcal.project.project",
     "ProjectFileError": "softcal.errors",
     "Protocol": "softcal.twin.protocol",
+    "RecordFit": "softcal.analysis.record",
     "Response": "softcal.twin.response",
     "Robot": "softcal.twin.robot",
     "Rod": "softcal.twin.robot",
@@ -119,6 +122,7 @@ _HOMES = {
     "box_mesh": "softcal.geometry.primitives",
     "calibrate": "softcal.project.calibration",
     "check": "softcal.project.checking",
+    "compare_records": "softcal.project.whole_record",
     "circular": "softcal.geometry.section",
     "helix": "softcal.geometry.centreline",
     "load": "softcal.project.project",
@@ -165,6 +169,7 @@ __all__ = [
     "Project",
     "ProjectFileError",
     "Protocol",
+    "RecordFit",
     "Response",
     "Robot",
     "Rod",
@@ -184,6 +189,7 @@ __all__ = [
     "calibrate",
     "check",
     "circular",
+    "compare_records",
     "helix",
     "load",
     "load_run",

@@ -69,7 +69,7 @@ def test_the_two_clocks_are_brought_together(project: Project, truth: dict[str, 
 
 def test_eight_cycles_are_found_and_the_first_two_are_told_apart(project: Project) -> None:
     for name, experiment in project.experiments.items():
-        cycles = project.cycles[name]
+        cycles = project.corrected[name]
         assert cycles is not None
         assert cycles.cycle is not None
         assert sorted(set(cycles.cycle[cycles.cycle >= 0])) == list(range(8))

@@ -272,7 +272,7 @@ def test_cycles_are_replayed_where_the_samples_have_lost_their_times(tmp_path: P
         (
             (with_steps("find_cycles", "take_branch: loading", "zero: {channel: shortening, by: 1 mm}"),),
             triangles(3),
-            "pull, prepare: the cycles that the samples were taken from lack a correction; got zero",
+            "pull, prepare: the whole record lacks a correction that the compared samples have; got zero",
         ),
     ],
 )

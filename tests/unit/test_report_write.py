@@ -158,7 +158,7 @@ def test_a_record_without_force_is_captioned_as_it_is_drawn() -> None:
     name, experiment = next(iter(content.experiments.items()))
     still = Dataset("still", {key: experiment.raw.channels[key] for key in ("time", "pitch")})
     averaged = replace(still, provenance=(*still.provenance, Step("average", {}, "")))
-    hung = replace(experiment, raw=still, prepared=averaged, cycles=None)
+    hung = replace(experiment, raw=still, prepared=averaged, corrected=None)
     content = replace(content, experiments={**content.experiments, name: hung})
     (caption,) = [p.caption for p in report_pictures(content) if p.section == "bench" and p.caption.startswith(name)]
     assert caption == f"{name}: the record; the fit uses what average made of it."

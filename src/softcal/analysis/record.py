@@ -16,8 +16,9 @@ from softcal.calibration.experiment import Experiment
 from softcal.calibration.fit import experiment_fit
 from softcal.calibration.observation import commands, observe
 from softcal.calibration.result import ExperimentFit
+from softcal.errors import ParameterError
 from softcal.experiments.dataset import Dataset
-from softcal.twin.protocol import Protocol
+from softcal.twin.protocol import Protocol, let_go_faults
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
 
@@ -76,7 +77,13 @@ def record_fit(robot: Robot, experiment: Experiment, rig: Mapping[str, float], r
     channels = {name: replace(c, values=c.values[rows[::every]]) for name, c in record.channels.items()}
     compared = replace(record, channels=channels, cycle=None, labels=())
     whole = replace(experiment, dataset=compared)
-    response = simulate(robot, Protocol(commands(whole, rig)))
+    protocol = Protocol(commands(whole, rig))
+    try:
+        if faults := let_go_faults(robot, protocol):
+            raise ParameterError(faults)
+        response = simulate(robot, protocol)
+    except ParameterError as error:  # such as a travel beyond the cable's length
+        return RecordFit(None, compared, experiment.drives, every, str(error))
     if not response.succeeded:
         return RecordFit(None, compared, experiment.drives, every, response.status)
     return RecordFit(

@@ -38,19 +38,21 @@ from softcal.twin.robot import Robot
 
 # From these steps on, the dataset no longer holds every cycle.
 CHOOSING = ("select_cycles", BRANCH_STEP)
+# These leave samples out too, but cycles may still be found in what remains.
+CUTTING = ("window", "resample", "average")
 
 
 @dataclass(frozen=True)
 class Bench:
     """An experiment with the records it came from.
 
-    record: as read, on one clock; cycles: every cycle after the corrections and before a choice among them, or None
-    where no cycles were looked for.
+    record: as read, on one clock; corrected: every sample after the corrections, with its cycle where cycles were
+    looked for, before a branch, cycles or a window were chosen. None where nothing was chosen, or there are no times.
     """
 
     experiment: Experiment
     record: Dataset
-    cycles: Dataset | None
+    corrected: Dataset | None
 
 
 def build_bench(
@@ -123,7 +125,7 @@ def build_bench(
             if built is not None:
                 settings = settings_of(section.settings, experiment, built, (*path, "settings"), findings)
                 experiment = replace(experiment, settings=settings)
-            return Bench(experiment, record, prepared.cycles)
+            return Bench(experiment, record, prepared.corrected)
     return None
 
 
@@ -164,17 +166,20 @@ def _with_tensions(record: Dataset, robot: Robot | None, path: KeyPath, findings
 
 @dataclass
 class _Prepared:
-    """A dataset on its way through the steps, and what it was while it still held every cycle."""
+    """A dataset on its way through the steps, and what it was while it still held every sample or cycle."""
 
     now: Dataset
-    cycles: Dataset | None = None
+    corrected: Dataset | None = None
     chosen: bool = False
 
     def apply(self, step: PlannedStep) -> None:
         self.chosen = self.chosen or step.name in CHOOSING
+        leaves_out = step.name in (*CHOOSING, *CUTTING)
+        if leaves_out and self.corrected is None and "time" in self.now.channels:
+            self.corrected = self.now
         self.now = step.apply(self.now)
         if not self.chosen and self.now.cycle is not None:
-            self.cycles = self.now
+            self.corrected = self.now
 
 
 def _read(name: str, section: ExperimentSection, i: int, files: InputFiles, findings: Findings) -> Dataset | None:

@@ -65,7 +65,7 @@ def check(project: Project, out_dir: str | Path | None = None) -> CheckReport:
     from softcal.report.check_figures import draw_check
 
     # With the cycles where they were found: that is what a person wants to see.
-    records = {name: project.cycles[name] or project.records[name] for name in project.experiments}
+    records = {name: project.corrected[name] or project.records[name] for name in project.experiments}
     drawn = draw_check(project.robot, records, out_dir)
     pictures = (drawn.robot[0], *(png for png, _ in drawn.datasets.values()))
     return CheckReport(rows, tuple(warnings), pictures, drawn.notes)
@@ -172,10 +172,9 @@ def _bench_rows(project: Project) -> list[tuple[str, str]]:
                 f"{data.n_samples} of {project.records[name].n_samples} samples" + (f", {spans}" if spans else ""),
             ),
         ]
-        if data.cycle is not None or project.cycles[name] is not None:
-            cycle = (project.cycles[name] or data).cycle
-            count = 0 if cycle is None else len(np.unique(cycle[cycle >= 0]))
-            rows.append(("  cycles", f"{count} found"))
+        cycle = (project.corrected[name] or data).cycle
+        if cycle is not None:
+            rows.append(("  cycles", f"{len(np.unique(cycle[cycle >= 0]))} found"))
     return rows
 
 

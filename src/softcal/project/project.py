@@ -56,9 +56,10 @@ FORMAT = 1
 class Project:
     """Everything a project file describes; numbers in SI.
 
-    path: of the file. experiments, records (as read), cycles (every cycle after the corrections; None where none were
-    looked for): by experiment. space: the free parameters, None where none is free. tied: what has one value in
-    common, names or patterns, by the name of that value. held: parameters given from outside.
+    path: of the file. experiments, records (as read), corrected (every sample after the corrections, before any were
+    chosen; None where there is no such record): by experiment. space: the free parameters, None where none is free.
+    tied: what has one value in common, names or patterns, by the name of that value. held: parameters given from
+    outside.
     hashes: SHA-256 of the project file and of every file it names. inputs: those files by path as written.
     generated: body -> the mesh that Gmsh made of it, before it was put in place.
     warnings: what is allowed but looks wrong.
@@ -69,7 +70,7 @@ class Project:
     robot: Robot
     experiments: Mapping[str, Experiment]
     records: Mapping[str, Dataset]
-    cycles: Mapping[str, Dataset | None]
+    corrected: Mapping[str, Dataset | None]
     space: SearchSpace | None
     tied: Mapping[str, tuple[str, ...]]
     calibration: CalibrationSection
@@ -166,7 +167,7 @@ def load(
         robot=robot,
         experiments=tests,
         records={name: bench.record for name, bench in whole.items()},
-        cycles={name: bench.cycles for name, bench in whole.items()},
+        corrected={name: bench.corrected for name, bench in whole.items()},
         space=space,
         tied=tied,
         calibration=calibration,

@@ -106,7 +106,7 @@ def _experiment(project: Project, name: str) -> ExperimentContent:
         name=name,
         raw=project.records[name],
         prepared=experiment.dataset,
-        cycles=project.cycles[name],
+        corrected=project.corrected[name],
         drive=experiment.drives[0] if experiment.drives else "",
     )
 

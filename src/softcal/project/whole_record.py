@@ -31,7 +31,7 @@ def whole_record(project: Project, name: str) -> Dataset | None:
     InputError
         Where the compared samples went through a correction that the record did not.
     """
-    samples, record = project.experiments[name].dataset, project.cycles[name]
+    samples, record = project.experiments[name].dataset, project.corrected[name]
     if record is None or not ascends(record):
         return None
     later = [step.name for step in samples.provenance[len(record.provenance) :] if step.name in CORRECTIONS]

@@ -48,7 +48,7 @@ def draw_force_displacement(experiment: ExperimentContent) -> Figure:
     with house_style():
         figure = new_figure()
         axes = figure.add_subplot()
-        record = experiment.cycles or experiment.raw
+        record = experiment.corrected or experiment.raw
         if has_force_displacement(record):
             draw_cycles(axes, record)
         if has_force_displacement(experiment.prepared):

@@ -21,8 +21,8 @@ from softcal.report.twin_view import TwinView
 class ExperimentContent:
     """One experiment: what the bench wrote, and what was compared.
 
-    raw: the record as read. cycles: every cycle with its number, after the corrections (pulleys, zero) and before
-    a branch was chosen; None where there is none, then `raw` is drawn beneath the branch.
+    raw: the record as read. corrected: every sample after the corrections (pulleys, zero), with its cycle where
+    cycles were looked for, before any were chosen; None where there is none, then `raw` is drawn beneath the branch.
     prepared: the samples that were compared. drive: which measured channel drove the twin, the first where
     several did, "" where none did.
     """
@@ -30,7 +30,7 @@ class ExperimentContent:
     name: str
     raw: Dataset
     prepared: Dataset
-    cycles: Dataset | None = None
+    corrected: Dataset | None = None
     drive: str = "shortening"
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 from softcal.analysis.record import RecordFit
 from softcal.calibration.result import ExperimentFit
+from softcal.experiments.branches import PULLEY_STEP
 from softcal.report.content import ExperimentContent, ReportContent
 from softcal.report.style import encode
 from softcal.report.wording import (
@@ -152,10 +153,10 @@ def _is_of_states(experiment: ExperimentContent) -> bool:
 
 
 def _bench_caption(experiment: ExperimentContent) -> str:
-    drawn = experiment.cycles or experiment.raw
+    drawn = experiment.corrected or experiment.raw
     later = [step.name for step in experiment.prepared.provenance[len(drawn.provenance) :]]
     caption = f"{experiment.name}: the record in light tones, the samples used for the fit in blue."
-    if experiment.cycles is None and later:
+    if drawn.cycle is None and later:
         caption += f" Between the two lie: {joined(later)}."
     return caption
 
@@ -234,10 +235,12 @@ def _record(content: ReportContent, label: str, name: str, found: RecordFit, fit
 
     path = trajectory(replace(content.experiments[name], prepared=found.record, drive="time"), fit)
     caption = (
-        f"{name}: the whole record and the twin ({result_label(label)}), driven by the measured {joined(found.drives)}. "
+        f"{name}: the whole record and the twin ({result_label(label)}), driven by {joined(found.drives)} as measured. "
         "The twin was fitted to part of these samples, or to what was averaged from them. It is elastic: the loop "
         "between loading and unloading remains in the residual."
     )
+    if any(step.name == PULLEY_STEP for step in found.record.provenance) and "tension" in fit.measured:
+        caption += " The pulleys' friction is taken off every sample as on the fitted branch."
     if found.every > 1:
         caption += f" One sample in {found.every} is compared."
     return Picture(f"record-{file_stem(name)}", "record", caption, *encode(draw_trajectory(path, 9.0)), "png")

@@ -193,8 +193,8 @@ def errors_table(content: ReportContent) -> Table:
     )
     if any(samples == "whole record" for _, _, samples, _ in fits):
         note += (
-            " The whole record is every sample after the corrections, loading and unloading; the twin was fitted to the "
-            "fitted samples alone."
+            " The whole record is every sample after the corrections, loading and unloading; the fit knew the fitted "
+            "samples alone."
         )
     return Table("table-2-errors", "Table II. How well the twin follows the bench", tuple(columns), tuple(rows), note)
 

@@ -1,0 +1,213 @@
+"""The calibrated twin over the whole corrected record: what is compared, and what the report says of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from project_case import MODULUS, SLACK, bar_robot, write_project
+from report_example import example_content
+
+from softcal.analysis import record as record_module
+from softcal.analysis.record import RecordFit, record_fit
+from softcal.calibration.experiment import Experiment, Pulleys, Rig
+from softcal.experiments.dataset import Channel, Dataset
+from softcal.project.calibration import calibrate
+from softcal.project.project import load
+from softcal.project.whole_record import compare_records, whole_record
+from softcal.report.all_tables import all_tables
+from softcal.report.html import render_page
+from softcal.twin.protocol import Command, Protocol
+from softcal.twin.simulate import simulate
+
+LOOP = 0.04  # of the force: above the elastic curve while pulled, as much below while let go
+TRAVEL = 8e-3  # [m]
+
+
+def cycles(n_cycles: int = 3, *, loop: float = LOOP) -> dict[str, np.ndarray]:
+    """Triangles of travel with slack, what the elastic twin answers, and a loop in the force alone. SI."""
+    time = np.arange(0.0, 2.0 * n_cycles + 0.01, 0.05)
+    travel = TRAVEL * (1.0 - np.abs(time % 2.0 - 1.0))
+    response = simulate(bar_robot(), Protocol({"front": Command("shortening", travel - SLACK)}))
+    side = np.where(time % 2.0 <= 1.0, 1.0, -1.0)
+    return {
+        "time": time,
+        "shortening": travel,
+        "tension": response.channels["front.tension"] * (1.0 + loop * side),
+        "pitch": response.channels["plate.pitch"],
+    }
+
+
+def table(n_cycles: int = 3) -> str:
+    found = cycles(n_cycles)
+    columns = [found["time"], 1e3 * found["shortening"], found["tension"], np.rad2deg(found["pitch"])]
+    rows = [",".join(f"{value:.9f}" for value in row) for row in zip(*columns, strict=True)]
+    return "\n".join(["Time [s],Displacement [mm],Force [N],Pitch [deg]", *rows]) + "\n"
+
+
+def with_steps(*steps: str) -> tuple[str, str]:
+    noise = "    noise: {tension: 0.05 N, pitch: 0.2 deg}\n"
+    return noise, noise + "    prepare:\n" + "".join(f"      - {step}\n" for step in steps)
+
+
+def experiment(data: Dataset, **settings) -> Experiment:
+    return Experiment("pull", data, cable="front", plate="plate", **settings)
+
+
+def dataset(found: dict[str, np.ndarray]) -> Dataset:
+    units = {"time": "s", "shortening": "m", "tension": "N", "pitch": "rad"}
+    return Dataset("pull", {name: Channel(values, units[name]) for name, values in found.items()})
+
+
+def test_an_elastic_record_is_met_and_a_loop_remains() -> None:
+    robot = bar_robot()
+    elastic, looped = dataset(cycles(loop=0.0)), dataset(cycles())
+    one = experiment(elastic, rig=Rig(slack=SLACK))
+    met = record_fit(robot, one, one.rig_values(), elastic)
+    off = record_fit(robot, one, one.rig_values(), looped)
+    assert met.fit is not None
+    assert off.fit is not None
+    assert met.fit.rmse["tension"] < 2e-4 * elastic.values("tension").max()
+    assert met.fit.rmse["pitch"] < 2e-4 * elastic.values("pitch").max()
+    loop = LOOP * np.sqrt(np.mean(elastic.values("tension") ** 2))
+    assert off.fit.rmse["tension"] == pytest.approx(loop, rel=0.01)
+    assert off.fit.rmse["pitch"] == met.fit.rmse["pitch"]
+    assert off.fit.rmse_detrended["tension"] <= off.fit.rmse["tension"]
+
+
+def test_the_rig_is_the_one_that_was_found() -> None:
+    """Under a friction that is not the nominal one, the twin's tension is read on the dataset's side."""
+    data = dataset(cycles(loop=0.0))
+    one = experiment(data, rig=Rig(slack=SLACK, pulleys=Pulleys(2, np.pi, 0.1)))
+    rig = dict(one.rig_values())
+    nominal = record_fit(bar_robot(), one, rig, data).fit
+    found = record_fit(bar_robot(), one, {**rig, "pulleys.friction_coefficient": 0.12}, data).fit
+    assert nominal is not None
+    assert found is not None
+    gain = np.exp(2 * np.pi * 0.02)
+    np.testing.assert_allclose(found.simulated["tension"], gain * nominal.simulated["tension"], rtol=1e-12)
+
+
+def test_samples_without_a_travel_are_left_out_and_missing_values_are_not_compared() -> None:
+    found = cycles(loop=0.0)
+    found["shortening"][5:9] = np.nan
+    found["pitch"][20:30] = np.nan
+    data = dataset(found)
+    one = experiment(dataset(cycles()), rig=Rig(slack=SLACK))
+    whole = record_fit(bar_robot(), one, one.rig_values(), data)
+    assert whole.fit is not None
+    assert whole.record.n_samples == data.n_samples - 4
+    assert whole.fit.rmse["pitch"] < 2e-4 * np.nanmax(found["pitch"])
+    assert whole.fit.missing == {"pitch": 10}
+
+
+def test_of_several_driven_cables_one_sample_in_k_is_compared(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(record_module, "MAX_SOLVED_SAMPLES", 4)
+    time = np.linspace(0.0, 1.0, 10)
+    channels = {
+        "time": Channel(time, "s"),
+        "front.shortening": Channel(1e-3 * time, "m"),
+        "back.shortening": Channel(0.0 * time, "m"),
+        "plate.pitch": Channel(0.0 * time, "rad"),
+    }
+    data = Dataset("pull", channels)
+    one = Experiment("pull", data, drive=("front.shortening", "back.shortening"), compared=("plate.pitch",))
+    robot = bar_robot()
+    front = robot.cables[0]
+    via = tuple(replace(point, at=point.at * np.array([-1.0, 1.0, 1.0])) for point in front.via_points)
+    robot = replace(robot, cables=(front, replace(front, name="back", via_points=via)))
+    whole = record_fit(robot, one, one.rig_values(), data)
+    assert whole.fit is not None
+    assert whole.every == 3
+    np.testing.assert_array_equal(whole.record.values("time"), time[::3])
+
+
+def test_a_record_that_the_twin_cannot_follow_says_why() -> None:
+    found = cycles(1)
+    found["shortening"] = found["shortening"] * 40.0  # more than the cable's length
+    data = dataset(found)
+    one = experiment(data, rig=Rig(slack=SLACK))
+    whole = record_fit(bar_robot(), one, one.rig_values(), data)
+    assert whole.fit is None
+    assert "pulled in by more than its length" in whole.failure
+
+
+def test_a_cable_with_friction_is_not_followed_where_it_is_let_go() -> None:
+    robot = bar_robot()
+    rough = replace(robot, cables=(replace(robot.cables[0], friction_coefficient=0.2),))
+    data = dataset(cycles(1))
+    one = experiment(data, rig=Rig(slack=SLACK))
+    whole = record_fit(rough, one, one.rig_values(), data)
+    assert whole.fit is None
+    assert "it turns round where the cable is let go" in whole.failure
+    pulled = dataset({name: values[:20] for name, values in cycles(1).items()})
+    assert record_fit(rough, one, one.rig_values(), pulled).failure == ""
+
+
+@pytest.mark.parametrize(
+    ("steps", "n_samples", "n_cycles"),
+    [
+        (("find_cycles", "take_branch: loading"), 121, 3),
+        (("take_branch: loading",), 121, None),
+        (("window: {channel: time, upper: 1 s}",), 121, None),
+        (("window: {channel: time, upper: 4 s}", "find_cycles", "take_branch: loading"), 81, 2),
+    ],
+)
+def test_the_whole_record_is_what_no_sample_was_taken_from(tmp_path: Path, steps, n_samples, n_cycles) -> None:
+    project = load(write_project(tmp_path, with_steps(*steps), data=table()))
+    record = whole_record(project, "pull")
+    assert record is not None
+    assert record.n_samples == n_samples
+    assert (None if record.cycle is None else len(np.unique(record.cycle[record.cycle >= 0]))) == n_cycles
+
+
+def test_there_is_no_whole_record_where_every_sample_is_compared(tmp_path: Path) -> None:
+    project = load(write_project(tmp_path, data=table()))
+    assert whole_record(project, "pull") is None
+
+
+def test_a_calibration_of_a_branch_is_compared_with_the_record(tmp_path: Path) -> None:
+    """The branch is met; over the record the loop remains, and the report tells the two apart."""
+    project = load(write_project(tmp_path, with_steps("find_cycles", "take_branch: loading"), data=table()))
+    result = calibrate(project, out=None).headline
+    assert result.parameters["bar.youngs_modulus"].value == pytest.approx((1 + LOOP) * MODULUS, rel=2e-3)
+    found = compare_records(project, result)["pull"]
+    assert found.fit is not None
+    # The twin has the loading branch: it is off by twice the loop while the cable is let go, half of the time.
+    letting_go = found.fit.measured["tension"] / (1 - LOOP) * 2 * LOOP
+    time = found.record.values("time") % 2.0
+    expected = np.sqrt(np.mean(np.where(time > 1.0, letting_go, 0.0) ** 2))
+    assert found.fit.rmse["tension"] == pytest.approx(expected, rel=0.03)
+    assert result.experiments["pull"].rmse["tension"] < 0.05 * expected
+
+
+def test_a_record_without_a_correction_of_the_samples_is_not_compared(tmp_path: Path) -> None:
+    steps = with_steps("find_cycles", "take_branch: loading", "zero: {channel: tension, by: 0.1 N}")
+    project = load(write_project(tmp_path, steps, data=table()))
+    found = compare_records(project, calibrate(project, out=None).headline)["pull"]
+    assert found.fit is None
+    assert "lacks a correction that the compared samples have; got zero" in found.failure
+
+
+def test_the_report_holds_record_and_fit_apart() -> None:
+    given = example_content()
+    label, name = given.headline, next(iter(given.headline_result.experiments))
+    fit = given.headline_result.experiments[name]
+    record = given.experiments[name].raw
+    time = record.values("time")
+    other = {channel: np.zeros(len(time)) for channel in fit.simulated}
+    values = {
+        channel: record.values(channel) for channel in ("shortening", *fit.simulated) if channel in record.channels
+    }
+    whole = replace(fit, rmse={"tension": 0.123}, rmse_detrended={"tension": 0.045}, measured=values, simulated=other)
+    shown = replace(given, records={label: {name: RecordFit(whole, record, ("shortening",))}})
+    rows = [row for row in all_tables(shown)["table-2-errors"].rows if row[1] == name and row[2] == "whole record"]
+    assert [row[3:5] for row in rows] == [(0.123, 0.045)]
+    assert "whole record" not in all_tables(given)["table-2-errors"].as_csv()
+    page = render_page(shown, [], all_tables(shown))
+    assert "every sample after the corrections" in page
+    assert "every sample after the corrections" not in render_page(given, [], all_tables(given))
+    failed = replace(given, records={label: {name: RecordFit(None, record, ("shortening",), failure="It folds.")}})
+    assert f"{name}: not compared with its whole record: It folds." in render_page(failed, [], all_tables(failed))

@@ -6,7 +6,6 @@ import functools
 import math
 import re
 import tokenize
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from softcal.errors import Fault, UnitError
@@ -26,23 +25,110 @@ SI_UNITS = {
     "acceleration": "m/s^2",
     "speed": "m/s",
     "ratio": "1",
+    "pixel": "px",
 }
 
-# What pint would compute for ages, or until its parser overflows: powers of powers, long numbers, long text.
-_ENDLESS = re.compile(r"(\*\*|\^)[^*/^]*(\*\*|\^)|\)\s*(\*\*|\^)|\d{3}|^.{41}", re.DOTALL)
+# Every unit there is, in Pint's language. An angle and a pixel have a dimension of their own, so that neither passes
+# for a ratio or a length.
+_DEFINITIONS = """\
+nano- = 1e-9 = n-
+micro- = 1e-6 = µ- = μ- = u-
+milli- = 1e-3 = m-
+centi- = 1e-2 = c-
+deci- = 1e-1 = d-
+deca- = 1e+1 = da-
+hecto- = 1e2 = h-
+kilo- = 1e3 = k-
+mega- = 1e6 = M-
+giga- = 1e9 = G-
+metre = [length] = m = meter = metres = meters
+second = [time] = s = sec = seconds = secs
+gram = [mass] = g = grams = gramme = grammes
+radian = [angle] = rad = radians
+pixel = [image] = px = pixels
+percent = 0.01 = %
+ppm = 1e-6
+inch = 0.0254 * metre = in = inches
+foot = 0.3048 * metre = ft = feet
+thou = 0.001 * inch
+minute = 60 * second = min = minutes
+hour = 3600 * second = h = hr = hours
+hertz = 1 / second = Hz
+degree = 3.141592653589793 / 180 * radian = deg = ° = º = degrees
+arcminute = degree / 60 = arcmin
+arcsecond = degree / 3600 = arcsec
+turn = 2 * 3.141592653589793 * radian = rev = turns = revolution = revolutions
+pound = 453.59237 * gram = lb = lbs = pounds
+ounce = pound / 16 = oz = ounces
+tonne = 1000 * kilogram = t
+litre = 0.001 * metre ** 3 = L = l = liter
+newton = kilogram * metre / second ** 2 = N = newtons = Newton
+standard_gravity = 9.80665 * metre / second ** 2 = g0 = g_0 = g_n
+gram_force = gram * standard_gravity = gf = pond
+kilogram_force = kilogram * standard_gravity = kgf = kp = kilopond
+pound_force = pound * standard_gravity = lbf = lbsf
+ounce_force = ounce * standard_gravity = ozf
+dyne = 1e-5 * newton = dyn
+pascal = newton / metre ** 2 = Pa = Pascal
+bar = 1e5 * pascal
+millibar = 100 * pascal = mbar
+atmosphere = 101325 * pascal = atm
+psi = pound_force / inch ** 2
+ksi = 1000 * psi
+joule = newton * metre = J
+"""
+
+# What people write for it -> what Pint reads.
+_SPELLINGS = {
+    "": "dimensionless",
+    "1": "dimensionless",
+    '"': "inch",
+    "''": "inch",
+    "″": "inch",
+    "”": "inch",
+    "in.": "inch",
+    "'": "foot",
+    "′": "foot",
+    "’": "foot",
+}
+_SIGNS = str.maketrans({"·": "*", "⋅": "*", "×": "*", "²": "^2", "³": "^3", "⁴": "^4", "−": "-"})
+# A unit is names with small whole powers, multiplied and divided: no other numbers.
+_NAME = r"[^\W\d]+|[%°º]"
+_FACTOR = rf"\(*(?:{_NAME})(?:(?:\^|\*\*)-?\d)?\)*"
+_UNIT = re.compile(rf"(?:1 ?/ ?)?{_FACTOR}(?: ?[*/. ] ?{_FACTOR})*")
+_LONGEST = 40
+# "mm2" is "mm^2".
+_BARE_POWER = re.compile(r"(?<=[^\W\d_])([2-4])(?!\w)")
+_NUMBER = re.compile(r"\s*([-+−]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+−]?[0-9]+)?)\s*(.*?)\s*", re.DOTALL)
+_DECIMAL_COMMA = re.compile(r"\s*[-+]?[0-9]+,[0-9]+\s*")
+
+# What a person may have meant by a unit that is spelt otherwise, by what is wanted.
+_USUAL = {
+    "m": ("m", "mm", "cm", "um", "km", "in", "ft"),
+    "N": ("N", "mN", "kN", "kgf", "gf", "lbf"),
+    "Pa": ("Pa", "kPa", "MPa", "GPa", "psi", "bar", "N/mm^2"),
+    "rad": ("rad", "mrad", "deg"),
+    "s": ("s", "ms", "min", "h"),
+    "kg": ("kg", "g", "mg", "lb", "oz"),
+    "px": ("px",),
+    "1": ("%",),
+}
+# A mass, written where the force is wanted by which it pulls.
+_WEIGHTS = {"kg": "kgf", "g": "gf", "lb": "lbf", "lbs": "lbf", "oz": "ozf"}
 
 
 @functools.cache
 def _registry() -> pint.UnitRegistry[Any]:
     import pint
 
-    registry: pint.UnitRegistry[Any] = pint.UnitRegistry()
-    registry.define("kgf = kilogram_force")
+    registry: pint.UnitRegistry[Any] = pint.UnitRegistry(None)  # pyright: ignore[reportArgumentType]  (none of the units that come with Pint)
+    for line in _DEFINITIONS.splitlines():
+        registry.define(line)
     return registry
 
 
 def _pint_errors() -> tuple[type[Exception], ...]:
-    """What pint raises for text that is no unit, or a unit of another dimension; its parser adds Python's own."""
+    """What pint raises for text that is no unit; its parser adds Python's own."""
     import pint
 
     return (
@@ -56,6 +142,21 @@ def _pint_errors() -> tuple[type[Exception], ...]:
     )
 
 
+@functools.lru_cache(maxsize=1000)
+def _base(unit: str) -> tuple[float, str] | None:
+    """Factor to base units, and the dimension; None where the text is no unit."""
+    text = re.sub(r" ?(\^|\*\*) ?", r"\1", " ".join(unit.split()))
+    text = _SPELLINGS.get(text, _BARE_POWER.sub(r"^\1", text.translate(_SIGNS)))
+    if len(text) > _LONGEST or _UNIT.fullmatch(text) is None:
+        return None
+    registry = _registry()
+    try:
+        one = registry.Quantity(1.0, registry.parse_units(text)).to_base_units()
+    except _pint_errors():
+        return None
+    return float(one.magnitude), str(one.dimensionality)
+
+
 def unit_factor(unit: str, si_unit: str, *, where: str = "") -> float:
     """Factor that turns a number in `unit` into one in `si_unit`.
 
@@ -64,29 +165,28 @@ def unit_factor(unit: str, si_unit: str, *, where: str = "") -> float:
     UnitError
         Where the unit is unknown or measures something else.
     """
-    fault = Fault(
-        "the unit does not fit", where=where, got=f"'{unit}'", allowed=f"a unit that converts to {si_unit or '1'}"
-    )
-    if _ENDLESS.search(unit):
-        raise UnitError(fault)
-    registry = _registry()
-    try:
-        return float(registry.Quantity(1.0, _plain(unit)).to(_plain(si_unit)).magnitude)
-    except _pint_errors() as error:
-        if si_unit == "N" and _is_mass(unit):
-            fault = replace(fault, attempt="kgf for a weight; a mass may hang only where a key says that it is one")
-        raise UnitError(fault) from error
+    given, wanted = _base(unit), _base(si_unit)
+    if wanted is None:
+        raise ValueError(f"softcal does not know the unit {si_unit}")
+    if given is not None and given[1] == wanted[1]:
+        return given[0] / wanted[0]
+    shown = f"'{unit}'" if len(unit) <= _LONGEST else f"'{unit[:_LONGEST]}…'"
+    allowed = f"a unit that converts to {si_unit}" if si_unit != "1" else "a plain number, or %"
+    raise UnitError(Fault("the unit does not fit", where, shown, allowed, _meant(unit, si_unit)))
 
 
-def _is_mass(unit: str) -> bool:
-    try:
-        return bool(_registry().Quantity(1.0, _plain(unit)).check("[mass]"))
-    except _pint_errors():
-        return False
+def _meant(unit: str, si_unit: str) -> str:
+    """What to write instead of a unit that does not fit, where that can be told."""
+    if si_unit == "N" and unit in _WEIGHTS:
+        return f"{_WEIGHTS[unit]} for a weight; a mass may hang only where a key says that it is one"
+    if si_unit == "Pa" and (match := re.fullmatch(r"(kg|g|lbs?)(/.*)", unit)):
+        return f"{_WEIGHTS[match[1]]}{match[2]}"
+    same = [usual for usual in _USUAL.get(si_unit, ()) if usual.casefold() == unit.casefold()]
+    return f"'{same[0]}'" if same else ""
 
 
 def parse_quantity(value: object, si_unit: str, *, where: str = "") -> float:
-    """A number in `si_unit` from text such as "2.3 MPa"; a plain number only where `si_unit` is "1".
+    """A number in `si_unit` from text such as "2.3 MPa"; a plain number only where `si_unit` is "1", or it is 0.
 
     Raises
     ------
@@ -95,36 +195,35 @@ def parse_quantity(value: object, si_unit: str, *, where: str = "") -> float:
     """
     if isinstance(value, bool) or not isinstance(value, (str, int, float)):
         raise _unreadable(value, si_unit, where)
-    if not isinstance(value, str):
-        if si_unit != "1" and value != 0:
-            raise UnitError(
-                Fault(
-                    "the unit is missing",
-                    where=where,
-                    got=f"{value!r}",
-                    allowed=f"a number with a unit that converts to {si_unit}, such as '{value} {si_unit}'",
-                )
-            )
-        number, unit = float(value), "1"
-        factor = 1.0
-    else:
-        match = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", value)
+    if isinstance(value, str):
+        match = _NUMBER.fullmatch(value)
         if match is None:
             raise _unreadable(value, si_unit, where)
-        number, unit = float(match[1]), match[2]
-        if not unit and si_unit != "1" and number != 0:
-            raise UnitError(
-                Fault(
-                    "the unit is missing",
-                    where=where,
-                    got=f"'{value}'",
-                    allowed=f"a number with a unit that converts to {si_unit}, such as '{value.strip()} {si_unit}'",
-                )
+        if _DECIMAL_COMMA.match(value):
+            raise _unreadable(value, si_unit, where, attempt=f"'{value.strip().replace(',', '.', 1)}'")
+        number, unit = float(match[1].replace("−", "-")), match[2]
+    else:
+        number, unit = _as_float(value), ""
+    if not unit and si_unit != "1" and number != 0:
+        raise UnitError(
+            Fault(
+                "the unit is missing",
+                where=where,
+                got=_shown(value),
+                allowed=f"a number with a unit that converts to {si_unit}, such as '{number:.6g} {si_unit}'",
             )
-        factor = unit_factor(unit, si_unit, where=where) if unit else 1.0
+        )
+    number *= unit_factor(unit, si_unit, where=where) if unit else 1.0
     if not math.isfinite(number):
-        raise UnitError(Fault("the number is not finite", where=where, got=f"{value!r}"))
-    return number * factor
+        raise UnitError(Fault("the number is not finite", where=where, got=_shown(value)))
+    return number
+
+
+def _as_float(value: float) -> float:
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
 
 
 def format_quantity(value: float, si_unit: str, unit: str | None = None, *, digits: int = 4) -> str:
@@ -147,10 +246,16 @@ def readable_unit(value: float, si_unit: str) -> str:
     return {"m": "mm", "rad": "deg"}.get(si_unit, si_unit)
 
 
-def _plain(unit: str) -> str:
-    return {"1": "dimensionless", "": "dimensionless", "%": "percent", "°": "degree"}.get(unit, unit)
-
-
-def _unreadable(value: object, si_unit: str, where: str) -> UnitError:
+def _unreadable(value: object, si_unit: str, where: str, attempt: str = "") -> UnitError:
     example = "0.45" if si_unit == "1" else f"'1.5 {si_unit}'"
-    return UnitError(Fault("this is not a quantity", where=where, got=f"{value!r}", allowed=f"for example {example}"))
+    return UnitError(Fault("this is not a quantity", where, _shown(value), f"for example {example}", attempt))
+
+
+def _shown(value: object) -> str:
+    text = f"{value:.6g}" if isinstance(value, float) else _digits(value) if isinstance(value, int) else repr(value)
+    return text if len(text) <= 60 else text[:57] + "…"
+
+
+def _digits(value: int) -> str:
+    """A whole number; Python writes out no more than some thousand digits of one."""
+    return str(value) if abs(value) < 10**30 else "a whole number of more than 30 digits"

@@ -9,7 +9,8 @@ from sweep_case import robot
 
 from softcal.errors import InputError
 from softcal.project.axes import Axis, doubled, parse_axis
-from softcal.twin.parameters import robot_parameters
+from softcal.quantities import QUANTITIES
+from softcal.twin.parameters import ParameterInfo, robot_parameters
 
 KNOWN = robot_parameters(robot())
 E, NU = "springs.youngs_modulus", "springs.poissons_ratio"
@@ -55,7 +56,7 @@ def test_a_range_starts_at_its_start_and_never_passes_its_stop(
     start: int, steps: int, step: int, extra: float, sign: int
 ):
     stop = start + sign * step * (steps + extra)
-    known = {"x.force": KNOWN["spring1.density"].__class__("x.force", "N", 0.0, -1e9, 1e9)}
+    known = {"x.force": ParameterInfo("x.force", QUANTITIES["force"], 0.0)}
     values = parse_axis("x.force", [f"{start} N:{stop:.6f} N:{step} N"], known, {}).values
     assert len(values) == steps + 1
     assert values == pytest.approx([start + sign * step * k for k in range(steps + 1)])
@@ -77,7 +78,7 @@ def test_a_range_starts_at_its_start_and_never_passes_its_stop(
         (E, "1GPa:2GPa:3GPa", r"a sweep needs two values or more; got 1 GPa.*--set"),
         (E, "1GPa", "a sweep needs two values or more"),
         (E, "1GPa,2GPa,1000MPa", "a value stands twice; got 1 GPa"),
-        (E, "1GPa,-2GPa", "the value is outside its allowed range; got -2e"),
+        (E, "1GPa,-2GPa", "the modulus is out of range; got -2e"),
         (E, "1GPa,,2GPa", "this is not a quantity"),
     ],
 )

@@ -291,7 +291,7 @@ def test_all_that_is_wrong_with_the_images_is_told_at_once(capsys: pytest.Captur
     [
         (["--dictionary", "DICT_4X4"], "there is no such dictionary of markers; got 'DICT_4X4'"),
         (["--size", "20"], "--size: the unit is missing"),
-        (["--size", "-1mm"], "the size of a marker is not above zero"),
+        (["--size", "-1mm"], "--size: the size is out of range; got -0.001 m; allowed: above 0"),
         (["--base", "7"], "--base: the base is in none of the images"),
         (["--base", "0,0"], "marker 0 is named twice"),
         (["--base", "first"], "--base: this is no base; got 'first'"),

@@ -79,7 +79,7 @@ def test_held_values_are_no_longer_free(tmp_path: Path):
         ({"bar.youngs_modulu": "1 MPa"}, "no such parameter.*bar.youngs_modulus"),
         ({"bar.youngs_modulus": "1"}, "unit is missing"),
         ({"bar.youngs_modulus": "1 mm"}, "unit does not fit"),
-        ({"bar.poissons_ratio": "0.5"}, "outside its allowed range"),
+        ({"bar.poissons_ratio": "0.5"}, "out of range; got 0.5"),
     ],
 )
 def test_held_values_that_do_not_fit(tmp_path: Path, values: dict[str, str], message: str):
@@ -177,7 +177,7 @@ def test_faults_of_all_sections_come_at_once_in_the_order_of_the_lines(tmp_path:
         "bar.youngs_modulus: the bounds are reversed or equal",
         "calibrate: unknown key",
         "calibration.methd: unknown key",
-        "print: infill: the infill is no fraction",
+        "print.infill: the infill is out of range",
     ):
         assert piece in told
     lines = [int(line.split(":")[1]) for line in told.splitlines()]

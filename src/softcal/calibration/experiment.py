@@ -17,7 +17,6 @@ channels may go by the last part alone (`tension`, `pitch`).
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
@@ -28,6 +27,7 @@ from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
 from softcal.experiments.dataset import Dataset
 from softcal.experiments.names import deviation_channel, is_deviation
+from softcal.quantities import QUANTITIES, Quantity
 from softcal.twin.parameters import ParameterInfo
 
 Drive = Literal["shortening", "tension"]
@@ -35,14 +35,17 @@ PULLEY_FRICTION = "pulleys.friction_coefficient"
 CABLE_CHANNELS = ("shortening", "tension")
 ANGLES = ("pitch", "roll", "yaw")
 AXES = ("x", "y", "z")
-FRAME_UNITS = {"x": "m", "y": "m", "z": "m", "rx": "rad", "ry": "rad", "rz": "rad"}
-FRAME = tuple(f"frame.{axis}" for axis in FRAME_UNITS)
-RIG_UNITS = {
-    "slack": "m",
-    "tension_offset": "N",
-    **{f"{angle}_offset": "rad" for angle in ANGLES},
+FRAME_KINDS = {
+    **dict.fromkeys(("x", "y", "z"), QUANTITIES["length"]),
+    **dict.fromkeys(("rx", "ry", "rz"), QUANTITIES["angle"]),
 }
-"""Units of the rig's parameters by the last part of their names; `FRAME_UNITS` has those of the frame."""
+FRAME = tuple(f"frame.{axis}" for axis in FRAME_KINDS)
+RIG_KINDS = {
+    "slack": QUANTITIES["slack"],
+    "tension_offset": QUANTITIES["tension offset"],
+    **{f"{angle}_offset": QUANTITIES["angle"] for angle in ANGLES},
+}
+"""Kinds of the rig's parameters by the last part of their names; `FRAME_KINDS` has those of the frame."""
 
 
 @dataclass(frozen=True)
@@ -178,7 +181,7 @@ class Experiment:
         if self.rig.pulleys is not None:
             values[PULLEY_FRICTION] = self.rig.pulleys.friction_coefficient
         if self.points:
-            values |= {f"frame.{axis}": self.rig.frame.get(axis, 0.0) for axis in FRAME_UNITS}
+            values |= {f"frame.{axis}": self.rig.frame.get(axis, 0.0) for axis in FRAME_KINDS}
         return {name: self.settings.get(name, value) for name, value in values.items()}
 
     def _cable_channels(self) -> list[str]:
@@ -232,17 +235,18 @@ def rig_parameters(experiments: Iterable[Experiment]) -> dict[str, ParameterInfo
     found: dict[str, ParameterInfo] = {}
     for experiment in experiments:
         for name, value in experiment.rig_values().items():
-            lower = -1e-300 if name == PULLEY_FRICTION else -math.inf
-            found.setdefault(name, ParameterInfo(name, rig_unit(name) or "1", value, lower, math.inf))
+            kind = rig_kind(name)
+            if kind is not None:
+                found.setdefault(name, ParameterInfo(name, kind, value))
     return found
 
 
-def rig_unit(name: str) -> str | None:
-    """The unit of a rig parameter by its dotted name, or None where it is none of the rig's."""
+def rig_kind(name: str) -> Quantity | None:
+    """The kind of quantity of a rig parameter by its dotted name, or None where it is none of the rig's."""
     owner, _, kind = name.rpartition(".")
     if name == PULLEY_FRICTION:
-        return "1"
-    return FRAME_UNITS.get(kind) if owner == "frame" else RIG_UNITS.get(kind)
+        return QUANTITIES["friction coefficient"]
+    return FRAME_KINDS.get(kind) if owner == "frame" else RIG_KINDS.get(kind)
 
 
 def _rows(missing: np.ndarray) -> str:

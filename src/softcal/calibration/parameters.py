@@ -164,7 +164,7 @@ def search_space(
             continue
         infos = [known[target] for target in parameter.targets]
         faults += [fault for info in infos for fault in _limit_faults(parameter, info)]
-        floor, ceiling = max(info.lower for info in infos), min(info.upper for info in infos)
+        floor, ceiling = max(info.floor for info in infos), min(info.ceiling for info in infos)
         started = replace(parameter, floor=floor, ceiling=ceiling)
         present = sum(info.value for info in infos) / len(infos)
         if not (parameter.per_experiment or parameter.per_set_up) or parameter.experiment:
@@ -199,7 +199,7 @@ def split(space: SearchSpace, label: str, known: Mapping[str, ParameterInfo]) ->
         if p.label != label:
             parts.append(p)
             continue
-        parts += [replace(p, name=t, of=(), floor=known[t].lower, ceiling=known[t].upper) for t in p.targets]
+        parts += [replace(p, name=t, of=(), floor=known[t].floor, ceiling=known[t].ceiling) for t in p.targets]
     return SearchSpace(tuple(parts))
 
 
@@ -289,16 +289,8 @@ def _limit_faults(parameter: FreeParameter, info: ParameterInfo) -> list[Fault]:
         of = f" ({info.name})" if info.name != parameter.name else ""
         faults.append(Fault("the unit is not the parameter's" + of, parameter.label, parameter.unit, info.unit))
     for what, bound in (("lower bound", parameter.lower), ("upper bound", parameter.upper)):
-        if not info.lower < bound < info.upper:
-            faults.append(
-                Fault(
-                    f"the {what} is outside what the parameter may be",
-                    parameter.label,
-                    got=f"{bound:.6g} {info.unit}",
-                    allowed=f"{'0 <=' if info.lower == -1e-300 else f'{info.lower:.4g} <'} bound < {info.upper:.4g}",
-                    attempt="0.4999 instead of 0.5" if info.name.endswith("poissons_ratio") and bound >= 0.5 else "",
-                )
-            )
+        if (fault := info.quantity.fault(bound, parameter.label)) is not None:
+            faults.append(replace(fault, what=f"the {what} is outside what the parameter may be"))
     return faults
 
 

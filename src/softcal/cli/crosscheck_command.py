@@ -54,9 +54,9 @@ def crosscheck(
     from softcal.project.crosschecking import crosscheck_project, write_crosscheck
     from softcal.project.exporting import load_calibrated
     from softcal.project.output import require_free_folder
-    from softcal.units import parse_quantity
+    from softcal.quantities import QUANTITIES
 
-    longest = parse_quantity(timeout, "s", where="--timeout") if timeout else None
+    longest = QUANTITIES["duration"].read(timeout, where="--timeout") if timeout else None
     if out is not None:
         require_free_folder(out)
     project = load_calibrated(source, parsed_values(values))

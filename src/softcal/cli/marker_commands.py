@@ -38,11 +38,11 @@ def board(
     """Write a ChArUco board, or single markers, as SVG to print at true scale."""
     from softcal.experiments.pattern_sheet import board_sheet, marker_sheet
     from softcal.project.output import require_free_file, write_new_file
-    from softcal.units import parse_quantity
+    from softcal.quantities import QUANTITIES
 
     require_free_file(out)
     if ids:
-        text = marker_sheet(dictionary, _numbers(ids), parse_quantity(size, "m", where="--size"))
+        text = marker_sheet(dictionary, _numbers(ids), QUANTITIES["size"].read(size, where="--size"))
     else:
         text = board_sheet(_board(squares, square, marker, dictionary, legacy))
     write_new_file(out, text)
@@ -148,12 +148,12 @@ def markers(  # noqa: PLR0913 (one argument for each option)
 
 def _board(squares: str, square: str, marker: str, dictionary: str, legacy: bool) -> Any:
     from softcal.experiments.fiducials import CharucoBoard
-    from softcal.units import parse_quantity
+    from softcal.quantities import QUANTITIES
 
     columns, sign, rows = squares.lower().partition("x")
     if not (sign and columns.strip().isdecimal() and rows.strip().isdecimal()):
         raise InputError(Fault("this is no number of squares", "--squares", f"'{squares}'", "such as 9x6"))
-    sides = parse_quantity(square, "m", where="--square"), parse_quantity(marker, "m", where="--marker")
+    sides = QUANTITIES["size"].read(square, where="--square"), QUANTITIES["size"].read(marker, where="--marker")
     return CharucoBoard(int(columns), int(rows), *sides, dictionary, legacy)
 
 

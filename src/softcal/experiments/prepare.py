@@ -22,10 +22,24 @@ from softcal.experiments.noise import estimate_noise, set_noise
 from softcal.experiments.pulleys import correct_pulley_friction
 from softcal.experiments.sampling import resample, window
 from softcal.experiments.slack import remove_slack
-from softcal.units import SI_UNITS, parse_quantity
+from softcal.limits import LIMITS
+from softcal.quantities import QUANTITIES
+from softcal.units import parse_quantity
 
 SettingKind = Literal[
-    "length", "force", "time", "angle", "ratio", "count", "flag", "choice", "channel", "of channel", "cycles"
+    "slack",
+    "force",
+    "time",
+    "angle",
+    "share",
+    "positive ratio",
+    "friction coefficient",
+    "count",
+    "flag",
+    "choice",
+    "channel",
+    "of channel",
+    "cycles",
 ]
 
 
@@ -33,7 +47,7 @@ SettingKind = Literal[
 class Setting:
     """What a step may be told.
 
-    kind: a quantity ("length", "force", "time", "angle", "ratio") with its unit; "of channel", a quantity in the unit
+    kind: a quantity of `QUANTITIES` by its name, with its unit; "of channel", a quantity in the unit
     of the channel that the setting `channel_from` names; "count", a whole number; "flag", true or false; "channel", a
     channel's name; "choice", one of `choices`; "cycles", one of `choices` or a list of cycle numbers.
     """
@@ -104,15 +118,15 @@ PREPARATIONS: Mapping[str, Preparation] = {
             correct_pulley_friction,
             {
                 "n_pulleys": Setting("count"),
-                "friction_coefficient": Setting("ratio"),
+                "friction_coefficient": Setting("friction coefficient"),
                 "wrap_angle": Setting("angle"),
                 "branch": _BRANCH,
             },
         ),
         Preparation(
-            "find_cycles", find_cycles, {"lower_force_limit": Setting("force"), "prominence": Setting("ratio")}
+            "find_cycles", find_cycles, {"lower_force_limit": Setting("force"), "prominence": Setting("share")}
         ),
-        Preparation("classify_cycles", classify_cycles, {"threshold": Setting("ratio")}),
+        Preparation("classify_cycles", classify_cycles, {"threshold": Setting("positive ratio")}),
         Preparation(
             "select_cycles",
             select_cycles,
@@ -136,7 +150,7 @@ PREPARATIONS: Mapping[str, Preparation] = {
             "remove_slack",
             remove_slack,
             {
-                "slack": Setting("length"),
+                "slack": Setting("slack"),
                 "threshold_force": Setting("force"),
                 "subtract_floor": Setting("flag"),
                 "keep_slack_samples": Setting("flag"),
@@ -245,12 +259,14 @@ def _parse_setting(preparation: Preparation, key: str, value: object, given: Map
     if setting.choices and isinstance(value, str) and value in setting.choices:
         return value
     match setting.kind:
-        case "length" | "force" | "time" | "angle" | "ratio":
-            return parse_quantity(value, SI_UNITS[setting.kind], where=where)
+        case "slack" | "force" | "time" | "angle" | "share" | "positive ratio" | "friction coefficient":
+            return QUANTITIES[setting.kind].read(value, where=where)
         case "of channel":
             return _parse_of_channel(preparation, setting, value, given, where)
         case "count":
             if isinstance(value, int) and not isinstance(value, bool) and value >= 0:
+                if value:
+                    LIMITS["samples"].check(value, where=where)
                 return value
             raise _wrong(where, value, "a whole number, 0 or more")
         case "flag":

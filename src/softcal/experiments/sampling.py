@@ -10,6 +10,7 @@ from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
 from softcal.experiments.branches import curve
 from softcal.experiments.dataset import Dataset, Step
+from softcal.limits import LIMITS
 from softcal.units import format_quantity
 
 # A channel may fall back by this share of its range and still count as rising with noise.
@@ -99,6 +100,8 @@ def _n_samples(dataset: Dataset, by: str, n: int | None, step: float | None, spa
             Fault("resample needs either n or step", where=dataset.name, got="both" if n is not None else "neither")
         )
     if step is not None:
+        if step > 0.0:
+            LIMITS["samples"].check(1 + span / step, where=dataset.name)
         n = int(np.floor(span / step * (1 + 1e-12))) + 1 if step > 0.0 else 0
     if n is None or n < 2:
         raise DatasetError(

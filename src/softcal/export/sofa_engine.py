@@ -195,7 +195,7 @@ class _Run:
         known = robot_parameters(self.linear.robot)
         linear, protocol = self.linear, self.protocol
         if name in known:
-            value, upper = known[name].value, known[name].upper
+            value, upper = known[name].value, known[name].ceiling
             step = -STEP * min(abs(value), upper - value) if value else STEPS_FROM_ZERO.get(known[name].unit, STEP)
             linear = replace(linear, robot=with_parameters(linear.robot, {name: value + step}))
         else:

@@ -6,12 +6,11 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
 
 from softcal.errors import Fault, InputError, ProjectFileError
 from softcal.geometry.pose import Pose
 from softcal.project.document import Document, Findings, read_document
-from softcal.project.section import Angle, Length, Positive, Section, validated
+from softcal.project.section import Angle, Length, Section, Size, validated
 
 FORMAT = 1
 
@@ -32,7 +31,7 @@ class BaseMarkerSection(Section):
 
     at: tuple[Length, Length, Length]
     rotation_vector: Turn = (0.0, 0.0, 0.0)
-    size: Annotated[Length, Positive] | None = None
+    size: Size | None = None
 
 
 def read_base(text: str) -> Base:

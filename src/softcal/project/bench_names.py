@@ -7,14 +7,15 @@ from fnmatch import fnmatchcase
 
 import numpy as np
 
-from softcal.calibration.experiment import ANGLES, AXES, CABLE_CHANNELS, Experiment, rig_unit
+from softcal.calibration.experiment import ANGLES, AXES, CABLE_CHANNELS, Experiment, rig_parameters
 from softcal.errors import Fault, ParameterError
 from softcal.experiments.names import CHANNEL_UNITS, channel_unit, is_deviation
 from softcal.experiments.read import ColumnSpec
 from softcal.project.bench_schema import ExperimentSection, FileSection
 from softcal.project.document import Findings, KeyPath
 from softcal.project.robot_schema import RobotSection
-from softcal.twin.parameters import out_of_range, robot_parameters, unknown_name
+from softcal.quantities import QUANTITIES
+from softcal.twin.parameters import robot_parameters, unknown_name
 from softcal.twin.robot import PointLoad, Robot
 from softcal.units import parse_quantity
 
@@ -155,20 +156,19 @@ def settings_of(
         Never past this function: `findings` keeps it among the faults of the file.
     """
     known = robot_parameters(robot)
-    rig = experiment.rig_values()
+    rig = rig_parameters([experiment])
+    every = {**known, **rig}
     settings: dict[str, float] = {}
     for name, value in given.items():
         with findings.at((*path, name)):
             owner, _, kind = name.rpartition(".")
             load = next((x for x in robot.loads if isinstance(x, PointLoad) and x.name == owner), None)
             if kind == MASS and load is not None:
-                settings[f"{owner}.force"] = _weight(load, parse_quantity(value, "kg"), robot)
+                settings[f"{owner}.force"] = _weight(load, QUANTITIES["mass"].read(value), robot)
                 continue
-            if name not in known and name not in rig:
-                raise ParameterError(unknown_name(name, dict.fromkeys([*known, *rig])))
-            settings[name] = parse_quantity(value, known[name].unit if name in known else rig_unit(name) or "1")
-            if name in known and (fault := out_of_range(known[name], settings[name])):
-                raise ParameterError(fault)
+            if name not in every:
+                raise ParameterError(unknown_name(name, every))
+            settings[name] = every[name].quantity.read(value)
     return settings
 
 

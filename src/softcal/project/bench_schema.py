@@ -10,12 +10,17 @@ from pydantic import BeforeValidator, Discriminator, Field, PlainValidator, Tag,
 from softcal.project.section import (
     Angle,
     Duration,
-    Force,
+    Factor,
+    Friction,
     Given,
     Length,
-    Positive,
-    Ratio,
     Section,
+    Share,
+    Size,
+    Slack,
+    TensionOffset,
+    at_most,
+    counted,
     fault_error,
     numbered,
 )
@@ -28,16 +33,16 @@ Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 class PulleysSection(Section):
     """The pulleys between the testing machine and the neck (Euler-Eytelwein)."""
 
-    count: Annotated[int, Positive] = 2
+    count: Annotated[int, counted("pulleys")] = 2
     wrap: Angle
-    friction_coefficient: Ratio = 0.0
+    friction_coefficient: Friction = 0.0
 
 
 class RigSection(Section):
     """What stands between the robot and the instruments."""
 
     pulleys: PulleysSection | None = None
-    length: Annotated[Length, Positive] | None = None
+    length: Size | None = None
 
 
 class ColumnSection(Section):
@@ -45,7 +50,7 @@ class ColumnSection(Section):
 
     name: str
     unit: str | None = None
-    scale: float = 1.0
+    scale: Factor = 1.0
 
 
 def _named(value: object) -> object:
@@ -68,12 +73,12 @@ class FileSection(Section):
     )
     delimiter: str | None = None
     decimal: Literal[".", ","] | None = None
-    header_row: int | None = None
-    units_row: int | None = None
-    skip_rows: int = 0
-    skip_footer: int = 0
+    header_row: Annotated[int, counted("lines before the data")] | None = None
+    units_row: Annotated[int, counted("lines before the data")] | None = None
+    skip_rows: Annotated[int, counted("rows to skip")] = 0
+    skip_footer: Annotated[int, counted("rows to skip")] = 0
     axes: tuple[Axis, Axis, Axis] = ("x", "y", "z")
-    rest_samples: int = 10
+    rest_samples: Annotated[int, counted("samples")] = 10
 
     @model_validator(mode="after")
     def _something_read(self) -> FileSection:
@@ -100,7 +105,7 @@ class SynchroniseSection(Section):
     reference: str = "shortening"
     signal: str = "pitch"
     estimate_rate: bool = True
-    min_correlation: Ratio = 0.8
+    min_correlation: Share = 0.8
 
     def settings(self) -> dict[str, Any]:
         """As keyword arguments of `softcal.experiments.synchronise.synchronise`."""
@@ -143,13 +148,13 @@ class ExperimentSection(Section):
     drive: Annotated[Literal["shortening", "tension"] | list[str] | None, PlainValidator(_drive)] = None
     compare: Annotated[list[str], Field(min_length=1)] | None = None
     set_up: str = ""
-    files: Annotated[list[FileSection], Field(min_length=1)]
+    files: Annotated[list[FileSection], Field(min_length=1), at_most("files of an experiment")]
     label: str | None = None
     synchronise: Synchronise | None = None
     prepare: list[Annotated[str | Mapping[str, Any], PlainValidator(_step)]] = Field(default_factory=list)
     noise: Mapping[str, Given] = Field(default_factory=dict)
-    slack: Length = 0.0
-    tension_offset: Force = 0.0
+    slack: Slack = 0.0
+    tension_offset: TensionOffset = 0.0
     pitch_offset: Angle = 0.0
     roll_offset: Angle = 0.0
     frame: FrameSection | None = None

@@ -6,7 +6,9 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field
 
-from softcal.project.section import Given, Positive, Pressure, Ratio, Section, listed
+from softcal.project.section import Given, Modulus, PositiveRatio, Section, counted, listed, quantity
+
+Exponent = Annotated[float, BeforeValidator(quantity("exponent"))]
 
 
 class PriorSection(Section):
@@ -31,12 +33,12 @@ class CalibrationSection(Section):
     """How the free parameters are looked for."""
 
     loss: Literal["papers", "likelihood", "distance"] = "papers"
-    alpha: Annotated[Ratio, Positive] = 0.3
-    beta: Annotated[Ratio, Positive] = 1.0
+    alpha: PositiveRatio = 0.3
+    beta: PositiveRatio = 1.0
     method: Literal["least-squares", "tpe", "grid"] = "least-squares"
-    trials: Annotated[int, Positive] | None = None
-    starts: Annotated[int, Positive] = 3
-    seed: Annotated[int, Field(ge=0)] = 1
+    trials: Annotated[int, counted("trials")] | None = None
+    starts: Annotated[int, counted("starts")] = 3
+    seed: Annotated[int, counted("seeds")] = 1
     fit: Literal["each", "joint", "both"] = "joint"
     hold_out: Annotated[list[str], BeforeValidator(listed)] = Field(default_factory=list)
     split: Annotated[list[str], BeforeValidator(listed)] = Field(default_factory=list)
@@ -45,6 +47,6 @@ class CalibrationSection(Section):
 class PrintSection(Section):
     """What is known of the print, for the plausibility band E_bulk * infill**exponent."""
 
-    bulk_youngs_modulus: tuple[Pressure, Pressure]
-    infill: Ratio
-    exponent: tuple[Ratio, Ratio]
+    bulk_youngs_modulus: tuple[Modulus, Modulus]
+    infill: Annotated[float, BeforeValidator(quantity("infill"))]
+    exponent: tuple[Exponent, Exponent]

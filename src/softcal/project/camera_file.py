@@ -15,18 +15,21 @@ from softcal.errors import Fault, ProjectFileError
 from softcal.experiments.camera import Camera
 from softcal.experiments.charuco import Calibration
 from softcal.project.document import Findings, read_document
-from softcal.project.section import Positive, Ratio, Section, quantity, validated
+from softcal.project.section import Section, quantity, validated
 
 FORMAT = 1
 
-Pixels = Annotated[float, BeforeValidator(quantity("px"))]
+Pixels = Annotated[float, BeforeValidator(quantity("pixel"))]
+Focal = Annotated[float, BeforeValidator(quantity("focal length"))]
+Width = Annotated[float, BeforeValidator(quantity("width in pixels"))]
+Distortion = Annotated[float, BeforeValidator(quantity("distortion coefficient"))]
 
 
 class MatrixSection(Section):
     """Focal lengths and principal point."""
 
-    fx: Annotated[Pixels, Positive]
-    fy: Annotated[Pixels, Positive]
+    fx: Focal
+    fy: Focal
     cx: Pixels
     cy: Pixels
 
@@ -34,21 +37,21 @@ class MatrixSection(Section):
 class DistortionSection(Section):
     """Brown's coefficients."""
 
-    k1: Ratio = 0.0
-    k2: Ratio = 0.0
-    p1: Ratio = 0.0
-    p2: Ratio = 0.0
-    k3: Ratio = 0.0
+    k1: Distortion = 0.0
+    k2: Distortion = 0.0
+    p1: Distortion = 0.0
+    p2: Distortion = 0.0
+    k3: Distortion = 0.0
 
 
 class CameraSection(Section):
     """What of a camera file is needed to use the camera; the rest tells how it came about."""
 
     camera: int
-    resolution: tuple[Annotated[Pixels, Positive], Annotated[Pixels, Positive]]
+    resolution: tuple[Width, Width]
     matrix: MatrixSection
     distortion: DistortionSection = DistortionSection()
-    reprojection_error: Pixels | None = None
+    reprojection_error: Annotated[float, BeforeValidator(quantity("reprojection error"))] | None = None
     calibration: dict[str, Any] | None = None
 
 

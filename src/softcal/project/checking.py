@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from softcal.calibration.experiment import Experiment, rig_unit
+from softcal.calibration.experiment import Experiment, rig_parameters
 from softcal.checks import Ints
 from softcal.errors import Fault
 from softcal.experiments.names import is_deviation
@@ -180,12 +180,11 @@ def _bench_rows(project: Project) -> list[tuple[str, str]]:
 
 def _driven(project: Project, experiment: Experiment) -> str:
     """What drives the twin, in words."""
-    known = robot_parameters(project.robot)
-    units = {name: known[name].unit if name in known else rig_unit(name) or "1" for name in experiment.settings}
+    known = {**robot_parameters(project.robot), **rig_parameters([experiment])}
     names = [experiment.twin_channel(channel).rsplit(".", 1) for channel in experiment.drives]
     driven = " and ".join(f"{cable} by {control}" for cable, control in names) or "no cable is driven"
     return driven + "".join(
-        f", {name} = {format_quantity(value, units[name])}" for name, value in experiment.settings.items()
+        f", {name} = {format_quantity(value, known[name].unit)}" for name, value in experiment.settings.items()
     )
 
 

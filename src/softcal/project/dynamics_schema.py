@@ -2,35 +2,35 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Literal
 
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
-from softcal.project.section import Duration, Positive, Rate, Section, Speed, fault_error
+from softcal.project.section import Duration, Rate, Section, Speed, Time, fault_error
 from softcal.twin.schedule import Settling, TimeSettings
 
 
 class SettleSection(Section):
     """When the robot has come to rest, and what is watched: a plate, a marker, or every point."""
 
-    speed: Annotated[Speed, Positive] = 1e-6
-    hold: Annotated[Duration, Field(ge=0)] = 0.1
-    longest: Annotated[Duration, Positive] = 60.0
+    speed: Speed = 1e-6
+    hold: Time = 0.1
+    longest: Duration = 60.0
     on: str = ""
 
 
 class DynamicsSection(Section):
     """How motion is computed: a pull grows over `ramp`; then the robot settles, or `hold` more is computed."""
 
-    time_step: Annotated[Duration, Positive] = 0.01
-    rayleigh_stiffness: Annotated[Duration, Field(ge=0)] = 0.2
-    rayleigh_mass: Annotated[Rate, Field(ge=0)] = 0.1
+    time_step: Duration = 0.01
+    rayleigh_stiffness: Time = 0.2
+    rayleigh_mass: Rate = 0.1
     scheme: Literal["converged", "one-solve"] = "converged"
     damping: Literal["strain", "tangent"] | None = None
     masses: Literal["consistent", "lumped"] = "consistent"
     start: Literal["equilibrium", "undeformed"] = "equilibrium"
-    ramp: Annotated[Duration, Positive] = 1.0
-    hold: Annotated[Duration, Field(ge=0)] | None = None
+    ramp: Duration = 1.0
+    hold: Time | None = None
     settle: SettleSection | None = None
 
     @model_validator(mode="after")

@@ -9,7 +9,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from softcal.export.sofa_engine import SofaSettings
 from softcal.export.sofa_scene import Resting
-from softcal.project.section import Duration, Positive, Rate, Section, Speed, fault_error, listed
+from softcal.project.section import Duration, Rate, Section, Speed, Time, at_most, counted, fault_error, listed
 
 _SOFA = SofaSettings()
 _RESTING = _SOFA.resting
@@ -27,16 +27,20 @@ def _falling(steps: tuple[float, ...]) -> tuple[float, ...]:
 
 
 TimeSteps = Annotated[
-    tuple[Annotated[Duration, Positive], ...], BeforeValidator(listed), Field(min_length=1), AfterValidator(_falling)
+    tuple[Duration, ...],
+    BeforeValidator(listed),
+    Field(min_length=1),
+    at_most("time steps to try"),
+    AfterValidator(_falling),
 ]
 
 
 class RestSection(Section):
     """When a state is at rest: nothing faster than `speed` for `hold`; it is given up after `longest`."""
 
-    speed: Annotated[Speed, Positive] = _RESTING.speed
-    hold: Annotated[Duration, Positive] = _RESTING.hold
-    longest: Annotated[Duration, Positive] = _RESTING.longest
+    speed: Speed = _RESTING.speed
+    hold: Duration = _RESTING.hold
+    longest: Duration = _RESTING.longest
 
     @model_validator(mode="after")
     def _can_be_held(self) -> RestSection:
@@ -52,12 +56,12 @@ class RestSection(Section):
 class SofaSection(Section):
     """How SOFA is run to rest from state to state, how many states one cable's pull has, and how long SOFA may take."""
 
-    timeout: Annotated[Duration, Positive] = _SOFA.timeout
-    states: Annotated[int, Field(ge=2)] = _SOFA.states
+    timeout: Duration = _SOFA.timeout
+    states: Annotated[int, counted("states")] = _SOFA.states
     time_steps: TimeSteps = _RESTING.time_steps
-    rayleigh_stiffness: Annotated[Duration, Field(ge=0)] = _RESTING.rayleigh_stiffness
-    rayleigh_mass: Annotated[Rate, Field(ge=0)] = _RESTING.rayleigh_mass
-    ramp: Annotated[Duration, Positive] = _RESTING.ramp
+    rayleigh_stiffness: Time = _RESTING.rayleigh_stiffness
+    rayleigh_mass: Rate = _RESTING.rayleigh_mass
+    ramp: Duration = _RESTING.ramp
     settle: RestSection = Field(default_factory=RestSection)
 
     @property

@@ -17,11 +17,11 @@ from softcal.project.project import Project, load
 from softcal.project.run_folder import headline_of, load_run, refuse_project_folder
 from softcal.project.search import held_values
 from softcal.project.simulation import simulate_each
+from softcal.quantities import QUANTITIES
 from softcal.twin.parameters import robot_parameters, with_parameters
 from softcal.twin.response import Response, Shown
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
-from softcal.units import parse_quantity
 
 if TYPE_CHECKING:
     from softcal.export.reduced import Reach
@@ -192,9 +192,9 @@ def _reach(text: str) -> Reach:
     from softcal.export.reduced import Reach
 
     try:
-        return Reach(parse_quantity(text, "m"), "m")
+        return Reach(QUANTITIES["shortening"].read(text), "m")
     except UnitError:
-        return Reach(parse_quantity(text, "N", where="--reach"), "N")
+        return Reach(QUANTITIES["tension"].read(text, where="--reach"), "N")
 
 
 def _write_each(names: Collection[str], folder: Path, write: Callable[[str, Path], list[Path]]) -> list[Path]:

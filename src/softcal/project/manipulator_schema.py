@@ -6,17 +6,19 @@ import re
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, PlainValidator, field_validator
+from pydantic import BeforeValidator, PlainValidator
 
 from softcal.project.section import (
     Angle,
+    Clearance,
     Density,
-    Length,
+    Friction,
     Mass,
-    Positive,
-    Ratio,
+    PoissonsRatio,
     Section,
-    checked_poissons_ratio,
+    Size,
+    Turns,
+    counted,
     fault_error,
     quantity,
 )
@@ -50,21 +52,21 @@ KEYS: Mapping[str, tuple[str, ...]] = {
 class BaseSection(Section):
     """The disc that does not move."""
 
-    diameter: Length | None = None
-    thickness: Length | None = None
+    diameter: Size | None = None
+    thickness: Size | None = None
 
 
 class DiscsSection(Section):
     """The discs that move, all alike; without a mass, they weigh their volume times the springs' density."""
 
-    diameter: Length | None = None
-    thickness: Length | None = None
-    hole_diameter: Length | None = None
+    diameter: Size | None = None
+    thickness: Size | None = None
+    hole_diameter: Clearance | None = None
     mass: Mass | None = None
 
 
 def _moduli(value: object) -> float | dict[str, float]:
-    read = quantity("Pa")
+    read = quantity("modulus")
     if not isinstance(value, dict):
         return read(value)
     given: dict[str, object] = value
@@ -78,23 +80,18 @@ class SpringsSection(Section):
     """
 
     model: Literal["rod", "solid"] = "rod"
-    wire_diameter: Length | None = None
-    coil_diameter: Length | None = None
-    turns: Ratio | None = None
+    wire_diameter: Size | None = None
+    coil_diameter: Size | None = None
+    turns: Turns | None = None
     left_handed: bool | None = None
     azimuth: Angle | None = None
-    elements_per_turn: Annotated[int, Positive] = 12
-    rings: Annotated[int, Positive] = 1
-    layers_per_turn: Annotated[int, Positive] | None = None
+    elements_per_turn: Annotated[int, counted("elements in a turn")] = 12
+    rings: Annotated[int, counted("rings of elements")] = 1
+    layers_per_turn: Annotated[int, counted("elements in a turn")] | None = None
     element: ElementKind = "P2P1"
     youngs_modulus: Annotated[float | dict[str, float], PlainValidator(_moduli)]
-    poissons_ratio: Ratio
+    poissons_ratio: PoissonsRatio
     density: Density = 0.0
-
-    @field_validator("poissons_ratio")
-    @classmethod
-    def _compressible(cls, value: float) -> float:
-        return checked_poissons_ratio(value)
 
 
 def _disc_number(name: object) -> int:
@@ -118,25 +115,25 @@ def _by_disc(value: object) -> object:
 class CablesSection(Section):
     """The cables: at which discs they end, with the azimuth of the first of each end's."""
 
-    radius: Length | None = None
-    per_end: Annotated[int, Positive] | None = None
+    radius: Clearance | None = None
+    per_end: Annotated[int, counted("cables at an end")] | None = None
     ends: Annotated[dict[int, Angle] | None, BeforeValidator(_by_disc)] = None
-    exit: Length | None = None
-    friction_coefficient: Ratio = 0.0
+    exit: Clearance | None = None
+    friction_coefficient: Friction = 0.0
 
 
 class MarkersSection(Section):
     """Where the marker of each disc is, in its middle plane."""
 
-    radius: Length | None = None
+    radius: Clearance | None = None
     azimuth: Angle | None = None
 
 
 class ManipulatorSection(Section):
     """Discs joined by helical springs, and cables that end at some of them (paper B)."""
 
-    total_length: Length | None = None
-    sections: Annotated[int, Positive] | None = None
+    total_length: Size | None = None
+    sections: Annotated[int, counted("sections of a manipulator")] | None = None
     hanging: bool | None = None
     base: BaseSection = BaseSection()
     discs: DiscsSection = DiscsSection()

@@ -19,7 +19,7 @@ from softcal.experiments.shots import Grouping, Shot, find_shots, read_image
 from softcal.project.base_file import read_base
 from softcal.project.camera_file import camera_text, read_camera
 from softcal.project.output import require_free_file, write_new_file
-from softcal.units import parse_quantity
+from softcal.quantities import QUANTITIES
 
 Viewpoints = Literal["each", "numbered", "one"]
 Progress = Callable[[int, int], None]
@@ -182,7 +182,7 @@ def measure_markers(  # noqa: PLR0913 (one keyword for each option)
 def _marker_set(base: str, dictionary: str, size: str, sizes: str, names: str) -> MarkerSet:
     standing = read_base(base)
     given_sizes = {
-        number: parse_quantity(text, "m", where=f"--sizes, marker {number}")
+        number: QUANTITIES["size"].read(text, where=f"--sizes, marker {number}")
         for number, text in _by_number(sizes, "--sizes", "0=40mm,3=15mm").items()
     }
     given_names = _by_number(names, "--names", "1=S1,2=S2")
@@ -204,7 +204,7 @@ def _marker_set(base: str, dictionary: str, size: str, sizes: str, names: str) -
         raise InputError(faults)
     return MarkerSet(
         standing.placed,
-        parse_quantity(size, "m", where="--size"),
+        QUANTITIES["size"].read(size, where="--size"),
         standing.companions,
         {**standing.sizes, **given_sizes},
         given_names,

@@ -9,7 +9,19 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Discriminator, Tag, model_validator
 
 from softcal.project.rod_schema import require_climb
-from softcal.project.section import Angle, Direction, Length, Point, Positive, Ratio, Section, fault_error, require_one
+from softcal.project.section import (
+    Angle,
+    Clearance,
+    Direction,
+    Point,
+    Section,
+    Size,
+    Turns,
+    counted,
+    fault_error,
+    quantity,
+    require_one,
+)
 
 TO_FILL = (".stl", ".step", ".stp")
 CARRIES_UNIT = (".step", ".stp")
@@ -21,8 +33,8 @@ class MeshFile(Section):
 
     file: str
     unit: str | None = None
-    size: Annotated[Length, Positive] | None = None
-    tets: Annotated[int, Positive] | None = None
+    size: Size | None = None
+    tets: Annotated[int, counted("tets")] | None = None
     order: Literal[1, 2] | None = None
 
     @model_validator(mode="after")
@@ -48,20 +60,20 @@ class MeshNeck(Section):
     """The soft neck, made by Gmsh from its lengths; what is left out is as published, scaled to the outer diameter."""
 
     primitive: Literal["neck"]
-    outer_diameter: Annotated[Length, Positive] = 0.038
-    n_bells: Annotated[int, Positive] | None = None
-    bottom_link_height: Annotated[Length, Positive] | None = None
-    link_pitch: Annotated[Length, Positive] | None = None
-    dome_height: Annotated[Length, Positive] | None = None
-    waist_diameter: Annotated[Length, Positive] | None = None
-    collar_diameter: Annotated[Length, Positive] | None = None
-    collar_height: Annotated[Length, Positive] | None = None
-    clamp_depth: Annotated[Length, Positive] | None = None
-    size: Annotated[Length, Positive] | None = None
-    tets: Annotated[int, Positive] | None = None
+    outer_diameter: Size = 0.038
+    n_bells: Annotated[int, counted("bells")] | None = None
+    bottom_link_height: Size | None = None
+    link_pitch: Size | None = None
+    dome_height: Size | None = None
+    waist_diameter: Size | None = None
+    collar_diameter: Size | None = None
+    collar_height: Size | None = None
+    clamp_depth: Size | None = None
+    size: Size | None = None
+    tets: Annotated[int, counted("tets")] | None = None
     order: Literal[1, 2] = 2
-    waist_refinement: Annotated[Ratio, Positive] = 1.0
-    sectors: Annotated[int, Positive] | None = None
+    waist_refinement: Annotated[float, BeforeValidator(quantity("refinement"))] = 1.0
+    sectors: Annotated[int, counted("sectors")] | None = None
 
     @model_validator(mode="after")
     def _one_target(self) -> MeshNeck:
@@ -73,10 +85,10 @@ class MeshRod(Section):
     """A straight round rod from the body's origin along its z."""
 
     primitive: Literal["rod"]
-    length: Annotated[Length, Positive]
-    diameter: Annotated[Length, Positive]
-    layers: Annotated[int, Positive] | None = None
-    rings: Annotated[int, Positive] = 1
+    length: Size
+    diameter: Size
+    layers: Annotated[int, counted("layers of elements")] | None = None
+    rings: Annotated[int, counted("rings of elements")] = 1
     order: Literal[1, 2] = 2
 
 
@@ -84,14 +96,14 @@ class MeshSpring(Section):
     """The wire of a helical spring about the body's z; its ends are as they are cut."""
 
     primitive: Literal["spring"]
-    wire_diameter: Annotated[Length, Positive]
-    coil_diameter: Annotated[Length, Positive]
-    turns: Annotated[Ratio, Positive]
-    pitch: Annotated[Length, Positive] | None = None
-    height: Annotated[Length, Positive] | None = None
+    wire_diameter: Size
+    coil_diameter: Size
+    turns: Turns
+    pitch: Size | None = None
+    height: Size | None = None
     left_handed: bool = False
-    layers_per_turn: Annotated[int, Positive] | None = None
-    rings: Annotated[int, Positive] = 1
+    layers_per_turn: Annotated[int, counted("elements in a turn")] | None = None
+    rings: Annotated[int, counted("rings of elements")] = 1
     order: Literal[1, 2] = 2
 
     @model_validator(mode="after")
@@ -103,9 +115,9 @@ class MeshSpring(Section):
 class DiscHolesSection(Section):
     """The guide holes of a disc, evenly spaced on a circle of `radius`; angles count about +z from +x."""
 
-    count: Annotated[int, Positive]
-    diameter: Annotated[Length, Positive]
-    radius: Annotated[Length, Positive]
+    count: Annotated[int, counted("holes on a ring")]
+    diameter: Size
+    radius: Size
     first_angle: Angle = 0.0
 
 
@@ -113,12 +125,12 @@ class MeshDisc(Section):
     """A disc with holes from the body's origin upwards, made by Gmsh."""
 
     primitive: Literal["disc"]
-    diameter: Annotated[Length, Positive]
-    thickness: Annotated[Length, Positive]
-    centre_hole: Length = 0.0
+    diameter: Size
+    thickness: Size
+    centre_hole: Clearance = 0.0
     holes: DiscHolesSection | None = None
-    size: Annotated[Length, Positive] | None = None
-    tets: Annotated[int, Positive] | None = None
+    size: Size | None = None
+    tets: Annotated[int, counted("tets")] | None = None
     order: Literal[1, 2] = 2
 
     @model_validator(mode="after")
@@ -165,7 +177,7 @@ class PlaneRegion(Section):
     point: Point
     normal: Direction
     side: Literal["on", "above", "below"] = "on"
-    tolerance: Length = 0.0
+    tolerance: Clearance = 0.0
 
 
 class BoxRegion(Section):
@@ -180,14 +192,14 @@ class CylinderRegion(Section):
 
     start: Point
     end: Point
-    radius: Annotated[Length, Positive]
+    radius: Size
 
 
 class SphereRegion(Section):
     """What lies in a ball."""
 
     centre: Point
-    radius: Annotated[Length, Positive]
+    radius: Size
 
 
 class RegionSection(Section):

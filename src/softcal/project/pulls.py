@@ -9,9 +9,9 @@ import numpy as np
 
 from softcal.errors import Fault, InputError, UnitError
 from softcal.project.simulation import pull
+from softcal.quantities import QUANTITIES
 from softcal.twin.protocol import Protocol
 from softcal.twin.robot import Control, Robot
-from softcal.units import parse_quantity
 
 HANGING = ".mass"  # after a cable's name: the value is a mass that hangs from it
 
@@ -44,11 +44,11 @@ def _parsed(robot: Robot, text: str) -> tuple[str, Control, float]:
     if name.endswith(HANGING):
         return name.removesuffix(HANGING), "tension", _weight(robot, text, value)
     try:
-        return name, "shortening", parse_quantity(value, "m")
+        return name, "shortening", QUANTITIES["shortening"].read(value)
     except UnitError:
         pass
     try:
-        return name, "tension", parse_quantity(value, "N")
+        return name, "tension", QUANTITIES["tension"].read(value)
     except UnitError as error:
         allowed = f"a cable and a length or force: front=40mm, front=8N, front=2kgf; a mass hangs by front{HANGING}=2kg"
         raise InputError(Fault("this is no pull", "--pull", f"'{text}'", allowed)) from error
@@ -56,7 +56,7 @@ def _parsed(robot: Robot, text: str) -> tuple[str, Control, float]:
 
 def _weight(robot: Robot, text: str, value: str) -> float:
     """The tension [N] by which a mass pulls its cable, under the robot's gravity."""
-    mass = parse_quantity(value, "kg", where=f"--pull {text}")
+    mass = QUANTITIES["mass"].read(value, where=f"--pull {text}")
     gravity = float(np.linalg.norm(robot.gravity))
     if gravity == 0.0:
         raise InputError(

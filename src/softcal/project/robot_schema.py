@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Discriminator, Field, PlainValidator, Tag, field_validator, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, PlainValidator, Tag, model_validator
 
 from softcal.project.manipulator_schema import ManipulatorSection
 from softcal.project.mesh_schema import Mesh, RegionSection
@@ -13,18 +13,21 @@ from softcal.project.rod_schema import PlacementSection, RodSection
 from softcal.project.section import (
     Acceleration,
     Angle,
+    Clearance,
     Density,
     Direction,
-    Length,
+    Friction,
     Mass,
+    Modulus,
+    MomentOfInertia,
     Point,
-    Positive,
-    Pressure,
-    Ratio,
+    PoissonsRatio,
     Section,
+    Size,
     Speed,
     Traction,
-    checked_poissons_ratio,
+    at_most,
+    counted,
     fault_error,
     listed,
     quantity,
@@ -40,34 +43,29 @@ class BodySection(Section):
     mesh: Mesh
     element: Element = "P2P1"
     law: str = "neo-hooke"
-    youngs_modulus: Annotated[Pressure, Positive]
-    poissons_ratio: Ratio
+    youngs_modulus: Modulus
+    poissons_ratio: PoissonsRatio
     density: Density = 0.0
     regions: Mapping[str, RegionSection] = Field(default_factory=dict)
     fixed: Annotated[list[str], BeforeValidator(listed)] = Field(default_factory=list)
     placement: PlacementSection | None = None
 
-    @field_validator("poissons_ratio")
-    @classmethod
-    def _compressible(cls, value: float) -> float:
-        return checked_poissons_ratio(value)
-
 
 class DiscSection(Section):
     """The shape of a plate: a flat cylinder around `centre`, by default the plate's reference."""
 
-    diameter: Annotated[Length, Positive]
-    thickness: Annotated[Length, Positive]
+    diameter: Size
+    thickness: Size
     axis: Direction = (0.0, 0.0, 1.0)
     centre: Point | None = None
-    hole_diameter: Length = 0.0
+    hole_diameter: Clearance = 0.0
 
 
 class RingSection(Section):
     """Holes evenly spaced on a circle; angles count about `axis` from `zero`."""
 
-    count: Annotated[int, Positive]
-    radius: Annotated[Length, Positive]
+    count: Annotated[int, counted("holes on a ring")]
+    radius: Size
     first_angle: Angle = 0.0
     names: list[str] | None = None
     centre: Point | None = None
@@ -108,7 +106,6 @@ class HolesSection(Section):
         return [*self.points, *(self.ring.hole_names if self.ring else [])]
 
 
-MomentOfInertia = Annotated[float, BeforeValidator(quantity("kg*m^2"))]
 _Moments = tuple[MomentOfInertia, MomentOfInertia, MomentOfInertia]
 
 
@@ -160,7 +157,7 @@ class TieSection(Section):
     body: str
     region: str
     on: str
-    tolerance: Annotated[Length, Positive] | None = None
+    tolerance: Size | None = None
 
 
 class ViaSection(Section):
@@ -198,13 +195,13 @@ def _require_place(point: ViaSection | MarkerSection) -> None:
 class CableSection(Section):
     """A cable through two or more points; it is pulled at its last one unless said otherwise."""
 
-    via: Annotated[list[ViaSection], Field(min_length=2)]
-    friction_coefficient: Ratio = 0.0
+    via: Annotated[list[ViaSection], Field(min_length=2), at_most("points of a line")]
+    friction_coefficient: Friction = 0.0
     pulled_end: Literal["first", "last"] = "last"
 
 
 def _force(value: object) -> float | tuple[float, float, float]:
-    read = quantity("N")
+    read = quantity("force")
     if not isinstance(value, list):
         return read(value)
     parts: list[Any] = value
@@ -253,10 +250,10 @@ class LoadSection(Section):
 class ContactSection(Section):
     """That parts do not pass through each other; gap and stiffness of the barrier fit the robot where left out."""
 
-    gap: Annotated[Length, Positive] | None = None
-    stiffness: Annotated[Pressure, Positive] | None = None
-    friction_coefficient: Ratio = 0.0
-    creep: Annotated[Speed, Positive] | None = None
+    gap: Size | None = None
+    stiffness: Modulus | None = None
+    friction_coefficient: Friction = 0.0
+    creep: Speed | None = None
 
 
 def _contact(value: object) -> object:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated
 
-from pydantic import BeforeValidator, Field, PlainValidator, field_validator, model_validator
+from pydantic import BeforeValidator, Field, PlainValidator, model_validator
 
 from softcal.geometry.placement import placement
 from softcal.geometry.pose import Pose
@@ -14,14 +14,16 @@ from softcal.project.section import (
     Area,
     Density,
     Direction,
-    Length,
+    Modulus,
     Point,
-    Positive,
-    Pressure,
-    Ratio,
+    PoissonsRatio,
+    PositiveRatio,
     SecondMoment,
     Section,
-    checked_poissons_ratio,
+    Size,
+    Turns,
+    at_most,
+    counted,
     fault_error,
     listed,
     quantity,
@@ -67,10 +69,10 @@ class HelixSection(Section):
 
     base: Point
     axis: Direction = (0.0, 0.0, 1.0)
-    coil_diameter: Annotated[Length, Positive]
-    turns: Annotated[Ratio, Positive]
-    pitch: Annotated[Length, Positive] | None = None
-    height: Annotated[Length, Positive] | None = None
+    coil_diameter: Size
+    turns: Turns
+    pitch: Size | None = None
+    height: Size | None = None
     towards: Direction | None = None
     left_handed: bool = False
 
@@ -88,22 +90,22 @@ def require_climb(section: Section, what: str) -> None:
 class PolylineSection(Section):
     """A smooth curve through points."""
 
-    points: Annotated[list[Point], Field(min_length=2)]
+    points: Annotated[list[Point], Field(min_length=2), at_most("points of a line")]
     first: Direction | None = None
 
 
 class CrossSection(Section):
     """A rod's section: a round bar or tube, a rectangular bar, or given constants."""
 
-    diameter: Annotated[Length, Positive] | None = None
-    inner_diameter: Annotated[Length, Positive] | None = None
-    width: Annotated[Length, Positive] | None = None
-    height: Annotated[Length, Positive] | None = None
-    area: Annotated[Area, Positive] | None = None
-    I1: Annotated[SecondMoment, Positive] | None = None
-    I2: Annotated[SecondMoment, Positive] | None = None
-    J: Annotated[SecondMoment, Positive] | None = None
-    shear_coefficients: tuple[Ratio, Ratio] | None = None
+    diameter: Size | None = None
+    inner_diameter: Size | None = None
+    width: Size | None = None
+    height: Size | None = None
+    area: Area | None = None
+    I1: SecondMoment | None = None
+    I2: SecondMoment | None = None
+    J: SecondMoment | None = None
+    shear_coefficients: tuple[PositiveRatio, PositiveRatio] | None = None
 
     @model_validator(mode="after")
     def _one_kind(self) -> CrossSection:
@@ -128,7 +130,7 @@ class CrossSection(Section):
 def _station(value: object) -> float | str:
     if value in ("start", "end"):
         return str(value)
-    length = quantity("m")(value)
+    length = quantity("length")(value)
     if length < 0.0:
         raise fault_error("the station lies off the rod", got=str(value), allowed="start, end, or an arc length")
     return length
@@ -145,19 +147,14 @@ class RodSection(Section):
     straight: StraightSection | None = None
     helix: HelixSection | None = None
     polyline: PolylineSection | None = None
-    elements: Annotated[int, Positive] | None = None
+    elements: Annotated[int, counted("elements of a rod")] | None = None
     section: CrossSection
-    youngs_modulus: Annotated[Pressure, Positive]
-    poissons_ratio: Ratio
+    youngs_modulus: Modulus
+    poissons_ratio: PoissonsRatio
     density: Density = 0.0
     clamped: Mapping[str, Stations] = Field(default_factory=dict)
     fixed: Stations = Field(default_factory=list)
     placement: PlacementSection | None = None
-
-    @field_validator("poissons_ratio")
-    @classmethod
-    def _compressible(cls, value: float) -> float:
-        return checked_poissons_ratio(value)
 
     @model_validator(mode="after")
     def _one_shape(self) -> RodSection:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from fnmatch import fnmatchcase
 
-from softcal.calibration.experiment import rig_unit
+from softcal.calibration.experiment import rig_kind
 from softcal.calibration.parameters import FreeParameter, SearchSpace, search_space
-from softcal.errors import Fault, ParameterError, UnitError
+from softcal.errors import Fault, InputError, ParameterError
 from softcal.project.calibration_schema import ParameterSection
 from softcal.project.document import Findings, KeyPath
-from softcal.twin.parameters import KINDS, ParameterInfo, out_of_range, unknown_name
+from softcal.quantities import QUANTITIES, Quantity
+from softcal.twin.parameters import KINDS, ParameterInfo, unknown_name
 from softcal.units import parse_quantity
 
 
@@ -44,8 +44,8 @@ def build_search(
             with findings.at((*path, "of") if section.of else path):
                 raise ParameterError([unknown_name(wanted, known) for wanted in section.of or [name]])
             continue
-        unit = known[targets[0]].unit if known is not None else _unit_by_name((section.of or [name])[0])
-        parameter = None if unit is None else _free(name, section, unit, path, findings)
+        kind = known[targets[0]].quantity if known is not None else _kind_by_name((section.of or [name])[0])
+        parameter = None if kind is None else _free(name, section, kind.unit, path, findings)
         left = tuple(target for target in targets if target not in held)
         if parameter is None or name in held or (targets and not left):
             continue
@@ -98,12 +98,9 @@ def held_values(given: Mapping[str, str | float], known: Mapping[str, ParameterI
             faults.append(unknown_name(name, known))
             continue
         try:
-            held[name] = parse_quantity(value, known[name].unit, where=name) if isinstance(value, str) else float(value)
-        except UnitError as error:
+            held[name] = _number(known[name].quantity, name, value)
+        except InputError as error:
             faults.extend(error.faults)
-            continue
-        if fault := out_of_range(known[name], held[name]):
-            faults.append(fault)
     if faults:
         raise ParameterError(faults)
     return held
@@ -122,9 +119,15 @@ def rig_value(name: str, value: str | float) -> float:
     ------
     UnitError
         Where the unit does not fit.
+    ParameterError
+        Where the number is outside its range.
     """
-    unit = rig_unit(name) or "1"
-    return parse_quantity(value, unit, where=name) if isinstance(value, str) else float(value)
+    return _number(rig_kind(name) or QUANTITIES["ratio"], name, value)
+
+
+def _number(kind: Quantity, name: str, value: str | float) -> float:
+    """The number [SI] in the range of its kind, from text with a unit or a number in SI."""
+    return kind.read(value, where=name) if isinstance(value, str) else kind.checked(float(value), where=name)
 
 
 def _free(name: str, section: ParameterSection, unit: str, path: KeyPath, findings: Findings) -> FreeParameter | None:
@@ -153,12 +156,10 @@ def _free(name: str, section: ParameterSection, unit: str, path: KeyPath, findin
     )
 
 
-def _unit_by_name(name: str) -> str | None:
-    kind = name.rsplit(".", 1)[-1]
-    return KINDS[kind][0] if kind in KINDS else rig_unit(name)
+def _kind_by_name(name: str) -> Quantity | None:
+    return KINDS.get(name.rsplit(".", 1)[-1]) or rig_kind(name)
 
 
 def _guess(name: str, parameter: FreeParameter) -> ParameterInfo:
-    kind = name.rsplit(".", 1)[-1]
-    unit, lower, upper = KINDS.get(kind, (parameter.unit, -math.inf, math.inf))
-    return ParameterInfo(name, unit, parameter.lower, lower, upper)
+    kind = _kind_by_name((parameter.of or (name,))[0])
+    return ParameterInfo(name, kind or QUANTITIES["ratio"], parameter.lower)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Sized
 from typing import Annotated, Any, TypeVar
 
 from pydantic import (
@@ -17,9 +17,10 @@ from pydantic import (
 )
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
-from softcal.errors import Fault, InputError, UnitError
+from softcal.errors import Fault, InputError
+from softcal.limits import LIMITS
 from softcal.project.document import Findings, KeyPath, suggestion
-from softcal.units import parse_quantity
+from softcal.quantities import QUANTITIES
 
 # The kind of error that carries a whole `Fault`: its context has got, allowed and attempt.
 FAULT = "softcal_fault"
@@ -82,39 +83,88 @@ class Section(BaseModel):
 
 
 S = TypeVar("S", bound=Section)
+T = TypeVar("T", bound=Sized)
 
 
-def quantity(si_unit: str) -> Callable[[object], float]:
-    """A reader of quantities in `si_unit`."""
+def quantity(kind: str) -> Callable[[object], float]:
+    """A reader of a kind of quantity: text with a unit in, a number in SI out, in the range of its kind."""
+    read_quantity = QUANTITIES[kind].read
 
     def read(value: object) -> float:
         try:
-            return parse_quantity(value, si_unit)
-        except UnitError as error:
+            return read_quantity(value)
+        except InputError as error:
             fault = error.faults[0]
             raise fault_error(fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt) from error
 
     return read
 
 
-Length = Annotated[float, BeforeValidator(quantity("m"))]
-Force = Annotated[float, BeforeValidator(quantity("N"))]
-Pressure = Annotated[float, BeforeValidator(quantity("Pa"))]
-Mass = Annotated[float, BeforeValidator(quantity("kg"))]
-Density = Annotated[float, BeforeValidator(quantity("kg/m^3"))]
-Acceleration = Annotated[float, BeforeValidator(quantity("m/s^2"))]
-Angle = Annotated[float, BeforeValidator(quantity("rad"))]
-Duration = Annotated[float, BeforeValidator(quantity("s"))]
-Ratio = Annotated[float, BeforeValidator(quantity("1"))]
-Speed = Annotated[float, BeforeValidator(quantity("m/s"))]
-Rate = Annotated[float, BeforeValidator(quantity("1/s"))]
-Area = Annotated[float, BeforeValidator(quantity("m^2"))]
-SecondMoment = Annotated[float, BeforeValidator(quantity("m^4"))]
+def counted(kind: str) -> BeforeValidator:
+    """A whole number of something there is a limit of."""
+    limit = LIMITS[kind]
+
+    def check(value: object) -> object:
+        if isinstance(value, bool) or not isinstance(value, int):
+            raise fault_error("this is of the wrong kind", got=_shown(value), allowed="a whole number")
+        if fault := limit.fault(value):
+            raise fault_error(fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt)
+        return value
+
+    return BeforeValidator(check)
+
+
+def at_most(kind: str) -> AfterValidator:
+    """A check that a list or mapping has no more entries than there may be."""
+    limit = LIMITS[kind]
+
+    def check(value: T) -> T:
+        if value and (fault := limit.fault(len(value))):
+            raise fault_error(fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt)
+        return value
+
+    return AfterValidator(check)
+
+
+Length = Annotated[float, BeforeValidator(quantity("length"))]
+Size = Annotated[float, BeforeValidator(quantity("size"))]
+Clearance = Annotated[float, BeforeValidator(quantity("clearance"))]
+Slack = Annotated[float, BeforeValidator(quantity("slack"))]
+Area = Annotated[float, BeforeValidator(quantity("area"))]
+SecondMoment = Annotated[float, BeforeValidator(quantity("second moment"))]
+Angle = Annotated[float, BeforeValidator(quantity("angle"))]
+Force = Annotated[float, BeforeValidator(quantity("force"))]
+TensionOffset = Annotated[float, BeforeValidator(quantity("tension offset"))]
+Pressure = Annotated[float, BeforeValidator(quantity("pressure"))]
+Modulus = Annotated[float, BeforeValidator(quantity("modulus"))]
+PoissonsRatio = Annotated[float, BeforeValidator(quantity("Poisson's ratio"))]
+Friction = Annotated[float, BeforeValidator(quantity("friction coefficient"))]
+Mass = Annotated[float, BeforeValidator(quantity("mass"))]
+Density = Annotated[float, BeforeValidator(quantity("density"))]
+MomentOfInertia = Annotated[float, BeforeValidator(quantity("moment of inertia"))]
+Acceleration = Annotated[float, BeforeValidator(quantity("acceleration"))]
+Time = Annotated[float, BeforeValidator(quantity("time"))]
+Duration = Annotated[float, BeforeValidator(quantity("duration"))]
+Speed = Annotated[float, BeforeValidator(quantity("speed"))]
+Rate = Annotated[float, BeforeValidator(quantity("rate"))]
+Ratio = Annotated[float, BeforeValidator(quantity("ratio"))]
+PositiveRatio = Annotated[float, BeforeValidator(quantity("positive ratio"))]
+Share = Annotated[float, BeforeValidator(quantity("share"))]
+Turns = Annotated[float, BeforeValidator(quantity("number of turns"))]
+Factor = Annotated[float, BeforeValidator(quantity("scale factor"))]
 Point = tuple[Length, Length, Length]
 ForceVector = tuple[Force, Force, Force]
 Traction = tuple[Pressure, Pressure, Pressure]
 Gravity = tuple[Acceleration, Acceleration, Acceleration]
-Direction = tuple[Ratio, Ratio, Ratio]
+
+
+def _pointing(value: tuple[float, float, float]) -> tuple[float, float, float]:
+    if not any(value):
+        raise fault_error("the direction has no length", got="[0, 0, 0]", allowed="such as [0, 0, 1]")
+    return value
+
+
+Direction = Annotated[tuple[Ratio, Ratio, Ratio], AfterValidator(_pointing)]
 
 
 def _given(value: object) -> str | float:
@@ -127,20 +177,6 @@ def _given(value: object) -> str | float:
 Given = Annotated[str | float, PlainValidator(_given)]
 
 
-def above(limit: float, unit: str = "") -> Callable[[float], float]:
-    """A check that a number [unit, SI] is above a limit."""
-
-    def check(value: float) -> float:
-        if not value > limit:
-            raise fault_error("the value is too small", got=f"{value:g} {unit}".strip(), allowed=f"above {limit:g}")
-        return value
-
-    return check
-
-
-Positive = AfterValidator(above(0.0))
-
-
 def listed(value: object) -> object:
     """One entry as a list of it."""
     return [value] if isinstance(value, str | dict) else value
@@ -149,18 +185,6 @@ def listed(value: object) -> object:
 def numbered(value: object) -> object:
     """As `listed`, and a bare number as a list of it too."""
     return [value] if isinstance(value, int | float) and not isinstance(value, bool) else listed(value)
-
-
-def checked_poissons_ratio(value: float) -> float:
-    """The ratio, where it is that of a material that can be computed with."""
-    if not -1.0 < value < 0.5:
-        raise fault_error(
-            "Poisson's ratio is out of range",
-            got=f"{value:g}",
-            allowed="-1 < ratio < 0.5",
-            attempt="0.4999, with element P2P1" if value >= 0.5 else "",
-        )
-    return value
 
 
 def validated(model: type[S], data: object, path: KeyPath, findings: Findings) -> S | None:

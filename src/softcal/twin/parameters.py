@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TypeVar
@@ -10,6 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from softcal.errors import Fault, ParameterError
+from softcal.quantities import QUANTITIES, Quantity
 from softcal.twin.robot import Body, PointLoad, Robot, Rod
 
 Part = TypeVar("Part", Body, Rod)
@@ -17,23 +19,35 @@ Part = TypeVar("Part", Body, Rod)
 
 @dataclass(frozen=True)
 class ParameterInfo:
-    """A parameter that exists: its SI unit, its present value, and the open interval it must lie in."""
+    """A parameter that exists: the kind of quantity it is, which has its unit and range, and its present value [SI]."""
 
     name: str
-    unit: str
+    quantity: Quantity
     value: float
-    lower: float
-    upper: float
+
+    @property
+    def unit(self) -> str:
+        return self.quantity.unit
+
+    @property
+    def floor(self) -> float:
+        """The lower end of its range [unit]."""
+        return self.quantity.lower
+
+    @property
+    def ceiling(self) -> float:
+        """The upper end [unit] where physics sets it, such as 0.5 for Poisson's ratio; else infinite."""
+        return self.quantity.upper if self.quantity.ends[1] == ")" else math.inf
 
 
-# Unit and open interval of every kind of robot parameter, by the last part of its dotted name.
-KINDS: Mapping[str, tuple[str, float, float]] = {
-    "youngs_modulus": ("Pa", 0.0, float("inf")),
-    "poissons_ratio": ("1", -1.0, 0.5),
-    "density": ("kg/m^3", -1e-300, float("inf")),
-    "mass": ("kg", -1e-300, float("inf")),
-    "friction_coefficient": ("1", -1e-300, float("inf")),
-    "force": ("N", float("-inf"), float("inf")),
+# The kind of quantity of every robot parameter, by the last part of its dotted name.
+KINDS: Mapping[str, Quantity] = {
+    "youngs_modulus": QUANTITIES["modulus"],
+    "poissons_ratio": QUANTITIES["Poisson's ratio"],
+    "density": QUANTITIES["density"],
+    "mass": QUANTITIES["mass"],
+    "friction_coefficient": QUANTITIES["friction coefficient"],
+    "force": QUANTITIES["force"],
 }
 
 
@@ -47,7 +61,7 @@ def robot_parameters(robot: Robot) -> dict[str, ParameterInfo]:
     found.update({f"{cable.name}.friction_coefficient": cable.friction_coefficient for cable in robot.cables})
     points = [load for load in robot.loads if isinstance(load, PointLoad)]
     found.update({f"{load.name}.force": float(np.dot(load.force, np.asarray(load.direction))) for load in points})
-    return {name: ParameterInfo(name, *_kind(name, value)) for name, value in found.items()}
+    return {name: ParameterInfo(name, KINDS[name.rsplit(".", 1)[1]], value) for name, value in found.items()}
 
 
 def with_parameters(robot: Robot, values: Mapping[str, float]) -> Robot:
@@ -103,18 +117,5 @@ def unknown_name(name: str, known: Mapping[str, object]) -> Fault:
 
 
 def out_of_range(info: ParameterInfo, value: float) -> Fault | None:
-    """The fault of a value outside the parameter's interval, or None."""
-    if info.lower < value < info.upper:
-        return None
-    return Fault(
-        "the value is outside its allowed range",
-        where=info.name,
-        got=f"{value:.6g} {info.unit}",
-        allowed=f"{max(info.lower, -1e300):.4g} < value < {info.upper:.4g} {info.unit}",
-        attempt="0.4999 instead of 0.5" if info.name.endswith("poissons_ratio") and value >= 0.5 else "",
-    )
-
-
-def _kind(name: str, value: float) -> tuple[str, float, float, float]:
-    unit, lower, upper = KINDS[name.rsplit(".", 1)[1]]
-    return unit, value, lower, upper
+    """The fault of a value outside the parameter's range, or None."""
+    return info.quantity.fault(value, info.name)

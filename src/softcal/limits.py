@@ -1,0 +1,93 @@
+"""How many there may be of everything that is counted: one table, so that nothing exhausts time or memory by a slip.
+
+A limit lies far above what is useful, and below what this machine would try for hours or fail to hold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from softcal.errors import Fault, InputError
+
+
+@dataclass(frozen=True)
+class Limit:
+    """Of what there may be how many; attempt: what to try instead of more."""
+
+    of: str
+    most: int
+    least: int = 1
+    attempt: str = ""
+
+    @property
+    def allowed(self) -> str:
+        """The range in words."""
+        return f"{self.least} to {self.most} {self.of}"
+
+    def fault(self, count: float, where: str = "") -> Fault | None:
+        """What is wrong with a count, or None."""
+        if self.least <= count <= self.most:
+            return None
+        few = count < self.least
+        got = f"{int(count)}" if abs(count) < 1e15 else "a number of more than 15 digits"
+        return Fault(
+            f"there are too {'few' if few else 'many'} {self.of}", where, got, self.allowed, "" if few else self.attempt
+        )
+
+    def check(self, count: float, *, where: str = "") -> None:
+        """Raise where there are too many or too few.
+
+        Raises
+        ------
+        InputError
+            With the count and the limit.
+        """
+        if fault := self.fault(count, where):
+            raise InputError(fault)
+
+
+LIMITS: Mapping[str, Limit] = {
+    limit.of: limit
+    for limit in (
+        # Files
+        Limit("bytes of a YAML file", 1_000_000, 0, "only what it may hold; data belong into CSV files"),
+        Limit("values in a YAML file", 50_000, 0, "fewer anchors that stand for each other"),
+        Limit("levels of a YAML file", 30, 0),
+        Limit("bytes of a mesh file", 1_000_000_000, 0, "a coarser mesh"),
+        Limit("characters in a name", 60, 1, "a shorter name"),
+        # The robot
+        Limit("parts of a robot", 1000),
+        Limit("points of a line", 2000, 2),
+        Limit("holes on a ring", 1000),
+        Limit("pulleys", 100),
+        Limit("sections of a manipulator", 100),
+        Limit("cables at an end", 100),
+        Limit("elements of a rod", 5000, 1, "fewer elements: 100 are plenty for most rods"),
+        Limit("elements in a turn", 1000),
+        Limit("layers of elements", 10_000),
+        Limit("rings of elements", 20),
+        Limit("bells", 50),
+        Limit("sectors", 360),
+        Limit("tets", 2_000_000, 1, "check the unit of the model and of the size, or a larger size"),
+        # The bench
+        Limit("experiments", 1000, 0),
+        Limit("files of an experiment", 1000),
+        Limit("rows to skip", 1_000_000, 0),
+        Limit("lines before the data", 10_000),
+        Limit("samples", 1_000_000),
+        Limit("cycles", 100_000, 0),
+        # Searches
+        Limit("trials", 1_000_000),
+        Limit("starts", 1000),
+        Limit("seeds", 2**32 - 1, 0),
+        Limit("workers", 256, 1, "as many as there are cores"),
+        Limit("values on an axis", 10_000, 1),
+        Limit("cells of a grid", 1_000_000, 1, "fewer values on each axis"),
+        # Motion in time, and other engines
+        Limit("time steps", 10_000_000, 1, "a longer time step, or a shorter time"),
+        Limit("time steps to try", 20),
+        Limit("states", 10_000, 2),
+        Limit("nodes along each cable", 200, 2),
+    )
+}

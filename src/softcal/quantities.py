@@ -1,0 +1,125 @@
+"""What a number of the user's may be: the kinds of quantity, each with its unit and the range it must lie in.
+
+The project file, `--set`, the bounds of free parameters and the options of commands all ask here, so that no number is
+right in one of them and wrong in another. The ranges are wide: they end where no robot that is pulled by cables
+could be, so that a number outside is a slip of unit or sign.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from softcal.errors import Fault, ParameterError
+from softcal.units import parse_quantity
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A kind of quantity: the unit it is held in, and the range [unit] in which it must lie.
+
+    ends: which ends of the range belong to it, as intervals are written. least [unit]: what its size must reach, for a
+    factor that must not be zero. attempt: what to try instead of a value at or above the range.
+    """
+
+    name: str
+    unit: str
+    lower: float
+    upper: float
+    ends: Literal["[]", "(]", "[)", "()"] = "[]"
+    least: float = 0.0
+    attempt: str = ""
+
+    def allows(self, value: float) -> bool:
+        """Whether a number [unit] lies in the range; NaN does not."""
+        above = self.lower < value if self.ends[0] == "(" else self.lower <= value
+        below = value < self.upper if self.ends[1] == ")" else value <= self.upper
+        return above and below and abs(value) >= self.least
+
+    @property
+    def allowed(self) -> str:
+        """The range in words, such as "above 0, to 100 m"."""
+        words = {"[]": "{} to {}", "(]": "above {}, to {}", "[)": "{} to below {}", "()": "between {} and {}"}
+        text = words[self.ends].format(f"{self.lower:g}", f"{self.upper:g}")
+        text += "" if self.unit == "1" else f" {self.unit}"
+        return f"{text}, and not 0" if self.least else text
+
+    def fault(self, value: float, where: str = "") -> Fault | None:
+        """What is wrong with a number [unit], or None."""
+        if self.allows(value):
+            return None
+        return Fault(
+            f"{'' if self.name[0].isupper() else 'the '}{self.name} is out of range",
+            where=where,
+            got=f"{value:.6g}" if self.unit == "1" else f"{value:.6g} {self.unit}",
+            allowed=self.allowed,
+            attempt=self.attempt if value >= self.upper else "",
+        )
+
+    def checked(self, value: float, *, where: str = "") -> float:
+        """The number [unit], where it lies in the range.
+
+        Raises
+        ------
+        ParameterError
+            Where it does not.
+        """
+        if fault := self.fault(value, where):
+            raise ParameterError(fault)
+        return value
+
+    def read(self, value: object, *, where: str = "") -> float:
+        """The number [unit] that text with a unit says.
+
+        Raises
+        ------
+        UnitError
+            Where the unit is missing, unknown or of another dimension.
+        ParameterError
+            Where the number lies outside the range.
+        """
+        return self.checked(parse_quantity(value, self.unit, where=where), where=where)
+
+
+QUANTITIES: Mapping[str, Quantity] = {
+    quantity.name: quantity
+    for quantity in (
+        Quantity("length", "m", -100.0, 100.0),
+        Quantity("size", "m", 0.0, 100.0, "(]"),
+        Quantity("clearance", "m", 0.0, 100.0),
+        Quantity("slack", "m", -10.0, 10.0),
+        Quantity("shortening", "m", -10.0, 10.0),
+        Quantity("area", "m^2", 0.0, 1e4, "(]"),
+        Quantity("second moment", "m^4", 0.0, 1e8, "(]"),
+        Quantity("force", "N", -1e8, 1e8),
+        Quantity("tension", "N", 0.0, 1e8),
+        Quantity("tension offset", "N", -1e6, 1e6),
+        Quantity("pressure", "Pa", -1e13, 1e13),
+        Quantity("modulus", "Pa", 0.0, 1e13, "(]"),
+        Quantity("Poisson's ratio", "1", -1.0, 0.5, "()", attempt="0.4999 instead of 0.5, with element P2P1"),
+        Quantity("mass", "kg", 0.0, 1e6),
+        Quantity("density", "kg/m^3", 0.0, 1e5),
+        Quantity("moment of inertia", "kg*m^2", -1e9, 1e9),
+        Quantity("acceleration", "m/s^2", -1e4, 1e4),
+        Quantity("friction coefficient", "1", 0.0, 10.0),
+        Quantity("angle", "rad", -1000.0, 1000.0),
+        Quantity("time", "s", 0.0, 1e7),
+        Quantity("duration", "s", 0.0, 1e7, "(]"),
+        Quantity("speed", "m/s", 0.0, 1e5, "(]"),
+        Quantity("rate", "1/s", 0.0, 1e9),
+        Quantity("ratio", "1", -1e9, 1e9),
+        Quantity("positive ratio", "1", 0.0, 1e9, "(]"),
+        Quantity("share", "1", 0.0, 1.0),
+        Quantity("infill", "1", 0.0, 1.0, "(]"),
+        Quantity("exponent", "1", 0.0, 10.0),
+        Quantity("number of turns", "1", 0.0, 1000.0, "(]"),
+        Quantity("refinement", "1", 0.0, 1000.0, "(]"),
+        Quantity("scale factor", "1", -1e9, 1e9, least=1e-9),
+        Quantity("pixel", "px", -1e6, 1e6),
+        Quantity("focal length", "px", 0.0, 1e6, "(]"),
+        Quantity("width in pixels", "px", 1.0, 65535.0),
+        Quantity("reprojection error", "px", 0.0, 1e3),
+        Quantity("distortion coefficient", "1", -1e4, 1e4),
+    )
+}

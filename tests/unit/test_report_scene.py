@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from matplotlib.text import Text
 from report_example import column_mesh, neck_robot, twin_view
 
@@ -22,9 +23,9 @@ from softcal.report.scene import (
     extent_points,
 )
 from softcal.report.scene_render import Rendering, draw_flat, render_scenes
-from softcal.report.scene_twin import twin_scenes
+from softcal.report.scene_twin import twin_parts, twin_scenes
 from softcal.report.scene_worker import from_behind
-from softcal.report.style import encode, new_figure
+from softcal.report.style import MUTED, encode, new_figure
 from softcal.twin.facing import plate_normal, plate_radius
 from softcal.twin.robot import ViaPoint
 
@@ -183,3 +184,19 @@ def test_the_colours_legend_is_whole_on_a_narrow_picture(height: float) -> None:
     box, page = legend.get_window_extent(), figure.bbox
     assert page.x0 <= box.x0 < box.x1 <= page.x1
     assert page.y0 <= box.y0 < box.y1 <= min(axes.get_window_extent().y0 for axes in figure.axes)
+
+
+def test_what_is_fixed_is_grey_and_nothing_is_drawn_beneath_it() -> None:
+    """No part of the picture reaches beyond the robot's own, and the clamped faces have a colour of their own."""
+    view = twin_view(column_mesh())
+    robot = view.robot
+    shades = {name: np.zeros(len(points)) for name, points in view.rest.points.items()}
+    parts, _ = twin_parts(view, view.rest, shades, 1.0)
+    low = min(float(part.points[:, 2].min()) for part in parts if isinstance(part, Surface))
+    assert low == pytest.approx(robot.bodies[0].mesh.points[:, 2].min(), abs=1e-12)
+    grey = [p for p in parts if isinstance(p, Surface) and np.allclose(p.colours, to_rgb(MUTED))]
+    assert len(grey) == 1
+    assert set(grey[0].triangles.ravel()) <= set(robot.bodies[0].fixed)
+    free = replace(robot, bodies=tuple(replace(body, fixed=np.array([], dtype=int)) for body in robot.bodies))
+    parts, _ = twin_parts(replace(view, robot=free), view.rest, shades, 1.0)
+    assert not [p for p in parts if isinstance(p, Surface) and np.allclose(p.colours, to_rgb(MUTED))]

@@ -116,6 +116,7 @@ def test_what_was_gained_is_told_and_flagged(content: ReportContent):
     assert [gain.name for gain in gains] == ["all sections", "marker1", "marker2"]
     for gain in gains:
         assert gain.nominal is not None
+        assert gain.reduction == pytest.approx(100 * (1 - gain.tuned / gain.nominal))
         assert gain.improvement == pytest.approx(100 * (gain.nominal / gain.tuned - 1))
     table = improvement_table(content)
     assert [column.label for column in table.columns][-3:] == ["E", "ν", "At the end of its range"]

@@ -14,7 +14,7 @@ from project_case import write_project
 from sweep_case import CABLES, FORCES, LENGTH, OVER, robot, table, write_sweep
 
 from softcal.analysis.nominal import Nominal
-from softcal.analysis.sweep import ALL, best_cells, improvement, section_errors, sections
+from softcal.analysis.sweep import ALL, best_cells, improvement, reduction, section_errors, sections
 from softcal.calibration.run import Progress
 from softcal.cli import main
 from softcal.errors import CalibrationError, InputError, StorageError
@@ -93,6 +93,12 @@ def test_the_nominal_values_are_those_of_the_project(swept: Swept):
     for best in swept.best[1:]:
         assert best.nominal == pytest.approx(rms(expected[best.section.name]) * LENGTH / 100, rel=1e-6)
         assert best.section.shown(best.error) == pytest.approx(100 * best.error / LENGTH)
+
+
+def test_an_error_that_was_halved_is_reduced_by_half():
+    assert reduction(40.0, 10.0) == pytest.approx(75.0)
+    assert reduction(10.0, 10.0) == 0.0
+    assert reduction(10.0, 20.0) == -100.0
 
 
 def test_improvement_is_nominal_over_tuned_less_one():

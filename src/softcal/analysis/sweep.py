@@ -58,11 +58,21 @@ class BestCell:
     notes: tuple[str, ...]
 
     @property
+    def reduction(self) -> float | None:
+        """By how much the error is below the nominal one [%]; None where that is not known or zero."""
+        return None if not self.nominal else reduction(self.nominal, self.error)
+
+    @property
     def improvement(self) -> float | None:
-        """What was gained [%], nominal / best - 1: paper B's "reduction", 100 % where the error was halved."""
+        """Nominal / best - 1 [%], which paper B calls a reduction: 100 % where the error was halved."""
         if self.nominal is None or not self.error > 0:
             return None
         return improvement(self.nominal, self.error)
+
+
+def reduction(nominal: float, tuned: float) -> float:
+    """1 - tuned / nominal [%]: 50 % where the error was halved, below zero where it grew."""
+    return 100 * (1 - tuned / nominal)
 
 
 def improvement(nominal: float, tuned: float) -> float:

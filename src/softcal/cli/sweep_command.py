@@ -91,10 +91,10 @@ def _table(found: Swept) -> Table:
     from softcal.units import format_quantity
 
     result = found.result
-    table = Table("best for", *result.parameters, "error", "nominal", "improvement")
+    table = Table("best for", *result.parameters, "error", "nominal", "reduced by")
     for best in found.best:
         cells = [format_quantity(best.trial.theta[name], p.unit) for name, p in result.parameters.items()]
-        gain = best.improvement
+        gain = best.reduction
         told = [_error(best, best.error), _error(best, best.nominal), "" if gain is None else f"{gain:.0f} %"]
         table.add_row(best.section.name, *cells, *told)
     return table

@@ -241,6 +241,7 @@ def _best_json(best: BestCell) -> dict[str, Any]:
         "error": best.section.shown(best.error),
         "unit": best.section.shown_unit,
         "nominal_error": None if best.nominal is None else best.section.shown(best.nominal),
+        "error_reduction_percent": best.reduction,
         "improvement_percent": best.improvement,
         "notes": list(best.notes),
     }

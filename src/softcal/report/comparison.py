@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.analysis.nominal import Nominal
-from softcal.analysis.sweep import ALL, BestCell, Section, best_cells, improvement, section_errors, sections
+from softcal.analysis.sweep import ALL, BestCell, Section, best_cells, improvement, reduction, section_errors, sections
 from softcal.calibration.experiment import AXES
 from softcal.calibration.result import CalibrationResult, ExperimentFit
 from softcal.calibration.result_files import fits_of
@@ -86,6 +86,11 @@ class Improvement:
     best: BestCell | None = None
 
     @property
+    def reduction(self) -> float | None:
+        """By how much the error is below the nominal one [%]; None where that is not known or zero."""
+        return None if not self.nominal else reduction(self.nominal, self.tuned)
+
+    @property
     def improvement(self) -> float | None:
         """nominal / tuned - 1 [%]."""
         return None if self.nominal is None or not self.tuned > 0 else improvement(self.nominal, self.tuned)
@@ -116,20 +121,19 @@ def improvement_table(content: ReportContent) -> Table:
         Column("Error, nominal"),
         Column("Error, best cell" if swept else "Error, calibrated"),
     ]
-    columns += [Column(""), Column("Improvement", "%")]
+    columns += [Column(""), Column("Error reduced by", "%"), Column("Nominal / tuned − 1", "%")]
     columns += [Column(parameter_label(n, scales), scale.unit, 4) for n, scale in scales.items()]
     columns += [Column("At the end of its range")] * swept
     rows: list[tuple[Cell, ...]] = []
     for one in improvements(content):
-        row: list[Cell] = [one.name, one.nominal, one.tuned, one.unit, one.improvement]
+        row: list[Cell] = [one.name, one.nominal, one.tuned, one.unit, one.reduction, one.improvement]
         if one.best is not None:
             row += [one.best.trial.theta[name] / scale.factor for name, scale in scales.items()]
             row.append(joined(_ends(result, one.best)) or "none")
         rows.append(tuple(row))
     note = (
-        "Errors are root mean squares over all states: paper B's d_k where there is one state. Improvement is "
-        "nominal / tuned - 1 in per cent, what paper B calls a reduction: 100 % where the error was halved, 300 % "
-        "where a quarter of it is left."
+        "Errors are root mean squares over all states. An error that was halved is reduced by 50 %; nominal / tuned "
+        "- 1, which some papers call the improvement, is then 100 %."
     )
     title = "The best cell for each section" if swept else "Nominal and calibrated"
     return Table("improvement", title, tuple(columns), tuple(rows), note)

@@ -129,6 +129,7 @@ def _twin(content: ReportContent) -> Iterator[Picture]:
     robot = content.twin.robot
     states = "at rest and at its largest pitch" if robot.cables else "undeformed and as it settled"
     drawn_as = ["colour is the displacement"]
+    drawn_as += ["what is fixed is grey"] if any(len(body.fixed) for body in robot.bodies) else []
     drawn_as += ["the tubes are cables"] if robot.cables else []
     drawn_as += ["the discs are rigid plates"] if robot.plates else []
     caption = f"The calibrated twin {states}, to one scale: {joined(drawn_as)}."

@@ -112,10 +112,10 @@ def key_numbers(content: ReportContent) -> list[KeyNumber]:
         found.append(KeyNumber(parameter_label(name, result.parameters), value, scale.unit, remark.rstrip()))
     gains = improvements(content)
     if gains:
-        gain, first = gains[0].improvement, gains[0]
+        gain, first = gains[0].reduction, gains[0]
         remark = f"{first.told(first.nominal)} at the nominal values, {first.told(first.tuned)} now"
         value = "–" if gain is None else number(gain)
-        found.append(KeyNumber("Improvement on nominal", value, "%", remark))
+        found.append(KeyNumber("Error reduced by", value, "%", remark))
     return found + _key_errors(result)
 
 

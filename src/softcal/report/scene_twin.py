@@ -23,7 +23,7 @@ from softcal.report.scene import (
     length_scale,
     refined,
 )
-from softcal.report.shapes import flat_disc, rod_surface
+from softcal.report.shapes import rod_surface
 from softcal.report.twin_view import TwinView
 from softcal.twin.facing import up_direction
 from softcal.twin.response import Snapshot
@@ -81,7 +81,7 @@ def twin_parts(
     size = length_scale(robot_points(robot))
     shades = {name: colormaps[DISPLACEMENT](d / (largest or 1.0))[:, :3] for name, d in moved.items()}
     parts: list[Part] = [
-        Surface(snapshot.points[body], boundary_triangles(tets), shades[body]) for body, tets in view.tets.items()
+        surface for body in view.tets for surface in _body_surfaces(view, snapshot, body, shades[body], MUTED)
     ]
     labels: list[Label] = []
     parts += [rod_surface(rod, snapshot.rods[rod.name], shades[rod.name]) for rod in robot.rods]
@@ -109,22 +109,21 @@ def twin_parts(
         parts += [] if surface is None else [surface]
         labels.append(Label(plate.name, plate_rim(robot, plate, pose)))
     parts += [Ball(at, 0.012 * size, SKY) for at in snapshot.markers.values()]
-    parts += [_base(view, size, MUTED)] if any(len(body.fixed) for body in robot.bodies) else []
     return tuple(parts), tuple(labels)
 
 
-def _base(view: TwinView, size: float, colour: str) -> Surface:
-    """A flat disc beneath what is fixed, on the side away from the rest."""
-    held = np.concatenate([body.mesh.points[body.fixed] for body in view.robot.bodies if len(body.fixed)])
-    centre = held.mean(axis=0)
-    axis = robot_points(view.robot).mean(axis=0) - centre
-    length = float(np.linalg.norm(axis))
-    axis = axis / length if length > 1e-9 * size else np.array([0.0, 0.0, 1.0])
-    low = float((held @ axis).min())
-    centre = centre + (low - 0.012 * size - centre @ axis) * axis
-    across = held - centre
-    radius = 1.25 * float(np.max(np.linalg.norm(across - np.outer(across @ axis, axis), axis=1)))
-    return flat_disc(centre, axis, radius, colour, opacity=1.0)
+def _body_surfaces(view: TwinView, snapshot: Snapshot, name: str, shades: Floats, fixed: str) -> list[Surface]:
+    """A body's surface, coloured by node; triangles whose nodes are all fixed in space have the colour `fixed`."""
+    from matplotlib.colors import to_rgb
+
+    triangles = boundary_triangles(view.tets[name])
+    body = next(body for body in view.robot.bodies if body.name == name)
+    is_fixed = np.isin(triangles, body.fixed).all(axis=1)
+    points = snapshot.points[name]
+    surfaces = [Surface(points, triangles[~is_fixed], shades)]
+    if is_fixed.any():
+        surfaces.append(Surface(points, triangles[is_fixed], np.tile(to_rgb(fixed), (len(points), 1))))
+    return surfaces
 
 
 def _axes(view: TwinView) -> tuple[Floats, Floats]:

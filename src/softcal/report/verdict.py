@@ -129,17 +129,18 @@ def _positions(result: CalibrationResult) -> Iterable[Sentence]:
 
 def _gain(content: ReportContent) -> Iterable[Sentence]:
     """What was gained on the nominal values, over all sections and at most and least."""
-    gains = [gain for gain in improvements(content) if gain.improvement is not None]
+    gains = [gain for gain in improvements(content) if gain.reduction is not None]
     if not gains:
         return
     first, *others = gains
-    text = f"The error of {first.name} fell" if (first.improvement or 0.0) > 0 else f"The error of {first.name} rose"
+    fell = (first.reduction or 0.0) > 0
+    text = f"The error of {first.name} {'fell' if fell else 'rose'}"
     text += f" from {first.told(first.nominal)} at the nominal values to {first.told(first.tuned)}"
-    text += f", an improvement of {number(first.improvement or 0.0)} % (nominal / tuned - 1)"
+    text += f", by {number(abs(first.reduction or 0.0), 2)} %"
     if len(others) > 1:
-        low, high = (pick(gain.improvement or 0.0 for gain in others) for pick in (min, max))
-        text += f"; section by section between {number(low)} % and {number(high)} %"
-    yield Sentence(f"{text}.", "good" if (first.improvement or 0.0) > 0 else "warning")
+        low, high = (pick(gain.reduction or 0.0 for gain in others) for pick in (min, max))
+        text += f"; the errors of single sections are reduced by {number(low, 2)} to {number(high, 2)} %"
+    yield Sentence(f"{text}.", "good" if fell else "warning")
 
 
 def _closeness(share: float) -> tuple[str, Tone]:

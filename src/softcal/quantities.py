@@ -20,7 +20,8 @@ class Quantity:
     """A kind of quantity: the unit it is held in, and the range [unit] in which it must lie.
 
     ends: which ends of the range belong to it, as intervals are written. least [unit]: what its size must reach, for a
-    factor that must not be zero. attempt: what to try instead of a value at or above the range.
+    factor that must not be zero. attempt, attempt_below: what to try for a value above, or below, the range or at
+    that end of it.
     """
 
     name: str
@@ -30,6 +31,7 @@ class Quantity:
     ends: Literal["[]", "(]", "[)", "()"] = "[]"
     least: float = 0.0
     attempt: str = ""
+    attempt_below: str = ""
 
     def allows(self, value: float) -> bool:
         """Whether a number [unit] lies in the range; NaN does not."""
@@ -54,7 +56,7 @@ class Quantity:
             where=where,
             got=f"{value:.6g}" if self.unit == "1" else f"{value:.6g} {self.unit}",
             allowed=self.allowed,
-            attempt=self.attempt if value >= self.upper else "",
+            attempt=self.attempt if value >= self.upper else self.attempt_below if value <= self.lower else "",
         )
 
     def checked(self, value: float, *, where: str = "") -> float:

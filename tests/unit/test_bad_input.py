@@ -102,6 +102,19 @@ MODEL: dict[str, tuple[Change, tuple[str, ...]]] = {
         ("poissons_ratio: 0.42", "poissons_ratio: 0.5"),
         ("project.yaml:9:", "out of range", "0.4999"),
     ),
+    "a ratio at which the law gives way": (
+        ("poissons_ratio: 0.42", "poissons_ratio: -0.6"),
+        (
+            "project.yaml:9: robot.bodies.bar.poissons_ratio",
+            "got -0.6",
+            "between -0.5 and 0.5",
+            "law neo-hooke-isochoric",
+        ),
+    ),
+    "a bound at which the law gives way": (
+        ("  front.slack:", "  bar.poissons_ratio: {bounds: [-0.6, 0.4]}\n  front.slack:"),
+        ("project.yaml:35: parameters.bar.poissons_ratio", "lower bound", "got -0.6", "law neo-hooke-isochoric"),
+    ),
     "a bound of one half": (
         ("  front.slack:", "  bar.poissons_ratio: {bounds: [0.4, 0.5]}\n  front.slack:"),
         ("project.yaml:35: parameters.bar.poissons_ratio", "upper bound", "got 0.5", "0.4999"),

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mechanics_cases import elastic, irregular_box, solid_system
+from mechanics_cases import MOONEY_RIVLIN, body_theta, elastic, irregular_box, placed, solid_system
 
 from softcal.errors import MeshError
 from softcal.geometry.primitives import box_mesh
-from softcal.materials.neo_hooke import NEO_HOOKE
+from softcal.materials.law import compile_law
+from softcal.materials.neo_hooke import NEO_HOOKE, NEO_HOOKE_ISOCHORIC
 from softcal.mechanics.element import quadrature, reference_gradients, shape_functions, shape_gradients
 
 CORNERS = np.eye(4)
@@ -72,14 +73,34 @@ def test_inverted_element_is_refused_by_number():
         reference_gradients(mesh.points, tets, where="neck")
 
 
+@pytest.mark.parametrize("law", [NEO_HOOKE, NEO_HOOKE_ISOCHORIC, MOONEY_RIVLIN], ids=lambda law: law.name)
+@pytest.mark.parametrize("nu", [-0.45, 0.3])
+def test_a_law_that_gives_way_under_compression_is_reported(law, nu):
+    """Where more compression of a cube on all sides takes less pressure, by differences of the energy."""
+    energy, values = compile_law(law).energy, tuple(elastic(3.0, nu)[name] for name in law.parameters)
+    mesh = box_mesh((1.0, 1.0, 1.0), (1, 1, 1))
+    system = solid_system(mesh, "P1", law, np.array([0]))
+    given_way = []
+    for s in np.linspace(0.6, 1.3, 15):
+        J, h = s**3, 1e-4
+        psi = [float(energy(3 * v ** (2 / 3), 3 * v ** (4 / 3), v, *values)) for v in (J - h, J, J + h)]
+        gives_way = psi[0] - 2 * psi[1] + psi[2] < 0.0 and J < 1.0
+        told = system.softened(placed(system, mesh.points * s), body_theta(elastic(3.0, nu)))
+        assert bool(told) == gives_way
+        assert not told or f"compressed to {J:.2g} of its volume, where its law {law.name} gives way" in told
+        given_way.append(gives_way)
+    assert any(given_way) == (law is NEO_HOOKE and nu < 0.0)
+
+
 @pytest.mark.parametrize("element", ["P1", "P2", "P2P1"])
 def test_energy_of_a_homogeneous_stretch_is_psi_times_volume(element):
     mesh = irregular_box((2.0, 3.0, 1.5), (2, 2, 2), element)
     (solid,) = solid_system(mesh, element, NEO_HOOKE, np.array([0])).solids
     stretch, theta = np.array([1.2, 0.9, 1.1]), elastic(3.0, 0.35)
-    mu, lmbda = NEO_HOOKE.shear_modulus(theta), NEO_HOOKE.bulk_modulus(theta)
+    mu, kappa = NEO_HOOKE.shear_modulus(theta), NEO_HOOKE.bulk_modulus(theta)
+    lmbda = 3.0 * 0.35 / ((1.0 + 0.35) * (1.0 - 2.0 * 0.35))  # paper A, Eq. (3)
     lnJ = np.log(np.prod(stretch))
     psi = mu / 2 * (np.sum(stretch**2) - 3) - mu * lnJ + lmbda / 2 * lnJ**2
-    pressure = np.full(mesh.n_points, lmbda * lnJ)
+    pressure = np.full(mesh.n_points, kappa * lnJ)
     got = solid.energy(pressure, solid.invariants(mesh.points * stretch), theta)
     assert got == pytest.approx(9.0 * psi, rel=1e-12)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from mechanics_cases import column_robot, elastic, pulled, side_cable, tensed
 
+from softcal.errors import ParameterError
 from softcal.mechanics import path as path_module
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate
@@ -35,6 +36,14 @@ def test_path_that_ends_early_gives_the_samples_before_and_a_sentence(wall, tole
     assert response.status.startswith("No equilibrium beyond 12 mm of shortening of front (3 of 5 samples reached)")
     np.testing.assert_allclose(response.channels["front.shortening"], d[:3])
     assert len(response.sensitivities["front.tension"][NAMES[0]]) == 3
+
+
+def test_a_law_that_gives_way_where_the_path_ends_is_reported(wall, monkeypatch):
+    robot = column_robot("P1", parameters=elastic(0.5e6, -0.4), divisions=(1, 1, 4))
+    assert simulate(robot, pulled(0.02)).status.endswith("a wall.")
+    monkeypatch.setattr("softcal.mechanics.system.System.softened", lambda *_: " Its law gives way.")
+    assert simulate(robot, pulled(0.02)).status.endswith("a wall. Its law gives way.")
+    assert simulate(robot, pulled(0.01)).status.startswith("Solved")
 
 
 @pytest.mark.parametrize("tolerance", [0.0, 1e-4])
@@ -100,11 +109,14 @@ def test_two_robots_in_turn_do_not_mix():
     assert first[1] == pytest.approx(2.0 * first[0], rel=1e-7)
 
 
-def test_a_ratio_of_zero_without_pressure_fails_with_a_sentence():
-    robot = column_robot("P2P1", parameters=elastic(1e6, 0.0))
-    response = simulate(robot, pulled(0.0, 0.01))
-    assert not response.succeeded
-    assert "use element P2, or a ratio of 0.001" in response.status
+@pytest.mark.parametrize("element", ["P1", "P2", "P2P1"])
+@pytest.mark.parametrize("nu", [-0.5, -0.9])
+def test_a_ratio_at_which_the_law_gives_way_is_refused(element, nu):
+    robot = column_robot(element, parameters=elastic(1e6, nu), divisions=(1, 1, 4))
+    with pytest.raises(ParameterError, match=r"allowed: between -0\.5 and 0\.5\. Try: law neo-hooke-isochoric"):
+        simulate(robot, pulled(0.01))
+    other = column_robot(element, parameters=elastic(1e6, nu), divisions=(1, 1, 4), law="neo-hooke-isochoric")
+    assert simulate(other, pulled(0.01, 0.05)).succeeded
 
 
 def test_sample_by_tension_is_solved_once_as_one_by_shortening_is():

@@ -50,6 +50,16 @@ def test_bent_column_stiffens_with_p1_alone():
     assert linear[0.4999] / linear[0.4] > 3.0
 
 
+@pytest.mark.parametrize(
+    ("nu", "off"), [(-0.45, 0.034), (-0.3, 0.014), (0.0, 1e-5), (0.3, 0.0145), (0.45, 0.037), (0.4999, 0.049)]
+)
+def test_coarse_p2p1_is_near_the_fine_mesh_at_every_ratio(nu, off):
+    """With Lame's lambda for kappa in the mixed part: 1.6, 4.1 and 5.5 % at 0.3, 0.45 and 0.4999; at 0 none."""
+    fine = stiffness("P2P1", nu, (4, 4, 16))
+    assert stiffness("P2", nu, (4, 4, 16)) == pytest.approx(fine, rel=4e-3 if nu <= 0.45 else 0.02)
+    assert 1.0 - 1e-5 < stiffness("P2P1", nu, (1, 1, 6)) / fine < 1.0 + off
+
+
 def test_forces_made_by_rounding_do_not_keep_newton_busy():
     """P1, nu = 0.49999, a load so small that rounding exceeds a fixed fraction of it."""
     mesh = box_mesh((50.0, 10.0, 10.0), (10, 2, 2))

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,7 @@ class Law:
     symbols: name -> text in the parameters, for instance mu -> E/(2 (1 + nu));
     bulk: kappa [Pa], text in the symbols; shear: the small-strain shear modulus [Pa], text in the symbols.
     parameters: dotted-name endings -> the letter they have in the texts.
+    lower: parameter -> what it must exceed for the law to be of use, where that is more than elasticity asks for.
     """
 
     name: str
@@ -41,6 +42,7 @@ class Law:
     bulk: str
     shear: str
     reference: str = ""
+    lower: Mapping[str, float] = field(default_factory=dict[str, float])
 
     def __hash__(self) -> int:
         return hash((self.name, self.distortional, self.volumetric_strain, self.bulk))
@@ -81,7 +83,7 @@ def compile_law(law: Law) -> CompiledLaw:
     """Differentiate the energy with SymPy and turn the derivatives into NumPy functions; cached."""
     import sympy
 
-    letters = {letter: sympy.Symbol(letter, positive=True) for letter in law.parameters.values()}
+    letters = {letter: sympy.Symbol(letter, real=True) for letter in law.parameters.values()}
     invariants = {name: sympy.Symbol(name, positive=True) for name in FIRST}
     scope: dict[str, Any] = {**letters, **invariants}
     for symbol, text in law.symbols.items():

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import combinations_with_replacement
 from typing import NamedTuple
 
 import numpy as np
 
 from softcal.checks import Floats, Ints
-from softcal.errors import SimulationError
 from softcal.materials.law import CompiledLaw, Law, compile_law, stacked
 from softcal.mechanics import solid_kernels
 from softcal.mechanics.element import quadrature, reference_gradients
@@ -130,13 +130,7 @@ class SolidTerm:
             )
 
     def _volume(self, J: Floats, pressure: Floats, values: tuple[float, ...]) -> _Volume:
-        try:
-            compliance, _ = self.compiled.compliance(*values)
-        except ZeroDivisionError as error:
-            raise SimulationError(
-                f"The bulk part of {self.name}'s law vanishes (a Poisson's ratio of 0), and with it the pressure of "
-                "its P2P1 elements: use element P2, or a ratio of 0.001."
-            ) from error
+        compliance, _ = self.compiled.compliance(*values)
         p = solid_kernels.interpolate(pressure, self.pressure_conn, self.N_p).ravel()
         return _Volume(stacked(self.compiled.strain(J), J.size), p, float(compliance))
 
@@ -179,6 +173,21 @@ class SolidTerm:
         compliance, _ = self.compiled.compliance(*values)
         psi = self.compiled.energy_distortional(I1, I2, J, *values)
         return float(np.sum(self.w * (psi + p * self.compiled.strain(J)[0] - 0.5 * compliance * p**2)))
+
+    def softened(self, kinematics: tuple[Floats, Floats, Floats, Floats], theta: Mapping[str, float]) -> float:
+        """The least volume ratio J < 1 at a quadrature point whose law takes less pressure for more compression there,
+        d2psi/dJ2 < 0 along F -> J^(1/3) F; 1 where there is none.
+        """
+        _, I1, I2, J = (values.ravel() for values in kinematics)
+        rows = stacked(self.compiled.full(I1, I2, J, *self._theta(theta)), J.size)
+        first, second = rows[:3], rows[3:]
+        rate = np.stack([2.0 * I1, 4.0 * I2, 3.0 * J])  # of the invariants as F -> s F, at s = 1
+        by_s = np.einsum("in,in->n", first, rate)
+        by_s_twice = np.einsum("in,in->n", first, np.stack([2.0 * I1, 12.0 * I2, 6.0 * J]))
+        for (a, b), row in zip(combinations_with_replacement(range(3), 2), second, strict=True):
+            by_s_twice += (1.0 if a == b else 2.0) * row * rate[a] * rate[b]
+        gives_way = (by_s_twice < 2.0 * by_s) & (J < 1.0)
+        return float(J[gives_way].min(initial=1.0))
 
     def _theta(self, theta: Mapping[str, float]) -> tuple[float, ...]:
         return tuple(theta[name] for name in self.compiled.parameters)

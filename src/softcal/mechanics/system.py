@@ -165,6 +165,16 @@ class System:
         border = self._border(state, controls, loss)
         return replace(at, data=data[: self.pattern.nnz], border=border, touch=self._touch(state, touches))
 
+    def softened(self, state: State, theta: Mapping[str, float]) -> str:
+        """Which bodies are compressed so far that their laws give way, as a sentence with a blank before it, or ""."""
+        ratios = [s.softened(s.invariants(state.x), part_theta(theta, s.name)) for s in self.solids]
+        return "".join(
+            f" Body {solid.name} is compressed to {ratio:.2g} of its volume, where its law {solid.law.name} gives way: "
+            "more compression takes less pressure there."
+            for solid, ratio in zip(self.solids, ratios, strict=True)
+            if ratio < 1.0
+        )
+
     def free_way(self, state: State, to: State) -> float:
         """The part of the straight way between two states that leads through no contact, one where all of it does."""
         return min((contact.free_way(state.x, to.x) for contact in self.contacts), default=1.0)

@@ -16,7 +16,8 @@ from softcal.materials.catalogue import LAWS
 from softcal.project.document import Findings, KeyPath
 from softcal.project.mesh_schema import RegionSection
 from softcal.project.robot_schema import BodySection, LoadSection
-from softcal.twin.robot import Body
+from softcal.twin.parameters import out_of_range, robot_parameters
+from softcal.twin.robot import Body, Robot
 
 # Makes the mesh of a body from its section; the project decides where files lie.
 MeshMaker = Callable[[str, BodySection], TetMesh]
@@ -98,6 +99,10 @@ def build_bodies(sections: Mapping[str, BodySection], make_mesh: MeshMaker, find
             findings.warn((*path, "mesh"), warning)
         parameters = {"youngs_modulus": body.youngs_modulus, "poissons_ratio": body.poissons_ratio}
         built.bodies.append(Body(name, built.meshes[name], fixed, parameters, body.law, body.element, body.density))
+        for info in robot_parameters(Robot((built.bodies[-1],))).values():
+            if fault := out_of_range(info, info.value):
+                key = info.name.removeprefix(f"{name}.")
+                findings.add((*path, key), fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt)
     return built
 
 

@@ -11,6 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from softcal.errors import Fault, ParameterError
+from softcal.materials.catalogue import LAWS
 from softcal.quantities import QUANTITIES, Quantity
 from softcal.twin.robot import Body, PointLoad, Robot, Rod
 
@@ -61,7 +62,14 @@ def robot_parameters(robot: Robot) -> dict[str, ParameterInfo]:
     found.update({f"{cable.name}.friction_coefficient": cable.friction_coefficient for cable in robot.cables})
     points = [load for load in robot.loads if isinstance(load, PointLoad)]
     found.update({f"{load.name}.force": float(np.dot(load.force, np.asarray(load.direction))) for load in points})
-    return {name: ParameterInfo(name, KINDS[name.rsplit(".", 1)[1]], value) for name, value in found.items()}
+    infos = {name: ParameterInfo(name, KINDS[name.rsplit(".", 1)[1]], value) for name, value in found.items()}
+    for body in robot.bodies:
+        for key, lower in (LAWS[body.law].lower if body.law in LAWS else {}).items():
+            name = f"{body.name}.{key}"
+            others = [f"law {law.name}" for law in LAWS.values() if key in law.parameters and key not in law.lower]
+            quantity = replace(infos[name].quantity, lower=lower, attempt_below=" or ".join(others))
+            infos[name] = replace(infos[name], quantity=quantity)
+    return infos
 
 
 def with_parameters(robot: Robot, values: Mapping[str, float]) -> Robot:

@@ -11,7 +11,7 @@ from softcal.errors import Fault, ParameterError
 from softcal.mechanics.statics import Statics
 from softcal.twin.build import cached_twin
 from softcal.twin.many import simulate_many
-from softcal.twin.parameters import robot_parameters, unknown_name
+from softcal.twin.parameters import out_of_range, robot_parameters, unknown_name
 from softcal.twin.protocol import Protocol, command_faults
 from softcal.twin.response import Response, Shown
 from softcal.twin.robot import Robot
@@ -53,13 +53,15 @@ def simulate(
     Raises
     ------
     ParameterError
-        For a parameter or a cable that the robot does not have, or a command that no cable can follow.
+        For a parameter or a cable that the robot does not have, a value that no part can have, or a command that no
+        cable can follow.
     MeshError
         For a robot that cannot be built.
     """
     known = robot_parameters(robot)
     commands = {f"{cable}.{command.control}": cable for cable, command in protocol.commands.items()}
     faults = [unknown_name(name, {**known, **commands}) for name in sensitivities if name not in {**known, **commands}]
+    faults += [fault for info in known.values() if (fault := out_of_range(info, info.value))]
     faults += command_faults(robot, protocol)
     if robot.contact is not None and robot.contact.friction_coefficient > 0.0:
         faults.append(

@@ -298,6 +298,7 @@ class Sweep:
         return (
             f"No equilibrium beyond {end:.4g} mm of shortening of {self.cable} "
             f"({n} of {n_samples} samples reached): {path.status}."
+            f"{self.twin.system.softened(path.nodes[-1].state, self.statics.theta)}"
         )
 
     def _falls(self, path: Path) -> str:

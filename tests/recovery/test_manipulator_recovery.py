@@ -14,7 +14,7 @@ from softcal.calibration.loss import DistanceLoss, LikelihoodLoss, Loss
 from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import Problem, make_problem
 from softcal.calibration.result import CalibrationResult
-from softcal.calibration.result_files import load_result
+from softcal.calibration.result_reading import load_result
 from softcal.calibration.run import calibrate
 from softcal.errors import ParameterError
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from softcal.calibration.intervals import intervals
 from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import make_problem
-from softcal.calibration.result_files import load_result
+from softcal.calibration.result_reading import load_result
 from softcal.calibration.run import calibrate
 from softcal.cli.calibration_table import print_results
 from softcal.report.chart_parameters import draw_forest

@@ -29,7 +29,7 @@ from softcal.calibration import outcome
 from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import Problem, Simulate, make_problem
 from softcal.calibration.result import CalibrationResult
-from softcal.calibration.result_files import load_result
+from softcal.calibration.result_reading import load_result
 from softcal.calibration.run import Method, Progress, calibrate, calibrate_each
 from softcal.errors import CalibrationError, ParameterError, StorageError
 from softcal.twin.protocol import Protocol

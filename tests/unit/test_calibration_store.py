@@ -17,7 +17,8 @@ from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.payload import decode, encode
 from softcal.calibration.problem import Problem, make_problem
 from softcal.calibration.result import CalibrationResult
-from softcal.calibration.result_files import load_result, result_json
+from softcal.calibration.result_files import result_json
+from softcal.calibration.result_reading import load_result
 from softcal.calibration.run import calibrate
 from softcal.calibration.store import RunStore, write_text
 from softcal.errors import StorageError
@@ -219,7 +220,8 @@ def test_a_damaged_record_is_told(tmp_path: Path) -> None:
 def test_observations_come_back_from_bytes_bit_by_bit() -> None:
     problem = make_problem(fake_robot(), [fake_experiment(noise=0.02)], [MODULUS, RATIO], None, fake_simulate)
     evaluation = problem.evaluate({E: 1.23456789e6, NU: 0.4321}, jacobian=True)
-    again = problem.judge(evaluation.theta, decode(encode(evaluation.observations)), 1, 20, 0.0)
+    held = decode(encode(evaluation.observations), Path("trials.sqlite"), "trial 0")
+    again = problem.judge(evaluation.theta, held, 1, 20, 0.0)
     assert again.loss == evaluation.loss
     assert again.gradient is not None
     np.testing.assert_array_equal(again.gradient, evaluation.gradient)

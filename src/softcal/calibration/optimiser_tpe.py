@@ -10,7 +10,8 @@ from softcal.calibration.optimiser import Optimiser, Proposal
 from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.problem import Evaluation
 from softcal.calibration.result import Trial
-from softcal.calibration.store import storing
+from softcal.calibration.store import TRIALS, storing
+from softcal.errors import Fault, StorageError
 
 if TYPE_CHECKING:
     import optuna
@@ -119,10 +120,14 @@ class OptunaJournal:
 
         self._path = path
         self._distributions = distributions(space)
-        with storing(path):
-            storage = optuna.storages.JournalStorage(JournalFileBackend(str(path)))
-            self._study = optuna.create_study(storage=storage, study_name="softcal", load_if_exists=True)
-            self._kept = len(self._study.get_trials(deepcopy=False))
+        broken = (ValueError, KeyError, IndexError, TypeError, AttributeError, AssertionError)
+        try:
+            with storing(path):
+                storage = optuna.storages.JournalStorage(JournalFileBackend(str(path)))
+                self._study = optuna.create_study(storage=storage, study_name="softcal", load_if_exists=True)
+                self._held = self._study.get_trials(deepcopy=False)
+        except (*broken, optuna.exceptions.OptunaError) as error:
+            raise self._damaged(str(error) or type(error).__name__) from error
 
     def keep(self, trial: Trial) -> None:
         """Add a trial that the file does not have yet.
@@ -130,13 +135,16 @@ class OptunaJournal:
         Raises
         ------
         StorageError
-            Where it cannot be written.
+            Where it cannot be written, or holds another trial under that number.
         """
         import optuna
 
-        if trial.number < self._kept:
-            return
         failed = trial.loss is None
+        if trial.number < len(self._held):
+            held = self._held[trial.number]
+            if held.params != dict(trial.theta) or (held.values is None) != failed:
+                raise self._damaged(f"its trial {trial.number} is another one")
+            return
         frozen = optuna.trial.create_trial(
             state=optuna.trial.TrialState.FAIL if failed else optuna.trial.TrialState.COMPLETE,
             value=trial.loss,
@@ -146,4 +154,7 @@ class OptunaJournal:
         )
         with storing(self._path):
             self._study.add_trial(frozen)
-        self._kept += 1
+
+    def _damaged(self, why: str) -> StorageError:
+        attempt = f"move it away: it is written again from {TRIALS}"
+        return StorageError(Fault("Optuna's journal of the run cannot be read", str(self._path), why, attempt=attempt))

@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 import io
+import struct
+import zipfile
+import zlib
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 
 from softcal.calibration.observation import Observation
+from softcal.calibration.stored import contradiction
 from softcal.checks import Floats
 
 # Between the parts of a key; a character that no name holds.
 _SEPARATOR = "\x1f"
+# What NumPy and zipfile raise for bytes that are none of theirs, or not all.
+_BROKEN = (
+    ValueError, KeyError, IndexError, TypeError, EOFError, OSError, MemoryError, NotImplementedError, RuntimeError,
+    zipfile.BadZipFile, zlib.error, struct.error,
+)  # fmt: skip
 
 
 def encode(observations: Mapping[str, Observation]) -> bytes:
@@ -31,8 +41,21 @@ def encode(observations: Mapping[str, Observation]) -> bytes:
     return buffer.getvalue()
 
 
-def decode(payload: bytes) -> dict[str, Observation]:
-    """The observations that `encode` was given."""
+def decode(payload: bytes, path: Path, what: str) -> dict[str, Observation]:
+    """The observations that `encode` was given; path and what: where they were kept, and of what they are.
+
+    Raises
+    ------
+    StorageError
+        Where the bytes are damaged.
+    """
+    try:
+        return _decoded(payload)
+    except _BROKEN as error:
+        raise contradiction(path, what, f"its arrays are damaged ({error or type(error).__name__})") from error
+
+
+def _decoded(payload: bytes) -> dict[str, Observation]:
     predicted: dict[str, dict[str, Floats]] = {}
     derivatives: dict[str, dict[str, dict[str, Floats]]] = {}
     response: dict[str, dict[str, Floats]] = {}
@@ -41,6 +64,8 @@ def decode(payload: bytes) -> dict[str, Observation]:
         for i, key in enumerate(held["keys"].tolist()):
             kind, name, channel, *last = key.split(_SEPARATOR)
             values = held[str(i)]
+            if values.dtype != np.float64:
+                raise ValueError(f"{key} is of the type {values.dtype}")
             if kind == "predicted":
                 predicted.setdefault(name, {})[channel] = values
             elif kind == "derivative":

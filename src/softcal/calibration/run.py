@@ -19,11 +19,12 @@ from softcal.calibration.optimiser_grid import GridOptimiser
 from softcal.calibration.optimiser_least_squares import LeastSquaresOptimiser
 from softcal.calibration.optimiser_tpe import OptunaJournal, TpeOptimiser
 from softcal.calibration.outcome import Account, conclude, installed_versions
-from softcal.calibration.payload import decode, encode
+from softcal.calibration.payload import encode
 from softcal.calibration.problem import Evaluation, Problem
+from softcal.calibration.recall import recalled
 from softcal.calibration.result import CalibrationResult, Trial
 from softcal.calibration.result_files import write_result
-from softcal.calibration.store import RunStore, StoredTrial
+from softcal.calibration.store import JOURNAL, RunStore, StoredTrial
 from softcal.calibration.workers import Evaluator
 from softcal.errors import CalibrationError, Fault, ParameterError, StorageError
 
@@ -136,7 +137,7 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
         journal = None
         if run is not None and method == "tpe":
             with interrupts_held():
-                journal = OptunaJournal(run.folder / "optuna.journal", problem.space)
+                journal = OptunaJournal(run.folder / JOURNAL, problem.space)
         tally = _Tally(problem, run, journal, began)
         evaluator = stack.enter_context(Evaluator(problem, workers=workers, jacobian=optimiser.needs_jacobian))
         stopped = _search(optimiser, evaluator, tally, progress)
@@ -203,25 +204,9 @@ class _Tally:
     def recall(self, proposal: Proposal) -> Evaluation | None:
         """The evaluation of a proposal in an earlier session, or None."""
         stored = self.known.get(proposal.number)
-        if stored is None:
+        if stored is None or self.run is None:
             return None
-        if dict(stored.trial.theta) != dict(proposal.theta):
-            raise StorageError(
-                Fault(
-                    f"trial {proposal.number} on disk is not the one that this search would ask for",
-                    where="trials.sqlite",
-                    got=str(dict(stored.trial.theta)),
-                    allowed=str(dict(proposal.theta)),
-                    attempt="the versions that run.json names, or a new folder",
-                )
-            )
-        t = stored.trial
-        if stored.payload is not None:
-            return self.problem.judge(t.theta, decode(stored.payload), stored.n_solves, t.n_factorisations, t.seconds)
-        return Evaluation(
-            t.theta, t.loss, t.reason, (), {}, t.experiment_losses, None, stored.n_solves, t.n_factorisations,
-            t.seconds, t.errors,
-        )  # fmt: skip
+        return recalled(self.problem, proposal, stored, self.run.folder)
 
     def note(self, number: int, evaluation: Evaluation, *, jacobian: bool) -> None:
         """Count a trial, and keep it if it is new."""

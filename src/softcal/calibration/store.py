@@ -17,13 +17,18 @@ import sqlite3
 from collections.abc import Generator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
+
+from pydantic import ConfigDict, Field, Json, ValidationError, model_validator
 
 from softcal.calibration.problem import SOFTCAL
 from softcal.calibration.result import Trial
+from softcal.calibration.stored import Amount, Count, Record, contradiction, damaged, read_record
 from softcal.errors import Fault, StorageError
 
+TRIALS, JOURNAL, RESULT = "trials.sqlite", "optuna.journal", "result.json"
 _FORMAT = 1
+_LARGEST_BATCH = 4096
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS trials (
     number INTEGER PRIMARY KEY, theta TEXT NOT NULL, state TEXT NOT NULL, loss REAL, reason TEXT NOT NULL,
@@ -43,14 +48,54 @@ class StoredTrial:
     payload: bytes | None
 
 
+class _Settings(Record):
+    """How a search was set; what is not named here is compared with what is asked for, and used nowhere else."""
+
+    model_config = ConfigDict(extra="allow")
+
+    batch: Annotated[int, Field(ge=1, le=_LARGEST_BATCH)] = 1
+
+
+class _Run(Record):
+    identity: dict[str, str]
+    settings: _Settings
+
+
+class _Row(Record):
+    """A row of `trials`."""
+
+    number: Count
+    theta: Json[dict[str, float]]
+    state: Literal["COMPLETE", "FAILED"]
+    loss: float | None
+    reason: str
+    seconds: Amount
+    n_solves: Count
+    n_factorisations: Count
+    experiment_losses: Json[dict[str, float]]
+    errors: Json[dict[str, dict[str, float]]]
+    elapsed: Amount
+    payload: bytes | None
+
+    @model_validator(mode="after")
+    def _whole(self) -> _Row:
+        if (self.state == "COMPLETE") != (self.loss is not None):
+            raise ValueError(f"trial {self.number} is {self.state}, and its loss is {self.loss}")
+        return self
+
+
 class RunStore:
     """An open run folder. Use `create` or `resume`, and close it (or use it in `with`)."""
 
     def __init__(self, folder: Path, settings: Mapping[str, Any]) -> None:
         self.folder = folder
         self.settings = dict(settings)
+        # One that was closed in order has its rows in the file itself; SQLite would begin an empty one in its place.
+        lost = [name for name in (JOURNAL, RESULT) if (folder / name).is_file()]
+        if lost and not (folder / TRIALS).is_file():
+            raise StorageError(Fault("the trials of the run are missing", str(folder / TRIALS), f"{lost[0]} beside it"))
         with storing(folder):
-            self._trials = sqlite3.connect(folder / "trials.sqlite", timeout=0.5, isolation_level=None)
+            self._trials = sqlite3.connect(folder / TRIALS, timeout=0.5, isolation_level=None)
             # Exclusive: two processes in one folder would each undo the other's search.
             self._trials.execute("PRAGMA locking_mode=EXCLUSIVE")
             self._trials.execute("PRAGMA journal_mode=WAL")
@@ -102,13 +147,8 @@ class RunStore:
         path = folder / "run.json"
         if not path.is_file():
             raise StorageError(Fault("there is no run to resume", where=str(folder), attempt="without --resume"))
-        with storing(path):
-            text = path.read_text(encoding="utf-8")
-        try:
-            about = json.loads(text)
-            held_identity, held_settings = dict(about["identity"]), dict(about["settings"])
-        except (ValueError, KeyError, TypeError) as error:
-            raise StorageError(Fault("the record of the run cannot be read", where=str(path))) from error
+        held = read_record(_Run, path, "the record of the run", _FORMAT)
+        held_identity, held_settings = held.identity, held.settings.model_dump()
         faults = [
             *_other_things(path, held_identity, identity),
             *_differences("the run was begun otherwise", path, held_settings, settings, ignored=("batch", "trials")),
@@ -158,7 +198,7 @@ class RunStore:
             stored.elapsed,
             stored.payload,
         )
-        with storing(self.folder / "trials.sqlite"):
+        with storing(self.folder / TRIALS):
             self._trials.execute("INSERT INTO trials VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", row)
 
     def stored(self) -> dict[int, StoredTrial]:
@@ -167,16 +207,33 @@ class RunStore:
         Raises
         ------
         StorageError
-            Where the file cannot be read.
+            Where the file cannot be read, or is damaged.
         """
-        with storing(self.folder / "trials.sqlite"):
-            rows = self._trials.execute("SELECT * FROM trials ORDER BY number").fetchall()
-        found: dict[int, StoredTrial] = {}
-        for number, theta, state, loss, reason, seconds, n_solves, n_factorised, *held, elapsed, payload in rows:
-            losses, errors = map(json.loads, held)
-            trial = Trial(number, json.loads(theta), state, loss, reason, seconds, n_factorised, losses, errors)
-            found[number] = StoredTrial(trial, n_solves, elapsed, payload)
-        return found
+        path, what = self.folder / TRIALS, "the trials of the run"
+        columns = list(_Row.model_fields)
+        try:
+            rows = self._trials.execute(f"SELECT {', '.join(columns)} FROM trials ORDER BY number").fetchall()
+            held = [_Row.model_validate(dict(zip(columns, row, strict=True))) for row in rows]
+        except ValidationError as error:
+            raise damaged(path, what, error) from error
+        except sqlite3.Error as error:
+            raise contradiction(path, what, str(error)) from error
+        return {row.number: _stored(row) for row in held}
+
+
+def _stored(row: _Row) -> StoredTrial:
+    trial = Trial(
+        row.number,
+        row.theta,
+        row.state,
+        row.loss,
+        row.reason,
+        row.seconds,
+        row.n_factorisations,
+        row.experiment_losses,
+        row.errors,
+    )
+    return StoredTrial(trial, row.n_solves, row.elapsed, row.payload)
 
 
 def write_text(path: Path, text: str) -> None:

@@ -8,18 +8,15 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
-from softcal.analysis.mesh_changes import Change
-from softcal.analysis.mesh_study import Finer, MeshStudy
+from softcal.analysis.mesh_study import MeshStudy
 from softcal.analysis.mesh_verdict import mesh_verdicts
 from softcal.calibration.outcome import installed_versions
-from softcal.calibration.result import CalibrationResult, Estimate
+from softcal.calibration.result import CalibrationResult
 from softcal.calibration.store import write_text
-from softcal.errors import Fault, StorageError
+from softcal.calibration.stored import Record, read_record
 from softcal.project.output import new_folder
 from softcal.project.project import Project
-from softcal.twin.finer import Size
 
 FOLDER, STUDY, PARAMETERS, CHANGES = "mesh-study", "mesh-study.json", "parameters.csv", "changes.csv"
 FORMAT = 1
@@ -50,6 +47,11 @@ def write_study(found: MeshStudy, project: Project, calibration: str, folder: Pa
         write_text(part / STUDY, json.dumps(record, indent=2, allow_nan=False) + "\n")
 
 
+class _StudyRecord(Record):
+    study: MeshStudy
+    calibration: str
+
+
 @dataclass(frozen=True)
 class StoredStudy:
     """A study read back, and the calibration that it is of, "" for a project's."""
@@ -70,18 +72,13 @@ def read_study(folder: Path) -> StoredStudy | None:
     Raises
     ------
     StorageError
-        Where it cannot be read.
+        Where it cannot be read, or is damaged.
     """
     path = folder / STUDY
     if not path.is_file():
         return None
-    try:
-        record = json.loads(path.read_text(encoding="utf-8"))
-        if record["format"] != FORMAT:
-            raise StorageError(Fault("the study is of another format", str(path), str(record["format"]), str(FORMAT)))
-        return StoredStudy(_study(record["study"]), record["calibration"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise StorageError(Fault("the mesh study cannot be read", str(path), str(error))) from error
+    record = read_record(_StudyRecord, path, "the mesh study", FORMAT)
+    return StoredStudy(record.study, record.calibration)
 
 
 def parameters_csv(found: MeshStudy) -> str:
@@ -109,29 +106,6 @@ def changes_csv(found: MeshStudy) -> str:
             numbers = [c.rms, c.share, c.noise, c.residual, c.n, c.order]
             rows.append([one.name, c.experiment, c.name, c.unit, *("" if x is None else x for x in numbers)])
     return _csv(rows)
-
-
-def _study(data: dict[str, Any]) -> MeshStudy:
-    return MeshStudy(
-        parameters={label: Estimate(**one) for label, one in data["parameters"].items()},
-        of_robot=tuple(data["of_robot"]),
-        loss=data["loss"],
-        loss_name=data["loss_name"],
-        elements=tuple(data["elements"]),
-        element=data["element"],
-        size=Size(**data["size"]),
-        finer=tuple(_finer(one) for one in data["finer"]),
-        reference=data["reference"],
-        notes=tuple(data["notes"]),
-    )
-
-
-def _finer(data: dict[str, Any]) -> Finer:
-    held: dict[str, Any] = dict(data)
-    held["size"] = None if data["size"] is None else Size(**data["size"])
-    held["changes"] = tuple(Change(**change) for change in data["changes"])
-    held["at_bound"] = tuple(data["at_bound"])
-    return Finer(**held)
 
 
 def _csv(rows: list[list[object]]) -> str:

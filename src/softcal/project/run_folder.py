@@ -15,12 +15,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path, PurePath
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, Field, ValidatorFunctionWrapHandler, WrapValidator
 
 from softcal.calibration.outcome import installed_versions
 from softcal.calibration.result import CalibrationResult, Estimate
-from softcal.calibration.result_files import fits_of, load_result, response_file, result_json
+from softcal.calibration.result_files import fits_of, response_file, result_json
+from softcal.calibration.result_reading import load_result
 from softcal.calibration.store import write_text
+from softcal.calibration.stored import Record, read_record
 from softcal.errors import Fault, StorageError
 from softcal.geometry.write import write_mesh
 from softcal.project.calibration_schema import CalibrationSection
@@ -29,8 +33,36 @@ from softcal.project.output import new_folder, require_writable, unwritable
 from softcal.project.project import Project, load
 
 FORMAT = 1
-KEYS = ("values", "copies", "calibrations", "settings", "hashes", "versions", "created")
 PROJECT, RECORD, INPUTS, CALIBRATIONS = "project.yaml", "run.json", "inputs", "calibrations"
+
+
+def _inside(place: str) -> str:
+    """A place below the run's folder, and nowhere else."""
+    if not place or PurePath(place).is_absolute() or ".." in PurePath(place).parts or "\0" in place:
+        raise ValueError("a place in the run's folder is needed")
+    return place
+
+
+def _as_written(value: dict[str, Any], handler: ValidatorFunctionWrapHandler) -> CalibrationSection:
+    """Settings as a run writes them: those of a project file may say the same in several ways."""
+    section: CalibrationSection = handler(value)
+    written = section.model_dump()
+    if json.dumps(value, sort_keys=True) != json.dumps({key: written[key] for key in value}, sort_keys=True):
+        raise ValueError("a run writes its settings otherwise")
+    return section
+
+
+_Place = Annotated[str, AfterValidator(_inside)]
+
+
+class _RunRecord(Record):
+    values: dict[str, float]
+    copies: dict[str, _Place]
+    calibrations: Annotated[list[_Place], Field(min_length=1)]
+    settings: Annotated[CalibrationSection, WrapValidator(_as_written)]
+    hashes: dict[str, str]
+    versions: dict[str, str]
+    created: str
 
 
 @dataclass(frozen=True)
@@ -91,9 +123,9 @@ def reopen_run(project: Project, folder: Path) -> None:
         Where the folder holds no run of this project, or cannot be written.
     """
     record = _record(folder)
-    if dict(record["values"]) != dict(project.held):
+    if record.values != dict(project.held):
         raise StorageError(
-            Fault("the run holds other parameters", str(folder), str(dict(project.held)), str(record["values"]))
+            Fault("the run holds other parameters", str(folder), str(dict(project.held)), str(record.values))
         )
     require_writable(folder)
 
@@ -139,25 +171,24 @@ def load_run(folder: str | Path) -> Run:
     """
     folder = Path(folder)
     record = _record(folder)
-    project = load(folder / PROJECT, values=record["values"], copies=record["copies"])
+    project = load(folder / PROJECT, values=record.values, copies=record.copies)
     results = {
         label: load_result(calibration_folder(folder, label))
-        for label in record["calibrations"]
+        for label in record.calibrations
         if (calibration_folder(folder, label) / "result.json").is_file()
     }
     if not results:
         raise StorageError(
             Fault("the run has no result yet", str(folder), attempt="softcal calibrate … --resume, to go on with it")
         )
-    return Run(
-        folder,
-        project,
-        results,
-        CalibrationSection.model_validate(record["settings"]),
-        record["versions"],
-        record["hashes"],
-        record["created"],
-    )
+    for label, result in results.items():
+        strangers = sorted({*result.experiments, *result.held_out} - set(project.experiments))
+        if strangers:
+            where = str(calibration_folder(folder, label))
+            raise StorageError(
+                Fault("the result is of an experiment that the run does not have", where, ", ".join(strangers))
+            )
+    return Run(folder, project, results, record.settings, record.versions, record.hashes, record.created)
 
 
 def refuse_project_folder(folder: Path) -> None:
@@ -210,19 +241,13 @@ def side_by_side(results: Mapping[str, CalibrationResult]) -> CalibrationResult:
     )
 
 
-def _record(folder: Path) -> dict[str, Any]:
+def _record(folder: Path) -> _RunRecord:
     path = folder / RECORD
     if not path.is_file():
         raise StorageError(
             Fault("there is no run here", str(folder), f"no {RECORD}", "a folder that softcal calibrate wrote")
         )
-    try:
-        record = json.loads(path.read_text(encoding="utf-8"))
-        if record["format"] != FORMAT:
-            raise StorageError(Fault("the run is of another format", str(path), str(record["format"]), str(FORMAT)))
-        return {key: record[key] for key in KEYS}
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise StorageError(Fault("the record of the run cannot be read", str(path), str(error))) from error
+    return read_record(_RunRecord, path, "the record of the run", FORMAT)
 
 
 def _copy_inputs(project: Project, folder: Path) -> dict[str, str]:

@@ -1,0 +1,545 @@
+"""Stored files that are damaged: every command that reads one ends with a sentence and exit code 2."""
+
+from __future__ import annotations
+
+import contextlib
+import copy
+import io
+import json
+import shutil
+import sqlite3
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from project_case import write_project
+
+from softcal.calibration.result_reading import load_result
+from softcal.cli import main
+from softcal.errors import StorageError
+from softcal.project.mesh_study_files import read_study
+from softcal.project.run_folder import load_run
+
+STORE = "calibrations/pull"
+RESULT = f"{STORE}/result.json"
+
+
+def write_study(folder: Path) -> None:
+    estimate = {
+        "value": 1e6,
+        "unit": "Pa",
+        "at_bound": False,
+        "lower": 1e5,
+        "upper": 4e7,
+        "standard_error": 1e4,
+        "interval": [9e5, 1.1e6],
+        "of": [],
+    }
+    size = {"tets": 192, "rod_elements": 0, "unknowns": 300}
+    change = {
+        "experiment": "pull",
+        "name": "tension",
+        "unit": "N",
+        "rms": 0.1,
+        "share": -0.1,
+        "noise": 0.05,
+        "residual": 0.04,
+        "magnitude": 1.0,
+        "n": 25,
+        "order": None,
+    }
+    finer = {
+        "name": "P2P1",
+        "what": "quadratic",
+        "size": size,
+        "failure": "",
+        "loss": 1.0,
+        "reachable": 0.5,
+        "changes": [change],
+        "values": {"bar.youngs_modulus": 9e5},
+        "at_bound": [],
+        "n_factorisations": 9,
+        "seconds": 1.0,
+    }
+    study = {
+        "parameters": {"bar.youngs_modulus": estimate},
+        "of_robot": ["bar.youngs_modulus"],
+        "loss": 1.0,
+        "loss_name": "papers",
+        "elements": ["P1"],
+        "element": "P2P1",
+        "size": size,
+        "finer": [finer],
+        "reference": "P2P1",
+        "notes": [],
+    }
+    folder.mkdir()
+    (folder / "mesh-study.json").write_text(json.dumps({"format": 1, "study": study, "calibration": "pull"}))
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A project, two runs of it that have ended, by squares and by TPE, and a mesh study."""
+    folder = tmp_path_factory.mktemp("stored")
+    path = write_project(folder / "p")
+    for name, options in (("run", ()), ("tpe", ("--method", "tpe", "--trials", "4"))):
+        with pytest.raises(SystemExit) as left:
+            main(["calibrate", str(path), "--out", str(folder / name), "--no-report", *options])
+        assert not left.value.code
+    write_study(folder / "study")
+    return folder
+
+
+@pytest.fixture
+def run(finished: Path, tmp_path: Path) -> Path:
+    """A copy of the run, to be damaged."""
+    return Path(shutil.copytree(finished / "run", tmp_path / "run"))
+
+
+def outcome(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str]:
+    with pytest.raises(SystemExit) as left:
+        main([str(argument) for argument in arguments])
+    err = capsys.readouterr().err
+    assert "Traceback" not in err
+    return int(left.value.code or 0), err
+
+
+def resume(capsys: pytest.CaptureFixture[str], finished: Path, run: Path, *options: str) -> tuple[int, str]:
+    return outcome(
+        capsys, "calibrate", finished / "p" / "project.yaml", "--out", run, "--resume", "--no-report", *options
+    )
+
+
+def test_the_files_are_read_as_they_were_written(
+    capsys: pytest.CaptureFixture[str], finished: Path, run: Path, tmp_path: Path
+) -> None:
+    """What every case below damages is whole."""
+    assert load_run(run).results["pull"].loss == load_result(run / STORE).loss
+    assert read_study(finished / "study") is not None
+    assert resume(capsys, finished, run)[0] == 0
+    tpe = shutil.copytree(finished / "tpe", tmp_path / "tpe")
+    assert resume(capsys, finished, tpe, "--method", "tpe", "--trials", "4")[0] == 0
+
+
+def leaves(value: Any, path: tuple[str | int, ...] = ()) -> Iterator[tuple[str | int, ...]]:
+    """The place of every value in a JSON document, mappings and lists among them."""
+    if path:
+        yield path
+    entries = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, entry in entries:
+        yield from leaves(entry, (*path, key))
+
+
+def with_value(document: Any, path: tuple[str | int, ...], value: object) -> Any:
+    document = copy.deepcopy(document)
+    here = document
+    for key in path[:-1]:
+        here = here[key]
+    here[path[-1]] = value
+    return document
+
+
+def of_another_type(value: object) -> list[object]:
+    """Values of the types that JSON has, but for the value's own, and numbers that are none."""
+    if isinstance(value, bool):
+        return [1, "false", None, []]
+    if isinstance(value, int | float):
+        return [str(value), True, [value], {"value": value}, float("nan"), float("inf")]
+    if isinstance(value, str):
+        return [1.0, [value], {"value": value}]
+    if isinstance(value, dict):
+        return [list(value), "text", 1]
+    return [{"0": value}, "text", 1] if isinstance(value, list) else []
+
+
+# Where any value may be: what is only shown, and lists of text of any length.
+FREE = {"project"}
+DOCUMENTS: dict[str, tuple[str, Callable[[Path], object]]] = {
+    "the record of a run": ("run/run.json", load_run),
+    "a result": (f"run/{RESULT}", lambda folder: load_result(folder / STORE)),
+    "a mesh study": ("study/mesh-study.json", read_study),
+}
+
+
+@pytest.mark.parametrize("name", DOCUMENTS)
+def test_a_value_of_another_type_anywhere_in_a_record_is_refused(name: str, finished: Path, tmp_path: Path) -> None:
+    """Some hundred cases: each value of the file in turn, each type that it does not have."""
+    file, read = DOCUMENTS[name]
+    folder = shutil.copytree(finished / file.split("/")[0], tmp_path / "copy")
+    target = folder / file.partition("/")[2]
+    document = json.loads(target.read_text())
+    accepted: list[str] = []
+    n = 0
+    for path in leaves(document):
+        value: Any = document
+        for key in path:
+            value = value[key]
+        if path[0] in FREE:
+            continue
+        for other in of_another_type(value):
+            n += 1
+            target.write_text(json.dumps(with_value(document, path, other)))
+            with contextlib.suppress(StorageError):
+                read(folder)
+                accepted.append(f"{path}: {other!r} for {value!r}")
+    assert n > 80
+    assert not accepted
+
+
+@pytest.mark.parametrize("name", DOCUMENTS)
+def test_a_key_that_is_missing_is_refused(name: str, finished: Path, tmp_path: Path) -> None:
+    file, read = DOCUMENTS[name]
+    folder = shutil.copytree(finished / file.split("/")[0], tmp_path / "copy")
+    target = folder / file.partition("/")[2]
+    document = json.loads(target.read_text())
+    optional = {"project", "verdicts", "format" if "result" in name else ""}
+    refused = 0
+    for key in document:
+        if key in optional:
+            continue
+        target.write_text(json.dumps({other: value for other, value in document.items() if other != key}))
+        if key in ("hashes", "versions") and "study" in name:
+            continue
+        with pytest.raises(StorageError, match=f"{key}: field required"):
+            read(folder)
+        refused += 1
+    assert refused >= 3
+
+
+TEXTS: dict[str, bytes] = {
+    "empty": b"",
+    "half": b'{"format": 1, "values": {',
+    "not text": bytes(range(256)),
+    "zeros": bytes(4096),
+    "a list": b"[]",
+    "null": b"null",
+    "UTF-16": '{"format": 1}'.encode("utf-16"),
+    "another format": b'{"format": 2}',
+    "a format of text": b'{"format": "1"}',
+    "a format of half": b'{"format": 1.5}',
+    "no format": b'{"settings": {}}',
+    "an integer of 5,000 digits": b'{"format": ' + b"9" * 5000 + b"}",
+    "nested too deep": b'{"format": ' + b"[" * 100_000 + b"]" * 100_000 + b"}",
+    "not JSON": b"softcal: 1",
+    "two documents": b'{"format": 1}{"format": 1}',
+}
+
+
+@pytest.mark.parametrize("text", TEXTS)
+@pytest.mark.parametrize("file", ["run/run.json", f"run/{STORE}/run.json", f"run/{RESULT}", "study/mesh-study.json"])
+def test_a_record_that_is_none_is_refused(
+    file: str, text: str, capsys: pytest.CaptureFixture[str], finished: Path, tmp_path: Path
+) -> None:
+    first, _, inside = file.partition("/")
+    folder = shutil.copytree(finished / first, tmp_path / "copy")
+    (folder / inside).write_bytes(TEXTS[text])
+    if first == "study":
+        with pytest.raises(StorageError, match="mesh study"):
+            read_study(folder)
+        return
+    reading = f"{STORE}/run.json" == inside
+    code, err = resume(capsys, finished, folder) if reading else outcome(capsys, "report", folder)
+    assert code == 2
+    assert str(folder / inside) in err
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("report",),
+        ("mesh-study",),
+        ("crosscheck",),
+        ("export", "sofa"),
+        ("export", "vtk"),
+        ("export", "reduced", "--reach", "front=1 N"),
+        ("export", "calculix"),
+    ],
+    ids=" ".join,
+)
+@pytest.mark.parametrize("file", ["run.json", RESULT, f"{STORE}/trials.csv", f"{STORE}/response-pull.csv"])
+def test_every_command_that_reads_a_run_refuses_a_damaged_one(
+    file: str, command: tuple[str, ...], capsys: pytest.CaptureFixture[str], run: Path, tmp_path: Path
+) -> None:
+    whole = (run / file).read_bytes()
+    (run / file).write_bytes(whole[: len(whole) // 2])
+    before = sorted(tmp_path.rglob("*"))
+    code, err = outcome(capsys, *command, run, "--out", tmp_path / "out")
+    assert code == 2, err
+    assert str(run) in err
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def without_line(text: str) -> str:
+    lines = text.splitlines(keepends=True)
+    return "".join(lines[:-1])
+
+
+def in_cell(row: int, column: int, value: str) -> Callable[[str], str]:
+    def change(text: str) -> str:
+        lines = text.splitlines()
+        cells = lines[row].split(",")
+        cells[column] = value
+        lines[row] = ",".join(cells)
+        return "\n".join(lines) + "\n"
+
+    return change
+
+
+TABLES: dict[str, tuple[str, Callable[[str], str]]] = {
+    **{
+        f"{value!r} in row {row}, column {column} of {file}": (file, in_cell(row, column, value))
+        for file, column, values in (
+            ("trials.csv", 0, ("", "x", "1.5", "-1", "nan")),
+            ("trials.csv", 1, ("", "RUNNING", "FAILED", "complete")),
+            ("trials.csv", 2, ("", "x", "nan", "inf", "1e400", "0")),
+            ("trials.csv", 3, ("", "x", "nan", "-1")),
+            ("trials.csv", 4, ("", "x", "0.5", "-3")),
+            ("trials.csv", 6, ("", "x", "nan", "-inf", "0")),
+            ("response-pull.csv", 1, ("", "x", "nan", "inf", "1e999", "0x1p3", "1,5")),
+        )
+        for value in values
+        for row in (-1,)
+    },
+    "a simulated value that is another": ("response-pull.csv", in_cell(-1, -1, "0.5")),
+    "a measured value that is another": ("response-pull.csv", in_cell(-1, -4, "77")),
+    "a trial less": ("trials.csv", without_line),
+    "a sample less": ("response-pull.csv", without_line),
+    "no samples": ("response-pull.csv", lambda text: text.splitlines()[0] + "\n"),
+    "no trials": ("trials.csv", lambda text: text.splitlines()[0] + "\n"),
+    "an empty table": ("response-pull.csv", lambda text: ""),
+    "a column twice": (
+        "response-pull.csv",
+        lambda text: text.replace("front.shortening", "front.tension").replace("[m]", "[N]", 1),
+    ),
+    "another column": ("trials.csv", lambda text: text.replace("state", "estate", 1)),
+    "a channel that is not there": (
+        "response-pull.csv",
+        lambda text: text.replace("simulated.pitch", "simulated.roll"),
+    ),
+    "a NUL": ("response-pull.csv", lambda text: text.replace(".", "\0", 9)),
+    "a cell too many": ("trials.csv", lambda text: text.rstrip("\n") + ",1\n"),
+    "an open quote": ("trials.csv", lambda text: text.replace(",COMPLETE", ',"COMPLETE', 1)),
+    "a huge field": ("trials.csv", lambda text: text.replace("COMPLETE", "C" * 200_000, 1)),
+}
+
+
+@pytest.mark.parametrize("case", TABLES)
+def test_a_damaged_table_of_a_result_is_refused(case: str, finished: Path, tmp_path: Path) -> None:
+    file, change = TABLES[case]
+    folder = shutil.copytree(finished / "run" / STORE, tmp_path / "copy")
+    text = (folder / file).read_text()
+    assert change(text) != text
+    (folder / file).write_text(change(text))
+    with pytest.raises(StorageError, match=r"the result cannot be read"):
+        load_result(folder)
+
+
+VALUES: dict[str, tuple[tuple[str | int, ...], object]] = {
+    "a value below its bounds": (("parameters", "bar.youngs_modulus", "value"), 5.0),
+    "a value that no trial has": (("parameters", "bar.youngs_modulus", "value"), 1.4e6),
+    "bounds reversed": (("parameters", "bar.youngs_modulus", "lower"), 1e9),
+    "a standard error below zero": (("parameters", "bar.youngs_modulus", "standard_error"), -1.0),
+    "an interval reversed": (("parameters", "bar.youngs_modulus", "interval"), [2e6, 1e6]),
+    "a loss that no trial has": (("loss",), 0.5),
+    "an error that its table does not give": (("experiments", "pull", "tension_rmse"), 0.5),
+    "an error that is null": (("experiments", "pull", "tension_rmse"), None),
+    "failed trials that are none": (("n_failed_trials",), 3),
+    "a count below zero": (("n_solves",), -1),
+    "a time below zero": (("wall_s",), -1.0),
+    "a table elsewhere": (("experiments", "pull", "file"), "../../../../etc/passwd"),
+    "no parameters": (("parameters",), {}),
+    "no experiments": (("experiments",), {}),
+    "a format of the future": (("format",), 2),
+}
+
+
+@pytest.mark.parametrize("case", VALUES)
+def test_a_value_that_contradicts_the_others_is_refused(case: str, finished: Path, tmp_path: Path) -> None:
+    folder = shutil.copytree(finished / "run" / STORE, tmp_path / "copy")
+    path, value = VALUES[case]
+    document = json.loads((folder / "result.json").read_text())
+    (folder / "result.json").write_text(json.dumps(with_value(document, path, value)))
+    with pytest.raises(StorageError, match=r"the result cannot be read"):
+        load_result(folder)
+
+
+PLACES = ["..", "../run", "/etc", "", "pull/../../x", "a\0b"]
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("key", ["copies", "calibrations"])
+def test_a_run_names_no_place_outside_its_folder(key: str, place: str, run: Path) -> None:
+    record = json.loads((run / "run.json").read_text())
+    record[key] = {"bar.msh": place} if key == "copies" else [place]
+    (run / "run.json").write_text(json.dumps(record))
+    with pytest.raises(StorageError, match="a place in the run's folder"):
+        load_run(run)
+
+
+def test_a_result_of_another_runs_experiment_is_refused(run: Path) -> None:
+    folder = run / STORE
+    (folder / "response-pull.csv").rename(folder / "response-push.csv")
+    text = (
+        (folder / "result.json").read_text().replace('"pull": {', '"push": {').replace("response-pull", "response-push")
+    )
+    (folder / "result.json").write_text(text)
+    with pytest.raises(StorageError, match="an experiment that the run does not have; got push"):
+        load_run(run)
+
+
+ROWS: dict[str, str] = {
+    "theta that is none": "UPDATE trials SET theta = '{'",
+    "theta that is a list": "UPDATE trials SET theta = '[1]'",
+    "theta of text": """UPDATE trials SET theta = '{"bar.youngs_modulus": "1"}'""",
+    "theta of another point": """UPDATE trials SET theta = '{"bar.youngs_modulus": 1e6}'""",
+    "NaN in theta": """UPDATE trials SET theta = '{"bar.youngs_modulus": NaN}'""",
+    "theta of bytes": "UPDATE trials SET theta = x'ff00'",
+    "an unknown state": "UPDATE trials SET state = 'RUNNING'",
+    "a failed trial with a loss": "UPDATE trials SET state = 'FAILED'",
+    "no loss": "UPDATE trials SET loss = NULL",
+    "an infinite loss": "UPDATE trials SET loss = 9e999",
+    "a loss of text": "UPDATE trials SET loss = 'low'",
+    "another loss": "UPDATE trials SET loss = loss + 1",
+    "a reason of bytes": "UPDATE trials SET reason = x'ffff'",
+    "seconds below zero": "UPDATE trials SET seconds = -1",
+    "seconds of text": "UPDATE trials SET seconds = 'long'",
+    "solves of text": "UPDATE trials SET n_solves = 'many'",
+    "solves below zero": "UPDATE trials SET n_solves = -4",
+    "solves of half": "UPDATE trials SET n_factorisations = 0.5",
+    "losses that are none": "UPDATE trials SET experiment_losses = ''",
+    "errors that are none": """UPDATE trials SET errors = '{"pull": 1}'""",
+    "an elapsed time that is infinite": "UPDATE trials SET elapsed = 9e999",
+    "arrays that are empty": "UPDATE trials SET payload = x''",
+    "arrays of text": "UPDATE trials SET payload = 'arrays'",
+    "arrays that are none": "UPDATE trials SET payload = x'504b0304deadbeef'",
+    "arrays cut off": "UPDATE trials SET payload = substr(payload, 1, length(payload) / 2)",
+    "a table without a column": "ALTER TABLE trials DROP COLUMN elapsed",
+    "a table of another name": "ALTER TABLE trials RENAME TO others",
+    "a row less": "DELETE FROM trials WHERE number = 1",
+}
+# Nothing of a row is missed where it is lost, if the search asks for the same point again.
+HARMLESS = {"a row less", "a table of another name"}
+
+
+@pytest.mark.parametrize("case", ROWS)
+def test_damaged_rows_of_a_store_are_refused(
+    case: str, capsys: pytest.CaptureFixture[str], finished: Path, run: Path
+) -> None:
+    path = run / STORE / "trials.sqlite"
+    with contextlib.closing(sqlite3.connect(path)) as database, database:
+        database.execute(ROWS[case])
+    code, err = resume(capsys, finished, run)
+    if case in HARMLESS:
+        assert code == 0, err
+    else:
+        assert code == 2, err
+        assert str(path) in err
+
+
+def other_arrays(change: Callable[[dict[str, np.ndarray]], None]) -> Callable[[bytes], bytes]:
+    def changed(payload: bytes) -> bytes:
+        with np.load(io.BytesIO(payload)) as held:
+            arrays = dict(held)
+        change(arrays)
+        buffer = io.BytesIO()
+        np.savez_compressed(buffer, **arrays)
+        return buffer.getvalue()
+
+    return changed
+
+
+ARRAYS: dict[str, Callable[[dict[str, np.ndarray]], None]] = {
+    "a value that is another": lambda held: held.update({"0": held["0"] + 1}),
+    "a value that is NaN": lambda held: held.update({"0": held["0"] * np.nan}),
+    "a sample less": lambda held: held.update({"0": held["0"][:-1]}),
+    "a table": lambda held: held.update({"0": np.stack([held["0"]] * 2)}),
+    "whole numbers": lambda held: held.update({"0": held["0"].astype(int)}),
+    "text": lambda held: held.update({"0": np.array(["a"] * 25)}),
+    "an array less": lambda held: held.pop("0"),
+    "no keys": lambda held: held.pop("keys"),
+    "a key of one part": lambda held: held.update(keys=np.array(["predicted"] * len(held["keys"]))),
+    "another experiment": lambda held: held.update(keys=np.char.replace(held["keys"], "pull", "push")),
+    "a derivative less": lambda held: held.update(keys=np.char.replace(held["keys"], "youngs", "other")),
+}
+
+
+@pytest.mark.parametrize("case", ARRAYS)
+def test_damaged_arrays_of_a_trial_are_refused(
+    case: str, capsys: pytest.CaptureFixture[str], finished: Path, run: Path
+) -> None:
+    path = run / STORE / "trials.sqlite"
+    with contextlib.closing(sqlite3.connect(path)) as database, database:
+        for number, payload in database.execute("SELECT number, payload FROM trials").fetchall():
+            changed = other_arrays(ARRAYS[case])(payload)
+            database.execute("UPDATE trials SET payload = ? WHERE number = ?", (changed, number))
+    code, err = resume(capsys, finished, run)
+    assert code == 2, err
+    assert str(path) in err
+    assert "trial 0 of the run cannot be read" in err or case == "a derivative less"
+
+
+SETTINGS = {
+    "a batch of text": '"two"',
+    "a batch of zero": "0",
+    "a batch beyond all workers": "1000000000",
+    "a batch of half": "0.5",
+    "a batch that is null": "null",
+}
+
+
+@pytest.mark.parametrize("case", SETTINGS)
+def test_damaged_settings_of_a_store_are_refused(
+    case: str, capsys: pytest.CaptureFixture[str], finished: Path, run: Path
+) -> None:
+    path = run / STORE / "run.json"
+    record = json.loads(path.read_text())
+    record["settings"]["batch"] = json.loads(SETTINGS[case])
+    path.write_text(json.dumps(record))
+    code, err = resume(capsys, finished, run)
+    assert code == 2, err
+    assert "settings.batch" in err
+
+
+FILES: dict[str, tuple[str, Callable[[Path], object]]] = {
+    "a database that is none": ("trials.sqlite", lambda path: path.write_bytes(b"trials" * 999)),
+    "a database cut off": ("trials.sqlite", lambda path: path.write_bytes(path.read_bytes()[:5000])),
+    "a database of zeros inside": (
+        "trials.sqlite",
+        lambda path: path.write_bytes(path.read_bytes()[:4096] + bytes(len(path.read_bytes()) - 4096)),
+    ),
+    "no database": ("trials.sqlite", Path.unlink),
+    "a folder in the place of the database": ("trials.sqlite", lambda path: (path.unlink(), path.mkdir())),
+    "a folder in the place of the record": ("run.json", lambda path: (path.unlink(), path.mkdir())),
+    "a journal that is none": ("optuna.journal", lambda path: path.write_bytes(bytes(range(256)))),
+    "a journal of other things": ("optuna.journal", lambda path: path.write_text('{"a": 1}\n[]\n')),
+    "a journal of an unknown kind": ("optuna.journal", lambda path: path.write_text('{"op_code": 99}\n')),
+    "a journal of other trials": (
+        "optuna.journal",
+        lambda path: path.write_text(path.read_text().replace('"bar.youngs_modulus"', '"bar.other"')),
+    ),
+}
+
+
+@pytest.mark.parametrize("case", FILES)
+def test_damaged_files_of_a_store_are_refused(
+    case: str, capsys: pytest.CaptureFixture[str], finished: Path, tmp_path: Path
+) -> None:
+    run = Path(shutil.copytree(finished / "tpe", tmp_path / "run"))
+    file, damage = FILES[case]
+    damage(run / STORE / file)
+    code, err = resume(capsys, finished, run, "--method", "tpe", "--trials", "4")
+    assert code == 2, err
+    assert str(run / STORE) in err
+
+
+def test_a_journal_that_was_moved_away_is_written_again(
+    capsys: pytest.CaptureFixture[str], finished: Path, tmp_path: Path
+) -> None:
+    run = Path(shutil.copytree(finished / "tpe", tmp_path / "run"))
+    path = run / STORE / "optuna.journal"
+    n = path.read_text().count('"op_code"')
+    path.unlink()
+    assert resume(capsys, finished, run, "--method", "tpe", "--trials", "4")[0] == 0
+    assert path.read_text().count('"op_code"') == n

@@ -69,6 +69,7 @@ LIMITS: Mapping[str, Limit] = {
         Limit("rings of elements", 20),
         Limit("bells", 50),
         Limit("sectors", 360),
+        Limit("edges around a bore", 100, 3),
         Limit("tets", 2_000_000, 1, "check the unit of the model and of the size, or a larger size"),
         # The bench
         Limit("experiments", 1000, 0),

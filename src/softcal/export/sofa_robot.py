@@ -10,6 +10,7 @@ from softcal.checks import Ints
 from softcal.errors import Fault, ParameterError
 from softcal.export.sofa_rods import linear_rod
 from softcal.geometry.mesh import TetMesh
+from softcal.twin.bores import bores
 from softcal.twin.robot import Body, Robot, SurfaceLoad
 
 ITS_LAW, ITS_ELEMENT = "neo-hooke", "P1"
@@ -21,6 +22,15 @@ def scene_faults(robot: Robot) -> list[Fault]:
         Fault("SOFA's cables have no friction", where=cable.name, got=f"{cable.friction_coefficient:g}", allowed="0")
         for cable in robot.cables
         if cable.friction_coefficient > 0.0
+    ]
+    faults += [
+        Fault(
+            "in SOFA a via point is held by one element, not by the wall of a bore",
+            where=cable,
+            got=f"via points {', '.join(str(i + 1) for i in held)} in bores",
+            attempt="a model with the bores closed",
+        )
+        for cable, held in bores(robot).items()
     ]
     if robot.contact is not None:
         faults.append(

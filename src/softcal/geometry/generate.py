@@ -18,6 +18,7 @@ import softcal
 from softcal.errors import Fault, MeshError
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.surface import boundary_faces
+from softcal.limits import LIMITS
 from softcal.units import unit_factor
 
 KINDS = {".stl": "stl", ".step": "step", ".stp": "step"}
@@ -59,6 +60,7 @@ def mesh_file(
     count: int | None = None,
     order: Literal[1, 2] = 1,
     unit: str = "mm",
+    edges_around: int | None = None,
     feature_angle: float = 0.7,
     timeout: float = 300.0,
 ) -> TetMesh:
@@ -74,6 +76,8 @@ def mesh_file(
         1 for linear tets, 2 for quadratic ones, curved where the model is.
     unit
         Unit of the lengths in an .stl, which carries none. A STEP file carries its own; leave it at "mm".
+    edges_around
+        Of a STEP file: elements so small where the model is round that this many edges go around a bore or fillet.
     feature_angle
         Edges of an .stl sharper than this are kept [rad].
     timeout
@@ -103,9 +107,15 @@ def mesh_file(
         raise MeshError(
             Fault("a STEP file carries its own unit", where=str(path), got=f"unit '{unit}'", allowed="no unit")
         )
+    if edges_around is not None:
+        LIMITS["edges around a bore"].check(edges_around, where=str(path))
+        if kind != "step":
+            allowed = "a STEP file, which says where it is round"
+            raise MeshError(Fault("edges around a bore cannot be counted", str(path), f"'{path.suffix}'", allowed))
     factor = unit_factor(unit, "m", where=str(path))
     job = {
         "kind": kind,
+        "options": {**OPTIONS, "Mesh.MeshSizeFromCurvature": edges_around or 0},
         "path": str(path.resolve()),
         "feature_angle": feature_angle,
         **target_of(size, count, factor, where=str(path)),
@@ -190,7 +200,9 @@ def _told(fault: Mapping[str, str], where: str) -> Fault:
 def _crash(done: subprocess.CompletedProcess[str], where: str) -> Fault:
     last = (done.stderr or done.stdout).strip().splitlines()[-1:] or ["no message"]
     end = f"signal {-done.returncode}" if done.returncode < 0 else f"exit code {done.returncode}"
-    return Fault("Gmsh crashed", where=where, got=f"{end}: {last[0]}", attempt="another size, or repair the model")
+    return Fault(
+        "Gmsh crashed", where=where, got=f"{end}: {last[0]}", attempt="another size, order: 1, or repair the model"
+    )
 
 
 def _apt_package(message: str) -> str:

@@ -78,9 +78,36 @@ def make_mesh(job: dict[str, Any]) -> dict[str, Any]:
     except JobError:
         raise
     except Exception as error:  # Gmsh raises nothing finer; the parent makes a sentence of it
-        raise JobError("Gmsh could not mesh this", got=str(error).strip() or gmsh.logger.getLastError()) from error
+        raise failure(gmsh, job, str(error).strip() or gmsh.logger.getLastError()) from error
     finally:
         gmsh.finalize()
+
+
+def failure(gmsh: Any, job: dict[str, Any], reason: str) -> JobError:
+    """Why there is no mesh; where a round face is narrower than the elements, that it is."""
+    narrowest = narrowest_diameter(gmsh) if job["kind"] == "step" else math.inf
+    size = gmsh.option.getNumber("Mesh.MeshSizeMax")
+    if size <= narrowest:
+        return JobError("Gmsh could not mesh this", got=reason)
+    return JobError(
+        "the elements are larger than a bore or fillet, and Gmsh could not mesh it",
+        got=f"a size of {size:.4g} mm beside a round face {narrowest:.4g} mm across ({reason})",
+        allowed=f"a size of {narrowest:.4g} mm or less, or small elements where the model is round",
+        attempt="edges_around: 6 beside the size, or close the bore in the CAD program: its via points may stay",
+    )
+
+
+def narrowest_diameter(gmsh: Any) -> float:
+    """The least diameter of curvature of the CAD model's faces, in their middle; infinite where all are flat."""
+    found = [math.inf]
+    for _, tag in gmsh.model.getEntities(2):
+        lower, upper = gmsh.model.getParametrizationBounds(2, tag)
+        middle = [0.5 * (low + high) for low, high in zip(lower, upper, strict=True)]
+        largest, least, _, _ = gmsh.model.getPrincipalCurvatures(tag, middle)
+        curvature = max(abs(float(largest[0])), abs(float(least[0])))
+        if curvature > 0.0:
+            found.append(2.0 / curvature)
+    return min(found)
 
 
 def import_gmsh() -> Any:
@@ -112,7 +139,7 @@ def load_stl(gmsh: Any, job: dict[str, Any]) -> None:
     if len(nodes) < FEW_TRIANGLES:
         # Gmsh never comes back from a face that is a single triangle.
         gmsh.model.mesh.refine()
-    gmsh.model.mesh.classifySurfaces(math.radians(job["feature_angle"]), True, True, math.pi)
+    gmsh.model.mesh.classifySurfaces(job["feature_angle"], True, True, math.pi)
     gmsh.model.mesh.createGeometry()
     surfaces = [tag for _, tag in gmsh.model.getEntities(2)]
     gmsh.model.geo.addVolume([gmsh.model.geo.addSurfaceLoop(surfaces)])

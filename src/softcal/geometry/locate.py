@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from softcal.checks import Floats, Ints, frozen_floats
 from softcal.errors import Fault, MeshError
@@ -58,32 +60,61 @@ def locate_points(
         Where points lie outside the mesh by more than the tolerance; names each with its distance.
     """
     points = frozen_floats(points, name=where or "points", shape=(None, 3))
+    found = nearest_places(mesh, points, tolerance=tolerance)
+    if found.is_off.any():
+        raise MeshError(
+            [
+                _outside(points[i], float(found.distances[i]), float(found.allowed[i]), mesh, where)
+                for i in np.flatnonzero(found.is_off)
+            ]
+        )
+    return found.tets, found.weights
+
+
+@dataclass(frozen=True)
+class Places:
+    """Of points (n, 3) the tets (n,) that they lie in, or nearest to, and their barycentric coordinates (n, 4) there.
+
+    distances, allowed (n,) [m]: how far outside the mesh they lie, and how far they may.
+    """
+
+    tets: Ints
+    weights: Floats
+    distances: Floats
+    allowed: Floats
+
+    @property
+    def is_off(self) -> NDArray[np.bool_]:
+        """Which points lie further outside than they may (n,)."""
+        return self.distances > self.allowed
+
+
+def nearest_places(mesh: TetMesh, points: Floats, *, tolerance: float | None = None) -> Places:
+    """As `locate_points`, for points however far outside the mesh."""
     corners = mesh.points[mesh.tets[:, :4]]
     inverse = np.linalg.inv(np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)).astype(np.float64)
     tets = np.zeros(len(points), dtype=np.int64)
     weights = np.zeros((len(points), 4))
-    outside: list[int] = []
     for i, point in enumerate(points):
         coordinates = _barycentric(point, corners[:, 0], inverse)
         tets[i] = np.argmax(coordinates.min(axis=1))
         weights[i] = coordinates[tets[i]]
-        if weights[i].min() < -INSIDE:
-            outside.append(i)
-    if outside:
-        nearest, distances = nearest_tets(mesh, points[outside])
-        allowed = OUTSIDE * mean_edges(mesh, nearest) if tolerance is None else tolerance
-        allowed = np.broadcast_to(allowed, distances.shape)
-        faults = [
-            _outside(points[i], float(distance), float(limit), mesh, where)
-            for i, distance, limit in zip(outside, distances, allowed, strict=True)
-            if distance > limit
-        ]
-        if faults:
-            raise MeshError(faults)
+    distances, allowed = np.zeros(len(points)), np.zeros(len(points))
+    outside = np.flatnonzero(weights.min(axis=1) < -INSIDE)
+    if len(outside):
+        nearest, distances[outside] = nearest_tets(mesh, points[outside])
+        allowed[outside] = OUTSIDE * mean_edges(mesh, nearest) if tolerance is None else tolerance
+        tets[outside] = nearest
         for i, tet in zip(outside, nearest, strict=True):
-            tets[i] = tet
-            weights[i] = _barycentric(points[i], corners[tet, :1], inverse[tet][None])[0]
-    return tets, weights
+            weights[i] = barycentric_in(mesh, tet, points[i])
+    return Places(tets, weights, distances, allowed)
+
+
+def barycentric_in(mesh: TetMesh, tet: int, point: Floats) -> Floats:
+    """Barycentric coordinates (4,) of a point in one tet, by its corners."""
+    corners = mesh.points[mesh.tets[tet, :4]]
+    inverse = np.linalg.inv((corners[1:] - corners[0]).T)
+    return _barycentric(point, corners[:1], inverse[None])[0]
 
 
 def tets_holding(mesh: TetMesh, points: Floats) -> Ints:
@@ -112,7 +143,7 @@ def nearest_tets(mesh: TetMesh, points: Floats) -> tuple[Ints, Floats]:
     nearest = np.zeros(len(points), dtype=np.int64)
     distances = np.zeros(len(points))
     for i, point in enumerate(points):
-        to_faces = _distances_to_triangles(point, triangles)
+        to_faces = distances_to_triangles(point, triangles)
         closest = int(np.argmin(to_faces))
         nearest[i], distances[i] = owners[closest], to_faces[closest]
     return nearest, distances
@@ -123,7 +154,8 @@ def _barycentric(point: Floats, origins: Floats, inverse: Floats) -> Floats:
     return np.column_stack([1.0 - last.sum(axis=1), last])
 
 
-def _distances_to_triangles(point: Floats, triangles: Floats) -> Floats:
+def distances_to_triangles(point: Floats, triangles: Floats) -> Floats:
+    """Of a point (3,) from each of the triangles (n, 3, 3) [m]."""
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     height = np.einsum("ij,ij->i", point - triangles[:, 0], normals)

@@ -1,13 +1,19 @@
-"""Points bonded to a mesh: as weighted sums of the nodes of the element they lie in, or next to."""
+"""Points bonded to a mesh: as weighted sums of the nodes of the element they lie in, or next to, or all around them."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
 from softcal.checks import Floats, Ints
-from softcal.geometry.locate import locate_points
+from softcal.geometry.bore import wall_around
+from softcal.geometry.locate import barycentric_in, locate_points, nearest_places
 from softcal.geometry.mesh import TetMesh
 from softcal.mechanics.element import shape_functions, shape_gradients
+
+# Weights this small are rounding, of weights of about one.
+NO_WEIGHT = 1e-14
 
 
 def attach(mesh: TetMesh, points: Floats, *, tolerance: float | None = None, where: str = "") -> tuple[Ints, Floats]:
@@ -22,6 +28,52 @@ def attach(mesh: TetMesh, points: Floats, *, tolerance: float | None = None, whe
         Where points lie further outside.
     """
     tets, barycentric = locate_points(mesh, points, tolerance=tolerance, where=where)
+    return _in_elements(mesh, points, tets, barycentric)
+
+
+class Attachment(NamedTuple):
+    """A point as a weighted sum of nodes (k,), with sum of w = 1 and sum of w X = the point exactly.
+
+    bore [m]: the diameter of the bore whose wall the nodes are, where the point lies in one, else 0.
+    """
+
+    nodes: Ints
+    weights: Floats
+    bore: float = 0.0
+
+
+def attach_point(mesh: TetMesh, point: Floats, *, may_stand_off: bool = False, where: str = "") -> Attachment:
+    """A point (3,) [m] in or near the mesh as by `attach`; one in a bore by the bore's wall all around it.
+
+    may_stand_off: such as a marker on a stalk; it goes on from the nearest element however far that is.
+
+    In a bore it is the sum of points of the wall with the smallest weights that give it exactly. So it follows rigid
+    motions and constant strain, and a force on it is passed on to the wall with no moment added.
+
+    Raises
+    ------
+    MeshError
+        Where the point lies too far outside the mesh, and no wall surrounds it.
+    """
+    outside = nearest_places(mesh, point[None, :]).distances[0] > 0.0
+    wall = wall_around(mesh, point) if outside and not may_stand_off else None
+    if wall is None:
+        nodes, weights = attach(mesh, point[None, :], tolerance=np.inf if may_stand_off else None, where=where)
+        return Attachment(nodes[0], weights[0])
+    offsets = (wall.points - point) / wall.diameter
+    conditions = np.vstack([np.ones(len(offsets)), offsets.T])
+    shares = np.linalg.lstsq(conditions, np.array([1.0, 0.0, 0.0, 0.0]), rcond=1e-9)[0]
+    inside = np.array([barycentric_in(mesh, int(t), at) for t, at in zip(wall.tets, wall.points, strict=True)])
+    nodes, weights = _in_elements(mesh, wall.points, wall.tets, inside)
+    unique, place = np.unique(nodes, return_inverse=True)
+    summed: Floats = np.zeros(len(unique))
+    np.add.at(summed, place.ravel(), (shares[:, None] * weights).ravel())
+    kept = np.abs(summed) > NO_WEIGHT
+    return Attachment(unique[kept], summed[kept], wall.diameter)
+
+
+def _in_elements(mesh: TetMesh, points: Floats, tets: Ints, barycentric: Floats) -> tuple[Ints, Floats]:
+    """Nodes and weights of points in elements or beside them, by barycentric coordinates between the corners."""
     inside = np.clip(barycentric, 0.0, None)
     inside /= inside.sum(axis=1, keepdims=True)
     nodes = mesh.tets[tets]

@@ -16,6 +16,7 @@ from softcal.experiments.names import is_deviation
 from softcal.project.output import require_writable
 from softcal.project.project import Project
 from softcal.project.simulation import simulate
+from softcal.twin.bores import bores
 from softcal.twin.build import build_twin
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.robot import Plate, Rod
@@ -100,7 +101,7 @@ def _body_rows(project: Project) -> list[tuple[str, str]]:
 
 
 def _part_rows(project: Project) -> list[tuple[str, str]]:
-    robot = project.robot
+    robot, bored = project.robot, bores(project.robot)
     rows = [
         (
             f"plate {plate.name}",
@@ -115,6 +116,10 @@ def _part_rows(project: Project) -> list[tuple[str, str]]:
         length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
         via = " → ".join(via.on or "space" for via in cable.via_points)
         rows.append((f"cable {cable.name}", f"{format_quantity(length, 'm')} long, {via}"))
+        if cable.name in bored:
+            widest = format_quantity(max(bored[cable.name].values()), "m", digits=3)
+            held = f"of via points {', '.join(str(i + 1) for i in bored[cable.name])}, up to {widest} across"
+            rows.append(("  bores", f"{held}: their walls hold them"))
     rows += [(f"tie {tie.name}", f"{len(tie.nodes)} nodes of {tie.body} on {tie.on}") for tie in robot.ties]
     rows += [(f"marker {marker.name}", f"on {marker.on}") for marker in robot.markers]
     if np.any(robot.gravity):

@@ -36,6 +36,7 @@ class MeshFile(Section):
     size: Size | None = None
     tets: Annotated[int, counted("tets")] | None = None
     order: Literal[1, 2] | None = None
+    edges_around: Annotated[int, counted("edges around a bore")] | None = None
 
     @model_validator(mode="after")
     def _complete(self) -> MeshFile:
@@ -46,7 +47,7 @@ class MeshFile(Section):
             )
         if kind in TO_FILL:
             _require_target(self, f"a {kind} file is filled with tets to a target")
-        extra = [key for key in ("size", "tets", "order") if getattr(self, key) is not None]
+        extra = [key for key in ("size", "tets", "order", "edges_around") if getattr(self, key) is not None]
         if kind not in TO_FILL and extra:
             raise fault_error(
                 f"a {kind or 'mesh'} file is used as it is",

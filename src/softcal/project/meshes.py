@@ -103,5 +103,12 @@ def _from_file(section: MeshFile, files: InputFiles) -> TetMesh:
     path = files.find(section.file, "mesh file")
     unit = section.unit or "mm"
     if path.suffix.lower() in TO_FILL:
-        return mesh_file(path, size=section.size, count=section.tets, order=section.order or 1, unit=unit)
+        return mesh_file(
+            path,
+            size=section.size,
+            count=section.tets,
+            order=section.order or 1,
+            unit=unit,
+            edges_around=section.edges_around,
+        )
     return read_mesh(path, unit=unit)

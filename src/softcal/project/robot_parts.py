@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.checks import Floats, frozen_floats
-from softcal.geometry.locate import locate_points
+from softcal.geometry.bore import wall_around
+from softcal.geometry.locate import nearest_places
 from softcal.geometry.ring import ring_points
 from softcal.project.document import Findings, KeyPath
 from softcal.project.robot_bodies import BuiltBodies
@@ -24,6 +25,7 @@ from softcal.project.robot_schema import (
 )
 from softcal.twin.joints import tie_fault
 from softcal.twin.robot import Cable, Disc, Marker, Plate, PointLoad, SurfaceLoad, Tie, ViaPoint, inertia_tensor
+from softcal.units import format_quantity
 
 
 @dataclass(frozen=True)
@@ -58,8 +60,32 @@ class Carriers:
         if on and on not in self.built.sections and on not in self.holes:
             self.findings.unknown((*path, "on"), "body or plate", on, [*self.built.sections, *self.holes])
         elif on in self.built.meshes and at is not None and not may_stand_off:
-            with self.findings.at((*path, "at")):
-                locate_points(self.built.meshes[on], at[None])
+            self.within(on, {(*path, "at"): at})
+
+    def within(self, body: str, points: Mapping[KeyPath, Floats]) -> None:
+        """Record, in one fault at the first of them, which points lie outside their body and in none of its bores."""
+        mesh, at = self.built.meshes[body], np.array(list(points.values()))
+        found = nearest_places(mesh, at)
+        off = [i for i in np.flatnonzero(found.is_off) if wall_around(mesh, at[i]) is None]
+        if not off:
+            return
+        furthest = format_quantity(float(found.distances[off].max()), "m")
+        place = "(" + ", ".join(f"{1e3 * x:.6g}" for x in at[off[0]]) + ") mm"
+        spans = ", ".join(
+            f"{axis} {1e3 * low:.6g} to {1e3 * high:.6g} mm"
+            for axis, low, high in zip("xyz", mesh.points.min(axis=0), mesh.points.max(axis=0), strict=True)
+        )
+        one = len(off) == 1
+        self.findings.add(
+            list(points)[off[0]],
+            f"the point lies outside its body by {furthest}"
+            if one
+            else f"{len(off)} via points lie outside their body, by up to {furthest}",
+            got=place if one else f"{place} and {len(off) - 1} more",
+            allowed=f"at most {format_quantity(float(found.allowed[off].min()), 'm')} outside {body}, which spans "
+            f"{spans}, or in a bore whose wall is all around",
+            attempt="the unit of mesh and points; where a channel is open to a side, points in its wall",
+        )
 
 
 def build_plate(name: str, plate: PlateSection, built: BuiltBodies, findings: Findings) -> Plate | None:
@@ -133,12 +159,17 @@ def build_cable(name: str, cable: CableSection, carriers: Carriers) -> Cable | N
     """One cable, or None where something of it is wrong."""
     path = ("robot", "cables", name)
     via: list[ViaPoint] = []
+    on_body: dict[str, dict[KeyPath, Floats]] = {}
     for i, section in enumerate(cable.via):
         at = carriers.place(section, (*path, "via", i))
-        if section.hole is None:
+        if section.hole is None and section.on in carriers.built.meshes and at is not None:
+            on_body.setdefault(section.on, {})[*path, "via", i, "at"] = at
+        elif section.hole is None:
             carriers.support(section.on, at, (*path, "via", i))
         if at is not None:
             via.append(ViaPoint(at, section.on))
+    for body, points in on_body.items():
+        carriers.within(body, points)
     if not any(section.on for section in cable.via):
         carriers.findings.add(
             (*path, "via"),

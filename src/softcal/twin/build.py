@@ -13,7 +13,7 @@ from softcal.errors import Fault, MeshError, ParameterError
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quadratic import to_linear, to_quadratic
 from softcal.materials.catalogue import LAWS
-from softcal.mechanics.attachment import attach
+from softcal.mechanics.attachment import attach_point
 from softcal.mechanics.cable import build_cables
 from softcal.mechanics.layout import FIXED, FREE, TIED, Layout
 from softcal.mechanics.rod import build_rod
@@ -91,7 +91,7 @@ def build_twin(robot: Robot) -> Twin:
         for rod in robot.rods
     )
 
-    def support(at: Floats, on: str, where: str, tolerance: float | None = None) -> Weights:
+    def support(at: Floats, on: str, where: str, *, may_stand_off: bool = False) -> Weights:
         if on == "":
             return [(builder.add(at[None, :], np.array([FIXED])), 1.0)]
         if on in frames.of_plate:
@@ -99,14 +99,14 @@ def build_twin(robot: Robot) -> Twin:
         if on not in meshes:
             known = ", ".join([*meshes, *frames.of_plate])
             raise MeshError(Fault("there is no such body or plate", where=where, got=on, allowed=known))
-        nodes, weights = attach(meshes[on], at[None, :], tolerance=tolerance, where=where)
-        return [(builder.first[on] + int(n), float(w)) for n, w in zip(nodes[0], weights[0], strict=True)]
+        nodes, weights, _ = attach_point(meshes[on], at, may_stand_off=may_stand_off, where=where)
+        return [(builder.first[on] + int(n), float(w)) for n, w in zip(nodes, weights, strict=True)]
 
     via = {
         cable.name: [support(p.at, p.on, f"{cable.name}, via point {i + 1}") for i, p in enumerate(cable.via_points)]
         for cable in robot.cables
     }
-    markers = {marker.name: support(marker.at, marker.on, marker.name, np.inf) for marker in robot.markers}
+    markers = {marker.name: support(marker.at, marker.on, marker.name, may_stand_off=True) for marker in robot.markers}
     forces: list[PointForce] = []
     for plate in robot.plates:
         assert plate.centre_of_mass is not None  # noqa: S101

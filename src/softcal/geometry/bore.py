@@ -1,0 +1,124 @@
+"""The wall of a bore around a point: where rays from the point first meet the mesh's surface, all around its axis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from softcal.checks import Floats, Ints
+from softcal.geometry.locate import distances_to_triangles
+from softcal.geometry.mesh import TetMesh
+from softcal.geometry.ring import across, ring_points
+from softcal.geometry.surface import boundary_faces, boundary_owners
+
+# Directions in which the surface is looked for, to find the bore's axis; rays across it, each of which must meet the
+# wall, and of how many of them one is a point of the ring.
+PROBES, RAYS, EACH = 96, 32, 4
+# At a bore's mouth the ring is sought this far along the axis, in steps, as fractions of the distance to the wall.
+ALONG = (0.0, 0.1, -0.1, 0.25, -0.25, 0.5, -0.5)
+# The wall is no further away than this many times the nearest part of it.
+REACH = 20.0
+# A hit this little outside a triangle, in its barycentric coordinates, is rounding: two triangles share each edge.
+EDGE = 1e-9
+
+
+@dataclass(frozen=True)
+class Wall:
+    """Points of a bore's wall around a point.
+
+    points (k, 3) [m]; tets (k,): the tet behind each; diameter [m] of the circle through them.
+    """
+
+    points: Floats
+    tets: Ints
+    diameter: float
+
+
+def wall_around(mesh: TetMesh, point: Floats) -> Wall | None:
+    """The wall of the bore that a point outside the mesh (3,) [m] lies in, or None where no wall surrounds it.
+
+    The bore's axis is the direction that the normals of the walls in sight have least of. Its wall is met by rays
+    across the axis, on one ring through the point, or on two rings beside each other where the point lies in the
+    bore's mouth.
+    """
+    triangles, owners = mesh.points[boundary_faces(mesh)[:, :3]], boundary_owners(mesh)
+    near = _near(triangles, point)
+    triangles, owners = triangles[near], owners[near]
+    distance, hit = _first_hits(triangles, point, _sphere(PROBES))
+    seen = hit >= 0
+    if not seen.any():
+        return None
+    chosen = triangles[hit[seen]]
+    normals = np.cross(chosen[:, 1] - chosen[:, 0], chosen[:, 2] - chosen[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True) * distance[seen][:, None]
+    axis = np.linalg.eigh(normals.T @ normals)[1][:, 0]
+    radius = float(distance[seen].min())
+    for part in ALONG:
+        ring = _ring(triangles, point + part * radius * axis, axis)
+        if ring is None:
+            continue
+        points, faces = ring
+        diameter = _diameter(points, axis)
+        if part:
+            second = _ring(triangles, point + (part + np.sign(part)) * radius * axis, axis)
+            if second is None:
+                continue
+            points, faces = np.concatenate([points, second[0]]), np.concatenate([faces, second[1]])
+        return Wall(points, owners[faces], diameter)
+    return None
+
+
+def _near(triangles: Floats, point: Floats) -> Ints:
+    """The triangles that may have a part within reach of the point."""
+    centres = triangles.mean(axis=1)
+    radii = np.linalg.norm(triangles - centres[:, None], axis=2).max(axis=1)
+    away = np.linalg.norm(centres - point, axis=1) - radii
+    return np.flatnonzero(away <= REACH * distances_to_triangles(point, triangles).min())
+
+
+def _ring(triangles: Floats, centre: Floats, axis: Floats) -> tuple[Floats, Ints] | None:
+    """Where rays across the axis first meet the surface, and the triangles; None where one meets nothing."""
+    rays = ring_points(np.zeros(3), axis, across(axis), 1.0, RAYS)
+    distance, hit = _first_hits(triangles, centre, rays)
+    return None if (hit < 0).any() else ((centre + distance[:, None] * rays)[::EACH], hit[::EACH])
+
+
+def _diameter(points: Floats, axis: Floats) -> float:
+    """Of the circle that fits points across an axis best [m]."""
+    first = across(axis)
+    flat = (points - points.mean(axis=0)) @ np.stack([first, np.cross(axis, first)], axis=1)
+    solved = np.linalg.lstsq(np.column_stack([2.0 * flat, np.ones(len(flat))]), (flat**2).sum(axis=1), rcond=None)[0]
+    return float(2.0 * np.sqrt(solved[2] + solved[0] ** 2 + solved[1] ** 2))
+
+
+def _first_hits(triangles: Floats, origin: Floats, rays: Floats) -> tuple[Floats, Ints]:
+    """How far along each ray (k, 3) the surface is met first [m], and by which triangle; -1 where it is not.
+
+    A ray o + t d meets a triangle a + u e1 + v e2 (Möller and Trumbore, 1997).
+    """
+    a, e1, e2 = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    s = origin - a
+    q = np.cross(s, e1)
+    distance, hit = np.full(len(rays), np.inf), np.full(len(rays), -1, dtype=np.int64)
+    for i, d in enumerate(rays):
+        p = np.cross(d, e2)
+        det = np.einsum("ij,ij->i", e1, p)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            u = np.einsum("ij,ij->i", s, p) / det
+            v = q @ d / det
+            t = np.einsum("ij,ij->i", e2, q) / det
+            meets = (u >= -EDGE) & (v >= -EDGE) & (u + v <= 1.0 + EDGE) & (t > 0.0)
+        if meets.any():
+            t = np.where(meets, t, np.inf)
+            hit[i] = int(np.argmin(t))
+            distance[i] = t[hit[i]]
+    return distance, hit
+
+
+def _sphere(n: int) -> Floats:
+    """Unit vectors (n, 3), evenly spread: points on a spiral by the golden angle."""
+    z = 1.0 - (2.0 * np.arange(n) + 1.0) / n
+    angle = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(n)
+    r = np.sqrt(1.0 - z**2)
+    return np.column_stack([r * np.cos(angle), r * np.sin(angle), z])

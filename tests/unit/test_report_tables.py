@@ -126,6 +126,13 @@ def test_a_twin_that_falls_in_its_furthest_test_is_a_warning():
     assert told in texts(replace(small_content(), twin=replace(twin, falls=told)), "warning")
 
 
+def test_a_twin_that_passes_through_itself_in_its_furthest_test_is_a_warning():
+    twin = twin_view(column_mesh())
+    assert "crosses" not in texts(replace(small_content(), twin=twin), "warning")
+    told = "bar crosses itself from 2.56 mm of shortening of front on, by about 1.4 mm: set contact: true."
+    assert told in texts(replace(small_content(), twin=replace(twin, crossings=told)), "warning")
+
+
 def test_a_bound_is_told_once() -> None:
     at_bound = {E_NAME: Estimate(4e7, "Pa", True, 1e5, 4e7)}
     note = bound_note(E_NAME, "Pa", 1e5, 4e7, 4e7)

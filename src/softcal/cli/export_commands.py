@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from softcal.cli.app import app, told
+from softcal.cli.printing import warn
 from softcal.cli.running import motion_bars
 from softcal.cli.values import Values, names, parsed_values
 
@@ -58,7 +59,9 @@ def vtk(
 
     project = load_calibrated(source, parsed_values(values))
     with motion_bars() as show:
-        written = export_vtk(project, cases(project, pull or ()), out, shapes, in_time=in_time, progress=show)
+        written = export_vtk(
+            project, cases(project, pull or ()), out, shapes, in_time=in_time, progress=show, tell=warn
+        )
     typer.echo(f"Wrote {len(written)} files into {out}")
 
 
@@ -70,7 +73,7 @@ def calculix(source: Source, out: Out, pull: Pull = None, values: Values = None)
     from softcal.project.exporting import export_calculix, load_calibrated
 
     project = load_calibrated(source, parsed_values(values))
-    export_calculix(cases(project, pull or ()), out)
+    export_calculix(cases(project, pull or ()), out, tell=warn)
     typer.echo(f"Wrote {out}; run it there with: ccx -i robot")
 
 
@@ -113,6 +116,6 @@ def reduced(
     from softcal.project.exporting import export_reduced, load_calibrated
 
     project = load_calibrated(source, parsed_values(values))
-    written = export_reduced(project, out, reach, names(cables), samples)
+    written = export_reduced(project, out, reach, names(cables), samples, tell=warn)
     typer.echo(written[-1].read_text(encoding="utf-8"))
     typer.echo(f"Wrote {out}")

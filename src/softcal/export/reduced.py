@@ -13,7 +13,7 @@ import itertools
 import json
 import shutil
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -62,7 +62,14 @@ class Reduced:
     error: Mapping[str, ChannelError]
 
 
-def reduced(robot: Robot, reaches: Mapping[str, Reach], samples: int, *, held_out: int = HELD_OUT) -> Reduced:
+def reduced(
+    robot: Robot,
+    reaches: Mapping[str, Reach],
+    samples: int,
+    *,
+    held_out: int = HELD_OUT,
+    tell: Callable[[str], None] = lambda sentence: None,
+) -> Reduced:
     """The cable-space model of a robot.
 
     Parameters
@@ -73,6 +80,8 @@ def reduced(robot: Robot, reaches: Mapping[str, Reach], samples: int, *, held_ou
         Nodes along each cable; those of a reach in length are evenly spaced in length.
     held_out
         Random points between the nodes at which the error is measured.
+    tell
+        Given the sentence on bodies that cross within reach.
 
     Raises
     ------
@@ -90,7 +99,7 @@ def reduced(robot: Robot, reaches: Mapping[str, Reach], samples: int, *, held_ou
     tensions = np.column_stack([axis[grid[:, k]] for k, axis in enumerate(axes)])
     shape = tuple(len(axis) for axis in axes)
     table = np.zeros((*shape, 1 + len(cables), len(_channels(robot))))
-    table[tuple(grid.T)] = _sampled(robot, cables, tensions)
+    table[tuple(grid.T)] = _sampled(robot, cables, tensions, tell)
     _align_quaternions(table, len(_moving(robot)))
     model: dict[str, Any] = {
         "format": "softcal-reduced",
@@ -266,13 +275,17 @@ def _rows(robot: Robot) -> list[str]:
     return of_plates + [f"{cable.name}.shortening" for cable in robot.cables]
 
 
-def _sampled(robot: Robot, cables: Sequence[str], tensions: Floats) -> Floats:
+def _sampled(
+    robot: Robot, cables: Sequence[str], tensions: Floats, tell: Callable[[str], None] = lambda sentence: None
+) -> Floats:
     """The channels at tensions (n, n_cables), then their derivatives by each: (n, 1 + n_cables, n_channels)."""
     protocol = Protocol({name: Command("tension", tensions[:, k]) for k, name in enumerate(cables)})
     commands = [f"{name}.tension" for name in cables]
     response = simulate(robot, protocol, sensitivities=commands, curve_tolerance=0.0)
     if not response.succeeded:
         raise SimulationError(f"The robot cannot be pulled that far: {response.status} Try a smaller reach.")
+    if response.crossings:
+        tell(response.crossings)
 
     def of(channel: str) -> Floats:
         rates = [response.sensitivities[channel][name] for name in commands]

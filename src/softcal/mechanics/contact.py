@@ -139,15 +139,7 @@ class ContactTerm:
 
     @cached_property
     def _mesh(self) -> Any:
-        import ipctk
-
-        edges, faces = self.edges.astype(np.int32), self.faces.astype(np.int32)
-        mesh = ipctk.CollisionMesh(np.asfortranarray(self.X), np.asfortranarray(edges), np.asfortranarray(faces))
-        alone = np.arange(len(self.points)) + self.patch.max(initial=0) + 1
-        patches = np.where(self.patch >= 0, self.patch, alone).astype(np.int32)
-        apart = {(int(i), int(j)): False for i, j in self.apart}
-        mesh.can_collide = ipctk.make_vertex_patches_filter(patches) & ipctk.make_sparse_filter(apart, True)
-        return mesh
+        return collision_mesh(self.X, self.edges, self.faces, self.patch, self.apart)
 
     @cached_property
     def _potential(self) -> Any:
@@ -156,6 +148,19 @@ class ContactTerm:
         # An edge's "area" is its length: wires meet in a strip, about as wide as the gap.
         stiffness = self.stiffness if len(self.faces) else self.stiffness * self.gap
         return ipctk.BarrierPotential(self.gap, stiffness, use_physical_barrier=True)
+
+
+def collision_mesh(X: Floats, edges: Ints, faces: Ints, patch: Ints, apart: Ints) -> Any:
+    """The surfaces as IPC Toolkit has them; see `ContactTerm` for what of them never touches."""
+    import ipctk
+
+    edges_and_faces = (np.asfortranarray(part.astype(np.int32)) for part in (edges, faces))
+    mesh = ipctk.CollisionMesh(np.asfortranarray(X), *edges_and_faces)
+    alone = np.arange(len(X)) + patch.max(initial=0) + 1
+    patches = np.where(patch >= 0, patch, alone).astype(np.int32)
+    never = {(int(i), int(j)): False for i, j in apart}
+    mesh.can_collide = ipctk.make_vertex_patches_filter(patches) & ipctk.make_sparse_filter(never, True)
+    return mesh
 
 
 def edges_of(faces: Ints) -> Ints:

@@ -26,7 +26,14 @@ from softcal.twin.simulate import simulate
 if TYPE_CHECKING:
     from softcal.export.reduced import Reach
 
+Tell = Callable[[str], None]
+"""Given a sentence that a reader of what is written must know."""
+
 REDUCED_SAMPLES = {1: 33, 2: 9, 3: 7}  # number of cables -> nodes along each
+
+
+def keep_silent(sentence: str) -> None:
+    """Nobody is told."""
 
 
 def load_calibrated(path: Path, values: Mapping[str, str] | None = None) -> Project:
@@ -56,12 +63,14 @@ def export_vtk(
     *,
     in_time: bool = False,
     progress: Observer | None = None,
+    tell: Tell = keep_silent,
 ) -> list[Path]:
     """Shapes of each case, by name, as .vtu files for ParaView in a new folder; see `softcal.export.vtk`.
 
     shapes: how many, evenly from no pull to the furthest, each solved; by default those at which the pull was solved.
     in_time: shapes of the motion, by the project's `dynamics`; `shapes` of them, by default 40, until the schedule is
-    over, and as often after that. progress: is told of each motion how far it is.
+    over, and as often after that. progress: is told of each motion how far it is; tell: of bodies that
+    cross in what was solved.
 
     Raises
     ------
@@ -83,6 +92,7 @@ def export_vtk(
         told = films(protocols_of(cases), shapes)
         filmed = {name: replace(case, protocol=told[name]) for name, case in cases.items()}
         responses = _simulated(filmed, snapshots="samples")
+    tell_of_crossings(responses, tell)
     return _write_each(responses, folder, lambda name, inside: write_vtk(cases[name].robot, responses[name], inside))
 
 
@@ -90,7 +100,14 @@ def _simulated(cases: Mapping[str, Case], snapshots: Shown) -> dict[str, Respons
     return simulate_each(cases, lambda case: simulate(case.robot, case.protocol, snapshots=snapshots))
 
 
-def export_calculix(cases: Mapping[str, Case], folder: Path) -> list[Path]:
+def tell_of_crossings(responses: Mapping[str, Response], tell: Tell) -> None:
+    """Tell which bodies pass through themselves or each other in each response."""
+    for name, response in responses.items():
+        if response.crossings:
+            tell(f"{name}: {response.crossings}")
+
+
+def export_calculix(cases: Mapping[str, Case], folder: Path, *, tell: Tell = keep_silent) -> list[Path]:
     """The last shape of each case, by name, as a CalculiX deck in a new folder; see `softcal.export.calculix`.
 
     It is the shape of the robot with CalculiX's own law and elements, so that the cables' forces balance in them.
@@ -109,6 +126,7 @@ def export_calculix(cases: Mapping[str, Case], folder: Path) -> list[Path]:
     require_free_folder(folder)
     own = {name: replace(case, robot=in_its_law(case.robot)) for name, case in cases.items()}
     responses = _simulated(own, snapshots=True)
+    tell_of_crossings(responses, tell)
     return _write_each(
         responses,
         folder,
@@ -155,7 +173,13 @@ def export_sofa(project: Project, cases: Mapping[str, Case], folder: Path) -> li
 
 
 def export_reduced(
-    project: Project, folder: Path, reach: str, cables: Sequence[str] = (), samples: int | None = None
+    project: Project,
+    folder: Path,
+    reach: str,
+    cables: Sequence[str] = (),
+    samples: int | None = None,
+    *,
+    tell: Tell = keep_silent,
 ) -> list[Path]:
     """The cable-space model for a controller, with its evaluator, in a new folder; see `softcal.export.reduced`.
 
@@ -173,7 +197,7 @@ def export_reduced(
 
     require_free_folder(folder)
     reaches = _reaches(project.robot, reach, cables)
-    model = reduced(project.robot, reaches, samples or REDUCED_SAMPLES.get(len(reaches), 2))
+    model = reduced(project.robot, reaches, samples or REDUCED_SAMPLES.get(len(reaches), 2), tell=tell)
     return write_folder(folder, lambda part: write_reduced(model, part))
 
 

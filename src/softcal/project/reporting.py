@@ -15,11 +15,12 @@ from softcal.calibration.result import CalibrationResult
 from softcal.project.calibration import JOINT, calibrated, make_problem
 from softcal.project.calibration_schema import CalibrationSection
 from softcal.project.comparing import compared
+from softcal.project.furthest import furthest_response
 from softcal.project.mesh_study_files import FOLDER, read_study
 from softcal.project.project import Project
 from softcal.project.run_folder import Run, load_run
 from softcal.project.settled import from_undeformed, settled_shapes
-from softcal.project.simulation import simulate, twin_view
+from softcal.project.simulation import twin_view
 from softcal.project.whole_record import compare_records
 from softcal.report.content import ExperimentContent, Landscape, ReportContent
 from softcal.report.twin_view import TwinView
@@ -113,15 +114,8 @@ def _experiment(project: Project, name: str) -> ExperimentContent:
 
 def _twin(project: Project, result: CalibrationResult) -> TwinView | None:
     """The twin at the result's values, in the experiment of the result that drives it furthest."""
-    at_values = calibrated(project, result)
-
-    def reach(name: str) -> float:
-        experiment = at_values.experiments[name]
-        return max((float(np.max(experiment.dataset.values(drive))) for drive in experiment.drives), default=0.0)
-
-    furthest = max(result.experiments, key=reach)
-    response = simulate(at_values, experiment=furthest, snapshots=True)
-    return twin_view(at_values.robot, response) if response.succeeded else None
+    response = furthest_response(project, result)
+    return twin_view(calibrated(project, result).robot, response) if response.succeeded else None
 
 
 def _landscapes(

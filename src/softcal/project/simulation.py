@@ -181,7 +181,7 @@ def twin_view(robot: Robot, response: Response) -> TwinView | None:
     shapes = response.snapshots
     bent = shapes[max(range(1, len(shapes)), key=bending)]
     at_rest, furthest = (replace(shape, label=_title(shape)) for shape in (rest, bent))
-    return TwinView(robot, at_rest, furthest, response.tets, response.falls)
+    return TwinView(robot, at_rest, furthest, response.tets, response.falls, response.crossings)
 
 
 def _title(shape: Snapshot) -> str:

@@ -16,7 +16,8 @@ class TwinView:
     """The calibrated twin in two states, to be drawn side by side.
 
     tets: body -> connectivity of `Snapshot.points` (`Response.tets`), of order one or two.
-    falls: where it is not stable on the way (`Response.falls`), or "".
+    falls: where it is not stable on the way (`Response.falls`), or ""; crossings: where bodies pass through themselves
+    or each other (`Response.crossings`), or "".
     """
 
     robot: Robot
@@ -24,6 +25,7 @@ class TwinView:
     bent: Snapshot
     tets: Mapping[str, Ints]
     falls: str = ""
+    crossings: str = ""
 
     def __post_init__(self) -> None:
         tets = {body: frozen_ints(cells, name=f"tets of {body}") for body, cells in self.tets.items()}

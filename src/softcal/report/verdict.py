@@ -240,6 +240,8 @@ def _stability(content: ReportContent) -> Iterable[Sentence]:
     if content.twin is not None and content.twin.falls:
         text = f"In the test that drives the twin furthest: {content.twin.falls} The bench should have seen it too."
         yield Sentence(text, "warning")
+    if content.twin is not None and content.twin.crossings:
+        yield Sentence(f"In the test that drives the twin furthest, {content.twin.crossings}", "warning")
 
 
 def _agreement(content: ReportContent) -> Iterable[Sentence]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -15,11 +16,13 @@ from softcal.geometry.quadratic import to_linear, to_quadratic
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.attachment import attach_point
 from softcal.mechanics.cable import build_cables
+from softcal.mechanics.crossing import Skins
 from softcal.mechanics.layout import FIXED, FREE, TIED, Layout
 from softcal.mechanics.rod import build_rod
 from softcal.mechanics.solid import SolidTerm, build_solid
 from softcal.mechanics.system import System, build_system
 from softcal.twin.contacts import build_contacts, disc_skin
+from softcal.twin.crossings import build_skins
 from softcal.twin.joints import join_ties, nodes_in_use, number_frames
 from softcal.twin.loads import PointForce, Weights, build_loads, surface_forces
 from softcal.twin.robot import Body, Disc, PointLoad, Robot
@@ -42,6 +45,11 @@ class Twin:
     via: dict[str, list[Weights]]
     markers: dict[str, Weights]
     pressure_nodes: dict[str, tuple[int, Ints]]
+
+    @cached_property
+    def skins(self) -> Skins | None:
+        """The skins of the bodies, where nothing keeps them from passing through each other."""
+        return build_skins(self.robot, self.system.layout, self.meshes, self.first_point)
 
 
 def build_twin(robot: Robot) -> Twin:

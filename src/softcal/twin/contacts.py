@@ -28,9 +28,7 @@ NO_PAIRS: Ints = np.zeros((0, 2), dtype=np.int64)
 
 def fitting_contact(robot: Robot) -> Contact:
     """A contact whose gap is small beside the robot's meshes and wires, and whose barrier is near its stiffness."""
-    lengths = [float(_edge_lengths(body.mesh).mean()) for body in robot.bodies] + [
-        wire_diameter(rod) for rod in robot.rods
-    ]
+    lengths = [mean_edge(body.mesh) for body in robot.bodies] + [wire_diameter(rod) for rod in robot.rods]
     modulus = max(part.parameters["youngs_modulus"] for part in (*robot.bodies, *robot.rods))
     return Contact(GAP * min(lengths), STIFFNESS * modulus)
 
@@ -72,7 +70,7 @@ def build_contacts(
     if skins or discs:
         faces = np.concatenate([*skins.values(), *discs])
         on_skin = {name: np.unique(triangles) for name, triangles in skins.items()}
-        apart = [_across_seams(robot, layout, meshes, on_skin)]
+        apart = [across_seams(robot, layout, meshes, on_skin)]
         apart += [_on_plate(plate, first, on_skin) for plate in robot.plates if plate.disc is not None]
         terms.append(_term(robot.contact, layout, edges_of(faces), faces, 0.0, np.concatenate(apart)))
     for diameter in sorted({wire_diameter(rod) for rod in robot.rods}):
@@ -111,9 +109,6 @@ def _check_apart(term: ContactTerm, layout: Layout) -> None:
 
 def _term(contact: Contact, layout: Layout, edges: Ints, faces: Ints, thickness: float, apart: Ints) -> ContactTerm:
     points = np.unique(np.concatenate([edges.ravel(), faces.ravel()]))
-    rider = layout.rider[points]
-    # What never moves relative to each other is a patch: the riders of a frame, and all that is fixed.
-    patch = np.where(rider == FIXED, layout.n_frames, np.maximum(rider, -1))
     return ContactTerm(
         points=points,
         X=layout.X[points],
@@ -123,10 +118,21 @@ def _term(contact: Contact, layout: Layout, edges: Ints, faces: Ints, thickness:
         thickness=thickness,
         stiffness=contact.stiffness,
         apart=np.sort(np.searchsorted(points, apart), axis=1),
-        patch=patch,
+        patch=moving_together(layout, points),
         friction_coefficient=contact.friction_coefficient,
         creep=contact.creep,
     )
+
+
+def moving_together(layout: Layout, points: Ints) -> Ints:
+    """Patches of what never moves relative to each other: the riders of a frame, or all that is fixed; else -1."""
+    rider = layout.rider[points]
+    return np.where(rider == FIXED, layout.n_frames, np.maximum(rider, -1))
+
+
+def mean_edge(mesh: TetMesh) -> float:
+    """Of the surface's edges from corner to corner [m]."""
+    return float(_edge_lengths(mesh).mean())
 
 
 def _edge_lengths(mesh: TetMesh) -> Floats:
@@ -173,7 +179,7 @@ def _around(rod: Rod, nodes: Ints, distance: float) -> Ints:
     return np.flatnonzero(np.abs(s[:, None] - s[nodes]).min(axis=1) < distance)
 
 
-def _across_seams(robot: Robot, layout: Layout, meshes: dict[str, TetMesh], on_skin: dict[str, Ints]) -> Ints:
+def across_seams(robot: Robot, layout: Layout, meshes: dict[str, TetMesh], on_skin: dict[str, Ints]) -> Ints:
     """Pairs of points of tied bodies close to where they are bonded: what is one there does not touch."""
     from scipy.spatial import KDTree
 

@@ -9,12 +9,14 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import Fault, InputError, ParameterError, SimulationError
+from softcal.mechanics.crossing import Crossings
 from softcal.mechanics.dynamics import Dynamics
 from softcal.mechanics.inertial_system import Instant, at_rest
 from softcal.mechanics.state import rest_state
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.system import Controls
 from softcal.twin.build import Twin, cached_twin
+from softcal.twin.crossings import crossed_at
 from softcal.twin.masses import robot_inertia
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.protocol import Protocol, command_faults, let_go_faults
@@ -116,6 +118,7 @@ class _Run:
     shapes: list[Snapshot] = field(default_factory=list[Snapshot])
     status: str = ""
     falls: str = ""
+    crossed: list[tuple[str, Crossings]] = field(default_factory=list[tuple[str, Crossings]])
     succeeded: bool = True
 
     def to_the_end(self, dynamics: Dynamics, now: Instant) -> None:
@@ -158,13 +161,15 @@ class _Run:
         """What was seen."""
         units = {"time": "s", **channel_units(self.twin)}
         table = np.array(self.rows).reshape(len(self.rows), len(units) - 1)
+        crossings = crossed_at(self.crossed)
         columns = [np.array(self.times), *table.T]
         return Response(
             channels=dict(zip(units, columns, strict=True)),
             units=units,
-            status=self.status + self.falls,
+            status=self.status + self.falls + crossings,
             succeeded=self.succeeded,
             falls=self.falls.strip(),
+            crossings=crossings.strip(),
             n_factorisations=dynamics.n_factorisations,
             snapshots=tuple(self.shapes),
             tets={name: mesh.tets for name, mesh in self.twin.meshes.items()} if self.shapes else {},
@@ -216,6 +221,8 @@ class _Run:
         self.rows.append(row)
 
     def _shape(self, now: Instant) -> Snapshot:
+        if self.twin.skins is not None:
+            self.crossed.append((f"{now.time:.4g} s", self.twin.skins.crossings(now.state.x)))
         return snapshot(self.twin, now.state, self.schedule.at(now.time), now.time, "s")
 
     def _speed(self, now: Instant) -> float:

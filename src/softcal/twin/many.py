@@ -8,11 +8,13 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
+from softcal.mechanics.crossing import Crossings
 from softcal.mechanics.path import Line, Node, follow, node_at, stable_node_at
 from softcal.mechanics.state import State
 from softcal.mechanics.statics import SLACK_LENGTH, SLACK_TENSION, Statics
 from softcal.mechanics.system import Controls
 from softcal.twin.build import Twin
+from softcal.twin.crossings import crossed_at
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response, Shown, Snapshot
 from softcal.twin.sensors import channel_units, sense, sense_rates
@@ -29,6 +31,7 @@ def simulate_many(
     names: tuple[str, ...],
     *,
     snapshots: Shown,
+    crossings: bool = True,
     commanded: tuple[str, ...] = (),
 ) -> Response:
     """See `simulate`. Slopes are not given, there being no single control, but derivatives by the commands of the
@@ -39,6 +42,7 @@ def simulate_many(
     rates: list[Floats] = []
     shapes: list[Snapshot] = []
     status, succeeded, falls, falls_at = "", True, "", list[int]()
+    crossed: list[tuple[str, Crossings]] = []
     try:
         loads = loaded(twin, statics)
         start = state = loads.state
@@ -58,6 +62,8 @@ def simulate_many(
             state = node.state
             if node.is_fallen:
                 falls_at.append(i)
+            if crossings and twin.skins is not None:
+                crossed.append((f"sample {i + 1}{_pulls(protocol, i)}", twin.skins.crossings(state.x)))
             values.append(_commanded(twin, protocol, i, sense(twin, state)))
             by_command = _by_command(twin, statics, state, controls, by_length, commanded)
             rates.append(sense_rates(twin, state, np.column_stack([node.by_parameter, by_command])))
@@ -71,15 +77,17 @@ def simulate_many(
     if falls_at:
         later = f" and {len(falls_at) - 1} later ones" if len(falls_at) > 1 else ""
         falls += fallen(f"on the way to sample {falls_at[0] + 1}{_pulls(protocol, falls_at[0])}{later}")
+    told = crossed_at(crossed)
     table = np.array(values).reshape(len(values), len(units))
     labels = (*names, *(f"{cable}.{protocol.commands[cable].control}" for cable in commanded))
     by_parameter = np.array(rates).reshape(len(values), len(units), len(labels))
     return Response(
         channels={name: table[:, k] for k, name in enumerate(units)},
         units=units,
-        status=status + falls,
+        status=status + falls + told,
         succeeded=succeeded,
         falls=falls.strip(),
+        crossings=told.strip(),
         n_factorisations=statics.n_factorisations,
         sensitivities={name: {p: by_parameter[:, k, j] for j, p in enumerate(labels)} for k, name in enumerate(units)},
         snapshots=tuple(shapes),

@@ -40,8 +40,9 @@ class Response:
     `<plate>.x`, `.y`, `.z` [m], `<plate>.pitch`, `.roll`, `.yaw` [rad], `<marker>.x`, `.y`, `.z` [m].
     sensitivities: channel -> parameter -> d channel / d parameter, shape (n_samples,).
     slopes: channel -> d channel / d control, shape (n_samples,), along the one cable that is driven.
-    status: a sentence; falls: what of it tells where the robot was not stable, or "". The channels end before the first
-    sample that could not be reached.
+    status: a sentence; falls: what of it tells where the robot was not stable, or ""; crossings: which bodies pass
+    through themselves or each other, and where, or "". The channels end before the first sample that could not be
+    reached.
     """
 
     channels: Mapping[str, Floats]
@@ -54,3 +55,4 @@ class Response:
     snapshots: tuple[Snapshot, ...] = ()
     tets: Mapping[str, Ints] = field(default_factory=dict)  # body -> connectivity of `Snapshot.points`
     falls: str = ""
+    crossings: str = ""

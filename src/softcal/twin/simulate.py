@@ -27,6 +27,7 @@ def simulate(
     sensitivities: Sequence[str] = (),
     snapshots: Shown = False,
     curve_tolerance: float = CURVE_TOLERANCE,
+    crossings: bool = True,
 ) -> Response:
     """The twin's quasi-static response to a protocol.
 
@@ -43,6 +44,9 @@ def simulate(
     snapshots
         Whether shapes to draw are kept: at rest, and at every solved node. With "samples", at every sample and nowhere
         else, in their order, and every sample is solved.
+
+    crossings
+        Whether to look, at every solved state, for bodies that pass through themselves or each other.
 
     Returns
     -------
@@ -86,9 +90,11 @@ def simulate(
             if command.control == "shortening" or np.any(command.values != 0.0)
         ]
         if len(driven) > 1:
-            return simulate_many(twin, statics, protocol, names, snapshots=snapshots, commanded=commanded)
+            return simulate_many(
+                twin, statics, protocol, names, snapshots=snapshots, crossings=crossings, commanded=commanded
+            )
         tolerance = 0.0 if snapshots == "samples" else curve_tolerance
-        sweep = Sweep(twin, statics, names, driven[0] if driven else None, tolerance, snapshots)
+        sweep = Sweep(twin, statics, names, driven[0] if driven else None, tolerance, snapshots, crossings)
         response = sweep.response(protocol)
         return _with_commands(response, protocol, driven, commanded)
     finally:

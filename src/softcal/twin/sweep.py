@@ -12,6 +12,7 @@ from softcal.mechanics.path import Line, Node, Path, between, follow, interpolat
 from softcal.mechanics.state import State
 from softcal.mechanics.statics import Statics
 from softcal.twin.build import Twin
+from softcal.twin.crossings import crossed_on_path
 from softcal.twin.curve import Curve
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response, Shown, Snapshot
@@ -34,6 +35,7 @@ class Sweep:
     cable: str | None
     tolerance: float
     snapshots: Shown
+    crossings: bool = True
 
     def response(self, protocol: Protocol) -> Response:
         """See `simulate`."""
@@ -157,9 +159,11 @@ class Sweep:
             low = float(d[:n][np.argmin(values[:, 2 * self._i_cable + 1])])
             status = f"Cable {self.cable} would have to push at {1e3 * low:.4g} mm: the robot snaps through there."
             shapes = self._solved(path, "m")
-            return self._response(np.zeros((0, values.shape[1])), None, None, status, False, shapes, self._falls(path))
+            return self._response(
+                np.zeros((0, values.shape[1])), None, None, status, False, shapes, self._remarks(path)
+            )
         shapes = self._shapes(path, np.maximum(d[:n], start.c), d[:n], "m")
-        return self._response(values, slopes, by_parameter, status, path.reached, shapes, self._falls(path))
+        return self._response(values, slopes, by_parameter, status, path.reached, shapes, self._remarks(path))
 
     def _by_tension(self, start: Node, T: Floats) -> Response:
         i_tension = 2 * self._i_cable + 1
@@ -172,7 +176,7 @@ class Sweep:
         if len(path.nodes) == 1:
             at = np.full(len(T), start.c)
             shapes = self._shapes(path, at, np.zeros(len(T)), "N")
-            return self._response(*curve.at(at), "Solved: no tension.", True, shapes, self._falls(path))
+            return self._response(*curve.at(at), "Solved: no tension.", True, shapes, self._remarks(path, start.c))
         is_wound = path.reached and path.nodes[-1].c >= wound * (1.0 - 1e-9)
         c = curve.first_passage(i_tension, T)
         if self.tolerance <= 0.0:
@@ -205,7 +209,15 @@ class Sweep:
         if self.snapshots:
             path = self._up_to(path, float(at.max(initial=start.c)))
         shapes = self._shapes(path, at, T[:n], "N")
-        return self._response(values, slopes, by_parameter, status, n == len(T), shapes, self._falls(path))
+        return self._response(
+            values,
+            slopes,
+            by_parameter,
+            status,
+            n == len(T),
+            shapes,
+            self._remarks(path, float(at.max(initial=start.c))),
+        )
 
     def _by_samples(self, start: Node, c: Floats) -> Path:
         """The path through every one of c, in their order."""
@@ -270,8 +282,8 @@ class Sweep:
     def _at_rest(self, start: Node, n: int) -> Response:
         numbers = range(1, n + 1) if self.snapshots == "samples" else (0,)
         shapes = tuple(snapshot(self.twin, start.state, {}, k, "") for k in numbers) if self.snapshots else ()
-        status, falls = "Solved: no cable is driven.", self._falls(Path((start,), True))
-        return self._response(*self._curve((start,)).at(np.zeros(n)), status, True, shapes, falls)
+        status, remarks = "Solved: no cable is driven.", self._remarks(Path((start,), True))
+        return self._response(*self._curve((start,)).at(np.zeros(n)), status, True, shapes, remarks)
 
     def _shapes(self, path: Path, c: Floats, commands: Floats, unit: str) -> tuple[Snapshot, ...]:
         """What is to be drawn: the samples that the commands [unit] bring to c, or the path that leads there."""
@@ -301,6 +313,13 @@ class Sweep:
             f"{self.twin.system.softened(path.nodes[-1].state, self.statics.theta)}"
         )
 
+    def _remarks(self, path: Path, end: float = np.inf) -> tuple[str, str]:
+        """Where it falls, and what crosses up to `end`: sentences with a blank before each, or nothing."""
+        if not self.crossings:
+            return self._falls(path), ""
+        layout = self.twin.system.layout
+        return self._falls(path), crossed_on_path(self.twin.skins, layout, path.nodes, end, self.cable or "")
+
     def _falls(self, path: Path) -> str:
         loads = [fallen(UNDER_LOADS)] if path.nodes[0].is_fallen else []
         at = ", ".join(f"{1e3 * node.c:.4g}" for node in path.nodes[1:] if node.is_fallen)
@@ -314,7 +333,7 @@ class Sweep:
         status: str,
         succeeded: bool,
         shapes: tuple[Snapshot, ...] = (),
-        falls: str = "",
+        remarks: tuple[str, str] = ("", ""),
     ) -> Response:
         units = self._units
         channels = {name: values[:, k] for k, name in enumerate(units)}
@@ -326,9 +345,10 @@ class Sweep:
         return Response(
             channels=channels,
             units=units,
-            status=status + falls,
+            status=status + "".join(remarks),
             succeeded=succeeded,
-            falls=falls.strip(),
+            falls=remarks[0].strip(),
+            crossings=remarks[1].strip(),
             n_factorisations=self.statics.n_factorisations,
             sensitivities=sensitivities,
             slopes={} if slopes is None else {name: slopes[:, k] for k, name in enumerate(units)},

@@ -1,0 +1,117 @@
+"""Whether skins of bodies pass through themselves or each other, where no contact keeps them apart.
+
+Every skin is taken in by a small part of its edges first: what only touches, or is bonded face to face, does not cross.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from softcal.checks import Floats, Ints
+from softcal.mechanics.contact import collision_mesh, edges_of
+
+Crossings = dict[tuple[str, str], float]
+"""Names of two bodies, or of one twice, and about how deep [m] one is in the other."""
+
+
+@dataclass(frozen=True)
+class Skins:
+    """points (n,): the layout's points on the skins; X (n, 3) [m]: at rest; faces (k, 3) of these, outward; owner (n,):
+    number of the body of each point in `names`; inset (n,) [m]: how far each is taken in; apart, patch: see
+    `softcal.mechanics.contact.ContactTerm`.
+    """
+
+    points: Ints
+    X: Floats
+    faces: Ints
+    owner: Ints
+    names: tuple[str, ...]
+    inset: Floats
+    apart: Ints
+    patch: Ints
+
+    def crossings(self, x: Floats) -> Crossings:
+        """The bodies that cross at positions x (n_points, 3) [m], but for those that do so at rest already."""
+        found = self._crossings(x[self.points])
+        return {pair: depth for pair, depth in found.items() if pair not in self._at_rest}
+
+    def pairs(self, x: Floats) -> frozenset[tuple[str, str]]:
+        """The same without how deep they are, which for one body is found much faster."""
+        if len(self.names) == 1 and not self._at_rest:
+            return frozenset(
+                [(self.names[0], self.names[0])] if self._intersect(self._taken_in(x[self.points])) else []
+            )
+        return frozenset(self.crossings(x))
+
+    @cached_property
+    def _at_rest(self) -> Crossings:
+        return self._crossings(self.X)
+
+    def _crossings(self, x: Floats) -> Crossings:
+        V = self._taken_in(x)
+        if not self._intersect(V):
+            return {}
+        edges, faces = self._candidates(V)
+        depth = _depth(V[edges], V[faces])
+        found: Crossings = {}
+        for i in np.flatnonzero(depth > 0.0):
+            one, other = sorted((int(self.owner[edges[i, 0]]), int(self.owner[faces[i, 0]])))
+            pair = (self.names[one], self.names[other])
+            inset = self.inset[edges[i, 0]] + self.inset[faces[i, 0]]
+            found[pair] = max(found.get(pair, 0.0), float(depth[i] + inset))
+        return found
+
+    def _taken_in(self, x: Floats) -> Floats:
+        return np.asfortranarray(x - self.inset[:, None] * self._normals(x))
+
+    def _intersect(self, V: Floats) -> bool:
+        import ipctk
+
+        return bool(ipctk.has_intersections(self._mesh, V, ipctk.LBVH()))
+
+    def _candidates(self, V: Floats) -> tuple[Ints, Ints]:
+        """Vertices of edges (m, 2) and of faces (m, 3) that are near each other and may cross."""
+        import ipctk
+
+        near = ipctk.LBVH()
+        near.can_vertices_collide = self._mesh.can_collide
+        near.build(V, self._mesh.edges, self._mesh.faces)
+        pairs = np.array([(c.edge_id, c.face_id) for c in near.detect_edge_face_candidates()], dtype=np.int64)
+        pairs = pairs.reshape(-1, 2)
+        return self._edges[pairs[:, 0]], self.faces[pairs[:, 1]]
+
+    def _normals(self, x: Floats) -> Floats:
+        """Outward unit normals (n, 3) at the points: the mean of the faces around, by their areas."""
+        a, b, c = (x[self.faces[:, k]] for k in range(3))
+        area = np.cross(b - a, c - a)
+        normals = np.column_stack(
+            [np.bincount(self.faces.ravel(), weights=np.repeat(area[:, k], 3), minlength=len(x)) for k in range(3)]
+        )
+        return normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
+
+    @cached_property
+    def _edges(self) -> Ints:
+        return edges_of(self.faces)
+
+    @cached_property
+    def _mesh(self) -> Any:
+        return collision_mesh(self.X, self._edges, self.faces, self.patch, self.apart)
+
+
+def _depth(edge: Floats, face: Floats) -> Floats:
+    """How far [m] the nearer end of each edge (m, 2, 3) is beyond the face (m, 3, 3) that it passes through, or 0."""
+    a, b, c = face[:, 0], face[:, 1], face[:, 2]
+    normal = np.cross(b - a, c - a)
+    normal = normal / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
+    height = np.einsum("mkj,mj->mk", edge - a[:, None], normal)
+    across = height[:, 0] * height[:, 1] < 0.0
+    t = height[:, 0] / np.where(across, height[:, 0] - height[:, 1], 1.0)
+    at = edge[:, 0] + t[:, None] * (edge[:, 1] - edge[:, 0])
+    inside = np.all(
+        [np.einsum("mj,mj->m", np.cross(q - p, at - p), normal) > 0.0 for p, q in ((a, b), (b, c), (c, a))], axis=0
+    )
+    return np.where(across & inside, np.abs(height).min(axis=1), 0.0)

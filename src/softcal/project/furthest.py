@@ -1,0 +1,31 @@
+"""The calibrated twin in the test that drives it furthest: what is drawn of a run, and what is said of its shape."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from softcal.calibration.result import CalibrationResult
+from softcal.project.calibration import JOINT, calibrated
+from softcal.project.project import Project
+from softcal.project.simulation import simulate
+from softcal.twin.response import Response
+
+
+def furthest_response(project: Project, result: CalibrationResult) -> Response:
+    """The response at the result's values in the one of its experiments that drives the robot furthest, with shapes."""
+    at_values = calibrated(project, result)
+
+    def reach(name: str) -> float:
+        experiment = at_values.experiments[name]
+        return max((float(np.max(experiment.dataset.values(drive))) for drive in experiment.drives), default=0.0)
+
+    return simulate(at_values, experiment=max(result.experiments, key=reach), snapshots=True)
+
+
+def crossings_in(project: Project, results: Mapping[str, CalibrationResult]) -> list[str]:
+    """Which bodies pass through themselves or each other at what was found: a sentence for each calibration."""
+    chosen = {JOINT: results[JOINT]} if JOINT in results else results
+    responses = {label: furthest_response(project, result) for label, result in chosen.items()}
+    return [f"{label}: {response.crossings}" for label, response in responses.items() if response.crossings]

@@ -1,0 +1,114 @@
+"""Where bodies of the robot pass through themselves or each other on the way, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from softcal.geometry.mesh import TetMesh
+from softcal.geometry.surface import boundary_triangles
+from softcal.mechanics.crossing import Skins
+from softcal.mechanics.layout import Layout
+from softcal.mechanics.path import Node, interpolated
+from softcal.twin.contacts import across_seams, mean_edge, moving_together
+from softcal.twin.robot import Robot
+from softcal.units import format_quantity
+
+INSET = 0.01  # of a skin's mean edge: what touches does not cross
+BISECTIONS = 6
+
+Pair = tuple[str, str]
+
+
+def build_skins(robot: Robot, layout: Layout, meshes: dict[str, TetMesh], first: dict[str, int]) -> Skins | None:
+    """The skins among which crossings are looked for; None where there is no body, or contact keeps them apart."""
+    if robot.contact is not None or not meshes:
+        return None
+    triangles = {name: first[name] + boundary_triangles(mesh.tets) for name, mesh in meshes.items()}
+    on_skin = {name: np.unique(own) for name, own in triangles.items()}
+    points = np.concatenate([*on_skin.values()])
+    names = tuple(on_skin)
+    owner = np.repeat(np.arange(len(names)), [len(on_skin[name]) for name in names])
+    insets = np.array([INSET * mean_edge(meshes[name]) for name in names])
+    return Skins(
+        points=points,
+        X=layout.X[points],
+        faces=np.searchsorted(points, np.concatenate([*triangles.values()])),
+        owner=owner,
+        names=names,
+        inset=insets[owner],
+        apart=np.sort(np.searchsorted(points, across_seams(robot, layout, meshes, on_skin)), axis=1),
+        patch=moving_together(layout, points),
+    )
+
+
+def crossed_on_path(skins: Skins | None, layout: Layout, nodes: Sequence[Node], end: float, cable: str) -> str:
+    """The sentences on what crosses along a path of one cable's shortening, up to `end` [m]."""
+    if skins is None:
+        return ""
+    found = [skins.pairs(node.state.x) for node in nodes]
+    sentences: list[str] = []
+    for pair in sorted({pair for one in found for pair in one}):
+
+        def crosses(a: Node, b: Node, c: float, pair: Pair = pair) -> bool:
+            return pair in skins.pairs(interpolated(layout, a, b, c).x)
+
+        spans = [
+            f"from {1e3 * begin:.3g} mm of shortening of {cable} on"
+            if stop is None
+            else f"from {1e3 * begin:.3g} to {1e3 * stop:.3g} mm of shortening of {cable}"
+            for begin, stop in _spans(nodes, [pair in one for one in found], crosses)
+            if begin <= end
+        ]
+        if len(nodes) == 1 and spans:
+            spans = ["under the loads"]
+        if spans:
+            i = max(i for i, one in enumerate(found) if pair in one)
+            beyond = nodes[i].c > end and i > 0
+            shape = interpolated(layout, nodes[i - 1], nodes[i], end) if beyond else nodes[i].state
+            sentences.append(_sentence(pair, " and ".join(spans), skins.crossings(shape.x).get(pair, 0.0)))
+    return "".join(sentences)
+
+
+def _spans(
+    nodes: Sequence[Node], crosses: Sequence[bool], between: Callable[[Node, Node, float], bool]
+) -> list[tuple[float, float | None]]:
+    """Where it crosses: from, and to (None: to the end), with the changes between two nodes narrowed down."""
+    spans: list[tuple[float, float | None]] = []
+    begin = nodes[0].c
+    for i, node in enumerate(nodes):
+        before = crosses[i - 1] if i else False
+        if crosses[i] and not before:
+            begin = _change(nodes[i - 1], node, between, crosses[i]) if i else node.c
+        if before and not crosses[i]:
+            spans.append((begin, _change(nodes[i - 1], node, between, crosses[i])))
+    return [*spans, (begin, None)] if crosses[-1] else spans
+
+
+def _change(a: Node, b: Node, crosses: Callable[[Node, Node, float], bool], at_b: bool) -> float:
+    """The control at which it changes between two nodes; the robot jumps to a node that it falls to."""
+    low, high = a.c, b.c
+    for _ in range(0 if b.is_fallen else BISECTIONS):
+        middle = 0.5 * (low + high)
+        if crosses(a, b, middle) == at_b:
+            high = middle
+        else:
+            low = middle
+    return high if at_b else low
+
+
+def crossed_at(found: Sequence[tuple[str, dict[Pair, float]]]) -> str:
+    """The sentences on what crosses in states that are told by a label each, in their order."""
+    sentences: list[str] = []
+    for pair in sorted({pair for _, one in found for pair in one}):
+        labels = [label for label, one in found if pair in one]
+        later = f" and {len(labels) - 1} more" if len(labels) > 1 else ""
+        sentences.append(_sentence(pair, f"at {labels[0]}{later}", max(one.get(pair, 0.0) for _, one in found)))
+    return "".join(sentences)
+
+
+def _sentence(pair: Pair, where: str, depth: float) -> str:
+    what = f"{pair[0]} crosses itself" if pair[0] == pair[1] else f"{pair[0]} and {pair[1]} cross"
+    how_deep = f", by about {format_quantity(depth, 'm', digits=2)}" if depth > 0.0 else ""
+    return f" {what} {where}{how_deep}: set contact: true."

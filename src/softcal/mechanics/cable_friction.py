@@ -3,7 +3,7 @@
     T_k = T exp(-mu sum_j phi_j),  j the via points between the pulled end and segment k
 
 The force is no gradient of a potential, so the tangent gains an unsymmetric part; it is of low rank, one column and
-one row per inner via point, and borders the symmetric tangent as the tensions do.
+one row per inner via point that moves, and borders the symmetric tangent as the tensions do.
 """
 
 from __future__ import annotations
@@ -15,21 +15,26 @@ import numpy as np
 from softcal.checks import Floats, Ints
 from softcal.mechanics.cable import CableTerm
 
-# The turning angle has a kink at zero; below this angle [rad] it is rounded off.
+# The turning angle has a kink at zero, rounded off below this angle [rad], which the via points of a cable share: so a
+# smooth way turns by as much whether it goes through ten points or a thousand.
 SMOOTH = 1e-4
 
 
 @dataclass(frozen=True)
 class Loss:
-    """factor (n_segments,): T_k over T. by_mu (n_segments,): d factor / d mu of its cable. vias: per inner via point
-    (segment towards the pulled end, the next one, the segments beyond); turn: d phi / d the two segments' vectors.
+    """factor (n_segments,): T_k over T. by_mu (n_segments,): d factor / d mu of its cable.
+
+    Inner via points of cables with friction, each cable's from the pulled end on: near, far (n_vias,): its segment
+    towards the pulled end, and the next one; by_near, by_far (n_vias, 3): d phi / d their vectors; mu (n_vias,).
     """
 
     factor: Floats
     by_mu: Floats
-    vias: tuple[tuple[int, int, Ints], ...]
-    turn: tuple[tuple[Floats, Floats], ...]
-    mu: Floats  # (n_vias,)
+    near: Ints
+    far: Ints
+    by_near: Floats
+    by_far: Floats
+    mu: Floats
 
 
 def friction_loss(term: CableTerm, x: Floats, mu: Floats, *, by_all: bool = False) -> Loss:
@@ -39,54 +44,68 @@ def friction_loss(term: CableTerm, x: Floats, mu: Floats, *, by_all: bool = Fals
     """
     n = len(term.cable)
     factor, by_mu = np.ones(n), np.zeros(n)
-    vias: list[tuple[int, int, Ints]] = []
-    turn: list[tuple[Floats, Floats]] = []
-    mu_of: list[float] = []
-    rough = np.flatnonzero((mu > 0.0) | by_all)
-    v = term.vectors(x) if len(rough) else np.zeros((0, 3))
-    for c in rough:
+    none = np.zeros(0, dtype=np.int64)
+    near, far, of_vias = [none], [none], [np.zeros(0)]
+    turns = [(np.zeros((0, 3)), np.zeros((0, 3)))]
+    wanted = np.flatnonzero((mu > 0.0) | by_all)
+    v = term.vectors(x) if len(wanted) else np.zeros((0, 3))
+    for c in wanted:
         segments = np.flatnonzero(term.cable == c)
         if term.pulled_last[c]:
             segments = segments[::-1]
-        angle = 0.0
-        for i in range(1, len(segments)):
-            near, far = int(segments[i - 1]), int(segments[i])
-            phi, d_near, d_far = _turning_angle(v[near], v[far])
-            angle += phi
-            factor[far] = np.exp(-mu[c] * angle)
-            by_mu[far] = -angle * factor[far]
-            if mu[c] == 0.0:
-                continue
-            vias.append((near, far, segments[i:]))
-            turn.append((d_near, d_far))
-            mu_of.append(float(mu[c]))
-    return Loss(factor, by_mu, tuple(vias), tuple(turn), np.array(mu_of))
+        before, after = segments[:-1], segments[1:]
+        phi, by_near, by_far = _turning_angles(v[before], v[after])
+        angle = np.cumsum(phi)
+        factor[after] = np.exp(-mu[c] * angle)
+        by_mu[after] = -angle * factor[after]
+        if mu[c] > 0.0:
+            near.append(before)
+            far.append(after)
+            turns.append((by_near, by_far))
+            of_vias.append(np.full(len(after), mu[c]))
+    by_near, by_far = (np.concatenate(parts) for parts in zip(*turns, strict=True))
+    return Loss(factor, by_mu, np.concatenate(near), np.concatenate(far), by_near, by_far, np.concatenate(of_vias))
 
 
-def loss_border(term: CableTerm, x: Floats, loss: Loss, tension: Floats, size: int) -> tuple[Floats, Floats]:
-    """Columns and rows, (size, n_vias) each on all entities, with K_unsymmetric = sum_j column_j row_j^T.
+def loss_border(
+    term: CableTerm, x: Floats, loss: Loss, tension: Floats, moves: np.ndarray, size: int
+) -> tuple[Floats, Floats]:
+    """Columns and rows, (size, k) each on all entities, with K_unsymmetric = sum_j column_j row_j^T.
 
-    tension (n_cables,) [N]: at the pulled ends.
+    tension (n_cables,) [N]: at the pulled ends; moves (n_points,): whether a point can. A via point whose angle
+    depends on no point that moves has no column.
     """
-    columns, rows = np.zeros((size, len(loss.vias))), np.zeros((size, len(loss.vias)))
-    for j, (near, far, beyond) in enumerate(loss.vias):
-        weights = np.zeros(len(term.cable))
-        weights[beyond] = -loss.mu[j] * loss.factor[beyond] * tension[term.cable[beyond]]
-        columns[:, j] = term.segment_gradient(x, weights, size)
-        for k, d in ((near, loss.turn[j][0]), (far, loss.turn[j][1])):
-            for s in range(term.ptr[k], term.ptr[k + 1]):
-                at = 3 * term.support[s]
-                rows[at : at + 3, j] += term.sigma[s] * d
-    return columns, rows
+    columns: list[Floats] = []
+    rows: list[Floats] = []
+    beyond = np.zeros(size)  # of what the angle changes: the pull of all segments beyond the via point
+    for j in range(len(loss.far) - 1, -1, -1):
+        near, far = int(loss.near[j]), int(loss.far[j])
+        if j + 1 == len(loss.far) or loss.near[j + 1] != far:  # the last one of its cable
+            beyond = np.zeros(size)
+        weight = -loss.mu[j] * loss.factor[far] * tension[term.cable[far]]
+        beyond = beyond + term.segment_gradient(x, weight * (np.arange(len(term.cable)) == far), size)
+        supports = [slice(term.ptr[k], term.ptr[k + 1]) for k in (near, far)]
+        if not any(moves[term.support[s]].any() for s in supports):
+            continue
+        row = np.zeros((size // 3 + 1, 3))
+        for s, by in zip(supports, (loss.by_near[j], loss.by_far[j]), strict=True):
+            row[term.support[s]] += term.sigma[s, None] * by
+        columns.append(beyond)
+        rows.append(row.ravel()[:size])
+    none = np.zeros((size, 0))
+    return np.column_stack([none, *columns]), np.column_stack([none, *rows])
 
 
-def _turning_angle(a: Floats, b: Floats) -> tuple[float, Floats, Floats]:
-    """Angle between two vectors, rounded off at zero, and its derivatives by both."""
-    la, lb = float(np.linalg.norm(a)), float(np.linalg.norm(b))
+def _turning_angles(a: Floats, b: Floats) -> tuple[Floats, Floats, Floats]:
+    """Angles (n,) between vectors a and b (n, 3), rounded off at zero, and their derivatives by both (n, 3).
+
+    phi^2 / sqrt(phi^2 + s^2) in the place of phi: far above s it is phi, without an offset.
+    """
+    la, lb = (np.linalg.norm(vector, axis=1)[:, None] for vector in (a, b))
     u, w = a / la, b / lb
-    cos = float(u @ w)
-    sin = float(np.linalg.norm(np.cross(u, w)))
-    phi = float(np.arctan2(sin, cos))
-    smooth = float(np.hypot(phi, SMOOTH))
-    scale = phi / smooth / max(sin, 1e-12)
-    return smooth - SMOOTH, -scale * (w - cos * u) / la, -scale * (u - cos * w) / lb
+    cos = (u * w).sum(axis=1)[:, None]
+    sin = np.linalg.norm(np.cross(u, w), axis=1)[:, None]
+    phi, s = np.arctan2(sin, cos), SMOOTH / max(len(a), 1)
+    smooth = np.hypot(phi, s)
+    scale = phi * (phi**2 + 2.0 * s**2) / smooth**3 / np.maximum(sin, 1e-15)
+    return (phi**2 / smooth)[:, 0], -scale * (w - cos * u) / la, -scale * (u - cos * w) / lb

@@ -13,7 +13,7 @@ from softcal.mechanics.cable import CablePlaces, CableTerm
 from softcal.mechanics.cable_friction import Loss, friction_loss, loss_border
 from softcal.mechanics.contact import ContactTerm, Touch
 from softcal.mechanics.frame_blocks import FrameBlocks, frame_blocks, moving_pairs
-from softcal.mechanics.layout import Layout
+from softcal.mechanics.layout import FIXED, Layout
 from softcal.mechanics.motion import Motion, build_motion
 from softcal.mechanics.pattern import Pattern, build_pattern
 from softcal.mechanics.rod import RodTerm
@@ -210,15 +210,17 @@ class System:
         taut = np.flatnonzero(~controls.is_held)
         columns = [self._segment_gradient(state, np.where(self.cables.cable == i, loss.factor, 0.0)) for i in taut]
         rows = columns.copy()
-        if loss.vias:
+        if len(loss.mu):
             rows = [self.length_gradient(state, int(i)) for i in taut]
+            rider = self.layout.rider
+            moves = (rider != FIXED) & (rider < self.layout.n_moving_frames)
             size = 3 * self.layout.n_points + self.layout.n_pressures
-            u, v = loss_border(self.cables, state.x, loss, state.tension, size)
+            u, v = loss_border(self.cables, state.x, loss, state.tension, moves, size)
             columns += [self.motion.reduce_gradient(state, column) for column in u.T]
             rows += [self.motion.reduce_gradient(state, row) for row in v.T]
         if not columns:
             return NO_BORDER
-        corner = np.concatenate([np.zeros(len(taut)), -np.ones(len(loss.vias))])
+        corner = np.concatenate([np.zeros(len(taut)), -np.ones(len(columns) - len(taut))])
         return Border(taut, np.stack(columns, axis=1), np.stack(rows, axis=1), corner)
 
     def gradient_by_parameters(

@@ -76,6 +76,44 @@ def test_a_failed_solve_is_a_value_with_its_reason_and_no_loss() -> None:
     assert evaluation.n_factorisations == 7
 
 
+def test_states_that_are_solved_are_compared_where_others_are_not() -> None:
+    """No loss, as fewer states would compare too well; but the residuals of those there are, and whole experiments."""
+
+    def short(robot: Robot, protocol: Protocol, *, sensitivities: Sequence[str] = (), snapshots: bool = False):
+        response = fake_simulate(robot, protocol, sensitivities=sensitivities, snapshots=snapshots)
+        (command,) = protocol.commands.values()
+        rows = np.flatnonzero((command.values < 0.016) | (command.values > 0.03) | (command.control == "tension"))
+        if len(rows) == len(command.values):
+            return response
+        return replace(
+            response,
+            channels={name: values[rows] for name, values in response.channels.items()},
+            sensitivities={
+                c: {p: values[rows] for p, values in by.items()} for c, by in response.sensitivities.items()
+            },
+            slopes={name: values[rows] for name, values in response.slopes.items()},
+            succeeded=False,
+            status="Some samples were not reached.",
+            samples=tuple(rows.tolist()),
+        )
+
+    theta = {label: value for label, value in THETA.items()}
+    whole = three("tension").evaluate(theta, jacobian=True)
+    partly = replace(three("tension"), simulate=short).evaluate(theta, jacobian=True)
+    assert partly.loss is None
+    assert partly.gradient is None
+    assert partly.failure == "a, b: Some samples were not reached."
+    assert partly.n_solves == 2  # the tension test after it too
+    assert set(partly.errors) == set(partly.observations) == {"c"}
+    assert partly.errors["c"] == pytest.approx(whole.errors["c"])
+    for block, full in zip(partly.blocks, whole.blocks, strict=True):
+        assert (len(block.residual) == len(full.residual)) == (block.experiment == "c")
+        assert 3 < len(block.residual)
+        found = np.isin(full.residual, block.residual)
+        np.testing.assert_array_equal(full.residual[found], block.residual)
+        np.testing.assert_array_equal(full.jacobian[found], block.jacobian)
+
+
 def test_a_response_that_is_not_finite_or_an_error_of_the_twin_is_a_failure_too() -> None:
     def odd(
         robot: Robot, protocol: Protocol, *, sensitivities: Sequence[str] = (), snapshots: bool = False

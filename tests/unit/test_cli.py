@@ -131,6 +131,23 @@ def test_a_simulation_that_fails_says_why_and_writes_nothing(
     assert [path.name for path in tmp_path.iterdir()] == ["p"]
 
 
+def test_the_states_that_exist_are_written_where_others_do_not(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    sentence = "Sample 2 of 3 was not reached (front 5 mm): no equilibrium. The other 2 are solved."
+    channels = {"front.tension": np.array([1.0, 2.0])}
+    partly = Response(channels, {"front.tension": "N"}, sentence, succeeded=False, n_factorisations=3, samples=(0, 2))
+    monkeypatch.setattr("softcal.project.simulation.simulate_robot", lambda *_, **__: partly)
+    code, printed, err = run(capsys, "simulate", write_project(tmp_path / "p"), "--out", tmp_path / "out")
+    assert code == 1
+    assert err == f"Error: pull: {sentence}\n"
+    assert "Solved" not in printed
+    assert table(tmp_path / "out" / "response-pull.csv")["front.tension [N]"].tolist() == [1.0, 2.0]
+    record = json.loads((tmp_path / "out" / "simulation.json").read_text())["responses"]["pull"]
+    assert record["status"] == sentence
+    assert record["succeeded"] is False
+
+
 def test_a_calibration_that_fails_everywhere_keeps_its_trials(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

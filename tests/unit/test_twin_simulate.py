@@ -69,8 +69,42 @@ def test_sample_of_several_cables_that_is_not_reached(wall):
     )
     response = simulate(robot, protocol)
     assert not response.succeeded
-    assert response.status.startswith("Sample 3 of 4 was not reached")
-    assert all(len(values) == 2 for values in response.channels.values())
+    assert response.status.startswith("Sample 3 of 4 was not reached (front 20 mm, left 20 mm): ")
+    assert response.status.endswith(" The other 3 are solved.")
+    assert response.samples == (0, 1, 3)
+    np.testing.assert_allclose(response.channels["front.shortening"], [0.005, 0.01, 0.001])
+
+
+def test_states_after_one_without_equilibrium_are_those_without_it(wall):
+    """And the further ones on its way are not tried: 10 states, each of which takes seconds to fail."""
+    robot = column_robot(
+        "P1",
+        parameters=elastic(0.5e6, 0.4),
+        divisions=(1, 1, 4),
+        cables=(side_cable("front", (0.05, 0.0)), side_cable("left", (0.0, 0.05))),
+    )
+    front, left = np.array([[5, 2], [20, 10], [4, 8], *[[20 + 2 * k, 10 + k] for k in range(1, 8)], [1, 2]]).T * 1e-3
+
+    def response(rows):
+        return simulate(
+            robot,
+            Protocol({"front": Command("shortening", front[rows]), "left": Command("shortening", left[rows])}),
+            sensitivities=(*NAMES, "front.shortening"),
+        )
+
+    some, alone = response(slice(None)), response([0, 2, 10])
+    assert alone.succeeded
+    assert alone.samples is None
+    assert some.samples == (0, 2, 10)
+    for name, values in alone.channels.items():
+        np.testing.assert_allclose(some.channels[name], values, rtol=1e-7, atol=1e-10)
+        for p, by in alone.sensitivities[name].items():
+            np.testing.assert_allclose(some.sensitivities[name][p], by, rtol=1e-5, atol=1e-9)
+    assert some.n_factorisations < 3 * response([0, 1]).n_factorisations
+    assert "Sample 4 of 11 was not reached (front 22 mm, left 11 mm): it lies beyond sample 2" in some.status
+    assert "Nor were samples 6, 7, 8, 9, 10. The other 3 are solved." in some.status
+    full = some.over(11).channels["front.tension"]
+    assert np.flatnonzero(np.isfinite(full)).tolist() == [0, 2, 10]
 
 
 def test_robot_without_cables_or_commands_rests():

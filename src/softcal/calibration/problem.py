@@ -19,12 +19,13 @@ import numpy as np
 from softcal.calibration.experiment import AXES, Experiment, rig_parameters
 from softcal.calibration.friction import friction_faults
 from softcal.calibration.loss import Block, Loss, PapersLoss, by_experiment, errors_by_point, gradient, require, total
-from softcal.calibration.observation import Observation, Samples, commands, control_parameters, observe
+from softcal.calibration.observation import Observation, commands, observe
 from softcal.calibration.parameters import FreeParameter, SearchSpace, search_space
+from softcal.calibration.trajectory import Member, Trajectory
 from softcal.checks import Floats
 from softcal.errors import Fault, InputError, ParameterError, SimulationError
 from softcal.twin.parameters import ParameterInfo, out_of_range, robot_parameters, unknown_name, with_parameters
-from softcal.twin.protocol import Command, Protocol
+from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response
 from softcal.twin.robot import Robot
 
@@ -43,9 +44,10 @@ class Simulate(TypingProtocol):
 class Evaluation:
     """What came of one theta [SI by label].
 
-    loss None and failure a sentence where the twin could not be simulated. blocks: residuals (and jacobians);
-    observations by experiment; gradient: d loss / d theta, or None. n_solves: forward trajectories. errors: as
-    those of a `Trial`.
+    loss None and failure a sentence where the twin could not be simulated in every state: fewer states would compare
+    too well. blocks: residuals (and jacobians) of the states that were solved; observations by experiment, and errors
+    (those of a `Trial`): of experiments whose every state was. gradient: d loss / d theta, or None. n_solves: forward
+    trajectories.
     """
 
     theta: Mapping[str, float]
@@ -112,20 +114,51 @@ class Problem:
         """
         began = time.perf_counter()
         observations: dict[str, Observation] = {}
+        failures: list[str] = []
         n_solves = n_factorisations = 0
         for group in self._trajectories(theta):
             response = self._simulate(group, jacobian)
             n_solves += 1
             n_factorisations += response.n_factorisations
-            failure = _failure(response, group)
-            if failure:
-                seconds = time.perf_counter() - began
-                return Evaluation(dict(theta), None, failure, (), {}, {}, None, n_solves, n_factorisations, seconds)
+            if failure := group.failure(response):
+                failures.append(failure)
+            if not response.channels:
+                continue
+            response = response.over(group.protocol().n_samples)
             for experiment, samples in group.samples():
                 names = self.space.targets if jacobian else ()
                 rig = self._rig(experiment, theta)
                 observations[experiment.name] = observe(experiment, rig, response, samples, names)
-        return self.judge(theta, observations, n_solves, n_factorisations, time.perf_counter() - began)
+        seconds = time.perf_counter() - began
+        if failures:
+            return self._failed(theta, " ".join(failures), observations, n_solves, n_factorisations, seconds)
+        return self.judge(theta, observations, n_solves, n_factorisations, seconds)
+
+    def _failed(
+        self,
+        theta: Mapping[str, float],
+        failure: str,
+        observations: Mapping[str, Observation],
+        n_solves: int,
+        n_factorisations: int,
+        seconds: float,
+    ) -> Evaluation:
+        """An evaluation without a loss, with the residuals of what was solved."""
+        blocks = self._blocks(observations)
+        whole = {n for n, seen in observations.items() if all(np.isfinite(v).all() for v in seen.predicted.values())}
+        return Evaluation(
+            theta=dict(theta),
+            loss=None,
+            failure=failure,
+            blocks=tuple(blocks),
+            observations={name: seen for name, seen in observations.items() if name in whole},
+            experiment_losses={},
+            gradient=None,
+            n_solves=n_solves,
+            n_factorisations=n_factorisations,
+            seconds=seconds,
+            errors=errors_by_point([block for block in blocks if block.experiment in whole]),
+        )
 
     def judge(
         self,
@@ -197,9 +230,9 @@ class Problem:
     def _rig(self, experiment: Experiment, theta: Mapping[str, float]) -> dict[str, float]:
         return {**experiment.rig_values(), **self.space.values_for(experiment.name, theta)}
 
-    def _trajectories(self, theta: Mapping[str, float]) -> list[_Trajectory]:
+    def _trajectories(self, theta: Mapping[str, float]) -> list[Trajectory]:
         known = robot_parameters(self.robot)
-        groups: dict[tuple[object, ...], list[_Member]] = {}
+        groups: dict[tuple[object, ...], list[Member]] = {}
         robots: dict[tuple[object, ...], dict[str, float]] = {}
         for experiment in self.experiments:
             values = {**experiment.settings, **self.space.values_for(experiment.name, theta)}
@@ -209,11 +242,9 @@ class Problem:
             key = (*driven, tuple(sorted(of_robot.items())))
             robots[key] = of_robot
             groups.setdefault(key, []).append((experiment, told))
-        return [
-            _Trajectory(with_parameters(self.robot, robots[key]), tuple(members)) for key, members in groups.items()
-        ]
+        return [Trajectory(with_parameters(self.robot, robots[key]), tuple(members)) for key, members in groups.items()]
 
-    def _simulate(self, group: _Trajectory, jacobian: bool) -> Response:
+    def _simulate(self, group: Trajectory, jacobian: bool) -> Response:
         simulate = self.simulate or _real_simulate()
         known = robot_parameters(self.robot)
         names = [name for name in self.space.targets if name in known] if jacobian else []
@@ -227,9 +258,13 @@ class Problem:
     def _blocks(self, observations: Mapping[str, Observation]) -> list[Block]:
         blocks: list[Block] = []
         for experiment in self.experiments:
+            if experiment.name not in observations:
+                continue
             seen = observations[experiment.name]
             for channel in experiment.compared:
-                there = experiment.seen(channel)
+                there = experiment.seen(channel) & np.isfinite(seen.predicted[channel])
+                if not there.any():
+                    continue
                 values = experiment.dataset.values(channel)[there]
                 jacobian = self._columns(experiment.name, seen.derivatives.get(channel, {}), len(there))
                 blocks.append(
@@ -290,53 +325,6 @@ def make_problem(
     set_ups = {experiment.name: experiment.set_up for experiment in experiments}
     space = search_space(parameters, list(own), known, own, set_ups)
     return Problem(robot, tuple(experiments), space, loss or PapersLoss(), simulate)
-
-
-_Member = tuple[Experiment, dict[str, Command]]
-
-
-@dataclass(frozen=True)
-class _Trajectory:
-    """One forward solve that serves several experiments."""
-
-    robot: Robot
-    members: tuple[_Member, ...]
-
-    def protocol(self) -> Protocol:
-        _, first = self.members[0]
-        return Protocol(
-            {
-                cable: Command(command.control, np.concatenate([told[cable].values for _, told in self.members]))
-                for cable, command in first.items()
-            }
-        )
-
-    def controls(self, free: set[str]) -> list[str]:
-        """The commands to derive the response by too: those of several cables, where free rig values change them."""
-        _, told = self.members[0]
-        if len(told) < 2 or not any(free & control_parameters(experiment) for experiment, _ in self.members):
-            return []
-        return [f"{cable}.{command.control}" for cable, command in told.items()]
-
-    def samples(self) -> list[tuple[Experiment, Samples]]:
-        if not self.members[0][1]:
-            # Nothing is driven: every row of every table is the one state of rest.
-            return [(experiment, np.zeros(experiment.dataset.n_samples, dtype=int)) for experiment, _ in self.members]
-        ends = np.cumsum([0, *(experiment.dataset.n_samples for experiment, _ in self.members)])
-        return [(member[0], slice(int(a), int(b))) for member, a, b in zip(self.members, ends, ends[1:], strict=False)]
-
-
-def _failure(response: Response, group: _Trajectory) -> str:
-    """Why the response is of no use, as a sentence; "" where it is of use."""
-    names = ", ".join(experiment.name for experiment, _ in group.members)
-    if not response.succeeded:
-        return f"{names}: {response.status}"
-    for experiment, samples in group.samples():
-        for channel in experiment.compared:
-            values = response.channels.get(experiment.twin_channel(channel))
-            if values is not None and not np.all(np.isfinite(values[samples])):
-                return f"{names}: the twin's {experiment.twin_channel(channel)} is not finite. {response.status}"
-    return ""
 
 
 def _part_faults(robot: Robot, experiments: Sequence[Experiment]) -> list[Fault]:

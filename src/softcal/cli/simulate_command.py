@@ -55,5 +55,8 @@ def simulate(
     with motion_bars() as show:
         responses = simulate_to_folder(loaded, chosen, out, in_time=in_time, engine=engine, progress=show)
     for name, response in responses.items():
-        typer.echo(f"{name}: {response.status}")
+        told = f"{name}: {response.status}"
+        typer.echo(told if response.succeeded else f"Error: {told}", err=not response.succeeded)
     typer.echo(f"Wrote {out}")
+    if not all(response.succeeded for response in responses.values()):
+        raise typer.Exit(1)

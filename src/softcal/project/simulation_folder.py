@@ -39,7 +39,8 @@ def simulate_to_folder(
     StorageError
         Where the folder holds files, or cannot be written.
     SimulationError
-        Where the twin could not follow a protocol; nothing is then written.
+        Where no sample of a protocol could be reached; nothing is then written. Where only some could, those are
+        written, and the response's status says which could not.
     """
     require_free_folder(folder)
     simulator = engine_for(engine, project.robot, project.engines)
@@ -47,7 +48,7 @@ def simulate_to_folder(
         responses = simulate_each_in_time(project, cases, progress=progress)
     else:
         responses = simulate_each(
-            cases, lambda case: response_to(case.robot, case.protocol, snapshots=True, engine=simulator)
+            cases, lambda case: response_to(case.robot, case.protocol, snapshots=True, engine=simulator), partly=True
         )
     with new_folder(folder) as part:
         for name, response in responses.items():
@@ -59,6 +60,7 @@ def simulate_to_folder(
             "responses": {
                 name: {
                     "status": response.status,
+                    "succeeded": response.succeeded,
                     "n_factorisations": response.n_factorisations,
                     **_settings(project, cases[name]),
                 }

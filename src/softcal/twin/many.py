@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +22,7 @@ from softcal.twin.sensors import channel_units, sense, sense_rates
 from softcal.twin.start import UNDER_LOADS, fallen, loaded, slack_line, snapshot
 from softcal.units import format_quantity
 
+SENTENCES = 3  # samples without an equilibrium whose reasons are given
 _UNITS = {"tension": "N", "shortening": "m"}
 
 
@@ -41,7 +43,9 @@ def simulate_many(
     values: list[Floats] = []
     rates: list[Floats] = []
     shapes: list[Snapshot] = []
-    status, succeeded, falls, falls_at = "", True, "", list[int]()
+    falls, falls_at = "", list[int]()
+    solved: list[int] = []
+    failed: dict[int, str] = {}
     crossed: list[tuple[str, Crossings]] = []
     try:
         loads = loaded(twin, statics)
@@ -54,11 +58,19 @@ def simulate_many(
         by_length = _by_length(twin, protocol)
         for i in range(protocol.n_samples):
             target = _target(twin, protocol, i, controls)
+            if why := _beyond(protocol, i, failed):
+                failed[i] = why
+                continue
             try:
                 node, controls = _reach(twin, statics, state, controls, target, by_length, names)
             except SimulationError:
                 # The way from the sample before may lead through states that have no equilibrium.
-                node, controls = _reach(twin, statics, start, slack, target, by_length, names)
+                try:
+                    node, controls = _reach(twin, statics, start, slack, target, by_length, names)
+                except SimulationError as error:
+                    failed[i] = str(error)
+                    continue
+            solved.append(i)
             state = node.state
             if node.is_fallen:
                 falls_at.append(i)
@@ -70,10 +82,11 @@ def simulate_many(
             rates[-1][:, len(names) :] = _commanded_rates(twin, protocol, commanded, rates[-1][:, len(names) :])
             if snapshots:
                 shapes.append(snapshot(twin, state, _shown(protocol, i), i + 1, ""))
-        status = f"Solved: {protocol.n_samples} equilibria, {statics.n_factorisations} factorisations."
     except SimulationError as error:
-        where, pulls = f"Sample {len(values) + 1} of {protocol.n_samples}", _pulls(protocol, len(values))
-        status, succeeded = f"{where} was not reached{pulls}: {error}", False
+        failed[0] = str(error)
+    status = f"Solved: {protocol.n_samples} equilibria, {statics.n_factorisations} factorisations."
+    if failed:
+        status = _not_reached(protocol, failed, len(solved))
     if falls_at:
         later = f" and {len(falls_at) - 1} later ones" if len(falls_at) > 1 else ""
         falls += fallen(f"on the way to sample {falls_at[0] + 1}{_pulls(protocol, falls_at[0])}{later}")
@@ -85,14 +98,41 @@ def simulate_many(
         channels={name: table[:, k] for k, name in enumerate(units)},
         units=units,
         status=status + falls + told,
-        succeeded=succeeded,
+        succeeded=not failed,
         falls=falls.strip(),
         crossings=told.strip(),
         n_factorisations=statics.n_factorisations,
         sensitivities={name: {p: by_parameter[:, k, j] for j, p in enumerate(labels)} for k, name in enumerate(units)},
         snapshots=tuple(shapes),
         tets={name: mesh.tets for name, mesh in twin.meshes.items()} if snapshots else {},
+        samples=tuple(solved) if failed else None,
     )
+
+
+def _beyond(protocol: Protocol, i: int, failed: Iterable[int]) -> str:
+    """Why a sample need not be tried: it is further on the same straight way than one that was not reached; else ""."""
+    commands = np.array([command.values for command in protocol.commands.values()])
+    for k in failed:
+        size = float(np.abs(commands[:, k]).max())
+        ahead = float(commands[:, i] @ commands[:, k]) >= float(commands[:, k] @ commands[:, k])
+        factor = float(commands[:, i] @ commands[:, k]) / max(float(commands[:, k] @ commands[:, k]), 1e-300)
+        if ahead and np.abs(commands[:, i] - factor * commands[:, k]).max() <= 1e-9 * factor * size:
+            return f"it lies beyond sample {k + 1} on the same way."
+    return ""
+
+
+def _not_reached(protocol: Protocol, failed: Mapping[int, str], n_solved: int) -> str:
+    """The sentences on samples without an equilibrium: the first few with their reasons, the others by number."""
+    n = protocol.n_samples
+    told = [
+        f"Sample {i + 1} of {n} was not reached{_pulls(protocol, i)}: {failed[i]}" for i in list(failed)[:SENTENCES]
+    ]
+    numbers = [str(i + 1) for i in list(failed)[SENTENCES:]]
+    if numbers:
+        told.append(f"Nor was sample {numbers[0]}." if len(numbers) == 1 else f"Nor were samples {', '.join(numbers)}.")
+    if n_solved:
+        told.append("The other one is solved." if n_solved == 1 else f"The other {n_solved} are solved.")
+    return " ".join(told)
 
 
 def _by_length(twin: Twin, protocol: Protocol) -> np.ndarray:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
+
+import numpy as np
 
 from softcal.checks import Floats, Ints
 
@@ -41,8 +43,9 @@ class Response:
     sensitivities: channel -> parameter -> d channel / d parameter, shape (n_samples,).
     slopes: channel -> d channel / d control, shape (n_samples,), along the one cable that is driven.
     status: a sentence; falls: what of it tells where the robot was not stable, or ""; crossings: which bodies pass
-    through themselves or each other, and where, or "". The channels end before the first sample that could not be
-    reached.
+    through themselves or each other, and where, or "".
+    samples: which of the protocol's samples, counted from 0, the channels hold. None: all, or those before the first
+    one that could not be reached.
     """
 
     channels: Mapping[str, Floats]
@@ -56,3 +59,27 @@ class Response:
     tets: Mapping[str, Ints] = field(default_factory=dict)  # body -> connectivity of `Snapshot.points`
     falls: str = ""
     crossings: str = ""
+    samples: tuple[int, ...] | None = None
+
+    def over(self, n_samples: int) -> Response:
+        """The response with a row for each of the protocol's samples: NaN for those that were not reached."""
+        held = next((len(values) for values in self.channels.values()), 0)
+        if held == n_samples:
+            return self
+        rows = list(range(held)) if self.samples is None else list(self.samples)
+
+        def spread(values: Floats) -> Floats:
+            out = np.full(n_samples, np.nan)
+            out[rows] = values
+            return out
+
+        return replace(
+            self,
+            channels={name: spread(values) for name, values in self.channels.items()},
+            sensitivities={
+                channel: {name: spread(values) for name, values in by.items()}
+                for channel, by in self.sensitivities.items()
+            },
+            slopes={name: spread(values) for name, values in self.slopes.items()},
+            samples=None,
+        )

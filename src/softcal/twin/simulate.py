@@ -51,8 +51,9 @@ def simulate(
     Returns
     -------
     Response
-        With `succeeded` False and a sentence in `status` where a sample could not be reached; the channels then end
-        before it. Never raises for a robot that has no equilibrium.
+        With `succeeded` False and a sentence in `status` where a sample could not be reached. With one driven cable the
+        channels then end before it; with several the others are solved, and `samples` says which the channels hold.
+        Never raises for a robot that has no equilibrium.
 
     Raises
     ------

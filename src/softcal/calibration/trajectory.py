@@ -1,0 +1,63 @@
+"""One forward solve, and the experiments whose samples are states of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from softcal.calibration.experiment import Experiment
+from softcal.calibration.observation import Samples, control_parameters
+from softcal.twin.protocol import Command, Protocol
+from softcal.twin.response import Response
+from softcal.twin.robot import Robot
+
+Member = tuple[Experiment, dict[str, Command]]
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """One forward solve that serves several experiments."""
+
+    robot: Robot
+    members: tuple[Member, ...]
+
+    def protocol(self) -> Protocol:
+        _, first = self.members[0]
+        return Protocol(
+            {
+                cable: Command(command.control, np.concatenate([told[cable].values for _, told in self.members]))
+                for cable, command in first.items()
+            }
+        )
+
+    def controls(self, free: set[str]) -> list[str]:
+        """The commands to derive the response by too: those of several cables, where free rig values change them."""
+        _, told = self.members[0]
+        if len(told) < 2 or not any(free & control_parameters(experiment) for experiment, _ in self.members):
+            return []
+        return [f"{cable}.{command.control}" for cable, command in told.items()]
+
+    def samples(self) -> list[tuple[Experiment, Samples]]:
+        if not self.members[0][1]:
+            # Nothing is driven: every row of every table is the one state of rest.
+            return [(experiment, np.zeros(experiment.dataset.n_samples, dtype=int)) for experiment, _ in self.members]
+        ends = np.cumsum([0, *(experiment.dataset.n_samples for experiment, _ in self.members)])
+        return [(member[0], slice(int(a), int(b))) for member, a, b in zip(self.members, ends, ends[1:], strict=False)]
+
+    def failure(self, response: Response) -> str:
+        """Why the response does not serve every experiment, a sentence beginning with their names; "" where it does."""
+        whole = response.over(self.protocol().n_samples)
+        lacking: dict[str, str] = {}
+        for experiment, samples in self.samples():
+            for channel in map(experiment.twin_channel, experiment.compared):
+                values = whole.channels.get(channel)
+                if values is not None and not np.all(np.isfinite(values[samples])):
+                    lacking.setdefault(experiment.name, channel)
+        if response.succeeded and lacking:
+            name, channel = next(iter(lacking.items()))
+            return f"{name}: the twin's {channel} is not finite. {response.status}"
+        if response.succeeded:
+            return ""
+        names = list(lacking) or [experiment.name for experiment, _ in self.members]
+        return f"{', '.join(names)}: {response.status}"

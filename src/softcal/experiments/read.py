@@ -11,22 +11,15 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault, InputError, UnitError
+from softcal.experiments.columns import N_NAMED, Columns, Filter, Odd, cells_of, read_columns
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.experiments.names import ANGLES, CHANNEL_UNITS, QUATERNION, channel_unit, nearest
 from softcal.experiments.orientation import plate_angles
-from softcal.experiments.table import (
-    WHITESPACE,
-    Table,
-    bare_unit,
-    is_unit,
-    load_table,
-    split_header,
-    uses_decimal_comma,
-)
+from softcal.experiments.table import WHITESPACE, Table, bare_unit, is_unit, load_table, split_header
 from softcal.units import unit_factor
 
 _COLUMN_UNITS = {**CHANNEL_UNITS, **dict.fromkeys(QUATERNION, "1"), "mass": "kg"}
-_N_NAMED = 5  # lines named in a fault
+_N_VALUES = 10  # values of a column named in a fault
 
 
 @dataclass(frozen=True)
@@ -112,40 +105,45 @@ def read_table(  # noqa: PLR0913 (one keyword for each thing in which files diff
     faults: list[Fault] = []
     unit_faults: list[Fault] = []
     columns = {key: spec for key, spec in columns.items() if key not in optional or table.find(spec.name)}
-    places = {key: _find_column(table, spec.name, faults) for key, spec in columns.items()}
-    rows = _matching_rows(table, where or {}, faults)
-    used_decimal = decimal or _sniff_decimal(table, [place for place in places.values() if place is not None])
+    found = {key: _find_column(table, spec.name, faults) for key, spec in columns.items()}
+    places = {key: place for key, place in found.items() if place is not None}
+    filters = _filters(table, where or {}, faults)
+    named = None if label is None else _find_column(table, label, faults)
+    held = read_columns(table, places, may_miss=lambda key: "." in key, filters=filters, label=named, decimal=decimal)
+    faults += _unmet(table, filters, held)
     values: dict[str, Floats] = {}
     units: dict[str, str] = {}
-    for key, spec in columns.items():
-        place = places[key]
-        if place is None:
-            continue
-        factor = _unit_of(table, key, spec, place, units, unit_faults)
-        numbers = _numbers(table, place, rows, used_decimal, faults, may_miss="." in key)
-        if factor is not None and numbers is not None:
-            values[key] = numbers * factor * spec.scale
-    labels = () if label is None else _labels(table, label, rows, faults)
-    n_equal_times = _check_time(table, rows, values, places, faults)
+    for key, place in places.items():
+        factor = _unit_of(table, key, columns[key], place, units, unit_faults)
+        if key in held.odd:
+            faults.append(_not_numbers(table, place, held.odd[key], held.decimal))
+        elif factor is not None:
+            values[key] = held.numbers[key]
+            values[key] *= factor * columns[key].scale
+    if named is not None:
+        faults += _doubled_labels(table, named, held)
+    n_equal_times = _check_time(table, held, values, places, faults)
     if faults:
         raise DatasetError([*faults, *unit_faults])
     if unit_faults:
         raise UnitError(unit_faults)
+    n_kept, n_rows, labels, used_decimal = len(held.lines), held.n_rows, held.labels, held.decimal
+    del held  # its numbers are in `values`, and a table may be as large as the memory allows
     channels, notes = _channels(table, values, axes, rest_samples)
     if n_equal_times:
         notes.append(f"{n_equal_times} sample(s) share their time with the one before")
     settings: dict[str, Any] = {
         "file": path.name,
-        "sha256": table.sha256,
+        "sha256": table.file.sha256,
         "columns": {key: {"name": spec.name, "unit": units[key], "scale": spec.scale} for key, spec in columns.items()},
         "delimiter": {"\t": "tab", WHITESPACE: "white space"}.get(table.delimiter, table.delimiter),
         "decimal": used_decimal,
-        "encoding": table.encoding,
+        "encoding": table.file.encoding,
         "header_row": table.header_line,
     }
     if where:
         settings["where"] = {key: str(value) for key, value in where.items()}
-    kept = f"{len(rows)} of {len(table.rows)} rows" if where else f"{len(rows)} rows"
+    kept = f"{n_kept} of {n_rows} rows" if where else f"{n_rows} rows"
     units_read = ", ".join(f"{key} from '{spec.name}' in {units[key]}" for key, spec in columns.items())
     outcome = "; ".join([f"{kept} read: {units_read}", *notes])
     return Dataset(name or path.stem, channels, (Step("read_table", settings, outcome),), labels=labels)
@@ -159,18 +157,15 @@ def _column_unit(channel: str) -> str | None:
     return "kg" if owner and "." not in owner and kind == "mass" else channel_unit(channel)
 
 
-def _labels(table: Table, name: str, rows: Sequence[int], faults: list[Fault]) -> tuple[str, ...]:
-    """What each row is called; every one by a name of its own."""
-    place = _find_column(table, name, faults)
-    if place is None:
-        return ()
-    labels = [table.rows[row][place] for row in rows]
-    where = f"{table.path}, column '{table.headers[place]}'"
-    twice = [i for i, text in enumerate(labels) if labels.index(text) < i]
-    if twice:
-        lines = _lines(table, [rows[i] for i in twice])
-        faults.append(Fault("two rows go by one label", f"{where}, {lines}", got=f"'{labels[twice[0]]}'"))
-    return tuple(labels)
+def _doubled_labels(table: Table, place: int, held: Columns) -> list[Fault]:
+    """A fault where two rows go by one label."""
+    first: dict[str, int] = {}
+    twice = [i for i, text in enumerate(held.labels) if first.setdefault(text, i) < i]
+    if not twice:
+        return []
+    lines = _lines(held.lines[twice[:N_NAMED]].tolist(), len(twice))
+    where = f"{table.path}, column '{table.headers[place]}', {lines}"
+    return [Fault("two rows go by one label", where, got=f"'{held.labels[twice[0]]}'")]
 
 
 def _check_channels(path: Path, columns: Mapping[str, ColumnSpec]) -> None:
@@ -219,36 +214,24 @@ def _find_column(table: Table, name: str, faults: list[Fault]) -> int | None:
     return None
 
 
-def _matching_rows(table: Table, where: Mapping[str, object], faults: list[Fault]) -> list[int]:
-    rows = list(range(len(table.rows)))
+def _filters(table: Table, where: Mapping[str, object], faults: list[Fault]) -> list[Filter]:
+    filters: list[Filter] = []
     for name, wanted in where.items():
         place = _find_column(table, name, faults)
-        if place is None:
-            continue
-        values = wanted if isinstance(wanted, list | tuple) else [wanted]
-        held = {str(value): [row for row in rows if _same(table.rows[row][place], str(value))] for value in values}
-        missing = [value for value, found in held.items() if not found]
-        if missing:
-            there = list(dict.fromkeys(table.rows[row][place] for row in rows))
-            shown = ", ".join(f"'{value}'" for value in there[:10]) + (", …" if len(there) > 10 else "")
-            column = f"{table.path}, column '{table.headers[place]}'"
-            faults += [Fault(f"no row holds '{value}'", where=column, allowed=shown) for value in missing]
-            continue
-        rows = sorted({row for found in held.values() for row in found})
-    return rows
+        if place is not None:
+            values = wanted if isinstance(wanted, list | tuple) else [wanted]
+            filters.append(Filter(place, tuple(str(value) for value in values)))
+    return filters
 
 
-def _same(cell: str, wanted: str) -> bool:
-    if cell == wanted.strip():
-        return True
-    try:
-        return float(cell.replace(",", ".")) == float(wanted.replace(",", "."))
-    except ValueError:
-        return False
-
-
-def _sniff_decimal(table: Table, places: Sequence[int]) -> str:
-    return "," if uses_decimal_comma([row[place] for row in table.rows[:2000] for place in places]) else "."
+def _unmet(table: Table, filters: Sequence[Filter], held: Columns) -> list[Fault]:
+    """The values of the first filter that no row holds: those that follow saw none for it."""
+    if not held.unmet:
+        return []
+    i, (missing, seen) = next(iter(held.unmet.items()))
+    shown = ", ".join(f"'{value}'" for value in seen[:_N_VALUES]) + (", …" if len(seen) > _N_VALUES else "")
+    column = f"{table.path}, column '{table.headers[filters[i].column]}'"
+    return [Fault(f"no row holds '{value}'", where=column, allowed=shown) for value in missing]
 
 
 def _unit_of(
@@ -296,59 +279,42 @@ def _unit_of(
     return factor
 
 
-def _numbers(
-    table: Table, place: int, rows: Sequence[int], decimal: str, faults: list[Fault], *, may_miss: bool
-) -> Floats | None:
-    import pandas as pd
-
-    cells = [table.rows[row][place] for row in rows]
-    if decimal == ",":
-        # A point would be a thousands separator or a slip; either way the number is not certain.
-        plain = ["" if "." in cell else cell.replace(",", ".") for cell in cells]
-    else:
-        plain = cells
-    numbers = np.asarray(pd.to_numeric(pd.Series(plain, dtype="object"), errors="coerce"), dtype=np.float64)
-    missing = [may_miss and cell.casefold() in ("", "nan") for cell in cells]
-    bad = [int(i) for i in np.flatnonzero(~np.isfinite(numbers) & ~np.array(missing, dtype=bool))]
-    if not bad:
-        return numbers
-    shown = ", ".join(repr(cells[i]) if cells[i] else "nothing" for i in bad[:_N_NAMED])
-    faults.append(
-        Fault(
-            f"{len(bad)} value(s) are not numbers",
-            where=f"{table.path}, column '{table.headers[place]}', {_lines(table, [rows[i] for i in bad])}",
-            got=shown + (", …" if len(bad) > _N_NAMED else ""),
-            allowed=f"numbers with a decimal {'comma' if decimal == ',' else 'point'}",
-        )
+def _not_numbers(table: Table, place: int, odd: Odd, decimal: str) -> Fault:
+    shown = ", ".join(repr(_short(cell)) if cell else "nothing" for cell in odd.cells)
+    return Fault(
+        f"{odd.n} value(s) are not numbers",
+        where=f"{table.path}, column '{table.headers[place]}', {_lines(odd.lines, odd.n)}",
+        got=shown + (", …" if odd.n > len(odd.cells) else ""),
+        allowed=f"numbers with a decimal {'comma' if decimal == ',' else 'point'}",
     )
-    return None
 
 
-def _lines(table: Table, rows: Sequence[int]) -> str:
-    numbers = ", ".join(str(table.lines[row]) for row in rows[:_N_NAMED])
-    return ("line " if len(rows) == 1 else "lines ") + numbers + (", …" if len(rows) > _N_NAMED else "")
+def _short(cell: str) -> str:
+    return cell if len(cell) <= 40 else cell[:39] + "…"
+
+
+def _lines(first: Sequence[int], n: int) -> str:
+    numbers = ", ".join(map(str, first[:N_NAMED]))
+    return ("line " if n == 1 else "lines ") + numbers + (", …" if n > N_NAMED else "")
 
 
 def _check_time(
-    table: Table,
-    rows: Sequence[int],
-    values: Mapping[str, Floats],
-    places: Mapping[str, int | None],
-    faults: list[Fault],
+    table: Table, held: Columns, values: Mapping[str, Floats], places: Mapping[str, int], faults: list[Fault]
 ) -> int:
     """A fault where time runs backwards; the number of samples whose time is that of the one before."""
-    place = places.get("time")
-    if place is None or "time" not in values:
+    if "time" not in values:
         return 0
     steps = np.diff(values["time"])
-    back = [int(i) for i in np.flatnonzero(steps < 0)]
-    if back:
-        first = rows[back[0] + 1]
+    back = np.flatnonzero(steps < 0)
+    if len(back):
+        place, (i, *_) = places["time"], back.tolist()
+        before, after = cells_of(table, place, held.lines[[i, i + 1]].tolist())
+        lines = _lines(held.lines[back[:N_NAMED] + 1].tolist(), len(back))
         faults.append(
             Fault(
                 f"time runs backwards {len(back)} time(s)",
-                where=f"{table.path}, column '{table.headers[place]}', {_lines(table, [rows[i + 1] for i in back])}",
-                got=f"'{table.rows[first][place]}' after '{table.rows[rows[back[0]]][place]}'",
+                where=f"{table.path}, column '{table.headers[place]}', {lines}",
+                got=f"'{after}' after '{before}'",
                 allowed="times that never fall",
                 attempt="a filter `where`, if the file holds several tests one after the other",
             )
@@ -376,11 +342,12 @@ def _channels(
     else:
         for key in ANGLES:
             if key in values:
-                unwrapped = np.unwrap(values[key])
+                unwrapped = np.unwrap(values[key]) if (np.abs(np.diff(values[key])) >= np.pi).any() else values[key]
                 if not np.array_equal(unwrapped, values[key]):
                     notes.append(f"jumps of a full turn taken out of {key}")
                 values[key] = unwrapped
     for key, value in values.items():
         if np.isnan(value).any():
             notes.append(f"{key} is missing in {int(np.isnan(value).sum())} row(s)")
-    return {key: Channel(value, _column_unit(key) or "1") for key, value in values.items()}, notes
+    # One after the other, since a channel is a copy.
+    return {key: Channel(values.pop(key), _column_unit(key) or "1") for key in list(values)}, notes

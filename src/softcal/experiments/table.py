@@ -1,17 +1,17 @@
-"""From the bytes of an instrument's text file to cells with line numbers: encoding, delimiter, header, units row."""
+"""How an instrument writes its table (delimiter, header, units row), and its cells with their line numbers."""
 
 from __future__ import annotations
 
 import csv
 import functools
-import hashlib
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from softcal.errors import DatasetError, Fault, StorageError, UnitError
+from softcal.errors import DatasetError, Fault, UnitError
+from softcal.experiments.text_file import TextFile, open_text
 from softcal.units import SI_UNITS, unit_factor
 
 WHITESPACE = " "
@@ -19,6 +19,7 @@ DELIMITERS = (";", "\t", ",", WHITESPACE)
 
 _COMMENTS = ("#", "%", "!", "//")
 _HEADER_SEARCH_LINES = 1000
+_BEGINNING = 2000  # lines with something in them, from which is judged how a file is written
 _BRACKETED = re.compile(r"^(?P<base>.*?)\s*[\[(](?P<unit>[^\[\]()]*)[\])]$")
 _AFTER_SLASH = re.compile(r"^(?P<base>.*?)\s*/\s*(?P<unit>\S+)$")
 _NUMBER = re.compile(r"^[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?$")
@@ -31,21 +32,24 @@ _SUFFIX_UNITS = frozenset(
 
 @dataclass(frozen=True)
 class Table:
-    """The cells of a text file below its header.
+    """The cells of a text file below its header, read when they are asked for.
 
-    headers: as written; unit_cells: the units row under them, "" where there is none. rows: one list of cells per
-    data line, as long as `headers`; lines: the 1-based line in the file of each.
+    headers: as written; unit_cells: the units row under them, "" where there is none. first_line, last_line: of the
+    file (from 1), between which the rows are.
     """
 
-    path: Path
-    sha256: str
-    encoding: str
+    file: TextFile
     delimiter: str
     header_line: int
     headers: tuple[str, ...]
     unit_cells: tuple[str, ...]
-    rows: tuple[list[str], ...]
-    lines: tuple[int, ...]
+    first_line: int
+    last_line: int
+
+    @property
+    def path(self) -> Path:
+        """Of the file."""
+        return self.file.path
 
     def find(self, name: str) -> list[int]:
         """Columns that go by `name`: as written, else with the unit left off, else in any case."""
@@ -56,6 +60,51 @@ class Table:
             if found:
                 return found
         return [c for c, names in candidates if wanted.casefold() in (n.casefold() for n in names)]
+
+    def rows(self) -> Iterator[tuple[list[int], list[list[str]]]]:
+        """The rows in blocks: the line of each, and its cells, as many as there are headers; empty rows are left out.
+
+        Raises
+        ------
+        DatasetError
+            Where there is no row, or one has more fields than there are column names: how many, and the first.
+        """
+        width, n_rows, n_long = len(self.headers), 0, 0
+        first_long = (0, 0)
+        for number, lines in self.file.blocks():
+            if number > self.last_line:
+                break
+            numbers: list[int] = []
+            rows: list[list[str]] = []
+            for i, line in enumerate(lines, start=number):
+                if i < self.first_line or i > self.last_line or not line or _is_comment(line):
+                    continue
+                cells = _cells(self.path, i, line, self.delimiter)
+                if not any(cells):
+                    continue
+                if len(cells) != width:
+                    if any(cells[width:]):
+                        first_long = first_long if n_long else (i, len(cells))
+                        n_long += 1
+                    cells = _padded(cells, width)
+                numbers.append(i)
+                rows.append(cells)
+            n_rows += len(rows)
+            if rows and not n_long:
+                yield numbers, rows
+        if n_long:
+            raise DatasetError(
+                Fault(
+                    f"{n_long} row(s) have more fields than there are column names",
+                    where=f"{self.path}, line {first_long[0]}",
+                    got=f"{first_long[1]} fields",
+                    allowed=f"{width}, as in line {self.header_line}",
+                    attempt="another delimiter; a decimal comma needs a delimiter other than the comma, or quotes",
+                )
+            )
+        if not n_rows:
+            where = f"{self.path}, line {self.header_line}"
+            raise DatasetError(Fault("no data below the column names", where=where, allowed="at least one row"))
 
 
 def load_table(
@@ -68,48 +117,47 @@ def load_table(
     skip_rows: int = 0,
     skip_footer: int = 0,
 ) -> Table:
-    """Read a text table; the header is the line that names the most of the `wanted` columns.
+    """Find out how a text table is written; the header is the line that names the most of the `wanted` columns.
 
     Raises
     ------
     StorageError
         Where the file cannot be read.
     DatasetError
-        Where it is empty, has no column names, no data, or a row with more fields than names.
+        Where it is empty, is not text, or has no column names.
     """
-    raw, text, encoding = _read_text(path)
-    lines = text.splitlines()
-    last = len(lines) - skip_footer
-    body = [(number, line) for number, line in enumerate(lines[:last], start=1) if number > skip_rows and line.strip()]
+    if delimiter is not None and len(delimiter) != 1:
+        raise DatasetError(
+            Fault("this is no delimiter", str(path), repr(delimiter), 'one character, or " " for any white space')
+        )
+    file = open_text(path)
+    last = file.n_lines - skip_footer
+    body = _beginning(file, skip_rows, last, max(header_row or 0, units_row or 0))
     if not body:
         raise DatasetError(
             Fault(
                 "the file is empty",
                 where=str(path),
-                got=f"{len(lines)} line(s)" + (f", {skip_rows + skip_footer} of them skipped" if lines else ""),
+                got=f"{file.n_lines} line(s), {min(skip_rows + skip_footer, file.n_lines)} of them skipped",
                 allowed="a line of column names and rows of numbers",
             )
         )
-    chosen = delimiter if delimiter is not None else _sniff_delimiter(body, wanted, header_row)
-    header_line = _find_header(path, body, wanted, chosen, header_row)
-    headers = _split(_uncomment(lines[header_line - 1]), chosen, header=True)
-    below = [(n, _split(line, chosen)) for n, line in body if n > header_line and not _is_comment(line)]
-    unit_cells, below = _take_units_row(below, units_row, path)
+    chosen = delimiter if delimiter is not None else _sniff_delimiter(path, body, wanted, header_row)
+    header_line = _find_header(path, body, wanted, chosen, header_row, last)
+    header = next(line for number, line in body if number == header_line)
+    headers = _cells(path, header_line, _uncomment(header), chosen, header=True)
+    below = [(n, _cells(path, n, line, chosen)) for n, line in body if n > header_line and not _is_comment(line)]
+    unit_cells, first = _take_units_row(below, header_line, units_row, path)
     while headers and not headers[-1]:
         headers.pop()
-    below = [(n, cells) for n, cells in below if any(cells)]
-    _check_rows(path, header_line, headers, below)
-    width = len(headers)
     return Table(
-        path=path,
-        sha256=hashlib.sha256(raw).hexdigest(),
-        encoding=encoding,
+        file=file,
         delimiter=chosen,
         header_line=header_line,
         headers=tuple(" ".join(header.split()) for header in headers),
-        unit_cells=tuple(_padded(unit_cells, width)),
-        rows=tuple(_padded(cells, width) for _, cells in below),
-        lines=tuple(n for n, _ in below),
+        unit_cells=tuple(_padded(unit_cells, len(headers))),
+        first_line=first,
+        last_line=last,
     )
 
 
@@ -152,27 +200,16 @@ def uses_decimal_comma(cells: Sequence[str]) -> bool:
     return sum("," in cell for cell in numbers) > sum("." in cell for cell in numbers)
 
 
-def _read_text(path: Path) -> tuple[bytes, str, str]:
-    try:
-        raw = path.read_bytes()
-    except OSError as error:
-        raise StorageError(
-            Fault("the data file cannot be read", where=str(path), got=error.strerror or str(error))
-        ) from error
-    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
-        encodings = ["utf-16"]
-    elif raw[:400].count(0) > len(raw[:400]) // 4:  # Latin text in UTF-16 is every second byte zero
-        encodings = ["utf-16-be" if raw[:1] == b"\0" else "utf-16-le"]
-    else:
-        encodings = ["utf-8-sig", "latin-1"]
-    for encoding in encodings:
-        try:
-            return raw, raw.decode(encoding), encoding
-        except UnicodeDecodeError:
-            continue
-    raise DatasetError(
-        Fault("the file is not text", where=str(path), allowed="UTF-8, Latin-1 or UTF-16 text such as CSV or TXT")
-    )
+def _beginning(file: TextFile, skip_rows: int, last: int, least: int) -> list[tuple[int, str]]:
+    """The first lines with something in them and their numbers: all in which a header is looked for, and `least`."""
+    body: list[tuple[int, str]] = []
+    for first, lines in file.blocks():
+        for number, line in enumerate(lines, start=first):
+            if number > last or (len(body) >= _BEGINNING and number > least):
+                return body
+            if number > skip_rows and line.strip():
+                body.append((number, line))
+    return body
 
 
 def _is_comment(line: str) -> bool:
@@ -183,13 +220,21 @@ def _uncomment(line: str) -> str:
     return line.lstrip().lstrip("#%!/").strip() if _is_comment(line) else line
 
 
+def _cells(path: Path, number: int, line: str, delimiter: str, *, header: bool = False) -> list[str]:
+    try:
+        return _split(line, delimiter, header=header)
+    except csv.Error as error:
+        raise DatasetError(Fault("the line cannot be cut into cells", f"{path}, line {number}", str(error))) from error
+
+
 def _split(line: str, delimiter: str, *, header: bool = False) -> list[str]:
     if delimiter.isspace() and delimiter != "\t":
         # In a header a unit in brackets belongs to the word before it, blank or no blank.
         pattern = r'"[^"]*"|[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?|[\[(][^\])]*[\])]' if header else r'"[^"]*"|\S+'
         return [cell.strip('"').strip() for cell in re.findall(pattern, line)]
     if '"' not in line:
-        return [cell.strip() for cell in line.split(delimiter)]
+        cells = line.split(delimiter)
+        return cells if line.isascii() and line.isprintable() and " " not in line else [cell.strip() for cell in cells]
     return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])]
 
 
@@ -202,32 +247,32 @@ def _n_matched(cells: list[str], wanted: Sequence[str]) -> int:
     return sum(" ".join(name.split()).casefold() in names for name in wanted)
 
 
-def _best_header(body: list[tuple[int, str]], wanted: Sequence[str], delimiter: str) -> tuple[int, int]:
+def _best_header(path: Path, body: list[tuple[int, str]], wanted: Sequence[str], delimiter: str) -> tuple[int, int]:
     """(columns matched, line number) of the best header; a commented line only where no other names any."""
     best = (0, 0)
     for commented in (False, True):
         for number, line in body[:_HEADER_SEARCH_LINES]:
             if _is_comment(line) == commented:
-                matched = _n_matched(_split(_uncomment(line), delimiter, header=True), wanted)
+                matched = _n_matched(_cells(path, number, _uncomment(line), delimiter, header=True), wanted)
                 best = max(best, (matched, number), key=lambda entry: entry[0])
         if best[0]:
             break
     return best
 
 
-def _sniff_delimiter(body: list[tuple[int, str]], wanted: Sequence[str], header_row: int | None) -> str:
+def _sniff_delimiter(path: Path, body: list[tuple[int, str]], wanted: Sequence[str], header_row: int | None) -> str:
     if header_row is not None:
         body_header = [entry for entry in body if entry[0] == header_row]
     else:
         body_header = body
-    matched = {delimiter: _best_header(body_header, wanted, delimiter)[0] for delimiter in DELIMITERS}
+    matched = {delimiter: _best_header(path, body_header, wanted, delimiter)[0] for delimiter in DELIMITERS}
     if any(matched.values()):
         return max(DELIMITERS, key=lambda delimiter: matched[delimiter])
     # No wanted name anywhere: the delimiter that cuts the most lines into the same number of cells.
-    sample = [line for _, line in body[-50:] if not _is_comment(line)]
+    sample = [(number, line) for number, line in body[-50:] if not _is_comment(line)]
 
     def regularity(delimiter: str) -> int:
-        counts = Counter(len(_split(line, delimiter)) for line in sample)
+        counts = Counter(len(_cells(path, number, line, delimiter)) for number, line in sample)
         counts.pop(1, None)
         return max(counts.values(), default=0)
 
@@ -235,7 +280,7 @@ def _sniff_delimiter(body: list[tuple[int, str]], wanted: Sequence[str], header_
 
 
 def _find_header(
-    path: Path, body: list[tuple[int, str]], wanted: Sequence[str], delimiter: str, header_row: int | None
+    path: Path, body: list[tuple[int, str]], wanted: Sequence[str], delimiter: str, header_row: int | None, last: int
 ) -> int:
     numbers = [number for number, _ in body]
     if header_row is not None:
@@ -245,18 +290,18 @@ def _find_header(
                     "the header row is not a line with text",
                     where=str(path),
                     got=f"line {header_row}",
-                    allowed=f"a line from {numbers[0]} to {numbers[-1]}",
+                    allowed=f"a line with text, from {numbers[0]} to {last}",
                 )
             )
         return header_row
-    matched, number = _best_header(body, wanted, delimiter)
+    matched, number = _best_header(path, body, wanted, delimiter)
     if matched:
         return number
     previous = 0
     for number, line in body:
         if _is_comment(line):
             continue
-        cells = [cell for cell in _split(line, delimiter) if cell]
+        cells = [cell for cell in _cells(path, number, line, delimiter) if cell]
         if sum(bool(_NUMBER.match(cell)) for cell in cells) > len(cells) / 2:
             break
         if not all(is_unit(bare_unit(cell)) for cell in cells):
@@ -274,37 +319,21 @@ def _find_header(
 
 
 def _take_units_row(
-    below: list[tuple[int, list[str]]], units_row: int | None, path: Path
-) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    below: list[tuple[int, list[str]]], header_line: int, units_row: int | None, path: Path
+) -> tuple[list[str], int]:
+    """The cells of the units row, and the first line of the rows."""
     if units_row is not None:
         found = [cells for number, cells in below if number == units_row]
         if not found:
             raise DatasetError(
                 Fault("the units row is not a line below the header", where=str(path), got=f"line {units_row}")
             )
-        return found[0], [(number, cells) for number, cells in below if number > units_row]
+        return found[0], units_row + 1
     if not below:
-        return [], below
-    cells = [cell for cell in below[0][1] if cell]
+        return [], header_line + 1
+    number, row = below[0]
+    cells = [cell for cell in row if cell]
     text_only = bool(cells) and not any(_NUMBER.match(cell) for cell in cells)
     if text_only and all(_MARKED.match(cell) or is_unit(cell) for cell in cells):
-        return below[0][1], below[1:]
-    return [], below
-
-
-def _check_rows(path: Path, header_line: int, headers: list[str], below: list[tuple[int, list[str]]]) -> None:
-    if not below:
-        raise DatasetError(
-            Fault("no data below the column names", where=f"{path}, line {header_line}", allowed="at least one row")
-        )
-    long = [(number, len(cells)) for number, cells in below if any(cells[len(headers) :])]
-    if long:
-        raise DatasetError(
-            Fault(
-                f"{len(long)} row(s) have more fields than there are column names",
-                where=f"{path}, line {long[0][0]}",
-                got=f"{long[0][1]} fields",
-                allowed=f"{len(headers)}, as in line {header_line}",
-                attempt="another delimiter; a decimal comma needs a delimiter other than the comma, or quotes",
-            )
-        )
+        return row, number + 1
+    return [], header_line + 1

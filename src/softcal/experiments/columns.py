@@ -1,0 +1,182 @@
+"""The wanted columns of a table of any length: read block by block, the rows of a filter alone, as numbers."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from softcal.checks import Floats, Ints
+from softcal.errors import DatasetError, Fault
+from softcal.experiments.table import Table, uses_decimal_comma
+
+N_NAMED = 5  # lines and cells named in a fault
+_N_VALUES = 10  # values named of a column of a filter
+_SNIFFED = 2000  # rows by which the decimal sign is judged
+MOST_VALUES = 100_000_000  # numbers that are kept of one file: 0.8 GB
+
+
+@dataclass(frozen=True)
+class Filter:
+    """Rows are kept where the column holds one of the values, compared as a number where both are numbers."""
+
+    column: int
+    values: tuple[str, ...]
+
+
+@dataclass
+class Odd:
+    """Cells that are not numbers: how many, and the first of them with their lines."""
+
+    n: int = 0
+    lines: list[int] = field(default_factory=list[int])
+    cells: list[str] = field(default_factory=list[str])
+
+
+@dataclass(frozen=True)
+class Columns:
+    """What was read of the rows that were kept.
+
+    numbers: as in the file, by the name of the column, NaN where there is none; odd: what is no number and may not be
+    missing. labels: of the rows. lines: of the file. n_rows: in all, kept or not. unmet: filter -> those of its values
+    that no row holds, and values that rows do hold.
+    """
+
+    numbers: Mapping[str, Floats]
+    odd: Mapping[str, Odd]
+    labels: tuple[str, ...]
+    lines: Ints
+    n_rows: int
+    decimal: str
+    unmet: Mapping[int, tuple[list[str], list[str]]]
+
+
+def read_columns(
+    table: Table,
+    places: Mapping[str, int],
+    *,
+    may_miss: Callable[[str], bool],
+    filters: Sequence[Filter] = (),
+    label: int | None = None,
+    decimal: str | None = None,
+) -> Columns:
+    """Read columns of a table.
+
+    Parameters
+    ----------
+    places
+        Name -> number of the column.
+    may_miss
+        Whether a cell of the column of that name may be empty.
+    filters, label
+        Which rows are kept, and the column that names them.
+    decimal
+        "." or ","; judged by the first rows when None.
+
+    Raises
+    ------
+    DatasetError
+        For rows of another length than the header, none at all, or more of them than can be kept.
+    """
+    parts: dict[str, list[Floats]] = {name: [] for name in places}
+    odd = {name: Odd() for name in places}
+    lines: list[Ints] = []
+    labels: list[str] = []
+    sieves = [_Sieve(one) for one in filters]
+    n_rows = n_kept = 0
+    for numbers, rows in table.rows():
+        if decimal is None:
+            decimal = "," if uses_decimal_comma([row[c] for row in rows[:_SNIFFED] for c in places.values()]) else "."
+        n_rows += len(rows)
+        for sieve in sieves:
+            numbers, rows = sieve.kept(numbers, rows)
+        n_kept += len(rows)
+        if n_kept * max(1, len(places)) > MOST_VALUES:
+            raise DatasetError(
+                Fault(
+                    "the table is too long",
+                    str(table.path),
+                    f"more than {n_kept} rows of {len(places)} columns",
+                    f"at most {MOST_VALUES} numbers",
+                    "a filter `where`, skip_rows, or a file of fewer samples",
+                )
+            )
+        lines.append(np.array(numbers, dtype=np.int64))
+        for name, column in places.items():
+            cells = [row[column] for row in rows]
+            parts[name].append(_numbers(cells, numbers, decimal, odd[name], may_miss(name)))
+        if label is not None:
+            labels += [row[label] for row in rows]
+    unmet = {i: (missing, sieve.seen) for i, sieve in enumerate(sieves) if (missing := sieve.missing)}
+    return Columns(
+        {name: np.concatenate(parts.pop(name)) for name in places},
+        {name: one for name, one in odd.items() if one.n},
+        tuple(labels),
+        np.concatenate(lines),
+        n_rows,
+        decimal or ".",
+        unmet,
+    )
+
+
+def cells_of(table: Table, column: int, lines: Sequence[int]) -> list[str]:
+    """The cells of a column in some lines of the file, in their order."""
+    found: dict[int, str] = {}
+    for numbers, rows in table.rows():
+        found |= {number: row[column] for number, row in zip(numbers, rows, strict=True) if number in lines}
+    return [found[line] for line in lines]
+
+
+class _Sieve:
+    """A filter, and what it has met."""
+
+    def __init__(self, one: Filter) -> None:
+        self._filter = one
+        self._met: set[str] = set()
+        self.seen: list[str] = []
+        self._match = functools.lru_cache(maxsize=4096)(self._matches)
+
+    @property
+    def missing(self) -> list[str]:
+        """The values that no row has."""
+        return [value for value in self._filter.values if value not in self._met]
+
+    def kept(self, numbers: list[int], rows: list[list[str]]) -> tuple[list[int], list[list[str]]]:
+        """The rows with one of the values, and their numbers."""
+        kept = [i for i, row in enumerate(rows) if self._match(row[self._filter.column])]
+        if len(self.seen) <= _N_VALUES:
+            cells = (row[self._filter.column] for row in rows)
+            self.seen = list(dict.fromkeys((*self.seen, *cells)))[: _N_VALUES + 1]
+        return [numbers[i] for i in kept], [rows[i] for i in kept]
+
+    def _matches(self, cell: str) -> bool:
+        met = {value for value in self._filter.values if _same(cell, value)}
+        self._met |= met
+        return bool(met)
+
+
+def _same(cell: str, wanted: str) -> bool:
+    if cell == wanted.strip():
+        return True
+    try:
+        return float(cell.replace(",", ".")) == float(wanted.replace(",", "."))
+    except ValueError:
+        return False
+
+
+def _numbers(cells: list[str], lines: list[int], decimal: str, odd: Odd, may_miss: bool) -> Floats:
+    import pandas as pd
+
+    # With a decimal comma a point would be a thousands separator or a slip; either way the number is not certain.
+    plain = cells if decimal == "." else ["" if "." in cell else cell.replace(",", ".") for cell in cells]
+    numbers = np.asarray(pd.to_numeric(pd.Series(plain, dtype="object"), errors="coerce"), dtype=np.float64)
+    strange = [
+        i for i in np.flatnonzero(~np.isfinite(numbers)) if not (may_miss and cells[i].casefold() in ("", "nan"))
+    ]
+    odd.n += len(strange)
+    for i in strange[: N_NAMED - len(odd.lines)]:
+        odd.lines.append(lines[i])
+        odd.cells.append(cells[i])
+    return numbers

@@ -1,0 +1,109 @@
+"""A text file of any size, read in blocks of lines: its encoding found, its bytes hashed, never all of it in memory."""
+
+from __future__ import annotations
+
+import codecs
+import contextlib
+import hashlib
+import io
+from collections.abc import Callable, Generator, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+from softcal.errors import DatasetError, Fault, StorageError
+
+_BLOCK = 1 << 20  # bytes
+_LONGEST_LINE = 1_000_000  # characters
+
+
+@dataclass(frozen=True)
+class TextFile:
+    """A file that is text; n_lines: how many there are, an unfinished last one among them."""
+
+    path: Path
+    sha256: str
+    encoding: str
+    n_lines: int
+
+    def blocks(self) -> Iterator[tuple[int, list[str]]]:
+        """The lines in blocks, without their ends, each block with the number of its first line (from 1).
+
+        Raises
+        ------
+        StorageError
+            Where the file cannot be read any more.
+        DatasetError
+            For a line of more than a million characters, such as a file without ends of lines has.
+        """
+        number = 1
+        for lines in _blocks(self.path, self.encoding):
+            yield number, lines
+            number += len(lines)
+
+
+def open_text(path: Path) -> TextFile:
+    """Read a file once for its encoding (UTF-8, else UTF-16 or Latin-1), its hash and the number of its lines.
+
+    Raises
+    ------
+    StorageError
+        Where it cannot be read.
+    DatasetError
+        Where it is not text, or has a line of more than a million characters.
+    """
+    for encoding in _candidates(path):
+        digest = hashlib.sha256()
+        try:
+            n_lines = sum(len(lines) for lines in _blocks(path, encoding, digest.update))
+        except UnicodeDecodeError:
+            continue
+        return TextFile(path, digest.hexdigest(), encoding, n_lines)
+    raise DatasetError(
+        Fault("the file is not text", where=str(path), allowed="UTF-8, Latin-1 or UTF-16 text such as CSV or TXT")
+    )
+
+
+def _candidates(path: Path) -> list[str]:
+    with _reading(path) as file:
+        raw = file.read(400)
+    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return ["utf-16"]
+    first, second = raw[::2].count(0), raw[1::2].count(0)
+    if max(first, second) > len(raw) // 4 > 4 * min(first, second):  # Latin text in UTF-16: every second byte is zero
+        return ["utf-16-be" if first > second else "utf-16-le"]
+    return ["utf-8-sig", "latin-1"]
+
+
+def _blocks(path: Path, encoding: str, seen: Callable[[bytes], object] = bytes) -> Iterator[list[str]]:
+    """Lines, block by block; seen: told the bytes of each."""
+    rest, number = "", 0
+    decode = io.IncrementalNewlineDecoder(codecs.getincrementaldecoder(encoding)(), translate=True).decode
+    with _reading(path) as file:
+        while raw := file.read(_BLOCK):
+            seen(raw)
+            *lines, rest = (rest + decode(raw)).split("\n")
+            if len(max((*lines, rest), key=len)) > _LONGEST_LINE:
+                raise _too_long(path, number, [*lines, rest])
+            number += len(lines)
+            yield lines
+    *lines, rest = (rest + decode(b"", final=True)).split("\n")
+    yield [*lines, rest] if rest else lines
+
+
+def _too_long(path: Path, before: int, lines: Sequence[str]) -> DatasetError:
+    long = next(number for number, line in enumerate(lines, start=before + 1) if len(line) > _LONGEST_LINE)
+    what, allowed = "the line is too long for a row of a table", f"at most {_LONGEST_LINE} characters"
+    return DatasetError(Fault(what, f"{path}, line {long}", allowed=allowed))
+
+
+@contextlib.contextmanager
+def _reading(path: Path) -> Generator[BinaryIO]:
+    what = "the data file cannot be read"
+    if path.exists() and not path.is_file():
+        raise StorageError(Fault(what, where=str(path), got="a folder or a device", allowed="a file"))
+    try:
+        with path.open("rb") as file:
+            yield file
+    except OSError as error:
+        raise StorageError(Fault(what, where=str(path), got=error.strerror or str(error))) from error

@@ -1,0 +1,193 @@
+"""Tables as no instrument should write them: read right, or refused in a sentence; whatever their length."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from softcal.errors import DatasetError, InputError, StorageError
+from softcal.experiments import columns as columns_of
+from softcal.experiments.dataset import Dataset
+from softcal.experiments.read import ColumnSpec, read_table
+
+COLUMNS = {"time": ColumnSpec("Time"), "tension": ColumnSpec("Force", unit="N")}
+HEADER = "Time [s],Force [N]\n"
+ROWS = "".join(f"{0.1 * i:.1f},{1.5 * i}\n" for i in range(6))
+
+
+def read(folder: Path, content: bytes | str, **options: object) -> Dataset:
+    path = folder / "bench.csv"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return read_table(path, COLUMNS, **options)  # type: ignore[arg-type]
+
+
+REFUSED: dict[str, tuple[bytes | str, str]] = {
+    "nothing": ("", "the file is empty"),
+    "blank lines": ("\n\n  \n", "the file is empty"),
+    "only a header": (HEADER, "no data below the column names"),
+    "only a header without an end": (HEADER.strip(), "no data below the column names"),
+    "a header and blank rows": (HEADER + ",\n , \n", "no data below the column names"),
+    "only comments": ("# a\n# b\n", "no line with column names|no column 'Time'|no data"),
+    "only numbers": ("1,2\n3,4\n", "no line with column names"),
+    "text in a cell": (HEADER + ROWS + "0.6,overload\n", r"column 'Force \[N\]', line 8: .*; got 'overload'"),
+    "a huge text in a cell": (HEADER + ROWS + "0.6," + "x" * 5000 + "\n", r"line 8: .*; got 'x{39}…'"),
+    "NaN": (HEADER + ROWS + "0.6,NaN\n", r"line 8: .*; got 'NaN'"),
+    "infinity": (HEADER + ROWS + "0.6,inf\n", r"line 8: .*; got 'inf'"),
+    "a number beyond all": (HEADER + ROWS + "0.6,1e400\n", r"line 8: .*; got '1e400'"),
+    "an empty cell": (HEADER + ROWS + "0.6,\n", r"line 8: .*; got nothing"),
+    "a row that is cut off": (HEADER + ROWS + "0.6", r"line 8: .*; got nothing"),
+    "a hexadecimal number": (HEADER + ROWS + "0.6,0x1F\n", r"line 8: .*; got '0x1F'"),
+    "a number with an underscore": (HEADER + ROWS + "0.6,1_000\n", r"line 8: .*; got '1_000'"),
+    "a number with a NUL": ((HEADER + ROWS + "0.6,1\x002\n").encode(), r"line 8: .*; got '1\\x002'"),
+    "NULs in the place of a row": ((HEADER + ROWS).encode() + bytes(64) + b"\n" + ROWS.encode(), "line 8"),
+    "NULs in the place of a file": (bytes(5000), "bench.csv"),
+    "a longer row": (HEADER + ROWS + "0.6,1,2\n", r"line 8: 1 row\(s\) have more fields .* got 3 fields"),
+    "longer rows": (HEADER + "0.0,1,2\n" * 9, r"line 2: 9 row\(s\) have more fields"),
+    "decimal commas between commas": (HEADER + "0,1,1,5\n", r"more fields than there are column names"),
+    "two columns of one name": (HEADER.replace("Time [s]", "Force [N],Time") + "1,2,3\n", "2 columns go by the name"),
+    "a column that is missing": ("Time [s],Kraft [N]\n0,1\n", "no column 'Force'"),
+    "time that runs backwards": (HEADER + ROWS + "0.3,1\n", r"time runs backwards 1 time\(s\).*'0.3' after '0.5'"),
+    "time that runs backwards often": (
+        HEADER + "1,1\n0,1\n" * 9,
+        r"lines 3, 5, 7, 9, 11, …: time runs backwards 9 time",
+    ),
+    "a quoted field beyond all limits": (
+        HEADER + ROWS + '0.6,"' + "1" * 200_000 + '"\n',
+        "line 8: the line cannot be cut",
+    ),
+    "a line beyond all limits": (HEADER + ROWS + "1" * 1_000_001 + "\n", "line 8: the line is too long"),
+    "no ends of lines": ("1," * 700_000, "line 1: the line is too long"),
+    "half an UTF-16": (HEADER.encode("utf-16") + b"\0", "not text"),
+    "a picture": (b"\x89PNG\r\n\x1a\n" + bytes(range(256)) * 20, "bench.csv"),
+    "an archive": (b"PK\x03\x04" + bytes(range(255, 0, -1)) * 20, "bench.csv"),
+    "numbers in letters of another script": (HEADER + "０.１,１.５\n".replace("１", "一"), "line 2"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_cannot_be_read_is_refused(case: str, tmp_path: Path) -> None:
+    content, message = REFUSED[case]
+    with pytest.raises(InputError, match=message) as caught:
+        read(tmp_path, content)
+    assert "bench.csv" in str(caught.value)
+    assert len(str(caught.value)) < 1000
+
+
+EXPECTED = 1.5 * np.arange(6)
+READ: dict[str, bytes | str] = {
+    "as it should be": HEADER + ROWS,
+    "without a last end": (HEADER + ROWS).rstrip(),
+    "with carriage returns": (HEADER + ROWS).replace("\n", "\r\n"),
+    "with old carriage returns": (HEADER + ROWS).replace("\n", "\r"),
+    "with a mark of its encoding": b"\xef\xbb\xbf" + (HEADER + ROWS).encode(),
+    "in UTF-16": (HEADER + ROWS).encode("utf-16"),
+    "in UTF-16 without a mark": (HEADER + ROWS).encode("utf-16-le"),
+    "in Latin-1, with a degree": "Specimen: 20 °C\n".encode("latin-1") + (HEADER + ROWS).encode(),
+    "in two encodings": "Prüf\n".encode() + "Prüf\n".encode("latin-1") + (HEADER + ROWS).encode(),
+    "with quotes": HEADER + "".join(f'"{0.1 * i:.1f}","{1.5 * i}"\n' for i in range(6)),
+    "with blanks": (HEADER + ROWS).replace(",", " , "),
+    "with blanks that do not break": (HEADER + ROWS).replace(",", ",\u00a0"),
+    "with comments between": HEADER + ROWS.replace("\n", "\n# a remark, of, many, cells\n"),
+    "with empty rows between": HEADER + ROWS.replace("\n", "\n\n,\n"),
+    "with an empty column at the end": (HEADER + ROWS).replace("\n", ",\n"),
+    "with a row of units": "Time,Force\ns,N\n" + ROWS,
+    "by tabs": (HEADER + ROWS).replace(",", "\t"),
+    "by semicolons, with decimal commas": (HEADER + ROWS).replace(",", ";").replace(".", ","),
+    "with plus signs and exponents": HEADER + "".join(f"+{i}e-1,+{15 * i}E-1\n" for i in range(6)),
+    "with a form feed in a remark": "a\x0cb\n" + HEADER + ROWS,
+    "below a long preamble": "machine: 7\n" * 900 + HEADER + ROWS,
+}
+
+
+@pytest.mark.parametrize("case", READ)
+def test_what_can_be_read_is_read_right(case: str, tmp_path: Path) -> None:
+    found = read(tmp_path, READ[case])
+    np.testing.assert_allclose(found.values("tension"), EXPECTED, rtol=1e-15)
+    np.testing.assert_allclose(found.values("time"), 0.1 * np.arange(6), atol=1e-15)
+
+
+@pytest.mark.parametrize("delimiter", ["", ";;", "ab"])
+def test_a_delimiter_is_one_character(delimiter: str, tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match="this is no delimiter"):
+        read(tmp_path, HEADER + ROWS, delimiter=delimiter)
+
+
+@pytest.mark.parametrize("option", ["header_row", "units_row"])
+@pytest.mark.parametrize("line", [0, 99, 10**12])
+def test_a_row_that_is_not_there(option: str, line: int, tmp_path: Path) -> None:
+    if (option, line) == ("header_row", 0):
+        pytest.skip("0 means that it is to be found")
+    with pytest.raises(DatasetError, match="row is not a line"):
+        read(tmp_path, HEADER + ROWS, **{option: line})
+
+
+@pytest.mark.parametrize("option", ["skip_rows", "skip_footer"])
+def test_all_rows_skipped(option: str, tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match=r"the file is empty; got 7 line\(s\), 7 of them skipped"):
+        read(tmp_path, HEADER + ROWS, **{option: 10**9})
+
+
+def test_a_footer_is_skipped_and_lines_are_those_of_the_file(tmp_path: Path) -> None:
+    text = "bench 7\n" + HEADER + ROWS + "end of test\n"
+    np.testing.assert_allclose(read(tmp_path, text, skip_footer=1).values("tension"), EXPECTED)
+    with pytest.raises(DatasetError, match=r"line 9: .*; got 'end of test'"):
+        read(tmp_path, text)
+
+
+def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
+    for path in (tmp_path, Path("/dev/zero")):
+        if path.exists():
+            with pytest.raises(StorageError, match="cannot be read"):
+                read_table(path, COLUMNS)
+
+
+def test_a_filter_goes_across_blocks(tmp_path: Path) -> None:
+    """A table of several blocks, each with rows of every test."""
+    n = 90_000
+    lines = ["Test,Time [s],Force [N]", *(f"{i % 3},{1e-3 * i:.3f},{i}" for i in range(n)), ""]
+    path = tmp_path / "bench.csv"
+    path.write_text("\n".join(lines))
+    assert path.stat().st_size > 1 << 20
+    found = read_table(path, COLUMNS, where={"Test": [0, 2]})
+    np.testing.assert_array_equal(found.values("tension"), [i for i in range(n) if i % 3 != 1])
+    with pytest.raises(DatasetError, match=r"no row holds '7'.*'0', '1', '2'"):
+        read_table(path, COLUMNS, where={"Test": [0, 7]})
+    path.write_text("\n".join(lines).replace(f"{1e-3 * 59_000:.3f},", "x,"))
+    with pytest.raises(DatasetError, match=r"line 59002: .*; got 'x'"):
+        read_table(path, COLUMNS)
+
+
+def test_a_table_beyond_all_memory_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(columns_of, "MOST_VALUES", 11)
+    with pytest.raises(DatasetError, match="the table is too long"):
+        read(tmp_path, HEADER + ROWS)
+
+
+LONG = """
+import resource
+from softcal.experiments.read import ColumnSpec, read_table
+names = {{"time": "Time", "shortening": "Displacement", "tension": "Force", "pitch": "Pitch"}}
+found = read_table({path!r}, {{channel: ColumnSpec(name) for channel, name in names.items()}})
+print(found.n_samples, float(found.values("tension").sum()), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+"""
+
+
+@pytest.mark.slow
+def test_ten_million_rows_take_less_than_one_and_a_half_gigabytes(tmp_path: Path) -> None:
+    path, n = tmp_path / "long.csv", 10_000_000
+    with path.open("w") as file:
+        file.write("Time [s],Displacement [mm],Force [N],Pitch [deg]\n")
+        for first in range(0, n, 100_000):
+            rows = range(first, first + 100_000)
+            file.writelines(f"{i * 1e-4:.4f},{i % 20000 * 1e-3:.3f},{i % 7}.25,{i % 50}.5\n" for i in rows)
+    done = subprocess.run(
+        [sys.executable, "-c", LONG.format(path=str(path))], capture_output=True, text=True, check=True
+    )
+    n_samples, total, kilobytes = done.stdout.split()
+    assert int(n_samples) == n
+    assert float(total) == pytest.approx(sum(range(7)) * (n // 7) + sum(range(n % 7)) + 0.25 * n)
+    assert int(kilobytes) < 1_500_000

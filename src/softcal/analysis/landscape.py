@@ -139,7 +139,9 @@ def _hermite(grid: Floats, values: Floats, slopes: Floats, command: Command) -> 
 
 
 def _has_weight(robot: Robot) -> bool:
-    return any(body.density for body in robot.bodies) or any(plate.mass for plate in robot.plates)
+    return any(material.density for body in robot.bodies for material in body.materials) or any(
+        plate.mass for plate in robot.plates
+    )
 
 
 def _axis(space: SearchSpace, label: str, n: int) -> Floats:

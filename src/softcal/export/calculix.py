@@ -181,10 +181,11 @@ def _elements(twin: Twin) -> Iterator[str]:
     number = 0
     for body in twin.robot.bodies:
         mesh, first = twin.meshes[body.name], twin.first_point[body.name]
-        yield f"*ELEMENT, TYPE={'C3D4' if mesh.order == 1 else 'C3D10'}, ELSET={set_name(body.name)}"
-        for tet in mesh.tets:
-            number += 1
-            yield f"{number}, " + ", ".join(str(first + n + 1) for n in tet)
+        for material in body.materials:
+            yield f"*ELEMENT, TYPE={'C3D4' if mesh.order == 1 else 'C3D10'}, ELSET={set_name(material.name)}"
+            for tet in mesh.tets[material.tets]:
+                number += 1
+                yield f"{number}, " + ", ".join(str(first + n + 1) for n in tet)
 
 
 def _bonds(twin: Twin) -> Iterator[str]:
@@ -210,13 +211,13 @@ def _bonds(twin: Twin) -> Iterator[str]:
 
 
 def _materials(robot: Robot) -> Iterator[str]:
-    for body in robot.bodies:
-        law = LAWS[ITS_LAW]
-        mu, kappa = law.shear_modulus(body.parameters), law.bulk_modulus(body.parameters)
-        yield f"*MATERIAL, NAME={set_name(body.name)}"
+    law = LAWS[ITS_LAW]
+    for material in (material for body in robot.bodies for material in body.materials):
+        mu, kappa = law.shear_modulus(material.parameters), law.bulk_modulus(material.parameters)
+        yield f"*MATERIAL, NAME={set_name(material.name)}"
         yield "*HYPERELASTIC, NEO HOOKE"
         yield f"{number(mu / 2)}, {number(2 / kappa)}"
-        yield f"*SOLID SECTION, ELSET={set_name(body.name)}, MATERIAL={set_name(body.name)}"
+        yield f"*SOLID SECTION, ELSET={set_name(material.name)}, MATERIAL={set_name(material.name)}"
 
 
 def _point_loads(layout: Layout, force: Floats) -> Iterator[str]:

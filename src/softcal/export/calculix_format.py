@@ -14,7 +14,7 @@ def number(value: float) -> str:
 
 def set_name(name: str) -> str:
     """The name of a set or a material."""
-    return name.upper()
+    return name.upper().replace(".", "__")
 
 
 def listed(numbers: Ints) -> Iterator[str]:

@@ -32,6 +32,16 @@ def scene_faults(robot: Robot) -> list[Fault]:
         )
         for cable, held in bores(robot).items()
     ]
+    faults += [
+        Fault(
+            "a body of several materials is not carried over to SOFA",
+            where=body.name,
+            got=", ".join(part.name for part in body.inclusions),
+            attempt="a body of one material, or two bodies tied together",
+        )
+        for body in robot.bodies
+        if body.inclusions
+    ]
     if robot.contact is not None:
         faults.append(
             Fault("contact is not carried over to SOFA", where="contact", attempt="a project without contact")

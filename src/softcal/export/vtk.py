@@ -100,7 +100,9 @@ def _grid(robot: Robot, response: Response, shape: Snapshot, names: list[str]) -
         body, tets = bodies[name], response.tets[name]
         mesh = TetMesh(_rest_points(body, tets, len(x)), tets)
         cells.add(names.index(name), x, mesh.points, tets, VTK_TET if mesh.order == 1 else VTK_TET10)
-        cells.stress[-1] = cauchy_stress(mesh, LAWS[body.law], body.parameters, x, shape.pressures.get(name))
+        for part in body.materials:
+            own, pressure = TetMesh(mesh.points, tets[part.tets]), shape.pressures.get(part.name)
+            cells.stress[-1][part.tets] = cauchy_stress(own, LAWS[body.law], part.parameters, x, pressure)
         cells.strain[-1] = green_lagrange_strain(mesh, x)
     lines = {rod.name: (rod.centreline.nodes, shape.rods[rod.name]) for rod in robot.rods}
     for cable in robot.cables:

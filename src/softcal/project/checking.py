@@ -19,7 +19,7 @@ from softcal.project.simulation import simulate
 from softcal.twin.bores import bores
 from softcal.twin.build import build_twin
 from softcal.twin.parameters import robot_parameters
-from softcal.twin.robot import Plate, Rod
+from softcal.twin.robot import Material, Plate, Rod
 from softcal.units import format_quantity
 
 # The twin at its bounds may be this much too soft or too stiff before the data are called implausible.
@@ -88,16 +88,20 @@ def _body_rows(project: Project) -> list[tuple[str, str]]:
                 f"least dihedral angle {math.degrees(quality.min_dihedral):.3g} deg, "
                 f"mean ratio {quality.min_quality:.2g} at least, {quality.median_quality:.2g} in the middle",
             ),
-            (
-                "  material",
-                f"{body.law}, {body.element}, "
-                f"E {format_quantity(body.parameters['youngs_modulus'], 'Pa')}, "
-                f"ν {body.parameters['poissons_ratio']:.4g}" + (f", {body.density:.4g} kg/m³" if body.density else ""),
-            ),
+            ("  material", f"{body.law}, {body.element}, {_constants(body.materials[0])}"),
+        ]
+        rows += [
+            (f"  material of {part.name}", f"{len(part.tets)} tets, {_constants(part)}") for part in body.inclusions
         ]
         regions = {**{"fixed": body.fixed}, **project.regions[body.name]}
         rows.append(("  regions", ", ".join(f"{name} {len(nodes)} nodes" for name, nodes in regions.items())))
     return rows
+
+
+def _constants(material: Material) -> str:
+    text = f"E {format_quantity(material.parameters['youngs_modulus'], 'Pa')}"
+    text += f", ν {material.parameters['poissons_ratio']:.4g}"
+    return text + (f", {material.density:.4g} kg/m³" if material.density else "")
 
 
 def _part_rows(project: Project) -> list[tuple[str, str]]:

@@ -11,13 +11,23 @@ from softcal.checks import Ints
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.placement import placed_mesh
 from softcal.geometry.quality import MeshReport, check_quality, require_sound
-from softcal.geometry.regions import Box, Cylinder, Named, Plane, Region, Sphere, select_faces, select_nodes
+from softcal.geometry.regions import (
+    Box,
+    Cylinder,
+    Named,
+    Plane,
+    Region,
+    Sphere,
+    select_elements,
+    select_faces,
+    select_nodes,
+)
 from softcal.materials.catalogue import LAWS
 from softcal.project.document import Findings, KeyPath
 from softcal.project.mesh_schema import RegionSection
 from softcal.project.robot_schema import BodySection, LoadSection
 from softcal.twin.parameters import out_of_range, robot_parameters
-from softcal.twin.robot import Body, Robot
+from softcal.twin.robot import Body, Material, Robot
 
 # Makes the mesh of a body from its section; the project decides where files lie.
 MeshMaker = Callable[[str, BodySection], TetMesh]
@@ -98,12 +108,46 @@ def build_bodies(sections: Mapping[str, BodySection], make_mesh: MeshMaker, find
         if name in built.qualities and (warning := _poor(built.qualities[name], built.meshes[name], fixed)):
             findings.warn((*path, "mesh"), warning)
         parameters = {"youngs_modulus": body.youngs_modulus, "poissons_ratio": body.poissons_ratio}
-        built.bodies.append(Body(name, built.meshes[name], fixed, parameters, body.law, body.element, body.density))
-        for info in robot_parameters(Robot((built.bodies[-1],))).values():
-            if fault := out_of_range(info, info.value):
-                key = info.name.removeprefix(f"{name}.")
-                findings.add((*path, key), fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt)
+        inclusions = _inclusions(name, body, built, (*path, "materials"), findings)
+        mesh = built.meshes[name]
+        with findings.at((*path, "materials")):
+            whole = Body(name, mesh, fixed, parameters, body.law, body.element, body.density, inclusions)
+            built.bodies.append(whole)
+            _check_ranges(whole, path, findings)
     return built
+
+
+def _check_ranges(body: Body, path: KeyPath, findings: Findings) -> None:
+    """Record each parameter of the body's materials that is outside what its law or element allows."""
+    for info in robot_parameters(Robot((body,))).values():
+        if fault := out_of_range(info, info.value):
+            keys = info.name.split(".")[1:]
+            at = (*path, *(["materials"] if len(keys) > 1 else []), *keys)
+            findings.add(at, fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt)
+
+
+def _inclusions(
+    body: str, section: BodySection, built: BuiltBodies, path: KeyPath, findings: Findings
+) -> tuple[Material, ...]:
+    """The materials of a body's regions, but those with a fault, which is recorded."""
+    found: list[Material] = []
+    for name, material in section.materials.items():
+        region = material.region or name
+        if not name.isidentifier():
+            findings.add((*path, name), "this cannot be a name", got=f"'{name}'", allowed="letters, digits and _")
+        elif region not in built.known_regions(body):
+            findings.unknown((*path, name), "region", region, built.known_regions(body))
+        else:
+            ratio, density = material.poissons_ratio, material.density
+            parameters = {
+                "youngs_modulus": material.youngs_modulus,
+                "poissons_ratio": section.poissons_ratio if ratio is None else ratio,
+            }
+            of = region_of(section.regions[region]) if region in section.regions else Named(region)
+            with findings.at((*path, name)):
+                tets = select_elements(built.made[body], of)
+                found.append(Material(name, tets, parameters, section.density if density is None else density))
+    return tuple(found)
 
 
 def region_of(section: RegionSection) -> Region:

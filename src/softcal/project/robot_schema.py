@@ -37,6 +37,15 @@ from softcal.project.section import (
 Element = Literal["P1", "P2", "P2P1"]
 
 
+class MaterialSection(Section):
+    """What a region of a body is made of; what is left out begins at the body's value. region: by default its name."""
+
+    region: str | None = None
+    youngs_modulus: Modulus
+    poissons_ratio: PoissonsRatio | None = None
+    density: Density | None = None
+
+
 class BodySection(Section):
     """A deformable body: its mesh, material, fixed region, and where it is put."""
 
@@ -46,6 +55,7 @@ class BodySection(Section):
     youngs_modulus: Modulus
     poissons_ratio: PoissonsRatio
     density: Density = 0.0
+    materials: Mapping[str, MaterialSection] = Field(default_factory=dict)
     regions: Mapping[str, RegionSection] = Field(default_factory=dict)
     fixed: Annotated[list[str], BeforeValidator(listed)] = Field(default_factory=list)
     placement: PlacementSection | None = None

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from softcal.checks import Floats, Ints
 from softcal.errors import Fault, MeshError, ParameterError
@@ -34,7 +35,7 @@ class Twin:
 
     first_point: body or rod (and plate, where surfaces may touch) -> its first point; meshes: body -> the mesh of its
     element; frame: plate -> its frame; via: cable -> its via points as weighted points; markers: marker -> its weighted
-    points; pressure_nodes: mixed body -> its first pressure, and the nodes that have one.
+    points; pressure_nodes: material of a mixed body -> its first pressure, the body, and the nodes that have one.
     """
 
     robot: Robot
@@ -44,7 +45,7 @@ class Twin:
     frame: dict[str, int]
     via: dict[str, list[Weights]]
     markers: dict[str, Weights]
-    pressure_nodes: dict[str, tuple[int, Ints]]
+    pressure_nodes: dict[str, tuple[int, str, Ints]]
 
     @cached_property
     def skins(self) -> Skins | None:
@@ -66,7 +67,7 @@ def build_twin(robot: Robot) -> Twin:
     builder = _Points()
     meshes: dict[str, TetMesh] = {}
     solids: list[SolidTerm] = []
-    pressure_nodes: dict[str, tuple[int, Ints]] = {}
+    pressure_nodes: dict[str, tuple[int, str, Ints]] = {}
     n_pressures = 0
     for body in robot.bodies:
         mesh = _element_mesh(body)
@@ -78,20 +79,19 @@ def build_twin(robot: Robot) -> Twin:
             raise ParameterError(
                 Fault("there is no such law", where=f"{body.name}.law", got=body.law, allowed=", ".join(LAWS))
             )
-        pressure = n_pressures if body.element == "P2P1" else None
-        deformable = _deformable(body, mesh, rider)
-        if pressure is not None:
-            pressure_nodes[body.name] = (n_pressures, np.unique(deformable[:, :4]))
-        solid, count = build_solid(
-            body.name,
-            LAWS[body.law],
-            mesh.points,
-            deformable,
-            first_point=first,
-            first_pressure=pressure,
-        )
-        solids.append(solid)
-        n_pressures += count
+        deforms = _deforms(body, mesh, rider)
+        for material in body.materials:
+            tets = mesh.tets[material.tets[deforms[material.tets]]]
+            if len(tets) == 0:
+                continue
+            pressure = n_pressures if body.element == "P2P1" else None
+            if pressure is not None:
+                pressure_nodes[material.name] = (n_pressures, body.name, np.unique(tets[:, :4]))
+            solid, count = build_solid(
+                material.name, LAWS[body.law], mesh.points, tets, first_point=first, first_pressure=pressure
+            )
+            solids.append(solid)
+            n_pressures += count
     for rod in robot.rods:
         builder.first[rod.name] = builder.add(rod.centreline.nodes, frames.of_rod[rod.name])
     rods = tuple(
@@ -165,7 +165,17 @@ _CACHE: OrderedDict[Hashable, Twin] = OrderedDict()
 
 def _key(robot: Robot) -> Hashable:
     # Meshes and centrelines by identity: a cached twin keeps its robot, and so these, alive.
-    bodies = tuple((b.name, id(b.mesh), b.fixed.tobytes(), b.law, b.element) for b in robot.bodies)
+    bodies = tuple(
+        (
+            b.name,
+            id(b.mesh),
+            b.fixed.tobytes(),
+            b.law,
+            b.element,
+            tuple((m.name, m.tets.tobytes()) for m in b.inclusions),
+        )
+        for b in robot.bodies
+    )
     rods = tuple((r.name, id(r.centreline), r.section, _arrays(r.clamped), r.fixed.tobytes()) for r in robot.rods)
     plates = tuple(
         (p.name, _arrays(p.nodes), p.reference.tobytes(), np.asarray(p.centre_of_mass).tobytes(), p.fixed)
@@ -261,12 +271,12 @@ def _riders(body: Body, mesh: TetMesh, robot: Robot, frame: dict[str, int]) -> I
     return rider
 
 
-def _deformable(body: Body, mesh: TetMesh, rider: Ints) -> Ints:
-    """The tets that can deform: one whose nodes are all fixed, or all on one plate, stays as it is, free of stress."""
+def _deforms(body: Body, mesh: TetMesh, rider: Ints) -> NDArray[np.bool_]:
+    """Which tets can deform: one whose nodes are all fixed, or all on one plate, stays as it is, free of stress."""
     riders = rider[mesh.tets]
     stiff = (riders == riders[:, :1]).all(axis=1) & (riders[:, 0] != FREE) & (riders[:, 0] != TIED)
     if stiff.all():
         raise MeshError(
             Fault("no tet of the body can deform: its nodes are all fixed or on one plate", where=body.name)
         )
-    return mesh.tets[~stiff]
+    return ~stiff

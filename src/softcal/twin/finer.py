@@ -106,11 +106,12 @@ def _refined_body(body: Body, robot: Robot) -> tuple[Body, TetMesh]:
             old.tets,
             {**old.node_sets, **node_sets},
             {**old.face_sets, **face_sets},
-            dict(old.element_sets),
+            {**old.element_sets, **{_OURS + part.name: part.tets for part in body.inclusions}},
         )
     )
-    own = TetMesh(mesh.points, mesh.tets, _own(mesh.node_sets), _own(mesh.face_sets), dict(mesh.element_sets))
-    return replace(body, mesh=own, fixed=mesh.node_sets[_OURS + "fixed"]), mesh
+    own = TetMesh(mesh.points, mesh.tets, _own(mesh.node_sets), _own(mesh.face_sets), _own(mesh.element_sets))
+    inclusions = tuple(replace(part, tets=mesh.element_sets[_OURS + part.name]) for part in body.inclusions)
+    return replace(body, mesh=own, fixed=mesh.node_sets[_OURS + "fixed"], inclusions=inclusions), mesh
 
 
 def _own(sets: Mapping[str, Ints]) -> dict[str, Ints]:

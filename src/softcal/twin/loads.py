@@ -62,9 +62,12 @@ def build_loads(
         target = constant if name is None else per_unit.setdefault(name, np.zeros((n_points, 3)))
         for point, weight in weights:
             target[point] += weight * force
-    for name, mesh in meshes.items():
-        unit = per_unit[f"{name}.density"] = np.zeros((n_points, 3))
-        unit[first[name] : first[name] + mesh.n_points] = nodal_volumes(mesh.points, mesh.tets)[:, None] * robot.gravity
+    for body in robot.bodies:
+        mesh, start = meshes[body.name], first[body.name]
+        for material in body.materials:
+            unit = per_unit[f"{material.name}.density"] = np.zeros((n_points, 3))
+            volumes = nodal_volumes(mesh.points, mesh.tets[material.tets])
+            unit[start : start + mesh.n_points] = volumes[:, None] * robot.gravity
     for rod in robot.rods:
         unit = per_unit[f"{rod.name}.density"] = np.zeros((n_points, 3))
         half = 0.5 * rod.section.area * rod.centreline.lengths[:, None] * robot.gravity

@@ -35,7 +35,10 @@ def robot_inertia(twin: Twin, robot: Robot, masses: MassMatrix = "consistent") -
     for body in robot.bodies:
         mesh = twin.meshes[body.name]
         points = twin.first_point[body.name] + mesh.tets
-        matrices = body.density * element_masses(mesh, lumped=masses == "lumped")
+        density = np.zeros(mesh.n_tets)
+        for material in body.materials:
+            density[material.tets] = material.density
+        matrices = density[:, None, None] * element_masses(mesh, lumped=masses == "lumped")
         riders = layout.rider[points]
         as_one = (riders == riders[:, :1]).all(axis=1)
         on_frame = as_one & (riders[:, 0] >= 0)

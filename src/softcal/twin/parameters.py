@@ -13,9 +13,9 @@ import numpy as np
 from softcal.errors import Fault, ParameterError
 from softcal.materials.catalogue import LAWS
 from softcal.quantities import QUANTITIES, Quantity
-from softcal.twin.robot import Body, PointLoad, Robot, Rod
+from softcal.twin.robot import Body, Material, PointLoad, Robot, Rod
 
-Part = TypeVar("Part", Body, Rod)
+Part = TypeVar("Part", Body, Rod, Material)
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ KINDS: Mapping[str, Quantity] = {
 def robot_parameters(robot: Robot) -> dict[str, ParameterInfo]:
     """Every parameter of the robot by dotted name, such as `neck.youngs_modulus`."""
     found: dict[str, float] = {}
-    for part in (*robot.bodies, *robot.rods):
+    for part in (*(material for body in robot.bodies for material in body.materials), *robot.rods):
         found.update({f"{part.name}.{key}": value for key, value in part.parameters.items()})
         found[f"{part.name}.density"] = part.density
     found.update({f"{plate.name}.mass": plate.mass for plate in robot.plates})
@@ -65,10 +65,10 @@ def robot_parameters(robot: Robot) -> dict[str, ParameterInfo]:
     infos = {name: ParameterInfo(name, KINDS[name.rsplit(".", 1)[1]], value) for name, value in found.items()}
     for body in robot.bodies:
         for key, lower in (LAWS[body.law].lower if body.law in LAWS else {}).items():
-            name = f"{body.name}.{key}"
             others = [f"law {law.name}" for law in LAWS.values() if key in law.parameters and key not in law.lower]
-            quantity = replace(infos[name].quantity, lower=lower, attempt_below=" or ".join(others))
-            infos[name] = replace(infos[name], quantity=quantity)
+            for name in (f"{material.name}.{key}" for material in body.materials):
+                quantity = replace(infos[name].quantity, lower=lower, attempt_below=" or ".join(others))
+                infos[name] = replace(infos[name], quantity=quantity)
     return infos
 
 
@@ -88,8 +88,8 @@ def with_parameters(robot: Robot, values: Mapping[str, float]) -> Robot:
     ]
     if faults:
         raise ParameterError(faults)
-    bodies = tuple(_with_material(body, values) for body in robot.bodies)
-    rods = tuple(_with_material(rod, values) for rod in robot.rods)
+    bodies = tuple(_with_materials(body, values) for body in robot.bodies)
+    rods = tuple(_with_material(rod, values, rod.name) for rod in robot.rods)
     plates = tuple(replace(p, mass=values.get(f"{p.name}.mass", p.mass)) for p in robot.plates)
     cables = tuple(
         replace(c, friction_coefficient=values.get(f"{c.name}.friction_coefficient", c.friction_coefficient))
@@ -99,11 +99,16 @@ def with_parameters(robot: Robot, values: Mapping[str, float]) -> Robot:
     return replace(robot, bodies=bodies, rods=rods, plates=plates, cables=cables, loads=loads)
 
 
-def _with_material(part: Part, values: Mapping[str, float]) -> Part:
+def _with_materials(body: Body, values: Mapping[str, float]) -> Body:
+    inclusions = (_with_material(part, values, f"{body.name}.{part.name}") for part in body.inclusions)
+    return replace(_with_material(body, values, body.name), inclusions=tuple(inclusions))
+
+
+def _with_material(part: Part, values: Mapping[str, float], name: str) -> Part:
     return replace(
         part,
-        parameters={key: values.get(f"{part.name}.{key}", old) for key, old in part.parameters.items()},
-        density=values.get(f"{part.name}.density", part.density),
+        parameters={key: values.get(f"{name}.{key}", old) for key, old in part.parameters.items()},
+        density=values.get(f"{name}.density", part.density),
     )
 
 

@@ -28,7 +28,9 @@ class Snapshot:
     controls: Mapping[str, float]  # cable -> commanded tension [N] or shortening [m]
     tensions: Mapping[str, float] = field(default_factory=dict)  # cable -> tension [N]
     rods: Mapping[str, Floats] = field(default_factory=dict)  # rod -> (n_nodes, 3) [m]
-    pressures: Mapping[str, Floats] = field(default_factory=dict)  # P2P1 body -> (n_points,) [Pa], zero but at corners
+    pressures: Mapping[str, Floats] = field(
+        default_factory=dict
+    )  # material of a P2P1 body -> (n_points,) [Pa], zero but at corners
     markers: Mapping[str, Floats] = field(default_factory=dict)  # marker -> (3,) [m]
     drive: float = 0.0
     drive_unit: str = ""

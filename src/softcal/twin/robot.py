@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -19,6 +19,23 @@ Control = Literal["tension", "shortening"]
 
 
 @dataclass(frozen=True)
+class Material:
+    """What some tets of a mesh are made of: parameters of a law [SI], density [kg/m^3], and the tets' numbers.
+
+    name: the first part of its parameters' names.
+    """
+
+    name: str
+    tets: Ints
+    parameters: Mapping[str, float]
+    density: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "tets", frozen_ints(self.tets, name=f"tets of {self.name}", shape=(None,)))
+        object.__setattr__(self, "parameters", dict(self.parameters))
+
+
+@dataclass(frozen=True)
 class Body:
     """A deformable body.
 
@@ -28,6 +45,7 @@ class Body:
     law: name in `softcal.materials.LAWS`; parameters: the law's own, SI
     (neo-hooke: youngs_modulus [Pa], poissons_ratio [-]).
     density [kg/m^3]; fixed: node numbers of the mesh that do not move.
+    inclusions: tets of other materials, which share their nodes with the rest.
     """
 
     name: str
@@ -37,10 +55,31 @@ class Body:
     law: str = "neo-hooke"
     element: ElementKind = "P2P1"
     density: float = 0.0
+    inclusions: tuple[Material, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "fixed", frozen_ints(self.fixed, name=f"fixed nodes of {self.name}", shape=(None,)))
         object.__setattr__(self, "parameters", dict(self.parameters))
+        object.__setattr__(self, "inclusions", tuple(self.inclusions))
+        times = np.zeros(self.mesh.n_tets, dtype=np.int64)
+        for part in self.inclusions:
+            np.add.at(times, part.tets, 1)
+        if (times > 1).any():
+            names = ", ".join(part.name for part in self.inclusions)
+            raise InputError(Fault(f"{int((times > 1).sum())} tets are of two materials", self.name, got=names))
+        if self.inclusions and times.all():
+            names = ", ".join(part.name for part in self.inclusions)
+            attempt = "one of them as the body's own material"
+            raise InputError(Fault("the materials leave no tet to the body's own", self.name, names, attempt=attempt))
+
+    @property
+    def materials(self) -> tuple[Material, ...]:
+        """Every material, named as its parameters are: the body's own, by its name, then `body.inclusion`."""
+        rest = np.ones(self.mesh.n_tets, dtype=bool)
+        for part in self.inclusions:
+            rest[part.tets] = False
+        own = Material(self.name, np.flatnonzero(rest), self.parameters, self.density)
+        return (own, *(replace(part, name=f"{self.name}.{part.name}") for part in self.inclusions))
 
 
 @dataclass(frozen=True)

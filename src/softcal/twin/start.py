@@ -103,7 +103,7 @@ def _label(drive: float, unit: str) -> str:
 
 def _pressures(twin: Twin, state: State) -> dict[str, Floats]:
     found: dict[str, Floats] = {}
-    for name, (first, nodes) in twin.pressure_nodes.items():
-        found[name] = np.zeros(twin.meshes[name].n_points)
+    for name, (first, body, nodes) in twin.pressure_nodes.items():
+        found[name] = np.zeros(twin.meshes[body].n_points)
         found[name][nodes] = state.pressure[first : first + len(nodes)]
     return found

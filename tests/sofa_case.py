@@ -23,9 +23,7 @@ from softcal.twin.response import Response, Snapshot
 from softcal.twin.robot import Body, Cable, Disc, Marker, Plate, PointLoad, Robot, SurfaceLoad, Tie, ViaPoint
 
 FAKE = Path(__file__).parent / "fake_sofa"
-OF_THE_SCENE = (
-    "Sofa", "SofaRuntime", "scene", "parts", "rods", "visuals", "pulling", "robot_state", "run", "fake_mechanics",
-)  # fmt: skip
+OF_THE_SCENE = ("Sofa", "SofaRuntime", "scene", "robot", "run", "fake_mechanics")
 
 
 def neck_robot(data: dict) -> Robot:
@@ -150,8 +148,8 @@ def scene_modules(folder: Path) -> Iterator[SimpleNamespace]:
     forget()
     sys.path[:0] = [str(folder), str(FAKE / "lib" / "python3" / "site-packages")]
     try:
-        names = ("Sofa", "scene", "rods", "pulling", "robot_state")
-        yield SimpleNamespace(**{name: importlib.import_module(name) for name in names})
+        names = ("Sofa", "scene", "robot.rods", "robot.pulling", "robot.robot_state")
+        yield SimpleNamespace(**{name.rpartition(".")[2]: importlib.import_module(name) for name in names})
     finally:
         sys.path[:] = path
         forget()

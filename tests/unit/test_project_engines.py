@@ -118,7 +118,7 @@ def test_they_reach_an_exported_scene(tmp_path: Path):
     path, out = project_with(tmp_path, ALL + "dynamics: {time_step: 5 ms, rayleigh_mass: 0.3 1/s}\n"), tmp_path / "out"
     done = invoke("export", "sofa", path, "--pull", "front=10mm", "--out", out)
     assert done.exit_code == 0, done.output
-    parameters = json.loads((out / "parameters.json").read_text())
+    parameters = json.loads((out / "a_square_bar" / "parameters.json").read_text())
     rest = {"time_steps": [0.02, 0.004], "rayleigh_stiffness": 0.01, "rayleigh_mass": 3.0, "ramp": 0.02}
     assert parameters["rest"] == {**rest, "speed": 2e-6, "hold": 0.05, "longest": 8.0}
     assert parameters["time"] == {"dt": 0.005, "rayleigh_stiffness": 0.2, "rayleigh_mass": 0.3}
@@ -136,7 +136,7 @@ def test_an_exported_scene_names_the_experiment_of_its_schedule(tmp_path: Path):
         "pulls front by shortening, as experiment `far` does (of the project's the one that pulls most), until"
         in readme
     )
-    last = (tmp_path / "several" / "schedule.csv").read_text().splitlines()[-1]
+    last = (tmp_path / "several" / "a_square_bar" / "schedule.csv").read_text().splitlines()[-1]
     assert float(last.split(",")[1]) == pytest.approx(0.008)
     export_sofa(project, {"far": several["far"]}, tmp_path / "one")
     assert "experiment `" not in (tmp_path / "one" / "README.md").read_text()

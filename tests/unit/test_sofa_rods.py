@@ -50,7 +50,7 @@ def test_rod_has_every_component_and_number(tmp_path, monkeypatch):
     use_fake(monkeypatch)
     robot = hung()
     root, parameters = recorded(robot, tensed(0.1, cable="pull"), tmp_path)
-    assert "Sofa.Component.SolidMechanics.FEM.Elastic" in root.own("RequiredPlugin").pluginName.value
+    assert "Sofa.Component.SolidMechanics.FEM.Elastic" in root.robot.own("RequiredPlugin").pluginName.value
     assert parameters["bodies"] == {}
     by_name = {node.name: node for node in root.all()}
     line = finer(robot.rods[0], SEGMENTS).centreline
@@ -188,8 +188,8 @@ def test_parameters_and_readme_of_a_robot_of_rods(tmp_path):
     write_sofa(robot, tensed(0.1, cable="pull"), tmp_path, "hung")
     readme = (tmp_path / "README.md").read_text()
     assert "wire: of each element of a rod" in readme
-    assert "`scene.py`, `parts.py`, `rods.py`" in readme
-    assert (tmp_path / "rods.py").is_file()
+    assert "`hung/robot.py`, `parts.py`, `rods.py`" in readme
+    assert (tmp_path / "hung" / "rods.py").is_file()
     rod = scene_parameters(linear_robot(robot), tensed(0.1, cable="pull"))["rods"]["wire"]
     assert rod["segments"] == SEGMENTS
     assert rod["plates"] == {"head": list(range(SEGMENTS * (N - 1), SEGMENTS * N + 1))}

@@ -138,8 +138,9 @@ def test_the_scene_shows_bodies_discs_cables_and_markers(tmp_path, monkeypatch, 
     robot = many_parts()
     root, parameters = recorded(robot, DRIVE, tmp_path, seen=True)
     shown = parameters["visual"]
-    _, *plugins = root.find("RequiredPlugin")
-    assert [plugin.pluginName.value for plugin in plugins] == [["Sofa.Component.Visual"], [OPENGL]]
+    plugins = {plugin.name: plugin.pluginName.value for plugin in root.find("RequiredPlugin")}
+    assert plugins["visual_plugins"] == ["Sofa.Component.Visual"]
+    assert plugins["opengl"] == [OPENGL]
     flags = root.own("VisualStyle").displayFlags.value.split()
     assert flags == ["showVisualModels", "hideBehaviorModels", "hideForceFields", "showInteractionForceFields"]
     assert root.own("InteractiveCamera").given == shown["camera"]
@@ -151,7 +152,7 @@ def test_the_scene_shows_bodies_discs_cables_and_markers(tmp_path, monkeypatch, 
     for surface in surfaces:
         (part,) = surface.node.parents
         assert [one.kind for one in surface.node.objects[:2]] == ["MeshOBJLoader", "OglModel"]
-        assert surface.node.own("MeshOBJLoader").filename.value == str(tmp_path / f"{part.name}.obj")
+        assert surface.node.own("MeshOBJLoader").filename.value == str(tmp_path / "robot" / f"{part.name}.obj")
         assert surface.src.value == "@loader"
         mapping = surface.node.objects[2]
         if part.name == "head":
@@ -219,7 +220,7 @@ def test_a_plate_that_has_no_extent_shows_its_frame(tmp_path, monkeypatch):
 
 def test_without_opengl_there_are_no_surfaces_and_all_else(tmp_path, monkeypatch):
     use_fake(monkeypatch, fault="no-opengl")
-    write_sofa(column_robot(), pulled(0.01), tmp_path, "a column")
+    write_sofa(column_robot(), pulled(0.01), tmp_path, "robot")
     with scene_modules(tmp_path) as modules:
         root = modules.Sofa.Core.Node("root")
         modules.scene.createScene(root)
@@ -241,19 +242,21 @@ def test_the_engines_run_has_nothing_to_see(tmp_path, monkeypatch):
     assert not [path for path in write_scene(linear, parameters, tmp_path) if path.suffix == ".obj"]
     roots = []
     with scene_modules(tmp_path) as modules:
+        build = modules.scene.build
 
         def watched(root, parameters):
             roots.append(root)
-            return modules.scene.build(root, parameters)
+            return build(root, parameters)
 
         run = importlib.import_module("run")
-        run.build = watched
+        modules.scene.build = watched
         run.Run(parameters, parameters["rest"])
-        assert not any(word in plugin for plugin in run.PLUGINS for word in ("GL", "Visual"))
-        assert "visuals" not in sys.modules
+        plugins = [*modules.scene.PLUGINS, *run.PLUGINS]
+        assert not any(word in plugin for plugin in plugins for word in ("GL", "Visual"))
+        assert "robot.visuals" not in sys.modules
     assert roots
     root = roots[0]
-    assert len(root.find("RequiredPlugin")) == 1
+    assert {plugin.name for plugin in root.find("RequiredPlugin")} == {"plugins"}
     for kind in ("InteractiveCamera", "MeshOBJLoader", "OglModel", "VisualStyle"):
         assert not root.find(kind)
     names = {node.name for node in root.all()}
@@ -263,12 +266,12 @@ def test_the_engines_run_has_nothing_to_see(tmp_path, monkeypatch):
 
 def test_an_export_has_the_surfaces_that_its_parameters_name(tmp_path, monkeypatch):
     use_fake(monkeypatch)
-    written = write_sofa(column_robot(), pulled(0.01), tmp_path, "a column")
+    written = write_sofa(column_robot(), pulled(0.01), tmp_path, "robot")
     assert {path.name for path in written if path.suffix == ".obj"} == {"neck.obj", "plate.obj"}
     with scene_modules(tmp_path) as modules:
         root = modules.Sofa.Core.Node("root")
         modules.scene.createScene(root)
     loaders = root.find("MeshOBJLoader")
     assert sorted(loader.filename.value for loader in loaders) == [
-        str(tmp_path / "neck.obj"), str(tmp_path / "plate.obj"),
+        str(tmp_path / "robot" / "neck.obj"), str(tmp_path / "robot" / "plate.obj"),
     ]  # fmt: skip

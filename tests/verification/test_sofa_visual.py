@@ -66,7 +66,8 @@ def test_a_wires_surface_rides_on_its_frames(tmp_path):
     found = stepped(robot, "pull", tmp_path, opengl=True)
     wire = skins(linear_robot(robot))["wire"]
     frames = np.array(found["parts"]["wire"])[wire.nodes]
-    at_rest = np.array(json.loads((tmp_path / "parameters.json").read_text())["rods"]["wire"]["nodes"])[wire.nodes]
+    parameters = json.loads((tmp_path / "robot" / "parameters.json").read_text())
+    at_rest = np.array(parameters["rods"]["wire"]["nodes"])[wire.nodes]
     assert np.abs(frames[:, :3] - at_rest).max() > 1e-5
     there = frames[:, :3] + Rotation.from_quat(frames[:, 3:]).apply(wire.points - at_rest)
     np.testing.assert_allclose(found["surfaces"]["wire"], there, rtol=0, atol=1e-9)

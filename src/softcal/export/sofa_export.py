@@ -18,6 +18,7 @@ from softcal.export.sofa_scene import (
     SCHEDULE,
     Resting,
     Stepping,
+    package_name,
     scene_parameters,
     schedule_csv,
     write_scene,
@@ -25,6 +26,7 @@ from softcal.export.sofa_scene import (
 from softcal.export.sofa_visual import visual_parameters, write_surfaces
 from softcal.twin.protocol import Protocol, command_faults
 from softcal.twin.robot import Control, Robot
+from softcal.units import format_quantity
 
 README = "README.md"
 
@@ -36,13 +38,15 @@ def write_sofa(
     name: str,
     *,
     experiment: str = "",
+    slack: Mapping[str, float] | None = None,
     stepping: Stepping | None = None,
     resting: Resting | None = None,
 ) -> list[Path]:
     """Write the robot's scene, with a schedule that pulls its cables as the protocol does, into an existing folder.
 
     Bodies that SOFA cannot have as they are become linear tets with parameters of their own; see `identify`.
-    experiment: whose protocol this is, where it was chosen among several; for the README.
+    experiment: whose protocol this is, where it was chosen among several; slack [m]: by cable, what the protocol's
+    shortening is less than the bench's travel; both for the README.
 
     Raises
     ------
@@ -66,13 +70,15 @@ def write_sofa(
         },
         "notes": list(found.sentences),
     }
-    written = [*write_scene(found.linear, parameters, folder), *write_surfaces(found.linear, folder)]
+    package = package_name(name)
+    written = [*write_scene(found.linear, parameters, folder, package)]
+    written += write_surfaces(found.linear, folder / package)
     if protocol.commands:
-        path = folder / SCHEDULE
+        path = folder / package / SCHEDULE
         path.write_text(schedule_csv(protocol), encoding="utf-8")
         written.append(path)
     path = folder / README
-    path.write_text(_readme(name, found, protocol, experiment), encoding="utf-8")
+    path.write_text(_readme(name, package, found, protocol, experiment, slack or {}), encoding="utf-8")
     return [*written, path]
 
 
@@ -91,11 +97,16 @@ def _largest(protocol: Protocol, control: Control) -> float:
     return max((float(np.abs(command.values).max(initial=0.0)) for command in commands), default=0.0)
 
 
-def _readme(name: str, found: Identified, protocol: Protocol, experiment: str) -> str:
+def _readme(
+    name: str, package: str, found: Identified, protocol: Protocol, experiment: str, slack: Mapping[str, float]
+) -> str:
     robot = found.linear.robot
     pulled = ", ".join(f"{cable} by {command.control}" for cable, command in protocol.commands.items())
     if experiment:
         pulled += f", as experiment `{experiment}` does (of the project's the one that pulls most)"
+    taken_off = [f"{format_quantity(value, 'm')} of {cable}" for cable, value in slack.items() if value]
+    if taken_off:
+        pulled += f"; the slack of the bench is taken off, {', '.join(taken_off)}"
     notes = [f"- {sentence}" for sentence in found.sentences]
     notes += [
         f"- {part.name} has no density in the project; {ASSUMED_DENSITY:g} kg/m^3 gives it inertia"
@@ -114,8 +125,9 @@ def _readme(name: str, found: Identified, protocol: Protocol, experiment: str) -
         name=name,
         conda=CONDA,
         root=ROOT,
+        package=package,
         parameters=PARAMETERS,
-        schedule=f"`{SCHEDULE}` pulls {pulled}, until a key takes over" if pulled else "There is no schedule",
+        schedule=f"`{package}/{SCHEDULE}` pulls {pulled}, until a key takes over" if pulled else "There is no schedule",
         keys=keys,
         notes="\n".join(notes) or "- The bodies are those of the project, element by element.",
     )
@@ -138,16 +150,32 @@ Without a window, the robot with slack cables and then every row of the schedule
     export {root}=/where/SOFA/is       # conda and pixi set it
     python run.py                         # the Python that SOFA's bindings are for
 
+## In a scene of your own
+
+The folder `{package}` is a Python package with all that the robot needs. Copy it, or put this folder on `sys.path`:
+
+    from {package} import add_robot
+
+    def createScene(root):
+        root.gravity = [...]                     # and root.dt, a FreeMotionAnimationLoop and a constraint solver
+        robot = add_robot(root, "{package}")
+        robot.pull({{"CABLE": 0.01}}, root.dt.value)     # m, or N for a cable pulled by force
+
+Gravity, loop and constraint solver are the scene's; `scene.py` has those that softcal compared with. Several robots,
+each from a package of its own, can be in one scene.
+
 ## Files
 
 | file | what it holds |
 |---|---|
-| `scene.py`, `parts.py`, `rods.py` | `createScene`: bodies, rods, plates, cables, loads |
-| `visuals.py`, `*.obj` | what there is to see: surfaces, colours, the camera |
-| `{parameters}` | every number; the scene reads it anew each time |
-| `*.vtk` | the bodies' meshes |
-| `pulling.py` | keys and schedule |
-| `robot_state.py`, `run.py` | what the robot does; runs without a window |
+| `scene.py` | `createScene`: gravity, loop, constraint solver, and the robot |
+| `run.py` | runs without a window |
+| `{package}/robot.py`, `parts.py`, `rods.py` | `add_robot`: bodies, rods, plates, cables, loads |
+| `{package}/visuals.py`, `*.obj` | what there is to see: surfaces, colours, the camera |
+| `{package}/{parameters}` | every number; the scene reads it anew each time |
+| `{package}/*.vtk` | the bodies' meshes |
+| `{package}/pulling.py` | keys and schedule |
+| `{package}/robot_state.py` | what the robot does |
 
 ## What to know
 

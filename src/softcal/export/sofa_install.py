@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from softcal.errors import Fault, InputError
-from softcal.export.sofa_scene import FILES, HERE
+from softcal.export.sofa_scene import write_sources
 
 CONDA = "conda install -c sofa-framework sofa-softrobots"
 ROOT, PYTHON = "SOFA_ROOT", "SOFA_PYTHON"
@@ -126,8 +126,7 @@ def _require_cables(sofa: Sofa) -> None:
     """
     with tempfile.TemporaryDirectory(prefix="softcal-sofa-") as name:
         folder = Path(name)
-        for file in FILES:
-            shutil.copyfile(HERE / file, folder / file)
+        write_sources(folder)
         answer = folder / "answer.json"
         try:
             done = subprocess.run(

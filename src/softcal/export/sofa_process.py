@@ -64,8 +64,8 @@ def run_states(
     if "failed" in last:
         return Outcome(records, f"{where}{last['failed']}", steps)
     good = f"; the last good time is {float(records[-1]['time']):.6g} s" if records else ""
-    told = f": {_last_error(said)}" if said else ""
-    return Outcome(records, f"{where}SOFA {ended}{good}{told}", steps)
+    error = _last_error(said)
+    return Outcome(records, f"{where}SOFA {ended}{good}" + (f": {error}" if error else ""), steps)
 
 
 def _ended(sofa: Sofa, folder: Path, timeout: float) -> str:
@@ -80,5 +80,6 @@ def _ended(sofa: Sofa, folder: Path, timeout: float) -> str:
 
 
 def _last_error(lines: list[str]) -> str:
+    """The last line that reports an error; "" where none does: other lines are no cause."""
     errors = [line for line in lines if "ERROR" in line or "Error" in line]
-    return (errors or lines)[-1].strip()[-300:]
+    return errors[-1].strip()[-300:] if errors else ""

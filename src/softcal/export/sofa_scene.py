@@ -5,7 +5,9 @@ from __future__ import annotations
 import csv
 import io
 import json
-import shutil
+import keyword
+import re
+import unicodedata
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -24,9 +26,12 @@ from softcal.twin.protocol import Protocol
 from softcal.twin.robot import Body, Cable, Control, Marker, Plate, PointLoad, Robot, Rod
 
 FORMAT = 1
-FILES = ("scene.py", "parts.py", "rods.py", "visuals.py", "robot_state.py", "pulling.py", "run.py")
-HERE = Path(__file__).parent / "sofa_files"
+SOURCE = Path(__file__).parent / "sofa_files"
+ROBOT_PACKAGE = "ROBOT_PACKAGE"  # in the sources, for the name of the package
+PACKAGE = "robot"  # that name, where nobody reads it
 PARAMETERS, SCHEDULE = "parameters.json", "schedule.csv"
+# Names of the scene's own files and of what they import.
+TAKEN = frozenset({"", "scene", "run", "sofa", "sofaruntime", "numpy"})
 # Without inertia nothing settles: a weightless body gets this density [kg/m^3], and a force against its weight.
 ASSUMED_DENSITY = 1000.0
 RADIUS_OF_GYRATION = 1e-3  # [m], of a plate whose inertia is not known: SOFA inverts it
@@ -97,16 +102,37 @@ def scene_parameters(
     }
 
 
-def write_scene(linear: LinearRobot, parameters: Mapping[str, Any], folder: Path) -> list[Path]:
-    """Write the scene's files, meshes and parameters into an existing folder."""
-    written = [Path(shutil.copyfile(HERE / name, folder / name)) for name in FILES]
+def write_scene(linear: LinearRobot, parameters: Mapping[str, Any], folder: Path, package: str = PACKAGE) -> list[Path]:
+    """Write the scene's files into an existing folder, and into a package of that name in it the robot's own: its
+    sources, meshes and parameters.
+    """
+    written = write_sources(folder, package)
     for body in linear.robot.bodies:
-        path = folder / _mesh_file(body)
+        path = folder / package / _mesh_file(body)
         path.write_text(legacy_vtk(body.mesh, body.name), encoding="utf-8")
         written.append(path)
-    path = folder / PARAMETERS
+    path = folder / package / PARAMETERS
     path.write_text(json.dumps(parameters, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     return [*written, path]
+
+
+def write_sources(folder: Path, package: str = PACKAGE) -> list[Path]:
+    """Write what SOFA's Python runs: `scene.py`, `run.py`, and the package of the robot."""
+    (folder / package).mkdir()
+    written: list[Path] = []
+    for source in sorted(SOURCE.rglob("*.py")):
+        inside = source.relative_to(SOURCE)
+        path = folder / (inside if inside.parent == Path() else package / Path(inside.name))
+        path.write_text(source.read_text(encoding="utf-8").replace(ROBOT_PACKAGE, package), encoding="utf-8")
+        written.append(path)
+    return written
+
+
+def package_name(name: str) -> str:
+    """A name that Python imports, from what people call a robot: "Soft neck, 2" becomes `soft_neck_2`."""
+    ascii_only = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
+    found = re.sub(r"\W+", "_", ascii_only).strip("_").lower()[:40].rstrip("_")
+    return found if found.isidentifier() and not keyword.iskeyword(found) and found not in TAKEN else f"robot_{found}"
 
 
 def legacy_vtk(mesh: TetMesh, title: str) -> str:

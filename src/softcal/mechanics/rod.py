@@ -161,12 +161,17 @@ class RodTerm:
         """Angle between each element's ends (n,) [rad]."""
         return self._coordinates(position, rotation)[1]
 
+    def strains(self, position: Floats, rotation: Floats) -> Floats:
+        """Strains in the middle of the elements (n, 6): stretch and shear [-], then curvature and twist [1/m]."""
+        xi, _ = self._coordinates(position, rotation)
+        return (xi - self.xi_rest) / self.length[:, None]
+
     def resultants(self, position: Floats, rotation: Floats, theta: Mapping[str, float]) -> RodResultants:
         """Strains and section forces in the middle of the elements."""
         xi, _ = self._coordinates(position, rotation)
         deviation = xi - self.xi_rest
         wrench = _times(np.swapaxes(_middle_to_coordinates(xi), 1, 2), _times(self._stiffness(theta), deviation))
-        strain = deviation / self.length[:, None]
+        strain = self.strains(position, rotation)
         return RodResultants(strain[:, :3], strain[:, 3:], wrench[:, :3], wrench[:, 3:])
 
     def _stiffness(self, theta: Mapping[str, float]) -> Floats:

@@ -166,10 +166,21 @@ def export_sofa(project: Project, cases: Mapping[str, Case], folder: Path) -> li
             part,
             project.name,
             experiment=experiment,
+            slack=_slack(project, cases[chosen]),
             stepping=stepping,
             resting=resting,
         ),
     )
+
+
+def _slack(project: Project, case: Case) -> dict[str, float]:
+    """By cable the slack [m] that a case's shortening is less than the travel on the bench; none for a plain pull."""
+    if not case.experiment:
+        return {}
+    experiment = project.experiments[case.experiment]
+    rig = experiment.rig_values()
+    driven = [experiment.twin_channel(channel).rpartition(".") for channel in experiment.drives]
+    return {cable: rig[f"{cable}.slack"] for cable, _, control in driven if control == "shortening"}
 
 
 def export_reduced(

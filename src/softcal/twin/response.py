@@ -17,6 +17,8 @@ Shown = bool | Literal["samples"]
 class Snapshot:
     """A solved shape to draw: positions of every body's mesh points, cable polylines, plate poses.
 
+    rod_strains: of every rod, the root mean square over its elements of what its axis is stretched and sheared by.
+
     drive: where it stands in a film: the shortening [m] or tension [N] of the one cable that is driven, or the time
     [s]; with several driven cables the number of the sample, from 1, in the unit "".
     """
@@ -34,6 +36,7 @@ class Snapshot:
     markers: Mapping[str, Floats] = field(default_factory=dict)  # marker -> (3,) [m]
     drive: float = 0.0
     drive_unit: str = ""
+    rod_strains: Mapping[str, float] = field(default_factory=dict)  # rod -> [-]
 
 
 @dataclass(frozen=True)

@@ -92,6 +92,7 @@ def snapshot(twin: Twin, state: State, controls: dict[str, float], drive: float,
         markers,
         drive,
         unit,
+        _rod_strains(twin, state),
     )
 
 
@@ -99,6 +100,12 @@ def _label(drive: float, unit: str) -> str:
     if not unit:
         return f"sample {drive:.0f}" if drive else "at rest"
     return format_quantity(drive, unit, digits=6 if unit == "s" else 4)
+
+
+def _rod_strains(twin: Twin, state: State) -> dict[str, float]:
+    strains = (term.strains(state.position, state.rotation)[:, :3] for term in twin.system.rods)
+    squares = (float(np.mean(np.sum(strain**2, axis=1))) for strain in strains)
+    return {rod.name: float(np.sqrt(square)) for rod, square in zip(twin.robot.rods, squares, strict=True)}
 
 
 def _pressures(twin: Twin, state: State) -> dict[str, Floats]:

@@ -29,10 +29,11 @@ try:
 except ImportError as error:
     sys.exit(f"SOFA's Python packages do not load ({error}). Set SOFA_ROOT, and run this with the Python they are for.")
 import numpy as np
-from pulling import read_schedule
-from robot_state import pull, read_rods, read_state, speed
-from rods import require_stiffness
-from scene import PLUGINS, build, read_parameters
+import scene
+from ROBOT_PACKAGE import PLUGINS, read_parameters
+from ROBOT_PACKAGE.pulling import SCHEDULE, read_schedule
+from ROBOT_PACKAGE.robot_state import pull, read_rods, read_state, speed
+from ROBOT_PACKAGE.rods import require_stiffness
 
 FALTERS, FALTERING = 2.0, 0.9  # [s] in which the speed must fall to this part of what it was
 SLACK = -1.0e3  # [m] of shortening: a cable so long pulls nowhere
@@ -52,7 +53,7 @@ class Scene:
     def __init__(self, parameters, dt):
         self.dt = dt
         self.root = Sofa.Core.Node("root")
-        self.parts = build(self.root, {**parameters, "time": {**parameters["time"], "dt": dt}})
+        self.parts = scene.build(self.root, {**parameters, "time": {**parameters["time"], "dt": dt}}).parts
         # init() of v23.12 is initRoot() of later versions.
         getattr(Sofa.Simulation, "initRoot", Sofa.Simulation.init)(self.root)
         for name, node in self.parts["rods"].items():
@@ -218,7 +219,7 @@ def run(states, parameters, rest, tell, shapes=False):
 
 def probe():
     """Which plugins and components this SOFA lacks."""
-    missing = [name for name in PLUGINS if not SofaRuntime.importPlugin(name)]
+    missing = [name for name in [*scene.PLUGINS, *PLUGINS] if not SofaRuntime.importPlugin(name)]
     known = {entry.className for entry in Sofa.Core.ObjectFactory.components}
     return {"missing_plugins": missing, "has_cables": "CableConstraint" in known}
 
@@ -256,7 +257,7 @@ def main():
         with open(given.job, encoding="utf-8") as file:
             job = json.load(file)
     else:
-        columns = {name: column for name, column in read_schedule(os.path.join(HERE, "schedule.csv")).items()}
+        columns = {name: column for name, column in read_schedule(SCHEDULE).items()}
         columns.pop("time", None)
         job = {"states": [dict(zip(columns, row)) for row in zip(*columns.values())], "rest": parameters["rest"]}
     rest = job["rest"]

@@ -4,7 +4,8 @@ import os
 
 import Sofa
 import SofaRuntime
-from parts import carried_points
+
+from .parts import carried_points
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 OPENGL = "Sofa.GL.Component.Rendering3D"
@@ -14,12 +15,16 @@ COLOURS = {"bodies": [0.95, 0.55, 0.25], "rods": [0.95, 0.55, 0.25], "plates": [
 CABLE, MARKER = [0.05, 0.2, 0.45, 1.0], [0.1, 0.55, 0.25, 1.0]
 
 
-def add_visuals(root, parameters, parts):
-    """All that is there to be seen; without OpenGL no surfaces."""
-    shown = parameters["visual"]
+def add_view(root, parameters):
+    """What a scene has once: what is drawn of everything, and the camera."""
     root.addObject("RequiredPlugin", name="visual_plugins", pluginName=["Sofa.Component.Visual"])
     root.addObject("VisualStyle", displayFlags=FLAGS)
-    root.addObject("InteractiveCamera", name="camera", **shown["camera"])
+    root.addObject("InteractiveCamera", name="camera", **parameters["visual"]["camera"])
+
+
+def add_surfaces(robot, parameters, parts):
+    """What there is to see of the robot; without OpenGL no surfaces."""
+    shown = parameters["visual"]
     for node in parts["cables"].values():
         node.cable.color.value = CABLE
         node.cable.drawPoints.value = False
@@ -33,17 +38,17 @@ def add_visuals(root, parameters, parts):
             node.dofs.showObject.value = True
             node.dofs.showObjectScale.value = 5.0 * shown["marker_radius"]
     if not SofaRuntime.importPlugin(OPENGL):
-        Sofa.msg_warning(root, "This SOFA has no " + OPENGL + ", so there are no surfaces to see.")
+        Sofa.msg_warning(robot, "This SOFA has no " + OPENGL + ", so there are no surfaces to see.")
         return
-    root.addObject("RequiredPlugin", name="opengl", pluginName=[OPENGL])
+    robot.addObject("RequiredPlugin", name="opengl", pluginName=[OPENGL])
     for name, surface in shown["surfaces"].items():
-        add_surface(root, name, surface, parts)
+        add_surface(robot, name, surface, parts)
 
 
-def add_surface(root, name, surface, parts):
+def add_surface(robot, name, surface, parts):
     """The surface of a part, which moves with it, or of a plate that stands still."""
     kind = next((kind for kind in COLOURS if name in parts[kind]), "plates")
-    node = (parts[kind].get(name) or root.robot.addChild(name)).addChild("visual")
+    node = (parts[kind].get(name) or robot.addChild(name)).addChild("visual")
     node.addObject("MeshOBJLoader", name="loader", filename=os.path.join(HERE, surface["file"]))
     look = material(COLOURS[kind], surface["opacity"])
     node.addObject("OglModel", name="surface", src="@loader", material=look)

@@ -3,8 +3,9 @@
 import numpy as np
 import Sofa
 import Sofa.Core
-from parts import add_fixed, put_together
-from robot_state import turned
+
+from .parts import add_fixed, put_together
+from .robot_state import turned
 
 UNTURNED = [0.0, 0.0, 0.0, 1.0]
 

@@ -5,9 +5,10 @@ import os
 
 import Sofa
 import Sofa.Core
-from robot_state import pull, read_state
 
-HERE = os.path.dirname(os.path.abspath(__file__))
+from .robot_state import pull, read_state
+
+SCHEDULE = os.path.join(os.path.dirname(os.path.abspath(__file__)), "schedule.csv")
 
 
 class Pulling(Sofa.Core.Controller):
@@ -19,7 +20,7 @@ class Pulling(Sofa.Core.Controller):
     def __init__(self, root, parameters, parts, **kwargs):
         Sofa.Core.Controller.__init__(self, **kwargs)
         self.root, self.parameters, self.parts = root, parameters, parts
-        self.schedule = read_schedule(os.path.join(HERE, "schedule.csv"))
+        self.schedule = read_schedule(SCHEDULE)
         self.cables = list(self.parameters["cables"])
         self.chosen = 0
         self.begin()

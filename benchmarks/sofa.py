@@ -61,7 +61,8 @@ def measure(quick: bool) -> Section:
         "controller as they are, without start and loading; beside it softcal's settled curve, which is how the papers "
         "read it. *Studies* of 1000 trials are **extrapolated**: the one from that pull times 1000; the other "
         f"from paper A's TPE within its bounds for E and ν on the twin's own tension and pitch, its first {n} in "
-        f"both, times {STUDY / n:g}."
+        f"both, times {STUDY / n:g}. The ratios are those of one machine and one build of SOFA; on another machine "
+        "and build they were 570 to 690. Take them as hundreds."
     ]
     return Section(TITLE, HEADER, rows, notes=notes)
 

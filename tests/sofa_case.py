@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
@@ -136,7 +136,9 @@ def use_fake(monkeypatch: pytest.MonkeyPatch, *, version: str = "26.06", mechani
 
 
 @contextmanager
-def scene_modules(folder: Path) -> Iterator[SimpleNamespace]:
+def scene_modules(
+    folder: Path, names: Sequence[str] = ("Sofa", "scene", "robot.rods", "robot.pulling", "robot.robot_state")
+) -> Iterator[SimpleNamespace]:
     """The modules of a scene's folder, imported here against the stand-in."""
 
     def forget() -> None:
@@ -148,7 +150,6 @@ def scene_modules(folder: Path) -> Iterator[SimpleNamespace]:
     forget()
     sys.path[:0] = [str(folder), str(FAKE / "lib" / "python3" / "site-packages")]
     try:
-        names = ("Sofa", "scene", "robot.rods", "robot.pulling", "robot.robot_state")
         yield SimpleNamespace(**{name.rpartition(".")[2]: importlib.import_module(name) for name in names})
     finally:
         sys.path[:] = path

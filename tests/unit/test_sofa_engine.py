@@ -19,7 +19,7 @@ from softcal.errors import InputError, ParameterError
 from softcal.export import sofa_install
 from softcal.export.sofa_engine import SofaEngine, sofa_engine
 from softcal.export.sofa_install import find_sofa
-from softcal.export.sofa_process import run_states
+from softcal.export.sofa_process import _last_error, run_states
 from softcal.export.sofa_robot import linear_robot
 from softcal.export.sofa_scene import Resting, scene_parameters, write_scene
 from softcal.twin.parameters import with_parameters
@@ -223,7 +223,14 @@ def test_a_hang_is_ended(engine, monkeypatch):
     use_fake(monkeypatch, fault="hang@12")
     response = replace(engine, timeout=3.0)(column(), pulled(0.01))
     assert not response.succeeded
-    assert "was ended after 3 s without an answer" in response.status
+    assert response.status.endswith("was ended after 3 s without an answer; the last good time is 0.1 s.")
+
+
+def test_only_a_reported_error_is_given_as_a_cause():
+    said = ["[INFO] scene loaded", "[ERROR] [LDL] the matrix is singular", "[INFO] 12 steps"]
+    assert _last_error(said) == "[ERROR] [LDL] the matrix is singular"
+    assert _last_error(["[INFO] scene loaded", "[INFO] 12 steps"]) == ""
+    assert _last_error([]) == ""
 
 
 def test_failed_derivative_is_a_failure(engine, monkeypatch):

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import meshio
 import numpy as np
@@ -16,7 +18,7 @@ from sofa_case import beam_robot, many_parts, neck_robot, recorded, scene_module
 from softcal.errors import InputError, ParameterError
 from softcal.export.sofa_export import furthest, write_sofa
 from softcal.export.sofa_robot import linear_robot
-from softcal.export.sofa_scene import legacy_vtk, scene_parameters, schedule_csv
+from softcal.export.sofa_scene import legacy_vtk, package_name, scene_parameters, schedule_csv
 from softcal.geometry.quadratic import to_quadratic
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import (
@@ -383,3 +385,60 @@ def test_own_bodies_keep_their_parameters(tmp_path):
 def test_a_pull_that_moves_nothing_cannot_identify(tmp_path):
     with pytest.raises(ParameterError, match="--pull"):
         write_sofa(column_robot("P2P1"), Protocol({}), tmp_path, "robot")
+
+
+def test_two_robots_are_put_into_one_scene_of_ones_own(tmp_path, monkeypatch):
+    """Each from a package of its own name, twice if wanted; gravity, loop and constraint solver are the scene's."""
+    use_fake(monkeypatch)
+    other = column_robot(parameters=elastic(5e5, 0.3), cables=(side_cable("side", (0.0, 0.04)),))
+    write_sofa(column_robot(), pulled(0.01), written_to(tmp_path / "one"), "Soft neck, 2")
+    write_sofa(other, tensed(1.0, cable="side"), written_to(tmp_path / "two"), "arm")
+    monkeypatch.syspath_prepend(str(tmp_path / "one"))
+    monkeypatch.syspath_prepend(str(tmp_path / "two"))
+    with scene_modules(tmp_path / "none", names=("Sofa",)) as modules:
+        neck, arm = (importlib.import_module(name) for name in ("soft_neck_2", "arm"))
+        root = modules.Sofa.Core.Node("root")
+        left = neck.add_robot(root, "left")
+        neck.add_robot(root, "right", seen=False)
+        third = arm.add_robot(root)
+        assert not root.objects
+        assert [child.name for child in root.children] == ["left", "right", "robot"]
+        for node in root.children:
+            assert node.own("EulerImplicitSolver")
+            assert node.own("GenericConstraintCorrection")
+        moduli = [body["youngs_modulus"] for one in (left, third) for body in one.parameters["bodies"].values()]
+        assert moduli == [2.3e6, 5e5]
+        left.pull({"front": 0.002}, 0.01)
+        third.pull({"side": 3.0}, 0.01)
+        values = {cable.node.path: cable.value.value for cable in root.find("CableConstraint")}
+        assert sorted(values.values()) == [[0.0], [0.002], [pytest.approx(0.03)]]
+        assert next(path for path, value in values.items() if value == [0.002]).startswith("/left/")
+        assert {node.path.split("/")[1] for node in root.all() if node.name == "visual"} == {"left", "robot"}
+        files = [loader.filename.value for loader in root.find("MeshVTKLoader")]
+        assert [Path(file).parent.name for file in files] == ["soft_neck_2", "soft_neck_2", "arm"]
+        for name in [name for name in sys.modules if name.split(".")[0] in ("soft_neck_2", "arm")]:
+            del sys.modules[name]
+
+
+@pytest.mark.parametrize(
+    ("name", "package"),
+    [
+        ("Soft neck, 2", "soft_neck_2"), ("arm", "arm"), ("3 springs", "robot_3_springs"), ("Größe", "groe"),
+        ("scene", "robot_scene"), ("import", "robot_import"), ("日本", "robot_"), ("x" * 90, "x" * 40),
+    ],
+)  # fmt: skip
+def test_a_robots_package_has_a_name_that_python_imports(name, package):
+    assert package_name(name) == package
+    assert package.isidentifier()
+
+
+def test_the_readme_says_that_the_slack_is_taken_off(tmp_path):
+    write_sofa(column_robot(), pulled(0.01), written_to(tmp_path / "a"), "robot", slack={"front": 0.002})
+    write_sofa(column_robot(), pulled(0.01), written_to(tmp_path / "b"), "robot", slack={"front": 0.0})
+    assert "the slack of the bench is taken off, 2 mm of front, until a key" in (tmp_path / "a/README.md").read_text()
+    assert "slack of the bench" not in (tmp_path / "b/README.md").read_text()
+
+
+def written_to(folder: Path) -> Path:
+    folder.mkdir()
+    return folder

@@ -244,12 +244,31 @@ class Problem:
             groups.setdefault(key, []).append((experiment, told))
         return [Trajectory(with_parameters(self.robot, robots[key]), tuple(members)) for key, members in groups.items()]
 
+    def n_simulations(self, *, jacobian: bool = False) -> int:
+        """How many simulations an evaluation asks of an engine without derivatives of its own: one for each trajectory,
+        and with the jacobian one more for each parameter or command that it is derived by.
+        """
+        groups = self._trajectories(self.start)
+        return sum(1 + len(self._derived_by(group) if jacobian else ()) for group in groups)
+
+    def first_trajectory(self) -> tuple[Robot, Protocol]:
+        """The first simulation of an evaluation at the start values."""
+        group = self._trajectories(self.start)[0]
+        return group.robot, group.protocol()
+
+    @property
+    def start(self) -> dict[str, float]:
+        """Where a search begins [SI], by label: a parameter's start, or the middle of its range."""
+        middle = self.space.to_model(np.full(self.space.size, 0.5))
+        return {p.label: middle[p.label] if p.start is None else p.start for p in self.space.parameters}
+
+    def _derived_by(self, group: Trajectory) -> list[str]:
+        known = robot_parameters(self.robot)
+        return [*(name for name in self.space.targets if name in known), *group.controls(set(self.space.targets))]
+
     def _simulate(self, group: Trajectory, jacobian: bool) -> Response:
         simulate = self.simulate or _real_simulate()
-        known = robot_parameters(self.robot)
-        names = [name for name in self.space.targets if name in known] if jacobian else []
-        if jacobian:
-            names += group.controls(set(self.space.targets))
+        names = self._derived_by(group) if jacobian else []
         try:
             return simulate(group.robot, group.protocol(), sensitivities=names)
         except SimulationError as error:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -13,7 +13,10 @@ from softcal.cli.calibration_bars import CalibrationBars
 from softcal.cli.calibration_table import print_results
 from softcal.cli.printing import print_warnings
 from softcal.cli.running import clock
-from softcal.cli.values import Engine, Values, WithReport, Workers, as_typed, names, parsed_values
+from softcal.cli.values import SOFTCAL, Engine, Values, WithReport, Workers, as_typed, names, parsed_values
+
+if TYPE_CHECKING:
+    from softcal.project.project import Project
 
 
 @app.command()
@@ -67,10 +70,13 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
         "--hold-out": hold_out,
         "--split": split,
         "--set": values,
-        "--engine": None if engine == "softcal" else engine,
+        "--engine": None if engine == SOFTCAL else engine,
         "--workers": None if workers == 1 else workers,
     }
     again = f"{shlex.quote(str(project))} --out {shlex.quote(str(folder))}{as_typed(options)} --resume"
+    if engine != SOFTCAL and not resume:
+        plan = {"method": method, "fit": fit, "trials": trials, "seed": seed, "split": split}
+        _print_expected(loaded, engine, None if hold_out is None else names(hold_out), plan, workers)
     with resumable(folder, "Everything", f"softcal calibrate {again}"):
         with CalibrationBars() as bars:
             found = calibrate_project(
@@ -94,6 +100,27 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
     typer.echo(f"Run: {folder}")
     if report:
         report_run(folder, None)
+
+
+def _print_expected(
+    project: Project, engine: str, hold_out: list[str] | None, options: dict[str, Any], workers: int
+) -> None:
+    """Say how long a calibration by another engine will take, before it begins."""
+    from softcal.project.calibration import plan
+    from softcal.project.expected_duration import expected_duration
+    from softcal.report.wording import duration
+
+    settings, problems = plan(project, engine, hold_out=hold_out, **options)
+    with clock() as show:
+        show(f"Timing one simulation by {engine}")
+        expected = expected_duration(problems, settings, workers)
+    low, high = expected.duration
+    span = duration(high) if duration(low) == duration(high) else f"{duration(low)} to {duration(high)}"
+    count = " to ".join(dict.fromkeys(str(n) for n in expected.simulations))
+    text = f"One simulation by {engine} takes {duration(expected.seconds)}. Expected: {span}, for {count} of the search"
+    if expected.held_out[1]:
+        text += f" and {' to '.join(dict.fromkeys(str(n) for n in expected.held_out))} of the held-out predictions"
+    typer.echo(f"{text}, if all take as long.")
 
 
 @app.command()

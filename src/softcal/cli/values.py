@@ -17,6 +17,7 @@ Values = Annotated[
     ),
 ]
 
+SOFTCAL = "softcal"  # the engine that computes where no other is named
 Engine = Annotated[
     str,
     typer.Option(metavar="NAME", help="What computes the twin: softcal, or sofa (found by SOFA_ROOT; linear tets)."),

@@ -353,7 +353,5 @@ def _strain_of_rods(shape: Snapshot) -> tuple[float, str]:
 
 ENGINES: dict[str, Engine] = {
     "calculix": Engine(in_its_law, _missing_calculix, _solve_calculix, deck_faults),
-    "sofa": Engine(
-        lambda robot: linear_robot(robot).robot, _missing_sofa, _solve_sofa, scene_faults, _strain_of_rods
-    ),
+    "sofa": Engine(lambda robot: linear_robot(robot).robot, _missing_sofa, _solve_sofa, scene_faults, _strain_of_rods),
 }

@@ -93,11 +93,9 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
     CalibrationError
         Where no trial could be simulated.
     """
-    held_out = None if hold_out is None else experiments_named(hold_out, project.experiments)
-    told = {"method": method, "fit": fit, "trials": trials, "seed": seed, "hold_out": held_out, "split": split}
-    settings = changed(project.calibration, {key: value for key, value in told.items() if value is not None}, "--")
-    problem = replace(make_problem(project, settings), simulate=engine_for(engine, project.robot, project.engines))
-    problems = _problems(problem, settings.fit, settings.hold_out)
+    settings, problems = plan(
+        project, engine, method=method, fit=fit, trials=trials, seed=seed, hold_out=hold_out, split=split
+    )
     folder = None if out is None else Path(out)
     if folder is not None:
         if resume:
@@ -133,6 +131,23 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
     if folder is not None and results:
         finish_run(project, results, folder)
     return Calibrations(results, folder, stop.by)
+
+
+def plan(
+    project: Project, engine: str = SOFTCAL, *, hold_out: Sequence[str] | None = None, **options: object
+) -> tuple[CalibrationSection, dict[str, Problem]]:
+    """The settings of a calibration, and the problems that it solves by label; options as those of `calibrate`.
+
+    Raises
+    ------
+    InputError
+        As `calibrate`.
+    """
+    held_out = None if hold_out is None else experiments_named(hold_out, project.experiments)
+    given = {key: value for key, value in {**options, "hold_out": held_out}.items() if value is not None}
+    settings = changed(project.calibration, given, "--")
+    problem = replace(make_problem(project, settings), simulate=engine_for(engine, project.robot, project.engines))
+    return settings, _problems(problem, settings.fit, settings.hold_out)
 
 
 def make_problem(project: Project, settings: CalibrationSection | None = None) -> Problem:

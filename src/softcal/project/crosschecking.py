@@ -104,7 +104,7 @@ def write_crosscheck(project: Project, found: Mapping[str, Crosscheck], folder: 
 def _told(result: Crosscheck) -> dict[str, object]:
     """By engine: whether it agrees and the verdict, or why there is none."""
     compared = {
-        one.engine: {"agrees": one.agrees, "verdict": one.verdict, "changed": list(one.changed)}
+        one.engine: {"agrees": one.agrees, "verdict": one.verdict, "limit": one.limit, "changed": list(one.changed)}
         for one in result.comparisons
     }
     failed = {engine: {"failed": why} for engine, why in result.failed.items()}

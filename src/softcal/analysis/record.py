@@ -18,7 +18,7 @@ from softcal.calibration.observation import commands, observe
 from softcal.calibration.result import ExperimentFit
 from softcal.errors import ParameterError
 from softcal.experiments.dataset import Dataset
-from softcal.twin.protocol import Protocol, let_go_faults
+from softcal.twin.protocol import Protocol, command_faults, let_go_faults
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
 
@@ -78,12 +78,9 @@ def record_fit(robot: Robot, experiment: Experiment, rig: Mapping[str, float], r
     compared = replace(record, channels=channels, cycle=None, labels=())
     whole = replace(experiment, dataset=compared)
     protocol = Protocol(commands(whole, rig))
-    try:
-        if faults := let_go_faults(robot, protocol):
-            raise ParameterError(faults)
-        response = simulate(robot, protocol)
-    except ParameterError as error:  # such as a travel beyond the cable's length
-        return RecordFit(None, compared, experiment.drives, every, str(error))
+    if faults := [*command_faults(robot, protocol), *let_go_faults(robot, protocol)]:
+        return RecordFit(None, compared, experiment.drives, every, str(ParameterError(faults)))
+    response = simulate(robot, protocol)
     if not response.succeeded:
         return RecordFit(None, compared, experiment.drives, every, response.status)
     return RecordFit(

@@ -5,6 +5,9 @@
 A segment's ends may be points or weighted sums of points (a via point inside a tet), so a segment is a list of
 entities with signed weights sigma_s. A cable is either *prescribed in length* (its tension is an unknown) or *held*
 (its tension is given, zero when it is slack).
+
+Two neighbouring via points that the cable pulls onto each other have *met*: nearer than `MET` the length |v| is rounded
+off to a smooth minimum, so that the force between them is the one that they bear, up to the tension.
 """
 
 from __future__ import annotations
@@ -17,6 +20,8 @@ import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.mechanics.pattern import Pattern
+
+MET = 1e-3  # of a segment's length at rest: shorter than that its ends have met
 
 
 @dataclass(frozen=True)
@@ -31,7 +36,8 @@ class CablePlaces:
 class CableTerm:
     """Segments of all cables. support[ptr[k]:ptr[k+1]]: the points of segment k, ascending; sigma: their signed
     weights; cable: the cable each segment belongs to; rest_length (n_cables,) [m]; pulled_last (n_cables,): whether the
-    tension is that of the last segment (or of the first), which counts where there is friction.
+    tension is that of the last segment (or of the first), which counts where there is friction; met (n_segments,) [m]:
+    the length below which a segment's ends have met.
     """
 
     names: tuple[str, ...]
@@ -41,6 +47,7 @@ class CableTerm:
     cable: Ints
     rest_length: Floats
     pulled_last: np.ndarray
+    met: Floats
 
     @property
     def n_cables(self) -> int:
@@ -73,8 +80,24 @@ class CableTerm:
         if len(self.cable) == 0:
             return np.zeros(self.n_cables)
         lengths: Floats = np.zeros(self.n_cables)
-        np.add.at(lengths, self.cable, np.linalg.norm(self.vectors(x), axis=1))
+        apart = np.linalg.norm(self.vectors(x), axis=1)
+        least = np.maximum(apart, self.met)
+        square = (apart / least) ** 2
+        np.add.at(lengths, self.cable, least * (3.0 + square * (6.0 - square)) / 8.0)
         return lengths
+
+    def meeting(self, x: Floats) -> str:
+        """Which via points have met, as part of a sentence; "" where none have."""
+        if len(self.cable) == 0:
+            return ""
+        now = np.linalg.norm(self.vectors(x), axis=1)
+        pairs = [
+            f"via points {number} and {number + 1} of {self.names[self.cable[k]]} have met "
+            f"({1e3 * now[k]:.2g} mm apart, {1e3 * self.met[k] / MET:.4g} mm at rest)"
+            for k in np.flatnonzero(now < 1.5 * self.met)
+            for number in [k - int(np.searchsorted(self.cable, self.cable[k])) + 1]
+        ]
+        return ", ".join(pairs)
 
     def assemble(
         self, x: Floats, segment_tension: Floats, gradient: Floats, data: Floats | None, places: CablePlaces
@@ -88,7 +111,7 @@ class CableTerm:
             np.zeros(0) if data is None else data,
             data is not None,
             v,
-            np.sqrt((v * v).sum(axis=1)),
+            *_rates(v, self.met),
             self.ptr,
             self.support,
             self.sigma,
@@ -101,8 +124,9 @@ class CableTerm:
         """Sum of weights (n_segments,) times the segments' length gradients, on all entities (size,)."""
         gradient = np.zeros(size)
         v = self.vectors(x)
+        first, _ = _rates(v, self.met)
         for k in np.flatnonzero(weights):
-            n = weights[k] * v[k] / np.linalg.norm(v[k])
+            n = weights[k] * first[k] * v[k]
             for s in range(self.ptr[k], self.ptr[k + 1]):
                 at = 3 * self.support[s]
                 gradient[at : at + 3] += self.sigma[s] * n
@@ -135,8 +159,17 @@ def build_cables(X: Floats, supports: dict[str, list[list[tuple[int, float]]]], 
         np.array(cable, dtype=np.int64),
         np.zeros(len(supports)),
         pulled_last,
+        np.zeros(len(cable)),
     )
-    return replace(term, rest_length=term.lengths(X))
+    met = MET * np.linalg.norm(term.vectors(X), axis=1) if cable else term.met
+    return replace(term, rest_length=term.lengths(X), met=met)
+
+
+def _rates(v: Floats, met: Floats) -> tuple[Floats, Floats]:
+    """a, b (n_segments,) with which a segment's length has the gradient a v and the second derivative a I - b v v^T."""
+    square = (v * v).sum(axis=1)
+    m = np.maximum(np.sqrt(square), met)
+    return (1.5 - 0.5 * square / m**2) / m, 1.0 / m**3
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -145,7 +178,8 @@ def _add(
     data: Floats,
     with_tangent: bool,
     v: Floats,
-    length: Floats,
+    first: Floats,
+    second: Floats,
     ptr: Ints,
     support: Ints,
     sigma: Floats,
@@ -156,7 +190,7 @@ def _add(
     B = np.empty((3, 3))
     for k in range(len(tension)):
         T = tension[k]
-        n = v[k] / length[k]
+        n = first[k] * v[k]
         for s in range(ptr[k], ptr[k + 1]):
             for i in range(3):
                 gradient[3 * support[s] + i] += T * sigma[s] * n[i]
@@ -164,7 +198,7 @@ def _add(
             continue
         for i in range(3):
             for j in range(3):
-                B[i, j] = ((1.0 if i == j else 0.0) - n[i] * n[j]) * T / length[k]
+                B[i, j] = ((first[k] if i == j else 0.0) - second[k] * v[k, i] * v[k, j]) * T
         m = pair_ptr[k]
         for s in range(ptr[k], ptr[k + 1]):
             for t in range(s, ptr[k + 1]):

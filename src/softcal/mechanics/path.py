@@ -9,15 +9,17 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
+from softcal.mechanics.free_modes import exclude_free_modes
 from softcal.mechanics.layout import Layout
-from softcal.mechanics.stability import fall, is_stable
+from softcal.mechanics.stability import fall
 from softcal.mechanics.state import State, difference, distance, moved
-from softcal.mechanics.statics import SLACK_TENSION, Statics
+from softcal.mechanics.statics import NO_MODES, SLACK_TENSION, Statics
 from softcal.mechanics.system import Controls
 
 SMALLEST_STEP = 1e-4  # of the whole range: where equilibria end
 CLOSE = 1e-3  # of the way so far: where they cease to be stable
 SAME = 1e-6  # of the robot's extent: states as near as this are one
+NO_FALL = 1e-4  # of the robot's extent: what moves it no farther, a tenth of the nudge, is no fall
 MOST_FALLS = 20  # of a path: beyond it is not a robot's, and every one takes as long as many steps
 GROWTH = 2.0
 EASY, HARD = 7, 12  # iterations (with kept factorisations) below which steps grow, above which they shrink
@@ -49,7 +51,8 @@ class Line:
 class Node:
     """An equilibrium on the path. slope: dz/dc (n_unknowns,); by_parameter: dz/dtheta at fixed c (n_unknowns, k);
     is_stable: whether it is one of least energy, or one that a cable would have to push for, which is none anyway;
-    is_fallen: whether the robot fell to it from an unstable one (it buckled, or snapped).
+    is_fallen: whether the robot fell to it from an unstable one (it buckled, or snapped); free: the modes
+    (n_unknowns - n_cables, k) along which the robot moves without force, and slope and by_parameter do not.
     """
 
     c: float
@@ -58,6 +61,7 @@ class Node:
     by_parameter: Floats
     is_stable: bool = True
     is_fallen: bool = False
+    free: Floats = field(default_factory=lambda: NO_MODES)
 
 
 @dataclass(frozen=True)
@@ -81,12 +85,15 @@ def node_at(statics: Statics, line: Line, c: float, state: State, names: tuple[s
     controls = line.at(c)
     at = statics.tangent_at(state, controls)
     by_control = _rate_of_gradient(statics, line, state)
+    sought = statics.seeks_free_modes or statics.n_unstable() != 0
+    free = exclude_free_modes(statics, at) if sought else NO_MODES
+    stable = _pushes(state) or statics.n_unstable() == 0
     by_theta = statics.system.gradient_by_parameters(state, at, statics.theta, names)
     dz = -statics.solve(np.column_stack([by_control, by_theta]))
     # A held cable's tension is given: its rate is the line's.
     tensions = dz[statics.system.layout.first_tension_unknown :]
     tensions[line.is_held, 0] = line.tension_rate[line.is_held]
-    return Node(c, state, dz[:, 0], dz[:, 1:], _pushes(state) or is_stable(statics, at))
+    return Node(c, state, dz[:, 0], dz[:, 1:], stable, free=free)
 
 
 def _pushes(state: State) -> bool:
@@ -132,6 +139,7 @@ def follow(
         remaining = end - last.c
         step = min(remaining / max(1, int(np.ceil(remaining / h - 1e-9))), largest_step)
         c = end if abs(last.c + step - end) < 1e-12 * scale else last.c + step
+        statics.free_modes = last.free
         guess = statics.reachable(last.state, _predicted_step(layout, nodes, c))
         solved = statics.equilibrium(guess, line.at(c))
         if (
@@ -150,16 +158,18 @@ def follow(
                 h, beyond = 0.4 * step, node or beyond
                 continue
             if node is None and _pushes(last.state):
-                return Path(tuple(nodes), False, solved.status, names)
+                return _ended(statics, nodes, solved.status, names)
             if sum(one.is_fallen for one in nodes) == MOST_FALLS:
-                return Path(tuple(nodes), False, f"it buckles or snaps more than {MOST_FALLS} times", names)
+                return _ended(statics, nodes, f"it buckles or snaps more than {MOST_FALLS} times", names)
             # Not from the nearest unstable one: a branch's first steps are hard.
             unstable = beyond or node
             c, state = (unstable.c, unstable.state) if unstable else (c, last.state)
             try:
                 node = _fallen(statics, line, c, state, names)
             except SimulationError as error:
-                return Path(tuple(nodes), False, solved.status or str(error), names)
+                return _ended(statics, nodes, solved.status or str(error), names)
+            if _is_no_fall(statics, last.state, guess, node.state):
+                node = replace(node, is_fallen=False)
             h = step
         elif solved.n_iterations <= EASY:
             h = GROWTH * step
@@ -172,14 +182,30 @@ def follow(
     return Path(tuple(nodes), True, names=names)
 
 
+def _ended(statics: Statics, nodes: list[Node], status: str, names: tuple[str, ...]) -> Path:
+    """A path that goes no further, with the physical cause where it is known."""
+    met = statics.system.cables.meeting(nodes[-1].state.x)
+    return Path(tuple(nodes), False, f"{status}; {met}" if met else status, names)
+
+
 def _strays(statics: Statics, before: State, guess: State, found: State) -> bool:
-    """Whether an equilibrium is further from what was predicted than that is from the one before: it may be on another
-    branch. Where surfaces touch predictions are worth less.
+    """Whether an equilibrium is further from what was predicted than that is from the one before, or a cable's segment
+    was reversed on the way: it may be on another branch. Where surfaces touch predictions are worth less.
     """
+    cables = statics.system.cables
+    if len(cables.cable) and np.any((cables.vectors(before.x) * cables.vectors(found.x)).sum(axis=1) < 0.0):
+        return True
     if statics.system.contacts:
         return False
     layout = statics.system.layout
     return distance(layout, found, guess) > distance(layout, guess, before) + SAME * statics.length
+
+
+def _is_no_fall(statics: Statics, before: State, guess: State, found: State) -> bool:
+    """Whether a fall ends where it began, or where a step would have led: it was none."""
+    layout = statics.system.layout
+    ahead, way = (statics.reach(difference(layout, state, before)) for state in (guess, found))
+    return way <= NO_FALL * statics.length + 2.0 * ahead
 
 
 def _fallen(statics: Statics, line: Line, c: float, state: State, names: tuple[str, ...]) -> Node:
@@ -205,6 +231,7 @@ def between(statics: Statics, line: Line, path: Path, c: float) -> Node:
         Where no equilibrium was found from there.
     """
     before, after = neighbours(path, c)
+    statics.free_modes = before.free
     guess = interpolated(statics.system.layout, before, after, c)
     if statics.system.free_way(before.state, guess) == 1.0:
         solved = statics.equilibrium(guess, line.at(c))

@@ -12,6 +12,8 @@ from softcal.checks import Floats, Ints
 _IN_SPAN = 1e-12
 _TAKES_PART = 1e-3
 
+DEPENDENT = "depend on each other here"
+
 
 def redundant(gradients: Floats) -> Ints:
     """Which columns take part in a combination that is zero; none where all are independent.
@@ -33,6 +35,6 @@ def redundant_sentence(names: Sequence[str]) -> str:
         return f"Nothing that can move changes the length of cable {names[0]}: it cannot be driven in length."
     together = f"{', '.join(names[:-1])} and {names[-1]}"
     return (
-        f"The lengths of cables {together} depend on each other here: they cannot all be given, and their tensions "
+        f"The lengths of cables {together} {DEPENDENT}: they cannot all be given, and their tensions "
         "cannot be told apart. Drive one of them by its tension, or leave it slack."
     )

@@ -9,7 +9,7 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.errors import SimulationError
 from softcal.mechanics.state import State, distance
-from softcal.mechanics.statics import TOLERANCE, TORN, Equilibrium, Statics
+from softcal.mechanics.statics import NO_MODES, TOLERANCE, TORN, Equilibrium, Statics
 from softcal.mechanics.system import Controls, Linearisation
 
 NUDGE = 1e-3  # of the robot's extent: how far it is pushed off at first
@@ -29,6 +29,7 @@ def fall(statics: Statics, state: State, controls: Controls) -> Equilibrium:
     why where none is found.
     """
     layout = statics.system.layout
+    statics.seeks_free_modes, statics.free_modes = True, NO_MODES
     residual, drag, last = np.inf, LEAST_DRAG, 0.0
     state = replace(state, tension=np.where(controls.is_held, controls.tension, state.tension))
     try:
@@ -93,14 +94,7 @@ def _push(statics: Statics) -> Floats:
         mode = statics.solve(pushed)
     mode = mode * np.sign(mode[:moving] @ seed[:moving])
     mode[layout.first_tension_unknown :] = 0.0
-    points = float(np.abs(mode[: layout.first_frame_unknown]).max(initial=0.0))
-    frames = mode[layout.first_frame_unknown : moving].reshape(-1, 6)
-    largest = max(
-        points,
-        float(np.abs(frames[:, :3]).max(initial=0.0)),
-        statics.length * float(np.abs(frames[:, 3:]).max(initial=0)),
-    )
-    return (NUDGE * statics.length / largest) * mode
+    return (NUDGE * statics.length / statics.reach(mode)) * mode
 
 
 def _down(

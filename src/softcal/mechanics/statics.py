@@ -27,6 +27,7 @@ REUSE_BELOW = 0.1  # a factorisation is kept while each step shrinks the residua
 SMALL_START = 1e-3  # and from a first residual as small as this
 FARTHEST = 10.0  # of the robot's extent
 TORN = f"the robot would stretch to more than {FARTHEST:.0f} times its size"
+NO_MODES: Floats = np.zeros((0, 0))
 SLACK_TENSION = 1e-7  # of the largest tension around: less is none
 SLACK_LENGTH = 1e-9  # of a cable's length: longer by less is as long
 MAX_CUTS = 8  # halvings of a step that would invert an element
@@ -74,12 +75,15 @@ class Statics:
         self._rounding = 0.0
         volume = sum(float(s.w.sum()) for s in system.solids)
         self._volume = volume / max(layout.n_pressures, 1)
-        self._unit = _units(system, self.theta, shear, self.length)
-        entries = self._unit[system.pattern.rows] * self._unit[system.pattern.indices]
+        self.unit = _units(system, self.theta, shear, self.length)
+        entries = self.unit[system.pattern.rows] * self.unit[system.pattern.indices]
         self._unit_places = np.flatnonzero(entries != 1.0)  # most are one: points are in metres
         self._unit_entries = entries[self._unit_places]
         self._border = NO_BORDER
         self._columns_solved: Floats | None = None
+        # Modes (n_unknowns - n_cables, k) that no step of `equilibrium` goes along, see `exclude`: they come with the
+        # first buckling, and until then nothing is spent on them.
+        self.free_modes, self.seeks_free_modes = NO_MODES, False
 
     def norm(self, at: Linearisation) -> float:
         """The residual over its scale: forces over the reactions, volumes over a node's, lengths over the robot's.
@@ -87,22 +91,30 @@ class Statics:
         Forces that the rounding of the positions makes count as none: with linear elements near nu = 0.5 and small
         loads they exceed TOLERANCE times the reactions, and no iteration can remove them.
         """
+        return self.measured(at.reduced, self.force_scale(at))
+
+    def measured(self, reduced: Floats, force: float) -> float:
+        """The norm of a gradient (n_unknowns,), forces over `force` [N]."""
         layout = self.system.layout
-        force = max(at.forces, self._force_floor, self._rounding / TOLERANCE)
-        frames = at.reduced[layout.first_frame_unknown : layout.first_pressure_unknown].reshape(-1, 6)
+        frames = reduced[layout.first_frame_unknown : layout.first_pressure_unknown].reshape(-1, 6)
         parts = (
-            at.reduced[: layout.first_frame_unknown] / force,
+            reduced[: layout.first_frame_unknown] / force,
             frames[:, :3].ravel() / force,
             frames[:, 3:].ravel() / (force * self.length),
-            at.reduced[layout.first_pressure_unknown : layout.first_tension_unknown] / self._volume,
-            at.reduced[layout.first_tension_unknown :] / self.length,
+            reduced[layout.first_pressure_unknown : layout.first_tension_unknown] / self._volume,
+            reduced[layout.first_tension_unknown :] / self.length,
         )
         return float(np.sqrt(max(part @ part for part in parts)))
 
-    def factorise(self, at: Linearisation, drag: float = 0.0) -> None:
+    def force_scale(self, at: Linearisation) -> float:
+        """The force [N] that residual forces are measured by."""
+        return max(at.forces, self._force_floor, self._rounding / TOLERANCE)
+
+    def factorise(self, at: Linearisation, drag: float = 0.0, free: Floats = NO_MODES) -> None:
         """Factorise the tangent of a linearisation, for the solves to come.
 
         drag: of every point and frame against its motion, per step, as a part of the tangent's usual diagonal entry.
+        free: modes that solutions do not move along, see `exclude`.
 
         Raises
         ------
@@ -116,7 +128,7 @@ class Statics:
         data = at.data.copy()
         if drag > 0.0:
             moving = slice(self.system.layout.first_pressure_unknown)
-            diagonal, unit = self.system.pattern.indptr[:-1][moving], self._unit[moving]
+            diagonal, unit = self.system.pattern.indptr[:-1][moving], self.unit[moving]
             data[diagonal] += drag * float(np.abs(data[diagonal] * unit**2).mean()) / unit**2
         if at.touch is None:
             data[self._unit_places] *= self._unit_entries
@@ -127,11 +139,32 @@ class Statics:
         self.n_factorisations += 1
         self._border = at.border
         self._columns_solved = None
+        if free.size:
+            self.exclude(free)
+
+    def exclude(self, modes: Floats) -> None:
+        """Let no solution dz of the factorised tangent move along modes (n_unknowns - n_cables, k): modes^T dz = 0.
+
+        Their multipliers are forces along the modes; where the robot moves along these without force, they are zero.
+        """
+        border = self._border
+        solved = self._sparse_solve(border.columns.reshape(len(modes), -1), modes)
+        k = len(border.corner)
+        # A mode that needs no force would fill the multipliers' matrix with numbers too large for the others.
+        size = np.sqrt(np.abs(np.einsum("nk,nk->k", modes, solved[:, k:])))
+        solved[:, k:] /= size
+        self._border = Border(
+            border.taut,
+            np.concatenate([border.columns.reshape(len(modes), -1), modes / size], axis=1),
+            np.concatenate([border.rows.reshape(len(modes), -1), modes / size], axis=1),
+            np.concatenate([border.corner, np.zeros(modes.shape[1])]),
+        )
+        self._columns_solved = solved
 
     def _require_independent(self, border: Border) -> None:
         """Without this rounding alone would choose the tensions, where the border is not singular to the last digit."""
         n_taut = len(border.taut)
-        together = redundant(self._unit[:, None] * border.rows[:, :n_taut]) if n_taut else border.taut
+        together = redundant(self.unit[:, None] * border.rows[:, :n_taut]) if n_taut else border.taut
         if len(together):
             raise SimulationError(redundant_sentence([self.system.cables.names[border.taut[i]] for i in together]))
 
@@ -145,7 +178,7 @@ class Statics:
         upper.sort_indices()
         rows = np.repeat(np.arange(n), np.diff(upper.indptr))
         factors = factorisation(upper.indptr.astype(np.int64), upper.indices.astype(np.int64))
-        factors.factorise(upper.data * self._unit[rows] * self._unit[upper.indices])
+        factors.factorise(upper.data * self.unit[rows] * self.unit[upper.indices])
         return factors
 
     def solve(self, b: Floats) -> Floats:
@@ -171,7 +204,7 @@ class Statics:
 
     def equilibrium(self, guess: State, controls: Controls) -> Equilibrium:
         """Newton's method from a guess. Never raises for a solve that fails: the status says why."""
-        system = self.system
+        system, free = self.system, self.free_modes
         state = replace(guess, tension=np.where(controls.is_held, controls.tension, guess.tension))
         at = system.linearise(state, controls, self.theta)
         if not at.is_admissible:
@@ -193,9 +226,11 @@ class Statics:
                 return Equilibrium(
                     state, False, iteration, residual, f"Newton's method diverged (residual {residual:.1e})"
                 )
+            if free.size and self.measured(self._across(at.reduced, free), self.force_scale(at)) < TOLERANCE:
+                free = NO_MODES  # the modes take a force after all: what is left is along them
             try:
                 if at.data is not None:
-                    self.factorise(at)
+                    self.factorise(at, free=free)
                 dz = -self.solve(at.reduced)
             except (SimulationError, np.linalg.LinAlgError) as error:
                 return Equilibrium(
@@ -205,8 +240,8 @@ class Statics:
             serves = step == 1.0 and residual < (SMALL_START if np.isinf(previous) else REUSE_BELOW * previous)
             work = float(dz @ at.reduced)
             for _ in range(MAX_CUTS):
-                candidate, free = self._before_touch(state, step * dz)
-                step, serves = step * free, serves and free == 1.0
+                candidate, part = self._before_touch(state, step * dz)
+                step, serves = step * part, serves and part == 1.0
                 at = system.linearise(candidate, controls, self.theta, tangent=not serves)
                 # The line search: a step must not lead to what cannot be, nor leave more work along itself than it
                 # began with. Small residuals are let through; there Newton's method converges by itself, but for what
@@ -225,6 +260,15 @@ class Statics:
             residual,
             f"residual {residual:.1e} after {more * MAX_ITERATIONS} iterations, tolerance {TOLERANCE:.0e}",
         )
+
+    def _across(self, reduced: Floats, modes: Floats) -> Floats:
+        """The gradient less its part along modes as `exclude` takes them."""
+        out = reduced.copy()
+        n = len(self.unit)
+        units = modes * self.unit[:, None]
+        units = units / np.linalg.norm(units, axis=0)
+        out[:n] -= units @ (units.T @ (reduced[:n] * self.unit)) / self.unit
+        return out
 
     def reachable(self, state: State, dz: Floats) -> State:
         """The state after a step dz, or as far that way as nothing passes through anything."""
@@ -282,14 +326,24 @@ class Statics:
 
     def _sparse_solve(self, *blocks: Floats) -> Floats:
         """K^-1 of the blocks' columns, side by side, in the columns' order of storage that the factors read."""
-        scaled = np.empty((len(self._unit), sum(block.shape[1] for block in blocks)), order="F")
+        scaled = np.empty((len(self.unit), sum(block.shape[1] for block in blocks)), order="F")
         first = 0
         for block in blocks:
-            np.multiply(block, self._unit[:, None], out=scaled[:, first : first + block.shape[1]])
+            np.multiply(block, self.unit[:, None], out=scaled[:, first : first + block.shape[1]])
             first += block.shape[1]
         solved = self._factors.solve(scaled)
-        solved *= self._unit[:, None]
+        solved *= self.unit[:, None]
         return solved
+
+    def reach(self, dz: Floats) -> float:
+        """The farthest that a step moves anything [m]; a frame turns an arm as long as the robot."""
+        layout = self.system.layout
+        frames = dz[layout.first_frame_unknown : layout.first_pressure_unknown].reshape(-1, 6)
+        return max(
+            float(np.abs(dz[: layout.first_frame_unknown]).max(initial=0.0)),
+            float(np.abs(frames[:, :3]).max(initial=0.0)),
+            self.length * float(np.abs(frames[:, 3:]).max(initial=0.0)),
+        )
 
     def limited(self, dz: Floats) -> float:
         """A step length that neither turns a frame nor moves a point too far at once."""

@@ -11,6 +11,7 @@ from softcal.checks import Floats
 from softcal.errors import SimulationError
 from softcal.mechanics.crossing import Crossings
 from softcal.mechanics.path import Line, Node, follow, node_at, stable_node_at
+from softcal.mechanics.redundancy import DEPENDENT
 from softcal.mechanics.state import State
 from softcal.mechanics.statics import SLACK_LENGTH, SLACK_TENSION, Statics
 from softcal.mechanics.system import Controls
@@ -43,7 +44,7 @@ def simulate_many(
     values: list[Floats] = []
     rates: list[Floats] = []
     shapes: list[Snapshot] = []
-    falls, falls_at = "", list[int]()
+    falls, met, falls_at = "", "", list[int]()
     solved: list[int] = []
     failed: dict[int, str] = {}
     crossed: list[tuple[str, Crossings]] = []
@@ -76,6 +77,8 @@ def simulate_many(
                 falls_at.append(i)
             if crossings and twin.skins is not None:
                 crossed.append((f"sample {i + 1}{_pulls(protocol, i)}", twin.skins.crossings(state.x)))
+            if not met and (pairs := twin.system.cables.meeting(state.x)):
+                met = f" From sample {i + 1} on {pairs}."
             values.append(_commanded(twin, protocol, i, sense(twin, state)))
             by_command = _by_command(twin, statics, state, controls, by_length, commanded)
             rates.append(sense_rates(twin, state, np.column_stack([node.by_parameter, by_command])))
@@ -84,7 +87,7 @@ def simulate_many(
                 shapes.append(snapshot(twin, state, _shown(protocol, i), i + 1, ""))
     except SimulationError as error:
         failed[0] = str(error)
-    status = f"Solved: {protocol.n_samples} equilibria, {statics.n_factorisations} factorisations."
+    status = f"Solved: {protocol.n_samples} equilibria, {statics.n_factorisations} factorisations.{met}"
     if failed:
         status = _not_reached(protocol, failed, len(solved))
     if falls_at:
@@ -179,33 +182,43 @@ def _reach(
             np.where(start.is_held, target.tension - start.tension, 0.0),
             target.shortening - start.shortening,
         )
+        taut = by_length & ~start.is_held
         still = not np.any(line.tension_rate[start.is_held]) and not np.any(line.shortening_rate[~start.is_held])
         if still:
             node = stable_node_at(statics, line, 1.0, state, names)
             falls |= node.is_fallen
         else:
             path = follow(statics, line, node_at(statics, line, 0.0, state, ()), 1.0, first_step=1.0)
-            if not path.reached:
+            first = next((node for node in path.nodes if _pushing(node.state, taut).any()), None)
+            if not path.reached and first is not None and DEPENDENT not in path.status:
+                # States with a cable that pushes are none: the way goes on from the first of them, with that one slack.
+                path = replace(path, nodes=path.nodes[: path.nodes.index(first) + 1])
+            elif not path.reached:
                 raise SimulationError(
                     f"no equilibrium beyond {100 * path.nodes[-1].c:.3g} % of the step: {path.status}."
                 )
-            node = node_at(statics, line, 1.0, path.nodes[-1].state, names)
+            node = node_at(statics, line, path.nodes[-1].c, path.nodes[-1].state, names)
             falls |= any(node.is_fallen for node in path.nodes)
-        state = node.state
+        state, here = node.state, line.at(node.c)
         lengths = cables.lengths(state.x)
-        scale = max(float(np.abs(state.tension).max(initial=0.0)), 1e-12)
-        pushes = by_length & ~start.is_held & (state.tension < -SLACK_TENSION * scale)
+        pushes = _pushing(state, taut)
         gap = lengths - cables.rest_length + target.shortening
-        too_long = by_length & start.is_held & (gap > SLACK_LENGTH * cables.rest_length)
+        too_long = by_length & start.is_held & (gap > SLACK_LENGTH * cables.rest_length) & (node.c == 1.0)
         if not pushes.any() and not too_long.any():
             return replace(node, is_fallen=falls), Controls(start.is_held, target.tension, target.shortening)
         is_held = (start.is_held | pushes) & ~too_long
-        tension = np.where(is_held, np.where(by_length, np.maximum(state.tension, 0.0), target.tension), 0.0)
+        tension = np.where(is_held, np.where(by_length, np.maximum(state.tension, 0.0), here.tension), 0.0)
         start = Controls(is_held, np.where(pushes, 0.0, tension), cables.rest_length - lengths)
         if pushes.any():
             state = _released(statics, state, start, pushes)
             start = replace(start, shortening=cables.rest_length - cables.lengths(state.x))
     raise SimulationError("cables keep switching between taut and slack.")
+
+
+def _pushing(state: State, taut: np.ndarray) -> np.ndarray:
+    """Which of the taut cables push."""
+    scale = max(float(np.abs(state.tension).max(initial=0.0)), 1e-12)
+    return taut & (state.tension < -SLACK_TENSION * scale)
 
 
 def _released(statics: Statics, state: State, held: Controls, pushes: np.ndarray) -> State:

@@ -247,6 +247,7 @@ class Sweep:
             return None
         held = slack_line(self.twin).at(0.0)
         held = replace(held, tension=np.where(np.arange(len(held.tension)) == self._i_cable, T, 0.0))
+        self.statics.free_modes = before.free
         solved = self.statics.equilibrium(guess, held)
         if not solved.converged:
             return None
@@ -305,7 +306,8 @@ class Sweep:
 
     def _sentence(self, path: Path, n: int, n_samples: int) -> str:
         if path.reached:
-            return f"Solved: {len(path.nodes)} equilibria, {self.statics.n_factorisations} factorisations."
+            solved = f"Solved: {len(path.nodes)} equilibria, {self.statics.n_factorisations} factorisations."
+            return solved + self._met(path)
         end = 1e3 * path.nodes[-1].c
         return (
             f"No equilibrium beyond {end:.4g} mm of shortening of {self.cable} "
@@ -319,6 +321,15 @@ class Sweep:
             return self._falls(path), ""
         layout = self.twin.system.layout
         return self._falls(path), crossed_on_path(self.twin.skins, layout, path.nodes, end, self.cable or "")
+
+    def _met(self, path: Path) -> str:
+        """From where on via points have met, in a sentence with a blank before it; not of a cable that is wound up."""
+        for node in path.nodes:
+            if node.c < self._length * (1.0 - WOUND_UP) * (1.0 - SAME) and (
+                pairs := self.twin.system.cables.meeting(node.state.x)
+            ):
+                return f" From {1e3 * node.c:.4g} mm of shortening of {self.cable} on {pairs}."
+        return ""
 
     def _falls(self, path: Path) -> str:
         loads = [fallen(UNDER_LOADS)] if path.nodes[0].is_fallen else []

@@ -1,0 +1,46 @@
+"""Motions of an equilibrium that need no force: a round column that has buckled turns about its axis as it likes.
+
+The tangent is singular along them up to rounding, whose size and sign mean nothing. They are found by inverse
+iteration, and solutions are kept from moving along them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.mechanics.statics import NO_MODES, TOLERANCE, Statics
+from softcal.mechanics.system import Linearisation
+
+FREE = 10.0 * TOLERANCE  # of the forces: a mode is free where a motion as long as the robot takes no more
+INVERSE_ITERATIONS = 3
+MOST_MODES = 6
+
+
+def exclude_free_modes(statics: Statics, at: Linearisation) -> Floats:
+    """Find the free modes of an equilibrium, linearised and factorised last, and keep solutions from moving along them.
+
+    Returns them as `Statics.exclude` takes them, (n_unknowns - n_cables, k).
+    """
+    moving = slice(statics.system.layout.first_pressure_unknown)
+    force = statics.force_scale(at)
+    random = np.random.default_rng(2)
+    found = np.zeros((len(statics.unit), 0))
+    while found.shape[1] < MOST_MODES:
+        mode, load, motion = np.zeros(len(statics.unit)), np.zeros(0), np.zeros(0)
+        mode[moving] = random.standard_normal(len(mode[moving]))
+        for _ in range(INVERSE_ITERATIONS):
+            mode -= found @ (found.T @ mode)
+            load = np.zeros(statics.system.layout.n_unknowns)
+            load[: len(mode)] = mode / (np.linalg.norm(mode) * statics.unit)
+            motion = statics.solve(load)  # what this load moves
+            mode[moving] = (motion[: len(mode)] / statics.unit)[moving]
+        if statics.measured(load, force) * statics.length > FREE * statics.reach(motion):
+            break
+        mode -= found @ (found.T @ mode)
+        found = np.column_stack([found, mode / np.linalg.norm(mode)])
+    if found.shape[1] == 0:
+        return NO_MODES
+    modes = found / statics.unit[:, None]
+    statics.exclude(modes)
+    return modes

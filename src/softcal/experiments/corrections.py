@@ -5,8 +5,6 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from scipy.signal import detrend as remove_line
-from scipy.signal import savgol_filter
 
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
@@ -89,6 +87,8 @@ def smooth(dataset: Dataset, channel: str, n_samples: int, *, order: int = 2) ->
                 allowed=f"an odd number above {order}, at most {dataset.n_samples}",
             )
         )
+    from scipy.signal import savgol_filter
+
     values = dataset.values(channel)
     smoothed = np.asarray(savgol_filter(values, n_samples, order), dtype=np.float64)
     moved = float(np.sqrt(np.mean((smoothed - values) ** 2)))
@@ -101,6 +101,8 @@ def detrended(values: Floats) -> Floats:
     """The values less their best straight line over the samples, as in the detrended errors of paper A's Table II."""
     if len(values) < 2:
         return np.zeros(len(values))
+    from scipy.signal import detrend as remove_line
+
     return np.asarray(remove_line(values, type="linear"), dtype=np.float64)
 
 

@@ -8,8 +8,6 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
-from scipy.signal import find_peaks
 
 from softcal.checks import Floats, Ints
 from softcal.errors import DatasetError, Fault
@@ -62,6 +60,8 @@ def find_cycles(dataset: Dataset, lower_force_limit: float = 0.1, *, prominence:
     DatasetError
         Where no whole cycle is found.
     """
+    from scipy.ndimage import uniform_filter1d
+
     tension = dataset.values("tension")
     peaks = _peaks(tension, prominence)
     if not peaks.size:
@@ -221,6 +221,9 @@ def _of_class(dataset: Dataset, which: str, there: list[int]) -> list[int]:
 
 
 def _peaks(tension: Floats, prominence: float) -> Ints:
+    from scipy.ndimage import uniform_filter1d
+    from scipy.signal import find_peaks
+
     span = float(np.ptp(tension))
     # Twice: the first pass counts the peaks, so that the second can smooth by a small share of a cycle.
     smooth = tension

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
@@ -57,6 +56,8 @@ def find_slack(dataset: Dataset, threshold_force: float | None = None) -> TautPo
     inner = s[_MIN_SAMPLES:-_MIN_SAMPLES] if n_fit > 2 * _MIN_SAMPLES else s[_MIN_SAMPLES - 1 : _MIN_SAMPLES + 1]
     best = int(np.argmin([misfit(taut) for taut in inner]))
     lower, upper = inner[max(best - 1, 0)], inner[min(best + 1, len(inner) - 1)]
+    from scipy.optimize import minimize_scalar
+
     refined: Any = minimize_scalar(misfit, bounds=(lower, upper), method="bounded", options={"xatol": 1e-9})
     taut = min((float(refined.x), float(inner[best])), key=misfit)
     floor, stiffness, rmse = _two_lines(s, force, taut)

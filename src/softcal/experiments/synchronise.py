@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import correlate, correlation_lags
 
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
@@ -15,6 +14,7 @@ from softcal.units import format_quantity
 _MAX_SAMPLES = 200_000
 # A second peak this near to the best one, a period away, leaves the lag open.
 _AMBIGUOUS = 0.98
+QUARTZ = 200e-6  # how far one quartz clock runs from another, at most, two cheap ones in the cold and in the heat
 
 
 @dataclass(frozen=True)
@@ -37,6 +37,19 @@ class ClockFit:
 
 def _pace(rate: float) -> str:
     return f"runs {abs(rate) * 1e6:.0f} ppm {'faster' if rate > 0 else 'slower'}"
+
+
+def clock_warning(dataset: Dataset) -> str:
+    """A sentence where two records were synchronised with a rate that no two clocks have, or ""."""
+    for step in dataset.provenance:
+        rate = step.settings.get("rate", 0.0) if step.name == "synchronise" else 0.0
+        if abs(rate) > QUARTZ:
+            return (
+                f"the clock of {step.settings['with']} {_pace(rate)} than the other, at a lag of "
+                f"{step.settings['lag']:+.3f} s, but quartz clocks differ by {QUARTZ * 1e6:.0f} ppm at most: look at "
+                "its time column and sampling rate, or give 'estimate_rate: false'"
+            )
+    return ""
 
 
 def synchronise(
@@ -189,6 +202,8 @@ def _coarse_lag(
     x: Floats, y: Floats, step: float, apart: float, max_lag: float | None, where: str
 ) -> tuple[int, float]:
     """Whole samples that y is behind x (by index), and the sign of the correlation there."""
+    from scipy.signal import correlate, correlation_lags
+
     a, b = (x - x.mean()) / x.std(), (y - y.mean()) / y.std()
     # Without a division by the overlap: it favours the lag at which most cycles meet, not one a period beside it.
     correlation = correlate(b, a, mode="full") / min(len(x), len(y))

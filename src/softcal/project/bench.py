@@ -21,7 +21,7 @@ from softcal.experiments.plausibility import check_plausible
 from softcal.experiments.prepare import PlannedStep, parse_steps
 from softcal.experiments.pulleys import correct_pulley_friction
 from softcal.experiments.read import read_table
-from softcal.experiments.synchronise import synchronise
+from softcal.experiments.synchronise import clock_warning, synchronise
 from softcal.project.bench_names import (
     MASS,
     check_names,
@@ -87,6 +87,8 @@ def build_bench(
     if record is None or None in records or None in steps:
         return None
     record = _with_tensions(record, built, path, findings)
+    if sentence := clock_warning(record):
+        findings.warn((*path, "synchronise"), sentence)
     for sentence in check_plausible(record):
         findings.warn(path, sentence.removeprefix(f"{record.name}: "))
     prepared = _Prepared(record)

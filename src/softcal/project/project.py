@@ -124,10 +124,19 @@ def load(
     given = dict(values or {})
 
     section = _section(RobotSection, "robot", document, findings)
-    built = None if section is None else build_robot(section, mesh_maker(files), findings)
     rig = _section(RigSection, "rig", document, findings, {}) or RigSection()
     experiments = _entries(ExperimentSection, "experiments", document, findings)
     parameters = _entries(ParameterSection, "parameters", document, findings)
+    calibration = _section(CalibrationSection, "calibration", document, findings, {})
+    dynamics = _section(DynamicsSection, "dynamics", document, findings, {})
+    engines = _section(EnginesSection, "engines", document, findings, {})
+    swept = _section(SweepSection, "sweep", document, findings)
+    print_infill = _print_infill(document, findings)
+
+    built = None
+    # Meshes are not made for a file that will be refused anyway: that may take minutes.
+    if section is not None and not (findings.faults and any(map(is_generated, section.bodies.values()))):
+        built = build_robot(section, mesh_maker(files), findings)
     given = untied(given, parameters)
     rig = _with_held_friction(rig, given)
     benches = {
@@ -141,16 +150,11 @@ def load(
     set_ups = {name: experiment.set_up for name, experiment in experiments.items()}
     _check_set_ups(set_ups, findings)
     space = build_search(parameters, known, own, set_ups, names_held(given, known or ()), findings)
-    calibration = _section(CalibrationSection, "calibration", document, findings, {})
     tied = {name: tuple(section.of) for name, section in parameters.items() if section.of}
     _check_calibration(calibration, rig, experiments, tied, findings)
     _check_settings(space, {name: bench.experiment for name, bench in whole.items()}, findings)
-    dynamics = _section(DynamicsSection, "dynamics", document, findings, {})
     _check_settling(dynamics, built, findings)
-    engines = _section(EnginesSection, "engines", document, findings, {})
-    swept = _section(SweepSection, "sweep", document, findings)
     _check_sweep(swept, known, tied, experiments, findings)
-    print_infill = _print_infill(document, findings)
     findings.raise_if_any()
 
     if built is None or calibration is None or known is None or section is None or dynamics is None or engines is None:

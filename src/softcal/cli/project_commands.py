@@ -9,6 +9,8 @@ import typer
 
 from softcal.cli.app import ProjectFile, app, told
 from softcal.cli.printing import print_warnings
+from softcal.cli.running import clock
+from softcal.errors import Fault, InputError
 
 
 @app.command()
@@ -31,17 +33,28 @@ def check(
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Where the pictures go; 'check' beside the project by default.")
     ] = None,
+    pictures: Annotated[bool, typer.Option(help="Draw the robot, its solved states and the data.")] = True,
+    solve: Annotated[
+        bool, typer.Option(help="Solve the robot under its loads, and each experiment's end, at the start values.")
+    ] = True,
 ) -> None:
-    """Validate a project with its meshes and data, and draw them to look at."""
+    """Validate a project with its meshes and data, try its states, and draw all that to look at."""
     from softcal.project.checking import check as check_project
     from softcal.project.project import load
 
-    report = check_project(load(project), out if out is not None else project.parent / "check")
+    if out is not None and not pictures:
+        raise InputError(Fault("--out and --no-pictures exclude each other"))
+    with clock() as show:
+        show("Reading the project")
+        loaded = load(project)
+        folder = (out if out is not None else project.parent / "check") if pictures else None
+        report = check_project(loaded, folder, solve=solve, progress=show)
     _print_pairs(report.rows)
     print_warnings(report.warnings)
     for note in report.notes:
         typer.echo(f"Note: {note}", err=True)
-    typer.echo(f"Pictures: {', '.join(str(path) for path in report.pictures)}")
+    if pictures:
+        typer.echo(f"Pictures: {', '.join(str(path) for path in report.pictures)}")
     typer.echo("The project is in order." if not report.warnings else "The project can be used; see the warnings.")
 
 

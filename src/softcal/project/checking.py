@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +15,11 @@ from softcal.errors import Fault
 from softcal.experiments.names import is_deviation
 from softcal.project.output import require_writable
 from softcal.project.project import Project
-from softcal.project.simulation import simulate
+from softcal.project.start_states import start_states
 from softcal.twin.bores import bores
-from softcal.twin.build import build_twin
+from softcal.twin.build import cached_twin
 from softcal.twin.parameters import robot_parameters
+from softcal.twin.response import Response
 from softcal.twin.robot import Material, Plate, Rod
 from softcal.units import format_quantity
 
@@ -36,13 +37,25 @@ class CheckReport:
     notes: tuple[str, ...] = field(default_factory=tuple)
 
 
-def check(project: Project, out_dir: str | Path | None = None) -> CheckReport:
-    """Look a loaded project over: build and try the twin, compare it with the data, draw what there is.
+def check(
+    project: Project,
+    out_dir: str | Path | None = None,
+    *,
+    solve: bool = True,
+    progress: Callable[[str], None] = lambda stage: None,
+) -> CheckReport:
+    """Look a loaded project over: build the twin, solve its rest and the end of each experiment at the start values,
+    compare it with the data, draw what there is.
 
     Parameters
     ----------
     out_dir
-        Folder for `robot.png|svg` and `data-<experiment>.png|svg`; older ones there are replaced. None draws nothing.
+        Folder for `robot.png|svg`, `states.png|svg` and `data-<experiment>.png|svg`; older ones there are replaced.
+        None draws nothing.
+    solve
+        Whether states are solved, and so drawn and compared with the data.
+    progress
+        Called with what is begun.
 
     Raises
     ------
@@ -51,25 +64,33 @@ def check(project: Project, out_dir: str | Path | None = None) -> CheckReport:
     StorageError
         Where the folder cannot be written.
     """
-    build_twin(project.robot)
+    cached_twin(project.robot)
     if out_dir is not None:
         require_writable(Path(out_dir))
     warnings = [str(fault) for fault in project.warnings]
     if project.experiments and project.space is None:
         warnings.append("no parameter is free: there is nothing to calibrate")
     warnings += _beyond_bounds(project)
-    warnings += [sentence for name in project.experiments if (sentence := _against_twin(project, name))]
+    states = start_states(project, progress) if solve else None
+    if states is not None:
+        warnings += states.warnings
+        against = (_against_twin(project, name, response) for name, response in states.responses.items())
+        warnings += [sentence for sentence in against if sentence]
     parts = (*_body_rows(project), *_rod_rows(project), *_part_rows(project))
-    rows = (*parts, *_bench_rows(project), *_search_rows(project))
+    solved = () if states is None else states.rows
+    rows = (*parts, *_bench_rows(project), *solved, *_search_rows(project))
     if out_dir is None:
         return CheckReport(rows, tuple(warnings))
     from softcal.report.check_figures import draw_check
+    from softcal.report.start_scenes import start_scenes
 
+    progress("Drawing")
     # With the cycles where they were found: that is what a person wants to see.
     records = {name: project.corrected[name] or project.records[name] for name in project.experiments}
-    drawn = draw_check(project.robot, records, out_dir)
-    pictures = (drawn.robot[0], *(png for png, _ in drawn.datasets.values()))
-    return CheckReport(rows, tuple(warnings), pictures, drawn.notes)
+    shown = None if states is None else start_scenes(project.robot, states.undeformed, states.shapes, states.tets)
+    drawn = draw_check(project.robot, records, out_dir, shown)
+    pictures = [drawn.robot[0], *([drawn.states[0]] if drawn.states else [])]
+    return CheckReport(rows, tuple(warnings), (*pictures, *(png for png, _ in drawn.datasets.values())), drawn.notes)
 
 
 def _body_rows(project: Project) -> list[tuple[str, str]]:
@@ -181,6 +202,7 @@ def _bench_rows(project: Project) -> list[tuple[str, str]]:
                 f"{data.n_samples} of {project.records[name].n_samples} samples" + (f", {spans}" if spans else ""),
             ),
         ]
+        rows += [("  clocks", step.outcome) for step in data.provenance if step.name == "synchronise"]
         cycle = (project.corrected[name] or data).cycle
         if cycle is not None:
             rows.append(("  cycles", f"{len(np.unique(cycle[cycle >= 0]))} found"))
@@ -235,17 +257,12 @@ def _beyond_bounds(project: Project) -> list[str]:
     return [str(fault) for fault in faults]
 
 
-def _against_twin(project: Project, name: str) -> str:
+def _against_twin(project: Project, name: str, response: Response) -> str:
     """A warning where no modulus within the bounds can meet the measured stiffness, as with kN taken for N."""
     experiment = project.experiments[name]
     data = experiment.dataset
-    if not {"tension", "shortening"} <= data.channels.keys() or data.n_samples < 3:
+    if not {"tension", "shortening"} <= data.channels.keys() or data.n_samples < 3 or not response.succeeded:
         return ""
-    few = np.unique(np.linspace(0, data.n_samples - 1, 5).astype(int))
-    thinned = replace(experiment, dataset=replace(data.take(few, data.provenance[-1]), provenance=data.provenance))
-    response = simulate(replace(project, experiments={name: thinned}), experiment=name)
-    if not response.succeeded:
-        return f"{name}: the twin as it stands in the project cannot follow this test. {response.status}"
     pulled, tension = (
         response.channels[f"{experiment.cable}.shortening"],
         response.channels[f"{experiment.cable}.tension"],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +34,7 @@ from softcal.report.scene import (
 from softcal.report.scene_render import render_scenes
 from softcal.report.scene_twin import cable_radius
 from softcal.report.shapes import rod_surface
+from softcal.report.start_scenes import StartScenes
 from softcal.report.style import BLUE, GREEN, INK, ORANGE, PURPLE, RED, SKY, encode
 from softcal.report.wording import file_stem, number
 from softcal.report.write import write_files
@@ -46,15 +47,18 @@ _SEEN_THROUGH = 0.6  # a body with cables inside
 
 @dataclass(frozen=True)
 class CheckPaths:
-    """What was drawn: the robot, each dataset by name; notes: how, where not as usual."""
+    """What was drawn: the robot, each dataset by name, its solved states; notes: how, where not as usual."""
 
     robot: tuple[Path, Path]
     datasets: Mapping[str, tuple[Path, Path]]
+    states: tuple[Path, Path] | None = None
     notes: tuple[str, ...] = ()
 
 
-def draw_check(robot: Robot, datasets: Mapping[str, Dataset], out_dir: str | Path) -> CheckPaths:
-    """Draw `robot.png|svg` and `data-<name>.png|svg` into a folder, replacing older ones.
+def draw_check(
+    robot: Robot, datasets: Mapping[str, Dataset], out_dir: str | Path, states: StartScenes | None = None
+) -> CheckPaths:
+    """Draw `robot.png|svg`, `data-<name>.png|svg` and, where it is given, `states.png|svg`, replacing older ones.
 
     Raises
     ------
@@ -63,10 +67,17 @@ def draw_check(robot: Robot, datasets: Mapping[str, Dataset], out_dir: str | Pat
     """
     folder = Path(out_dir)
     scenes, cameras = robot_scenes(robot)
-    drawn = draw_side_by_side(scenes, cameras, render_scenes(scenes, cameras), colours=_legend(robot))
+    n = len(scenes)
+    more = ((), ()) if states is None else (states.scenes, states.cameras)
+    # In one go: to start the renderer takes longer than to render.
+    rendered = render_scenes((*scenes, *more[0]), (*cameras, *more[1]))
+    own, others = (replace(rendered, pictures=part) for part in (rendered.pictures[:n], rendered.pictures[n:]))
+    drawn = draw_side_by_side(scenes, cameras, own, colours=_legend(robot))
     figures = {"robot": drawn.figure} | {
         f"data-{file_stem(name)}": draw_record(data) for name, data in datasets.items()
     }
+    if states is not None:
+        figures["states"] = draw_side_by_side(states.scenes, states.cameras, others, largest=states.largest).figure
     pairs = {stem: (folder / f"{stem}.png", folder / f"{stem}.svg") for stem in figures}
     files: dict[Path, bytes] = {}
     for stem, figure in figures.items():
@@ -74,7 +85,7 @@ def draw_check(robot: Robot, datasets: Mapping[str, Dataset], out_dir: str | Pat
         files[png], files[svg] = encode(figure)
     write_files(files)
     by_name = {name: pairs[f"data-{file_stem(name)}"] for name in datasets}
-    return CheckPaths(pairs["robot"], by_name, (drawn.note,) if drawn.note else ())
+    return CheckPaths(pairs["robot"], by_name, pairs.get("states"), (drawn.note,) if drawn.note else ())
 
 
 def robot_scenes(robot: Robot) -> tuple[tuple[Scene, ...], tuple[Camera, ...]]:

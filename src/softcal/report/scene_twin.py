@@ -53,7 +53,7 @@ def twin_scenes(view: TwinView) -> TwinScenes:
         Scene(snapshot.label, *twin_parts(view, snapshot, {name: shift * d for name, d in moved.items()}, largest))
         for snapshot, shift in ((view.rest, 0.0), (view.bent, 1.0))
     ]
-    up, towards = _axes(view)
+    up, towards = bending_axes(view)
     pair = (scenes[0], scenes[1])
     return TwinScenes(pair, bending_camera(extent_points(pair), up, towards), largest)
 
@@ -126,7 +126,7 @@ def _body_surfaces(view: TwinView, snapshot: Snapshot, name: str, shades: Floats
     return surfaces
 
 
-def _axes(view: TwinView) -> tuple[Floats, Floats]:
+def bending_axes(view: TwinView) -> tuple[Floats, Floats]:
     """What is up, and the direction in which the twin bends."""
     rest, bent = (
         np.concatenate([*(shape.points[body] for body in view.tets), *shape.rods.values()])

@@ -1,0 +1,47 @@
+"""The robot undeformed, under its loads and at the ends of experiments, side by side, before anything is fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from softcal.checks import Ints
+from softcal.report.scene import Camera, Scene, bending_camera, extent_points
+from softcal.report.scene_twin import bending_axes, displacements, twin_parts
+from softcal.report.twin_view import TwinView
+from softcal.twin.response import Snapshot
+from softcal.twin.robot import Robot
+
+MOST = 4  # side by side
+
+
+@dataclass(frozen=True)
+class StartScenes:
+    """Scenes in one camera; largest: the largest displacement [m], the top of the colour scale."""
+
+    scenes: tuple[Scene, ...]
+    cameras: tuple[Camera, ...]
+    largest: float
+
+
+def start_scenes(
+    robot: Robot, undeformed: Snapshot, shapes: Mapping[str, Snapshot], tets: Mapping[str, Ints]
+) -> StartScenes | None:
+    """Undeformed, and those of the shapes that moved furthest, coloured by how far; None where nothing moved."""
+    views = {name: TwinView(robot, undeformed, shape, tets) for name, shape in shapes.items()}
+    moved = {name: displacements(view) for name, view in views.items()}
+    furthest = {name: max(float(d.max()) for d in parts.values()) for name, parts in moved.items()}
+    largest = max(furthest.values(), default=0.0)
+    if largest <= 0.0:
+        return None
+    chosen = set(sorted(furthest, key=lambda name: -furthest[name])[: MOST - 1])
+    far = views[max(furthest, key=lambda name: furthest[name])]
+    still = {name: 0.0 * d for name, d in moved[next(iter(moved))].items()}
+    scenes = [Scene("Undeformed", *twin_parts(far, undeformed, still, largest))]
+    scenes += [
+        Scene(name, *twin_parts(view, view.bent, moved[name], largest))
+        for name, view in views.items()
+        if name in chosen
+    ]
+    camera = bending_camera(extent_points(tuple(scenes)), *bending_axes(far))
+    return StartScenes(tuple(scenes), (camera,) * len(scenes), largest)

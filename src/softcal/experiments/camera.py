@@ -20,6 +20,7 @@ from softcal.checks import Floats, frozen_floats
 from softcal.errors import Fault, InputError
 
 _UNDISTORTION_STEPS = 20
+_ACROSS, _CLOSE = 17, 1e-3  # points of the image along each side; how well distortion must be undone there [px]
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,20 @@ class Camera:
             u, v = error[..., 0], error[..., 1]
             found -= np.stack([d * u - b * v, a * v - c * u], axis=-1) / (a * d - b * c)[..., None]
         return found
+
+    @property
+    def is_reversible(self) -> bool:
+        """Whether the distortion can be undone in the middle half of the image: it neither folds nor runs off.
+
+        Near the corners, where a calibration has few points, the polynomial of a good camera may.
+        """
+        across = np.linspace(0.25, 0.75, _ACROSS)
+        pixels = np.stack(np.meshgrid(across * self.width, across * self.height), axis=-1).reshape(-1, 2)
+        with np.errstate(all="ignore"):
+            found = self.directions(pixels)
+            off = np.abs(self.pixels(found) - pixels).max()
+            slope = self._distorted_slope(found)
+            return bool(off < _CLOSE and (np.linalg.det(slope) > 0).all())
 
     def _distorted(self, directions: Floats) -> Floats:
         k1, k2, p1, p2, k3 = self.distortion

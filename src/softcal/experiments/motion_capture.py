@@ -21,7 +21,12 @@ from softcal.units import unit_factor
 
 _MAGIC = 80  # second byte of every .c3d file
 # What the package raises for a file that ends too early or whose parts contradict each other.
-_BROKEN = (AssertionError, AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError, struct.error)
+_BROKEN = (
+    ArithmeticError, AssertionError, AttributeError, EOFError, LookupError, MemoryError, NameError, TypeError,
+    ValueError, struct.error,
+)  # fmt: skip
+_FARTHEST = 1e3  # [m] from the laboratory's origin
+_LARGEST = 2**29  # bytes of a file; an hour of forty markers at 100 Hz has 0.3 GB
 
 
 def read_c3d(path: str | Path, markers: Mapping[str, str], *, name: str = "") -> Dataset:
@@ -64,6 +69,10 @@ def read_c3d(path: str | Path, markers: Mapping[str, str], *, name: str = "") ->
     factor = unit_factor(unit, "m", where=f"{path}, POINT:UNITS")
     columns = _columns(path, labels, markers)
     positions = np.where(frames[:, :, 3:4] < 0, np.nan, frames[:, :, :3]) * factor
+    wanted = positions[:, list(columns.values())]
+    far = np.abs(wanted).max(initial=0.0, where=~np.isnan(wanted))
+    if far > _FARTHEST:
+        raise DatasetError(Fault("a marker is out of reach", str(path), f"{far:g} m", f"at most {_FARTHEST:g} m"))
     channels = {"time": Channel(np.arange(len(frames)) / rate, "s")}
     for marker, column in columns.items():
         for axis, letter in enumerate("xyz"):
@@ -78,11 +87,15 @@ def read_c3d(path: str | Path, markers: Mapping[str, str], *, name: str = "") ->
 
 def _bytes(path: Path) -> bytes:
     try:
-        return path.read_bytes()
+        with path.open("rb") as file:
+            raw = file.read(_LARGEST + 1)
     except OSError as error:
         raise StorageError(
             Fault("the data file cannot be read", where=str(path), got=error.strerror or str(error))
         ) from error
+    if len(raw) > _LARGEST:
+        raise DatasetError(Fault("the .c3d file is too large", str(path), allowed=f"{_LARGEST} bytes"))
+    return raw
 
 
 def _parse(raw: bytes) -> tuple[list[str], str, float, Floats]:

@@ -8,6 +8,7 @@ image, each shows its own.
 from __future__ import annotations
 
 import glob
+import os
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -22,6 +23,10 @@ from softcal.experiments.render import Image
 Grouping = Literal["name", "folder", "image"]
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm")
+
+_LARGEST = 2**29  # bytes of a file
+_TAIL = 2**16  # bytes at the end of a JPEG file in which its end is looked for
+_MOST_PIXELS = 2**28  # of an image: four times the largest camera's
 
 _NUMBERED = re.compile(r"(?P<group>.*[^\W_].*?)[-_ ]+(?P<number>\d+)")
 
@@ -75,17 +80,33 @@ def read_image(path: Path) -> Image:
     StorageError
         Where the file cannot be read or holds no image.
     """
+    os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(_MOST_PIXELS))  # read when it is loaded
     import cv2
 
     try:
-        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
+        with path.open("rb") as file:
+            raw = file.read(_LARGEST + 1)
     except OSError as error:
         raise StorageError(Fault("the image cannot be read", str(path), error.strerror or str(error))) from error
+    if len(raw) > _LARGEST:
+        raise StorageError(Fault("the image is too large", str(path), allowed=f"{_LARGEST} bytes"))
+    # OpenCV fills what is missing of a JPEG file with grey.
+    if raw.startswith(b"\xff\xd8") and b"\xff\xd9" not in raw[-_TAIL:]:
+        raise StorageError(Fault("the image is cut off", str(path), f"{len(raw)} bytes", "a whole JPEG file"))
+    data = np.frombuffer(raw, dtype=np.uint8)
     # A photo's orientation tag is not applied: the sensor's pixels are what the camera's calibration is about.
     flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
-    image = cv2.imdecode(data, flags) if data.size else None
+    # What is wrong is said here, in a sentence, and not by OpenCV in its own words as well.
+    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        image = cv2.imdecode(data, flags) if data.size else None
+    except (cv2.error, MemoryError):
+        image = None
+    finally:
+        cv2.utils.logging.setLogLevel(level)
     if image is None:
-        raise StorageError(Fault("the file holds no image that can be read", str(path), f"{data.size} bytes"))
+        allowed = f"a whole image of at most {_MOST_PIXELS} pixels"
+        raise StorageError(Fault("the file holds no image that can be read", str(path), f"{data.size} bytes", allowed))
     return np.asarray(image, dtype=np.uint8)
 
 

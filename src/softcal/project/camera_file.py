@@ -81,7 +81,15 @@ def read_camera(path: Path) -> Camera:
     m, d = section.matrix, section.distortion
     matrix = np.array([[m.fx, 0.0, m.cx], [0.0, m.fy, m.cy], [0.0, 0.0, 1.0]])
     width, height = (round(number) for number in section.resolution)
-    return Camera(width, height, matrix, np.array([d.k1, d.k2, d.p1, d.p2, d.k3]))
+    for key, centre, size in (("cx", m.cx, width), ("cy", m.cy, height)):
+        if not -size <= centre <= 2 * size:
+            findings.add(("matrix", key), "the principal point is far off the image", got=f"{centre:g} px")
+    camera = Camera(width, height, matrix, np.array([d.k1, d.k2, d.p1, d.p2, d.k3]))
+    if not camera.is_reversible:
+        shown = ", ".join(f"{key} {value:g}" for key, value in section.distortion.model_dump().items())
+        findings.add(("distortion",), "no lens distorts so: one pixel has several directions, or none", got=shown)
+    findings.raise_if_any()
+    return camera
 
 
 def camera_text(calibration: Calibration, board: str, skipped: Sequence[str] = ()) -> str:

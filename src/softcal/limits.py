@@ -52,14 +52,14 @@ LIMITS: Mapping[str, Limit] = {
     for limit in (
         # Files
         Limit("bytes of a YAML file", 1_000_000, 0, "only what it may hold; data belong into CSV files"),
-        Limit("values in a YAML file", 50_000, 0, "fewer anchors that stand for each other"),
+        Limit("values in a YAML file", 20_000, 0, "fewer anchors that stand for each other"),
         Limit("levels of a YAML file", 30, 0),
-        Limit("bytes of a mesh file", 1_000_000_000, 0, "a coarser mesh"),
+        Limit("bytes of a mesh file", 300_000_000, 0, "a coarser mesh"),
         Limit("characters in a name", 60, 1, "a shorter name"),
         # The robot
         Limit("parts of a robot", 1000),
         Limit("points of a line", 2000, 2),
-        Limit("holes on a ring", 1000),
+        Limit("holes on a ring", 200),
         Limit("pulleys", 100),
         Limit("sections of a manipulator", 100),
         Limit("cables at an end", 100),
@@ -70,7 +70,7 @@ LIMITS: Mapping[str, Limit] = {
         Limit("bells", 50),
         Limit("sectors", 360),
         Limit("edges around a bore", 100, 3),
-        Limit("tets", 2_000_000, 1, "check the unit of the model and of the size, or a larger size"),
+        Limit("tets", 1_000_000, 1, "check the unit of the model and of the size, or a larger size"),
         # The bench
         Limit("experiments", 1000, 0),
         Limit("files of an experiment", 1000),
@@ -79,12 +79,12 @@ LIMITS: Mapping[str, Limit] = {
         Limit("samples", 1_000_000),
         Limit("cycles", 100_000, 0),
         # Searches
-        Limit("trials", 1_000_000),
+        Limit("trials", 100_000),
         Limit("starts", 1000),
         Limit("seeds", 2**32 - 1, 0),
         Limit("workers", 256, 1, "as many as there are cores"),
         Limit("values on an axis", 10_000, 1),
-        Limit("cells of a grid", 1_000_000, 1, "fewer values on each axis"),
+        Limit("cells of a grid", 100_000, 1, "fewer values on each axis"),
         # Motion in time, and other engines
         Limit("time steps", 10_000_000, 1, "a longer time step, or a shorter time"),
         Limit("time steps to try", 20),

@@ -74,7 +74,7 @@ def test_a_range_starts_at_its_start_and_never_passes_its_stop(
         (E, "1GPa:1GPa:1GPa", "the range is empty"),
         (E, "1GPa:5GPa:0GPa", "the step is zero"),
         (E, "1GPa:5GPa:-1GPa", "the step leads away from the stop"),
-        (E, "1GPa:5GPa:1Pa", "the range holds too many values; got 4000000001"),
+        (E, "1GPa:5GPa:1Pa", "there are too many values on an axis; got 4000000001"),
         (E, "1GPa:2GPa:3GPa", r"a sweep needs two values or more; got 1 GPa.*--set"),
         (E, "1GPa", "a sweep needs two values or more"),
         (E, "1GPa,2GPa,1000MPa", "a value stands twice; got 1 GPa"),

@@ -337,7 +337,7 @@ def test_a_project_file_that_is_not_there(capsys: pytest.CaptureFixture[str], tm
     code, _, err = run(capsys, "check", tmp_path / "none.yaml")
     assert code == 2
     assert "none.yaml" in err
-    assert "No such file" in err
+    assert "no such file" in err
 
 
 def test_a_report_of_what_is_no_run(capsys: pytest.CaptureFixture[str], tmp_path: Path):

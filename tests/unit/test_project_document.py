@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from softcal.errors import Fault, InputError, ProjectFileError, StorageError
-from softcal.project.document import Document, Findings, dotted, read_document, suggestion
+from softcal.project.document import Document, Findings, dotted, suggestion
+from softcal.project.yaml_file import read_document
 
 
 def read(tmp_path: Path, text: str) -> Document:
@@ -74,7 +75,7 @@ def test_a_file_without_keys(tmp_path: Path, text: str):
 
 
 def test_a_file_that_cannot_be_read(tmp_path: Path):
-    with pytest.raises(StorageError, match="No such file"):
+    with pytest.raises(StorageError, match="no such file"):
         read_document(tmp_path / "none.yaml")
     (tmp_path / "latin.yaml").write_bytes(b"name: \xe9\n")
     with pytest.raises(StorageError, match="not UTF-8 at 6"):

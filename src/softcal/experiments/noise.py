@@ -32,9 +32,9 @@ def set_noise(dataset: Dataset, channel: str, sigma: float) -> Dataset:
         Where there is no such channel, or sigma is not positive.
     """
     dataset.values(channel)
-    if not sigma >= 0.0:
+    if not sigma > 0.0:
         raise DatasetError(
-            Fault("a noise cannot be negative", where=f"{dataset.name}, {channel}", got=f"{sigma:g}", allowed=">= 0")
+            Fault("a noise must be above zero", where=f"{dataset.name}, {channel}", got=f"{sigma:g}", allowed="> 0")
         )
     unit = dataset.channels[channel].unit
     step = Step(

@@ -17,6 +17,7 @@ import numpy as np
 import softcal
 from softcal.errors import Fault, MeshError
 from softcal.geometry.mesh import TetMesh
+from softcal.geometry.stl import checked_stl
 from softcal.geometry.surface import boundary_faces
 from softcal.limits import LIMITS
 from softcal.units import unit_factor
@@ -116,12 +117,16 @@ def mesh_file(
     job = {
         "kind": kind,
         "options": {**OPTIONS, "Mesh.MeshSizeFromCurvature": edges_around or 0},
-        "path": str(path.resolve()),
         "feature_angle": feature_angle,
         **target_of(size, count, factor, where=str(path)),
         "order": order,
     }
-    arrays = run_gmsh(job, where=str(path), timeout=timeout)
+    with tempfile.TemporaryDirectory(prefix="softcal-") as folder:
+        source = path.resolve()
+        if kind == "stl":
+            source = Path(folder) / "surface.stl"
+            source.write_bytes(checked_stl(path))
+        arrays = run_gmsh({**job, "path": str(source)}, where=str(path), timeout=timeout)
     mesh = TetMesh(factor * arrays["points"], arrays["tets"])
     faces = boundary_faces(mesh)
     return TetMesh(mesh.points, mesh.tets, node_sets={"surface": np.unique(faces)}, face_sets={"surface": faces})
@@ -166,7 +171,7 @@ def run_gmsh(job: Mapping[str, Any], *, where: str, timeout: float) -> dict[str,
         try:
             done = subprocess.run(
                 [sys.executable, "-P", "-m", "softcal.geometry.gmsh_worker", folder],
-                input=json.dumps({"options": OPTIONS, "timeout": timeout, **job}),
+                input=json.dumps({"options": OPTIONS, "timeout": timeout, "most_tets": LIMITS["tets"].most, **job}),
                 capture_output=True,
                 text=True,
                 timeout=timeout,

@@ -26,8 +26,6 @@ COUNT_TOLERANCE, COUNT_GOAL, MAX_MESHES = 0.05, 0.03, 16
 # The search ends when sizes this near to each other give too few and too many tets.
 CLOSE = 0.99
 AROUND_A_JUMP = (0.97, 1.03, 0.94, 1.06, 0.9, 1.1, 0.85, 1.15, 0.8, 1.2)
-# More tets than anybody can compute with: a mistaken unit.
-MOST_TETS = 2e6
 # Quadratic tets whose Jacobian falls below this part of their greatest one are mended.
 LEAST_JACOBIAN = 0.1
 # Surfaces with fewer triangles than this are refined before they are split into faces.
@@ -226,11 +224,11 @@ def mesh_to_target(gmsh: Any, job: dict[str, Any]) -> None:
     """Mesh with linear tets at the target size, or search the size that gives the target count."""
     if job["size"] is not None:
         expected = expected_count(job, job["size"])
-        if expected > MOST_TETS:
+        if expected > job["most_tets"]:
             raise JobError(
                 "the target size is too small",
                 got=f"a size that gives about {expected:.2g} tets",
-                allowed=f"at most {MOST_TETS:.0e} tets",
+                allowed=f"at most {job['most_tets']:.0e} tets",
                 attempt="check the unit of the model and of the size",
             )
         mesh_at(gmsh, job, job["size"])

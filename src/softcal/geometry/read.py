@@ -66,7 +66,10 @@ def read_mesh(path: str | Path, *, unit: str = "m") -> TetMesh:
     path = Path(path)
     factor = unit_factor(unit, "m", where=str(path))
     raw = _read_raw(path)
-    blocks = [(block.type, np.asarray(block.data, dtype=np.int64)) for block in raw.cells]
+    # Of other kinds, such as polyhedra, rows may have lengths of their own.
+    blocks = [
+        (block.type, np.asarray(block.data if block.type in DIMENSION else [], dtype=np.int64)) for block in raw.cells
+    ]
     kinds = {kind for kind, _ in blocks if DIMENSION.get(kind) == 3}
     if not kinds or sum(len(cells) for kind, cells in blocks if kind in kinds) == 0:
         raise MeshError(

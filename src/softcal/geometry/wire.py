@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -16,9 +16,12 @@ from softcal.geometry.quadratic import to_linear
 from softcal.geometry.quality import require_sound
 from softcal.geometry.surface import boundary_faces
 from softcal.geometry.sweep import WEDGE_TETS, upright
+from softcal.limits import LIMITS
 
 # Triangles around the centre of a section.
 SECTORS = 6
+# A layer of one ring: a wedge of three tets over each.
+TETS_OF_A_RING = 3 * SECTORS
 # The fewest layers in a turn of a spring: with fewer, the curved tets of a tight coil fold.
 LEAST_PER_TURN = 6
 # What a turn has by default, if its layers are then no longer than their tets are wide.
@@ -119,6 +122,7 @@ def rod_mesh(
     if faults:
         raise MeshError(faults)
     count = _layers(length, diameter, rings) if layers is None else layers
+    _check_tets(count, rings, where)
     line = straight((0.0, 0.0, 0.0), (0.0, 0.0, length), 2 * count, first=(1.0, 0.0, 0.0))
     return wire_mesh(line, diameter, rings=rings, order=order, where=where)
 
@@ -218,6 +222,7 @@ def spring_mesh(
         Where a measure is out of range.
     """
     layers = max(1, math.ceil(shape.turns * shape.layers_per_turn(rings, layers_per_turn) - 1e-9))
+    _check_tets(layers, rings, "spring")
     return wire_mesh(shape.centreline(2 * layers), shape.wire_diameter, rings=rings, order=order, where="spring")
 
 
@@ -273,6 +278,11 @@ def _section(rings: int) -> _Section:
 
 def _layers(length: float, diameter: float, rings: int) -> int:
     return max(1, math.ceil(2.0 * rings * length / diameter - 1e-9))
+
+
+def _check_tets(layers: int, rings: int, where: str) -> None:
+    if fault := LIMITS["tets"].fault(max(TETS_OF_A_RING * rings**2 * layers, 1), where):
+        raise MeshError(replace(fault, attempt="fewer layers or rings, or a thicker wire"))
 
 
 def _faults(positive: dict[str, float], at_least: dict[str, tuple[int, int]], where: str) -> list[Fault]:

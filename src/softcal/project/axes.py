@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
 from softcal.calibration.parameters import FreeParameter
 from softcal.errors import Fault, InputError, ParameterError
+from softcal.limits import LIMITS
 from softcal.twin.parameters import ParameterInfo, out_of_range, unknown_name
 from softcal.units import format_quantity, parse_quantity
 
 # More values than anyone can wait for come from a step in the wrong unit.
-MOST_VALUES = 10_000
 _DIGITS = 12  # of a value: 0.5 - 3 * 0.05 is 0.35
 # The nearest ratio to an incompressible material's that is computed with.
 _NEAREST_RATIO = 0.4999
@@ -87,6 +88,11 @@ def doubled(axes: Sequence[Axis], held: Collection[str]) -> list[Fault]:
     return faults
 
 
+def cells_fault(axes: Sequence[Axis]) -> Fault | None:
+    """The fault of a grid of more cells than there may be, or None."""
+    return LIMITS["cells of a grid"].fault(math.prod(len(axis.values) for axis in axes))
+
+
 def _number(text: str, unit: str, name: str) -> float:
     return float(f"{parse_quantity(text, unit, where=name):.{_DIGITS}g}")
 
@@ -105,11 +111,8 @@ def _range(text: str, unit: str, name: str) -> list[float]:
         raise ParameterError(
             Fault("the step leads away from the stop", name, f"'{text}'", "a step of the other sign, or without one")
         )
+    LIMITS["values on an axis"].check(1 + abs(way / step), where=name)
     n = int(abs(way / step) + 1e-6) + 1
-    if n > MOST_VALUES:
-        raise ParameterError(
-            Fault("the range holds too many values", name, f"{n} of them in '{text}'", f"at most {MOST_VALUES}")
-        )
     signed = abs(step) if way > 0 else -abs(step)
     return [float(f"{start + k * signed:.{_DIGITS}g}") for k in range(n)]
 

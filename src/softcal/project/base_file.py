@@ -9,8 +9,9 @@ from pathlib import Path
 
 from softcal.errors import Fault, InputError, ProjectFileError
 from softcal.geometry.pose import Pose
-from softcal.project.document import Document, Findings, read_document
+from softcal.project.document import Document, Findings
 from softcal.project.section import Angle, Length, Section, Size, validated
+from softcal.project.yaml_file import read_document
 
 FORMAT = 1
 
@@ -72,7 +73,7 @@ def _from_file(path: Path) -> Base:
             findings.add((key,), "unknown key", got=f"'{key}'", allowed="base, markers")
     if document.data.get("base") != FORMAT:
         findings.add(
-            ("base",), "the format is not known", got=repr(document.data.get("base")), allowed=f"base: {FORMAT}"
+            ("base",), "the format is not known", got=repr(document.data.get("base"))[:60], allowed=f"base: {FORMAT}"
         )
     sections = _sections(document, findings)
     findings.raise_if_any()

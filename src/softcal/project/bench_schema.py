@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Discriminator, Field, PlainValidator, Tag, model_validator
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, PlainValidator, Tag, model_validator
 
 from softcal.project.section import (
     Angle,
@@ -55,7 +55,15 @@ class ColumnSection(Section):
 
 def _named(value: object) -> object:
     """Names as a mapping: each stands for itself."""
-    return {name: name for name in value} if isinstance(value, list) else value
+    return {str(name): name for name in value} if isinstance(value, list) else value
+
+
+def _separating(value: str) -> str:
+    if len(value) != 1 or value.isalnum() or value in "\"'.+-_\r\n" or not (value.isprintable() or value == "\t"):
+        raise fault_error(
+            "this cannot separate columns", got=repr(value), allowed='one character, such as ",", ";" or "\\t"'
+        )
+    return value
 
 
 class FileSection(Section):
@@ -71,7 +79,7 @@ class FileSection(Section):
     where: Mapping[str, Annotated[list[Given], BeforeValidator(numbered), Field(min_length=1)]] = Field(
         default_factory=dict
     )
-    delimiter: str | None = None
+    delimiter: Annotated[str, AfterValidator(_separating)] | None = None
     decimal: Literal[".", ","] | None = None
     header_row: Annotated[int, counted("lines before the data")] | None = None
     units_row: Annotated[int, counted("lines before the data")] | None = None

@@ -19,12 +19,11 @@ from softcal.errors import CalibrationError, Fault, InputError, ParameterError
 from softcal.project.bench_names import experiments_named
 from softcal.project.calibration_schema import CalibrationSection
 from softcal.project.engines import SOFTCAL, engine_for, engine_identity
+from softcal.project.names import JOINT
 from softcal.project.project import Project
 from softcal.project.run_folder import begin_run, calibration_folder, finish_run, reopen_run
 from softcal.project.section import changed
 from softcal.twin.parameters import robot_parameters, with_parameters
-
-JOINT = "joint"
 
 # Told after every trial, and of every stage after them: the label of the calibration, and how far it is.
 Observer = Callable[[str, Progress], None]

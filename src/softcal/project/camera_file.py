@@ -14,8 +14,9 @@ from pydantic import BeforeValidator
 from softcal.errors import Fault, ProjectFileError
 from softcal.experiments.camera import Camera
 from softcal.experiments.charuco import Calibration
-from softcal.project.document import Findings, read_document
+from softcal.project.document import Findings
 from softcal.project.section import Section, quantity, validated
+from softcal.project.yaml_file import read_document
 
 FORMAT = 1
 
@@ -70,7 +71,7 @@ def read_camera(path: Path) -> Camera:
     findings = Findings(document)
     section = validated(CameraSection, dict(document.data), (), findings)
     if section is not None and section.camera != FORMAT:
-        findings.add(("camera",), "the format is not known", got=repr(section.camera), allowed=str(FORMAT))
+        findings.add(("camera",), "the format is not known", got=repr(section.camera)[:60], allowed=str(FORMAT))
     if section is not None:
         for i, number in enumerate(section.resolution):
             if number != round(number):

@@ -1,4 +1,4 @@
-"""A YAML file as plain data that remembers its lines, and the place where everything wrong with it is collected."""
+"""A file as plain data that remembers its lines, and the place where everything wrong with it is collected."""
 
 from __future__ import annotations
 
@@ -7,14 +7,9 @@ import re
 from collections.abc import Generator, Iterable, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
-from ruamel.yaml import YAML
-from ruamel.yaml.error import MarkedYAMLError, YAMLError
-from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
-
-from softcal.errors import Fault, InputError, ProjectFileError, StorageError
+from softcal.errors import Fault, InputError, ProjectFileError
 
 # The way to a value: keys of mappings and numbers of list entries.
 KeyPath = tuple[str | int, ...]
@@ -105,111 +100,3 @@ def suggestion(got: str, known: Iterable[str]) -> str:
     """The known word nearest to `got`, quoted; nothing where none is near."""
     nearest = difflib.get_close_matches(got, list(known), n=1, cutoff=0.5)
     return f"'{nearest[0]}'" if nearest else ""
-
-
-def read_document(
-    path: Path,
-    kind: str = "project file",
-    keys: str = "keys such as softcal, name, robot, experiments, parameters",
-    attempt: str = "softcal init neck DIR writes one to start from",
-) -> Document:
-    """Parse a YAML file; equal keys and the like are kept as faults of the document.
-
-    `kind`, `keys` and `attempt` tell in messages what the file is, what stands in it and where to get one.
-
-    Raises
-    ------
-    StorageError
-        Where the file cannot be read.
-    ProjectFileError
-        Where it is not YAML, or holds no mapping.
-    """
-    name = path.name
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise StorageError(
-            Fault(f"the {kind} cannot be read", str(path), _reason(error), "a YAML file in UTF-8")
-        ) from error
-    try:
-        root: Node | None = YAML(typ="safe", pure=True).compose(text)  # pyright: ignore[reportUnknownMemberType]
-    except MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        line = mark.line + 1 if mark else 1
-        raise ProjectFileError(
-            Fault("this is not YAML", f"{name}:{line}", error.problem or str(error.context), "key: value")
-        ) from error
-    except YAMLError as error:
-        raise ProjectFileError(Fault("this is not YAML", name, str(error).splitlines()[0])) from error
-    if not isinstance(root, MappingNode):
-        raise ProjectFileError(
-            Fault(
-                f"the {kind} holds no keys",
-                name,
-                "an empty file" if root is None else "a list or a bare value",
-                keys,
-                attempt,
-            )
-        )
-    reader = _Reader(name)
-    data = reader.mapping(root, ())
-    return Document(name, data, reader.lines, tuple(reader.faults))
-
-
-class _Reader:
-    """Turns YAML nodes into plain data: lines kept, equal keys found, numbers read by YAML 1.2's rules."""
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self.lines: dict[KeyPath, int] = {}
-        self.faults: list[Fault] = []
-
-    def value(self, node: Node, path: KeyPath) -> Any:
-        self.lines.setdefault(path, node.start_mark.line + 1)
-        if isinstance(node, MappingNode):
-            return self.mapping(node, path)
-        if isinstance(node, SequenceNode):
-            return [self.value(entry, (*path, i)) for i, entry in enumerate(node.value)]
-        if isinstance(node, ScalarNode):
-            return _scalar(node)
-        raise AssertionError(f"a YAML node of unknown kind {type(node)}")
-
-    def mapping(self, node: MappingNode, path: KeyPath) -> dict[str, Any]:
-        found: dict[str, Any] = {}
-        merged: dict[str, Any] = {}
-        for key_node, value_node in node.value:
-            line = key_node.start_mark.line + 1
-            if key_node.tag == "tag:yaml.org,2002:merge" and isinstance(value_node, MappingNode):
-                merged.update(self.mapping(value_node, path))
-                continue
-            key = str(key_node.value)
-            here = (*path, key)
-            if key in found:
-                where = f"{self.name}:{line}: {dotted(here)}"
-                self.faults.append(
-                    Fault("the key stands twice", where, f"a first one on line {self.lines[here]}", "one of each key")
-                )
-                continue
-            self.lines[here] = line
-            found[key] = self.value(value_node, here)
-        return {**merged, **found}
-
-
-def _scalar(node: ScalarNode) -> str | int | float | bool | None:
-    text = str(node.value)
-    kind = str(node.tag).rsplit(":", 1)[-1]
-    if kind == "null":
-        return None
-    if kind == "bool":
-        return text.lower() == "true"
-    if kind == "int":
-        return int(text.replace("_", ""), 0) if text.lstrip("+-")[:2] in ("0o", "0x") else int(text.replace("_", ""))
-    if kind == "float" and any(character.isdigit() for character in text):
-        return float(text.replace("_", ""))
-    return text
-
-
-def _reason(error: Exception) -> str:
-    if isinstance(error, UnicodeDecodeError):
-        return f"a byte that is not UTF-8 at {error.start}"
-    return getattr(error, "strerror", None) or str(error)

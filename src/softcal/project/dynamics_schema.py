@@ -6,6 +6,7 @@ from typing import Literal
 
 from pydantic import model_validator
 
+from softcal.limits import LIMITS
 from softcal.project.section import Duration, Rate, Section, Speed, Time, fault_error
 from softcal.twin.schedule import Settling, TimeSettings
 
@@ -37,6 +38,9 @@ class DynamicsSection(Section):
     def _one_end(self) -> DynamicsSection:
         if self.hold is not None and self.settle is not None:
             raise fault_error("it is said twice how the motion ends", got="hold and settle", allowed="one of the two")
+        after = (self.settle or SettleSection()).longest if self.hold is None else self.hold
+        if fault := LIMITS["time steps"].fault(1 + (self.ramp + after) / self.time_step):
+            raise fault_error(fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt)
         return self
 
     @property

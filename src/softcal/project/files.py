@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from softcal.errors import Fault, StorageError
+from softcal.limits import Limit
 
 
 @dataclass
@@ -22,29 +23,75 @@ class InputFiles:
     copies: Mapping[str, str] = field(default_factory=dict[str, str])
     used: dict[str, Path] = field(default_factory=dict[str, Path])
 
-    def find(self, written: str, kind: str) -> Path:
-        """The path of a file that is there.
+    def find(self, written: str, kind: str, limit: Limit | None = None) -> Path:
+        """The path of a file that is there, and not larger than its kind may be.
 
         Raises
         ------
         StorageError
-            Where it is not.
+            Where it is not, or it is too large.
         """
-        path = self.folder / Path(self.copies.get(written, written)).expanduser()
-        if not path.is_file():
-            what = f"the {kind} is a folder" if path.is_dir() else f"there is no such {kind}"
-            near = sorted(entry.name for entry in path.parent.glob("*") if entry.is_file())[:8]
+        try:
+            path = self.folder / Path(self.copies.get(written, written)).expanduser()
+        except RuntimeError as error:  # a home that does not exist
+            raise StorageError(Fault(f"there is no such {kind}", got=shortened(written), allowed="a file")) from error
+        if found := not_a_file(path):
+            near = _beside(path)
             raise StorageError(
                 Fault(
-                    what, got=f"'{written}'", allowed=f"a file; beside it lie {', '.join(near)}" if near else "a file"
+                    f"the {kind} is a folder" if found == "a folder" else f"there is no such {kind}",
+                    got=shortened(written),
+                    allowed=f"a file; beside it lie {', '.join(near)}" if near else "a file",
                 )
             )
+        if limit is not None:
+            require_file(path, kind, limit)
         self.used[written] = path
         return path
 
     def hashes(self) -> dict[str, str]:
         """SHA-256 of every file asked for, by its path as written."""
         return {written: sha256(path) for written, path in self.used.items()}
+
+
+def not_a_file(path: Path) -> str:
+    """What stands at a path where a file is to be read; nothing where it is a file."""
+    try:
+        if path.is_file():
+            return ""
+        return "a folder" if path.is_dir() else "no file at all" if path.exists() else "no such file"
+    except OSError as error:  # such as a name of more letters than the system allows
+        return (error.strerror or str(error)).lower()
+
+
+def require_file(path: Path, kind: str, limit: Limit) -> None:
+    """Check that there is a file, and that it is not larger than its kind may be.
+
+    Raises
+    ------
+    StorageError
+        Where there is none, or it is too large.
+    """
+    if found := not_a_file(path):
+        raise StorageError(Fault(f"the {kind} cannot be read", shortened(str(path)).strip("'"), found, "a file"))
+    try:
+        size = path.stat().st_size
+    except OSError as error:
+        raise StorageError(Fault(f"the {kind} cannot be read", str(path), error.strerror or str(error))) from error
+    if fault := limit.fault(size, str(path)):
+        raise StorageError(replace(fault, what=f"the {kind} is too large"))
+
+
+def shortened(text: str) -> str:
+    """Text in quotes for a message, its middle left out where it is long."""
+    return f"'{text}'" if len(text) <= 80 else f"'{text[:40]}…{text[-30:]}' ({len(text)} characters)"
+
+
+def _beside(path: Path) -> list[str]:
+    try:
+        return sorted(entry.name for entry in path.parent.iterdir() if entry.is_file())[:8]
+    except OSError:
+        return []
 
 
 def sha256(path: Path) -> str:

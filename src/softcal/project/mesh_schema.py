@@ -150,8 +150,8 @@ FROM_FILE = "file"
 
 def _known_primitive(data: Any) -> Any:
     name: object = data.get("primitive", "neck") if isinstance(data, dict) else "neck"
-    if name not in PRIMITIVES:
-        raise fault_error("there is no such primitive", got=repr(name), allowed=", ".join(PRIMITIVES))
+    if not isinstance(name, str) or name not in PRIMITIVES:
+        raise fault_error("there is no such primitive", got=repr(name)[:60], allowed=", ".join(PRIMITIVES))
     return data
 
 

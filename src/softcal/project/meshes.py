@@ -11,6 +11,7 @@ from softcal.geometry.mesh import TetMesh
 from softcal.geometry.neck import NeckShape, neck_mesh
 from softcal.geometry.read import read_mesh
 from softcal.geometry.wire import SpringShape, rod_mesh, spring_mesh
+from softcal.limits import LIMITS
 from softcal.project.files import InputFiles
 from softcal.project.mesh_schema import TO_FILL, MeshDisc, MeshFile, MeshNeck, MeshRod, MeshSpring
 from softcal.project.robot_schema import BodySection
@@ -100,7 +101,7 @@ def _neck(section: MeshNeck) -> TetMesh:
 
 
 def _from_file(section: MeshFile, files: InputFiles) -> TetMesh:
-    path = files.find(section.file, "mesh file")
+    path = files.find(section.file, "mesh file", LIMITS["bytes of a mesh file"])
     unit = section.unit or "mm"
     if path.suffix.lower() in TO_FILL:
         return mesh_file(

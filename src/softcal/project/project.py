@@ -15,21 +15,24 @@ from softcal.errors import Fault, ProjectFileError
 from softcal.experiments.dataset import Dataset
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quality import MeshReport
-from softcal.project.axes import Axis, doubled, parse_axis
+from softcal.limits import LIMITS
+from softcal.project.axes import Axis, cells_fault, doubled, parse_axis
 from softcal.project.bench import Bench, build_bench
 from softcal.project.bench_names import experiments_named
 from softcal.project.bench_schema import ExperimentSection, RigSection
 from softcal.project.calibration_schema import CalibrationSection, ParameterSection, PrintSection
-from softcal.project.document import Document, Findings, read_document, suggestion
+from softcal.project.document import Document, Findings, suggestion
 from softcal.project.dynamics_schema import DynamicsSection
 from softcal.project.engines_schema import EnginesSection
 from softcal.project.files import InputFiles, sha256
 from softcal.project.meshes import is_generated, mesh_maker
+from softcal.project.names import RESERVED_OF_TESTS, check_names
 from softcal.project.robot import BuiltRobot, build_robot
 from softcal.project.robot_schema import RobotSection
 from softcal.project.search import build_search, held_values, names_held, rig_value, untied
 from softcal.project.section import Section, validated
 from softcal.project.sweep_schema import SweepSection
+from softcal.project.yaml_file import read_document
 from softcal.report.content import PrintInfill
 from softcal.twin.parameters import ParameterInfo, robot_parameters, with_parameters
 from softcal.twin.robot import Robot
@@ -126,6 +129,7 @@ def load(
     section = _section(RobotSection, "robot", document, findings)
     rig = _section(RigSection, "rig", document, findings, {}) or RigSection()
     experiments = _entries(ExperimentSection, "experiments", document, findings)
+    _check_names(document, experiments, findings)
     parameters = _entries(ParameterSection, "parameters", document, findings)
     calibration = _section(CalibrationSection, "calibration", document, findings, {})
     dynamics = _section(DynamicsSection, "dynamics", document, findings, {})
@@ -199,10 +203,10 @@ def _check_keys(document: Document, findings: Findings) -> None:
         if document.data.get(key) is None:
             findings.add((), "a key is missing", got=f"no '{key}'", allowed=allowed)
     version = document.data.get("softcal", FORMAT)
-    if version is not None and version != FORMAT:
-        findings.add(("softcal",), "the format is not known", got=repr(version), allowed=str(FORMAT))
+    if version is not None and (version != FORMAT or isinstance(version, bool)):
+        findings.add(("softcal",), "the format is not known", got=repr(version)[:60], allowed=str(FORMAT))
     if not isinstance(document.data.get("name") or "", str):
-        findings.add(("name",), "this is of the wrong kind", got=repr(document.data["name"]), allowed="text")
+        findings.add(("name",), "this is of the wrong kind", got=repr(document.data["name"])[:60], allowed="text")
 
 
 def _section(
@@ -296,9 +300,26 @@ def _check_sweep(
             axes.append(parse_axis(name, written, known, tied))
     for fault in doubled(axes, ()):
         findings.add(("sweep", "over", fault.where), fault.what, got=fault.got)
+    if axes and (fault := cells_fault(axes)):
+        findings.add(("sweep", "over"), fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt)
     for i, wanted in enumerate(section.experiments):
         if not set(experiments_named([wanted], experiments)) <= set(experiments):
             findings.unknown(("sweep", "experiments", i), "experiment", wanted, experiments)
+
+
+def _check_names(document: Document, experiments: Mapping[str, ExperimentSection], findings: Findings) -> None:
+    """Experiments, set-ups and tied parameters give files, columns and labels their names."""
+    tests = _raw(document, "experiments")
+    check_names({name: ("experiments", name) for name in tests}, findings, RESERVED_OF_TESTS)
+    check_names(
+        {one.set_up: ("experiments", name, "set_up") for name, one in experiments.items() if one.set_up},
+        findings,
+        RESERVED_OF_TESTS,
+    )
+    tied = [name for name, given in _raw(document, "parameters").items() if isinstance(given, dict) and given.get("of")]
+    check_names({name: ("parameters", name) for name in tied}, findings)
+    if fault := LIMITS["experiments"].fault(len(tests)):
+        findings.add(("experiments",), fault.what, got=fault.got, allowed=fault.allowed)
 
 
 def _check_set_ups(set_ups: Mapping[str, str], findings: Findings) -> None:

@@ -9,8 +9,10 @@ from softcal.checks import Floats, Ints, frozen_floats
 from softcal.errors import MeshError
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quality import MeshReport, check_quality
+from softcal.limits import LIMITS
 from softcal.project.document import Findings, KeyPath
 from softcal.project.manipulator_schema import KEYS, ManipulatorSection
+from softcal.project.names import RESERVED_OF_PARTS, folded, name_fault
 from softcal.project.robot_bodies import MeshMaker, build_bodies
 from softcal.project.robot_fit import check_whole
 from softcal.project.robot_parts import Carriers, build_cable, build_load, build_marker, build_plate, build_tie
@@ -93,15 +95,22 @@ def _generated(section: RobotSection, kind: str) -> list[str]:
 
 def _check_names(section: RobotSection, findings: Findings) -> None:
     """All parts share one space of names: parameters and channels are called by them."""
-    seen: dict[str, str] = {name: "the manipulator's own" for kind in KINDS for name in _generated(section, kind)}
+    seen: dict[str, str] = {
+        folded(name): "the manipulator's own" for kind in KINDS for name in _generated(section, kind)
+    }
     for kind in KINDS:
         for name in getattr(section, kind):
             path = ("robot", kind, name)
             if not name.isidentifier():
-                findings.add(path, "this cannot be a name", got=f"'{name}'", allowed="letters, digits and _")
-            if name in seen:
-                findings.add(path, "two parts of the robot share a name", got=f"'{name}', first as {seen[name]}")
-            seen.setdefault(name, kind)
+                findings.add(path, "this cannot be a name", got=repr(name), allowed="letters, digits and _")
+            elif (fault := name_fault(name, RESERVED_OF_PARTS)) is not None:
+                findings.add(path, fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt)
+            if folded(name) in seen:
+                got = f"'{name}', first as {seen[folded(name)]}"
+                findings.add(path, "two parts of the robot share a name", got=got)
+            seen.setdefault(folded(name), kind)
+    if fault := LIMITS["parts of a robot"].fault(max(len(seen), 1)):
+        findings.add(("robot",), fault.what, got=fault.got, allowed=fault.allowed)
 
 
 def _manipulator(section: ManipulatorSection, gravity: Floats, findings: Findings) -> Robot | None:

@@ -13,6 +13,7 @@ from softcal.geometry import section as sections
 from softcal.geometry.centreline import Centreline, curve_through, helix, polyline, spaced, straight
 from softcal.geometry.placement import placed_centreline
 from softcal.geometry.section import Section
+from softcal.limits import LIMITS
 from softcal.project.document import Findings, KeyPath
 from softcal.project.rod_schema import CrossSection, HelixSection, RodSection
 from softcal.twin.robot import Rod
@@ -48,6 +49,7 @@ def build_rod(name: str, rod: RodSection, plates: Iterable[str], findings: Findi
                 plate: _arcs(where, length, (*path, "clamped", plate), findings) for plate, where in rod.clamped.items()
             }
             fixed = _arcs(rod.fixed, length, (*path, "fixed"), findings)
+            LIMITS["elements of a rod"].check(rod.elements or _elements(rod))
             line = _centreline(rod, sorted({*fixed, *(s for arcs in clamped.values() for s in arcs)}))
             if rod.placement is not None:
                 with findings.at((*path, "placement")):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from softcal.calibration.run import Progress
 from softcal.calibration.run import calibrate as calibrate_problem
 from softcal.calibration.store import RunStore, write_text
 from softcal.errors import CalibrationError, Fault, InputError, ParameterError
-from softcal.project.axes import Axis, doubled, parse_axis
+from softcal.project.axes import Axis, cells_fault, doubled, parse_axis
 from softcal.project.bench_names import experiments_named
 from softcal.project.calibration import make_loss
 from softcal.project.project import Project
@@ -264,6 +264,8 @@ def _axes(project: Project, over: Mapping[str, str | Sequence[str | float]] | No
         except InputError as error:
             faults += error.faults
     faults += doubled(axes, project.held)
+    if axes and (fault := cells_fault(axes)):
+        faults.append(replace(fault, where="--over" if over else "sweep.over"))
     if faults:
         raise ParameterError(faults)
     return axes

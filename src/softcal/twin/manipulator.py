@@ -17,6 +17,7 @@ from softcal.checks import Floats
 from softcal.errors import Fault, MeshError
 from softcal.geometry.centreline import Centreline, helix
 from softcal.geometry.section import circular
+from softcal.limits import LIMITS
 from softcal.twin.robot import Cable, Disc, Marker, Plate, Robot, Rod, ViaPoint
 
 BASE = "base"
@@ -195,9 +196,13 @@ def spring_centreline(shape: ManipulatorShape, number: int, elements_per_turn: i
     ------
     MeshError
         For fewer than four elements per turn.
+    InputError
+        For more elements than a rod may have.
     """
     if elements_per_turn < 4:
         raise MeshError(Fault("a turn of a spring needs four elements or more", got=str(elements_per_turn)))
+    elements = max(1, math.ceil(shape.turns * elements_per_turn - 1e-9))
+    LIMITS["elements of a rod"].check(elements)
     azimuth = shape.spring_azimuth
     return helix(
         tuple(shape.spring_start(number) * shape.outwards),
@@ -205,7 +210,7 @@ def spring_centreline(shape: ManipulatorShape, number: int, elements_per_turn: i
         diameter=shape.coil_diameter,
         pitch=shape.spring_length / shape.turns,
         turns=shape.turns,
-        at=max(1, math.ceil(shape.turns * elements_per_turn - 1e-9)),
+        at=elements,
         towards=(math.cos(azimuth), math.sin(azimuth), 0.0),
         left_handed=shape.left_handed,
     )

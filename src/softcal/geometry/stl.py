@@ -1,0 +1,95 @@
+"""The triangles of an .stl file, looked over before Gmsh takes it: it leaves out corners that are no numbers."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.errors import Fault, MeshError
+
+_HEADER, _TRIANGLE = 80, 50
+_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+_VERTEX = re.compile(rb"vertex[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)", re.IGNORECASE)
+# Gmsh takes a binary file for text where its header is empty, as some CAD programs leave it.
+_NAMED = b"binary STL".ljust(_HEADER)
+
+
+def checked_stl(path: Path) -> bytes:
+    """The bytes of an .stl file as Gmsh reads them without fail.
+
+    Raises
+    ------
+    MeshError
+        Where the file is no STL, is cut off, holds no triangles, or a corner that is no number, or encloses nothing.
+    """
+    data = path.read_bytes()
+    binary = _is_binary(data)
+    corners = _binary_corners(data, path) if binary else _text_corners(data, path)
+    if len(corners) == 0:
+        raise MeshError(Fault("the file holds no triangles", str(path), allowed="a closed surface of triangles"))
+    broken = np.flatnonzero(~np.isfinite(corners).all(axis=(1, 2)))
+    if len(broken):
+        raise MeshError(
+            Fault(
+                "a triangle has a corner without finite coordinates",
+                str(path),
+                f"triangle {broken[0] + 1}: {corners[broken[0]].tolist()}",
+                attempt="export it again from the CAD program",
+            )
+        )
+    size = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
+    a, b, c = np.swapaxes(corners - corners[0, 0], 0, 1)
+    volume = abs(float(np.einsum("ij,ij->", a, np.cross(b, c)))) / 6.0
+    if not volume > 1e-9 * size**3:
+        raise MeshError(
+            Fault(
+                "the surface encloses no volume",
+                str(path),
+                f"{volume:.3g} in a box of {size:.3g} (in the file's own unit)",
+                "a closed surface whose triangles all face outwards",
+                "repair it in the CAD program and export it again",
+            )
+        )
+    return _NAMED + data[_HEADER:] if binary else data
+
+
+def _is_binary(data: bytes) -> bool:
+    told = _HEADER + 4 + _TRIANGLE * int.from_bytes(data[_HEADER : _HEADER + 4], "little")
+    head = data[:4000].lower()
+    return len(data) == told or not (head.startswith(b"solid") and (b"facet" in head or b"endsolid" in head))
+
+
+def _binary_corners(data: bytes, path: Path) -> Floats:
+    start = _HEADER + 4
+    count = int.from_bytes(data[_HEADER:start], "little")
+    if len(data) < start + _TRIANGLE * count:
+        raise MeshError(
+            Fault(
+                "the file is no STL, or it is cut off",
+                str(path),
+                f"{len(data)} bytes, which say that they hold {count} triangles",
+                f"{start + _TRIANGLE * count} bytes for so many",
+            )
+        )
+    return np.frombuffer(data, _RECORD, count, start)["corners"].astype(np.float64)
+
+
+def _text_corners(data: bytes, path: Path) -> Floats:
+    try:
+        numbers = np.array(_VERTEX.findall(data), dtype=np.bytes_).reshape(-1, 3).astype(np.float64)
+    except ValueError as error:
+        raise MeshError(Fault("a corner of a triangle is no number", str(path), str(error))) from error
+    facets = len(re.findall(rb"endfacet", data, re.IGNORECASE))
+    if len(numbers) != 3 * facets:
+        raise MeshError(
+            Fault(
+                "the file is cut off, or its triangles are not whole",
+                str(path),
+                f"{len(numbers)} corners of {facets} triangles",
+                "three corners of each",
+            )
+        )
+    return numbers.reshape(-1, 3, 3)

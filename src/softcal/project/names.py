@@ -1,0 +1,46 @@
+"""What a name may be: of experiments, of parts, of whatever else gives a file, a column or a parameter its name."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Iterable, Mapping
+
+from softcal.errors import Fault
+from softcal.limits import LIMITS
+from softcal.project.document import Findings, KeyPath
+
+# The label of the calibration of all experiments together, which is kept beside those of each.
+JOINT = "joint"
+# Names that a file system, a run folder or the rig's own parameters take.
+_DEVICES = ("con", "prn", "aux", "nul", *(f"{port}{k}" for port in ("com", "lpt") for k in range(1, 10)))
+RESERVED_OF_TESTS = frozenset((JOINT, *_DEVICES))
+RESERVED_OF_PARTS = frozenset(("frame", "pulleys", "rig", *_DEVICES))
+_NAME = re.compile(r"\w([\w .+()-]*[\w+()-])?")
+ALLOWED = "letters, digits, and _ - + . ( ) or blanks between them"
+
+
+def name_fault(name: str, reserved: Iterable[str] = ()) -> Fault | None:
+    """What is wrong with a name that may become a file's and is typed on the command line, or None."""
+    if fault := LIMITS["characters in a name"].fault(len(name)):
+        return fault
+    if _NAME.fullmatch(name) is None or not name.isprintable():
+        return Fault("this cannot be a name", got=repr(name), allowed=ALLOWED)
+    if folded(name) in reserved:
+        return Fault("the name is taken by softcal itself", got=repr(name), attempt=f"{name}_1")
+    return None
+
+
+def check_names(names: Mapping[str, KeyPath], findings: Findings, reserved: Iterable[str] = ()) -> None:
+    """Record names that cannot be, and those that differ in nothing but capitals: one file could not hold both."""
+    seen: dict[str, str] = {}
+    for name, path in names.items():
+        if (fault := name_fault(name, reserved)) is not None:
+            findings.add(path, fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt)
+        elif (other := seen.setdefault(folded(name), name)) != name:
+            findings.add(path, "two names differ in nothing but capitals", got=f"'{other}' and '{name}'")
+
+
+def folded(name: str) -> str:
+    """The name as a file system that knows no capitals keeps it."""
+    return unicodedata.normalize("NFC", name).casefold()

@@ -1,0 +1,185 @@
+"""A YAML file read as plain data: bounded in size and depth, equal keys found, numbers read by YAML 1.2's rules."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from pathlib import Path
+from typing import Any
+
+from ruamel.yaml import YAML
+from ruamel.yaml.error import MarkedYAMLError, ReusedAnchorWarning, YAMLError
+from ruamel.yaml.events import CollectionEndEvent, CollectionStartEvent
+from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+
+from softcal.errors import Fault, ProjectFileError, StorageError
+from softcal.limits import LIMITS
+from softcal.project.document import Document, KeyPath, dotted
+from softcal.project.files import require_file
+
+_TAG = "tag:yaml.org,2002:"
+_MERGE = _TAG + "merge"
+# What YAML itself says of a value; whatever else a tag names is not read.
+_TAGS = {_TAG + kind for kind in ("str", "int", "float", "bool", "null", "map", "seq", "merge", "timestamp", "value")}
+_LONGEST_KEY, _MOST_DIGITS = 200, 30
+
+
+def read_document(
+    path: Path,
+    kind: str = "project file",
+    keys: str = "keys such as softcal, name, robot, experiments, parameters",
+    attempt: str = "softcal init neck DIR writes one to start from",
+) -> Document:
+    """Parse a YAML file; equal keys and the like are kept as faults of the document.
+
+    `kind`, `keys` and `attempt` tell in messages what the file is, what stands in it and where to get one.
+
+    Raises
+    ------
+    StorageError
+        Where the file cannot be read, or is too large.
+    ProjectFileError
+        Where it is not YAML, holds no mapping, too many values or levels, or a value that holds itself.
+    """
+    require_file(path, kind, LIMITS["bytes of a YAML file"])
+    name = path.name
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise StorageError(
+            Fault(f"the {kind} cannot be read", str(path), _reason(error), "a YAML file in UTF-8")
+        ) from error
+    try:
+        root = _compose(text, name)
+    except MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        line = mark.line + 1 if mark else 1
+        raise ProjectFileError(
+            Fault("this is not YAML", f"{name}:{line}", error.problem or str(error.context), "key: value")
+        ) from error
+    except (YAMLError, ValueError, OverflowError) as error:  # of escapes such as "\UFFFFFFFF", ruamel lets Python's out
+        raise ProjectFileError(Fault("this is not YAML", name, str(error).splitlines()[0])) from error
+    if not isinstance(root, MappingNode):
+        raise ProjectFileError(
+            Fault(
+                f"the {kind} holds no keys",
+                name,
+                "an empty file" if root is None else "a list or a bare value",
+                keys,
+                attempt,
+            )
+        )
+    reader = _Reader(name)
+    data = reader.mapping(root, ())
+    return Document(name, data, reader.lines, tuple(reader.faults))
+
+
+def _compose(text: str, name: str) -> Node | None:
+    """The file's nodes; values and levels are counted first, event by event, since nodes are made by recursion."""
+    levels, values, depth = LIMITS["levels of a YAML file"], LIMITS["values in a YAML file"], 0
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ReusedAnchorWarning)  # YAML 1.2 lets an anchor be set anew
+        for count, event in enumerate(_yaml().parse(text)):  # pyright: ignore[reportUnknownMemberType]
+            depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
+            where = f"{name}:{event.start_mark.line + 1}"  # a key and its value are two events
+            if fault := levels.fault(depth, where) or values.fault(count / 2, where):
+                raise ProjectFileError(fault)
+        return _yaml().compose(text)  # pyright: ignore[reportUnknownMemberType, reportReturnType]
+
+
+def _yaml() -> YAML:
+    return YAML(typ="safe", pure=True)
+
+
+class _Reader:
+    """Turns YAML nodes into plain data: lines kept, equal keys found, anchors written out up to a limit."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.lines: dict[KeyPath, int] = {}
+        self.faults: list[Fault] = []
+        self.count = 0
+        self.inside: list[Node] = []
+
+    def value(self, node: Node, path: KeyPath) -> Any:
+        self.lines.setdefault(path, _line(node))
+        self.count += 1
+        if fault := LIMITS["values in a YAML file"].fault(self.count, self.where(path, node)):
+            raise ProjectFileError(fault)
+        if any(node is outer for outer in self.inside):
+            raise ProjectFileError(Fault("the value holds itself", self.where(path, node)))
+        if node.tag not in _TAGS:
+            self.add(path, node, "the tag is not known", f"'{node.tag}'", "a plain value")
+        self.inside.append(node)
+        try:
+            if isinstance(node, MappingNode):
+                return self.mapping(node, path)
+            if isinstance(node, SequenceNode):
+                return [self.value(entry, (*path, i)) for i, entry in enumerate(node.value)]
+            return self.scalar(node, path)
+        finally:
+            self.inside.pop()
+
+    def mapping(self, node: MappingNode, path: KeyPath) -> dict[str, Any]:
+        found: dict[str, Any] = {}
+        merged: dict[str, Any] = {}
+        for key_node, value_node in node.value:
+            if key_node.tag == _MERGE:
+                merged = {**self.merged(value_node, path), **merged}
+                continue
+            key = str(key_node.value)
+            if not isinstance(key_node, ScalarNode) or not key or len(key) > _LONGEST_KEY or not key.isprintable():
+                allowed = f"text of 1 to {_LONGEST_KEY} characters that can be seen"
+                self.add(path, key_node, "this cannot be a key", repr(key)[:40], allowed)
+                continue
+            here = (*path, key)
+            if key in found:
+                before = f"a first one on line {self.lines[here]}"
+                self.add(here, key_node, "the key stands twice", before, "one of each key")
+                continue
+            self.lines[here] = _line(key_node)
+            found[key] = self.value(value_node, here)
+        return {**merged, **found}
+
+    def merged(self, node: Node, path: KeyPath) -> dict[str, Any]:
+        """What `<<` brings in: a mapping, or several, of which the first has the say."""
+        many: list[Node] = node.value if isinstance(node, SequenceNode) else [node]
+        found: dict[str, Any] = {}
+        for one in many:
+            if isinstance(one, MappingNode):
+                found = {**self.value(one, path), **found}
+            else:
+                self.add(path, one, "this cannot be merged", "a list or a bare value", "<<: *NAME, of a mapping")
+        return found
+
+    def scalar(self, node: Node, path: KeyPath) -> str | int | float | bool | None:
+        text, kind = str(node.value), str(node.tag).removeprefix(_TAG)
+        plain = text.replace("_", "")
+        try:
+            if kind == "null":
+                return None
+            if kind == "bool":
+                return {"true": True, "false": False}[text.lower()]
+            if kind == "int" and len(plain) <= _MOST_DIGITS:
+                return int(plain, 0) if plain.lstrip("+-")[:2] in ("0o", "0x") else int(plain)
+            if kind == "float" and math.isfinite(number := float(plain)):
+                return number
+        except (ValueError, KeyError):
+            self.add(path, node, "the value is not what its tag says", f"'{text[:40]}', {kind}", "a plain value")
+        return text
+
+    def add(self, path: KeyPath, node: Node, what: str, got: str, allowed: str) -> None:
+        self.faults.append(Fault(what, self.where(path, node), got, allowed))
+
+    def where(self, path: KeyPath, node: Node) -> str:
+        return f"{self.name}:{_line(node)}" + (f": {dotted(path)}" if path else "")
+
+
+def _line(node: Node) -> int:
+    return node.start_mark.line + 1
+
+
+def _reason(error: Exception) -> str:
+    if isinstance(error, UnicodeDecodeError):
+        return f"a byte that is not UTF-8 at {error.start}"
+    return getattr(error, "strerror", None) or str(error)

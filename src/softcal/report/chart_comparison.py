@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import groupby
 from typing import TYPE_CHECKING
 
@@ -9,7 +10,17 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.report.comparison import Comparison
-from softcal.report.style import BLUE, FAINT, INK, LOOP, MUTED, house_style, new_figure
+from softcal.report.style import (
+    BLUE,
+    FAINT,
+    INK,
+    LOOP,
+    MUTED,
+    house_style,
+    keep_tick_labels_apart,
+    new_figure,
+    overlapping,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,6 +45,7 @@ def draw_comparison(found: Comparison) -> Figure:
             axes.set_title(" ".join(dict.fromkeys(part for part in (found.experiments[0], found.states[0]) if part)))
             axes.legend(loc="upper left")
             axes.margins(y=0.18)
+            keep_tick_labels_apart(axes)
             return figure
         width = min(max(5.2, 1.2 + 0.5 * n), 11.0)
         figure = new_figure(width, 1.2 + 1.45 * len(found.markers))
@@ -50,6 +62,7 @@ def draw_comparison(found: Comparison) -> Figure:
         figure.supylabel(f"Distance from where it was measured{unit}", fontsize=9)
         for axes in stack:
             axes.set_ylabel("")
+        _keep_numbers_apart(list(stack))
         handles, labels = stack[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside upper right", ncols=2)
         return figure
@@ -67,6 +80,23 @@ def _draw_bars(axes: Axes, nominal: Floats, tuned: Floats, tuned_name: str) -> N
             "not\nseen", (float(i), 0.0), (0, 2), textcoords="offset points", ha="center", fontsize=7, color=MUTED
         )
     axes.grid(visible=False, axis="x")
+
+
+def _keep_numbers_apart(stack: Sequence[Axes]) -> None:
+    """Smaller numbers on the bars where they would cover each other, and none where that does not help."""
+    rows = [[text for text in axes.texts if _is_number(text.get_text())] for axes in stack]
+    for size in (7.0, 6.0, 5.0):
+        for text in (text for row in rows for text in row):
+            text.set_fontsize(size)
+        stack[0].figure.draw_without_rendering()  # type: ignore[union-attr]
+        if not any(map(overlapping, rows)):
+            return
+    for text in (text for row in rows for text in row):
+        text.set_visible(False)
+
+
+def _is_number(text: str) -> bool:
+    return text.replace(".", "", 1).isdigit()
 
 
 def _short(value: float) -> str:
@@ -92,13 +122,30 @@ def _name_states(axes: Axes, found: Comparison) -> None:
     axes.tick_params(axis="x", labelrotation=90 if crowded else 0, labelsize=8)
     longest = max(map(len, found.states))
     below = -(0.34 + 0.055 * longest) if crowded else -0.34
-    for name, held in groups:
-        if len(held) == 1 and name in found.states[held[0]]:
-            continue
+    texts = [
         axes.text(
-            float(np.mean(held)), below, name, transform=axes.get_xaxis_transform(), ha="center", va="top",
-            fontsize=9, color=INK, fontweight="bold",
-        )  # fmt: skip
+            float(np.mean(held)),
+            below,
+            name,
+            transform=axes.get_xaxis_transform(),
+            ha="center",
+            va="top",
+            fontsize=9,
+            color=INK,
+            fontweight="bold",
+        )
+        for name, held in groups
+        if len(held) > 1 or name not in found.states[held[0]]
+    ]
+    axes.figure.draw_without_rendering()  # type: ignore[union-attr]
+    if overlapping(texts):
+        for text in texts:
+            text.set_text(text.get_text().replace(" (", "\n(").replace("_", "_\n"))
+        axes.figure.draw_without_rendering()  # type: ignore[union-attr]
+    if overlapping(texts):
+        for text in texts:
+            text.set_text(text.get_text().replace("\n", ""))
+            text.set_rotation(90)
     for _, held in groups[1:]:
         axes.axvline(held[0] - 0.5, ymin=below, color=FAINT, linewidth=0.8, clip_on=False)
     axes.tick_params(axis="x", color=MUTED)

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from softcal.report.positions import MM, Place
-from softcal.report.style import INK, SERIES, house_style, new_figure
+from softcal.report.style import INK, SERIES, house_style, keep_tick_labels_apart, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+# Markers beyond the colours are told apart by hatching.
+_HATCHES = ("", "////", "....", "xxxx")
 
 
 def draw_distances(title: str, found: Sequence[Place]) -> Figure:
@@ -30,7 +34,8 @@ def draw_distances(title: str, found: Sequence[Place]) -> Figure:
                 at, colour = i + (k - 0.5 * (len(markers) - 1)) * width, SERIES[k % len(SERIES)]
                 axes.bar(
                     at, factor * distance.mean, 0.9 * width, color=colour, alpha=0.4 if place.held_out else 1.0,
-                    label=None if named else marker,
+                    label=None if named else marker, hatch=_HATCHES[k // len(SERIES) % len(_HATCHES)],
+                    edgecolor="white", linewidth=0.0,
                 )  # fmt: skip
                 axes.plot([at, at], [factor * distance.mean, factor * distance.max], color=INK, linewidth=1.0)
                 named = True
@@ -40,5 +45,6 @@ def draw_distances(title: str, found: Sequence[Place]) -> Figure:
         axes.set_ylabel("Distance [mm]" if length is None else "Distance [% of length]")
         axes.set_title(title)
         axes.legend(loc="upper left", ncols=min(len(markers), 4))
-        axes.margins(y=0.2)
+        axes.margins(y=0.2 + 0.09 * math.ceil(len(markers) / 4))
+        keep_tick_labels_apart(axes)
         return figure

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+_SCALE_BAR = 0.14  # [in], beneath the pictures
 _WIDE = 5.8  # [in], of a figure with room for three columns of its legend
 
 
@@ -58,6 +59,7 @@ def draw_side_by_side(
     width = 0.16 + panel * len(scenes)
     columns = 3 if width > _WIDE else 2
     foot = 0.62 if largest else 0.1 + 0.195 * math.ceil(len(colours) / columns) if colours else 0.08
+    foot += _SCALE_BAR
     title = 0.12 + 0.2 * lines
     height = title + tall + foot
     with house_style():
@@ -137,18 +139,16 @@ def _clearest(candidates: Floats, crowd: Floats, *, left: bool) -> Floats:
 
 
 def _scale_bar(axes: Axes, camera: Camera) -> None:
-    left, right, bottom, top = _millimetres(camera)
+    left, right, bottom, _ = _millimetres(camera)
     wanted = 0.25 * (right - left)
     power = 10 ** np.floor(np.log10(wanted))
     length = max(step * power for step in (1, 2, 5) if step * power <= wanted)
-    y = bottom + 0.02 * (top - bottom)
-    axes.plot([left, left + length], [y, y], color=INK, linewidth=2.0, solid_capstyle="butt", zorder=6)
-    axes.text(
-        left + length / 2,
-        y + 0.015 * (top - bottom),
-        f"{length:g} mm",
-        ha="center",
-        va="bottom",
-        fontsize=8.5,
-        color=INK,
-    )
+    # Beneath the picture, where no part of the robot is.
+    axes.plot(
+        [left, left + length], [bottom, bottom], color=INK, linewidth=2.0, solid_capstyle="butt", zorder=6,
+        clip_on=False,
+    )  # fmt: skip
+    axes.annotate(
+        f"{length:g} mm", (left + length, bottom), (4, 0), textcoords="offset points", ha="left", va="center",
+        fontsize=8.5, color=INK, annotation_clip=False,
+    )  # fmt: skip

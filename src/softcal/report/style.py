@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
+    from matplotlib.text import Text
 
 # Okabe and Ito's colours, told apart with any common colour vision; text and lines in a dark grey.
 INK, MUTED, FAINT = "#1f2937", "#6b7280", "#c4c9d1"
@@ -82,6 +83,24 @@ def encode(figure: Figure) -> tuple[bytes, bytes]:
             figure.savefig(buffer, format=kind, dpi=200, metadata=metadata)
             found.append(buffer.getvalue())
     return found[0], found[1]
+
+
+def overlapping(texts: Sequence[Text]) -> bool:
+    """Whether any two of some texts of a figure, as they are drawn, cover each other."""
+    boxes = [text.get_window_extent() for text in texts if text.get_text() and text.get_visible()]
+    return any(one.overlaps(other) for i, one in enumerate(boxes) for other in boxes[:i])
+
+
+def keep_tick_labels_apart(axes: Axes) -> None:
+    """Turn the labels along the x axis where they would cover each other."""
+    for angle in (0, 35, 90):
+        axes.tick_params(axis="x", labelrotation=angle)
+        for label in axes.get_xticklabels():
+            label.set_horizontalalignment("right" if angle == 35 else "center")
+            label.set_rotation_mode("anchor" if angle == 35 else "default")
+        axes.figure.draw_without_rendering()  # type: ignore[union-attr]
+        if not overlapping(axes.get_xticklabels()):
+            return
 
 
 def plain_log_axis(axes: Axes, low: float, high: float) -> None:

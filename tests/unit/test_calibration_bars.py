@@ -7,7 +7,8 @@ import re
 import pytest
 
 from softcal.calibration.run import Progress
-from softcal.cli.calibration_bars import CalibrationBars
+from softcal.cli.calibration_bars import CalibrationBars, calibration_progress
+from softcal.cli.calibration_lines import INTERVAL, CalibrationLines
 
 
 def last_lines(err: str, n: int) -> list[str]:
@@ -51,3 +52,31 @@ def test_at_80_columns_nothing_is_cut_off(capsys: pytest.CaptureFixture[str], mo
     names = " ".join(" ".join(line.split("━")[0].split()) for line in drawn)
     assert "joint without load52_a, load52_b" in names
     assert "30mm_5mms: importances (fANOVA)" in names
+
+
+def test_into_a_file_a_line_now_and_then(capsys: pytest.CaptureFixture[str]) -> None:
+    now = 0.0
+    with CalibrationLines(lambda: now) as lines:
+        for done in range(101):
+            lines.show("joint", Progress(done, 100, done // 50, 1.0 / (1 + done), {}))
+            now += 0.25
+        lines.show("20mm", Progress(0, 10, 0, None, None))
+        lines.show("20mm", Progress(10, 10, 0, 0.5, {}, "importances (fANOVA)"))
+        lines.show("20mm", Progress(10, 10, 0, 0.5, {}))
+    told = capsys.readouterr().err.splitlines()
+    every = int(INTERVAL / 0.25)
+    assert told == [
+        "joint: 0/100, best loss 1 (0 s)",
+        f"joint: {every}/100, best loss {1.0 / (1 + every):.6g} (10 s)",
+        f"joint: {2 * every}/100, best loss {1.0 / (1 + 2 * every):.6g}, 1 failed (20 s)",
+        "joint: 100/100, best loss 0.00990099, 2 failed (25 s)",
+        "20mm: 0/10 (0 s)",
+        "20mm: 10/10, best loss 0.5; importances (fANOVA) (0 s)",
+        "20mm: 10/10, best loss 0.5 (0 s)",
+    ]
+
+
+def test_bars_are_for_terminals_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert isinstance(calibration_progress(), CalibrationLines)
+    be_a_terminal(monkeypatch, 100)
+    assert isinstance(calibration_progress(), CalibrationBars)

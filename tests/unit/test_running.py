@@ -4,9 +4,16 @@ from __future__ import annotations
 
 import re
 import sys
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
+from project_case import write_project
+from typer.testing import CliRunner
 
+from softcal.cli import export_commands, simulate_command
+from softcal.cli.app import app
 from softcal.cli.running import clock, motion_bars
 
 
@@ -61,3 +68,28 @@ def test_without_a_motion_there_is_no_bar(capsys: pytest.CaptureFixture[str], mo
     with motion_bars():
         pass
     assert capsys.readouterr() == ("", "")
+
+
+def test_simulate_and_export_say_what_they_are_doing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[str] = []
+
+    @contextmanager
+    def seen() -> Generator[Callable[[str], None]]:
+        yield told.append
+
+    monkeypatch.setattr(simulate_command, "clock", seen)
+    monkeypatch.setattr(export_commands, "clock", seen)
+    path = write_project(tmp_path)
+    assert run("simulate", path, "--out", tmp_path / "simulated") == 0
+    assert told == ["Simulating pull (1 of 1)", "Drawing and writing"]
+    assert run("export", "vtk", path, "--out", tmp_path / "vtk", "--pull", "front=5mm") == 0
+    assert told[2:] == ["Simulating pull (1 of 1)"]
+    assert run("export", "calculix", path, "--out", tmp_path / "ccx", "--pull", "front=5mm") == 0
+    assert len(told) == 4
+    capsys.readouterr()
+
+
+def run(*arguments: object) -> int:
+    return CliRunner().invoke(app, [str(argument) for argument in arguments]).exit_code

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from softcal.cli.app import ProjectFile, app, resumable, told
-from softcal.cli.calibration_bars import CalibrationBars
+from softcal.cli.calibration_bars import calibration_progress
 from softcal.cli.calibration_table import print_results
 from softcal.cli.printing import print_warnings
 from softcal.cli.running import clock
@@ -78,7 +78,7 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
         plan = {"method": method, "fit": fit, "trials": trials, "seed": seed, "split": split}
         _print_expected(loaded, engine, None if hold_out is None else names(hold_out), plan, workers)
     with resumable(folder, "Everything", f"softcal calibrate {again}"):
-        with CalibrationBars() as bars:
+        with calibration_progress() as bars:
             found = calibrate_project(
                 loaded,
                 out=folder,

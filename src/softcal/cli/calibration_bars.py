@@ -1,8 +1,23 @@
-"""What is seen of a calibration while it runs."""
+"""What is seen of a calibration while it runs on a terminal."""
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from softcal.calibration.run import Progress
+    from softcal.cli.calibration_lines import CalibrationLines
+
 WIDE = 110  # columns
+
+
+def calibration_progress() -> CalibrationBars | CalibrationLines:
+    """Bars on a terminal, lines now and then elsewhere."""
+    from rich.console import Console
+
+    from softcal.cli.calibration_lines import CalibrationLines
+
+    return CalibrationBars() if Console(stderr=True).is_terminal else CalibrationLines()
 
 
 class CalibrationBars:
@@ -34,14 +49,10 @@ class CalibrationBars:
         if self._tasks:
             self._progress.stop()
 
-    def show(self, label: str, state: object) -> None:
+    def show(self, label: str, state: Progress) -> None:
         """Move the bar of a calibration, or begin that of a stage, of which only the time is known."""
         from rich.progress import TaskID
 
-        from softcal.calibration.run import Progress
-
-        if not isinstance(state, Progress):
-            raise TypeError(type(state))
         self._progress.start()
         self._end_stage()
         if label not in self._tasks:

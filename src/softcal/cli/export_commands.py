@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from softcal.cli.app import app, told
-from softcal.cli.printing import warn
-from softcal.cli.running import motion_bars
+from softcal.cli.printing import print_warnings
+from softcal.cli.running import clock, motion_bars
 from softcal.cli.values import Values, names, parsed_values
 
 export = typer.Typer(
@@ -58,10 +58,15 @@ def vtk(
     from softcal.project.exporting import export_vtk, load_calibrated
 
     project = load_calibrated(source, parsed_values(values))
-    with motion_bars() as show:
-        written = export_vtk(
-            project, cases(project, pull or ()), out, shapes, in_time=in_time, progress=show, tell=warn
-        )
+    chosen = cases(project, pull or ())
+    crossings: list[str] = []  # told when what is drawn while it runs is gone
+    if in_time:
+        with motion_bars() as show:
+            written = export_vtk(project, chosen, out, shapes, in_time=True, progress=show, tell=crossings.append)
+    else:
+        with clock() as show:
+            written = export_vtk(project, chosen, out, shapes, tell=crossings.append, stage=show)
+    print_warnings(crossings)
     typer.echo(f"Wrote {len(written)} files into {out}")
 
 
@@ -73,7 +78,10 @@ def calculix(source: Source, out: Out, pull: Pull = None, values: Values = None)
     from softcal.project.exporting import export_calculix, load_calibrated
 
     project = load_calibrated(source, parsed_values(values))
-    export_calculix(cases(project, pull or ()), out, tell=warn)
+    crossings: list[str] = []
+    with clock() as show:
+        export_calculix(cases(project, pull or ()), out, tell=crossings.append, stage=show)
+    print_warnings(crossings)
     typer.echo(f"Wrote {out}; run it there with: ccx -i robot")
 
 
@@ -116,6 +124,10 @@ def reduced(
     from softcal.project.exporting import export_reduced, load_calibrated
 
     project = load_calibrated(source, parsed_values(values))
-    written = export_reduced(project, out, reach, names(cables), samples, tell=warn)
+    crossings: list[str] = []
+    with clock() as show:
+        show("Simulating the nodes of the model, and points between them")
+        written = export_reduced(project, out, reach, names(cables), samples, tell=crossings.append)
+    print_warnings(crossings)
     typer.echo(written[-1].read_text(encoding="utf-8"))
     typer.echo(f"Wrote {out}")

@@ -34,12 +34,7 @@ def print_table(table: Table) -> None:
 def print_warnings(warnings: Iterable[str | Fault]) -> None:
     """Tell each warning on the error stream."""
     for warning in warnings:
-        warn(warning)
-
-
-def warn(warning: str | Fault) -> None:
-    """Tell one warning on the error stream."""
-    typer.echo(f"Warning: {warning}", err=True)
+        typer.echo(f"Warning: {warning}", err=True)
 
 
 def _parts(table: Table, width: int) -> list[Table]:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from softcal.cli.app import ProjectFile, app, told
-from softcal.cli.running import motion_bars
+from softcal.cli.running import clock, motion_bars
 from softcal.cli.values import Engine, Values, parsed_values
 from softcal.errors import Fault, InputError
 
@@ -52,8 +52,12 @@ def simulate(
     if in_time and engine != "softcal":
         raise InputError(Fault("other engines are run to rest, not in time", "--in-time", f"--engine {engine}"))
     chosen = cases(loaded, pull or (), experiment)
-    with motion_bars() as show:
-        responses = simulate_to_folder(loaded, chosen, out, in_time=in_time, engine=engine, progress=show)
+    if in_time:
+        with motion_bars() as show:
+            responses = simulate_to_folder(loaded, chosen, out, in_time=True, progress=show)
+    else:
+        with clock() as show:
+            responses = simulate_to_folder(loaded, chosen, out, engine=engine, stage=show)
     for name, response in responses.items():
         told = f"{name}: {response.status}"
         typer.echo(told if response.succeeded else f"Error: {told}", err=not response.succeeded)

@@ -9,7 +9,7 @@ import typer
 
 from softcal.cli.app import ProjectFile, app, resumable, told
 from softcal.cli.calibrate_commands import report_run
-from softcal.cli.calibration_bars import CalibrationBars
+from softcal.cli.calibration_bars import calibration_progress
 from softcal.cli.printing import print_table, print_warnings
 from softcal.cli.values import Values, WithReport, Workers, names, parsed_pairs, parsed_values
 
@@ -56,7 +56,7 @@ def sweep(
     print_warnings(loaded.warnings)
     folder = out if out is not None else project.parent / "sweep"
     with resumable(folder, "Every cell", "the same command and --resume"):
-        with CalibrationBars() as bars:
+        with calibration_progress() as bars:
             found = sweep_project(
                 loaded,
                 over=axes or None,

@@ -46,7 +46,7 @@ def validate(
     ] = None,
 ) -> None:
     """Leave experiments out in turn, fit the others, and tell how well what was left out is predicted."""
-    from softcal.cli.calibration_bars import CalibrationBars
+    from softcal.cli.calibration_bars import calibration_progress
     from softcal.project.output import require_free_file
     from softcal.project.project import load
     from softcal.project.validation import validate as validate_projects
@@ -59,7 +59,7 @@ def validate(
         print_warnings(project.warnings)
     labels = {path: Path(path).stem for path in loaded}
     unique = len(set(labels.values())) == len(labels)
-    with CalibrationBars() as bars:
+    with calibration_progress() as bars:
         found = validate_projects(
             {labels[path] if unique else path: project for path, project in loaded.items()},
             hold_out=[names(fold) for fold in hold_out or []],

@@ -16,7 +16,7 @@ from softcal.project.output import new_folder, require_free_folder
 from softcal.project.project import Project, load
 from softcal.project.run_folder import headline_of, load_run, refuse_project_folder
 from softcal.project.search import held_values
-from softcal.project.simulation import simulate_each
+from softcal.project.simulation import keep_silent, simulate_each
 from softcal.quantities import QUANTITIES
 from softcal.twin.parameters import robot_parameters, with_parameters
 from softcal.twin.response import Response, Shown
@@ -30,10 +30,6 @@ Tell = Callable[[str], None]
 """Given a sentence that a reader of what is written must know."""
 
 REDUCED_SAMPLES = {1: 33, 2: 9, 3: 7}  # number of cables -> nodes along each
-
-
-def keep_silent(sentence: str) -> None:
-    """Nobody is told."""
 
 
 def load_calibrated(path: Path, values: Mapping[str, str] | None = None) -> Project:
@@ -64,13 +60,14 @@ def export_vtk(
     in_time: bool = False,
     progress: Observer | None = None,
     tell: Tell = keep_silent,
+    stage: Tell = keep_silent,
 ) -> list[Path]:
     """Shapes of each case, by name, as .vtu files for ParaView in a new folder; see `softcal.export.vtk`.
 
     shapes: how many, evenly from no pull to the furthest, each solved; by default those at which the pull was solved.
     in_time: shapes of the motion, by the project's `dynamics`; `shapes` of them, by default 40, until the schedule is
     over, and as often after that. progress: is told of each motion how far it is; tell: of bodies that
-    cross in what was solved.
+    cross in what was solved; stage: of what is begun.
 
     Raises
     ------
@@ -87,17 +84,17 @@ def export_vtk(
     if in_time:
         responses = simulate_each_in_time(project, cases, shapes or SNAPSHOTS, progress=progress)
     elif shapes is None:
-        responses = _simulated(cases, snapshots=True)
+        responses = _simulated(cases, True, stage)
     else:
         told = films(protocols_of(cases), shapes)
         filmed = {name: replace(case, protocol=told[name]) for name, case in cases.items()}
-        responses = _simulated(filmed, snapshots="samples")
+        responses = _simulated(filmed, "samples", stage)
     tell_of_crossings(responses, tell)
     return _write_each(responses, folder, lambda name, inside: write_vtk(cases[name].robot, responses[name], inside))
 
 
-def _simulated(cases: Mapping[str, Case], snapshots: Shown) -> dict[str, Response]:
-    return simulate_each(cases, lambda case: simulate(case.robot, case.protocol, snapshots=snapshots))
+def _simulated(cases: Mapping[str, Case], snapshots: Shown, stage: Tell) -> dict[str, Response]:
+    return simulate_each(cases, lambda case: simulate(case.robot, case.protocol, snapshots=snapshots), stage=stage)
 
 
 def tell_of_crossings(responses: Mapping[str, Response], tell: Tell) -> None:
@@ -107,7 +104,9 @@ def tell_of_crossings(responses: Mapping[str, Response], tell: Tell) -> None:
             tell(f"{name}: {response.crossings}")
 
 
-def export_calculix(cases: Mapping[str, Case], folder: Path, *, tell: Tell = keep_silent) -> list[Path]:
+def export_calculix(
+    cases: Mapping[str, Case], folder: Path, *, tell: Tell = keep_silent, stage: Tell = keep_silent
+) -> list[Path]:
     """The last shape of each case, by name, as a CalculiX deck in a new folder; see `softcal.export.calculix`.
 
     It is the shape of the robot with CalculiX's own law and elements, so that the cables' forces balance in them.
@@ -125,7 +124,7 @@ def export_calculix(cases: Mapping[str, Case], folder: Path, *, tell: Tell = kee
 
     require_free_folder(folder)
     own = {name: replace(case, robot=in_its_law(case.robot)) for name, case in cases.items()}
-    responses = _simulated(own, snapshots=True)
+    responses = _simulated(own, True, stage)
     tell_of_crossings(responses, tell)
     return _write_each(
         responses,

@@ -92,17 +92,29 @@ def response_to(
     return simulate_robot(robot, protocol, sensitivities=sensitivities, snapshots=snapshots)
 
 
+def keep_silent(sentence: str) -> None:
+    """Nobody is told."""
+
+
 def simulate_each(
-    cases: Mapping[str, Of], simulated: Callable[[Of], Response], *, partly: bool = False
+    cases: Mapping[str, Of],
+    simulated: Callable[[Of], Response],
+    *,
+    partly: bool = False,
+    stage: Callable[[str], None] = keep_silent,
 ) -> dict[str, Response]:
-    """The response to each of several cases, by name. partly: also where only some samples of a case were reached.
+    """The response to each of several cases, by name. partly: also where only some samples of a case were reached;
+    stage: is told of each case that begins.
 
     Raises
     ------
     SimulationError
         Where the twin could not follow one of them.
     """
-    responses = {name: simulated(case) for name, case in cases.items()}
+    responses: dict[str, Response] = {}
+    for i, (name, case) in enumerate(cases.items(), start=1):
+        stage(f"Simulating {name or 'the robot'} ({i} of {len(cases)})")
+        responses[name] = simulated(case)
     for name, response in responses.items():
         some = partly and any(len(values) for values in response.channels.values())
         if not response.succeeded and not some:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from softcal.calibration.outcome import installed_versions
@@ -13,7 +13,7 @@ from softcal.project.engines import SOFA, SOFTCAL, engine_for
 from softcal.project.motion import Observer, simulate_each_in_time
 from softcal.project.output import new_folder, require_free_folder
 from softcal.project.project import Project
-from softcal.project.simulation import response_csv, response_to, simulate_each, twin_view
+from softcal.project.simulation import keep_silent, response_csv, response_to, simulate_each, twin_view
 from softcal.twin.response import Response
 from softcal.twin.robot import Robot
 
@@ -26,11 +26,12 @@ def simulate_to_folder(
     in_time: bool = False,
     engine: str = SOFTCAL,
     progress: Observer | None = None,
+    stage: Callable[[str], None] = keep_silent,
 ) -> dict[str, Response]:
     """Simulate each case by name and write what came of it into a new folder, whole or not at all.
 
     in_time: as motion, by the project's `dynamics`, and not as equilibria. engine: what computes equilibria.
-    progress: is told of each motion how far it is.
+    progress: is told of each motion how far it is; stage: of what is begun.
 
     Raises
     ------
@@ -48,8 +49,12 @@ def simulate_to_folder(
         responses = simulate_each_in_time(project, cases, progress=progress)
     else:
         responses = simulate_each(
-            cases, lambda case: response_to(case.robot, case.protocol, snapshots=True, engine=simulator), partly=True
+            cases,
+            lambda case: response_to(case.robot, case.protocol, snapshots=True, engine=simulator),
+            partly=True,
+            stage=stage,
         )
+    stage("Drawing and writing")
     with new_folder(folder) as part:
         for name, response in responses.items():
             (part / response_file(name)).write_text(response_csv(response), encoding="utf-8")

@@ -1,0 +1,50 @@
+"""What is seen of a calibration where there is no terminal, as in a log: a line now and then."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import typer
+
+from softcal.calibration.run import Progress
+
+INTERVAL = 10.0  # [s] between two lines of one calibration, at least
+
+
+class CalibrationLines:
+    """A line when a calibration begins, every so often, at each stage after the search, and when it has ended."""
+
+    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
+        self._now = now
+        self._begun: dict[str, float] = {}
+        self._told: dict[str, float] = {}
+        self._waiting: dict[str, Progress] = {}  # the last state of each that was not told
+
+    def __enter__(self) -> CalibrationLines:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        for label, state in list(self._waiting.items()):
+            self._tell(label, state)
+
+    def show(self, label: str, state: Progress) -> None:
+        """Take note of how far a calibration is."""
+        now = self._now()
+        is_new = label not in self._begun
+        if is_new:
+            self._begun[label] = now
+            for other, last in list(self._waiting.items()):
+                self._tell(other, last)
+        self._waiting[label] = state
+        if is_new or state.stage or now - self._told[label] >= INTERVAL:
+            self._tell(label, state)
+
+    def _tell(self, label: str, state: Progress) -> None:
+        self._told[label] = self._now()
+        self._waiting.pop(label, None)
+        best = "" if state.best_loss is None else f", best loss {state.best_loss:.6g}"
+        failed = f", {state.failed} failed" if state.failed else ""
+        stage = f"; {state.stage}" if state.stage else ""
+        seconds = self._told[label] - self._begun[label]
+        typer.echo(f"{label}: {state.done}/{state.total}{best}{failed}{stage} ({seconds:.0f} s)", err=True)

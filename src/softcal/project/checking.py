@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from softcal.twin.bores import bores
 from softcal.twin.build import cached_twin
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.response import Response
-from softcal.twin.robot import Material, Plate, Rod
+from softcal.twin.robot import Cable, Material, Plate, Rod
 from softcal.units import format_quantity
 
 # The twin at its bounds may be this much too soft or too stiff before the data are called implausible.
@@ -139,7 +140,7 @@ def _part_rows(project: Project) -> list[tuple[str, str]]:
     for cable in robot.cables:
         points = np.array([via.at for via in cable.via_points])
         length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
-        via = " → ".join(via.on or "space" for via in cable.via_points)
+        via = " → ".join(_stations(cable))
         rows.append((f"cable {cable.name}", f"{format_quantity(length, 'm')} long, {via}"))
         if cable.name in bored:
             widest = format_quantity(max(bored[cable.name].values()), "m", digits=3)
@@ -151,6 +152,12 @@ def _part_rows(project: Project) -> list[tuple[str, str]]:
         rows.append(("gravity", "(" + ", ".join(f"{g:.4g}" for g in robot.gravity) + ") m/s²"))
     rows += [(f"load {load.name}", f"on {load.on}") for load in robot.loads]
     return rows
+
+
+def _stations(cable: Cable) -> list[str]:
+    """What a cable's via points are on, those that follow one another on one part together."""
+    runs = [(on or "space", len(list(run))) for on, run in groupby(via.on for via in cable.via_points)]
+    return [on if count == 1 else f"{on} ({count} points)" for on, count in runs]
 
 
 def _rod_rows(project: Project) -> list[tuple[str, str]]:

@@ -25,6 +25,7 @@ from softcal.project.robot_schema import (
 )
 from softcal.twin.joints import tie_fault
 from softcal.twin.robot import Cable, Disc, Marker, Plate, PointLoad, SurfaceLoad, Tie, ViaPoint, inertia_tensor
+from softcal.twin.routing import bored
 from softcal.units import format_quantity
 
 
@@ -181,6 +182,8 @@ def build_cable(name: str, cable: CableSection, carriers: Carriers) -> Cable | N
     if len(via) < len(cable.via):
         return None
     with carriers.findings.at(path):
+        if cable.route == "bore":
+            via = list(bored(via, carriers.built.meshes))
         return Cable(name, tuple(via), cable.friction_coefficient, cable.pulled_end)
     return None
 

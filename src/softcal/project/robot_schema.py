@@ -203,11 +203,15 @@ def _require_place(point: ViaSection | MarkerSection) -> None:
 
 
 class CableSection(Section):
-    """A cable through two or more points; it is pulled at its last one unless said otherwise."""
+    """A cable through two or more points; it is pulled at its last one unless said otherwise.
+
+    route: between two via points in one body, in a bore that goes with the body, or straight.
+    """
 
     via: Annotated[list[ViaSection], Field(min_length=2), at_most("points of a line")]
     friction_coefficient: Friction = 0.0
     pulled_end: Literal["first", "last"] = "last"
+    route: Literal["bore", "straight"] = "bore"
 
 
 def _force(value: object) -> float | tuple[float, float, float]:

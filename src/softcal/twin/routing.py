@@ -1,0 +1,50 @@
+"""Where a cable runs between two of its via points in one body: in a bore, that goes with the body.
+
+Straight from point to point it would leave the bore of a body that bends, towards the inside of the bend, and pull on a
+longer and longer arm; a soft body then folds between two via points as a column under its own load.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.geometry.bore import wall_around
+from softcal.geometry.locate import mean_edges, nearest_places, nearest_tets, tets_holding
+from softcal.geometry.mesh import TetMesh
+from softcal.twin.robot import ViaPoint
+
+SPACING = 0.25  # of an edge of the tets around: the distance of the points that stand for a bore
+SKIN = 0.05  # of an edge: a line as near as that to the surface runs on it, and nothing keeps it there
+
+
+def bored(via_points: Sequence[ViaPoint], meshes: Mapping[str, TetMesh]) -> tuple[ViaPoint, ...]:
+    """The via points, and between two neighbours in one body as many more as follow the bore that leads from one to the
+    other: wherever the line between them runs inside the body's material, or inside a bore of its mesh.
+
+    meshes [m]: by body's name. Across a gap of the body the cable runs straight.
+    """
+    out = list(via_points[:1])
+    for start, end in pairwise(via_points):
+        if start.on == end.on and start.on in meshes:
+            out += [ViaPoint(at, start.on) for at in _inside(meshes[start.on], start.at, end.at)]
+        out.append(end)
+    return tuple(out)
+
+
+def _inside(mesh: TetMesh, start: Floats, end: Floats) -> Floats:
+    """Points between two others, evenly spaced, without those that no material surrounds."""
+    edge = float(mean_edges(mesh, nearest_places(mesh, np.stack([start, end])).tets).mean())
+    pieces = max(1, int(np.ceil(float(np.linalg.norm(end - start)) / (SPACING * edge))))
+    points = start + (end - start) * (np.arange(1, pieces) / pieces)[:, None]
+    if len(points) == 0:
+        return points
+    in_tets = tets_holding(mesh, points) >= 0
+    _, depth = nearest_tets(mesh, points)
+    kept = [
+        depth[i] > SKIN * edge if in_tets[i] else wall_around(mesh, points[i]) is not None for i in range(len(points))
+    ]
+    return points[np.array(kept)]

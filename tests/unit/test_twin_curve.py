@@ -8,24 +8,26 @@ from hypothesis import strategies as st
 from softcal.twin.curve import Curve
 
 
-def curve_of(f, df, c, by=None):
+def curve_of(f, df, c, by=None, by_slope=None):
     c = np.asarray(c, dtype=float)
     values, slopes = np.asarray(f(c))[:, None], np.asarray(df(c))[:, None]
     by_parameter = np.zeros((len(c), 1, 0)) if by is None else np.asarray(by(c))[:, None, None]
-    return Curve(c, values, slopes, by_parameter, np.zeros(len(c) - 1, dtype=bool))
+    by_slopes = np.zeros_like(by_parameter) if by_slope is None else np.asarray(by_slope(c))[:, None, None]
+    return Curve(c, values, slopes, by_parameter, by_slopes, np.zeros(len(c) - 1, dtype=bool))
 
 
 @settings(deadline=None)
 @given(st.lists(st.floats(-2.0, 2.0), min_size=4, max_size=4))
 def test_cubics_are_met_exactly(coefficients):
     p = np.polynomial.Polynomial(coefficients)
-    curve = curve_of(p, p.deriv(), [0.0, 0.3, 1.0, 1.1], by=p)
+    curve = curve_of(p, p.deriv(), [0.0, 0.3, 1.0, 1.1], by=p, by_slope=p.deriv())
     at = np.linspace(0.0, 1.1, 23)
     values, slopes, by_parameter = curve.at(at)
     np.testing.assert_allclose(values[:, 0], p(at), atol=1e-12)
     np.testing.assert_allclose(slopes[:, 0], p.deriv()(at), atol=1e-11)
     np.testing.assert_allclose(by_parameter[:, 0, 0], p(at), atol=1e-11)
     assert curve.error().max() < 1e-10
+    assert curve.error_by_parameter().max() < 1e-10
 
 
 @pytest.mark.parametrize("n", [5, 9, 17])
@@ -35,6 +37,19 @@ def test_estimated_error_is_of_the_size_of_the_true_one(n):
     true = np.abs(curve.at(at)[0][:, 0] - np.sin(at)).max()
     assert true < curve.error().max() * 1.2
     assert curve.error().max() < 3.0 * true
+    derivative = curve_of(np.cos, np.cos, np.linspace(0.2, 2.8, n), by=np.sin, by_slope=np.cos)
+    np.testing.assert_allclose(derivative.error_by_parameter()[:, :, 0], curve.error())
+
+
+@pytest.mark.parametrize("power", [4, 5])
+@pytest.mark.parametrize("c", [[-1.0, 0.0, 1.0], [-1.0, 0.0, 0.5], [0.0, 1.0, 2.0]])
+def test_three_nodes_estimate_the_error_of_odd_and_even_parts(power, c):
+    """Of x^5 around its middle node the third derivatives of both pieces are the same."""
+    p = np.polynomial.Polynomial.basis(power)
+    curve = curve_of(p, p.deriv(), c)
+    at = np.linspace(c[0], c[-1], 2001)
+    true = np.abs(curve.at(at)[0][:, 0] - p(at)).max()
+    assert 0.9 * true < curve.error().max() < 6.0 * true
 
 
 def test_error_of_one_interval_is_not_known():
@@ -80,12 +95,17 @@ def test_nothing_goes_on_across_a_fall():
     before, after = (np.polynomial.Polynomial(p) for p in ([0.0, 1.0, -2.0, 0.5], [5.0, -1.0, 0.3, 2.0]))
     c = np.array([0.0, 0.3, 0.7, 1.0, 1.1, 1.5, 2.0, 2.4])
     is_before = c <= 1.0
-    values, slopes, by = (
+    values, slopes, by, by_slopes = (
         np.where(is_before, f(c), g(c))
-        for f, g in ((before, after), (before.deriv(), after.deriv()), (before.deriv(2), after.deriv(3)))
+        for f, g in (
+            (before, after),
+            (before.deriv(), after.deriv()),
+            (before.deriv(2), after.deriv(3)),
+            (before.deriv(3), after.deriv(4)),
+        )
     )
     is_jump = np.diff(is_before.astype(int)) != 0
-    curve = Curve(c, values[:, None], slopes[:, None], by[:, None, None], is_jump)
+    curve = Curve(c, values[:, None], slopes[:, None], by[:, None, None], by_slopes[:, None, None], is_jump)
     assert curve.error().max() < 1e-10
     at = np.array([0.5, 1.0, 1.1, 1.9])
     of = [before, before, after, after]

@@ -7,6 +7,7 @@ import pytest
 from mechanics_cases import column_robot, elastic, pulled, side_cable, tensed
 
 from softcal.errors import ParameterError
+from softcal.geometry.primitives import box_mesh
 from softcal.mechanics import path as path_module
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate
@@ -151,6 +152,16 @@ def test_a_ratio_at_which_the_law_gives_way_is_refused(element, nu):
         simulate(robot, pulled(0.01))
     other = column_robot(element, parameters=elastic(1e6, nu), divisions=(1, 1, 4), law="neo-hooke-isochoric")
     assert simulate(other, pulled(0.01, 0.05)).succeeded
+
+
+@pytest.mark.parametrize("element", ["P1", "P2P1"])
+def test_a_block_that_does_not_bend_takes_few_equilibria(element):
+    """The plate turns by rounding alone, which is not resolved: that took 1,000 equilibria."""
+    mesh = box_mesh((0.1, 0.1, 0.1), (2, 2, 2), origin=(-0.05, -0.05, 0.0))
+    robot = column_robot(element, parameters=elastic(1e6, 0.45), mesh=mesh, cables=(side_cable("front", (0.0, 0.0)),))
+    response = simulate(robot, pulled(0.01, 0.02))
+    assert response.succeeded
+    assert response.n_factorisations <= 20
 
 
 def test_sample_by_tension_is_solved_once_as_one_by_shortening_is():

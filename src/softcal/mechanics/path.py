@@ -11,6 +11,7 @@ from softcal.checks import Floats
 from softcal.errors import SimulationError
 from softcal.mechanics.free_modes import exclude_free_modes
 from softcal.mechanics.layout import Layout
+from softcal.mechanics.mixed import mixed_derivatives
 from softcal.mechanics.stability import fall
 from softcal.mechanics.state import State, difference, distance, moved
 from softcal.mechanics.statics import NO_MODES, SLACK_TENSION, Statics
@@ -50,6 +51,7 @@ class Line:
 @dataclass(frozen=True)
 class Node:
     """An equilibrium on the path. slope: dz/dc (n_unknowns,); by_parameter: dz/dtheta at fixed c (n_unknowns, k);
+    mixed: d2z/dc dtheta (n_unknowns, k);
     is_stable: whether it is one of least energy, or one that a cable would have to push for, which is none anyway;
     is_fallen: whether the robot fell to it from an unstable one (it buckled, or snapped); free: the modes
     (n_unknowns - n_cables, k) along which the robot moves without force, and slope and by_parameter do not.
@@ -59,6 +61,7 @@ class Node:
     state: State
     slope: Floats
     by_parameter: Floats
+    mixed: Floats
     is_stable: bool = True
     is_fallen: bool = False
     free: Floats = field(default_factory=lambda: NO_MODES)
@@ -75,7 +78,7 @@ class Path:
 
 
 def node_at(statics: Statics, line: Line, c: float, state: State, names: tuple[str, ...]) -> Node:
-    """The node of an equilibrium: one factorisation, then a substitution for the slope and one per parameter.
+    """The node of an equilibrium: one factorisation, then a substitution for the slope and two per parameter.
 
     Raises
     ------
@@ -93,7 +96,9 @@ def node_at(statics: Statics, line: Line, c: float, state: State, names: tuple[s
     # A held cable's tension is given: its rate is the line's.
     tensions = dz[statics.system.layout.first_tension_unknown :]
     tensions[line.is_held, 0] = line.tension_rate[line.is_held]
-    return Node(c, state, dz[:, 0], dz[:, 1:], stable, free=free)
+    slope, by_parameter = dz[:, 0], dz[:, 1:]
+    mixed = mixed_derivatives(statics, controls, state, slope, by_parameter, names)
+    return Node(c, state, slope, by_parameter, mixed, stable, free=free)
 
 
 def _pushes(state: State) -> bool:

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.errors import SimulationError
 from softcal.mechanics.cable import CablePlaces, CableTerm
 from softcal.mechanics.cable_friction import Loss, friction_loss, loss_border
 from softcal.mechanics.contact import ContactTerm, Touch
@@ -174,6 +175,31 @@ class System:
             for solid, ratio in zip(self.solids, ratios, strict=True)
             if ratio < 1.0
         )
+
+    def tangent_times(self, at: Linearisation, dz: Floats) -> Floats:
+        """The bordered tangent of a linearisation times rates dz (n_unknowns, k) of the unknowns.
+
+        Raises
+        ------
+        SimulationError
+            Where the state is inadmissible and has no tangent.
+        """
+        import scipy.sparse as sp
+
+        if at.data is None:
+            raise SimulationError("There is no tangent.")
+        n, taut = self.layout.first_tension_unknown, at.border.taut
+        upper: Any = sp.csr_matrix((at.data, self.pattern.indices, self.pattern.indptr), shape=(n, n))
+        if at.touch is not None:
+            upper = upper + at.touch
+        x, columns, rows = dz[:n], at.border.columns, at.border.rows
+        out = np.zeros_like(dz)
+        out[:n] = upper @ x + upper.T @ x - upper.diagonal()[:, None] * x
+        if len(at.border.corner):
+            k = len(taut)
+            out[:n] += columns[:, :k] @ dz[n + taut] + columns[:, k:] @ (rows[:, k:].T @ x)
+            out[n + taut] = rows[:, :k].T @ x
+        return out
 
     def free_way(self, state: State, to: State) -> float:
         """The part of the straight way between two states that leads through no contact, one where all of it does."""

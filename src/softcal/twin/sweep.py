@@ -8,6 +8,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
+from softcal.mechanics.mixed import neighbours_along
 from softcal.mechanics.path import Line, Node, Path, between, follow, interpolated, neighbours, node_at
 from softcal.mechanics.state import State
 from softcal.mechanics.statics import Statics
@@ -22,6 +23,11 @@ from softcal.twin.start import UNDER_LOADS, fallen, loaded, slack_line, snapshot
 FIRST_STEP = 0.12  # of the driven cable's length
 WOUND_UP = 1e-3  # of its length: a cable shorter than this is wound up
 SAME = 1e-9  # of its length: two nodes closer than this are one
+DERIVATIVES = 10.0  # times the curve's tolerance: that of the channels' derivatives by parameters
+LEAST_MOTION = 1e-4  # [rad], or of the robot's extent: channels are resolved no finer than if they moved by this
+LEAST_SENSITIVITY = (
+    1e-3  # of the most sensitive channel's: derivatives are resolved no finer than if they were so large
+)
 MAX_REFINEMENTS = 24  # a knee may be some thousand times as narrow as the curve is long
 
 
@@ -94,7 +100,17 @@ class Sweep:
         rates = [sense_rates(self.twin, node.state, np.column_stack([node.slope, node.by_parameter])) for node in nodes]
         c = np.array([node.c for node in nodes])
         is_jump = np.array([node.is_fallen for node in nodes[1:]], dtype=bool)
-        return Curve(c, values, np.array([r[:, 0] for r in rates]), np.array([r[:, 1:] for r in rates]), is_jump)
+        slopes, by_parameter = np.array([r[:, 0] for r in rates]), np.array([r[:, 1:] for r in rates])
+        return Curve(c, values, slopes, by_parameter, np.array([self._mixed(node) for node in nodes]), is_jump)
+
+    def _mixed(self, node: Node) -> Floats:
+        """d2 channel / dc dtheta (n_channels, k)."""
+        rates = sense_rates(self.twin, node.state, node.mixed)
+        if not self.names:
+            return rates
+        h, *beside = neighbours_along(self.statics, node.state, node.slope)
+        before, after = (sense_rates(self.twin, state, node.by_parameter) for state in beside)
+        return rates + (after - before) / (2.0 * h)
 
     def _refined(self, path: Path) -> tuple[Path, Curve]:
         """The path with nodes added until the curve between them is as exact as asked for."""
@@ -102,19 +118,31 @@ class Sweep:
         for _ in range(MAX_REFINEMENTS):
             if len(path.nodes) < 2 or self.tolerance <= 0.0:
                 break
-            scale = self._scale(curve)
-            coarse = np.flatnonzero((curve.error() > self.tolerance * scale).any(axis=1))
+            scale = self._scale(np.abs(curve.values).max(axis=0)[:, None], self._least)
+            is_coarse = (curve.error() > self.tolerance * scale[:, 0]).any(axis=1)
+            if self.names:
+                by_parameter = np.abs(curve.by_parameter).max(axis=0)
+                least = LEAST_SENSITIVITY * scale * (by_parameter / scale).max(axis=0)
+                of_derivatives = self._scale(by_parameter, least)
+                tolerance = DERIVATIVES * self.tolerance
+                is_coarse |= (curve.error_by_parameter() > tolerance * of_derivatives).any(axis=(1, 2))
+            coarse = np.flatnonzero(is_coarse)
             if len(coarse) == 0:
                 break
             path = self._with_nodes(path, 0.5 * (curve.c[coarse] + curve.c[coarse + 1]))
             curve = self._curve(path.nodes)
         return path, curve
 
-    def _scale(self, curve: Curve) -> Floats:
-        """The largest value of all channels of one unit, per channel: a roll of 1e-6 needs no 1e-10."""
+    def _scale(self, largest: Floats, least: Floats) -> Floats:
+        """The largest of all channels of one unit, for each (n_channels, k): a roll of 1e-6 needs no 1e-10."""
         units = np.array(list(self._units.values()))
-        largest = np.abs(curve.values).max(axis=0)
-        return np.array([largest[units == unit].max() for unit in units]) + 1e-300
+        return np.maximum(np.array([largest[units == unit].max(axis=0) for unit in units]), least) + 1e-300
+
+    @property
+    def _least(self) -> Floats:
+        """What channels must reach to be more than rounding, (n_channels, 1)."""
+        least = {"rad": LEAST_MOTION, "m": LEAST_MOTION * self.statics.length}
+        return np.array([[least.get(unit, 0.0)] for unit in self._units.values()])
 
     def _with_nodes(self, path: Path, c: Floats) -> Path:
         extra = [between(self.statics, self._line, path, float(value)) for value in c]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import warnings
+from collections.abc import Generator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -120,14 +122,10 @@ class OptunaJournal:
 
         self._path = path
         self._distributions = distributions(space)
-        broken = (ValueError, KeyError, IndexError, TypeError, AttributeError, AssertionError)
-        try:
-            with storing(path):
-                storage = optuna.storages.JournalStorage(JournalFileBackend(str(path)))
-                self._study = optuna.create_study(storage=storage, study_name="softcal", load_if_exists=True)
-                self._held = self._study.get_trials(deepcopy=False)
-        except (*broken, optuna.exceptions.OptunaError) as error:
-            raise self._damaged(str(error) or type(error).__name__) from error
+        with self._whole():
+            storage = optuna.storages.JournalStorage(JournalFileBackend(str(path)))
+            self._study = optuna.create_study(storage=storage, study_name="softcal", load_if_exists=True)
+            self._held = self._study.get_trials(deepcopy=False)
 
     def keep(self, trial: Trial) -> None:
         """Add a trial that the file does not have yet.
@@ -152,8 +150,20 @@ class OptunaJournal:
             distributions=self._distributions,
             user_attrs={"reason": trial.reason} if failed else {},
         )
-        with storing(self._path):
+        with self._whole():
             self._study.add_trial(frozen)
+
+    @contextlib.contextmanager
+    def _whole(self) -> Generator[None]:
+        """Turn what Optuna raises for a journal that is damaged, or cut off, into a sentence."""
+        import optuna
+
+        broken = (ValueError, LookupError, TypeError, AttributeError, AssertionError, optuna.exceptions.OptunaError)
+        try:
+            with storing(self._path):
+                yield
+        except broken as error:
+            raise self._damaged(str(error) or type(error).__name__) from error
 
     def _damaged(self, why: str) -> StorageError:
         attempt = f"move it away: it is written again from {TRIALS}"

@@ -22,6 +22,7 @@ DOCUMENTS = sorted(
 )
 # Of the examples' commands: those that take longer than a test may, and where what they do is tested.
 TOO_LONG = {
+    "softcal calibrate project.yaml --out runs/fit": "a minute; tests/recovery/test_finger.py",
     "python generate.py --out runs/bench": "four minutes",
     "python generate.py --out runs/again --twin": "Gmsh and a minute",
     "softcal camera runs/bench/board --out runs/camera.yaml": "needs the images of the line before it",

@@ -10,7 +10,7 @@ import pytest
 
 import softcal
 
-DOCUMENTS = ("README.md", "CONTRIBUTING.md", "VISION.md", "docs/index.md", "docs/python.md")
+DOCUMENTS = ("README.md", "CONTRIBUTING.md", "VISION.md", "docs/index.md", "docs/python.md", "docs/cad.md")
 
 
 def test_the_python_example_uses_public_names(repository: Path):

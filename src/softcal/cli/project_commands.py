@@ -16,7 +16,7 @@ from softcal.errors import Fault, InputError
 @app.command()
 @told
 def init(
-    template: Annotated[str, typer.Argument(help="What to start from: neck, manipulator.", show_default=False)],
+    template: Annotated[str, typer.Argument(help="What to start from: finger, neck, manipulator.", show_default=False)],
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that is new or empty.", show_default=False)],
 ) -> None:
     """Write a project to start from, with data and comments."""

@@ -121,6 +121,17 @@ def import_gmsh() -> Any:
 
 def load_stl(gmsh: Any, job: dict[str, Any]) -> None:
     """The volume inside a closed surface of triangles, split into faces at its sharp edges."""
+    try:
+        split_stl(gmsh, job, into_patches=True)
+    except JobError:
+        raise
+    except Exception:  # noqa: BLE001 (Gmsh raises nothing finer; a face with holes is meshed whole)
+        gmsh.clear()
+        split_stl(gmsh, job, into_patches=False)
+
+
+def split_stl(gmsh: Any, job: dict[str, Any], *, into_patches: bool) -> None:
+    """Faces between sharp edges and the volume inside; into_patches: faces cut further, each like a disc."""
     gmsh.merge(job["path"])
     corners, nodes = surface_triangles(gmsh)
     if len(nodes) == 0:
@@ -137,7 +148,7 @@ def load_stl(gmsh: Any, job: dict[str, Any]) -> None:
     if len(nodes) < FEW_TRIANGLES:
         # Gmsh never comes back from a face that is a single triangle.
         gmsh.model.mesh.refine()
-    gmsh.model.mesh.classifySurfaces(job["feature_angle"], True, True, math.pi)
+    gmsh.model.mesh.classifySurfaces(job["feature_angle"], True, into_patches, math.pi)
     gmsh.model.mesh.createGeometry()
     surfaces = [tag for _, tag in gmsh.model.getEntities(2)]
     gmsh.model.geo.addVolume([gmsh.model.geo.addSurfaceLoop(surfaces)])

@@ -144,7 +144,7 @@ def _part_rows(project: Project) -> list[tuple[str, str]]:
         rows.append((f"cable {cable.name}", f"{format_quantity(length, 'm')} long, {via}"))
         if cable.name in bored:
             widest = format_quantity(max(bored[cable.name].values()), "m", digits=3)
-            held = f"of via points {', '.join(str(i + 1) for i in bored[cable.name])}, up to {widest} across"
+            held = f"{len(bored[cable.name])} of {len(cable.via_points)} via points lie in bores, up to {widest} across"
             rows.append(("  bores", f"{held}: their walls hold them"))
     rows += [(f"tie {tie.name}", f"{len(tie.nodes)} nodes of {tie.body} on {tie.on}") for tie in robot.ties]
     rows += [(f"marker {marker.name}", f"on {marker.on}") for marker in robot.markers]

@@ -8,12 +8,14 @@ import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.geometry.bore import wall_around
-from softcal.geometry.locate import barycentric_in, locate_points, nearest_places
+from softcal.geometry.locate import barycentric_in, locate_points, nearest_places, tets_holding
 from softcal.geometry.mesh import TetMesh
 from softcal.mechanics.element import shape_functions, shape_gradients
 
 # Weights this small are rounding, of weights of about one.
 NO_WEIGHT = 1e-14
+BALL_POINTS = 300  # that stand for a ball
+GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
 def attach(mesh: TetMesh, points: Floats, *, tolerance: float | None = None, where: str = "") -> tuple[Ints, Floats]:
@@ -70,6 +72,37 @@ def attach_point(mesh: TetMesh, point: Floats, *, may_stand_off: bool = False, w
     np.add.at(summed, place.ravel(), (shares[:, None] * weights).ravel())
     kept = np.abs(summed) > NO_WEIGHT
     return Attachment(unique[kept], summed[kept], wall.diameter)
+
+
+def attach_ball(mesh: TetMesh, centre: Floats, radius: float, *, where: str = "") -> Attachment:
+    """A point (3,) [m] as the mean of the body around it, out to a radius [m]: a force on it is spread over that ball.
+
+    Where the surface cuts the ball off, it is the sum with the smallest weights that gives the point exactly. A force
+    on one point alone sinks in without bound as the mesh gets finer.
+
+    Raises
+    ------
+    MeshError
+        Where the point lies too far outside the mesh, and no wall surrounds it.
+    """
+    k = np.arange(BALL_POINTS) + 0.5
+    height, turn = 1.0 - 2.0 * k / BALL_POINTS, np.pi * (1.0 + np.sqrt(5.0)) * k
+    across = np.sqrt(1.0 - height**2)
+    # The order of the radii has nothing to do with that of the directions; the ball is filled evenly.
+    far = radius * ((k * GOLDEN) % 1.0) ** (1.0 / 3.0)
+    ball = centre + far[:, None] * np.column_stack([across * np.cos(turn), across * np.sin(turn), height])
+    ball = ball[tets_holding(mesh, ball) >= 0]
+    offsets = (ball - centre) / radius
+    conditions = np.vstack([np.ones(len(ball)), offsets.T])
+    if np.linalg.matrix_rank(conditions, tol=1e-6 * np.sqrt(BALL_POINTS)) < 4:
+        return attach_point(mesh, centre, where=where)
+    shares = np.linalg.lstsq(conditions, np.array([1.0, 0.0, 0.0, 0.0]), rcond=1e-9)[0]
+    nodes, weights = attach(mesh, ball, where=where)
+    unique, place = np.unique(nodes, return_inverse=True)
+    summed: Floats = np.zeros(len(unique))
+    np.add.at(summed, place.ravel(), (shares[:, None] * weights).ravel())
+    kept = np.abs(summed) > NO_WEIGHT
+    return Attachment(unique[kept], summed[kept])
 
 
 def _in_elements(mesh: TetMesh, points: Floats, tets: Ints, barycentric: Floats) -> tuple[Ints, Floats]:

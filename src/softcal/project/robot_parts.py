@@ -168,7 +168,13 @@ def build_cable(name: str, cable: CableSection, carriers: Carriers) -> Cable | N
         elif section.hole is None:
             carriers.support(section.on, at, (*path, "via", i))
         if at is not None:
-            via.append(ViaPoint(at, section.on))
+            via.append(ViaPoint(at, section.on, section.radius or 0.0))
+        if section.radius is not None and section.on not in carriers.built.sections:
+            carriers.findings.add(
+                (*path, "via", i, "radius"),
+                "only a via point in a body has a radius",
+                got=f"on: {section.on or 'space'}",
+            )
     for body, points in on_body.items():
         carriers.within(body, points)
     if not any(section.on for section in cable.via):

@@ -171,11 +171,15 @@ class TieSection(Section):
 
 
 class ViaSection(Section):
-    """A point that a cable runs through: on a plate, in a hole of it, on a body, or fixed in space."""
+    """A point that a cable runs through: on a plate, in a hole of it, on a body, or fixed in space.
+
+    radius: of what holds the cable in a body, such as a knot.
+    """
 
     on: str = ""
     at: Point | None = None
     hole: str | None = None
+    radius: Size | None = None
 
     @model_validator(mode="after")
     def _placed(self) -> ViaSection:

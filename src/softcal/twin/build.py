@@ -15,7 +15,7 @@ from softcal.errors import Fault, MeshError, ParameterError
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quadratic import to_linear, to_quadratic
 from softcal.materials.catalogue import LAWS
-from softcal.mechanics.attachment import attach_point
+from softcal.mechanics.attachment import attach_ball, attach_point
 from softcal.mechanics.cable import build_cables
 from softcal.mechanics.crossing import Skins
 from softcal.mechanics.layout import FIXED, FREE, TIED, Layout
@@ -99,7 +99,7 @@ def build_twin(robot: Robot) -> Twin:
         for rod in robot.rods
     )
 
-    def support(at: Floats, on: str, where: str, *, may_stand_off: bool = False) -> Weights:
+    def support(at: Floats, on: str, where: str, *, may_stand_off: bool = False, radius: float = 0.0) -> Weights:
         if on == "":
             return [(builder.add(at[None, :], np.array([FIXED])), 1.0)]
         if on in frames.of_plate:
@@ -107,11 +107,17 @@ def build_twin(robot: Robot) -> Twin:
         if on not in meshes:
             known = ", ".join([*meshes, *frames.of_plate])
             raise MeshError(Fault("there is no such body or plate", where=where, got=on, allowed=known))
-        nodes, weights, _ = attach_point(meshes[on], at, may_stand_off=may_stand_off, where=where)
+        if radius > 0.0:
+            nodes, weights, _ = attach_ball(meshes[on], at, radius, where=where)
+        else:
+            nodes, weights, _ = attach_point(meshes[on], at, may_stand_off=may_stand_off, where=where)
         return [(builder.first[on] + int(n), float(w)) for n, w in zip(nodes, weights, strict=True)]
 
     via = {
-        cable.name: [support(p.at, p.on, f"{cable.name}, via point {i + 1}") for i, p in enumerate(cable.via_points)]
+        cable.name: [
+            support(p.at, p.on, f"{cable.name}, via point {i + 1}", radius=p.radius)
+            for i, p in enumerate(cable.via_points)
+        ]
         for cable in robot.cables
     }
     markers = {marker.name: support(marker.at, marker.on, marker.name, may_stand_off=True) for marker in robot.markers}
@@ -182,7 +188,9 @@ def _key(robot: Robot) -> Hashable:
         for p in robot.plates
     )
     ties = tuple((t.name, t.body, t.nodes.tobytes(), t.on, t.tolerance) for t in robot.ties)
-    cables = tuple((c.name, tuple((v.on, v.at.tobytes()) for v in c.via_points), c.pulled_end) for c in robot.cables)
+    cables = tuple(
+        (c.name, tuple((v.on, v.at.tobytes(), v.radius) for v in c.via_points), c.pulled_end) for c in robot.cables
+    )
     loads = tuple(
         (x.name, x.on, x.at.tobytes(), np.asarray(x.direction).tobytes())
         if isinstance(x, PointLoad)

@@ -253,13 +253,22 @@ class Marker:
 
 @dataclass(frozen=True)
 class ViaPoint:
-    """A point that a cable runs through; at [m] in the rest frame; on: a body's or plate's name, or "" for space."""
+    """A point that a cable runs through; at [m] in the rest frame; on: a body's or plate's name, or "" for space.
+
+    radius [m]: of what holds the cable in a body, such as a knot; its force is spread over a ball of that size. Zero:
+    the force of a point, which sinks in without bound as the mesh gets finer.
+    """
 
     at: Floats
     on: str = ""
+    radius: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "at", frozen_floats(self.at, name="via point", shape=(3,)))
+        if not 0.0 <= self.radius < np.inf:
+            raise InputError(
+                Fault("a via point's radius is out of range", got=f"{self.radius:g} m", allowed="0 or more")
+            )
 
 
 @dataclass(frozen=True)

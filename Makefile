@@ -15,7 +15,7 @@ TEST_WORKERS ?= $(shell getconf _NPROCESSORS_ONLN)
 PYTEST = $(PYTHON_IN) -m pytest -n $(TEST_WORKERS) --dist worksteal
 SLOW_LIMIT ?= 40m
 
-.PHONY: help demo test test-slow bench format clean
+.PHONY: help demo test test-slow bench coverage format clean
 .PHONY: lint lint-ruff lint-format lint-types lint-layers lint-licences
 
 help:
@@ -24,6 +24,7 @@ help:
 	@echo "make test-slow  run the slow tests, for $(SLOW_LIMIT) at most"
 	@echo "make bench      run the benchmarks, write benchmarks/RESULTS.md"
 	@echo "make mesh-table compute docs/mesh-table.md anew: ten minutes and 4 GB"
+	@echo "make coverage   measure how often 95 % intervals hold, write docs/uncertainty.md: ten minutes"
 	@echo "make lint       ruff, pyright, layers, licences"
 	@echo "make format     let ruff format and mend what it can"
 	@echo "make clean      remove the environment and the caches (runs are kept)"
@@ -56,6 +57,9 @@ test-slow: $(DEV)
 
 bench: $(BENCH)
 	$(PYTHON_IN) -m benchmarks.run
+
+coverage: $(RUN)
+	$(PYTHON_IN) -m benchmarks.coverage
 
 mesh-table: $(RUN)
 	$(PYTHON_IN) -m benchmarks.mesh_table

@@ -168,7 +168,7 @@ def tpe_result(
         parameters, best, "papers", "least-squares" if errors else "tpe", seed, n_trials, 24 * n_trials, 96.3,
         "The trial budget was used up", {e.name: fit_of(e) for e in experiments}, {E_NAME: 0.972, NU_NAME: 0.028},
         tuple(trials), sum(t.state == "FAILED" for t in trials), {"mesh": "3f5a" * 16},
-        {"softcal": "0.1.0", "numpy": "2.3"},
+        {"softcal": "0.1.0", "numpy": "2.3"}, extra={"importance_kind": "sensitivity" if errors else "fanova"},
     )  # fmt: skip
 
 

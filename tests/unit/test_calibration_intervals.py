@@ -1,4 +1,4 @@
-"""95 % intervals: the usual ones away from limits, within the limits near them, and those of the profile in between."""
+"""95 % intervals: the usual ones away from bounds, within the bounds near them, and those of the profile in between."""
 
 from __future__ import annotations
 
@@ -12,75 +12,101 @@ from fake_twin import NU, E, fake_experiment, fake_robot, fake_simulate
 from hypothesis import given
 from hypothesis import strategies as st
 
-from softcal.calibration.intervals import intervals
+from softcal.calibration.intervals import box_intervals
+from softcal.calibration.loss import LikelihoodLoss
 from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import make_problem
 from softcal.calibration.result_reading import load_result
 from softcal.calibration.run import calibrate
+from softcal.calibration.sensitivity import local_statistics
 from softcal.cli.calibration_table import print_results
 from softcal.report.chart_parameters import draw_forest
 
 T = 2.0484071417952445  # Student's, 28 degrees of freedom, 97.5 %
-MODULUS = FreeParameter(E, "Pa", 0.1e6, 40e6, "log", floor=-0.0)
-RATIO = FreeParameter(NU, "1", 0.4, 0.4999, floor=-1.0, ceiling=0.5)
+NORMAL = 1.959963984540054
 
 
-def root(correlation: float) -> np.ndarray:
-    return np.linalg.cholesky([[1.0, correlation], [correlation, 1.0]]).T
+def root(errors: list[float], correlation: float = 0.0) -> np.ndarray:
+    matrix = np.eye(len(errors)) if len(errors) == 1 else np.array([[1.0, correlation], [correlation, 1.0]])
+    return np.linalg.cholesky(matrix).T * np.array(errors)
 
 
-def of(value: float, error: float, parameter: FreeParameter = RATIO) -> tuple[float, float]:
-    (found,) = intervals([parameter], {parameter.label: value}, np.array([error]), np.eye(1), 28)
-    return found
+def found(z: list[float], spread: np.ndarray, minimum: list[float] | None = None, dof: float = 28.0):
+    size = len(z)
+    return box_intervals(np.array(z), np.array(z if minimum is None else minimum), spread, np.full(size, dof))
 
 
-def test_away_from_limits_it_is_students_t_in_the_variable_of_the_search() -> None:
-    assert of(0.45, 0.005) == pytest.approx((0.45 - T * 0.005, 0.45 + T * 0.005))
-    assert of(2e6, 1e5, MODULUS) == pytest.approx((2e6 * math.exp(-T / 20), 2e6 * math.exp(T / 20)))
+def test_away_from_bounds_it_is_students_t_or_the_normal_one_where_the_noise_is_known() -> None:
+    ends, errors = found([0.5, 0.4], root([0.01, 0.02], 0.9))
+    assert ends == pytest.approx(np.array([[0.5 - T * 0.01, 0.5 + T * 0.01], [0.4 - T * 0.02, 0.4 + T * 0.02]]))
+    assert errors == pytest.approx([0.01, 0.02])
+    ends, errors = found([0.5], root([0.01]), dof=math.inf)
+    assert ends[0] == pytest.approx([0.5 - NORMAL * 0.01, 0.5 + NORMAL * 0.01])
+    assert errors == pytest.approx([0.01])
 
 
-def test_an_interval_ends_at_a_limit_that_the_data_does_not_exclude() -> None:
-    assert of(0.484, 0.0209) == pytest.approx((0.484 - T * 0.0209, 0.5))
-    friction = FreeParameter("front.friction_coefficient", "1", 0.0, 0.5, floor=-1e-300)
-    low, high = of(0.01, 0.02, friction)
-    assert low == pytest.approx(0.0, abs=1e-290)
-    assert high == pytest.approx(0.01 + T * 0.02)
+def test_an_interval_ends_at_a_bound_that_the_data_does_not_exclude() -> None:
+    ends, errors = found([0.98], root([0.05]))
+    assert ends[0] == pytest.approx([0.98 - T * 0.05, 1.0])
+    assert errors == pytest.approx([0.05])
 
 
 def test_where_the_data_is_met_exactly_it_is_the_value() -> None:
-    assert of(0.45, 0.0) == (0.45, 0.45)
-    assert of(2e6, 0.0, MODULUS) == pytest.approx((2e6, 2e6))
+    ends, errors = found([0.5, 0.4], root([1e-12, 1e-12]))
+    assert ends == pytest.approx(np.array([[0.5, 0.5], [0.4, 0.4]]), abs=1e-10)
+    assert errors == pytest.approx([1e-12, 1e-12])
 
 
 def test_what_another_cannot_follow_is_left_out() -> None:
-    # A higher ratio goes with a lower modulus, and it cannot go beyond a half.
-    theta, errors = {E: 1.9e6, NU: 0.48}, np.array([3e4, 0.02])
-    (low, high), (_, largest) = intervals([MODULUS, RATIO], theta, errors, root(-0.95), 28)
-    assert largest == 0.5
-    assert high == pytest.approx(1.9e6 * math.exp(T * 3e4 / 1.9e6))
-    # By hand: the ratio stays one standard error up; what is left of the t^2 the modulus has to itself.
+    # The second goes up as the first goes down, and it is 0.8 standard errors from its upper bound.
+    (one, other), errors = found([0.5, 0.96], root([0.02, 0.05], -0.95))
+    assert other[1] == 1.0
+    assert one[1] == pytest.approx(0.5 + T * 0.02)
+    # By hand: the second stays 0.8 standard errors up; what is left of the t^2 the first has to itself.
     alone = math.sqrt(1 - 0.95**2)
-    assert low == pytest.approx(1.9e6 * math.exp(-3e4 / 1.9e6 * (0.95 + alone * math.sqrt(T**2 - 1))))
-    assert low > 1.9e6 * math.exp(-T * 3e4 / 1.9e6)
+    assert one[0] == pytest.approx(0.5 - 0.02 * (0.95 * 0.8 + alone * math.sqrt(T**2 - 0.8**2)))
+    assert one[0] > 0.5 - T * 0.02
+    assert errors[0] == pytest.approx((one[1] - one[0]) / (2 * T))
 
 
-@given(st.floats(-0.999, 0.999), st.floats(0.401, 0.4999), st.floats(1e-4, 1.0), st.floats(1e-3, 1e2))
-def test_it_is_the_profile_within_the_limits_and_never_past_them(
-    correlation: float, ratio: float, error: float, share: float
+def test_a_parameter_at_its_bound_takes_the_others_with_it() -> None:
+    # The second's minimum lies 0.5 standard errors beyond its bound; the first's then is on the way there.
+    minimum = [0.5 + 0.9 * 0.5 * 0.02, 1.0 + 0.5 * 0.2]
+    (one, other), errors = found([0.5, 1.0], root([0.02, 0.2], 0.9), minimum)
+    fixed = T * 0.02 * math.sqrt(1 - 0.9**2)
+    assert one[1] - 0.5 == pytest.approx(fixed, rel=0.2)
+    # By hand: the best point of the box is 0.5 standard errors from the minimum, and the first takes the second down.
+    assert one[0] == pytest.approx(0.5 + 0.02 * (0.9 * 0.5 - math.sqrt(T**2 + 0.5**2)))
+    assert 0.5 - one[0] > 1.8 * fixed  # as far as it would go, were the second fixed
+    assert other[1] == 1.0
+    # Its own: distance t^2 above that of the bound itself.
+    assert other[0] == pytest.approx(1.0 + 0.2 * (0.5 - math.sqrt(T**2 + 0.5**2)))
+    assert errors[0] > fixed / T
+
+
+def test_a_bound_far_from_the_minimum_holds_a_parameter() -> None:
+    minimum = [0.5 + 0.9 * 500 * 0.02, 1.0 + 500 * 0.2]
+    (one, other), _ = found([0.5, 1.0], root([0.02, 0.2], 0.9), minimum)
+    fixed = T * 0.02 * math.sqrt(1 - 0.9**2)
+    assert one == pytest.approx([0.5 - fixed, 0.5 + fixed], rel=0.02)
+    assert 0.99 < other[0] < 1.0
+
+
+@given(st.floats(-0.999, 0.999), st.floats(0.01, 0.99), st.floats(1e-4, 10.0), st.floats(1e-3, 1e2))
+def test_it_is_the_profile_within_the_bounds_and_never_past_them(
+    correlation: float, second: float, error: float, share: float
 ) -> None:
-    theta = {E: 1e6, NU: ratio}
-    (low, high), (least, largest) = intervals(
-        [MODULUS, RATIO], theta, np.array([1e6 * share, error]), root(correlation), 28
-    )
-    assert 0.0 <= low <= 1e6 <= high
-    assert -1.0 <= least <= ratio <= largest <= 0.5
+    ((low, high), (least, largest)), _ = found([0.5, second], root([share, error], correlation))
+    assert 0.0 <= low <= 0.5 <= high <= 1.0
+    assert 0.0 <= least <= second <= largest <= 1.0
     precision = np.linalg.inv([[1.0, correlation], [correlation, 1.0]])
-    room = (-1.0 - ratio) / error, (0.5 - ratio) / error
-    for end in (math.log(low / 1e6) / share, math.log(high / 1e6) / share):
-        # The best ratio for this modulus, as far as it may go.
-        follow = np.clip(correlation * end, *room)
-        step = np.array([end, follow])
-        assert step @ precision @ step == pytest.approx(T**2, rel=1e-6)
+    room = -second / error, (1.0 - second) / error
+    for end, bound in ((low, 0.0), (high, 1.0)):
+        # The best second for this first, as far as it may go.
+        first = (end - 0.5) / share
+        step = np.array([first, np.clip(correlation * first, *room)])
+        distance = step @ precision @ step
+        assert distance == pytest.approx(T**2, rel=1e-6) or (end == bound and distance < T**2)
 
 
 def extreme(j: int, sign: float, matrix: np.ndarray, low: np.ndarray, high: np.ndarray) -> float:
@@ -103,29 +129,55 @@ def extreme(j: int, sign: float, matrix: np.ndarray, low: np.ndarray, high: np.n
     return sign * best
 
 
-def test_three_parameters_agree_with_the_extremes_over_all_faces_of_the_limits() -> None:
+def test_three_parameters_agree_with_the_extremes_over_all_faces_of_the_bounds() -> None:
     matrix = np.array([[1.0, 0.8, 0.6], [0.8, 1.0, 0.7], [0.6, 0.7, 1.0]])
-    free = [FreeParameter(name, "1", 0.0, 1.0, floor=0.0, ceiling=1.0) for name in ("a", "b", "c")]
-    theta, errors = {"a": 0.5, "b": 0.05, "c": 0.9}, np.array([0.1, 0.1, 0.1])
-    found = intervals(free, theta, errors, np.linalg.cholesky(matrix).T, 28)
-    centre = np.array(list(theta.values()))
-    low, high = -centre / errors, (1.0 - centre) / errors
+    centre = np.array([0.5, 0.05, 0.9])
+    intervals, _ = found(list(centre), 0.1 * np.linalg.cholesky(matrix).T)
+    low, high = -centre / 0.1, (1.0 - centre) / 0.1
     ends = [[extreme(j, sign, matrix, low, high) for sign in (-1.0, 1.0)] for j in range(3)]
-    assert np.array(found) == pytest.approx(centre[:, None] + errors[:, None] * np.array(ends), abs=1e-9)
+    assert intervals == pytest.approx(centre[:, None] + 0.1 * np.array(ends), abs=1e-9)
 
 
-def test_tables_files_and_charts_have_it_within_the_limits(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_ratio_at_its_bound_does_not_make_the_modulus_sure() -> None:
+    # From pitch and tension with plenty of noise; the likeliest ratio is at a bound or not, by chance alone.
+    free = [FreeParameter(E, "Pa", 0.1e6, 40e6, "log"), FreeParameter(NU, "1", 0.4, 0.4999)]
+    widths: dict[bool, list[float]] = {True: [], False: []}
+    for seed in range(12):
+        tests = [fake_experiment(noise=0.03, sigma=0.02, seed=seed)]
+        problem = make_problem(fake_robot(), tests, free, LikelihoodLoss(), fake_simulate)
+        estimates = calibrate(problem, starts=1).parameters
+        low, high = estimates[E].interval
+        widths[estimates[NU].at_bound].append(math.log(high / low))
+        assert (estimates[NU].standard_error is None) == estimates[NU].at_bound
+        assert estimates[NU].interval[1] > estimates[NU].interval[0]
+    assert widths[True]
+    assert widths[False]
+    assert min(widths[True]) > 0.4 * max(widths[False])
+
+
+def test_tables_files_and_charts_have_it_within_the_bounds(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     free = [FreeParameter(E, "Pa", 0.1e6, 40e6, "log"), FreeParameter(NU, "1", 0.3, 0.4999)]
-    problem = make_problem(fake_robot(), [fake_experiment(noise=0.01, seed=1)], free, None, fake_simulate)
+    problem = make_problem(fake_robot(), [fake_experiment(noise=0.004, seed=0)], free, None, fake_simulate)
     result = calibrate(problem, store=tmp_path / "run")
     ratio = result.parameters[NU]
     assert not ratio.at_bound
     assert ratio.value + 1.96 * ratio.standard_error > 0.51
     low, high = ratio.interval
     assert low < ratio.value - 1.9 * ratio.standard_error
-    assert high == 0.5
+    assert high == 0.4999
     assert load_result(tmp_path / "run").parameters[NU].interval == (low, high)
     print_results({"joint": result})
     assert f"{low:.3g} to 0.5 " in capsys.readouterr().out
     (axes,) = draw_forest(NU, {"joint": result}).axes
     assert axes.lines[0].get_xdata() == pytest.approx([low, high])
+
+
+def test_logarithms_are_searched_and_their_intervals_stated_in_them() -> None:
+    free = [FreeParameter(E, "Pa", 0.1e6, 40e6, "log")]
+    problem = make_problem(fake_robot(), [fake_experiment(noise=0.05, seed=2)], free, None, fake_simulate)
+    result = calibrate(problem, starts=1)
+    best = problem.evaluate({E: result.parameters[E].value}, jacobian=True)
+    told = local_statistics(problem.space, problem.loss, best.theta, best.blocks)
+    low, high = told.intervals[E]
+    assert math.sqrt(low * high) == pytest.approx(best.theta[E], rel=1e-4)
+    assert math.log(high / low) == pytest.approx(2 * T * told.standard_errors[E] / best.theta[E], rel=0.05)

@@ -239,8 +239,8 @@ def said(study: MeshStudy) -> list[str]:
 def test_the_verdict_says_how_much_and_what_to_do():
     assert said(made_up(2.5e6)) == [
         "The mesh makes x too low by 20 %: 2 MPa, where 2.5 MPa is expected with every element halved. "
-        "That is 10 times its standard error.",
-        "The mesh decides more than noise does: use P2P1 elements or a finer mesh, and calibrate again.",
+        "That is 10 times its standard error, which counts independent noise alone.",
+        "Independent noise alone would not hide this: use P2P1 elements or a finer mesh, and calibrate again.",
     ]
     high, advice = said(made_up(1.6e6, elements=("P2P1",)))
     assert "too high by 25 %" in high

@@ -50,7 +50,7 @@ def test_the_page_says_what_a_supervisor_asks(written: ReportPaths) -> None:
     page = written.page.read_text()
     for words in (
         "Soft neck, bench of May", "1.900 ± 0.021", "MPa", "ν is not identified", "Table I.", "Table II.", "fANOVA",
-        "pulley friction", "1.17 and 2.83 MPa", "Pitch was not measured in 20 mm, 5 mm/s",
+        "pulley friction", "1.17 and 2.83 MPa", "Neither angles nor positions were compared in 20 mm, 5 mm/s",
     ):  # fmt: skip
         assert words in page, words
 
@@ -149,7 +149,7 @@ def test_an_experiment_driven_by_tension_compares_the_travel(tmp_path: Path) -> 
     page = write_report(
         ReportContent("neck", {"8N": replace(result, experiments={"8N": fit})}, {"8N": experiment}), tmp_path
     ).page
-    assert "the travel to 1.00 mm RMS (5.0 % of its largest)" in page.read_text()
+    assert "the travel to 1.00 mm RMS (5.0 % of its range)" in page.read_text()
 
 
 def test_a_record_without_force_is_captioned_as_it_is_drawn() -> None:

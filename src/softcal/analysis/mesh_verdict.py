@@ -10,7 +10,8 @@ from softcal.calibration.result import Estimate
 from softcal.units import format_quantity, readable_unit
 
 Tone = Literal["good", "note", "warning"]
-# Shifts in standard errors up to which noise hides them, and from which the mesh decides.
+_COUNTS = "which counts independent noise alone"
+# Shifts in standard errors up to which noise hides them, and from which they are a warning.
 HIDDEN, DECIDES = 1.0, 3.0
 # Of a parameter's range: a shift below the one is none, and beyond the other no matter for derivatives in one place.
 _NEAR, _FAR = 1e-3, 0.3
@@ -95,7 +96,7 @@ def _verdict(label: str, study: MeshStudy, best: Finer) -> MeshVerdict:
         return MeshVerdict(f"{text} Noise gives it no standard error to compare with.", "note")
     size = abs(errors)
     tone: Tone = "warning" if size > DECIDES else "note"
-    return MeshVerdict(f"{text} That is {times_text(size)} times its standard error.", tone)
+    return MeshVerdict(f"{text} That is {times_text(size)} times its standard error, {_COUNTS}.", tone)
 
 
 def _advice(study: MeshStudy) -> str:
@@ -106,4 +107,4 @@ def _advice(study: MeshStudy) -> str:
         what.append("a finer mesh")
     if study.size.rod_elements:
         what.append("more elements along the rods")
-    return f"The mesh decides more than noise does: use {' or '.join(what)}, and calibrate again."
+    return f"Independent noise alone would not hide this: use {' or '.join(what)}, and calibrate again."

@@ -1,101 +1,111 @@
-"""95 % intervals: the values that the loss near its optimum does not exclude, among those that a parameter can have.
+"""95 % intervals: the values that the loss near its minimum does not exclude, among those that were allowed.
 
-Gauss-Newton's model of the loss is a quadratic in theta, or in ln theta where the logarithm is searched. The interval
-of a parameter is that of the profile likelihood in this model: the values at which the sum of squares, least over all
-other parameters, is within t^2 variances of the optimum's, t being Student's. Every parameter stays within its physical
-limits, so that no interval reaches past its own, and none farther than the others can follow. Away from all limits this
-is the usual value -+ t standard errors; an end at a limit says that the data does not exclude the limit.
+The minimum's noise is a normal distribution in the unit box of the search, where a logarithm that is searched is a
+straight line. The interval of a parameter is that of the profile: the values at which the distance from the quadratic
+model's minimum, in the metric of the covariance and least over all other parameters, has a square at most t^2 above the
+least in the box, t being Student's. Every parameter stays within its bounds, the others too. Where no bound is near
+this is the usual value -+ t standard errors. An end at a bound says that the data does not exclude the bound; and a
+parameter that is at its bound may leave it, as far as the data lets it, and take the others with it.
 
-A variable that has the limits at infinity (a logit) would not do: the answer of elements that do not lock is smooth up
-to nu = 0.5, and an interval in logit(nu) leaves out what lies next to it, however little the data tells.
+The standard error is half the interval's length over t, were the parameter's own bounds away. A variable that has the
+bounds at infinity (a logit) would not do: the answer of elements that do not lock is smooth up to nu = 0.5, and an
+interval in logit(nu) leaves out what lies next to it, however little the data tells.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
 from typing import cast
 
 import numpy as np
 
-from softcal.calibration.parameters import FreeParameter
 from softcal.checks import Floats
 
 CONFIDENCE = 0.95
-_LARGEST_EXPONENT = 700.0
-_STANDS = 1e-12  # standard errors
+_NEAR = 1e-9  # standard errors
+_DOUBLINGS = 60
 
 
-def intervals(
-    parameters: Sequence[FreeParameter], theta: Mapping[str, float], errors: Floats, root: Floats, dof: int
-) -> list[tuple[float, float]]:
-    """The 95 % interval [SI] of each parameter.
+def box_intervals(z: Floats, minimum: Floats, root: Floats, dof: Floats) -> tuple[Floats, Floats]:
+    """The 95 % intervals (size, 2) and standard errors (size,) in the unit box.
 
     Parameters
     ----------
-    theta, errors
-        The optimum [SI by label], and the parameters' standard errors [SI].
+    z, minimum
+        What was found, within the box, and the minimum of the quadratic model where nothing bounds it, shape (size,).
     root
-        `root.T @ root` is the correlation of the parameters.
+        `root.T @ root` is the covariance of the minimum.
     dof
-        Degrees of freedom that the noise is known from; 0 where it is known beforehand.
+        Degrees of freedom of each parameter's variance; infinite where the noise is known.
     """
+    profile = _Profile(minimum, root)
+    errors = np.linalg.norm(root, axis=0)
+    t = student(dof)
+    ends = np.empty((len(z), 2))
+    stated = np.empty(len(z))
+    for j in range(len(z)):
+        low, high = (profile.end(j, side, t[j], errors[j]) for side in (-1.0, 1.0))
+        stated[j] = (high - low) / (2.0 * t[j])
+        ends[j] = min(max(low, 0.0), z[j]), max(min(high, 1.0), z[j])
+    return ends, stated
+
+
+def student(dof: Floats) -> Floats:
+    """The 97.5 % quantile of Student's t; the normal one where dof is infinite."""
     from scipy.special import ndtri, stdtrit
 
-    upper_tail = 0.5 * (1.0 + CONFIDENCE)
-    t = float(stdtrit(dof, upper_tail) if dof > 0 else ndtri(upper_tail))
-    values = np.array([theta[p.label] for p in parameters])
-    # Steps are counted in standard errors, of the logarithm where that is searched.
-    units = errors / [value if p.scale == "log" else 1.0 for p, value in zip(parameters, values, strict=True)]
-    room = np.array([_room(p, v, u) for p, v, u in zip(parameters, values, units, strict=True)])
-    # The sum of squares of rows @ steps is what the loss rises by, in variances of the noise.
-    rows = np.linalg.inv(np.linalg.qr(root, mode="r")).T
-    correlation = root.T @ root
-    found: list[tuple[float, float]] = []
-    for j, p in enumerate(parameters):
-        low, high = (_end(rows, j, sign * t * correlation[j], room, t) for sign in (-1.0, 1.0))
-        value, unit = float(values[j]), float(units[j])
-        found.append((_value(p, value, low * unit), _value(p, value, high * unit)))
-    return found
+    tail = 0.5 * (1.0 + CONFIDENCE)
+    return np.where(np.isfinite(dof), stdtrit(np.where(np.isfinite(dof), dof, 1.0), tail), ndtri(tail))
 
 
-def _room(parameter: FreeParameter, value: float, unit: float) -> tuple[float, float]:
-    """How far a parameter may go down and up, in steps of `unit`."""
-    if unit == 0.0:  # the twin meets the data exactly
-        return -math.inf, math.inf
-    if parameter.scale == "log":
-        low = math.log(parameter.floor / value) if parameter.floor > 0 else -math.inf
-        high = math.log(parameter.ceiling / value) if math.isfinite(parameter.ceiling) else math.inf
-    else:
-        low, high = parameter.floor - value, parameter.ceiling - value
-    # Where it stands at a limit a trace of room is left, which the bounded least squares need.
-    return min(low / unit, -_STANDS), max(high / unit, _STANDS)
+class _Profile:
+    """The squared distance from the minimum in the metric of the covariance, least over the others within the box."""
 
+    def __init__(self, minimum: Floats, root: Floats) -> None:
+        # In units of standard errors, such that every column is of the size of one.
+        self._errors = np.linalg.norm(root, axis=0)
+        spread = root / self._errors
+        self._rows = np.linalg.inv(np.linalg.qr(spread)[1]).T
+        self._covariance = spread.T @ spread
+        self._minimum = minimum
+        self._low, self._high = -minimum / self._errors, (1.0 - minimum) / self._errors
+        self._best = self._least(None, 0.0)
+        self._base = self._distance(self._best)
 
-def _end(rows: Floats, j: int, away: Floats, room: Floats, t: float) -> float:
-    """How far parameter j goes until the loss is t^2 up, whatever the others do within their limits.
+    def end(self, j: int, side: float, t: float, error: float) -> float:
+        """How far parameter j goes on one side, its own bounds away."""
+        from scipy.optimize import brentq
 
-    away: the steps of all where nothing has a limit.
-    """
-    from scipy.optimize import brentq, lsq_linear
+        away = side * t * self._covariance[j]
+        others = np.arange(len(away)) != j
+        inside = np.all((self._low[others] <= away[others]) & (away[others] <= self._high[others]))
+        if inside and self._base <= _NEAR:
+            return float(self._minimum[j] + away[j] * error)
 
-    if np.all((room[:, 0] <= away) & (away <= room[:, 1])):
-        return float(away[j])
-    others = np.delete(np.arange(rows.shape[1]), j)
+        def excess(step: float) -> float:
+            return self._distance(self._least(j, step)) - self._base - t**2
 
-    def excess(step: float) -> float:
-        push = rows[:, j] * step
+        near, step = float(self._best[j]), t
+        for _ in range(_DOUBLINGS):
+            if excess(near + side * step) > 0.0:
+                break
+            step *= 2.0
+        found = cast("float", brentq(excess, near, near + side * step))
+        return float(self._minimum[j] + found * error)
+
+    def _least(self, j: int | None, step: float) -> Floats:
+        """The nearest point of the box to the minimum, where parameter j is a step away from it; all in steps."""
+        from scipy.optimize import lsq_linear
+
+        size = len(self._minimum)
+        others = np.array([i for i in range(size) if i != j])
+        point = np.zeros(size)
+        if j is not None:
+            point[j] = step
         if len(others):
-            follow = lsq_linear(rows[:, others], -push, (room[others, 0], room[others, 1]), method="bvls")
-            push = push + rows[:, others] @ follow.x
-        return float(push @ push) - t**2
+            push = self._rows @ point
+            low, high = self._low[others], self._high[others]
+            point[others] = lsq_linear(self._rows[:, others], -push, (low, high), method="bvls").x
+        return point
 
-    limit = float(np.clip(away[j], *room[j]))
-    return limit if excess(limit) <= 0.0 else cast("float", brentq(excess, 0.0, limit))
-
-
-def _value(parameter: FreeParameter, value: float, step: float) -> float:
-    """The value [SI] a step away: a step in the logarithm where that is searched."""
-    if parameter.scale == "log":
-        return math.exp(max(min(math.log(value) + step, _LARGEST_EXPONENT), -_LARGEST_EXPONENT))
-    return min(max(value + step, parameter.floor), parameter.ceiling)  # rounding alone may lead past a limit
+    def _distance(self, point: Floats) -> float:
+        return float(np.sum((self._rows @ point) ** 2))

@@ -18,6 +18,8 @@ from softcal.calibration.experiment import AXES, Experiment
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
 
+# RMSE over the root mean square of the measurement up to which a channel counts as met exactly.
+MET = 1e-6
 PAPER_WEIGHTS: Mapping[str, float] = {
     "tension": 0.3,  # alpha [1/N]
     "shortening": 300.0,  # [1/m]: alpha per millimetre, for an experiment driven by tension
@@ -64,6 +66,21 @@ class Loss(ABC):
     def share(self, blocks: Sequence[Block]) -> float:
         """The factor of every block in the sum, such as one over the number of experiments."""
 
+    def straight_along(self, block: Block, residual: Floats) -> Floats | None:
+        """The unit direction (n,) in which block_value grows in a straight line; None where it curves in all.
+
+        Half the Hessian of block_value by the residual is sqrt(W) (I - u u^T) sqrt(W), u being this direction.
+        """
+        return None
+
+    def stated_noise(self, block: Block) -> Floats | None:
+        """The standard deviation (n,) that the loss takes the samples to have, None where it does not say."""
+        return None
+
+    def noise_group(self, block: Block) -> str:
+        """What the noise of a block shares its size with: channels of one kind, such as every marker's x."""
+        return block.channel.rpartition(".")[2]
+
     @abstractmethod
     def faults(self, experiments: Sequence[Experiment]) -> list[Fault]:
         """What keeps these experiments from being judged by this loss."""
@@ -89,6 +106,13 @@ class PapersLoss(Loss):
         floor = 1e-12 * rms(block.measured) + 1e-300
         weight = self.weights[block.channel] / (2 * len(residual) * max(rms(residual), floor))
         return np.full(len(residual), weight)
+
+    def straight_along(self, block: Block, residual: Floats) -> Floats | None:
+        # An RMSE is a cone: along the residual itself it grows in a straight line.
+        return None if rms(residual) <= MET * rms(block.measured) else residual / np.linalg.norm(residual)
+
+    def noise_group(self, block: Block) -> str:
+        return f"{block.channel} in {block.experiment}"
 
     def share(self, blocks: Sequence[Block]) -> float:
         return 1.0 / max(len({block.experiment for block in blocks}), 1)
@@ -122,8 +146,11 @@ class LikelihoodLoss(Loss):
         return float(residual**2 @ self.square_weights(block, residual))
 
     def square_weights(self, block: Block, residual: Floats) -> Floats:
+        return 1.0 / self.stated_noise(block) ** 2
+
+    def stated_noise(self, block: Block) -> Floats:
         sigma = self.sigmas.get(block.channel, block.sigma) if block.experiment else block.sigma
-        return np.broadcast_to(1.0 / np.asarray(sigma) ** 2, len(residual))
+        return np.broadcast_to(np.asarray(sigma, dtype=float), len(block.residual))
 
     def share(self, blocks: Sequence[Block]) -> float:
         return 1.0

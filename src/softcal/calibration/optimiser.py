@@ -45,3 +45,8 @@ class Optimiser(ABC):
     @abstractmethod
     def status(self) -> str:
         """How the search stands or how it ended, as a sentence."""
+
+    @property
+    def converged(self) -> bool | None:
+        """Whether the best point is a minimum of the loss; None of a search that looks for none."""
+        return None

@@ -83,6 +83,11 @@ class LeastSquaresOptimiser(Optimiser):
             return f"{sentence} {sum(descent.converged for descent in self._descents)} of {n_starts} starts converged."
         return f"{sentence} {n_spared} of {n_starts} starts were left, for nothing better was in sight from them."
 
+    @property
+    def converged(self) -> bool:
+        begun = [descent for descent in self._all() if descent.best is not None and descent.best.loss is not None]
+        return bool(begun) and min(begun, key=_value).converged
+
     def _all(self) -> list[Descent]:
         return self._descents if self._outside is None else [*self._descents, self._outside]
 

@@ -16,16 +16,28 @@ from softcal.calibration.result import CalibrationResult, Estimate, Trial
 from softcal.calibration.sensitivity import Statistics, local_statistics
 from softcal.units import format_quantity
 
+NOT_A_MINIMUM = (
+    "No standard errors and no intervals: the search did not converge, and they are those of the loss's minimum."
+)
+NO_ERRORS = (
+    "A search by trials gives no standard errors: its best trial lies near the loss's minimum, not at it, and how the "
+    "loss rises around it was not computed. For intervals: method least-squares."
+)
+
 
 @dataclass(frozen=True)
 class Account:
-    """How a search went: its settings and final sentence, its cost (wall_s [s]), and what identifies it."""
+    """How a search went: its settings and final sentence, its cost (wall_s [s]), and what identifies it.
+
+    converged: whether it came to a minimum; None where it looks for none.
+    """
 
     settings: Mapping[str, Any]
     status: str
     n_solves: int
     wall_s: float
     hashes: Mapping[str, str]
+    converged: bool | None = None
 
 
 def conclude(problem: Problem, best: Evaluation, trials: tuple[Trial, ...], account: Account) -> CalibrationResult:
@@ -36,6 +48,8 @@ def conclude(problem: Problem, best: Evaluation, trials: tuple[Trial, ...], acco
     method, seed = str(account.settings["method"]), int(account.settings["seed"])
     if method == "least-squares":
         local = local_statistics(space, problem.loss, best.theta, best.blocks)
+        if account.converged is False:
+            local = Statistics(dict.fromkeys(space.labels), local.importance, (NOT_A_MINIMUM,))
         kind = "sensitivity"
     else:
         local = _global_statistics(problem, trials, seed)
@@ -72,6 +86,7 @@ def conclude(problem: Problem, best: Evaluation, trials: tuple[Trial, ...], acco
         versions=installed_versions(),
         notes=(*local.notes, *_notes(problem, best, at_bound, trials, n_failed)),
         extra={"importance_kind": kind, **account.settings},
+        converged=account.converged,
     )
 
 
@@ -90,10 +105,11 @@ def _global_statistics(problem: Problem, trials: tuple[Trial, ...], seed: int) -
     errors: dict[str, float | None] = dict.fromkeys(problem.space.labels)
     completed = [(dict(trial.theta), trial.loss) for trial in trials if trial.loss is not None]
     try:
-        return Statistics(errors, fanova_importance(problem.space, completed, seed), ())
+        return Statistics(errors, fanova_importance(problem.space, completed, seed), (NO_ERRORS,))
     except KeyboardInterrupt:
         # It takes long after a thousand trials, and what was searched for is found: only the importances are missing.
-        return Statistics(errors, {}, ("The importances are missing: their computation was stopped by the user.",))
+        missing = "The importances are missing: their computation was stopped by the user."
+        return Statistics(errors, {}, (NO_ERRORS, missing))
 
 
 def _notes(

@@ -110,7 +110,10 @@ class HeldOut:
 
 @dataclass(frozen=True)
 class CalibrationResult:
-    """The outcome of one calibration (one experiment, or several jointly)."""
+    """The outcome of one calibration (one experiment, or several jointly).
+
+    converged: whether the search came to a minimum of the loss; None of a method that looks for none (tpe, grid).
+    """
 
     parameters: Mapping[str, Estimate]
     loss: float
@@ -130,6 +133,7 @@ class CalibrationResult:
     notes: tuple[str, ...] = ()
     extra: Mapping[str, Any] = field(default_factory=dict)
     held_out: Mapping[str, HeldOut] = field(default_factory=dict[str, HeldOut])
+    converged: bool | None = None
 
     @property
     def is_sweep(self) -> bool:

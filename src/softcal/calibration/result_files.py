@@ -65,6 +65,7 @@ def result_json(result: CalibrationResult) -> dict[str, Any]:
         "n_failed_trials": result.n_failed_trials,
         "wall_s": result.wall_s,
         "status": result.status,
+        "converged": result.converged,
         "experiments": {name: _errors(name, fit) for name, fit in result.experiments.items()},
         **(
             {"held_out": {name: _held_out_json(name, one) for name, one in result.held_out.items()}}

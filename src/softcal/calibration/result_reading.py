@@ -67,6 +67,7 @@ class _Result(Record):
     n_failed_trials: Count
     wall_s: Amount
     status: str
+    converged: bool | None = None
     experiments: dict[str, _Fit]
     held_out: dict[str, _HeldOut] = Field(default_factory=dict[str, _HeldOut])
     importance: dict[str, float]
@@ -100,6 +101,7 @@ def load_result(folder: Path) -> CalibrationResult:
         n_factorisations=held.n_factorisations,
         wall_s=held.wall_s,
         status=held.status,
+        converged=held.converged,
         experiments={name: _fit(folder, name, entry) for name, entry in held.experiments.items()},
         importance=held.importance,
         trials=_trials(folder / TRIALS),

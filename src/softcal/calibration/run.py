@@ -144,7 +144,8 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
         if tally.best is None:
             raise CalibrationError(_no_result(tally, stopped))
         status = _stopped_status(tally, optimiser, stopped) if stopped else optimiser.status
-        account = Account(settings, status, tally.n_solves, tally.elapsed(), identity)
+        converged = False if stopped and optimiser.converged is not None else optimiser.converged
+        account = Account(settings, status, tally.n_solves, tally.elapsed(), identity, converged)
         if method != "least-squares":
             _tell_stage(progress, tally, optimiser, "importances (fANOVA)")
         result = conclude(problem, tally.best, tuple(tally.trials), account)

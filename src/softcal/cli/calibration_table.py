@@ -16,10 +16,14 @@ if TYPE_CHECKING:
 
 
 def print_results(results: Mapping[str, CalibrationResult]) -> None:
-    """Print the table of all calibrations, their status and their notes."""
+    """Print the table of all calibrations, whether the separate ones agree, their status and their notes."""
     if not results:
         return
+    from softcal.report.agreement import agreement_sentences
+
     print_table(_result_table(results))
+    for text, _ in agreement_sentences(results):
+        typer.echo(text)
     for label, result in results.items():
         typer.echo(f"{label}: {result.status}")
     notes: dict[str, list[str]] = {}

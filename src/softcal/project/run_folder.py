@@ -234,6 +234,7 @@ def side_by_side(results: Mapping[str, CalibrationResult]) -> CalibrationResult:
         wall_s=sum(result.wall_s for result in results.values()),
         n_failed_trials=sum(result.n_failed_trials for result in results.values()),
         status=" ".join(f"{label}: {result.status}" for label, result in results.items()),
+        converged=None if first.converged is None else all(result.converged for result in results.values()),
         experiments={name: fit for result in results.values() for name, fit in result.experiments.items()},
         held_out={},  # each calibration has its own prediction
         trials=(),

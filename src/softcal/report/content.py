@@ -156,3 +156,11 @@ class ReportContent:
     def headline_result(self) -> CalibrationResult:
         """The result shown first."""
         return self.results[self.headline]
+
+    @property
+    def judged(self) -> Mapping[str, CalibrationResult]:
+        """What is judged: the headline, or every fit where each experiment was fitted by itself."""
+        first = self.headline_result
+        if first.is_sweep or len(first.experiments) > 1:
+            return {self.headline: first}
+        return {label: one for label, one in self.results.items() if not one.is_sweep and len(one.experiments) == 1}

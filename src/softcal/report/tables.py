@@ -31,6 +31,15 @@ from softcal.report.wording import (
 Cell = str | float | int | None
 
 
+# What an importance is, by `importance_kind` of the result.
+_IMPORTANCES = {
+    "fanova": "Importance of a search by trials: the share of the loss's variation over the search that a parameter "
+    "explains (fANOVA).",
+    "sensitivity": "Importance of least squares: the share of the squared change of all channels, each over what it is "
+    "missed by, per range of the parameter, at the values found; a local measure, not fANOVA.",
+}
+
+
 @dataclass(frozen=True)
 class Column:
     """A column: its heading, its unit ("" where it has none), and the significant digits of its numbers."""
@@ -101,12 +110,18 @@ def parameters_table(content: ReportContent) -> Table:
         Column("At a bound"),
     )
     note = (
-        "± is one standard error; an empty cell means that the method gives none or that the parameter was held fixed. "
-        "Importance is the share of the loss's variation over the search that a parameter explains (fANOVA)."
+        "± is one standard error; an empty cell means that there is none or that the parameter was held fixed."
+        f"{importance_note(content)}"
     )
     return Table(
         "table-1-parameters", "Table I. Calibrated parameters and their importance", columns, tuple(rows), note
     )
+
+
+def importance_note(content: ReportContent) -> str:
+    """What the importances are, by how they were computed; "" where nothing says so."""
+    kinds = dict.fromkeys(one.extra.get("importance_kind") for one in content.results.values() if one.importance)
+    return "".join(f" {_IMPORTANCES[kind]}" for kind in kinds if kind in _IMPORTANCES)
 
 
 def all_parameters_table(content: ReportContent) -> Table:
@@ -147,7 +162,8 @@ def all_parameters_table(content: ReportContent) -> Table:
         "Importance",
     )
     columns = tuple(Column(label) for label in labels)
-    return Table("parameters", "Every calibrated parameter", columns, tuple(rows))
+    note = f"± is one standard error.{importance_note(content)}"
+    return Table("parameters", "Every calibrated parameter", columns, tuple(rows), note)
 
 
 def errors_table(content: ReportContent) -> Table:
@@ -204,8 +220,17 @@ def share_of_peak(fit: ExperimentFit, channel: str = "tension") -> float | None:
     error, measured = fit.rmse.get(channel), fit.measured.get(channel)
     if error is None or measured is None:
         return None
-    peak = float(np.max(np.abs(measured)))
+    peak = float(np.nanmax(np.abs(measured)))
     return error / peak if peak > 0 else None
+
+
+def share_of_range(fit: ExperimentFit, channel: str = "tension") -> float | None:
+    """RMSE over the largest less the smallest measured value [-], None where it was not compared or does not change."""
+    error, measured = fit.rmse.get(channel), fit.measured.get(channel)
+    if error is None or measured is None:
+        return None
+    span = float(np.nanmax(measured) - np.nanmin(measured))
+    return error / span if span > 0 else None
 
 
 def run_table(content: ReportContent) -> Table:

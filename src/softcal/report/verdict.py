@@ -1,17 +1,19 @@
-"""What the numbers mean, in sentences: bounds, failures, identifiability, residuals, plausibility."""
+"""What the numbers mean, in sentences: bounds, failures, identifiability, residuals, agreement, plausibility."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Literal
 
-from softcal.calibration.result import CalibrationResult, Estimate
+from softcal.analysis.agreement import Agreement, agreements
+from softcal.calibration.result import CalibrationResult, Estimate, ExperimentFit
+from softcal.report.agreement import agreement_sentences, chance_text, range_text, size_text
+from softcal.report.closeness import Tone, closeness, miss_text, misses_of, worst_of
 from softcal.report.comparison import improvements
 from softcal.report.content import ReportContent
 from softcal.report.positions import fit_sentence, fitted_distance, prediction_sentence
-from softcal.report.tables import grouped_failures, share_of_peak
+from softcal.report.tables import grouped_failures
 from softcal.report.wording import (
     NORMAL_95,
     estimate_scale,
@@ -22,19 +24,17 @@ from softcal.report.wording import (
     parameter_label,
     parameter_name,
     result_label,
-    scale_of,
 )
 
-Tone = Literal["good", "note", "warning"]
-
-# A residual below this share of the peak force is called close; above the second one, poor.
-_CLOSE, _POOR = 0.03, 0.10
 # An estimate is called identified while its 95 % interval covers less than this share of what was allowed.
 _IDENTIFIED = 0.25
+# From here on the interval is all that was allowed.
+_ALL = 0.999
 _DECADE = 10.0
 _BOUND_NOTE = "the bounds of its range, not the data, decide it"  # told as a warning of its own
 # Without a standard error: below this importance a parameter hardly moves the loss.
 _UNIMPORTANT = 0.10
+_FORCE_AND_TRAVEL = ("tension", "shortening")
 
 
 @dataclass(frozen=True)
@@ -46,49 +46,53 @@ class Sentence:
 
 
 def headline_sentence(content: ReportContent) -> Sentence:
-    """The whole report in one sentence: the estimates, how close the fit is, and the gravest doubt."""
-    result = content.headline_result
-    material = _material(result)
-    names = [name for name, _ in material]
-    estimates = joined(f"{parameter_label(n, names)} = {estimate_text(e)}" for n, e in material)
-    shares = [share for fit in result.experiments.values() if (share := share_of_peak(fit)) is not None]
-    fit = (
-        f"the twin follows the measured force within {number(100 * max(shares), 2)} % of its peak (RMS)"
-        if shares
-        else ""
-    )
-    pitch = [fit.rmse["pitch"] for fit in result.experiments.values() if "pitch" in fit.rmse]
-    if pitch:
-        error = f"the pitch within {number(max(pitch) / scale_of('rad').factor, 2)} deg (RMS)"
-        fit = f"{fit} and {error}" if fit else f"the twin follows {error}"
-    near = fitted_distance(result)
+    """The whole report in one sentence: the estimates, how close the fits are, and the gravest doubts."""
+    results = content.judged
+    misses = [miss for result in results.values() for miss in misses_of(content, result)]
+    estimates = _estimates(content)
+    fit = joined(filter(None, (worst_of(misses, word) for word in ("force", "pitch"))))
+    fit = f"the twin follows {fit}" if fit else ""
+    near = [(label, text) for label, one in results.items() if (text := fitted_distance(one))]
     if near:
-        fit = f"{fit} and the markers to {near}" if fit else f"the twin meets the markers to {near}"
-    doubts = [s for s in (*_bounds(result), *_identified(result)) if s.tone == "warning"]
-    named = f"the best of {len(result.trials)} cells, {estimates}" if result.is_sweep else estimates
-    lead = f"With {named}, {fit}." if estimates and fit else f"{(fit or estimates).capitalize()}."
-    grave = bool(doubts) or bool(shares and max(shares) > _POOR)
-    return Sentence(" ".join([lead, *(doubt.text for doubt in doubts[:1])]), "warning" if grave else "good")
+        met = joined(f"{text}{f' in {label}' if len(results) > 1 else ''}" for label, text in near)
+        fit = f"{fit} and the markers to {met}" if fit else f"the twin meets the markers to {met}"
+    lead = f"With {estimates}, {fit}." if estimates and fit else f"{(fit or estimates).capitalize()}."
+    grave = [*_unconverged(results), *_differences(content)]
+    others = [s for s in (*_bounds(results), *_identified(results)) if s.tone == "warning"]
+    doubts = grave or others[:1]
+    poor = any(closeness([miss])[1] == "warning" for miss in misses)
+    text = " ".join([lead, *(doubt.text for doubt in doubts)])
+    return Sentence(text, "warning" if doubts or poor else "good")
 
 
 def verdicts(content: ReportContent) -> list[Sentence]:
-    """Every finding on the headline calibration and on how the calibrations agree; warnings first."""
-    result = content.headline_result
+    """Every finding on what is judged and on how the separate fits agree; warnings first."""
+    results = content.judged
     found = [
-        *_residuals(result),
-        *_positions(result),
+        *_unconverged(results),
+        *(Sentence(text, _agreement_tone(one)) for text, one in agreement_sentences(content.results)),
+        *(sentence for result in results.values() for sentence in _residuals(content, result)),
+        *_positions(results),
         *_gain(content),
-        *_bounds(result),
-        *_identified(result),
+        *_bounds(results),
+        *_identified(results),
         *_plausible(content),
         *_stability(content),
-        *_agreement(content),
         *_failures(content),
-        *_unmeasured_pitch(result),
-        *(Sentence(_sentence(note), "note") for note in result.notes if _BOUND_NOTE not in note),
-        Sentence(f"How the search ended: {_sentence(result.status)}", "note"),
+        *_unmeasured_pitch(results),
+        *_notes(results),
+        *(
+            Sentence(_of(label, results, f"How the search ended: {_sentence(result.status)}"), "note")
+            for label, result in results.items()
+            if result.converged is not False
+        ),
     ]
     return sorted(found, key=lambda sentence: ("warning", "good", "note").index(sentence.tone))
+
+
+def _of(label: str, results: Mapping[str, CalibrationResult], text: str) -> str:
+    """A sentence with the label of its calibration before it, where there are several."""
+    return f"{result_label(label)}: {text}" if len(results) > 1 else text
 
 
 def _material(result: CalibrationResult) -> list[tuple[str, Estimate]]:
@@ -96,35 +100,67 @@ def _material(result: CalibrationResult) -> list[tuple[str, Estimate]]:
     return [(name, e) for name, e in result.parameters.items() if parameter_name(name).kind in kinds]
 
 
-def _residuals(result: CalibrationResult) -> Iterable[Sentence]:
-    kinds = (
-        ("tension", "force", "N", "peak"),
-        ("pitch", "pitch", "rad", "largest"),
-        ("shortening", "travel", "m", "largest"),
-    )
-    for name, fit in result.experiments.items():
-        parts: list[str] = []
-        worst = 0.0
-        for channel, word, si_unit, extreme in kinds:
-            share, error = share_of_peak(fit, channel), fit.rmse.get(channel)
-            if share is None or error is None:
-                continue
-            scale = scale_of(si_unit)
-            shown = f"{number(error / scale.factor)} {scale.unit}"
-            parts.append(f"the {word} to {shown} RMS ({number(100 * share, 2)} % of its {extreme})")
-            worst = max(worst, share)
-        if parts:
-            word, tone = _closeness(worst)
-            yield Sentence(f"{name}: the twin meets {joined(parts)}; {word}.", tone)
+def _estimates(content: ReportContent) -> str:
+    """The material's parameters in words; where the separate fits differ, their range in the place of an error."""
+    results, first = content.judged, content.headline_result
+    material = _material(first)
+    names = [name for name, _ in material]
+    spread = {one.name: one for one in agreements(content.results)}
+    parts: list[str] = []
+    for name, estimate in material:
+        one = spread.get(name)
+        text = estimate_text(estimate)
+        if one is not None and len(results) > 1:
+            text = f"{range_text(one)} test by test"
+        elif one is not None and one.differs:
+            scale = estimate_scale(estimate)
+            plain = f"{number(estimate.value / scale.factor, 4)} {scale.unit}".rstrip()
+            text = f"{plain} ({range_text(one)} test by test)"
+        parts.append(f"{parameter_label(name, names)} = {text}")
+    told = joined(parts)
+    return f"the best of {len(first.trials)} cells, {told}" if told and first.is_sweep else told
 
 
-def _positions(result: CalibrationResult) -> Iterable[Sentence]:
-    if text := fit_sentence(result):
-        yield Sentence(text, "note")
-    text, carries_over = prediction_sentence(result)
-    if text:
-        tone: Tone = "note" if carries_over is None else "good" if carries_over else "warning"
-        yield Sentence(text, tone)
+def _unconverged(results: Mapping[str, CalibrationResult]) -> Iterable[Sentence]:
+    for label, result in results.items():
+        if result.converged is False:
+            text = f"The search did not converge, so the values are not those of least loss: {_sentence(result.status)}"
+            yield Sentence(_of(label, results, text), "warning")
+
+
+def _differences(content: ReportContent) -> Iterable[Sentence]:
+    """That separate fits differ by more than chance, short enough for the first line."""
+    found = [one for one in agreements(content.results) if one.differs]
+    names = [one.name for one in found]
+    for one in found:
+        text = (
+            f"{parameter_label(one.name, names)} differs between the separate fits by {size_text(one)} "
+            f"({range_text(one)}), more than their standard errors allow ({chance_text(one)})."
+        )
+        yield Sentence(text, "warning")
+
+
+def _agreement_tone(one: Agreement) -> Tone:
+    return "warning" if one.differs else "note" if one.chance is None else "good"
+
+
+def _residuals(content: ReportContent, result: CalibrationResult) -> Iterable[Sentence]:
+    misses = list(misses_of(content, result))
+    for name in result.experiments:
+        own = [miss for miss in misses if miss.experiment == name]
+        if own:
+            word, tone = closeness(own)
+            yield Sentence(f"{name}: the twin meets {joined(map(miss_text, own))}; {word}.", tone)
+
+
+def _positions(results: Mapping[str, CalibrationResult]) -> Iterable[Sentence]:
+    for label, result in results.items():
+        if text := fit_sentence(result):
+            yield Sentence(_of(label, results, text), "note")
+        text, carries_over = prediction_sentence(result)
+        if text:
+            tone: Tone = "note" if carries_over is None else "good" if carries_over else "warning"
+            yield Sentence(_of(label, results, text), tone)
 
 
 def _gain(content: ReportContent) -> Iterable[Sentence]:
@@ -143,59 +179,68 @@ def _gain(content: ReportContent) -> Iterable[Sentence]:
     yield Sentence(f"{text}.", "good" if fell else "warning")
 
 
-def _closeness(share: float) -> tuple[str, Tone]:
-    if share <= _CLOSE:
-        return "that is close", "good"
-    return (
-        ("that is fair", "note")
-        if share <= _POOR
-        else ("that is poor: the model misses part of the response", "warning")
-    )
-
-
-def _bounds(result: CalibrationResult) -> Iterable[Sentence]:
-    at_bound = [(name, estimate) for name, estimate in result.parameters.items() if estimate.at_bound]
-    for name, estimate in at_bound:
+def _bounds(results: Mapping[str, CalibrationResult]) -> Iterable[Sentence]:
+    found = [(label, *pair) for label, one in results.items() for pair in one.parameters.items() if pair[1].at_bound]
+    for label, name, estimate in found:
         upper = abs(estimate.value - estimate.upper) <= abs(estimate.value - estimate.lower)
         scale = estimate_scale(estimate)
         bound = number((estimate.upper if upper else estimate.lower) / scale.factor, 4)
-        text = (
-            f"{parameter_label(name, result.parameters)} stands at its {'upper' if upper else 'lower'} bound of "
-            f"{f'{bound} {scale.unit}'.rstrip()}: the data would take it further, or do not determine it."
-        )
-        yield Sentence(text, "warning")
-    if not at_bound:
+        name = parameter_label(name, results[label].parameters)
+        at = f"{'upper' if upper else 'lower'} bound of {f'{bound} {scale.unit}'.rstrip()}"
+        text = f"{name} stands at its {at}: {_why_at_bound(estimate)}"
+        yield Sentence(_of(label, results, text), "warning")
+    if not found:
         yield Sentence("No parameter stands at a bound.", "good")
 
 
-def _identified(result: CalibrationResult) -> Iterable[Sentence]:
+def _why_at_bound(estimate: Estimate) -> str:
+    share = interval_share(estimate)
+    if share is None:
+        return "the data would take it further, or do not determine it."
+    if share < _IDENTIFIED:
+        return "the data would take it further."
+    return f"the data hardly determine it, its 95 % interval covers {_percent(share)} of the range that was allowed."
+
+
+def _identified(results: Mapping[str, CalibrationResult]) -> Iterable[Sentence]:
     sure: list[str] = []
-    for name, estimate in result.parameters.items():
-        if estimate.at_bound:
-            continue
-        label, share = parameter_label(name, result.parameters), interval_share(estimate)
-        if share is not None and share < _IDENTIFIED:
-            sure.append(f"{label}: {number(100 * share, 2)} %")
-        elif share is not None:
-            width = f"covers {number(100 * share, 2)} % of" if share <= 1 else "is wider than"
-            text = f"{label} is not identified by these data: its 95 % interval {width} the range that was allowed."
-            yield Sentence(text, "warning")
-        elif (importance := result.importance.get(name)) is not None and importance < _UNIMPORTANT:
-            percent = number(100 * importance, 2)
-            text = f"{label} is weakly determined: it explains {percent} % of the loss's variation over the search."
-            yield Sentence(text, "warning" if name in dict(_material(result)) else "note")
+    for of, result in results.items():
+        for name, estimate in result.parameters.items():
+            if estimate.at_bound:
+                continue
+            label, share = parameter_label(name, result.parameters), interval_share(estimate)
+            if share is not None and share < _IDENTIFIED:
+                own = f" ({result_label(of)})" if len(results) > 1 else ""
+                sure.append(f"{label}{own}: {_percent(share)}")
+            elif share is not None:
+                text = f"{label} is not identified by these data: its 95 % interval covers {_percent(share)} of the "
+                yield Sentence(_of(of, results, f"{text}range that was allowed."), "warning")
+            elif (part := result.importance.get(name)) is not None and part < _UNIMPORTANT and _by_trials(result):
+                text = (
+                    f"{label} explains {number(100 * part, 2)} % of the loss's variation over the search; how well it "
+                    "is determined that does not tell."
+                )
+                yield Sentence(_of(of, results, text), "note")
     if sure:
         yield Sentence(f"Identified, with the 95 % interval's share of the allowed range: {'; '.join(sure)}.", "good")
+
+
+def _by_trials(result: CalibrationResult) -> bool:
+    return result.extra.get("importance_kind") == "fanova"
+
+
+def _percent(share: float) -> str:
+    return "all" if share >= _ALL else f"{number(100 * share, 2)} %"
 
 
 def interval_share(estimate: Estimate) -> float | None:
     """The 95 % interval over the allowed range, in logarithms where the range spans decades; None where unknown."""
     error = estimate.standard_error
-    if error is None or estimate.upper <= estimate.lower:
+    if (error is None and estimate.interval is None) or estimate.upper <= estimate.lower:
         return None
-    if not math.isfinite(error):
+    if error is not None and not math.isfinite(error):
         return math.inf
-    reach = NORMAL_95 * error
+    reach = NORMAL_95 * (error or 0.0)
     low, high = estimate.interval or (estimate.value - reach, estimate.value + reach)
     if estimate.lower > 0 and estimate.upper / estimate.lower > _DECADE and low > 0:
         return math.log(high / low) / math.log(estimate.upper / estimate.lower)
@@ -214,26 +259,33 @@ def _failures(content: ReportContent) -> Iterable[Sentence]:
         yield Sentence(f"{n_failed} of {n_trials} trials could not be simulated.{most}", tone)
 
 
-def _unmeasured_pitch(result: CalibrationResult) -> Iterable[Sentence]:
-    silent = [name for name, fit in result.experiments.items() if "pitch" not in fit.measured and not fit.distances]
+def _unmeasured_pitch(results: Mapping[str, CalibrationResult]) -> Iterable[Sentence]:
+    fits = {name: fit for result in results.values() for name, fit in result.experiments.items()}
+    silent = [name for name, fit in fits.items() if fit.rmse and not _sees_shape(fit)]
     if silent:
-        text = f"Pitch was not measured in {joined(silent)}; there the cable's force and travel alone decide."
+        where = joined(silent)
+        text = f"Neither angles nor positions were compared in {where}; there the cable's force and travel decide."
         yield Sentence(text, "note")
 
 
+def _sees_shape(fit: ExperimentFit) -> bool:
+    return any(channel.rpartition(".")[2] not in _FORCE_AND_TRAVEL for channel in fit.rmse)
+
+
 def _plausible(content: ReportContent) -> Iterable[Sentence]:
-    result = content.headline_result
-    name = find_parameter(result.parameters, "youngs_modulus")
-    if content.print_infill is None or name is None:
+    if content.print_infill is None:
         return
-    estimate = result.parameters[name]
-    low, high = (f"{number(bound / 1e6)}" for bound in content.print_infill.effective_modulus)
-    inside = content.print_infill.effective_modulus[0] <= estimate.value <= content.print_infill.effective_modulus[1]
-    text = (
-        f"E lies {'inside' if inside else 'outside'} the {low} to {high} MPa that the print's infill makes plausible "
-        f"(Eq. 5, {100 * content.print_infill.infill:.3g} % infill)."
-    )
-    yield Sentence(text, "good" if inside else "warning")
+    least, most = content.print_infill.effective_modulus
+    for label, result in content.judged.items():
+        name = find_parameter(result.parameters, "youngs_modulus")
+        if name is None:
+            continue
+        inside = least <= result.parameters[name].value <= most
+        text = (
+            f"E lies {'inside' if inside else 'outside'} the {number(least / 1e6)} to {number(most / 1e6)} MPa "
+            f"that the print's infill makes plausible (Eq. 5, {100 * content.print_infill.infill:.3g} % infill)."
+        )
+        yield Sentence(_of(label, content.judged, text), "good" if inside else "warning")
 
 
 def _stability(content: ReportContent) -> Iterable[Sentence]:
@@ -244,25 +296,16 @@ def _stability(content: ReportContent) -> Iterable[Sentence]:
         yield Sentence(f"In the test that drives the twin furthest, {content.twin.crossings}", "warning")
 
 
-def _agreement(content: ReportContent) -> Iterable[Sentence]:
-    single = {label: result for label, result in content.results.items() if len(result.experiments) == 1}
-    found = [
-        (label, result.parameters[name])
-        for label, result in single.items()
-        if (name := find_parameter(result.parameters, "youngs_modulus")) is not None
-    ]
-    if len(found) < 2:
-        return
-    low, high = (pick(found, key=lambda pair: pair[1].value) for pick in (min, max))
-    ratio = high[1].value / low[1].value
-    text = (
-        f"Calibrated one by one, E runs from {estimate_text(low[1])} ({result_label(low[0])}) to "
-        f"{estimate_text(high[1])} ({result_label(high[0])}), a factor of {number(ratio)}"
-    )
-    if ratio > 1.15:
-        yield Sentence(f"{text}: one modulus does not describe all experiments equally well.", "warning")
-    else:
-        yield Sentence(f"{text}: the experiments agree.", "good")
+def _notes(results: Mapping[str, CalibrationResult]) -> Iterable[Sentence]:
+    """What the calibrations note of themselves, once, with the labels of those that do where not all do."""
+    found: dict[str, list[str]] = {}
+    for label, result in results.items():
+        for note in result.notes:
+            if _BOUND_NOTE not in note:
+                found.setdefault(note, []).append(result_label(label))
+    for note, labels in found.items():
+        of = "" if len(labels) == len(results) else f"{joined(labels)}: "
+        yield Sentence(f"{of}{_sentence(note)}", "note")
 
 
 def _sentence(text: str) -> str:

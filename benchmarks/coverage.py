@@ -1,0 +1,245 @@
+"""How often the stated 95 % intervals hold the truth: synthetic studies under each loss; writes docs/uncertainty.md.
+
+python -m benchmarks.coverage [--studies 200] [--cases NAME …] [--out FILE]
+
+Every study draws new independent noise (and new prior means), and goes through softcal's own `calibrate`. The twins are
+read off tables of softcal's own answers (`benchmarks.table_twins`).
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+import softcal
+from benchmarks.section import table
+from benchmarks.table_twins import NU, ComplianceTable, E, NeckTable, compliance_table, neck_table
+from softcal.calibration.experiment import FRAME, PULLEY_FRICTION, Experiment, Pulleys, Rig
+from softcal.calibration.loss import DistanceLoss, LikelihoodLoss, Loss, PapersLoss
+from softcal.calibration.parameters import FreeParameter
+from softcal.calibration.problem import Problem, make_problem
+from softcal.calibration.run import calibrate
+from softcal.experiments.dataset import Channel, Dataset
+from softcal.project.project import load
+from softcal.twin.parameters import with_parameters
+from softcal.twin.protocol import Command, Protocol
+from softcal.twin.robot import Robot
+from softcal.units import format_quantity
+
+HERE = Path(__file__).resolve().parent
+NECK = HERE.parent / "examples" / "neck-bench" / "project.yaml"
+MANIPULATOR = Path(softcal.__file__).parent / "templates" / "manipulator" / "project.yaml"
+PAGE, TEXT = HERE.parent / "docs" / "uncertainty.md", HERE / "coverage.md"
+STUDIES = 200
+SLACK = "front.slack"
+TRUE = {E: 2.3e6, NU: 0.43, SLACK: 2e-3, PULLEY_FRICTION: 0.10}
+NOISE = {"tension": 0.02, "pitch": np.deg2rad(0.03)}  # [N], [rad]
+PRIOR_SD = 0.02  # of the pulleys' friction
+REACH = (4e-3, 34e-3)  # [m] of shortening
+LENGTH = 0.425  # [m]
+CABLES, MARKERS = ("cable1", "cable3", "cable5"), tuple(f"marker{k}" for k in range(1, 5))
+FORCES = (4.905, 9.81, 14.715)  # [N]
+SPRINGS = {f"spring{k + 1}.youngs_modulus": value for k, value in enumerate((0.7e9, 0.85e9, 1.0e9, 0.75e9))}
+CAMERA = (0.01, -0.02, 0.40, 0.05, -0.1, 0.2)  # [m], [rad]
+
+
+@dataclass(frozen=True)
+class Case:
+    """A kind of study: what it is in words, its loss, and how it is drawn.
+
+    n: samples of each channel of the neck, 0 for the manipulator. true: in the place of `TRUE`. ratios: bounds of nu.
+    stated: the noise in the data sheet over the true one. depth: noise of the camera's axis over that across it.
+    """
+
+    name: str
+    words: str
+    loss: Loss
+    n: int = 60
+    true: Mapping[str, float] | None = None
+    ratios: tuple[float, float] = (0.30, 0.4999)
+    stated: float = 1.0
+    depth: float = 1.0
+
+    @property
+    def truth(self) -> dict[str, float]:
+        """What is free and has to be found [SI by label], but for the camera's frame."""
+        if not self.n:
+            return dict(SPRINGS)
+        free = {name: value for name, value in TRUE.items() if name != PULLEY_FRICTION or self.loss.uses_priors}
+        return {**free, **(self.true or {})}
+
+
+LIKELIHOOD, PAPERS, DISTANCE = LikelihoodLoss(), PapersLoss(), DistanceLoss(LENGTH)
+NEAR_BOUND, PAPER_RATIOS = {NU: 0.41}, (0.40, 0.4999)
+NEAR_WORDS = "ν 0.41 within bounds of 0.40 and 0.4999"
+CASES = (
+    Case("likelihood", "neck, `likelihood`, a prior on the pulleys' friction", LIKELIHOOD),
+    Case("likelihood-understated", "the same, noise stated at a third", LIKELIHOOD, stated=1 / 3),
+    Case("likelihood-bound", f"the same, {NEAR_WORDS}", LIKELIHOOD, true=NEAR_BOUND, ratios=PAPER_RATIOS),
+    Case("papers", "neck, `papers`, friction known", PAPERS),
+    Case("papers-1000", "the same, 1000 samples", PAPERS, n=1000),
+    Case("papers-bound", f"the same, 60 samples, {NEAR_WORDS}", PAPERS, true=NEAR_BOUND, ratios=PAPER_RATIOS),
+    Case("distance", "manipulator, `distance`, the camera's frame free", DISTANCE, n=0),
+    Case("distance-depth", "the same, three times the noise in depth", DISTANCE, n=0, depth=3.0),
+)
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Of one parameter of a case: how many studies gave an interval, how many of those hold the truth.
+
+    ratio: the intervals' mean half-length over 1.96 times the estimates' root-mean-square error.
+    """
+
+    case: Case
+    parameter: str
+    studies: int
+    given: int
+    held: int
+    ratio: float
+
+    @property
+    def share(self) -> float:
+        return self.held / self.given if self.given else float("nan")
+
+
+def coverage(case: Case, studies: int = STUDIES) -> list[Coverage]:
+    """Run the studies of a case."""
+    truth = case.truth
+    found: dict[str, list[tuple[float, tuple[float, float] | None]]] = {}
+    for seed in range(studies):
+        result = calibrate(study(case, seed), starts=1)
+        for name, estimate in result.parameters.items():
+            if name in truth:
+                found.setdefault(name, []).append((estimate.value, estimate.interval))
+    rows: list[Coverage] = []
+    for name, held in found.items():
+        ends = np.array([interval for _, interval in held if interval is not None]).reshape(-1, 2)
+        inside = np.sum((ends[:, 0] <= truth[name]) & (truth[name] <= ends[:, 1]))
+        error = float(np.sqrt(np.mean([(value - truth[name]) ** 2 for value, _ in held])))
+        ratio = float(np.mean(ends[:, 1] - ends[:, 0])) / 2 / (1.96 * error) if len(ends) else float("nan")
+        rows.append(Coverage(case, name, len(held), len(ends), int(inside), ratio))
+    return rows
+
+
+def study(case: Case, seed: int) -> Problem:
+    """One study: the twin's own answers at the truth, with noise."""
+    chance = np.random.default_rng([seed, 2026])
+    return _neck_study(case, chance) if case.n else _manipulator_study(case, chance)
+
+
+def _neck_study(case: Case, chance: np.random.Generator) -> Problem:
+    robot, twin = neck()
+    true = case.truth
+    shortening = np.linspace(*REACH, case.n)
+    of_robot = {name: true[name] for name in (E, NU)}
+    pulled = Protocol({"front": Command("shortening", shortening - true[SLACK])})
+    seen = twin(with_parameters(robot, of_robot), pulled)
+    channels = {"shortening": Channel(shortening, "m")}
+    for name, unit, channel in (("tension", "N", "front.tension"), ("pitch", "rad", "plate.pitch")):
+        values = seen.channels[channel] + NOISE[name] * chance.standard_normal(case.n)
+        channels[name] = Channel(values, unit, case.stated * NOISE[name])
+    rig = Rig(pulleys=Pulleys(2, np.pi, TRUE[PULLEY_FRICTION]))
+    pull = Experiment("pull", Dataset("pull", channels), cable="front", plate="plate", rig=rig)
+    free = [
+        FreeParameter(E, "Pa", 0.1e6, 40e6, "log", start=true[E]),
+        FreeParameter(NU, "1", *case.ratios, start=true[NU]),
+        FreeParameter(SLACK, "m", 0.0, 6e-3, start=true[SLACK]),
+    ]
+    if case.loss.uses_priors:
+        mean = TRUE[PULLEY_FRICTION] + PRIOR_SD * chance.standard_normal()
+        friction = FreeParameter(PULLEY_FRICTION, "1", 0.0, 0.3, start=TRUE[PULLEY_FRICTION])
+        free.append(replace(friction, prior_mean=mean, prior_sd=PRIOR_SD))
+    return make_problem(robot, [pull], free, case.loss, twin)
+
+
+def _manipulator_study(case: Case, chance: np.random.Generator) -> Problem:
+    from softcal.calibration.frame import rotation
+
+    robot, twin = manipulator()
+    noise = 5e-4 * np.array([1.0, 1.0, case.depth])
+    experiments: list[Experiment] = []
+    for cable in CABLES:
+        channels = {f"{cable}.tension": Channel(np.array(FORCES), "N")}
+        for marker in MARKERS:
+            places = np.column_stack([twin.places[cable][f"{marker}.{axis}"] for axis in "xyz"])
+            places = places @ rotation(np.array(CAMERA[3:])).T + CAMERA[:3]
+            places = places + noise * chance.standard_normal(places.shape)
+            channels |= {f"{marker}.{axis}": Channel(places[:, k], "m", noise[k]) for k, axis in enumerate("xyz")}
+        data = Dataset(cable, channels)
+        experiments.append(Experiment(cable, data, drive=(f"{cable}.tension",), rig=Rig(length=LENGTH)))
+    free = [FreeParameter(name, "Pa", 0.1e9, 10e9, "log", start=value) for name, value in SPRINGS.items()]
+    free += [
+        FreeParameter(name, "m" if k < 3 else "rad", true - 0.5, true + 0.5, start=true)
+        for k, (name, true) in enumerate(zip(FRAME, CAMERA, strict=True))
+    ]
+    return make_problem(robot, experiments, free, case.loss, twin)
+
+
+@cache
+def neck() -> tuple[Robot, NeckTable]:
+    """The neck of examples/neck-bench (1.7k P2P1 tets) and its table."""
+    robot = load(NECK).robot
+    return robot, neck_table(robot, REACH[1] + 5e-4)
+
+
+@cache
+def manipulator() -> tuple[Robot, ComplianceTable]:
+    """The manipulator of `softcal init manipulator` and its table."""
+    robot = load(MANIPULATOR).robot
+    return robot, compliance_table(robot, SPRINGS, CABLES, MARKERS, FORCES)
+
+
+def page(found: Sequence[Coverage]) -> str:
+    """docs/uncertainty.md with the table of what was found."""
+    head = ["Study", "Parameter", "Truth", "Intervals given", "Hold the truth", "Length"]
+    rows = [
+        [
+            one.case.words,
+            one.parameter,
+            format_quantity(one.case.truth[one.parameter], _unit(one.parameter)),
+            f"{one.given} of {one.studies}",
+            f"{100 * one.share:.1f} %",
+            f"{one.ratio:.2f}",
+        ]
+        for one in found
+    ]
+    studies = max(one.studies for one in found)
+    text = TEXT.read_text(encoding="utf-8").replace("{{table}}", "\n".join(table(head, rows)))
+    sampling = f"{100 * np.sqrt(0.95 * 0.05 / studies):.1f}"
+    return text.replace("{{studies}}", str(studies)).replace("{{sampling}}", sampling)
+
+
+def _unit(parameter: str) -> str:
+    kind = parameter.rpartition(".")[2]
+    return {"youngs_modulus": "Pa", "slack": "m"}.get(kind, "1")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--studies", type=int, default=STUDIES, help=f"of each case; {STUDIES} by default")
+    names = [case.name for case in CASES]
+    parser.add_argument("--cases", nargs="+", metavar="NAME", choices=names, default=names, help=", ".join(names))
+    parser.add_argument("--out", type=Path, default=PAGE, help="where the page goes; docs/uncertainty.md by default")
+    arguments = parser.parse_args()
+    found: list[Coverage] = []
+    for case in CASES:
+        if case.name not in arguments.cases:
+            continue
+        began = time.perf_counter()
+        rows = coverage(case, arguments.studies)
+        print(f"{case.name}: {time.perf_counter() - began:.0f} s")
+        for one in rows:
+            print(f"  {one.parameter}: {one.held} of {one.given} hold ({one.studies} studies), length {one.ratio:.2f}")
+        found += rows
+    arguments.out.write_text(page(found), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

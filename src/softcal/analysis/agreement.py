@@ -1,0 +1,79 @@
+"""Whether separate fits of one robot agree: is what they find farther apart than their standard errors allow?
+
+Cochran's Q (Biometrics 10, 1954) of the fits' values y (logarithms, where all are positive) with standard errors s is
+sum (y - mean)^2 / s^2, the mean weighted by 1 / s^2. Where one value describes all fits it is distributed as chi^2 with
+one degree of freedom less than there are fits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from softcal.calibration.experiment import rig_kind
+from softcal.calibration.result import CalibrationResult, Estimate
+
+LIMIT = 0.05  # the probability by chance below which fits count as different
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """One parameter of the robot in several separate fits.
+
+    estimates: by the label of the fit. q, dof, chance: Cochran's Q, its degrees of freedom, and the probability of one
+    so large where one value describes all; None where fewer than two fits have a standard error.
+    """
+
+    name: str
+    estimates: Mapping[str, Estimate]
+    q: float | None = None
+    dof: int = 0
+    chance: float | None = None
+
+    @property
+    def differs(self) -> bool:
+        """Whether the fits differ by more than their standard errors allow."""
+        return self.chance is not None and self.chance < LIMIT
+
+    @property
+    def least(self) -> tuple[str, Estimate]:
+        """The fit with the smallest value."""
+        return min(self.estimates.items(), key=lambda pair: pair[1].value)
+
+    @property
+    def largest(self) -> tuple[str, Estimate]:
+        """The fit with the largest value."""
+        return max(self.estimates.items(), key=lambda pair: pair[1].value)
+
+    @property
+    def uncounted(self) -> tuple[str, ...]:
+        """Labels of the fits without a standard error."""
+        return tuple(label for label, e in self.estimates.items() if not e.standard_error)
+
+
+def agreements(results: Mapping[str, CalibrationResult]) -> tuple[Agreement, ...]:
+    """The parameters of the robot that several fits of one experiment each have found, by name."""
+    found: dict[str, dict[str, Estimate]] = {}
+    for label, result in results.items():
+        if len(result.experiments) == 1 and not result.is_sweep:
+            for name, estimate in result.parameters.items():
+                if "[" not in name and all(rig_kind(target) is None for target in estimate.of or (name,)):
+                    found.setdefault(name, {})[label] = estimate
+    return tuple(_agreement(name, held) for name, held in found.items() if len(held) > 1)
+
+
+def _agreement(name: str, estimates: Mapping[str, Estimate]) -> Agreement:
+    from scipy.special import chdtrc
+
+    pairs = [(e.value, e.standard_error) for e in estimates.values() if e.standard_error]
+    if len(pairs) < 2:
+        return Agreement(name, estimates)
+    values, errors = np.array(pairs, dtype=float).T
+    if np.all(values > 0):
+        values, errors = np.log(values), errors / values
+    weights = errors**-2
+    mean = float(weights @ values / weights.sum())
+    q, dof = float(weights @ (values - mean) ** 2), len(pairs) - 1
+    return Agreement(name, estimates, q, dof, float(chdtrc(dof, q)))

@@ -1,0 +1,105 @@
+"""How close the twin comes to a measurement, channel by channel, and what that is called.
+
+An error is judged by the noise that the data states, where it does, and else by what the measurement ranges over: the
+largest less the smallest value, so that an offset which all samples share cannot make an error look small.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from softcal.calibration.result import CalibrationResult
+from softcal.experiments.names import deviation_channel
+from softcal.report.content import ReportContent
+from softcal.report.tables import share_of_range
+from softcal.report.wording import number, scale_of
+
+Tone = Literal["good", "note", "warning"]
+# An RMS error below this share of the measurement's range is called close; above the second one, poor.
+CLOSE, POOR = 0.03, 0.10
+# An RMS error up to this many times the stated noise is noise.
+_NOISE = 1.2
+# Channels with an error of their own: channel, word, SI unit.
+_KINDS = (("tension", "force", "N"), ("pitch", "pitch", "rad"), ("shortening", "travel", "m"))
+
+
+@dataclass(frozen=True)
+class Miss:
+    """By how much a channel of an experiment is missed: RMSE [SI], and over its range and its stated noise if known."""
+
+    experiment: str
+    word: str
+    error: float
+    unit: str
+    share: float | None
+    in_noise: float | None
+
+    @property
+    def size(self) -> str:
+        scale = scale_of(self.unit)
+        return f"{number(self.error / scale.factor)} {scale.unit}"
+
+
+def misses_of(content: ReportContent, result: CalibrationResult) -> Iterable[Miss]:
+    """Every channel of every experiment of a result that has an error of its own."""
+    for name, fit in result.experiments.items():
+        for channel, word, unit in _KINDS:
+            error = fit.rmse.get(channel)
+            if error is not None:
+                share, sigma = share_of_range(fit, channel), _noise(content, name, channel)
+                yield Miss(name, word, error, unit, share, error / sigma if sigma else None)
+
+
+def _noise(content: ReportContent, experiment: str, channel: str) -> float | None:
+    """The stated noise of a channel [SI], the root mean square of that of its samples; None where there is none."""
+    channels = content.experiments[experiment].prepared.channels
+    own = channels.get(deviation_channel(channel))
+    if own is not None:
+        return float(np.sqrt(np.nanmean(own.values**2)))
+    return channels[channel].sigma if channel in channels and channels[channel].sigma > 0 else None
+
+
+def worst_of(misses: Iterable[Miss], word: str) -> str:
+    """The largest error of one channel over all experiments, and where it is: "the measured force within 2 % …"."""
+    found = [miss for miss in misses if miss.word == word]
+    if not found:
+        return ""
+    where = "; worst in {}" if len(found) > 1 else ""
+    if word == "force":
+        shares = [miss for miss in found if miss.share is not None]
+        if not shares:
+            return ""
+        worst = max(shares, key=lambda miss: miss.share or 0.0)
+        size = f"the measured force within {number(100 * (worst.share or 0.0), 2)} % of its range"
+    else:
+        worst = max(found, key=lambda miss: miss.error)
+        size = f"the pitch within {number(worst.error / scale_of('rad').factor, 2)} deg"
+    return f"{size} (RMS{where.format(worst.experiment)})"
+
+
+def miss_text(miss: Miss) -> str:
+    """An error in words: "the force to 0.4 N RMS (5.0 % of its range)"."""
+    parts = [] if miss.share is None else [f"{number(100 * miss.share, 2)} % of its range"]
+    parts += [] if miss.in_noise is None else [f"{number(miss.in_noise, 2)} times its stated noise"]
+    return f"the {miss.word} to {miss.size} RMS" + (f" ({', '.join(parts)})" if parts else "")
+
+
+def closeness(misses: Iterable[Miss]) -> tuple[str, Tone]:
+    """The judgement on the channel that is met worst, and by what it is judged."""
+    beyond = [miss for miss in misses if not (miss.in_noise is not None and miss.in_noise <= _NOISE)]
+    if not beyond:
+        return "that is as close as the noise allows", "good"
+    shares = [(miss.share, miss.word) for miss in beyond if miss.share is not None]
+    if not shares:
+        return "what that is of its range is not known, for it does not change", "note"
+    share, word = max(shares)
+    close, poor = number(100 * CLOSE, 1), number(100 * POOR, 2)
+    if share <= CLOSE:
+        return f"that is close (at most {close} % of the range)", "good"
+    if share <= POOR:
+        return f"that is fair (the {word} between {close} and {poor} % of its range)", "note"
+    return f"that is poor (the {word} beyond {poor} % of its range)", "warning"

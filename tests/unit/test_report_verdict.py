@@ -1,0 +1,263 @@
+"""Each sentence of the report is printed where it is true, and absent where it is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from report_example import E_NAME, NU_NAME
+
+from softcal.analysis.agreement import agreements
+from softcal.calibration.result import CalibrationResult, Distance, Estimate, ExperimentFit
+from softcal.cli.calibration_table import print_results
+from softcal.experiments.dataset import Channel, Dataset
+from softcal.report.content import ExperimentContent, PrintInfill, ReportContent
+from softcal.report.tables import all_parameters_table, parameters_table
+from softcal.report.verdict import headline_sentence, verdicts
+
+D = np.linspace(0.0, 0.02, 41)
+DEG = np.pi / 180
+
+
+def modulus(value: float, error: float | None = 0.01, *, at_bound: bool = False) -> Estimate:
+    """E [MPa]."""
+    return Estimate(1e6 * value, "Pa", at_bound, 1e5, 4e7, error and 1e6 * error)
+
+
+def fit(force: float = 0.1, pitch: float | None = None, *, offset: float = 0.0) -> ExperimentFit:
+    """Force off by so many newtons over a range of 8 N, pitch by so many degrees over 20."""
+    errors = {"tension": force} | ({} if pitch is None else {"pitch": pitch * DEG})
+    measured = {"tension": offset + 400.0 * D, "pitch": 1000 * D * DEG}
+    return ExperimentFit(errors, {}, measured, measured, {"tension": "N", "pitch": "rad"})
+
+
+def result(
+    *fits: str, estimates: dict[str, Estimate] | None = None, made: ExperimentFit | None = None, **more: object
+) -> CalibrationResult:
+    defaults: dict[str, object] = {
+        "parameters": {E_NAME: modulus(2.3)} if estimates is None else estimates,
+        "loss": 0.12, "loss_name": "papers", "method": "least-squares", "seed": 1, "n_solves": 3, "n_factorisations": 9,
+        "wall_s": 1.0, "status": "Converged in 3 trajectories.", "experiments": {name: made or fit() for name in fits},
+        "importance": {}, "trials": (), "n_failed_trials": 0, "converged": True,
+    }  # fmt: skip
+    return CalibrationResult(**{**defaults, **more})  # type: ignore[arg-type]
+
+
+def content(results: dict[str, CalibrationResult], sigma: float = 0.0, **more: object) -> ReportContent:
+    channels = {"shortening": Channel(D, "m"), "tension": Channel(400 * D, "N", sigma), "pitch": Channel(D, "rad")}
+    names = {name for one in results.values() for name in one.experiments}
+    experiments = {name: ExperimentContent(name, *(2 * (Dataset(name, channels),))) for name in sorted(names)}
+    return ReportContent("neck", results, experiments, **more)  # type: ignore[arg-type]
+
+
+def told(of: ReportContent, tone: str | None = None) -> str:
+    return " ".join(s.text for s in verdicts(of) if tone is None or s.tone == tone)
+
+
+def separate(*values: tuple[float, float | None]) -> dict[str, CalibrationResult]:
+    """One fit for each modulus with its error [MPa]."""
+    return {f"test{i}": result(f"test{i}", estimates={E_NAME: modulus(*pair)}) for i, pair in enumerate(values, 1)}
+
+
+# Agreement of separate fits.
+
+SHIPPED = ((3.513, 0.0036), (3.313, 0.0055), (3.197, 0.012))
+
+
+def test_cochrans_q_by_arithmetic() -> None:
+    (one,) = agreements(separate((2.0, 0.02), (2.1, 0.042)))
+    # ln 2.1 - ln 2.0, both with one per cent and two per cent: (ln 1.05)^2 / (0.01^2 + 0.02^2)
+    assert one.q == pytest.approx(np.log(1.05) ** 2 / 5e-4)
+    assert one.dof == 1
+    assert one.chance == pytest.approx(0.0291, abs=2e-4)
+
+
+def test_a_false_alarm_comes_as_often_as_it_says() -> None:
+    chance = np.random.default_rng(0)
+    alarms = [
+        agreements(separate(*((2.0 + 0.03 * e, 0.03) for e in chance.standard_normal(4))))[0].differs
+        for _ in range(400)
+    ]
+    assert 0.02 < np.mean(alarms) < 0.09
+
+
+def test_moduli_of_the_shipped_neck_differ_far_beyond_noise() -> None:
+    joint = result("test1", "test2", "test3", estimates={E_NAME: modulus(3.294, 0.0053)})
+    report = content({**separate(*SHIPPED), "joint": joint})
+    warning = told(report, "warning")
+    assert "E differs between the separate fits by 9.4 %" in warning
+    assert "from 3.197 ± 0.012 MPa (test3) to 3.5130 ± 0.0036 MPa (test1)" in warning
+    assert "more than their standard errors allow" in warning
+    assert "p < 1e-10" in warning
+    first = headline_sentence(report)
+    assert "E = 3.294 MPa (3.197 to 3.513 MPa test by test)" in first.text
+    assert "E differs between the separate fits by 9.4 %" in first.text
+    assert first.tone == "warning"
+    assert "agree" not in told(report)
+
+
+def test_moduli_within_their_errors_are_said_to_be_so() -> None:
+    joint = result("test1", "test2", estimates={E_NAME: modulus(3.31, 0.1)})
+    report = content({**separate((3.3, 0.15), (3.35, 0.12)), "joint": joint})
+    assert "E differs between the separate fits by 1.5 %" in told(report, "good")
+    assert "no more than their standard errors allow" in told(report, "good")
+    first = headline_sentence(report)
+    assert "E = 3.31 ± 0.10 MPa" in first.text
+    assert "differs" not in first.text
+    assert first.tone == "good"
+
+
+def test_without_standard_errors_nothing_is_said_of_agreement() -> None:
+    report = content(separate((3.3, None), (3.31, None)))
+    assert "without standard errors nothing tells whether that is more than noise" in told(report, "note")
+    assert "differs" not in headline_sentence(report).text
+    one = separate((3.3, 0.1), (3.9, 0.1), (40.0, None))
+    assert "Not counted, for want of a standard error: test3." in told(content(one))
+
+
+def test_slacks_and_tests_of_several_experiments_are_not_compared() -> None:
+    slack = Estimate(2e-3, "m", False, 0.0, 6e-3, 1e-6)
+    results = {
+        f"test{i}": result(f"test{i}", estimates={"front.slack": replace(slack, value=i * 1e-3)}) for i in (1, 2)
+    }
+    assert agreements(results) == ()
+    assert agreements({"joint": result("a", "b"), "test1": result("test1")}) == ()
+
+
+def test_the_command_line_says_it_too(capsys: pytest.CaptureFixture[str]) -> None:
+    print_results(separate(*SHIPPED))
+    assert "E differs between the separate fits by 9.4 %" in capsys.readouterr().out
+    print_results(separate((3.3, 0.15)))
+    assert "differs" not in capsys.readouterr().out
+
+
+# Fits of every experiment by itself.
+
+
+def test_every_separate_fit_is_judged_and_the_worst_is_named() -> None:
+    fits = {f"test{i}": result(f"test{i}", made=fit(0.1, 0.1)) for i in (1, 2, 3)}
+    fits["test4"] = result("test4", made=fit(0.1, 2.2))
+    report = content(fits)
+    first = headline_sentence(report)
+    assert "the pitch within 2.2 deg (RMS; worst in test4)" in first.text
+    assert first.tone == "warning"
+    assert "test4: the twin meets the force to 0.100 N RMS (1.2 % of its range) and the pitch to 2.20 deg RMS" in told(
+        report, "warning"
+    )
+    assert "that is poor (the pitch beyond 10 % of its range)" in told(report, "warning")
+    assert "E = 2.300 to 2.300 MPa test by test" in first.text
+    good = headline_sentence(content({name: fits[name] for name in ("test1", "test2")}))
+    assert good.tone == "good"
+
+
+def test_findings_of_separate_fits_are_told_with_their_label() -> None:
+    at_bound = result("test2", estimates={E_NAME: modulus(40.0, None, at_bound=True)}, notes=("A note.",))
+    report = content({"test1": result("test1"), "test2": at_bound})
+    assert "test2: E stands at its upper bound of 40.00 MPa" in told(report, "warning")
+    assert "test2: A note." in told(report, "note")
+    assert "No parameter stands at a bound" not in told(report)
+    joint = content({"test1": result("test1"), "test2": at_bound, "joint": result("test1", "test2")})
+    assert "No parameter stands at a bound" in told(joint)
+
+
+def test_every_separate_modulus_is_held_against_the_infill() -> None:
+    infill = PrintInfill((8e6, 12e6), 0.3, (1.2, 1.6))
+    report = content(separate((2.3, 0.1), (5.0, 0.1)), print_infill=infill)
+    assert "test2: E lies outside the 1.17 to 2.83 MPa" in told(report, "warning")
+    assert "test1: E lies inside the 1.17 to 2.83 MPa" in told(report, "good")
+
+
+# How the search ended.
+
+
+def test_a_search_that_did_not_converge_comes_first() -> None:
+    report = content({"a": result("a", converged=False, status="Stopped after 40 trajectories.")})
+    assert "The search did not converge" in verdicts(report)[0].text
+    assert verdicts(report)[0].tone == "warning"
+    assert "The search did not converge" in headline_sentence(report).text
+    assert "How the search ended" not in told(report)
+
+
+@pytest.mark.parametrize("converged", [True, None])
+def test_another_search_says_how_it_ended_in_a_note(converged: bool | None) -> None:
+    report = content({"a": result("a", converged=converged)})
+    assert "How the search ended: Converged in 3 trajectories." in told(report, "note")
+    assert "did not converge" not in told(report) + headline_sentence(report).text
+
+
+# How close the fit is.
+
+
+@pytest.mark.parametrize(("force", "word"), [(0.2, "close"), (0.5, "fair"), (1.0, "poor")])
+def test_closeness_is_judged_by_the_range(force: float, word: str) -> None:
+    report = content({"a": result("a", made=fit(force))})
+    for other in ("close", "fair", "poor"):
+        assert (f"that is {other}" in told(report)) == (other == word)
+    # A load cell that shows 100 N more does not make the fit better.
+    shifted = content({"a": result("a", made=fit(force, offset=100.0))})
+    assert f"that is {word}" in told(shifted)
+
+
+def test_an_error_of_the_size_of_the_noise_is_as_close_as_can_be() -> None:
+    report = content({"a": result("a", made=fit(1.0))}, sigma=1.0)
+    assert "1.0 times its stated noise); that is as close as the noise allows" in told(report, "good")
+    assert headline_sentence(report).tone == "good"
+    report = content({"a": result("a", made=fit(1.0))}, sigma=0.2)
+    assert "5.0 times its stated noise); that is poor" in told(report, "warning")
+
+
+def test_missing_values_do_not_hide_how_close_it_is() -> None:
+    made = fit(1.0)
+    made.measured["tension"][3] = np.nan  # type: ignore[index]
+    assert "that is poor" in told(content({"a": result("a", made=made)}))
+
+
+# Bounds and identification.
+
+
+def test_why_a_parameter_is_at_its_bound_follows_its_interval() -> None:
+    def at(interval: tuple[float, float] | None) -> str:
+        ratio = Estimate(0.4, "1", True, 0.4, 0.5, None, interval)
+        return told(content({"a": result("a", estimates={NU_NAME: ratio})}), "warning")
+
+    assert "ν stands at its lower bound of 0.4000: the data would take it further." in at((0.4, 0.405))
+    assert "the data hardly determine it, its 95 % interval covers 80 % of the range" in at((0.4, 0.48))
+    assert "covers all of the range" in at((0.4, 0.5))
+    assert "the data would take it further, or do not determine it." in at(None)
+
+
+def test_a_parameter_is_identified_or_not_by_its_interval() -> None:
+    def of(high: float) -> ReportContent:
+        ratio = Estimate(0.45, "1", False, 0.4, 0.5, 0.01, (0.44, high))
+        return content({"a": result("a", estimates={NU_NAME: ratio})})
+
+    assert "ν: 20 %" in told(of(0.46), "good")
+    assert "not identified" not in told(of(0.46))
+    assert "ν is not identified by these data: its 95 % interval covers 50 %" in told(of(0.49), "warning")
+
+
+def test_what_decides_without_angles_or_positions() -> None:
+    sentence = "Neither angles nor positions were compared in a; there the cable's force and travel decide."
+    assert sentence in told(content({"a": result("a")}), "note")
+    for channel in ("pitch", "S4.pitch", "roll", "m4.x"):
+        made = replace(fit(), rmse={"tension": 0.1, channel: 0.1})
+        assert "Neither" not in told(content({"a": result("a", made=made)}))
+    only = replace(fit(), rmse={}, distances={"m1": Distance(1e-3, 2e-3, 1e-3, 5)})
+    assert "Neither" not in told(content({"a": result("a", made=only)}))
+
+
+# What an importance is.
+
+
+def test_the_importance_is_called_what_it_is() -> None:
+    def note(kind: str) -> str:
+        report = content({"a": result("a", importance={E_NAME: 1.0}, extra={"importance_kind": kind})})
+        assert parameters_table(report).note.partition("fixed.")[2] in all_parameters_table(report).note
+        return parameters_table(report).note
+
+    assert "(fANOVA)" in note("fanova")
+    assert "local" not in note("fanova")
+    assert "a local measure, not fANOVA" in note("sensitivity")
+    assert "variation over the search" not in note("sensitivity")
+    assert "mportance" not in parameters_table(content({"a": result("a")})).note

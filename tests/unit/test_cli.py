@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import json
 import os
@@ -347,6 +348,35 @@ def test_a_stop_keeps_everything_and_resumes(tmp_path: Path, number: signal.Sign
     found = calibrating.calibrate(load(path), out=out, resume=True, method="tpe", trials=n_before + 2)
     assert not found.interrupted
     assert len(found.headline.trials) == n_before + 2
+
+
+def test_a_terminal_that_is_closed_stops_a_calibration_whole(tmp_path: Path):
+    """What is written to it from then on is an error, which must not come before the results are kept."""
+    fcntl, pty, termios = (pytest.importorskip(name) for name in ("fcntl", "pty", "termios"))
+    path, out = write_project(tmp_path / "p"), tmp_path / "run"
+    command = [sys.executable, "-m", "softcal.cli", "calibrate", str(path), "--out", str(out), "--no-report"]
+    command += ["--method", "tpe", "--trials", "4000"]
+    terminal, end = pty.openpty()
+    process = subprocess.Popen(
+        command,
+        stdin=end,
+        stdout=end,
+        stderr=end,
+        start_new_session=True,
+        preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),  # noqa: PLW1509 (nothing but a system call)
+    )
+    os.close(end)
+    os.set_blocking(terminal, False)
+    store = out / "calibrations" / "pull" / "optuna.journal"
+    deadline = time.monotonic() + 60
+    while not (store.is_file() and store.stat().st_size > 1500) and time.monotonic() < deadline:
+        assert process.poll() is None
+        with contextlib.suppress(BlockingIOError):
+            os.read(terminal, 65536)
+        time.sleep(0.05)
+    os.close(terminal)
+    assert process.wait(timeout=60) == 129
+    assert "Stopped by SIGHUP after" in json.loads((out / "result.json").read_text())["status"]
 
 
 def test_python_pull_and_robot_alone():

@@ -24,6 +24,7 @@ from softcal.experiments.pulleys import correct_pulley_friction, pulley_gain
 from softcal.project.project import load
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Command, Protocol, lets_go
+from softcal.twin.robot import Cable, Robot, ViaPoint
 
 RIG = ("experiments:\n", "rig:\n  pulleys: {count: 2, wrap: 180 deg, friction_coefficient: 0.1}\nexperiments:\n")
 NOISE = "    noise: {tension: 0.05 N, pitch: 0.2 deg}\n"
@@ -167,3 +168,28 @@ def test_a_machines_jitter_lets_nothing_go() -> None:
     assert not lets_go(d)
     assert lets_go(np.concatenate([d, d[:-40:-1]]))
     assert not lets_go(np.zeros(3))
+
+
+def two_cables(mu: float) -> Robot:
+    """The bar with a second cable on the other side, each bent once on its way."""
+
+    def side(name: str, x: float) -> Cable:
+        on_plate = ViaPoint(np.array([x, 0, 0.1]), "plate")
+        return Cable(name, (on_plate, *(ViaPoint(np.array([at, 0, 0.0])) for at in (x, 3 * x))), mu)
+
+    return replace(bar_robot(), cables=(side("front", 0.03), side("back", -0.03)))
+
+
+@pytest.mark.parametrize(("mu", "told"), [(0.0, False), (0.2, True)])
+def test_a_rough_cable_that_the_other_draws_out_is_told_of(mu: float, told: bool) -> None:
+    tensions = {"front": [1.0, 8.0], "back": [1.0, 1.0]}
+    protocol = Protocol({name: Command("tension", np.array(values)) for name, values in tensions.items()})
+    response = softcal.simulate(two_cables(mu), protocol)
+    assert response.succeeded, response.status
+    assert response.channels["back.shortening"][1] < -1e-3
+    assert bool(response.drawn_out) == told
+    if told:
+        assert response.drawn_out.startswith("The others draw back out under tension, by up to ")
+        assert "(at sample 2" in response.drawn_out
+        assert "front" not in response.drawn_out.split("(at")[0]
+        assert response.status.endswith(response.drawn_out)

@@ -17,6 +17,7 @@ from softcal.mechanics.statics import SLACK_LENGTH, SLACK_TENSION, Statics
 from softcal.mechanics.system import Controls
 from softcal.twin.build import Twin
 from softcal.twin.crossings import crossed_at
+from softcal.twin.drawn_out import drawn_out, drawn_out_at
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response, Shown, Snapshot
 from softcal.twin.sensors import channel_units, sense, sense_rates
@@ -48,6 +49,7 @@ def simulate_many(
     solved: list[int] = []
     failed: dict[int, str] = {}
     crossed: list[tuple[str, Crossings]] = []
+    out: list[tuple[str, dict[str, float]]] = []
     try:
         loads = loaded(twin, statics)
         start = state = loads.state
@@ -75,8 +77,10 @@ def simulate_many(
             state = node.state
             if node.is_fallen:
                 falls_at.append(i)
+            label = f"sample {i + 1}{_pulls(protocol, i)}"
             if crossings and twin.skins is not None:
-                crossed.append((f"sample {i + 1}{_pulls(protocol, i)}", twin.skins.crossings(state.x)))
+                crossed.append((label, twin.skins.crossings(state.x)))
+            out.append((label, drawn_out(twin.system, statics.theta, lengths, state)))
             if not met and (pairs := twin.system.cables.meeting(state.x)):
                 met = f" From sample {i + 1} on {pairs}."
             values.append(_commanded(twin, protocol, i, sense(twin, state)))
@@ -93,17 +97,18 @@ def simulate_many(
     if falls_at:
         later = f" and {len(falls_at) - 1} later ones" if len(falls_at) > 1 else ""
         falls += fallen(f"on the way to sample {falls_at[0] + 1}{_pulls(protocol, falls_at[0])}{later}")
-    told = crossed_at(crossed)
+    told, slid = crossed_at(crossed), drawn_out_at(out)
     table = np.array(values).reshape(len(values), len(units))
     labels = (*names, *(f"{cable}.{protocol.commands[cable].control}" for cable in commanded))
     by_parameter = np.array(rates).reshape(len(values), len(units), len(labels))
     return Response(
         channels={name: table[:, k] for k, name in enumerate(units)},
         units=units,
-        status=status + falls + told,
+        status=status + falls + told + slid,
         succeeded=not failed,
         falls=falls.strip(),
         crossings=told.strip(),
+        drawn_out=slid.strip(),
         n_factorisations=statics.n_factorisations,
         sensitivities={name: {p: by_parameter[:, k, j] for j, p in enumerate(labels)} for k, name in enumerate(units)},
         snapshots=tuple(shapes),

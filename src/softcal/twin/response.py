@@ -48,7 +48,8 @@ class Response:
     sensitivities: channel -> parameter -> d channel / d parameter, shape (n_samples,).
     slopes: channel -> d channel / d control, shape (n_samples,), along the one cable that is driven.
     status: a sentence; falls: what of it tells where the robot was not stable, or ""; crossings: which bodies pass
-    through themselves or each other, and where, or "".
+    through themselves or each other, and where, or ""; drawn_out: which cables with friction slide the other way than
+    it is modelled for, or "".
     samples: which of the protocol's samples, counted from 0, the channels hold. None: all, or those before the first
     one that could not be reached.
     """
@@ -64,6 +65,7 @@ class Response:
     tets: Mapping[str, Ints] = field(default_factory=dict)  # body -> connectivity of `Snapshot.points`
     falls: str = ""
     crossings: str = ""
+    drawn_out: str = ""
     samples: tuple[int, ...] | None = None
 
     def over(self, n_samples: int) -> Response:

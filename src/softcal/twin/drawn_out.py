@@ -1,0 +1,39 @@
+"""Cables with friction that others draw out while they pull: their friction works the other way than it is modelled."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.mechanics.state import State
+from softcal.mechanics.statics import SLACK_TENSION
+from softcal.mechanics.system import System
+from softcal.units import format_quantity
+
+NOTICED = 1e-3  # of a cable's length
+
+
+def drawn_out(system: System, theta: Mapping[str, float], begin: Floats, state: State) -> dict[str, float]:
+    """How much [m] longer each taut cable with friction is than under the loads alone, where its length is `begin`."""
+    cables = system.cables
+    more = cables.lengths(state.x) - begin
+    taut = state.tension > SLACK_TENSION * np.abs(state.tension).max(initial=0.0)
+    rough = np.array([theta[f"{name}.friction_coefficient"] > 0.0 for name in cables.names], dtype=bool)
+    out = np.flatnonzero(taut & rough & (more > NOTICED * cables.rest_length))
+    return {cables.names[i]: float(more[i]) for i in out}
+
+
+def drawn_out_at(found: Sequence[tuple[str, dict[str, float]]]) -> str:
+    """The sentences on them, with a blank before each, in samples that are told by a label each."""
+    sentences: list[str] = []
+    for cable in dict.fromkeys(name for _, one in found for name in one):
+        labels = [label for label, one in found if cable in one]
+        later = f" and {len(labels) - 1} more" if len(labels) > 1 else ""
+        most = format_quantity(max(one.get(cable, 0.0) for _, one in found), "m", digits=3)
+        sentences.append(
+            f" The others draw {cable} out under tension, by up to {most} (at {labels[0]}{later}): its friction "
+            "then adds to its tension, but is modelled as that of a cable that is pulled."
+        )
+    return "".join(sentences)

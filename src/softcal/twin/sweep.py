@@ -237,15 +237,8 @@ class Sweep:
         if self.snapshots:
             path = self._up_to(path, float(at.max(initial=start.c)))
         shapes = self._shapes(path, at, T[:n], "N")
-        return self._response(
-            values,
-            slopes,
-            by_parameter,
-            status,
-            n == len(T),
-            shapes,
-            self._remarks(path, float(at.max(initial=start.c))),
-        )
+        remarks = self._remarks(path, float(at.max(initial=start.c)))
+        return self._response(values, slopes, by_parameter, status, n == len(T), shapes, remarks)
 
     def _by_samples(self, start: Node, c: Floats) -> Path:
         """The path through every one of c, in their order."""

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from sweep_case import FORCES, LENGTH, MODULUS, RATIO, robot, write_sweep
 
+from softcal.errors import InputError
 from softcal.project.calibration import calibrate
 from softcal.project.comparing import compared
 from softcal.project.project import Project, load
@@ -142,6 +143,39 @@ def test_shapes_are_those_of_the_strongest_pull(project: Project, content: Repor
     column = list(zip(found.experiments, found.states, strict=True)).index((shapes.state.split()[0], "6.00 N"))
     expected = np.sqrt(np.mean(found.nominal[:, column] ** 2))
     assert 100 * nominal.distance / LENGTH == pytest.approx(expected, rel=1e-3)
+
+
+SHOWN = f"""  experiments: [cable1]
+  show:
+    A: {{{E}: 10 GPa, {NU}: 0.4999}}
+    B: {{{E}: 10 GPa}}
+"""
+
+
+def test_a_sweep_shows_the_configurations_it_names(tmp_path: Path):
+    """None of them is a cell; what one leaves out is nominal."""
+    project = load(write_sweep(tmp_path / "p", ("  experiments: [cable1]\n", SHOWN)))
+    sweep(project, out=tmp_path / "run")
+    shapes = report_content(load_run(tmp_path / "run")).compared
+    assert shapes is not None
+    first, second = shapes.configurations
+    assert (first.name, second.name) == ("A", "B")
+    assert first.parameters == {E: 10e9, NU: 0.4999}
+    assert second.parameters == {E: 10e9, NU: 0.43}
+    assert second.twin.robot.rods[0].parameters == {"youngs_modulus": 10e9, "poissons_ratio": 0.43}
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ((": 0.4999", ": 0.5"), "0.4999"),
+        ((f"    B: {{{E}: 10 GPa}}", "    B: {S1.mass: 10 g}"), "a parameter that is not swept; got S1.mass in B"),
+        ((f"    B: {{{E}: 10 GPa}}", f"    B: {{{E}: '1 GPa, 2 GPa'}}"), "B, springs.youngs_modulus: the unit does not fit"),
+    ],
+)
+def test_what_a_sweep_cannot_show_is_refused(tmp_path: Path, change: tuple[str, str], said: str):
+    with pytest.raises(InputError, match=said):
+        sweep(load(write_sweep(tmp_path / "p", ("  experiments: [cable1]\n", SHOWN.replace(*change)))))
 
 
 def test_measured_markers_are_brought_into_the_robots_frame(project: Project, content: ReportContent, tmp_path: Path):

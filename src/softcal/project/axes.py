@@ -75,6 +75,38 @@ def parse_axis(
     return Axis(name, targets, info.unit, tuple(values))
 
 
+def shown_configurations(
+    show: Mapping[str, Mapping[str, str | float]],
+    known: Mapping[str, ParameterInfo],
+    tied: Mapping[str, Sequence[str]],
+) -> dict[str, dict[str, float]]:
+    """The configurations that a sweep is to show, as values [SI] by parameter.
+
+    Raises
+    ------
+    InputError
+        For a name that does not exist, or a value that the parameter may not have; all faults at once.
+    """
+    found: dict[str, dict[str, float]] = {name: {} for name in show}
+    faults: list[Fault] = []
+    for configuration, key, written in ((c, key, written) for c in show for key, written in show[c].items()):
+        wanted = tied.get(key, [key])
+        targets = [known[target] for target in known if any(fnmatchcase(target, one) for one in wanted)]
+        if not targets:
+            faults.append(unknown_name(key, {**known, **dict.fromkeys(tied)}))
+            continue
+        try:
+            value = _number(str(written), targets[0].unit, f"{configuration}, {key}")
+        except InputError as error:
+            faults += error.faults
+            continue
+        faults += [fault for info in targets[:1] if (fault := out_of_range(info, value))]
+        found[configuration][key] = value
+    if faults:
+        raise ParameterError(faults)
+    return found
+
+
 def doubled(axes: Sequence[Axis], held: Collection[str]) -> list[Fault]:
     """The faults of what is swept twice, or swept and held at once."""
     faults: list[Fault] = []

@@ -15,6 +15,7 @@ from softcal.calibration.parameters import FreeParameter, SearchSpace
 from softcal.calibration.problem import Problem
 from softcal.calibration.result import CalibrationResult
 from softcal.checks import Floats
+from softcal.project.axes import shown_configurations
 from softcal.project.calibration import calibrated, make_loss
 from softcal.project.calibration_schema import CalibrationSection
 from softcal.project.project import Project
@@ -65,8 +66,12 @@ def _nominal(project: Project, settings: CalibrationSection, result: Calibration
 def _configurations(
     project: Project, at_nominal: Project, result: CalibrationResult, state: tuple[str, int]
 ) -> list[Configuration]:
-    """The twin in one state at the nominal values, at the best and, of a sweep, at the worst."""
+    """The twin in one state at the nominal values, at the best and, of a sweep, at the worst; or as the sweep shows."""
     present = {name: _present(at_nominal, e.of or (name,)) for name, e in result.parameters.items()}
+    if result.is_sweep and project.sweep is not None and project.sweep.show:
+        shown = shown_configurations(project.sweep.show, project.parameters, project.tied)
+        there = [_shown(name, project, result, state, values, present) for name, values in shown.items()]
+        return [one for one in there if one is not None]
     found = [_configuration("Nominal", at_nominal, state, {n: v for n, v in present.items() if v is not None})]
     best = {name: e.value for name, e in result.parameters.items()}
     chosen = {"Best cell" if result.is_sweep else "Calibrated": best}
@@ -77,6 +82,20 @@ def _configurations(
         there = {n: replace(e, value=theta[n]) for n, e in result.parameters.items()}
         found.append(_configuration(name, calibrated(project, replace(result, parameters=there)), state, theta))
     return [one for one in found if one is not None]
+
+
+def _shown(
+    name: str,
+    project: Project,
+    result: CalibrationResult,
+    state: tuple[str, int],
+    values: Mapping[str, float],
+    present: Mapping[str, float | None],
+) -> Configuration | None:
+    """A configuration that the sweep shows; its other parameters are nominal."""
+    there = {n: replace(e, value=values[n]) for n, e in result.parameters.items() if n in values}
+    theta = {n: v for n in result.parameters if (v := values.get(n, present[n])) is not None}
+    return _configuration(name, calibrated(project, replace(result, parameters=there)), state, theta)
 
 
 def _nominal_project(project: Project, result: CalibrationResult) -> Project:

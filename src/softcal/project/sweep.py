@@ -20,7 +20,7 @@ from softcal.calibration.run import Progress
 from softcal.calibration.run import calibrate as calibrate_problem
 from softcal.calibration.store import RunStore, write_text
 from softcal.errors import CalibrationError, Fault, InputError, ParameterError
-from softcal.project.axes import Axis, cells_fault, doubled, parse_axis
+from softcal.project.axes import Axis, cells_fault, doubled, parse_axis, shown_configurations
 from softcal.project.bench_names import experiments_named
 from softcal.project.calibration import make_loss
 from softcal.project.project import Project
@@ -91,6 +91,8 @@ def sweep(
         Where the user stopped it before any was.
     """
     axes = _axes(project, over)
+    if project.sweep is not None:
+        shown_configurations(project.sweep.show, project.parameters, project.tied)
     problem = make_sweep(project, axes, experiments)
     folder = None if out is None else Path(out)
     settings = project.calibration.model_copy(

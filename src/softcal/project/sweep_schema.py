@@ -5,15 +5,28 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, model_validator
 
-from softcal.project.section import Given, Section, listed, numbered
+from softcal.project.section import Given, Section, fault_error, listed, numbered
 
 
 class SweepSection(Section):
-    """A grid over parameters: the values of each, and the experiments that it is judged by (all by default)."""
+    """A grid over parameters: the values of each, and the experiments that it is judged by (all by default).
+
+    show: configurations of the twin to draw side by side, by name; what one leaves out is nominal.
+    """
 
     over: Annotated[
         Mapping[str, Annotated[list[Given], BeforeValidator(numbered), Field(min_length=1)]], Field(min_length=1)
     ]
     experiments: Annotated[list[str], BeforeValidator(listed)] = Field(default_factory=list)
+    show: Mapping[str, Mapping[str, Given]] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _shown_is_swept(self) -> SweepSection:
+        for name, values in self.show.items():
+            others = [key for key in values if key not in self.over]
+            if others:
+                got, allowed = f"{', '.join(others)} in {name}", ", ".join(self.over)
+                raise fault_error("a configuration to show has a parameter that is not swept", got=got, allowed=allowed)
+        return self

@@ -134,9 +134,12 @@ def test_any_number_of_workers_gives_the_same_result(method: Method, trials: int
     same(one, two)
 
 
-def test_tpe_with_workers_depends_on_the_seed_and_their_number_only() -> None:
-    first, second = (calibrate(problem_of(), method="tpe", trials=14, seed=4, workers=2) for _ in range(2))
-    same(first, second)
+def test_tpe_is_the_same_search_for_any_number_of_workers() -> None:
+    alone, two, three = (calibrate(problem_of(), method="tpe", trials=14, seed=4, workers=n) for n in (1, 2, 3))
+    for other in (two, three):
+        assert [dict(t.theta) for t in other.trials] == [dict(t.theta) for t in alone.trials]
+        assert [t.loss for t in other.trials] == [t.loss for t in alone.trials]
+    assert alone.extra["batch"] == 4
 
 
 def test_a_worker_that_dies_is_told_in_a_sentence() -> None:

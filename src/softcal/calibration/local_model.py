@@ -1,51 +1,40 @@
-"""A model of all residuals around one simulated point, good enough to jump across the whole box.
+"""A model of all residuals around one simulated point, from its exact derivatives and how forces scale with moduli.
 
-A plain linearisation would need many trajectories from the corners of the bounds. The tension is proportional to E,
-so at 40 MPa its derivative by nu is seventeen times what it is at 2.3 MPa; and with elements that lock, the stiffness
-grows like a power of 0.5 - nu, so that E and nu trade off along a curved valley. Both are read off the exact
-sensitivities:
+By dimensional analysis, at prescribed displacements the force of an elastic robot is proportional to its moduli, and
+under prescribed loads its displacements depend on load over modulus. So, with s = E / E_0 for each modulus,
 
-- every parameter has a coordinate w: ln(theta) where its bounds are positive; e^q / q (ln e for q = 0) with
-  e = ceiling - theta where it has a ceiling, q from the sensitivities at two points; else its place in the box.
-- where d y / d w_j = m_j (y - c) for all samples of a channel, y - c is exponential in w_j (a power of E, with m = 1
-  for tension over E at prescribed shortening, and c the load cell's offset); such factors are taken out, the rest is
-  linear:
+    force:           y = y_0 + sum g (s - 1)     + s D (w - w_0) + L (p - p_0)
+    place or angle:  y = y_0 + sum g (1 - 1 / s) +   D (w - w_0) + L (p - p_0) / s
 
-    y(x) = c + exp(m . (w(x) - w(z))) (y - c + D (w(x) - w(z)) + bend)
+with g = d y / d ln E, p the loads (forces, masses, densities), w all other parameters (lengths, angles, ratios), and D
+and L the derivatives by them. Where there are several moduli, the s that multiplies is the product of their powers,
+the exponents being their shares in g. Poisson's ratio enters as itself or, where elements lock, as 1 / (ceiling - nu),
+which goes like the bulk modulus over E.
 
-- the bend makes the model meet the value and the slope of a second simulated point on the line to it (cubic Hermite),
-  as in tensor methods (Schnabel & Frank, SIAM J. Numer. Anal. 21, 1984). Without it the search would creep along the
-  narrow valley in which E makes up for what nu does.
+A second simulated point bends it: what the model misses there is taken off along the line to it, as the square of the
+way (`bend`; compare tensor methods, Schnabel and Frank, SIAM J. Numer. Anal. 21, 1984).
 
-The value and the first derivative at z are exact whatever w, m, c and the bend are, so nothing but speed hangs on them.
+Value and first derivative at the point are the twin's, whatever the formulas make of the way from there
+(`reproduces`): only the number of trajectories hangs on them. The plain model leaves them out; it is Gauss-Newton's,
+linear in the search's own variables.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from softcal.calibration.loss import Block, Loss
-from softcal.calibration.parameters import FreeParameter, SearchSpace
+from softcal.calibration.loss import Block, Loss, rms
+from softcal.calibration.parameters import SearchSpace
 from softcal.checks import Floats
 
-# Relative misfit of d y / d w = m (y - c) up to which a channel counts as exponential in w.
-_EXPONENTIAL = 0.1
-# Larger powers of a parameter are no scaling law of elasticity.
-_LARGEST_POWER = 4.0
-# exp(700) is near the largest double; a model that far off is refused by the trust region in any case.
-_LARGEST_LOG = 500.0
-# A power nearer to 1 is the smooth change of a slope that knows of no ceiling: its coordinate would bend only near it.
-_FELT = 0.5
-# A channel that would change by this factor's logarithm over the range, if its slope held, lies in a layer.
-_STEEP = 3.0
-
-
-# Beyond this multiple of the way to the second point, before and behind, the bend goes on as a straight line.
-_BEND_REACH = (-1.0, 2.0)
+_MODULUS, _LOADS = "Pa", ("N", "kg", "kg/m^3")  # units of moduli, and of loads
+_LARGEST_LOG = 500.0  # exp(700) is near the largest double; a model that far off is refused by the trust region
+_BEND_REACH = 1.5  # of the way to the other point, before and behind: there a bend goes on as a straight line
+_REPRODUCED = 1e-9  # of a block's root mean square, and of its largest derivative
 
 
 @dataclass(frozen=True)
@@ -56,72 +45,68 @@ class Point:
     blocks: Sequence[Block]
 
 
-@dataclass(frozen=True)
-class _Channel:
-    """One block's model: offset c, exponents m (size,), linear part D (n, size), all by the coordinates w.
-
-    The bend is square t^2 + cube t^3 with t = direction . (w(x) - w(z)), 1 at the second point.
-    """
-
-    block: Block
-    offset: float
-    exponents: Floats
-    linear: Floats
-    direction: Floats
-    square: Floats
-    cube: Floats
-
-    def bend(self, moved: Floats) -> tuple[Floats | float, Floats | float]:
-        """The bend and its derivative by t."""
-        t = float(self.direction @ moved)
-        inside = min(max(t, _BEND_REACH[0]), _BEND_REACH[1])
-        slope = 2 * inside * self.square + 3 * inside**2 * self.cube
-        return inside**2 * self.square + inside**3 * self.cube + (t - inside) * slope, slope
-
-
 class LocalModel:
     """The residuals of all blocks as functions of x in the unit box, around the simulated point `here`.
 
-    powers: q by parameter, NaN where none is known (see `ceiling_powers`); other: a second simulated point, or None.
+    plain: Gauss-Newton's model. reciprocal: parameters below a ceiling enter as 1 / (ceiling - theta).
     """
 
     def __init__(
-        self, space: SearchSpace, loss: Loss, here: Point, other: Point | None = None, powers: Floats | None = None
+        self, space: SearchSpace, loss: Loss, here: Point, *, plain: bool = False, reciprocal: bool = False
     ) -> None:
-        self._space, self._loss, self._z = space, loss, here.z
-        self._powers = np.full(space.size, np.nan) if powers is None else powers
-        self._w, slopes = self._coordinates(here.z)
-        by_w = space.jacobian(here.z) / slopes
-        channels = [_channel(space, self._powers, by_w, block) for block in here.blocks]
-        self._way = np.zeros(space.size)
-        if other is not None:
-            w, slopes = self._coordinates(other.z)
-            self._way, by_w = w - self._w, space.jacobian(other.z) / slopes
-            channels = [_bent(c, self._way, by_w, block) for c, block in zip(channels, other.blocks, strict=True)]
-        self._channels = tuple(channels)
+        self._space, self._loss, self._here, self._plain = space, loss, here, plain
         self._share = loss.share(here.blocks)
+        modulus = np.array([p.unit == _MODULUS and not plain for p in space.parameters])
+        load = np.array([p.unit in _LOADS and not plain for p in space.parameters])
+        self._moduli, self._loads = np.flatnonzero(modulus), np.flatnonzero(load)
+        self._others = np.flatnonzero(~modulus & ~load)
+        below = np.array([reciprocal and math.isfinite(p.ceiling) and not plain for p in space.parameters])
+        self._below = np.flatnonzero(below)
+        self._w, slopes = self._coordinates(here.z)
+        self._derivatives = [jacobian_of(block) * (space.jacobian(here.z) / slopes) for block in here.blocks]
+        self._along, self._bends = np.zeros(space.size), [np.zeros(1)] * len(here.blocks)
+
+    def bend(self, to: Point) -> None:
+        """Let the residuals curve along the line to another simulated point, so that the model has its values too.
+
+        Without it, the steps along a valley in which parameters make up for each other overshoot in turn. How moduli
+        scale is known, so the bend is one by the other parameters.
+        """
+        w, _ = self._coordinates(to.z)
+        way = w - self._w
+        felt = np.zeros(self._space.size)
+        for block, derivatives in zip(self._here.blocks, self._derivatives, strict=True):
+            felt += (derivatives**2).sum(axis=0) / max(float(block.measured @ block.measured), 1e-300)
+        felt[self._moduli] = 0.0
+        length = float(way @ (felt * way))
+        missed = [b.residual - r for b, (r, _) in zip(to.blocks, self._residuals(to.z), strict=True)]
+        size = sum(
+            float(m @ m) / max(float(b.measured @ b.measured), 1e-300) for m, b in zip(missed, to.blocks, strict=True)
+        )
+        # What the model misses altogether is no curvature.
+        if 0.0 < size <= 0.25 * length:
+            self._along = felt * way / length
+            scales = [self._scale(b, d, way)[0] for b, d in zip(to.blocks, self._derivatives, strict=True)]
+            forces = [block.grows_with_moduli for block in to.blocks]
+            self._bends = [m / s if f else m for m, s, f in zip(missed, scales, forces, strict=True)]
 
     def loss(self, x: Floats) -> float:
         """The modelled loss."""
-        residuals = self._residuals(x)
-        summed = self._share * sum(
-            self._loss.block_value(c.block, residual)
-            for c, (residual, _) in zip(self._channels, residuals, strict=True)
-        )
+        blocks = zip(self._here.blocks, self._residuals(x), strict=True)
+        summed = self._share * sum(self._loss.block_value(block, residual) for block, (residual, _) in blocks)
         return math.sqrt(summed) if self._loss.rooted else summed
 
-    def beyond(self, x: Floats) -> float:
-        """How far x is from the line between the two points, over its length: there a bend is measured, here guessed.
-
-        Lengths are those of what changes the channels, each over its size, once the factors are taken out.
-        """
-        moved, _ = self._coordinates(x)
-        metric = sum(c.linear.T @ c.linear / _size(c.block) for c in self._channels)
-        moved, length = moved - self._w, float(self._way @ metric @ self._way)
-        if length <= 0:
-            return math.inf
-        aside = moved - min(max(float(self._way @ metric @ moved) / length, 0.0), 1.0) * self._way
-        return math.sqrt(float(aside @ metric @ aside) / length)
+    def reproduces(self) -> bool:
+        """Whether it has the value and the first derivative of the twin at its own point, to nine digits."""
+        slopes = self._space.jacobian(self._here.z)
+        for block, (residual, jacobian) in zip(self._here.blocks, self._residuals(self._here.z), strict=True):
+            exact = jacobian_of(block) * slopes
+            size = max(rms(block.measured), rms(block.residual))
+            if not float(np.abs(residual - block.residual).max()) <= _REPRODUCED * size:
+                return False
+            if not float(np.abs(jacobian - exact).max()) <= _REPRODUCED * float(np.abs(exact).max()):
+                return False
+        return True
 
     def minimise(self, lower: Floats, upper: Floats, *, max_iterations: int = 60) -> Floats:
         """The minimiser of the modelled loss in a box, sought from the box's point nearest to z.
@@ -132,12 +117,12 @@ class LocalModel:
         """
         from scipy.optimize import lsq_linear
 
-        x = np.clip(self._z, lower, upper)
+        x = np.clip(self._here.z, lower, upper)
         value = self.loss(x)
         for _ in range(max_iterations):
             matrix, right = self._squares(x)
-            room = np.minimum(lower - x, -1e-300), np.maximum(upper - x, 1e-300)
-            step = lsq_linear(matrix, right, room, method="bvls", tol=1e-14).x
+            ends = np.minimum(lower - x, -1e-300), np.maximum(upper - x, 1e-300)
+            step = lsq_linear(matrix, right, ends, method="bvls", tol=1e-14).x
             factor, candidate, lowered = 1.0, x, value
             while factor > 1e-6 and not lowered < value:
                 candidate = np.clip(x + factor * step, lower, upper)
@@ -151,147 +136,74 @@ class LocalModel:
                 break
         return x
 
+    def rescaled_loss(self) -> float:
+        """The least modelled loss when the moduli alone may change: what is known from one point for all moduli."""
+        z = self._here.z
+        if not len(self._moduli):
+            return self.loss(z)
+        lower, upper = np.array(z), np.array(z)
+        lower[self._moduli], upper[self._moduli] = 0.0, 1.0
+        return self.loss(self.minimise(lower, upper))
+
     def _coordinates(self, x: Floats) -> tuple[Floats, Floats]:
-        """w and d w / d x, each (size,)."""
-        theta = np.array(list(self._space.to_model(x).values()))
-        slopes = self._space.jacobian(x)
-        w, dw = np.array(x, dtype=np.float64), np.ones(self._space.size)
-        for j, p in enumerate(self._space.parameters):
-            if not math.isnan(self._powers[j]):
-                q, e = self._powers[j], p.ceiling - theta[j]
-                w[j] = math.log(e) if q == 0 else e**q / q
-                dw[j] = -(e ** (q - 1)) * slopes[j]
-            elif _is_scale(p):
-                w[j], dw[j] = math.log(theta[j]), slopes[j] / theta[j]
-        return w, dw
+        """w and d w / d x, each (size,): x itself in the plain model; else ln(modulus), reciprocals and theta."""
+        if self._plain:
+            return np.array(x, dtype=np.float64), np.ones(self._space.size)
+        w = np.array(list(self._space.to_model(x).values()))
+        slopes = np.array(self._space.jacobian(x))
+        for j in self._moduli:
+            w[j], slopes[j] = math.log(w[j]), slopes[j] / w[j]
+        for j in self._below:
+            distance = self._space.parameters[j].ceiling - w[j]
+            w[j], slopes[j] = 1.0 / distance, slopes[j] / distance**2
+        return w, slopes
 
     def _residuals(self, x: Floats) -> list[tuple[Floats, Floats]]:
         """Residual (n,) and jacobian by x (n, size) of every block."""
         w, slopes = self._coordinates(x)
         moved = w - self._w
+        t = float(self._along @ moved)
+        near = min(max(t, -_BEND_REACH), _BEND_REACH)
+        square, turn = near * (2 * t - near), 2 * near * self._along
         found: list[tuple[Floats, Floats]] = []
-        for c in self._channels:
-            factor = math.exp(min(max(float(c.exponents @ moved), -_LARGEST_LOG), _LARGEST_LOG))
-            bend, bend_slope = c.bend(moved)
-            centred = factor * (c.block.measured + c.block.residual - c.offset + c.linear @ moved + bend)
-            by_w = factor * (c.linear + np.outer(bend_slope, c.direction)) + np.outer(centred, c.exponents)
-            found.append((c.offset + centred - c.block.measured, by_w * slopes))
+        for block, derivatives, bend in zip(self._here.blocks, self._derivatives, self._bends, strict=True):
+            is_force = block.grows_with_moduli
+            sign, scaled = (1.0, self._others) if is_force else (-1.0, self._loads)
+            as_they_are = self._loads if is_force else self._others
+            scale, shares = self._scale(block, derivatives, moved)
+            scales = np.exp(np.clip(sign * moved[self._moduli], -_LARGEST_LOG, _LARGEST_LOG))
+            bent = bend * scale if is_force else bend
+            g = derivatives[:, self._moduli]
+            changed = scale * (derivatives[:, scaled] @ moved[scaled]) + (bent * square if is_force else 0.0)
+            rest = derivatives[:, as_they_are] @ moved[as_they_are] + (0.0 if is_force else bent * square)
+            by_w = derivatives + np.outer(bent, turn)
+            by_w[:, scaled] += (scale - 1.0) * derivatives[:, scaled]
+            by_w[:, self._moduli] = g * scales + sign * np.outer(changed, shares)
+            found.append((block.residual + sign * g @ (scales - 1.0) + changed + rest, by_w * slopes))
         return found
+
+    def _scale(self, block: Block, derivatives: Floats, moved: Floats) -> tuple[float, Floats]:
+        """By what the moduli multiply what is proportional to them or to one over them, and their shares in it."""
+        size = (derivatives[:, self._moduli] ** 2).sum(axis=0)
+        shares = size / size.sum() if size.sum() > 0 else np.zeros(len(self._moduli))
+        sign = 1.0 if block.grows_with_moduli else -1.0
+        power = sign * float(shares @ moved[self._moduli])
+        return math.exp(min(max(power, -_LARGEST_LOG), _LARGEST_LOG)), shares
 
     def _squares(self, x: Floats) -> tuple[Floats, Floats]:
         """The touching least squares at x, compressed by QR to as many rows as there are parameters."""
         rows: list[Floats] = []
         right: list[Floats] = []
-        for c, (residual, jacobian) in zip(self._channels, self._residuals(x), strict=True):
-            root = np.sqrt(self._loss.square_weights(c.block, residual))
+        for block, (residual, jacobian) in zip(self._here.blocks, self._residuals(x), strict=True):
+            root = np.sqrt(self._loss.square_weights(block, residual))
             rows.append(root[:, None] * jacobian)
             right.append(-root * residual)
         q, r = np.linalg.qr(np.concatenate(rows))
         return r, q.T @ np.concatenate(right)
 
 
-def ceiling_powers(space: SearchSpace, one: Point, other: Point) -> Floats:
-    """q by parameter such that d ln y / d theta goes like (ceiling - theta)^(q - 1) between two simulated points.
-
-    1 where the ceiling is not felt (elements that do not lock), near 0 or below where it is (those that do); NaN for a
-    parameter without a ceiling, or where the two points do not tell.
-    """
-    powers = np.full(space.size, np.nan)
-    thetas = [np.array(list(space.to_model(z).values())) for z in (one.z, other.z)]
-    for j, p in enumerate(space.parameters):
-        if not math.isfinite(p.ceiling):
-            continue
-        e_one, e_other = (p.ceiling - theta[j] for theta in thetas)
-        if abs(math.log(e_one / e_other)) < 0.01:
-            continue
-        slopes = [
-            (_relative_slope(a, j), _relative_slope(b, j))
-            for a, b in zip(one.blocks, other.blocks, strict=True)
-            if a.experiment
-        ]
-        felt = max(slopes, key=lambda pair: min(abs(pair[0]), abs(pair[1])), default=(0.0, 0.0))
-        if felt[0] * felt[1] > 0:
-            power = 1 + math.log(felt[0] / felt[1]) / math.log(e_one / e_other)
-            powers[j] = max(power, -1.0) if power < _FELT else 1.0
-    return powers
-
-
-def layer_powers(space: SearchSpace, here: Point) -> Floats:
-    """0 (a power law of ceiling - theta) where a channel's slope cannot hold over a parameter's range, else NaN."""
-    powers = np.full(space.size, np.nan)
-    for j, p in enumerate(space.parameters):
-        slopes = [abs(_relative_slope(block, j)) for block in here.blocks if block.experiment]
-        if math.isfinite(p.ceiling) and max(slopes, default=0.0) * (p.upper - p.lower) > _STEEP:
-            powers[j] = 0.0
-    return powers
-
-
-def _relative_slope(block: Block, j: int) -> float:
-    """d ln y / d theta_j, the mean over a block."""
-    if block.jacobian is None:
-        return 0.0
-    predicted = block.measured + block.residual
-    size = float(predicted @ predicted)
-    return float(predicted @ block.jacobian[:, j]) / size if size > 0 else 0.0
-
-
-def _size(block: Block) -> float:
-    return max(float(block.measured @ block.measured), 1e-300)
-
-
-def _channel(space: SearchSpace, powers: Floats, by_theta: Floats, block: Block) -> _Channel:
+def jacobian_of(block: Block) -> Floats:
+    """The jacobian, which every block of a search by sensitivities has."""
     if block.jacobian is None:
         raise ValueError(f"the block '{block.channel}' has no jacobian")
-    linear = block.jacobian * by_theta
-    exponents = np.zeros(space.size)
-    predicted = block.measured + block.residual
-    scales = [j for j, p in enumerate(space.parameters) if _is_scale(p) or not math.isnan(powers[j])]
-    fits = {j: _exponential(predicted, linear[:, j]) for j in scales}
-    best = min(fits, key=lambda j: fits[j][2], default=None)
-    straight = np.zeros(space.size), np.zeros(len(predicted)), np.zeros(len(predicted))
-    if best is None or fits[best][2] > _EXPONENTIAL:
-        return _Channel(block, 0.0, exponents, linear, *straight)
-    offset = fits[best][1]
-    centred = predicted - offset
-    for j in scales:
-        exponent = float(centred @ linear[:, j]) / float(centred @ centred)
-        misfit = np.linalg.norm(linear[:, j] - exponent * centred)
-        if misfit <= _EXPONENTIAL * np.linalg.norm(linear[:, j]):
-            if _is_scale(space.parameters[j]) and abs(exponent) > _LARGEST_POWER:
-                continue
-            exponents[j] = exponent
-            linear[:, j] -= exponent * centred
-    return _Channel(block, offset, exponents, linear, *straight)
-
-
-def _bent(channel: _Channel, way: Floats, by_w: Floats, block: Block) -> _Channel:
-    """The channel with the bend that meets the block of the second point, `way` = w(other) - w(z) off."""
-    if block.jacobian is None:
-        raise ValueError(f"the block '{block.channel}' has no jacobian")
-    # Only what still changes the channel once the factors are taken out counts for how far along the way a point is.
-    felt = (channel.linear**2).sum(axis=0)
-    length = float(way @ (felt * way))
-    if length <= 0:
-        return channel
-    factor = math.exp(min(max(-float(channel.exponents @ way), -_LARGEST_LOG), _LARGEST_LOG))
-    there = factor * (block.measured + block.residual - channel.offset)
-    slope = factor * (block.jacobian * by_w) @ way - float(channel.exponents @ way) * there
-    straight = channel.linear @ way
-    here = channel.block.measured + channel.block.residual - channel.offset
-    rise, turn = there - here - straight, slope - straight
-    return replace(channel, direction=felt * way / length, square=3 * rise - turn, cube=turn - 2 * rise)
-
-
-def _exponential(y: Floats, slope: Floats) -> tuple[float, float, float]:
-    """m, c and relative misfit of slope = m (y - c); the misfit is infinite where y hardly moves."""
-    size = float(np.linalg.norm(slope))
-    if len(y) < 3 or size <= 1e-6 * float(np.linalg.norm(y)) or float(np.ptp(y)) <= 1e-9 * float(np.abs(y).max()):
-        return 0.0, 0.0, math.inf
-    (m, b), *_ = np.linalg.lstsq(np.column_stack([y, np.ones_like(y)]), slope, rcond=None)
-    if m == 0:
-        return 0.0, 0.0, math.inf
-    return float(m), float(-b / m), float(np.linalg.norm(slope - m * y - b)) / size
-
-
-def _is_scale(parameter: FreeParameter) -> bool:
-    return parameter.lower > 0 and not math.isfinite(parameter.ceiling)
+    return block.jacobian

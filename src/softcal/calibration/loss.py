@@ -46,6 +46,11 @@ class Block:
     jacobian: Floats | None = None
     point: str = ""
 
+    @property
+    def grows_with_moduli(self) -> bool:
+        """Whether it is proportional to moduli, as forces are and the prior of a modulus; no place or angle is."""
+        return not self.experiment or self.channel.rpartition(".")[2] == "tension"
+
 
 class Loss(ABC):
     """A loss: a sum over blocks of a convex function of the block's residual; where `rooted`, the root of that sum."""

@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from softcal.calibration.descent import Descent
-from softcal.calibration.local_model import Point
 from softcal.calibration.loss import Loss, rms
 from softcal.calibration.optimiser import Optimiser, Proposal
 from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.problem import Evaluation
 from softcal.checks import Floats
 
+# A start above this share of the range below a ceiling may lie where elements lock.
+_NEAR_CEILING = 0.75
 # A search that is seen to end this near (of the search range) to a minimum already found ends at it.
 _SAME_MINIMUM = 0.02
 # Of the loss: a minimum that is lower by less is not worth a search; the noise of 200 samples moves it by more.
@@ -24,13 +25,13 @@ class LeastSquaresOptimiser(Optimiser):
     """Trust-region descents with exact jacobians; `trials` limits the trajectories of each start.
 
     The first start is the parameters' own (the middle of the range where there is none); the others are a Latin
-    hypercube by `seed`. The first descent runs alone, then the others together. After each trajectory a model that
-    meets both what a descent has seen and the best minimum found so far says where the descent would end; it is left
-    when that is the same minimum or none that is lower by a hundredth. So a start costs one trajectory where there is
-    one minimum, and none where the first has met the measurements exactly.
+    hypercube by `seed`. The first descent runs alone, then the others together. Once a descent has converged, the
+    models of the others say where they would end; one is left when that is the same minimum or none that is lower by a
+    hundredth. So a start costs one trajectory where there is one minimum, and none where the first has met the
+    measurements exactly.
 
-    A first start in a layer where elements lock is looked at, then first searched from outside the layer; what its
-    model promises in the layer decides whether the search there goes on.
+    Where elements lock, close to Poisson's ratio 0.5, a search ends in what minimum is next. So before a first start
+    near such a ceiling comes one with that parameter in the middle of its range; the two share their budget.
     """
 
     name = "least-squares"
@@ -39,14 +40,18 @@ class LeastSquaresOptimiser(Optimiser):
     def __init__(self, space: SearchSpace, loss: Loss, *, trials: int, seed: int, starts: int = 1) -> None:
         self._space, self._loss = space, loss
         self._trials = trials
-        self._descents = [Descent(space, loss, z, trials) for z in _starts(space, starts, seed)]
-        self._outside: Descent | None = None
+        own, *others = (Descent(space, loss, z, trials) for z in _starts(space, starts, seed))
+        self._descents = [own, *others]
+        self._waves = [[own], others]
+        below = np.array([np.isfinite(p.ceiling) for p in space.parameters])
+        locked = below & (own.start > _NEAR_CEILING)
+        if locked.any():
+            self._waves.insert(0, [Descent(space, loss, np.where(locked, 0.5, own.start), trials)])
         self._asked: dict[int, Descent] = {}
         self._number = 0
 
     def ask(self) -> tuple[Proposal, ...]:
-        first, *others = self._descents
-        for wave in ([] if self._outside is None else [self._outside], [first], others):
+        for wave in self._waves:
             for descent in wave:
                 self._leave_if_known(descent)
             running = [(descent, descent.next) for descent in wave if descent.next is not None]
@@ -55,15 +60,10 @@ class LeastSquaresOptimiser(Optimiser):
         return ()
 
     def tell(self, proposal: Proposal, evaluation: Evaluation) -> None:
-        descent = self._asked.pop(proposal.number)
+        descent, own = self._asked.pop(proposal.number), self._descents[0]
         descent.tell(evaluation)
-        first = self._descents[0]
-        if descent is self._outside:
-            first.spend(1)
-        elif descent is first and self._outside is None:
-            start = first.way_out()
-            if start is not None:
-                self._outside = Descent(self._space, self._loss, start, self._trials - first.evaluations)
+        if descent not in self._descents:
+            own.budget -= 1
 
     @property
     def total(self) -> int:
@@ -71,10 +71,7 @@ class LeastSquaresOptimiser(Optimiser):
 
     @property
     def status(self) -> str:
-        begun = [descent for descent in self._all() if descent.best is not None and descent.best.loss is not None]
-        if not begun:
-            return self._descents[0].status
-        sentence = min(begun, key=_value).status
+        sentence = self._best.status
         n_starts = len(self._descents)
         if n_starts == 1:
             return sentence
@@ -85,11 +82,12 @@ class LeastSquaresOptimiser(Optimiser):
 
     @property
     def converged(self) -> bool:
-        begun = [descent for descent in self._all() if descent.best is not None and descent.best.loss is not None]
-        return bool(begun) and min(begun, key=_value).converged
+        return self._best.converged
 
-    def _all(self) -> list[Descent]:
-        return self._descents if self._outside is None else [*self._descents, self._outside]
+    @property
+    def _best(self) -> Descent:
+        begun = [descent for wave in self._waves for descent in wave if descent.best is not None]
+        return min(begun, key=_value) if begun else self._descents[0]
 
     def _proposal(self, descent: Descent, z: Floats) -> Proposal:
         proposal = Proposal(self._number, self._space.to_model(z))
@@ -98,7 +96,9 @@ class LeastSquaresOptimiser(Optimiser):
         return proposal
 
     def _leave_if_known(self, descent: Descent) -> None:
-        found = [other for other in self._all() if other.converged]
+        found = [other for wave in self._waves for other in wave if other.converged]
+        if descent.next is not None and descent.evaluations >= descent.budget:
+            descent.leave("Left: the trajectories that were allowed are spent.")
         if descent.next is None or not found:
             return
         known = min(found, key=_value)
@@ -106,9 +106,9 @@ class LeastSquaresOptimiser(Optimiser):
             raise RuntimeError("a search has converged nowhere")
         if all(rms(block.residual) <= _MET * rms(block.measured) for block in known.best.blocks):
             descent.leave("Left: the measurements are met already.")
-        elif descent.best is not None and descent.best.loss is not None:
-            end = descent.forecast(Point(known.z, known.best.blocks))
-            if float(np.abs(end.z - known.z).max()) < _SAME_MINIMUM or end.loss >= (1 - _WORTH) * _value(known):
+        elif descent.best is not None:
+            z, loss = descent.forecast()
+            if float(np.abs(z - known.z).max()) < _SAME_MINIMUM or loss >= (1 - _WORTH) * _value(known):
                 descent.leave("Left: it is not seen to end lower than a search before it.")
 
 

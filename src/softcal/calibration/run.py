@@ -29,6 +29,9 @@ from softcal.calibration.workers import Evaluator
 from softcal.errors import CalibrationError, Fault, ParameterError, StorageError
 
 Method = Literal["least-squares", "tpe", "grid"]
+# Trials that TPE asks for before the first of them is told: so many workers can share its search, which is the same for
+# any number of them.
+TPE_BATCH = 4
 DEFAULT_TRIALS: Mapping[Method, int] = {"least-squares": 40, "tpe": 1000, "grid": 400}
 
 
@@ -85,9 +88,9 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
     seed
         Of the starts and of TPE. Everything else has no chance in it.
     workers
-        Processes. `grid` and `least-squares` give the same result for any number, up to the last digits, in which
-        the linear solver's threads (cores over workers) round differently; `tpe` asks for as many points
-        at once as there are workers, so its course depends on their number (a resumed run keeps its first).
+        Processes. Every method gives the same result for any number, up to the last digits, in which the linear
+        solver's threads (cores over workers) round differently. `tpe` asks for four trials at a time, so more than
+        four workers do not help it; a resumed run keeps the number that it began with.
     starts
         Local searches of "least-squares": the first from the parameters' start, the others from a Latin hypercube, in
         case the first ends in a minimum that is not the lowest. Each costs one trajectory where it sees no minimum
@@ -118,13 +121,13 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
         "trials": trials if trials is not None else DEFAULT_TRIALS.get(method, 0),
         "seed": seed,
         "starts": starts if method == "least-squares" else 1,
-        "batch": workers if method == "tpe" else 1,
+        "batch": TPE_BATCH if method == "tpe" else 1,
     }
     if axes is not None:
         settings |= {"trials": math.prod(map(len, axes.values())), "axes": {name: list(x) for name, x in axes.items()}}
     if hold_out:
         settings["hold_out"] = list(hold_out)
-    _check(settings)
+    _check(settings, workers)
     identity = {**fingerprints(problem), **(hashes or {})}
     whole, problem = problem, fitted_part(problem, hold_out)
     with contextlib.ExitStack() as stack:
@@ -299,7 +302,7 @@ def _optimiser(problem: Problem, settings: Mapping[str, Any]) -> Optimiser:
     return LeastSquaresOptimiser(space, problem.loss, trials=trials, seed=seed, starts=int(settings["starts"]))
 
 
-def _check(settings: Mapping[str, Any]) -> None:
+def _check(settings: Mapping[str, Any], workers: int) -> None:
     faults: list[Fault] = []
     if settings["method"] not in DEFAULT_TRIALS:
         faults.append(
@@ -309,8 +312,8 @@ def _check(settings: Mapping[str, Any]) -> None:
         faults.append(Fault("there must be a trial", "trials", got=str(settings["trials"]), allowed="1 or more"))
     if settings["starts"] < 1:
         faults.append(Fault("there must be a start", "starts", got=str(settings["starts"]), allowed="1 or more"))
-    if settings["batch"] < 1:
-        faults.append(Fault("there must be a worker", "workers", got=str(settings["batch"]), allowed="1 or more"))
+    if workers < 1:
+        faults.append(Fault("there must be a worker", "workers", got=str(workers), allowed="1 or more"))
     if not 0 <= settings["seed"] < 2**32:
         faults.append(Fault("the seed is out of range", "seed", got=str(settings["seed"]), allowed="0 to 4294967295"))
     if faults:

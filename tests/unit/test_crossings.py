@@ -16,6 +16,7 @@ from softcal.cli.app import app
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.write import write_mesh
+from softcal.mechanics.path import follow
 from softcal.project.project import load
 from softcal.project.reporting import report_content
 from softcal.project.run_folder import load_run
@@ -94,6 +95,24 @@ def test_by_tension_it_is_told_up_to_the_largest_that_is_asked_for() -> None:
     assert told(0.9 * closing) == ""
     (by_tension,) = re.findall(r"from ([\d.]+) mm of shortening", told(1.3 * closing))
     assert float(by_tension) == pytest.approx(float(onset), abs=0.1)
+
+
+def test_where_a_drive_by_tension_ends_short_what_crosses_on_the_way_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It may be why."""
+    robot = notched()
+    tension = simulate(robot, pulled(6e-3)).channels["front.tension"]
+
+    def short(*args, **options):
+        path = follow(*args, **options)
+        return replace(path, reached=False, status="it ends here")
+
+    monkeypatch.setattr("softcal.twin.sweep.follow", short)
+    asked = Protocol({"front": Command("tension", np.array([0.05, 3.0]) * tension[-1])})
+    monkeypatch.setattr("softcal.twin.sweep.WOUND_UP", 1.0 - 6e-3 / 0.03)  # of its length: the path ends there
+    response = simulate(robot, asked)
+    assert not response.succeeded
+    assert "it ends here" in response.status
+    assert "crosses itself" in response.crossings
 
 
 def test_of_several_cables_the_samples_are_told() -> None:

@@ -82,12 +82,15 @@ def test_so_are_tentacles_of_other_moduli(shared_data: Path, E: float, nu: float
 
 @pytest.mark.slow
 def test_the_tentacle_converges_with_the_mesh(shared_data: Path) -> None:
-    """Eight times the tets, the same cable; what is left is the force on the cable's last point."""
+    """Eight times the tets, the same cable; it ends in a knot: a point would sink in 5 % of the shortening further."""
     robot = tentacle(shared_data)
+    *inside, end = robot.cables[0].via_points
+    knotted = replace(robot.cables[0], via_points=(*inside, replace(end, radius=0.003)))
+    robot = replace(robot, cables=(knotted, robot.cables[1]))
     mesh = refined_mesh(robot.bodies[0].mesh)
     fixed = np.flatnonzero(np.abs(mesh.points[:, 2]) < 1e-9)
     fine = replace(robot, bodies=(replace(robot.bodies[0], mesh=mesh, fixed=fixed),))
     protocol = Protocol({"cable1": Command("tension", np.array([3.08]))})
     coarse, exact = (simulate(one, protocol, curve_tolerance=1e-3) for one in (robot, fine))
-    for channel in ("cable1.shortening", "marker4.z"):
-        assert coarse.channels[channel][-1] == pytest.approx(exact.channels[channel][-1], rel=0.03)
+    for channel in ("cable1.shortening", "marker4.x", "marker4.z"):
+        assert coarse.channels[channel][-1] == pytest.approx(exact.channels[channel][-1], rel=0.01)

@@ -237,7 +237,8 @@ class Sweep:
         if self.snapshots:
             path = self._up_to(path, float(at.max(initial=start.c)))
         shapes = self._shapes(path, at, T[:n], "N")
-        remarks = self._remarks(path, float(at.max(initial=start.c)))
+        # Where the drive ends short, what crosses on the way there may be why.
+        remarks = self._remarks(path, float(at.max(initial=start.c)) if n == len(T) else np.inf)
         return self._response(values, slopes, by_parameter, status, n == len(T), shapes, remarks)
 
     def _by_samples(self, start: Node, c: Floats) -> Path:

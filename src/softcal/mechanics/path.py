@@ -77,8 +77,12 @@ class Path:
     names: tuple[str, ...] = field(default=())
 
 
-def node_at(statics: Statics, line: Line, c: float, state: State, names: tuple[str, ...]) -> Node:
+def node_at(
+    statics: Statics, line: Line, c: float, state: State, names: tuple[str, ...], *, mixed: bool = True
+) -> Node:
     """The node of an equilibrium: one factorisation, then a substitution for the slope and two per parameter.
+
+    mixed: whether the mixed derivatives are wanted, to read between this node and the next; zero otherwise.
 
     Raises
     ------
@@ -97,8 +101,8 @@ def node_at(statics: Statics, line: Line, c: float, state: State, names: tuple[s
     tensions = dz[statics.system.layout.first_tension_unknown :]
     tensions[line.is_held, 0] = line.tension_rate[line.is_held]
     slope, by_parameter = dz[:, 0], dz[:, 1:]
-    mixed = mixed_derivatives(statics, controls, state, slope, by_parameter, names)
-    return Node(c, state, slope, by_parameter, mixed, stable, free=free)
+    of_both = mixed_derivatives(statics, controls, state, slope, by_parameter, names if mixed else ())
+    return Node(c, state, slope, by_parameter, of_both, stable, free=free)
 
 
 def _pushes(state: State) -> bool:
@@ -114,7 +118,7 @@ def stable_node_at(statics: Statics, line: Line, c: float, state: State, names: 
     SimulationError
         Where the tangent is singular, or the robot falls to no other equilibrium.
     """
-    node = node_at(statics, line, c, state, names)
+    node = node_at(statics, line, c, state, names, mixed=False)
     return node if node.is_stable else _fallen(statics, line, c, state, names)
 
 

@@ -202,7 +202,7 @@ def _reach(
                 raise SimulationError(
                     f"no equilibrium beyond {100 * path.nodes[-1].c:.3g} % of the step: {path.status}."
                 )
-            node = node_at(statics, line, path.nodes[-1].c, path.nodes[-1].state, names)
+            node = node_at(statics, line, path.nodes[-1].c, path.nodes[-1].state, names, mixed=False)
             falls |= any(node.is_fallen for node in path.nodes)
         state, here = node.state, line.at(node.c)
         lengths = cables.lengths(state.x)

@@ -11,6 +11,11 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
+def is_number(text: str) -> bool:
+    """Whether text is a whole number such as a marker's: decimal digits alone, nine at most."""
+    return text.isascii() and text.isdecimal() and len(text) <= 9
+
+
 def frozen_floats(
     values: ArrayLike, *, name: str, shape: tuple[int | None, ...] | None = None, missing: bool = False
 ) -> Floats:

@@ -78,6 +78,7 @@ LIMITS: Mapping[str, Limit] = {
         Limit("lines before the data", 10_000),
         Limit("samples", 1_000_000),
         Limit("cycles", 100_000, 0),
+        Limit("markers", 1000),
         # Searches
         Limit("trials", 100_000),
         Limit("starts", 1000),

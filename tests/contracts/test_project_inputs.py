@@ -116,6 +116,13 @@ def test_a_scale_that_cannot_be(bar: Path, scale: str):
     assert "columns.tension.scale: " in faults[0]
 
 
+@pytest.mark.parametrize("slack", ["1000 m", "5 m", "25 mm", "5 px", "5 deg", "5", "50 %"])
+def test_a_slack_that_cannot_be(bar: Path, slack: str):
+    faults = told(rewritten(bar, "    noise:", f"    slack: {slack}\n    noise:", PROJECT))
+    assert "experiments.pull.slack: " in faults[0], faults
+    assert len(faults) == 1
+
+
 STEPS = (
     "resample: {by: shortening, n: 100000000000}",
     "resample: {by: shortening, n: 1.5}",

@@ -82,6 +82,11 @@ def folds_of(problem: Problem, wanted: Sequence[Sequence[str]] = ()) -> list[tup
         if not any(fnmatchcase(n, w) for n in names)
     ]
     faults += [Fault("no experiment is left to fit", got=", ".join(fold)) for fold in folds if set(fold) == set(names)]
+    faults += [
+        Fault("nothing is left out", got="a fold of no experiments", allowed=", ".join(names))
+        for fold in wanted
+        if not fold
+    ]
     if not wanted:
         if len(names) < 2:
             faults.append(Fault("one experiment cannot be left out", got=", ".join(names), allowed="two or more"))

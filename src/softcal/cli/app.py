@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterable
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, ParamSpec
@@ -11,7 +11,7 @@ from typing import Annotated, ParamSpec
 import typer
 
 from softcal.calibration.interrupts import exit_code
-from softcal.errors import InputError, SoftcalError
+from softcal.errors import Fault, InputError, SoftcalError
 
 P = ParamSpec("P")
 
@@ -52,6 +52,7 @@ def told(command: Callable[P, None]) -> Callable[P, None]:
     @functools.wraps(command)
     def run(*args: P.args, **kwargs: P.kwargs) -> None:
         try:
+            _require_paths(kwargs.values())
             command(*args, **kwargs)
         except InputError as error:
             n = len(error.faults)
@@ -66,6 +67,27 @@ def told(command: Callable[P, None]) -> Callable[P, None]:
             raise typer.Exit(exit_code(stop)) from None
 
     return run
+
+
+def _require_paths(options: Iterable[object]) -> None:
+    """Check that the system can name every path that was given; what stands there is the command's question.
+
+    Raises
+    ------
+    InputError
+        For a path that cannot be: longer than the system allows, or a loop of links.
+    """
+    faults: list[Fault] = []
+    for path in (one for value in options for one in (value if isinstance(value, list) else [value])):
+        if not isinstance(path, Path):
+            continue
+        try:
+            path.exists()
+        except OSError as error:
+            got = f"'{str(path)[:40]}…' ({len(str(path))} characters)"
+            faults.append(Fault("this cannot be a path", got=f"{got}: {(error.strerror or str(error)).lower()}"))
+    if faults:
+        raise InputError(faults)
 
 
 @contextmanager

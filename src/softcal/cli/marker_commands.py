@@ -147,23 +147,29 @@ def markers(  # noqa: PLR0913 (one argument for each option)
 
 
 def _board(squares: str, square: str, marker: str, dictionary: str, legacy: bool) -> Any:
+    from softcal.checks import is_number
     from softcal.experiments.fiducials import CharucoBoard
     from softcal.quantities import QUANTITIES
 
     columns, sign, rows = squares.lower().partition("x")
-    if not (sign and columns.strip().isdecimal() and rows.strip().isdecimal()):
+    if not (sign and is_number(columns.strip()) and is_number(rows.strip())):
         raise InputError(Fault("this is no number of squares", "--squares", f"'{squares}'", "such as 9x6"))
     sides = QUANTITIES["size"].read(square, where="--square"), QUANTITIES["size"].read(marker, where="--marker")
     return CharucoBoard(int(columns), int(rows), *sides, dictionary, legacy)
 
 
 def _numbers(text: str) -> list[int]:
+    from softcal.checks import is_number
+    from softcal.limits import LIMITS
+
     found: list[int] = []
     for part in text.split(","):
         first, sign, last = (piece.strip() for piece in part.partition("-"))
-        if not (first.isdecimal() and (last.isdecimal() or not sign)):
+        if not (is_number(first) and (is_number(last) or not sign)):
             raise InputError(Fault("these are no markers", "--ids", f"'{text}'", "such as 0-4 or 0,3,7"))
-        found += range(int(first), int(last or first) + 1)
+        wanted = range(int(first), int(last or first) + 1)
+        LIMITS["markers"].check(len(found) + len(wanted), where="--ids")
+        found += wanted
     return found
 
 

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from softcal.errors import Fault, InputError
+from softcal.limits import LIMITS
 
 Values = Annotated[
     list[str] | None,
@@ -24,7 +25,7 @@ Engine = Annotated[
 ]
 
 
-Workers = Annotated[int, typer.Option(min=1, help="Processes.")]
+Workers = Annotated[int, typer.Option(min=1, max=LIMITS["workers"].most, help="Processes.")]
 WithReport = Annotated[bool, typer.Option(help="Write the report at the end.")]
 
 

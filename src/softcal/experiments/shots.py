@@ -111,9 +111,9 @@ def read_image(path: Path) -> Image:
 
 
 def _images(path: Path) -> list[Path]:
-    if path.is_file():
+    if os.path.isfile(path):  # unlike the path's own method, False where the system cannot name it
         return [path]
-    if path.is_dir():
+    if os.path.isdir(path):
         return _pictures(path.glob("*")) or _pictures(path.glob("*/*"))
     return _pictures(Path(entry) for entry in glob.glob(str(path), recursive=True))
 

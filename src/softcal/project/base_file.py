@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from softcal.checks import is_number
 from softcal.errors import Fault, InputError, ProjectFileError
 from softcal.geometry.pose import Pose
 from softcal.project.document import Document, Findings
@@ -47,7 +47,7 @@ def read_base(text: str) -> Base:
     StorageError
         Where the file cannot be read.
     """
-    if re.fullmatch(r"\s*\d+(\s*,\s*\d+)*\s*", text):
+    if all(is_number(part.strip()) for part in text.split(",")):
         numbers = [int(part) for part in text.split(",")]
         twice = sorted({number for number in numbers if numbers.count(number) > 1})
         if twice:
@@ -94,7 +94,7 @@ def _sections(document: Document, findings: Findings) -> dict[int, BaseMarkerSec
         return {}
     found: dict[int, BaseMarkerSection] = {}
     for key, data in given.items():
-        if not str(key).isdecimal():
+        if not is_number(str(key)):
             findings.add(("markers", key), "this is no marker's number", got=f"'{key}'", allowed=example)
             continue
         section = validated(BaseMarkerSection, data, ("markers", key), findings)

@@ -35,6 +35,7 @@ from softcal.project.document import Findings, KeyPath
 from softcal.project.files import InputFiles
 from softcal.project.robot_schema import RobotSection
 from softcal.twin.robot import Robot
+from softcal.units import format_quantity
 
 # From these steps on, the dataset no longer holds every cycle.
 CHOOSING = ("select_cycles", BRANCH_STEP)
@@ -119,6 +120,7 @@ def build_bench(
                 rig=_rig(section, rig),
                 set_up=section.set_up,
             )
+            _check_slack(section.slack, dataset, (*path, "slack"), findings)
             if section.frame is not None and not experiment.points:
                 got = ", ".join(experiment.compared)
                 findings.add(
@@ -129,6 +131,19 @@ def build_bench(
                 experiment = replace(experiment, settings=settings)
             return Bench(experiment, record, prepared.corrected)
     return None
+
+
+def _check_slack(slack: float, dataset: Dataset, path: KeyPath, findings: Findings) -> None:
+    """A cable whose slack is never taken up is never taut: nothing could be learnt from its test."""
+    pulls = [dataset.values(name) for name in dataset.channels if name.rsplit(".", 1)[-1] == "shortening"]
+    longest = max((float(np.nanmax(pull)) for pull in pulls), default=np.inf)
+    if slack > 0.0 and slack >= longest:
+        findings.add(
+            path,
+            "the cable would be slack at every sample",
+            got=format_quantity(slack, "m"),
+            allowed=f"below the largest shortening, {format_quantity(longest, 'm')}",
+        )
 
 
 def _without_the_unseen(data: Dataset, path: KeyPath, findings: Findings) -> Dataset:

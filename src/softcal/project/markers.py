@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
 
+from softcal.checks import is_number
 from softcal.errors import DatasetError, Fault, InputError
 from softcal.experiments.aruco import detect_markers
 from softcal.experiments.charuco import FEWEST_IMAGES, BoardView, Calibration, calibrate_camera, find_board
@@ -217,7 +218,7 @@ def _by_number(text: str, option: str, example: str) -> dict[int, str]:
     faults: list[Fault] = []
     for part in filter(None, (part.strip() for part in text.split(","))):
         number, _, value = (piece.strip() for piece in part.partition("="))
-        if not (number.isdecimal() and value):
+        if not (is_number(number) and value):
             faults.append(Fault("this says nothing about a marker", option, f"'{part}'", example))
         elif int(number) in found:
             faults.append(Fault(f"marker {number} is named twice", option, f"'{text}'"))

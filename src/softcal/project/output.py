@@ -34,8 +34,8 @@ def require_writable(folder: Path) -> None:
     StorageError
         Where they cannot.
     """
-    standing = next(parent for parent in (folder, *folder.absolute().parents) if parent.exists())
     try:
+        standing = next(parent for parent in (folder, *folder.absolute().parents) if parent.exists())
         with tempfile.TemporaryFile(dir=standing) as probe:
             probe.write(b"0" * 4096)
             probe.flush()
@@ -78,7 +78,11 @@ def require_free_file(path: Path) -> None:
     StorageError
         Where something does, or it cannot.
     """
-    if path.exists():
+    try:
+        standing = path.exists()
+    except OSError as error:
+        raise unwritable(path, error) from error
+    if standing:
         what = "this is a folder, where a file is to be written" if path.is_dir() else "the file exists"
         raise StorageError(Fault(f"{what}, and nothing is overwritten", str(path), attempt=ANOTHER))
     require_writable(path.parent)
@@ -117,9 +121,9 @@ def unwritable(path: Path, error: OSError) -> StorageError:
 
 
 def _require_empty(folder: Path, attempt: str) -> None:
-    if folder.exists() and not folder.is_dir():
-        raise StorageError(Fault("this is a file, where a folder is to be written", str(folder)))
     try:
+        if folder.exists() and not folder.is_dir():
+            raise StorageError(Fault("this is a file, where a folder is to be written", str(folder)))
         held = sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else []
     except OSError as error:
         raise unwritable(folder, error) from error

@@ -28,6 +28,7 @@ from softcal.calibration.stored import Record, read_record
 from softcal.errors import Fault, StorageError
 from softcal.geometry.write import write_mesh
 from softcal.project.calibration_schema import CalibrationSection
+from softcal.project.files import not_a_file
 from softcal.project.meshes import stored_name
 from softcal.project.output import new_folder, require_writable, unwritable
 from softcal.project.project import Project, load
@@ -244,7 +245,7 @@ def side_by_side(results: Mapping[str, CalibrationResult]) -> CalibrationResult:
 
 def _record(folder: Path) -> _RunRecord:
     path = folder / RECORD
-    if not path.is_file():
+    if not_a_file(path):
         raise StorageError(
             Fault("there is no run here", str(folder), f"no {RECORD}", "a folder that softcal calibrate wrote")
         )

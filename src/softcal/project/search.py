@@ -52,7 +52,10 @@ def build_search(
         with findings.at((*path, "of") if section.of else path):
             if known is None:
                 search_space(
-                    [replace(parameter, of=())], list(experiments), {name: _guess(name, parameter)}, experiments
+                    [replace(parameter, of=(), per_experiment=False, per_set_up=False)],
+                    list(experiments),
+                    {name: _guess(name, parameter)},
+                    experiments,
                 )
             else:
                 search_space([parameter], list(experiments), known, experiments, set_ups)

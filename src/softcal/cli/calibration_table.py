@@ -21,6 +21,9 @@ def print_results(results: Mapping[str, CalibrationResult]) -> None:
         return
     from softcal.report.agreement import agreement_sentences
 
+    for label, result in results.items():
+        if result.converged is False:
+            typer.echo(f"Warning: {label}: {result.status} No intervals are given.", err=True)
     print_table(_result_table(results))
     for text, _ in agreement_sentences(results):
         typer.echo(text)

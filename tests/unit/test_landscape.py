@@ -16,6 +16,7 @@ from softcal.project.calibration import make_problem
 from softcal.project.project import load
 from softcal.project.simulation import pull
 from softcal.twin.robot import Contact
+from softcal.twin.simulate import simulate
 
 MODULUS, RATIO = "bar.youngs_modulus", "bar.poissons_ratio"
 
@@ -53,3 +54,16 @@ def test_what_cannot_be_scaled_is_refused():
     robot = bar_robot()
     with pytest.raises(ParameterError, match="can be scaled"):
         ProportionalTwin(0.01)(robot, pull(robot, "front", "tension", 1.0))
+
+
+def test_a_shape_that_ends_short_has_no_loss(problem: Problem):
+    """Whatever number of samples it was solved for: the failed response is none of the protocol's."""
+
+    def short(robot, protocol, *, sensitivities=(), snapshots=False):
+        response = simulate(robot, protocol)
+        channels = {name: values[:-1] for name, values in response.channels.items()}
+        return replace(response, succeeded=False, status="It folds.", channels=channels)
+
+    theta = {MODULUS: 1e6, RATIO: 0.4, "front.slack[pull]": 0.001}
+    found = loss_over(replace(problem, simulate=ProportionalTwin(0.021, short)), theta, MODULUS, RATIO, (2, 2))
+    assert np.isnan(found.loss).all()

@@ -109,8 +109,8 @@ class ProportionalTwin:
             raise ParameterError(Fault("only the channels of one cable driven by shortening can be scaled"))
         ((cable, command),) = protocol.commands.items()
         solved_at, response = self._shape(robot, cable, modulus)
-        if not response.succeeded:
-            return response
+        if not response.succeeded:  # its samples are not those of the protocol
+            return replace(response, channels={}, slopes={}, samples=())
         grid = response.channels[f"{cable}.shortening"]
         channels: dict[str, Floats] = {}
         for name, values in response.channels.items():

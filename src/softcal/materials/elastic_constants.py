@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
-# Paper A, Eq. (2); its Eq. (3), Lamé's lambda, is kappa - 2 mu / 3.
+# Paper A, Eqs. (2) and (3).
 SHEAR_MODULUS = "E/(2*(1 + nu))"
+LAME_MODULUS = "E*nu/((1 + nu)*(1 - 2*nu))"
 BULK_MODULUS = "E/(3*(1 - 2*nu))"

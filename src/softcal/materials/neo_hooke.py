@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from softcal.materials.elastic_constants import BULK_MODULUS, SHEAR_MODULUS
+from softcal.materials.elastic_constants import BULK_MODULUS, LAME_MODULUS, SHEAR_MODULUS
 from softcal.materials.law import Law
 
-# mu/2 (I1 - 3) - mu ln J + lambda/2 (ln J)^2 with lambda = kappa - 2 mu/3. The volumetric part has kappa, not lambda:
-# it is positive for every Poisson's ratio, and a mixed element with it is nearer to a fine mesh.
+# mu/2 (I1 - 3) - mu ln J + lambda/2 (ln J)^2, of which c mu/2 (ln J)^2 moves from the first part to the second: the
+# law is the same for every c. A mixed element needs M = lambda + c mu > 0, and c <= 2/3, so that the first part alone
+# resists a change of volume that the pressure does not see. With c = 2/3 M is the bulk modulus, and nothing keeps a
+# strongly compressed element from J = 0; with c = 0 it is lambda, which is no modulus where nu <= 0. Hence a c that
+# goes from 2/3 at nu = -1/2 to 0 at 1/2, where it matters least.
 NEO_HOOKE = Law(
     name="neo-hooke",
     parameters={"youngs_modulus": "E", "poissons_ratio": "nu"},
-    symbols={"mu": SHEAR_MODULUS, "kappa": BULK_MODULUS},
-    distortional="mu/2*(I1 - 3) - mu*log(J) - mu/3*log(J)**2",
+    symbols={"mu": SHEAR_MODULUS, "lmbda": LAME_MODULUS, "c": "Rational(2, 3)*(1 - (nu + Rational(1, 2))**4)**2"},
+    distortional="mu/2*(I1 - 3) - mu*log(J) - c*mu/2*log(J)**2",
     volumetric_strain="log(J)",
-    bulk="kappa",
+    bulk="lmbda + c*mu",
     shear="mu",
     reference="Bonet and Wood (2008), compressible neo-Hookean material; SOFA's NeoHookean; paper A, Eqs. (2)-(3)",
     # With lambda < 0 an even compression to lengths below sqrt(-3 nu / (1 - 2 nu)) needs less and less pressure: 0.87

@@ -84,7 +84,7 @@ def shown_configurations(
 
     Raises
     ------
-    InputError
+    ParameterError
         For a name that does not exist, or a value that the parameter may not have; all faults at once.
     """
     found: dict[str, dict[str, float]] = {name: {} for name in show}

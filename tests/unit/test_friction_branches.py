@@ -193,3 +193,21 @@ def test_a_rough_cable_that_the_other_draws_out_is_told_of(mu: float, told: bool
         assert "(at sample 2" in response.drawn_out
         assert "front" not in response.drawn_out.split("(at")[0]
         assert response.status.endswith(response.drawn_out)
+
+
+@pytest.mark.parametrize(("mu", "told"), [(0.0, False), (0.2, True)])
+def test_the_report_and_the_command_line_tell_of_it_too(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, mu: float, told: bool
+) -> None:
+    from softcal.project import furthest
+    from softcal.project.simulation import twin_view
+
+    protocol = Protocol({"front": Command("tension", np.array([1.0, 8.0])), "back": Command("tension", np.ones(2))})
+    response = softcal.simulate(two_cables(mu), protocol, snapshots=True)
+    view = twin_view(two_cables(mu), response)
+    assert view is not None
+    assert view.drawn_out == response.drawn_out
+    monkeypatch.setattr(furthest, "furthest_response", lambda project, result: response)
+    project = load(write_project(tmp_path))
+    sentences = furthest.shape_warnings(project, {"joint": None})
+    assert sentences == ([f"joint: {response.drawn_out}"] if told else [])

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from dataclasses import replace
+from html import unescape
 
 import numpy as np
 import pytest
@@ -64,8 +66,44 @@ def texts(content: ReportContent, tone: str) -> str:
 def test_table_one_is_in_megapascals() -> None:
     table = parameters_table(small_content())
     assert [column.header for column in table.columns][:4] == ["Calibration", "E [MPa]", "± E [MPa]", "ν"]
-    assert table.rows[0] == ("20mm", pytest.approx(2.3), pytest.approx(0.02), 0.431, None, 0.99, 0.01, 0.12, "none")
+    assert table.rows[0] == (
+        "20mm",
+        pytest.approx(2.3),
+        pytest.approx(0.02),
+        0.431,
+        None,
+        0.99,
+        0.01,
+        0.12,
+        "none",
+        None,
+    )
     assert table.shown()[0][1:5] == ["2.300", "0.020", "0.4310", "–"]
+
+
+def test_table_one_holds_the_other_fitted_values_in_words() -> None:
+    """A slack of every test and an offset, each with its error and unit; nothing where nothing else was fitted."""
+    table = parameters_table(example_content(n_trials=5))
+    rows = {row[0]: dict(zip((column.header for column in table.columns), row, strict=True)) for row in table.rows}
+    assert rows["All jointly"]["Other fitted values"] == (
+        "slack (front, 20 mm, 2 mm/s): 2.00 ± 0.10 mm; slack (front, 20 mm, 5 mm/s): 3.00 ± 0.10 mm; "
+        "slack (front, 35 mm, 2 mm/s): 4.00 ± 0.10 mm"
+    )
+    assert rows["20 mm, 2 mm/s"]["Other fitted values"] is None
+    offset = {E_NAME: Estimate(2.3e6, "Pa", False, 1e5, 4e7), "plate.pitch_offset": Estimate(0.01, "rad", False, -1, 1)}
+    assert "pitch offset (plate): 0.573 deg" in render(small_content(parameters=offset))
+
+
+def test_a_report_does_not_speak_of_papers() -> None:
+    """Who reads it need not know whose tables and equations it follows; `papers` is the name of a loss."""
+    page = render(example_content(n_trials=5))
+    assert "the print's infill makes plausible (30 % infill)" in unescape(page)
+    words = re.findall(r"[Pp]aper\w*|Eqs?\.", re.sub(r"<td[^>]*>papers</td>", "", page))
+    assert words == []
+
+
+def render(content: ReportContent) -> str:
+    return render_page(content, [], all_tables(content))
 
 
 def test_table_two_gives_pitch_in_both_units() -> None:
@@ -131,6 +169,9 @@ def test_a_twin_that_passes_through_itself_in_its_furthest_test_is_a_warning():
     assert "crosses" not in texts(replace(small_content(), twin=twin), "warning")
     told = "bar crosses itself from 2.56 mm of shortening of front on, by about 1.4 mm: set contact: true."
     assert told in texts(replace(small_content(), twin=replace(twin, crossings=told)), "warning")
+    out = "The others draw back out under tension, by up to 1.2 mm (at sample 2)."
+    assert "draw back out" not in texts(replace(small_content(), twin=twin), "warning")
+    assert out in texts(replace(small_content(), twin=replace(twin, drawn_out=out)), "warning")
 
 
 def test_a_bound_is_told_once() -> None:

@@ -53,6 +53,7 @@ def test_the_page_says_what_a_supervisor_asks(written: ReportPaths) -> None:
         "pulley friction", "1.17 and 2.83 MPa", "Neither angles nor positions were compared in 20 mm, 5 mm/s",
     ):  # fmt: skip
         assert words in page, words
+    assert "Eq. (" not in page
 
 
 def test_every_figure_is_there_twice_and_readable(written: ReportPaths) -> None:

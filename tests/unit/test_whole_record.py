@@ -19,6 +19,7 @@ from softcal.project.project import load
 from softcal.project.whole_record import compare_records, whole_record
 from softcal.report.all_tables import all_tables
 from softcal.report.html import render_page
+from softcal.report.verdict import verdicts
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate
 
@@ -211,3 +212,40 @@ def test_the_report_holds_record_and_fit_apart() -> None:
     assert "every sample after the corrections" not in render_page(given, [], all_tables(given))
     failed = replace(given, records={label: {name: RecordFit(None, record, ("shortening",), failure="It folds.")}})
     assert f"{name}: not compared with its whole record: It folds." in render_page(failed, [], all_tables(failed))
+
+
+def test_one_sentence_compares_the_record_with_the_fitted_samples() -> None:
+    """Of the worst experiment; only where there is a record, and of letting go only where the record does."""
+    given = example_content()
+    label, fits = given.headline, given.headline_result.experiments
+
+    def told(every: int = 1, rows: slice = slice(None), **errors: float) -> str:
+        records: dict[str, RecordFit] = {}
+        for name, (channel, error) in zip(fits, errors.items(), strict=False):
+            raw = given.experiments[name].raw
+            kept = {one: replace(c, values=c.values[rows]) for one, c in raw.channels.items()}
+            record = replace(raw, channels=kept, cycle=None)
+            measured = {channel: record.values(channel)}
+            whole = replace(fits[name], rmse={channel: error}, measured=measured)
+            records[name] = RecordFit(whole, record, ("shortening",), every)
+        shown = replace(given, records={label: records} if records else {})
+        return " ".join(one.text for one in verdicts(shown))
+
+    name = next(iter(fits))
+    peak = np.abs(given.experiments[name].raw.values("tension")).max()
+    share, ratio = f"{100 * 0.5 / peak:.2g}", f"{0.5 / fits[name].rmse['tension']:.2g}"
+    assert (
+        f"Over the whole record, loading and unloading, the force differs by 0.500 N RMS ({share} % of its peak), "
+        f"{ratio} times that of the fitted samples."
+    ) in told(tension=0.5)
+    assert "whole record" not in told()
+    assert "Over one in 3 samples of the whole record, loading and unloading, the force" in told(3, tension=0.5)
+    # The record's first cycle up to its peak.
+    loading = told(rows=slice(200, 300), tension=0.5)
+    assert "Over the whole record, the force differs by 0.500 N RMS" in loading
+    assert "Over the whole record, loading and unloading, the pitch differs by 5.73 deg RMS" in told(pitch=0.1)
+    failed = replace(
+        given,
+        records={label: {name: RecordFit(None, given.experiments[name].raw, ("shortening",), failure="It folds.")}},
+    )
+    assert not any("whole record" in one.text for one in verdicts(failed))

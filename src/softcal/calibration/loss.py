@@ -125,7 +125,7 @@ class PapersLoss(Loss):
     def faults(self, experiments: Sequence[Experiment]) -> list[Fault]:
         return [
             Fault(
-                f"the papers' loss has no weight for '{channel}'",
+                f"the loss 'papers' has no weight for '{channel}'",
                 experiment.name,
                 allowed=", ".join(self.weights),
                 attempt="the loss 'distance' or 'likelihood', or leave the channel out",

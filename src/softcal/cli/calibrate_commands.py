@@ -56,7 +56,7 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
 ) -> None:
     """Find the free parameters; keeps every trial, and writes tables, figures and a report into a run folder."""
     from softcal.project.calibration import calibrate as calibrate_project
-    from softcal.project.furthest import crossings_in
+    from softcal.project.furthest import shape_warnings
     from softcal.project.project import load
 
     loaded = load(project, values=parsed_values(values))
@@ -96,7 +96,7 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
         print_results(found.results)
         if found.stopped_by is not None:
             raise found.stopped_by
-    print_warnings(crossings_in(loaded, found.results))
+    print_warnings(shape_warnings(loaded, found.results))
     typer.echo(f"Run: {folder}")
     if report:
         report_run(folder, None)

@@ -284,8 +284,9 @@ def _sampled(
     response = simulate(robot, protocol, sensitivities=commands, curve_tolerance=0.0)
     if not response.succeeded:
         raise SimulationError(f"The robot cannot be pulled that far: {response.status} Try a smaller reach.")
-    if response.crossings:
-        tell(response.crossings)
+    for told in (response.crossings, response.drawn_out):
+        if told:
+            tell(told)
 
     def of(channel: str) -> Floats:
         rates = [response.sensitivities[channel][name] for name in commands]

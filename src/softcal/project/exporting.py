@@ -67,7 +67,7 @@ def export_vtk(
     shapes: how many, evenly from no pull to the furthest, each solved; by default those at which the pull was solved.
     in_time: shapes of the motion, by the project's `dynamics`; `shapes` of them, by default 40, until the schedule is
     over, and as often after that. progress: is told of each motion how far it is; tell: of bodies that
-    cross in what was solved; stage: of what is begun.
+    cross and cables that are drawn out in what was solved; stage: of what is begun.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def export_vtk(
         told = films(protocols_of(cases), shapes)
         filmed = {name: replace(case, protocol=told[name]) for name, case in cases.items()}
         responses = _simulated(filmed, "samples", stage)
-    tell_of_crossings(responses, tell)
+    _tell_of_shapes(responses, tell)
     return _write_each(responses, folder, lambda name, inside: write_vtk(cases[name].robot, responses[name], inside))
 
 
@@ -97,11 +97,12 @@ def _simulated(cases: Mapping[str, Case], snapshots: Shown, stage: Tell) -> dict
     return simulate_each(cases, lambda case: simulate(case.robot, case.protocol, snapshots=snapshots), stage=stage)
 
 
-def tell_of_crossings(responses: Mapping[str, Response], tell: Tell) -> None:
-    """Tell which bodies pass through themselves or each other in each response."""
+def _tell_of_shapes(responses: Mapping[str, Response], tell: Tell) -> None:
+    """Tell which bodies cross in each response, and which cables with friction are drawn out."""
     for name, response in responses.items():
-        if response.crossings:
-            tell(f"{name}: {response.crossings}")
+        for told in (response.crossings, response.drawn_out):
+            if told:
+                tell(f"{name}: {told}")
 
 
 def export_calculix(
@@ -125,7 +126,7 @@ def export_calculix(
     require_free_folder(folder)
     own = {name: replace(case, robot=in_its_law(case.robot)) for name, case in cases.items()}
     responses = _simulated(own, True, stage)
-    tell_of_crossings(responses, tell)
+    _tell_of_shapes(responses, tell)
     return _write_each(
         responses,
         folder,

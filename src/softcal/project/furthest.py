@@ -24,8 +24,13 @@ def furthest_response(project: Project, result: CalibrationResult) -> Response:
     return simulate(at_values, experiment=max(result.experiments, key=reach), snapshots=True)
 
 
-def crossings_in(project: Project, results: Mapping[str, CalibrationResult]) -> list[str]:
-    """Which bodies pass through themselves or each other at what was found: a sentence for each calibration."""
+def shape_warnings(project: Project, results: Mapping[str, CalibrationResult]) -> list[str]:
+    """Of each calibration, which bodies cross and which cables with friction are drawn out: a sentence each."""
     chosen = {JOINT: results[JOINT]} if JOINT in results else results
     responses = {label: furthest_response(project, result) for label, result in chosen.items()}
-    return [f"{label}: {response.crossings}" for label, response in responses.items() if response.crossings]
+    return [
+        f"{label}: {told}"
+        for label, response in responses.items()
+        for told in (response.crossings, response.drawn_out)
+        if told
+    ]

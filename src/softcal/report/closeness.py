@@ -24,7 +24,7 @@ CLOSE, POOR = 0.03, 0.10
 # An RMS error up to this many times the stated noise is noise.
 _NOISE = 1.2
 # Channels with an error of their own: channel, word, SI unit.
-_KINDS = (("tension", "force", "N"), ("pitch", "pitch", "rad"), ("shortening", "travel", "m"))
+KINDS = (("tension", "force", "N"), ("pitch", "pitch", "rad"), ("shortening", "travel", "m"))
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Miss:
 def misses_of(content: ReportContent, result: CalibrationResult) -> Iterable[Miss]:
     """Every channel of every experiment of a result that has an error of its own."""
     for name, fit in result.experiments.items():
-        for channel, word, unit in _KINDS:
+        for channel, word, unit in KINDS:
             error = fit.rmse.get(channel)
             if error is not None:
                 share, sigma = share_of_range(fit, channel), _noise(content, name, channel)

@@ -133,7 +133,7 @@ def improvement_table(content: ReportContent) -> Table:
         rows.append(tuple(row))
     note = (
         "Errors are root mean squares over all states. An error that was halved is reduced by 50 %; nominal / tuned "
-        "- 1, which some papers call the improvement, is then 100 %."
+        "- 1, which is also called the improvement, is then 100 %."
     )
     title = "The best cell for each section" if swept else "Nominal and calibrated"
     return Table("improvement", title, tuple(columns), tuple(rows), note)

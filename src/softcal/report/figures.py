@@ -287,7 +287,7 @@ def _estimates(content: ReportContent) -> Iterator[Picture]:
         if figure is not None:
             low, high = (number(bound / 1e6) for bound in content.print_infill.effective_modulus)
             caption = (
-                f"Eq. (5): a print of {100 * content.print_infill.infill:.3g} % infill is expected between "
+                f"A print of {100 * content.print_infill.infill:.3g} % infill is expected between "
                 f"{low} and {high} MPa (green); solid material lies further right (grey)."
             )
             yield _picture(figure, "plausible-modulus", "plausible", caption)

@@ -18,11 +18,13 @@ from softcal.report.wording import (
     Scale,
     duration,
     estimate_scale,
+    estimate_text,
     find_parameter,
     method_label,
     number,
     ordered_parameters,
     parameter_label,
+    parameter_name,
     result_label,
     scale_of,
     with_error,
@@ -38,6 +40,9 @@ _IMPORTANCES = {
     "sensitivity": "Importance of least squares: the share of the squared change of all channels, each over what it is "
     "missed by, per range of the parameter, at the values found; a local measure, not fANOVA.",
 }
+
+
+_TABLE_1 = ("youngs_modulus", "poissons_ratio")  # kinds with columns of their own
 
 
 @dataclass(frozen=True)
@@ -84,20 +89,22 @@ def _text(cell: Cell, column: Column) -> str:
 
 
 def parameters_table(content: ReportContent) -> Table:
-    """Table I of paper A: E and nu with standard errors and importances, one row per calibration."""
+    """Paper A's Table I: E and nu with standard errors and importances, and what else was fitted, by calibration."""
     modulus_scale = _modulus_scale(content)
     rows: list[tuple[Cell, ...]] = []
     for label, result in content.results.items():
         row: list[Cell] = [result_label(label)]
         importances: list[Cell] = []
-        for kind, factor in (("youngs_modulus", modulus_scale.factor), ("poissons_ratio", 1.0)):
+        for kind, factor in zip(_TABLE_1, (modulus_scale.factor, 1.0), strict=True):
             name = find_parameter(result.parameters, kind)
             estimate = result.parameters[name] if name else None
             error = estimate.standard_error if estimate else None
             row += [estimate.value / factor if estimate else None, None if error is None else error / factor]
             importances.append(result.importance.get(name) if name else None)
         bound = [parameter_label(name) for name, estimate in result.parameters.items() if estimate.at_bound]
-        rows.append((*row, *importances, result.loss, ", ".join(bound) or "none"))
+        others = [name for name in result.parameters if parameter_name(name).kind not in _TABLE_1]
+        fitted = (f"{parameter_label(name, others)}: {estimate_text(result.parameters[name])}" for name in others)
+        rows.append((*row, *importances, result.loss, ", ".join(bound) or "none", "; ".join(fitted) or None))
     columns = (
         Column("Calibration"),
         Column("E", modulus_scale.unit, 4),
@@ -108,6 +115,7 @@ def parameters_table(content: ReportContent) -> Table:
         Column("Importance of ν"),
         Column("Loss"),
         Column("At a bound"),
+        Column("Other fitted values"),
     )
     note = (
         "± is one standard error; an empty cell means that there is none or that the parameter was held fixed."

@@ -17,7 +17,8 @@ class TwinView:
 
     tets: body -> connectivity of `Snapshot.points` (`Response.tets`), of order one or two.
     falls: where it is not stable on the way (`Response.falls`), or ""; crossings: where bodies pass through themselves
-    or each other (`Response.crossings`), or "".
+    or each other (`Response.crossings`), or ""; drawn_out: which cables with friction slide the other way than it is
+    modelled for (`Response.drawn_out`), or "".
     """
 
     robot: Robot
@@ -26,6 +27,7 @@ class TwinView:
     tets: Mapping[str, Ints]
     falls: str = ""
     crossings: str = ""
+    drawn_out: str = ""
 
     def __post_init__(self) -> None:
         tets = {body: frozen_ints(cells, name=f"tets of {body}") for body, cells in self.tets.items()}

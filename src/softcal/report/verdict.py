@@ -13,6 +13,7 @@ from softcal.report.closeness import Tone, closeness, miss_text, misses_of, wors
 from softcal.report.comparison import improvements
 from softcal.report.content import ReportContent
 from softcal.report.positions import fit_sentence, fitted_distance, prediction_sentence
+from softcal.report.record import record_sentence
 from softcal.report.tables import grouped_failures
 from softcal.report.wording import (
     NORMAL_95,
@@ -72,6 +73,7 @@ def verdicts(content: ReportContent) -> list[Sentence]:
         *_unconverged(results),
         *(Sentence(text, _agreement_tone(one)) for text, one in agreement_sentences(content.results)),
         *(sentence for result in results.values() for sentence in _residuals(content, result)),
+        *_records(content),
         *_positions(results),
         *_gain(content),
         *_bounds(results),
@@ -151,6 +153,12 @@ def _residuals(content: ReportContent, result: CalibrationResult) -> Iterable[Se
         if own:
             word, tone = closeness(own)
             yield Sentence(f"{name}: the twin meets {joined(map(miss_text, own))}; {word}.", tone)
+
+
+def _records(content: ReportContent) -> Iterable[Sentence]:
+    for label in content.judged:
+        if text := record_sentence(content, label):
+            yield Sentence(_of(label, content.judged, text), "note")
 
 
 def _positions(results: Mapping[str, CalibrationResult]) -> Iterable[Sentence]:
@@ -283,7 +291,7 @@ def _plausible(content: ReportContent) -> Iterable[Sentence]:
         inside = least <= result.parameters[name].value <= most
         text = (
             f"E lies {'inside' if inside else 'outside'} the {number(least / 1e6)} to {number(most / 1e6)} MPa "
-            f"that the print's infill makes plausible (Eq. 5, {100 * content.print_infill.infill:.3g} % infill)."
+            f"that the print's infill makes plausible ({100 * content.print_infill.infill:.3g} % infill)."
         )
         yield Sentence(_of(label, content.judged, text), "good" if inside else "warning")
 
@@ -294,6 +302,8 @@ def _stability(content: ReportContent) -> Iterable[Sentence]:
         yield Sentence(text, "warning")
     if content.twin is not None and content.twin.crossings:
         yield Sentence(f"In the test that drives the twin furthest, {content.twin.crossings}", "warning")
+    if content.twin is not None and content.twin.drawn_out:
+        yield Sentence(f"In the test that drives the twin furthest: {content.twin.drawn_out}", "warning")
 
 
 def _notes(results: Mapping[str, CalibrationResult]) -> Iterable[Sentence]:

@@ -1,0 +1,71 @@
+"""How the twin follows a whole record, beside the samples that it was fitted to: one sentence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from softcal.analysis.record import RecordFit
+from softcal.calibration.result import ExperimentFit
+from softcal.report.closeness import KINDS
+from softcal.report.content import ReportContent
+from softcal.report.tables import share_of_peak
+from softcal.report.wording import number, scale_of
+
+
+@dataclass(frozen=True)
+class _Whole:
+    """A channel over a record: its word and SI unit, its error [SI], that over its peak, and that of the fit [SI]."""
+
+    experiment: str
+    word: str
+    unit: str
+    error: float
+    share: float
+    fitted: float
+    found: RecordFit
+
+
+def record_sentence(content: ReportContent, label: str) -> str:
+    """The error over the whole record of a calibration, of its worst experiment; "" where no record was compared."""
+    result = content.results[label]
+    wholes = [
+        whole
+        for name, found in content.records.get(label, {}).items()
+        if name in result.experiments and (whole := _whole(name, found, result.experiments[name])) is not None
+    ]
+    if not wholes:
+        return ""
+    worst = max(wholes, key=lambda whole: whole.share)
+    scale, every = scale_of(worst.unit), worst.found.every
+    over = "Over the whole record" if every == 1 else f"Over one in {every} samples of the whole record"
+    if _returns(worst.found):
+        over += ", loading and unloading"
+    text = f"{over}, the {worst.word} differs by {number(worst.error / scale.factor)} {scale.unit} RMS"
+    where = f"; {worst.experiment} is the worst of {len(wholes)}" if len(wholes) > 1 else ""
+    text += f" ({number(100 * worst.share, 2)} % of its peak{where})"
+    if worst.fitted > 0:
+        text += f", {number(worst.error / worst.fitted, 2)} times that of the fitted samples"
+    return f"{text}."
+
+
+def _whole(name: str, found: RecordFit, fitted: ExperimentFit) -> _Whole | None:
+    """The force where it was compared, else the pitch, else the travel; None where none was."""
+    if found.fit is None:
+        return None
+    for channel, word, unit in KINDS:
+        share = share_of_peak(found.fit, channel)
+        if share is not None and channel in fitted.rmse:
+            return _Whole(name, word, unit, found.fit.rmse[channel], share, fitted.rmse[channel], found)
+    return None
+
+
+def _returns(found: RecordFit) -> bool:
+    """Whether a drive of the record comes back, after its peak, by more than half of what it ranges over."""
+    for drive in found.drives:
+        values = found.record.values(drive)
+        after = values[int(np.argmax(values)) :]
+        if values.max() - after.min() > 0.5 * (values.max() - values.min()) > 0:
+            return True
+    return False

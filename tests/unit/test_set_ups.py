@@ -9,6 +9,7 @@ import pytest
 from manipulator_case import FREE, LENGTH, MODULI, experiment, manipulator
 from project_case import write_project
 
+from softcal.calibration import hold_out
 from softcal.calibration.experiment import FRAME
 from softcal.calibration.loss import DistanceLoss
 from softcal.calibration.parameters import FreeParameter
@@ -68,6 +69,16 @@ def test_what_is_held_out_is_predicted_in_the_frame_of_its_set_up():
     assert found.held_out["cable5"].loss < 1e-2
     alone = calibrate(problem(*FREE, *FRAMES), starts=1, hold_out=["cable2"])
     assert set(alone.held_out["cable2"].own) == {f"{name}[after]" for name in FRAME}
+
+
+def test_a_held_out_experiment_whose_own_values_did_not_converge_says_so(monkeypatch):
+    settled = calibrate(problem(*FREE, *FRAMES), starts=1, hold_out=["cable2"])
+    assert not any("cable2 was held out" in note for note in settled.notes)
+    monkeypatch.setattr(hold_out, "_BUDGET", 1)
+    found = calibrate(problem(*FREE, *FRAMES), starts=1, hold_out=["cable2"])
+    (note,) = [note for note in found.notes if "cable2 was held out" in note]
+    assert "not those of least loss (frame.x[after], " in note
+    assert "Not converged after 1 trajectories" in note
 
 
 def test_an_experiment_without_a_set_up_is_one_by_itself():

@@ -2,7 +2,7 @@
 
 Three rules make it quick and safe:
 
-- points are compared by their loss after the moduli are rescaled (`LocalModel.rescaled_loss`), as in variable
+- points are compared by their loss after the moduli are rescaled (`LocalModel.rescaled`), as in variable
   projection (Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973). Else the search would creep along the narrow, curved
   valley in which E makes up for what Poisson's ratio does. Where that leads nowhere, the loss alone decides.
 - it has converged where Gauss-Newton's step to the minimum is shorter than a tenth of a standard error at the lowest
@@ -97,10 +97,9 @@ class Descent:
         return z, model.loss(z)
 
     def _judge_step(self, tried: Point, evaluation: Evaluation) -> None:
-        length = float(np.abs(tried.z - self.z).max())
         if evaluation.loss is None:
-            self._since_failure = 0
-            self._radius = 0.25 * length
+            self._since_failure, self._centre = 0, self.z
+            self._radius = 0.25 * float(np.abs(tried.z - self.z).max())
             if self._radius < _EDGE:
                 self._end(
                     f"Not converged after {self.evaluations} trajectories: the loss still falls towards where the twin "
@@ -114,6 +113,9 @@ class Descent:
         # The loss after rescaling counts as long as there is something to gain by it.
         which = int(before[1] - self._promised > _RESCALED * before[1])
         gain, promised = before[which] - after[which], before[which] - self._promised
+        if gain <= 0.0 and after[0] >= before[0]:
+            self._centre = self.z
+        length = float(np.abs(tried.z - self._centre).max())
         if gain < 0.25 * promised:
             self._radius = 0.35 * length
         elif gain > 0.75 * promised and length > 0.99 * self._radius and self._since_failure > _WARY:
@@ -126,6 +128,8 @@ class Descent:
     def _move(self, to: Point, evaluation: Evaluation) -> None:
         self.z, self.best = to.z, evaluation
         self._distance = distance_to_minimum(self.space, self.loss, to)
+        # The region lies about the moduli that points are compared with: else one far off would bound the others.
+        self._centre = LocalModel(self.space, self._merit, to).rescaled() if self._rescaling else to.z
         self._propose()
 
     def _propose(self) -> None:
@@ -140,7 +144,7 @@ class Descent:
             self._end(text, converged=True)
             return
         before, _ = self._losses(self._here())
-        lower, upper = np.maximum(self.z - self._radius, 0.0), np.minimum(self.z + self._radius, 1.0)
+        lower, upper = np.maximum(self._centre - self._radius, 0.0), np.minimum(self._centre + self._radius, 1.0)
         for model in (self._model(self._merit), LocalModel(self.space, self._merit, self._here(), plain=True)):
             step = model.minimise(lower, upper)
             self._promised = model.loss(step)
@@ -170,7 +174,8 @@ class Descent:
         plain = total(self._merit, point.blocks)
         if not self._rescaling:
             return plain, plain
-        return plain, LocalModel(self.space, self._merit, point).rescaled_loss()
+        model = LocalModel(self.space, self._merit, point)
+        return plain, model.loss(model.rescaled())
 
     def _model(self, merit: Loss) -> LocalModel:
         """The model from here that foretells the last points best, bent to the nearest of them."""

@@ -65,11 +65,17 @@ def predicted(
     for experiment in problem.experiments:
         if experiment.name not in hold_out:
             continue
-        evaluation, own = _predict(problem, theta, experiment)
+        evaluation, own, unsettled = _predict(problem, theta, experiment)
         if evaluation is None or evaluation.loss is None:
             reason = "" if evaluation is None else evaluation.failure
             notes.append(f"{experiment.name} was held out and cannot be predicted: {reason}")
             continue
+        if unsettled:
+            labels = ", ".join(p.label for p in own)
+            notes.append(
+                f"{experiment.name} was held out and is predicted with values of its own that are not those of least "
+                f"loss ({labels}): {unsettled}"
+            )
         fit = experiment_fit(experiment, evaluation.observations[experiment.name])
         values = {p.label: evaluation.theta[p.label] for p in own}
         found[experiment.name] = HeldOut(evaluation.experiment_losses[experiment.name], fit, values)
@@ -78,19 +84,21 @@ def predicted(
 
 def _predict(
     problem: Problem, theta: Mapping[str, float], experiment: Experiment
-) -> tuple[Evaluation | None, list[FreeParameter]]:
+) -> tuple[Evaluation | None, list[FreeParameter], str]:
+    """The prediction, the experiment's own parameters, and how their fit ended where it did not converge, else ""."""
     alone = problem.alone(experiment.name)
     own = [p for p in alone.space.parameters if p.label not in theta]
     if not own:
-        return alone.evaluate({label: theta[label] for label in alone.space.labels}), own
+        return alone.evaluate({label: theta[label] for label in alone.space.labels}), own, ""
     shared = [p for p in alone.space.parameters if p.label in theta]
     held = {target: theta[p.label] for p in shared for target in p.targets}
     placed = replace(experiment, settings={**experiment.settings, **held})
-    return _nuisances(replace(alone, experiments=(placed,), space=SearchSpace(tuple(own)))), own
+    evaluation, unsettled = _nuisances(replace(alone, experiments=(placed,), space=SearchSpace(tuple(own))))
+    return evaluation, own, unsettled
 
 
-def _nuisances(problem: Problem) -> Evaluation | None:
-    """The best evaluation over the nuisances of one experiment."""
+def _nuisances(problem: Problem) -> tuple[Evaluation | None, str]:
+    """The best evaluation over the nuisances of one experiment, and how the fit ended where it did not converge."""
     space = problem.space
     middle = space.to_model(np.full(space.size, 0.5))
     start = {p.label: middle[p.label] if p.start is None else p.start for p in space.parameters}
@@ -99,4 +107,5 @@ def _nuisances(problem: Problem) -> Evaluation | None:
     while descent.next is not None:
         last = problem.evaluate(space.to_model(descent.next), jacobian=True)
         descent.tell(last)
-    return descent.best if descent.best is not None else last
+    evaluation = descent.best if descent.best is not None else last
+    return evaluation, "" if descent.converged else descent.status

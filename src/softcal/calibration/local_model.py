@@ -136,14 +136,14 @@ class LocalModel:
                 break
         return x
 
-    def rescaled_loss(self) -> float:
-        """The least modelled loss when the moduli alone may change: what is known from one point for all moduli."""
+    def rescaled(self) -> Floats:
+        """z with the moduli that have the least modelled loss, all else as it is: one point tells of all moduli."""
         z = self._here.z
         if not len(self._moduli):
-            return self.loss(z)
+            return z
         lower, upper = np.array(z), np.array(z)
         lower[self._moduli], upper[self._moduli] = 0.0, 1.0
-        return self.loss(self.minimise(lower, upper))
+        return self.minimise(lower, upper)
 
     def _coordinates(self, x: Floats) -> tuple[Floats, Floats]:
         """w and d w / d x, each (size,): x itself in the plain model; else ln(modulus), reciprocals and theta."""

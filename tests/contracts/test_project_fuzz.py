@@ -138,7 +138,7 @@ def test_a_small_project_changed_at_random(small: list[tuple[Path, Any]], data: 
 
 
 @pytest.mark.slow
-@settings(max_examples=4000, suppress_health_check=list(HealthCheck))
+@settings(max_examples=1000, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_a_small_project_changed_at_random_many_times(small: list[tuple[Path, Any]], data: st.DataObject):
     path, document = data.draw(st.sampled_from(small))
@@ -157,7 +157,7 @@ def shipped(tmp_path_factory: pytest.TempPathFactory, repository: Path) -> list[
 
 
 @pytest.mark.slow
-@settings(max_examples=200, suppress_health_check=list(HealthCheck))
+@settings(max_examples=40, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_a_shipped_project_changed_at_random(shipped: list[tuple[Path, Any]], data: st.DataObject):
     path, document = data.draw(st.sampled_from(shipped))

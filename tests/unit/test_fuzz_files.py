@@ -171,7 +171,7 @@ def test_commands_on_a_run_with_a_file_changed_at_random_end_with_0_or_2(
     raw = (whole / "run" / file).read_bytes()
     found: list[list[Mutation]] = []
 
-    @settings(max_examples=40, database=None, derandomize=True, suppress_health_check=list(HealthCheck))
+    @settings(max_examples=15, database=None, derandomize=True, suppress_health_check=list(HealthCheck))
     @given(changes=mutations())
     def collect(changes: list[Mutation]) -> None:
         found.append(changes)

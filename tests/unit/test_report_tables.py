@@ -288,3 +288,23 @@ def test_a_search_without_intervals_says_nothing_of_them() -> None:
         content, results={name: tpe_result([content.experiments[name]], 1.2e6, 0.45, n_trials=5)}, headline=name
     )
     assert not any("interval" in sentence.text for sentence in verdicts(alone))
+
+
+def test_a_channel_that_no_fit_compares_has_no_columns() -> None:
+    given = example_content()
+    headers = all_tables(given)["table-2-errors"].as_csv().splitlines()[0]
+    assert "Pitch RMSE [deg]" in headers
+    assert "Shortening" not in headers
+    force = {
+        label: replace(
+            result,
+            experiments={
+                name: replace(fit, rmse={"tension": 0.1}, rmse_detrended={"tension": 0.1})
+                for name, fit in result.experiments.items()
+            },
+        )
+        for label, result in given.results.items()
+    }
+    headers = all_tables(replace(given, results=force))["table-2-errors"].as_csv().splitlines()[0]
+    assert "Force RMSE [N]" in headers
+    assert "Pitch" not in headers

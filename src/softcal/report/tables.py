@@ -194,7 +194,7 @@ def errors_table(content: ReportContent) -> Table:
     shown = [
         (channel, label, scale)
         for channel, label, scale in channels
-        if channel != "shortening" or any("shortening" in entry[-1].rmse for entry in fits)
+        if any(channel in entry[-1].rmse for entry in fits)
     ]
     columns = [Column("Calibration"), Column("Experiment"), Column("Compared over")]
     for channel, label, scale in shown:

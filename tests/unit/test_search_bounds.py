@@ -91,6 +91,29 @@ def test_least_squares_finds_the_same_minimum_between_any_bounds(
     assert result.loss == pytest.approx(reference.loss, rel=1e-3)
 
 
+@pytest.mark.parametrize("loss", LOSSES)
+@pytest.mark.parametrize(
+    "bounds",
+    [{TENSION: (0.001, 0.5)}, {PITCH: (np.deg2rad(0.1), np.deg2rad(12.0))}, {TENSION: (3.0, 5.0)}],
+    ids=["tension", "pitch", "tension-far-from-zero"],
+)
+def test_bounds_of_one_sign_do_not_end_the_search_where_it_begins(
+    bounds: dict[str, tuple[float, float]], loss: Loss
+) -> None:
+    """An offset between positive bounds is no power law: taken for one, the search said "Converged" at its start."""
+    middle = {name: sum(ends) / 2 for name, ends in bounds.items()}
+    experiment = fake_experiment(
+        noise=0.01, tension_offset=middle.get(TENSION, 0.0), pitch_offset=middle.get(PITCH, 0.0)
+    )
+    free = [FreeParameter(E, "Pa", 0.02e6, 40e6, "log", 1e6)]
+    free += [FreeParameter(name, UNITS[name], *ends) for name, ends in bounds.items()]
+    problem = make_problem(fake_robot(poissons_ratio=TRUE[NU]), [experiment], free, loss, fake_simulate)
+    result = calibrate(problem, starts=1)
+    assert result.converged
+    assert result.parameters[E].value == pytest.approx(TRUE[E], rel=0.01)
+    assert result.n_solves <= 4
+
+
 @pytest.mark.parametrize("shift", [-0.3, 0.0, 0.3])
 @pytest.mark.parametrize("method", ["tpe", "grid"])
 def test_tpe_and_grid_come_near_the_same_minimum_between_any_bounds(method: str, shift: float) -> None:

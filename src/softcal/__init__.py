@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     from softcal.project.sweep import sweep as sweep
     from softcal.project.validation import validate as validate
     from softcal.project.whole_record import compare_records as compare_records
+    from softcal.twin.cables import RoutingAxis as RoutingAxis
     from softcal.twin.in_time import simulate_in_time as simulate_in_time
     from softcal.twin.manipulator import ManipulatorShape as ManipulatorShape
     from softcal.twin.manipulator import manipulator as manipulator
@@ -107,6 +108,7 @@ _HOMES = {
     "Response": "softcal.twin.response",
     "Robot": "softcal.twin.robot",
     "Rod": "softcal.twin.robot",
+    "RoutingAxis": "softcal.twin.cables",
     "Schedule": "softcal.twin.schedule",
     "Settling": "softcal.twin.schedule",
     "SimulationError": "softcal.errors",
@@ -173,6 +175,7 @@ __all__ = [
     "Response",
     "Robot",
     "Rod",
+    "RoutingAxis",
     "Schedule",
     "Settling",
     "SimulationError",

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.errors import Fault, MeshError
 from softcal.geometry.bore import wall_around
 from softcal.geometry.locate import barycentric_in, locate_points, nearest_places, tets_holding
 from softcal.geometry.mesh import TetMesh
@@ -14,6 +15,7 @@ from softcal.mechanics.element import shape_functions, shape_gradients
 
 # Weights this small are rounding, of weights of about one.
 NO_WEIGHT = 1e-14
+STRAIGHT = 1e-6  # of an edge: a point that its element, were it straight, places as near as that
 BALL_POINTS = 300  # that stand for a ball
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
@@ -72,6 +74,33 @@ def attach_point(mesh: TetMesh, point: Floats, *, may_stand_off: bool = False, w
     np.add.at(summed, place.ravel(), (shares[:, None] * weights).ravel())
     kept = np.abs(summed) > NO_WEIGHT
     return Attachment(unique[kept], summed[kept], wall.diameter)
+
+
+def attach_rate(mesh: TetMesh, point: Floats, way: Floats, *, where: str = "") -> tuple[Ints, Floats]:
+    """Nodes and rates [1/m] of the weights of a point (3,) [m] inside the mesh that moves along a way (3,).
+
+    Raises
+    ------
+    MeshError
+        Where the point lies outside the material, such as in a bore, or in an element that is curved.
+    """
+    tets, barycentric = locate_points(mesh, point[None, :], tolerance=np.inf, where=where)
+    nodes = mesh.tets[tets[0]]
+    X = mesh.points[nodes]
+    edge = float(np.linalg.norm(X[1] - X[0]))
+    off = float(np.linalg.norm(shape_functions(barycentric, mesh.order)[0] @ X - point))
+    if barycentric.min() < -STRAIGHT or off > STRAIGHT * edge:
+        raise MeshError(
+            Fault(
+                "a via point that a routing offset moves must lie inside its body, in an element that is not curved",
+                where=where,
+                got="(" + ", ".join(f"{1e3 * x:.6g}" for x in point) + ") mm",
+                allowed="a point in the material; one in a bore goes with the bore",
+            )
+        )
+    gradients = shape_gradients(barycentric, mesh.order)[0]
+    local = gradients[:, 1:] - gradients[:, :1]
+    return nodes, local @ np.linalg.solve(X.T @ local, way)
 
 
 def attach_ball(mesh: TetMesh, centre: Floats, radius: float, *, where: str = "") -> Attachment:

@@ -37,7 +37,8 @@ class CableTerm:
     """Segments of all cables. support[ptr[k]:ptr[k+1]]: the points of segment k, ascending; sigma: their signed
     weights; cable: the cable each segment belongs to; rest_length (n_cables,) [m]; pulled_last (n_cables,): whether the
     tension is that of the last segment (or of the first), which counts where there is friction; met (n_segments,) [m]:
-    the length below which a segment's ends have met.
+    the length below which a segment's ends have met. by_offset, aligned with sigma: d sigma / d routing offset of the
+    own cable [1/m]; rest_by_offset (n_cables,): d rest_length / d routing offset.
     """
 
     names: tuple[str, ...]
@@ -48,6 +49,8 @@ class CableTerm:
     rest_length: Floats
     pulled_last: np.ndarray
     met: Floats
+    by_offset: Floats
+    rest_by_offset: Floats
 
     @property
     def n_cables(self) -> int:
@@ -74,6 +77,19 @@ class CableTerm:
     def vectors(self, x: Floats) -> Floats:
         """Segment vectors (n_segments, 3) [m]."""
         return np.add.reduceat(self.sigma[:, None] * x[self.support], self.ptr[:-1], axis=0)
+
+    def vectors_by_offset(self, x: Floats) -> Floats:
+        """d segment vectors / d routing offset of their cable (n_segments, 3), the points that carry them at rest."""
+        return np.add.reduceat(self.by_offset[:, None] * x[self.support], self.ptr[:-1], axis=0)
+
+    def lengths_by_offset(self, x: Floats) -> Floats:
+        """d length of each cable / d its routing offset (n_cables,), the points that carry it at rest."""
+        by_offset = np.zeros(self.n_cables)
+        if len(self.cable):
+            v = self.vectors(x)
+            first, _ = _rates(v, self.met)
+            np.add.at(by_offset, self.cable, first * (v * self.vectors_by_offset(x)).sum(axis=1))
+        return by_offset
 
     def lengths(self, x: Floats) -> Floats:
         """Length of each cable (n_cables,) [m]."""
@@ -132,23 +148,47 @@ class CableTerm:
                 gradient[at : at + 3] += self.sigma[s] * n
         return gradient
 
+    def gradient_by_offset(self, x: Floats, tension: Floats, tension_rate: Floats, size: int) -> Floats:
+        """d / d routing offset of the gradient (size,) that segment tensions (n_segments,) [N] give.
 
-def build_cables(X: Floats, supports: dict[str, list[list[tuple[int, float]]]], pulled_last: np.ndarray) -> CableTerm:
+        tension_rate (n_segments,) [N/m]: the tensions' own derivative.
+        """
+        gradient = np.zeros(size)
+        v, dv = self.vectors(x), self.vectors_by_offset(x)
+        first, second = _rates(v, self.met)
+        for k in np.flatnonzero((tension != 0.0) | (tension_rate != 0.0)):
+            n = first[k] * v[k]
+            turned = first[k] * dv[k] - second[k] * (v[k] @ dv[k]) * v[k]
+            for s in range(self.ptr[k], self.ptr[k + 1]):
+                at = 3 * self.support[s]
+                gradient[at : at + 3] += self.by_offset[s] * tension[k] * n
+                gradient[at : at + 3] += self.sigma[s] * (tension[k] * turned + tension_rate[k] * n)
+        return gradient
+
+
+Weights = list[tuple[int, float]]
+
+
+def build_cables(
+    X: Floats,
+    supports: dict[str, list[Weights]],
+    pulled_last: np.ndarray,
+    by_offset: dict[str, list[Weights]] | None = None,
+) -> CableTerm:
     """The term of cables given, by name and via point, as weighted points [(point, weight), ...].
 
-    The rest length is the polyline's on the undeformed robot, X (n_points, 3) [m].
+    The rest length is the polyline's on the undeformed robot, X (n_points, 3) [m]. by_offset, of cables that have a
+    routing offset: its via points' derivatives by that, as points with weights [1/m] whose sum is zero.
     """
-    ptr, support, sigma, cable = [0], [], [], []
-    for c, via in enumerate(supports.values()):
-        for start, end in pairwise(via):
-            weights: dict[int, float] = {}
-            for point, weight in start:
-                weights[point] = weights.get(point, 0.0) - weight
-            for point, weight in end:
-                weights[point] = weights.get(point, 0.0) + weight
-            points = sorted(weights)
+    ptr, support, sigma, rates, cable = [0], [], [], [], []
+    for c, (name, via) in enumerate(supports.items()):
+        moves = (by_offset or {}).get(name) or [[] for _ in via]
+        for ends, ways in zip(pairwise(via), pairwise(moves), strict=True):
+            weights, changes = _difference(*ends), _difference(*ways)
+            points = sorted(weights | changes)
             support.extend(points)
-            sigma.extend(weights[p] for p in points)
+            sigma.extend(weights.get(p, 0.0) for p in points)
+            rates.extend(changes.get(p, 0.0) for p in points)
             ptr.append(len(support))
             cable.append(c)
     term = CableTerm(
@@ -160,9 +200,20 @@ def build_cables(X: Floats, supports: dict[str, list[list[tuple[int, float]]]], 
         np.zeros(len(supports)),
         pulled_last,
         np.zeros(len(cable)),
+        np.array(rates, dtype=np.float64),
+        np.zeros(len(supports)),
     )
     met = MET * np.linalg.norm(term.vectors(X), axis=1) if cable else term.met
-    return replace(term, rest_length=term.lengths(X), met=met)
+    return replace(term, rest_length=term.lengths(X), met=met, rest_by_offset=term.lengths_by_offset(X))
+
+
+def _difference(start: Weights, end: Weights) -> dict[int, float]:
+    """The weights of the vector from one weighted point to another."""
+    weights: dict[int, float] = {}
+    for sign, place in ((-1.0, start), (1.0, end)):
+        for point, weight in place:
+            weights[point] = weights.get(point, 0.0) + sign * weight
+    return weights
 
 
 def _rates(v: Floats, met: Floats) -> tuple[Floats, Floats]:

@@ -67,6 +67,18 @@ def friction_loss(term: CableTerm, x: Floats, mu: Floats, *, by_all: bool = Fals
     return Loss(factor, by_mu, np.concatenate(near), np.concatenate(far), by_near, by_far, np.concatenate(of_vias))
 
 
+def factor_rates(loss: Loss, v_rates: Floats) -> Floats:
+    """Rates of the factors (n_segments,) for rates (n_segments, 3) of the segments' vectors."""
+    out = np.zeros(len(loss.factor))
+    turned = 0.0
+    for j, (near, far) in enumerate(zip(loss.near, loss.far, strict=True)):
+        if j == 0 or near != loss.far[j - 1]:  # the first one of its cable
+            turned = 0.0
+        turned += float(loss.by_near[j] @ v_rates[near] + loss.by_far[j] @ v_rates[far])
+        out[far] = -loss.mu[j] * loss.factor[far] * turned
+    return out
+
+
 def loss_border(
     term: CableTerm, x: Floats, loss: Loss, tension: Floats, moves: np.ndarray, size: int
 ) -> tuple[Floats, Floats]:

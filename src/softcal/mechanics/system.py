@@ -11,7 +11,7 @@ import numpy as np
 from softcal.checks import Floats, Ints
 from softcal.errors import SimulationError
 from softcal.mechanics.cable import CablePlaces, CableTerm
-from softcal.mechanics.cable_friction import Loss, friction_loss, loss_border
+from softcal.mechanics.cable_friction import Loss, factor_rates, friction_loss, loss_border
 from softcal.mechanics.contact import ContactTerm, Touch
 from softcal.mechanics.frame_blocks import FrameBlocks, frame_blocks, moving_pairs
 from softcal.mechanics.layout import FIXED, Layout
@@ -219,6 +219,10 @@ class System:
         """dL/dz of one cable on the unknowns but the tensions (n_unknowns - n_cables,)."""
         return self._segment_gradient(state, (self.cables.cable == i_cable).astype(float))
 
+    def shortening_by_offset(self, state: State) -> Floats:
+        """d shortening of each cable / d its routing offset (n_cables,), the robot at rest."""
+        return self.cables.rest_by_offset - self.cables.lengths_by_offset(state.x)
+
     def pull(self, state: State, i_cable: int, theta: Mapping[str, float]) -> Floats:
         """d gradient / d tension of one cable: its length's gradient, less what friction takes."""
         loss = friction_loss(self.cables, state.x, self._friction(theta))
@@ -267,9 +271,17 @@ class System:
             if name in full:
                 weights = np.where(self.cables.cable == i, state.tension[i] * loss.by_mu, 0.0)
                 full[name] += self.cables.segment_gradient(state.x, weights, len(full[name]))
+            name = f"{cable}.routing_offset"
+            if name in full:
+                own = np.where(self.cables.cable == i, state.tension[i], 0.0)
+                rates = factor_rates(loss, self.cables.vectors_by_offset(state.x))
+                full[name] += self.cables.gradient_by_offset(state.x, own * loss.factor, own * rates, len(full[name]))
+        offsets = {f"{cable}.routing_offset": i for i, cable in enumerate(self.cables.names)}
         out = np.zeros((layout.n_unknowns, len(names)))
         for k, name in enumerate(names):
             out[: layout.first_tension_unknown, k] = self.motion.reduce_gradient(state, full[name])
+            if name in offsets and (i := offsets[name]) in at.border.taut:
+                out[layout.first_tension_unknown + i, k] = -self.shortening_by_offset(state)[i]
         for rod, blocks in zip(self.rods, self.rod_blocks, strict=True):
             wanted = {key: k for k, name in enumerate(names) if (key := name.removeprefix(f"{rod.name}.")) != name}
             if not wanted:

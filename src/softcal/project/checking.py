@@ -142,6 +142,12 @@ def _part_rows(project: Project) -> list[tuple[str, str]]:
         length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
         via = " → ".join(_stations(cable))
         rows.append((f"cable {cable.name}", f"{format_quantity(length, 'm')} long, {via}"))
+        if cable.routing_axis is not None:
+            least, most = (format_quantity(r, "m", digits=4) for r in _radii(cable))
+            far = least if least == most else f"{least} to {most}"
+            rows.append(
+                ("  routing", f"{far} from its axis, with an offset of {format_quantity(cable.routing_offset, 'm')}")
+            )
         if cable.name in bored:
             widest = format_quantity(max(bored[cable.name].values()), "m", digits=3)
             held = f"{len(bored[cable.name])} of {len(cable.via_points)} via points lie in bores, up to {widest} across"
@@ -152,6 +158,13 @@ def _part_rows(project: Project) -> list[tuple[str, str]]:
         rows.append(("gravity", "(" + ", ".join(f"{g:.4g}" for g in robot.gravity) + ") m/s²"))
     rows += [(f"load {load.name}", f"on {load.on}") for load in robot.loads]
     return rows
+
+
+def _radii(cable: Cable) -> tuple[float, float]:
+    """The least and the greatest distance [m] of a cable's via points from its routing axis."""
+    assert cable.routing_axis is not None  # noqa: S101
+    _, distances = cable.routing_axis.away(np.array([via.at for via in cable.via_points]))
+    return float(distances.min()), float(distances.max())
 
 
 def _stations(cable: Cable) -> list[str]:

@@ -206,16 +206,25 @@ def _require_place(point: ViaSection | MarkerSection) -> None:
         raise fault_error("it is not said which plate has the hole", got=f"hole {point.hole}", allowed="on: PLATE")
 
 
+class RoutingAxisSection(Section):
+    """A line through a point along a direction."""
+
+    point: Point = (0.0, 0.0, 0.0)
+    direction: Direction = (0.0, 0.0, 1.0)
+
+
 class CableSection(Section):
     """A cable through two or more points; it is pulled at its last one unless said otherwise.
 
     route: between two via points in one body, in a bore that goes with the body, or straight.
+    routing_axis: what the cable's routing offset moves its via points away from; without it there is none.
     """
 
     via: Annotated[list[ViaSection], Field(min_length=2), at_most("points of a line")]
     friction_coefficient: Friction = 0.0
     pulled_end: Literal["first", "last"] = "last"
     route: Literal["bore", "straight"] = "bore"
+    routing_axis: RoutingAxisSection | None = None
 
 
 def _force(value: object) -> float | tuple[float, float, float]:

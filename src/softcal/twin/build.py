@@ -22,11 +22,13 @@ from softcal.mechanics.layout import FIXED, FREE, TIED, Layout
 from softcal.mechanics.rod import build_rod
 from softcal.mechanics.solid import SolidTerm, build_solid
 from softcal.mechanics.system import System, build_system
+from softcal.twin.cables import RoutingAxis
 from softcal.twin.contacts import build_contacts, disc_skin
 from softcal.twin.crossings import build_skins
 from softcal.twin.joints import join_ties, nodes_in_use, number_frames
 from softcal.twin.loads import PointForce, Weights, build_loads, surface_forces
-from softcal.twin.robot import Body, Disc, PointLoad, Robot
+from softcal.twin.robot import Body, Cable, Disc, PointLoad, Robot
+from softcal.twin.routing import offset_rate
 
 
 @dataclass(frozen=True)
@@ -120,6 +122,26 @@ def build_twin(robot: Robot) -> Twin:
         ]
         for cable in robot.cables
     }
+
+    def away(cable: Cable) -> list[Weights]:
+        """Of each via point, its derivative by the routing offset: it less what of its part lies on the axis."""
+        if cable.routing_axis is None:
+            return []
+        found: list[Weights] = []
+        points = np.array([p.at for p in cable.via_points])
+        ways = zip(cable.via_points, via[cable.name], *cable.routing_axis.away(points), strict=True)
+        for i, (point, place, way, distance) in enumerate(ways):
+            where = f"{cable.name}, via point {i + 1}"
+            if point.on in meshes:
+                nodes, rates = offset_rate(meshes[point.on], point, way, where=where)
+                first = builder.first[point.on]
+                found.append([(first + int(n), float(r)) for n, r in zip(nodes, rates, strict=True)])
+            else:
+                foot = support(point.at - distance * way, point.on, where)
+                found.append([(p, sign * w / distance) for sign, of in ((1, place), (-1, foot)) for p, w in of])
+        return found
+
+    by_offset = {cable.name: away(cable) for cable in robot.cables}
     markers = {marker.name: support(marker.at, marker.on, marker.name, may_stand_off=True) for marker in robot.markers}
     forces: list[PointForce] = []
     for plate in robot.plates:
@@ -148,7 +170,8 @@ def build_twin(robot: Robot) -> Twin:
     pulled_last = np.array([cable.pulled_end == "last" for cable in robot.cables], dtype=bool)
     loads = build_loads(robot, meshes, builder.first, forces, layout.n_points)
     contacts = build_contacts(robot, layout, meshes, builder.first)
-    system = build_system(layout, tuple(solids), build_cables(layout.X, via, pulled_last), loads, rods, contacts)
+    cables = build_cables(layout.X, via, pulled_last, by_offset)
+    system = build_system(layout, tuple(solids), cables, loads, rods, contacts)
     return Twin(robot, system, builder.first, meshes, frames.of_plate, via, markers, pressure_nodes)
 
 
@@ -189,7 +212,8 @@ def _key(robot: Robot) -> Hashable:
     )
     ties = tuple((t.name, t.body, t.nodes.tobytes(), t.on, t.tolerance) for t in robot.ties)
     cables = tuple(
-        (c.name, tuple((v.on, v.at.tobytes(), v.radius) for v in c.via_points), c.pulled_end) for c in robot.cables
+        (c.name, tuple((v.on, v.at.tobytes(), v.radius) for v in c.via_points), c.pulled_end, _axis_key(c.routing_axis))
+        for c in robot.cables
     )
     loads = tuple(
         (x.name, x.on, x.at.tobytes(), np.asarray(x.direction).tobytes())
@@ -200,6 +224,10 @@ def _key(robot: Robot) -> Hashable:
     markers = tuple((m.name, m.on, m.at.tobytes()) for m in robot.markers)
     skins = None if robot.contact is None else (robot.contact, tuple(_skin_key(plate.disc) for plate in robot.plates))
     return bodies, rods, plates, ties, cables, loads, markers, robot.gravity.tobytes(), skins
+
+
+def _axis_key(axis: RoutingAxis | None) -> Hashable:
+    return None if axis is None else (axis.point.tobytes(), axis.direction.tobytes())
 
 
 def _skin_key(disc: Disc | None) -> Hashable:

@@ -20,7 +20,7 @@ from softcal.twin.crossings import crossed_at
 from softcal.twin.drawn_out import drawn_out, drawn_out_at
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response, Shown, Snapshot
-from softcal.twin.sensors import channel_units, sense, sense_rates
+from softcal.twin.sensors import channel_units, sense, sense_by_parameters, sense_rates
 from softcal.twin.start import UNDER_LOADS, fallen, loaded, slack_line, snapshot
 from softcal.units import format_quantity
 
@@ -85,8 +85,8 @@ def simulate_many(
                 met = f" From sample {i + 1} on {pairs}."
             values.append(_commanded(twin, protocol, i, sense(twin, state)))
             by_command = _by_command(twin, statics, state, controls, by_length, commanded)
-            rates.append(sense_rates(twin, state, np.column_stack([node.by_parameter, by_command])))
-            rates[-1][:, len(names) :] = _commanded_rates(twin, protocol, commanded, rates[-1][:, len(names) :])
+            of_commands = _commanded_rates(twin, protocol, commanded, sense_rates(twin, state, by_command))
+            rates.append(np.hstack([sense_by_parameters(twin, state, node.by_parameter, names), of_commands]))
             if snapshots:
                 shapes.append(snapshot(twin, state, _shown(protocol, i), i + 1, ""))
     except SimulationError as error:

@@ -49,6 +49,7 @@ KINDS: Mapping[str, Quantity] = {
     "mass": QUANTITIES["mass"],
     "friction_coefficient": QUANTITIES["friction coefficient"],
     "force": QUANTITIES["force"],
+    "routing_offset": QUANTITIES["length"],
 }
 
 
@@ -60,6 +61,8 @@ def robot_parameters(robot: Robot) -> dict[str, ParameterInfo]:
         found[f"{part.name}.density"] = part.density
     found.update({f"{plate.name}.mass": plate.mass for plate in robot.plates})
     found.update({f"{cable.name}.friction_coefficient": cable.friction_coefficient for cable in robot.cables})
+    routed = [cable for cable in robot.cables if cable.routing_axis is not None]
+    found.update({f"{cable.name}.routing_offset": cable.routing_offset for cable in routed})
     points = [load for load in robot.loads if isinstance(load, PointLoad)]
     found.update({f"{load.name}.force": float(np.dot(load.force, np.asarray(load.direction))) for load in points})
     infos = {name: ParameterInfo(name, KINDS[name.rsplit(".", 1)[1]], value) for name, value in found.items()}
@@ -69,6 +72,10 @@ def robot_parameters(robot: Robot) -> dict[str, ParameterInfo]:
             for name in (f"{material.name}.{key}" for material in body.materials):
                 quantity = replace(infos[name].quantity, lower=lower, attempt_below=" or ".join(others))
                 infos[name] = replace(infos[name], quantity=quantity)
+    for cable in routed:
+        name = f"{cable.name}.routing_offset"
+        quantity = replace(infos[name].quantity, lower=cable.least_offset, ends="(]")
+        infos[name] = replace(infos[name], quantity=quantity)
     return infos
 
 
@@ -92,7 +99,10 @@ def with_parameters(robot: Robot, values: Mapping[str, float]) -> Robot:
     rods = tuple(_with_material(rod, values, rod.name) for rod in robot.rods)
     plates = tuple(replace(p, mass=values.get(f"{p.name}.mass", p.mass)) for p in robot.plates)
     cables = tuple(
-        replace(c, friction_coefficient=values.get(f"{c.name}.friction_coefficient", c.friction_coefficient))
+        replace(
+            c.offset_by(values.get(f"{c.name}.routing_offset", c.routing_offset)),
+            friction_coefficient=values.get(f"{c.name}.friction_coefficient", c.friction_coefficient),
+        )
         for c in robot.cables
     )
     loads = tuple(_with_force(x, values) if isinstance(x, PointLoad) else x for x in robot.loads)

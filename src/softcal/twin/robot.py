@@ -13,6 +13,7 @@ from softcal.errors import Fault, InputError
 from softcal.geometry.centreline import Centreline
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.section import Section
+from softcal.twin.cables import Cable, ViaPoint
 
 ElementKind = Literal["P1", "P2", "P2P1"]
 Control = Literal["tension", "shortening"]
@@ -249,47 +250,6 @@ class Marker:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "at", frozen_floats(self.at, name=f"{self.name}.at", shape=(3,)))
-
-
-@dataclass(frozen=True)
-class ViaPoint:
-    """A point that a cable runs through; at [m] in the rest frame; on: a body's or plate's name, or "" for space.
-
-    radius [m]: of what holds the cable in a body, such as a knot; its force is spread over a ball of that size. Zero:
-    the force of a point, which sinks in without bound as the mesh gets finer.
-    """
-
-    at: Floats
-    on: str = ""
-    radius: float = 0.0
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "at", frozen_floats(self.at, name="via point", shape=(3,)))
-        if not 0.0 <= self.radius < np.inf:
-            raise InputError(
-                Fault("a via point's radius is out of range", got=f"{self.radius:g} m", allowed="0 or more")
-            )
-
-
-@dataclass(frozen=True)
-class Cable:
-    """A cable through via points, its fixed end first or last; length L = sum |p_{i+1} - p_i|.
-
-    friction_coefficient [-]: Euler-Eytelwein loss at each inner via point; `pulled_end` says at which end the
-    cable's tension is prescribed or measured ("first" or "last" via point).
-    """
-
-    name: str
-    via_points: tuple[ViaPoint, ...]
-    friction_coefficient: float = 0.0
-    pulled_end: Literal["first", "last"] = "last"
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "via_points", tuple(self.via_points))
-        if len(self.via_points) < 2:
-            raise InputError(
-                Fault("a cable needs at least two via points", where=self.name, got=str(len(self.via_points)))
-            )
 
 
 @dataclass(frozen=True)

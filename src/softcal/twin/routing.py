@@ -11,11 +11,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from softcal.checks import Floats
+from softcal.checks import Floats, Ints
+from softcal.errors import Fault, MeshError
 from softcal.geometry.bore import wall_around
 from softcal.geometry.locate import mean_edges, nearest_places, nearest_tets, tets_holding
 from softcal.geometry.mesh import TetMesh
-from softcal.twin.robot import ViaPoint
+from softcal.mechanics.attachment import attach_rate
+from softcal.twin.cables import RoutingAxis, ViaPoint
 
 SPACING = 0.25  # of an edge of the tets around: the distance of the points that stand for a bore
 SKIN = 0.05  # of an edge: a line as near as that to the surface runs on it, and nothing keeps it there
@@ -33,6 +35,42 @@ def bored(via_points: Sequence[ViaPoint], meshes: Mapping[str, TetMesh]) -> tupl
             out += [ViaPoint(at, start.on) for at in _inside(meshes[start.on], start.at, end.at)]
         out.append(end)
     return tuple(out)
+
+
+def offset_rate(mesh: TetMesh, via: ViaPoint, way: Floats, *, where: str = "") -> tuple[Ints, Floats]:
+    """Nodes and rates [1/m] of the weights of a via point in a body that moves along a way (3,).
+
+    Raises
+    ------
+    MeshError
+        Where it is spread over a ball, or lies outside the material (as in a bore) or in a curved element.
+    """
+    if via.radius > 0.0:
+        raise MeshError(
+            Fault(
+                "a via point with a radius cannot be moved by a routing offset",
+                where=where,
+                got=f"radius {1e3 * via.radius:.4g} mm",
+                allowed="via points without a radius",
+            )
+        )
+    return attach_rate(mesh, via.at, way, where=where)
+
+
+def require_movable(via_points: Sequence[ViaPoint], axis: RoutingAxis, meshes: Mapping[str, TetMesh]) -> None:
+    """Refuse a routing offset of via points that it cannot move.
+
+    meshes [m]: by body's name.
+
+    Raises
+    ------
+    InputError
+        For the first of them: on the axis, in a bore, outside its body, or with a radius.
+    """
+    ways, _ = axis.away(np.array([via.at for via in via_points]))
+    for via, way in zip(via_points, ways, strict=True):
+        if via.on in meshes:
+            offset_rate(meshes[via.on], via, way)
 
 
 def _inside(mesh: TetMesh, start: Floats, end: Floats) -> Floats:

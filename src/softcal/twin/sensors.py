@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from softcal.checks import Floats
@@ -58,6 +60,19 @@ def sense_rates(twin: Twin, state: State, dz: Floats) -> Floats:
     for marker in twin.robot.markers:
         rows.append(_point_rates(twin, state, twin.markers[marker.name]) @ dz[: layout.first_tension_unknown])
     return np.concatenate(rows) if rows else np.zeros((0, dz.shape[1]))
+
+
+def sense_by_parameters(twin: Twin, state: State, by_parameter: Floats, names: Sequence[str]) -> Floats:
+    """The channels' derivatives by parameters (n_channels, k), of the unknowns' (n_unknowns, k).
+
+    A routing offset changes a cable's length where the robot is still, too.
+    """
+    rates = sense_rates(twin, state, by_parameter)
+    of_itself = twin.system.shortening_by_offset(state)
+    for i, cable in enumerate(twin.robot.cables):
+        if (name := f"{cable.name}.routing_offset") in names:
+            rates[2 * i, list(names).index(name)] += of_itself[i]
+    return rates
 
 
 def _point_rates(twin: Twin, state: State, weights: Weights) -> Floats:

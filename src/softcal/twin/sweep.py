@@ -17,7 +17,7 @@ from softcal.twin.crossings import crossed_on_path
 from softcal.twin.curve import Curve
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response, Shown, Snapshot
-from softcal.twin.sensors import channel_units, sense, sense_rates
+from softcal.twin.sensors import channel_units, sense, sense_by_parameters, sense_rates
 from softcal.twin.start import UNDER_LOADS, fallen, loaded, slack_line, snapshot
 
 FIRST_STEP = 0.12  # of the driven cable's length
@@ -97,10 +97,10 @@ class Sweep:
         # A neck that folds past half a turn turns on: atan2's jump is none of the curve's.
         turns = [k for k, unit in enumerate(self._units.values()) if unit == "rad"]
         values[:, turns] = np.unwrap(values[:, turns], axis=0)
-        rates = [sense_rates(self.twin, node.state, np.column_stack([node.slope, node.by_parameter])) for node in nodes]
+        slopes = np.array([sense_rates(self.twin, node.state, node.slope[:, None])[:, 0] for node in nodes])
+        by_parameter = np.array([self._by_parameters(node.state, node) for node in nodes])
         c = np.array([node.c for node in nodes])
         is_jump = np.array([node.is_fallen for node in nodes[1:]], dtype=bool)
-        slopes, by_parameter = np.array([r[:, 0] for r in rates]), np.array([r[:, 1:] for r in rates])
         return Curve(c, values, slopes, by_parameter, np.array([self._mixed(node) for node in nodes]), is_jump)
 
     def _mixed(self, node: Node) -> Floats:
@@ -109,8 +109,11 @@ class Sweep:
         if not self.names:
             return rates
         h, *beside = neighbours_along(self.statics, node.state, node.slope)
-        before, after = (sense_rates(self.twin, state, node.by_parameter) for state in beside)
+        before, after = (self._by_parameters(state, node) for state in beside)
         return rates + (after - before) / (2.0 * h)
+
+    def _by_parameters(self, state: State, node: Node) -> Floats:
+        return sense_by_parameters(self.twin, state, node.by_parameter, self.names)
 
     def _refined(self, path: Path) -> tuple[Path, Curve]:
         """The path with nodes added until the curve between them is as exact as asked for."""

@@ -1,0 +1,116 @@
+"""What a cable is: the points that it runs through, and the axis that they can be moved away from together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from softcal.checks import Floats, frozen_floats
+from softcal.errors import Fault, InputError
+
+
+@dataclass(frozen=True)
+class RoutingAxis:
+    """A line through a point [m] along a direction, which is made a unit vector (rest frame)."""
+
+    point: Floats
+    direction: Floats
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "point", frozen_floats(self.point, name="point of a routing axis", shape=(3,)))
+        direction = frozen_floats(self.direction, name="direction of a routing axis", shape=(3,))
+        length = float(np.linalg.norm(direction))
+        if not length > 0.0:
+            raise InputError(Fault("a routing axis has no direction", got="(0, 0, 0)", allowed="a direction"))
+        unit = frozen_floats(direction / length, name="direction of a routing axis")
+        object.__setattr__(self, "direction", unit)
+
+    def away(self, at: Floats) -> tuple[Floats, Floats]:
+        """Unit vectors (n, 3) from the axis to points (n, 3) [m], and their distances (n,) [m] from it.
+
+        Raises
+        ------
+        InputError
+            Where a point lies on the axis.
+        """
+        arms = at - self.point
+        arms = arms - np.outer(arms @ self.direction, self.direction)
+        distances = np.linalg.norm(arms, axis=1)
+        on_axis = np.flatnonzero(distances <= 1e-9 * (1e-3 + np.abs(at).max(initial=0.0)))
+        if len(on_axis):
+            raise InputError(
+                Fault(
+                    "a via point lies on the routing axis, so that no direction leads away from it",
+                    got=f"via point {int(on_axis[0]) + 1}",
+                    allowed="via points beside the axis",
+                    attempt="another axis",
+                )
+            )
+        return arms / distances[:, None], distances
+
+
+@dataclass(frozen=True)
+class ViaPoint:
+    """A point that a cable runs through; at [m] in the rest frame; on: a body's or plate's name, or "" for space.
+
+    radius [m]: of what holds the cable in a body, such as a knot; its force is spread over a ball of that size. Zero:
+    the force of a point, which sinks in without bound as the mesh gets finer.
+    """
+
+    at: Floats
+    on: str = ""
+    radius: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "at", frozen_floats(self.at, name="via point", shape=(3,)))
+        if not 0.0 <= self.radius < np.inf:
+            raise InputError(
+                Fault("a via point's radius is out of range", got=f"{self.radius:g} m", allowed="0 or more")
+            )
+
+
+@dataclass(frozen=True)
+class Cable:
+    """A cable through via points, its fixed end first or last; length L = sum |p_{i+1} - p_i|.
+
+    friction_coefficient [-]: Euler-Eytelwein loss at each inner via point; `pulled_end` says at which end the
+    cable's tension is prescribed or measured ("first" or "last" via point).
+    routing_axis: what the via points move away from with `routing_offset` [m]; they include it already.
+    """
+
+    name: str
+    via_points: tuple[ViaPoint, ...]
+    friction_coefficient: float = 0.0
+    pulled_end: Literal["first", "last"] = "last"
+    routing_axis: RoutingAxis | None = None
+    routing_offset: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "via_points", tuple(self.via_points))
+        if len(self.via_points) < 2:
+            raise InputError(
+                Fault("a cable needs at least two via points", where=self.name, got=str(len(self.via_points)))
+            )
+        if self.routing_axis is not None:
+            self.routing_axis.away(self._points)
+
+    @property
+    def _points(self) -> Floats:
+        return np.array([via.at for via in self.via_points])
+
+    @property
+    def least_offset(self) -> float:
+        """The routing offset [m] at which a via point comes to the routing axis; minus infinity without an axis."""
+        if self.routing_axis is None:
+            return -np.inf
+        return self.routing_offset - float(self.routing_axis.away(self._points)[1].min())
+
+    def offset_by(self, offset: float) -> Cable:
+        """The same cable with another routing offset [m], its via points moved to there."""
+        if self.routing_axis is None or offset == self.routing_offset:
+            return self
+        points = self._points + (offset - self.routing_offset) * self.routing_axis.away(self._points)[0]
+        moved = tuple(replace(via, at=at) for via, at in zip(self.via_points, points, strict=True))
+        return replace(self, via_points=moved, routing_offset=offset)

@@ -159,9 +159,9 @@ def test_the_interval_of_a_ratio_ends_where_fits_with_it_held_are_excluded(proje
     for end in (low, high):
         found = calibrate(at_ratio(problem, end), method="least-squares", starts=1)
         excess = (found.loss - best.loss) / 1.96**2
-        # The quadratic model; the exact profile reaches a fifth further down.
+        # The quadratic model; the exact profile reaches a little further down.
         assert excess < 1.3
-        assert excess > 0.6 or end == 0.4999
+        assert excess > 0.8 or end == 0.4999
 
 
 # --- the record -------------------------------------------------------------------------------------------------

@@ -108,6 +108,9 @@ def test_resampling_by_step_time_and_noisy_tension() -> None:
     there_and_back = dataset(shortening=np.array([0.0, 1.0, 0.0]), tension=np.zeros(3))
     with pytest.raises(DatasetError, match="take_branch"):
         resample(there_and_back, n=5)
+    travel = np.r_[np.linspace(0.0, 1.0, 500), np.linspace(1.0, 0.0, 500)[1:]]
+    with pytest.raises(DatasetError, match="take_branch"):  # however little it falls from sample to sample
+        resample(dataset(shortening=travel, tension=travel), n=5)
     for wrong in ({}, {"n": 1}, {"n": 3, "step": 0.1}, {"step": 5.0}, {"step": -1.0}):
         with pytest.raises(DatasetError):
             resample(ramp(), **wrong)

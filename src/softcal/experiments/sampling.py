@@ -32,15 +32,17 @@ def resample(dataset: Dataset, by: str = "shortening", *, n: int | None = None, 
     unit = dataset.channels[by].unit
     span = float(np.ptp(abscissa))
     n_asked = _n_samples(dataset, by, n, step, span)
-    fall = float(np.max(-np.diff(abscissa), initial=-np.inf))
+    # Strictly rising, each sample is the highest so far; else the deepest fall below the highest counts, however slow.
+    rises = bool(np.all(np.diff(abscissa) > 0.0))
+    fall = float(np.max(np.maximum.accumulate(abscissa) - abscissa))
     ordinates = {key: channel.values for key, channel in dataset.channels.items() if key != by}
     cycle = dataset.cycle
     how = "interpolated"
-    if fall >= 0.0 and (fall <= _NOISY_RISE * span):
+    if not rises and fall <= _NOISY_RISE * span:
         abscissa, ordinates = curve(abscissa, ordinates, n_asked)
         cycle = None
         how = "averaged over bins"
-    elif fall >= 0.0:
+    elif not rises:
         raise DatasetError(
             Fault(
                 f"{by} does not rise all along, so nothing can be resampled by it",

@@ -227,7 +227,7 @@ def test_faults_of_experiments_with_positions_are_told() -> None:
 
 def test_losses_say_which_channels_they_cannot_judge() -> None:
     test = experiment("cable1")
-    with pytest.raises(DatasetError, match=r"papers' loss has no weight for 'm1\.x'"):
+    with pytest.raises(DatasetError, match=r"the loss 'papers' has no weight for 'm1\.x'"):
         make_problem(manipulator(), [test], FREE, PapersLoss())
     with pytest.raises(DatasetError, match=r"all three parts; got m1\.x"):
         make_problem(manipulator(), [replace(test, compared=("m1.x",))], FREE, DistanceLoss(LENGTH))

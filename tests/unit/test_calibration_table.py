@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from report_example import E_NAME, bench_experiment, tpe_result
 
+from softcal.calibration.outcome import bound_note
 from softcal.calibration.result import Estimate
 from softcal.cli.calibration_table import interval_text, print_results
 
@@ -23,9 +24,31 @@ def test_only_shared_parameters_have_a_line_for_their_interval(capsys):
         for name, estimate in result.parameters.items()
         if name == E_NAME or "[" in name
     }
-    print_results({"joint": replace(result, parameters={**result.parameters, **within})})
+    print_results({"joint": replace(result, parameters={**result.parameters, **within})}, samples(experiments))
     lines = capsys.readouterr().out.splitlines()
     told = [line for line in lines if "95 % interval" in line]
     assert len(told) == 1
     assert "1.08 to 1.32 MPa" in told[0]
     assert E_NAME in lines[lines.index(told[0]) - 1]
+
+
+def samples(experiments):
+    return {experiment.name: experiment.prepared for experiment in experiments}
+
+
+def test_what_is_poor_or_decided_by_a_bound_is_a_warning_before_the_status(capsys):
+    experiments = [bench_experiment("20mm", 0.02, 1.2e6), bench_experiment("30mm", 0.03, 1.2e6)]
+    good = tpe_result(experiments, 1.2e6, 0.45, n_trials=20)
+    print_results({"joint": good}, samples(experiments))
+    assert "Warning" not in capsys.readouterr().err
+    fit = good.experiments["30mm"]
+    poor = replace(fit, rmse={**fit.rmse, "pitch": 0.5 * max(fit.measured["pitch"])})
+    note = bound_note(E_NAME, "Pa", 1e5, 4e7, 1e5)
+    bad = replace(good, experiments={**good.experiments, "30mm": poor}, notes=(*good.notes, note))
+    print_results({"joint": bad}, samples(experiments))
+    told = capsys.readouterr()
+    assert "Warning: joint, 30mm: the twin meets" in told.err
+    assert "that is poor (the pitch beyond 10 % of its range)" in told.err
+    assert "20mm" not in told.err
+    assert f"Warning: joint: {note}" in told.err
+    assert note not in told.out

@@ -19,6 +19,7 @@ from softcal.units import format_quantity
 NOT_A_MINIMUM = (
     "No standard errors and no intervals: the search did not converge, and they are those of the loss's minimum."
 )
+BY_THE_BOUNDS = "the bounds of its range, not the data, decide it"
 NO_ERRORS = (
     "A search by trials gives no standard errors: its best trial lies near the loss's minimum, not at it, and how the "
     "loss rises around it was not computed. For intervals: method least-squares."
@@ -144,7 +145,7 @@ def bound_note(label: str, unit: str, lower: float, upper: float, value: float) 
     """That a parameter stands at the nearer of its bounds, in words; all numbers in `unit`, SI."""
     above = abs(value - upper) <= abs(value - lower)
     bound, side = format_quantity(upper if above else lower, unit), "upper" if above else "lower"
-    return f"{label} stands at its {side} bound of {bound}: the bounds of its range, not the data, decide it."
+    return f"{label} stands at its {side} bound of {bound}: {BY_THE_BOUNDS}."
 
 
 def _states(labels: list[str]) -> str:

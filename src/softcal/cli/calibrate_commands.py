@@ -93,7 +93,7 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
                 engine=engine,
                 progress=bars.show,
             )
-        print_results(found.results)
+        print_results(found.results, {name: e.dataset for name, e in loaded.experiments.items()})
         if found.stopped_by is not None:
             raise found.stopped_by
     print_warnings(shape_warnings(loaded, found.results))

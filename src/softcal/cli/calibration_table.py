@@ -13,28 +13,41 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from softcal.calibration.result import CalibrationResult, Estimate, ExperimentFit
+    from softcal.experiments.dataset import Dataset
 
 
-def print_results(results: Mapping[str, CalibrationResult]) -> None:
-    """Print the table of all calibrations, whether the separate ones agree, their status and their notes."""
+def print_results(results: Mapping[str, CalibrationResult], data: Mapping[str, Dataset] | None = None) -> None:
+    """Print the table of all calibrations, what is poor about them, whether the separate ones agree, their status and
+    their notes. data: the samples by experiment, for the noise that they state.
+    """
     if not results:
         return
+    from softcal.calibration.outcome import BY_THE_BOUNDS
     from softcal.report.agreement import agreement_sentences
+    from softcal.report.closeness import closeness_by_experiment, misses_of
 
     for label, result in results.items():
         if result.converged is False:
             typer.echo(f"Warning: {label}: {result.status} No intervals are given.", err=True)
     print_table(_result_table(results))
+    for label, result in results.items():
+        for text, tone in closeness_by_experiment(misses_of(data or {}, result)):
+            if tone == "warning":
+                typer.echo(f"Warning: {label}, {text}", err=True)
     for text, _ in agreement_sentences(results):
         typer.echo(text)
-    for label, result in results.items():
-        typer.echo(f"{label}: {result.status}")
     notes: dict[str, list[str]] = {}
     for label, result in results.items():
         for note in result.notes:
             notes.setdefault(note, []).append(label)
+    at_bounds = {note: labels for note, labels in notes.items() if BY_THE_BOUNDS in note}
+    for note, labels in at_bounds.items():
+        typer.echo(f"Warning: {', '.join(labels)}: {note}", err=True)
+    for label, result in results.items():
+        typer.echo(f"{label}: {result.status}")
     for note, labels in notes.items():
-        typer.echo(f"Note ({', '.join(labels)}): {note}")
+        if note not in at_bounds:
+            typer.echo(f"Note ({', '.join(labels)}): {note}")
 
 
 def _result_table(results: Mapping[str, CalibrationResult]) -> Table:

@@ -6,17 +6,17 @@ largest less the smallest value, so that an offset which all samples share canno
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from softcal.calibration.result import CalibrationResult
+from softcal.experiments.dataset import Dataset
 from softcal.experiments.names import deviation_channel
-from softcal.report.content import ReportContent
 from softcal.report.tables import share_of_range
-from softcal.report.wording import number, scale_of
+from softcal.report.wording import joined, number, scale_of
 
 Tone = Literal["good", "note", "warning"]
 # An RMS error below this share of the measurement's range is called close; above the second one, poor.
@@ -44,23 +44,33 @@ class Miss:
         return f"{number(self.error / scale.factor)} {scale.unit}"
 
 
-def misses_of(content: ReportContent, result: CalibrationResult) -> Iterable[Miss]:
-    """Every channel of every experiment of a result that has an error of its own."""
+def misses_of(data: Mapping[str, Dataset], result: CalibrationResult) -> Iterable[Miss]:
+    """Every channel of every experiment of a result that has an error of its own; data: the samples by experiment."""
     for name, fit in result.experiments.items():
         for channel, word, unit in KINDS:
             error = fit.rmse.get(channel)
             if error is not None:
-                share, sigma = share_of_range(fit, channel), _noise(content, name, channel)
+                share, sigma = share_of_range(fit, channel), _noise(data[name], channel) if name in data else None
                 yield Miss(name, word, error, unit, share, error / sigma if sigma else None)
 
 
-def _noise(content: ReportContent, experiment: str, channel: str) -> float | None:
+def _noise(data: Dataset, channel: str) -> float | None:
     """The stated noise of a channel [SI], the root mean square of that of its samples; None where there is none."""
-    channels = content.experiments[experiment].prepared.channels
+    channels = data.channels
     own = channels.get(deviation_channel(channel))
     if own is not None:
         return float(np.sqrt(np.nanmean(own.values**2)))
     return channels[channel].sigma if channel in channels and channels[channel].sigma > 0 else None
+
+
+def closeness_by_experiment(misses: Iterable[Miss]) -> Iterable[tuple[str, Tone]]:
+    """A sentence on each experiment: by how much its channels are missed, and what that is called."""
+    own: dict[str, list[Miss]] = {}
+    for miss in misses:
+        own.setdefault(miss.experiment, []).append(miss)
+    for name, missed in own.items():
+        word, tone = closeness(missed)
+        yield f"{name}: the twin meets {joined(map(miss_text, missed))}; {word}.", tone
 
 
 def worst_of(misses: Iterable[Miss], word: str) -> str:

@@ -153,6 +153,11 @@ class ReportContent:
             object.__setattr__(self, "headline", "joint" if "joint" in self.results else next(iter(self.results)))
 
     @property
+    def samples(self) -> dict[str, Dataset]:
+        """The samples that were compared, by experiment."""
+        return {name: experiment.prepared for name, experiment in self.experiments.items()}
+
+    @property
     def headline_result(self) -> CalibrationResult:
         """The result shown first."""
         return self.results[self.headline]

@@ -7,9 +7,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from softcal.analysis.agreement import Agreement, agreements
+from softcal.calibration.outcome import BY_THE_BOUNDS
 from softcal.calibration.result import CalibrationResult, Estimate, ExperimentFit
 from softcal.report.agreement import agreement_sentences, chance_text, range_text, size_text
-from softcal.report.closeness import Tone, closeness, miss_text, misses_of, worst_of
+from softcal.report.closeness import Tone, closeness, closeness_by_experiment, misses_of, worst_of
 from softcal.report.comparison import improvements
 from softcal.report.content import ReportContent
 from softcal.report.positions import fit_sentence, fitted_distance, prediction_sentence
@@ -32,7 +33,6 @@ _IDENTIFIED = 0.25
 # From here on the interval is all that was allowed.
 _ALL = 0.999
 _DECADE = 10.0
-_BOUND_NOTE = "the bounds of its range, not the data, decide it"  # told as a warning of its own
 # Without a standard error: below this importance a parameter hardly moves the loss.
 _UNIMPORTANT = 0.10
 _FORCE_AND_TRAVEL = ("tension", "shortening")
@@ -49,7 +49,7 @@ class Sentence:
 def headline_sentence(content: ReportContent) -> Sentence:
     """The whole report in one sentence: the estimates, how close the fits are, and the gravest doubts."""
     results = content.judged
-    misses = [miss for result in results.values() for miss in misses_of(content, result)]
+    misses = [miss for result in results.values() for miss in misses_of(content.samples, result)]
     estimates = _estimates(content)
     fit = joined(filter(None, (worst_of(misses, word) for word in ("force", "pitch"))))
     fit = f"the twin follows {fit}" if fit else ""
@@ -147,12 +147,8 @@ def _agreement_tone(one: Agreement) -> Tone:
 
 
 def _residuals(content: ReportContent, result: CalibrationResult) -> Iterable[Sentence]:
-    misses = list(misses_of(content, result))
-    for name in result.experiments:
-        own = [miss for miss in misses if miss.experiment == name]
-        if own:
-            word, tone = closeness(own)
-            yield Sentence(f"{name}: the twin meets {joined(map(miss_text, own))}; {word}.", tone)
+    for text, tone in closeness_by_experiment(misses_of(content.samples, result)):
+        yield Sentence(text, tone)
 
 
 def _records(content: ReportContent) -> Iterable[Sentence]:
@@ -311,7 +307,7 @@ def _notes(results: Mapping[str, CalibrationResult]) -> Iterable[Sentence]:
     found: dict[str, list[str]] = {}
     for label, result in results.items():
         for note in result.notes:
-            if _BOUND_NOTE not in note:
+            if BY_THE_BOUNDS not in note:  # a warning of its own
                 found.setdefault(note, []).append(result_label(label))
     for note, labels in found.items():
         of = "" if len(labels) == len(results) else f"{joined(labels)}: "

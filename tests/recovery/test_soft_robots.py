@@ -46,38 +46,8 @@ def test_a_tentacle_400_mm_before_a_camera(loss: Loss) -> None:
         found(problem, "tentacle.youngs_modulus", start, TENTACLE_E)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("loss", [LikelihoodLoss(), DistanceLoss(LENGTH)], ids=lambda loss: loss.name)
-@pytest.mark.parametrize("frame_z", [(0.3, 0.5), (-0.5, 0.5), (0.399, 1.4)])
-def test_tentacles_before_cameras_between_other_bounds(loss: Loss, frame_z: tuple[float, float]) -> None:
-    problem = tentacle_problem(loss, frame_z=frame_z)
-    for start in starts(problem.space.size, seed=1, corners=4, randoms=2):
-        found(problem, "tentacle.youngs_modulus", start, TENTACLE_E)
-
-
 @pytest.mark.parametrize("loss", [LikelihoodLoss(), PapersLoss()], ids=lambda loss: loss.name)
 def test_a_finger_on_instruments_whose_offsets_have_one_sign(loss: Loss) -> None:
     problem = finger_problem(loss)
     for start in starts(problem.space.size, seed=2, corners=2, randoms=1):
-        found(problem, "finger.youngs_modulus", start, FINGER_E)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("noise", [0.0, 5e-4, 2e-3])
-@pytest.mark.parametrize("scale", ["log", "linear"])
-@pytest.mark.parametrize("element", ["P1", "P2P1"])
-def test_tentacles_of_all_kinds(noise: float, scale: str, element: str) -> None:
-    loss = LikelihoodLoss()
-    problem = tentacle_problem(loss, element=element, noise=noise, scale=scale, seed=3)  # type: ignore[arg-type]
-    for start in starts(problem.space.size, seed=4, corners=6, randoms=4):
-        found(problem, "tentacle.youngs_modulus", start, TENTACLE_E)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("loss", [LikelihoodLoss(), PapersLoss()], ids=lambda loss: loss.name)
-@pytest.mark.parametrize("nu", [None, (0.4, 0.4999), (0.3, 0.49)])
-@pytest.mark.parametrize("slack", [None, (1e-5, 1e-3)])
-def test_fingers_of_all_kinds(loss: Loss, nu: tuple[float, float] | None, slack: tuple[float, float] | None) -> None:
-    problem = finger_problem(loss, nu=nu, slack=slack, seed=5)
-    for start in starts(problem.space.size, seed=6, corners=4, randoms=4):
         found(problem, "finger.youngs_modulus", start, FINGER_E)

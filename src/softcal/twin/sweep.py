@@ -24,10 +24,9 @@ FIRST_STEP = 0.12  # of the driven cable's length
 WOUND_UP = 1e-3  # of its length: a cable shorter than this is wound up
 SAME = 1e-9  # of its length: two nodes closer than this are one
 DERIVATIVES = 10.0  # times the curve's tolerance: that of the channels' derivatives by parameters
+FEW_NODES, NODES_FOR_DERIVATIVES = 16, 4  # that derivatives may ask for, and for each of the values': kinks never end
 LEAST_MOTION = 1e-4  # [rad], or of the robot's extent: channels are resolved no finer than if they moved by this
-LEAST_SENSITIVITY = (
-    1e-3  # of the most sensitive channel's: derivatives are resolved no finer than if they were so large
-)
+LEAST_SENSITIVITY = 1e-3  # of the most sensitive channel's: the same for derivatives
 MAX_REFINEMENTS = 24  # a knee may be some thousand times as narrow as the curve is long
 
 
@@ -118,12 +117,15 @@ class Sweep:
     def _refined(self, path: Path) -> tuple[Path, Curve]:
         """The path with nodes added until the curve between them is as exact as asked for."""
         curve = self._curve(path.nodes)
+        most = np.inf  # nodes; known once the values are exact enough
         for _ in range(MAX_REFINEMENTS):
             if len(path.nodes) < 2 or self.tolerance <= 0.0:
                 break
             scale = self._scale(np.abs(curve.values).max(axis=0)[:, None], self._least)
             is_coarse = (curve.error() > self.tolerance * scale[:, 0]).any(axis=1)
-            if self.names:
+            if not is_coarse.any():
+                most = min(most, FEW_NODES + NODES_FOR_DERIVATIVES * len(path.nodes))
+            if self.names and not is_coarse.any() and len(path.nodes) < most:
                 by_parameter = np.abs(curve.by_parameter).max(axis=0)
                 least = LEAST_SENSITIVITY * scale * (by_parameter / scale).max(axis=0)
                 of_derivatives = self._scale(by_parameter, least)

@@ -113,7 +113,7 @@ def test_a_slack_that_is_free_begins_at_its_start(tmp_path: Path) -> None:
 
 
 def test_where_it_fails_is_told_with_the_reason(tmp_path: Path) -> None:
-    soft = ("youngs_modulus: 60 kPa", "youngs_modulus: 0.3 kPa")
+    soft = ("youngs_modulus: 60 kPa", "youngs_modulus: 0.02 kPa")
     report = check(load(finger(tmp_path, soft)))
     told = [sentence for sentence in report.warnings if "no equilibrium under its loads" in sentence]
     assert len(told) == 1

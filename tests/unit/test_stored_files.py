@@ -179,6 +179,8 @@ def test_a_value_of_another_type_anywhere_in_a_record_is_refused(name: str, fini
         if path[0] in FREE:
             continue
         for other in of_another_type(value):
+            if path == ("converged",) and other is None:  # of a search that looks for no minimum
+                continue
             n += 1
             target.write_text(json.dumps(with_value(document, path, other)))
             with contextlib.suppress(StorageError):

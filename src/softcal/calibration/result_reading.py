@@ -67,7 +67,7 @@ class _Result(Record):
     n_failed_trials: Count
     wall_s: Amount
     status: str
-    converged: bool | None = None
+    converged: bool | None
     experiments: dict[str, _Fit]
     held_out: dict[str, _HeldOut] = Field(default_factory=dict[str, _HeldOut])
     importance: dict[str, float]

@@ -56,7 +56,7 @@ def test_the_count_is_what_an_evaluation_asks_for(tmp_path: Path) -> None:
     (problem,) = problems.values()
     for jacobian in (False, True):
         engine.n = 0
-        problem.evaluate(problem.start, jacobian=jacobian)
+        problem.evaluate(problem.space.start, jacobian=jacobian)
         assert problem.n_simulations(jacobian=jacobian) == engine.n == (4 if jacobian else 2)
 
 

@@ -27,7 +27,6 @@ from softcal.export.crosscheck import (
     Outcome,
     _fitted_pose,
     crosscheck,
-    furthest_state,
 )
 from softcal.export.sofa_engine import SofaSettings
 from softcal.export.way import Way, way_to
@@ -35,7 +34,7 @@ from softcal.geometry.centreline import straight
 from softcal.geometry.section import circular
 from softcal.project import cases
 from softcal.twin.parameters import with_parameters
-from softcal.twin.protocol import Command, Protocol
+from softcal.twin.protocol import Command, Protocol, furthest_state
 from softcal.twin.robot import Cable, Plate, PointLoad, Robot, Rod, ViaPoint
 from softcal.twin.simulate import simulate
 

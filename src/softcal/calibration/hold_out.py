@@ -100,9 +100,7 @@ def _predict(
 def _nuisances(problem: Problem) -> tuple[Evaluation | None, str]:
     """The best evaluation over the nuisances of one experiment, and how the fit ended where it did not converge."""
     space = problem.space
-    middle = space.to_model(np.full(space.size, 0.5))
-    start = {p.label: middle[p.label] if p.start is None else p.start for p in space.parameters}
-    descent = Descent(space, problem.loss, np.clip(space.to_search(start), 0.0, 1.0), _BUDGET)
+    descent = Descent(space, problem.loss, np.clip(space.to_search(space.start), 0.0, 1.0), _BUDGET)
     last: Evaluation | None = None
     while descent.next is not None:
         last = problem.evaluate(space.to_model(descent.next), jacobian=True)

@@ -121,7 +121,5 @@ def _value(descent: Descent) -> float:
 def _starts(space: SearchSpace, count: int, seed: int) -> list[Floats]:
     from scipy.stats import qmc
 
-    middle = space.to_model(np.full(space.size, 0.5))
-    first = {p.label: middle[p.label] if p.start is None else p.start for p in space.parameters}
     others = qmc.LatinHypercube(space.size, rng=np.random.default_rng(seed)).random(max(count - 1, 0))
-    return [np.clip(space.to_search(first), 0.0, 1.0), *others]
+    return [np.clip(space.to_search(space.start), 0.0, 1.0), *others]

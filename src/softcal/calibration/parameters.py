@@ -93,6 +93,12 @@ class SearchSpace:
         """theta [SI] by label at a point of the unit box."""
         return {p.label: _to_model(p, float(value)) for p, value in zip(self.parameters, z, strict=True)}
 
+    @property
+    def start(self) -> dict[str, float]:
+        """Where a search begins [SI], by label: a parameter's start, or the middle of its range."""
+        middle = self.to_model(np.full(self.size, 0.5))
+        return {p.label: middle[p.label] if p.start is None else p.start for p in self.parameters}
+
     def to_search(self, theta: Mapping[str, float]) -> Floats:
         """The point of the unit box for theta [SI]."""
         return np.array([_to_search(p, theta[p.label]) for p in self.parameters])

@@ -248,19 +248,13 @@ class Problem:
         """How many simulations an evaluation asks of an engine without derivatives of its own: one for each trajectory,
         and with the jacobian one more for each parameter or command that it is derived by.
         """
-        groups = self._trajectories(self.start)
+        groups = self._trajectories(self.space.start)
         return sum(1 + len(self._derived_by(group) if jacobian else ()) for group in groups)
 
     def first_trajectory(self) -> tuple[Robot, Protocol]:
         """The first simulation of an evaluation at the start values."""
-        group = self._trajectories(self.start)[0]
+        group = self._trajectories(self.space.start)[0]
         return group.robot, group.protocol()
-
-    @property
-    def start(self) -> dict[str, float]:
-        """Where a search begins [SI], by label: a parameter's start, or the middle of its range."""
-        middle = self.space.to_model(np.full(self.space.size, 0.5))
-        return {p.label: middle[p.label] if p.start is None else p.start for p in self.space.parameters}
 
     def _derived_by(self, group: Trajectory) -> list[str]:
         known = robot_parameters(self.robot)

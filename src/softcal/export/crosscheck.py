@@ -24,7 +24,7 @@ from softcal.export.sofa_install import find_sofa
 from softcal.export.sofa_robot import linear_robot, scene_faults
 from softcal.export.way import Way, positions, shortenings, way_to
 from softcal.twin.build import cached_twin
-from softcal.twin.protocol import Command, Protocol
+from softcal.twin.protocol import Protocol, furthest_state
 from softcal.twin.response import Response, Snapshot
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
@@ -195,15 +195,6 @@ def crosscheck(
         left_out = engine.leaves_out(response.snapshots[-1])
         comparisons.append(Comparison(name, differences, tuple(_changes(robot, own)), response.falls, left_out))
     return Crosscheck(tuple(comparisons), absent, refused, failed, tuple(still))
-
-
-def furthest_state(protocol: Protocol) -> Protocol:
-    """The one sample of a protocol where its cables are pulled most, each measured by its own largest pull."""
-    pulls = np.zeros(protocol.n_samples)
-    for command in protocol.commands.values():
-        pulls += command.values / max(float(np.abs(command.values).max()), 1e-300)
-    at = int(np.argmax(pulls))
-    return Protocol({n: Command(c.control, c.values[at : at + 1]) for n, c in protocol.commands.items()})
 
 
 def _of_response(response: Response) -> Outcome:

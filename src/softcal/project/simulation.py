@@ -188,7 +188,7 @@ def twin_view(robot: Robot, response: Response) -> TwinView | None:
 
     def bending(index: int) -> float:
         now = shapes[index]
-        turns = [_turned(rotation) for _, rotation in now.plates.values()]
+        turns = [turning_angle(rotation) for _, rotation in now.plates.values()]
         moved = [np.linalg.norm(x - rest.points[body], axis=1).max() for body, x in now.points.items()]
         moved += [np.linalg.norm(x - rest.rods[rod], axis=1).max() for rod, x in now.rods.items()]
         return float(max(turns or moved))
@@ -211,7 +211,8 @@ def _title(shape: Snapshot) -> str:
     return ", ".join(f"{name}: {format_quantity(shape.tensions[name], 'N')}" for name in pulled)
 
 
-def _turned(rotation: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> float:
+def turning_angle(rotation: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> float:
+    """The angle [rad] of a rotation matrix (3, 3)."""
     return float(np.arccos(np.clip((np.trace(rotation) - 1) / 2, -1.0, 1.0)))
 
 

@@ -12,10 +12,10 @@ from softcal.checks import Ints
 from softcal.mechanics.state import rest_state
 from softcal.mechanics.statics import SLACK_TENSION
 from softcal.project.project import Project
-from softcal.project.simulation import protocol_of, response_to, robot_in
+from softcal.project.simulation import protocol_of, response_to, robot_in, turning_angle
 from softcal.twin.build import cached_twin
 from softcal.twin.parameters import robot_parameters, with_parameters
-from softcal.twin.protocol import Command, Protocol
+from softcal.twin.protocol import Protocol, furthest_state
 from softcal.twin.response import Response, Snapshot
 from softcal.twin.start import snapshot
 from softcal.units import format_quantity
@@ -98,10 +98,7 @@ def _end_of(project: Project, name: str) -> Response:
     """One driven cable is followed to its end; of states by themselves, the one that pulls most is solved."""
     protocol = protocol_of(project, name)
     if len(protocol.commands) > 1:
-        shares = [c.values / max(float(np.abs(c.values).max()), 1e-300) for c in protocol.commands.values()]
-        most = int(np.argmax(np.sum(shares, axis=0)))
-        told = {n: Command(c.control, c.values[most : most + 1]) for n, c in protocol.commands.items()}
-        protocol = Protocol(told)
+        protocol = furthest_state(protocol)
     return response_to(robot_in(project, name), protocol, snapshots=True)
 
 
@@ -137,7 +134,7 @@ def _moved(before: Snapshot, after: Snapshot) -> tuple[str, bool]:
     """How far what moves most does, in words; and whether that is far."""
     size = float(np.ptp(np.concatenate([*before.points.values(), *before.rods.values()]), axis=0).max())
     plates = {
-        name: (float(np.linalg.norm(at - before.plates[name][0])), _angle(turn))
+        name: (float(np.linalg.norm(at - before.plates[name][0])), turning_angle(turn))
         for name, (at, turn) in after.plates.items()
     }
     if plates:
@@ -150,10 +147,6 @@ def _moved(before: Snapshot, after: Snapshot) -> tuple[str, bool]:
     moved = {name: float(np.linalg.norm(now - then, axis=1).max()) for name, (now, then) in parts.items()}
     name = max(moved, key=lambda part: moved[part])
     return f"{name} is moved by up to {format_quantity(moved[name], 'm', digits=3)}", moved[name] > MOVED * size
-
-
-def _angle(rotation: np.ndarray) -> float:
-    return float(np.arccos(np.clip((np.trace(rotation) - 1.0) / 2.0, -1.0, 1.0)))
 
 
 def _pulls(shape: Snapshot) -> str:

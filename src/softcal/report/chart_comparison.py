@@ -18,6 +18,7 @@ from softcal.report.style import (
     MUTED,
     house_style,
     keep_tick_labels_apart,
+    lay_out,
     new_figure,
     overlapping,
 )
@@ -88,7 +89,7 @@ def _keep_numbers_apart(stack: Sequence[Axes]) -> None:
     for size in (7.0, 6.0, 5.0):
         for text in (text for row in rows for text in row):
             text.set_fontsize(size)
-        stack[0].figure.draw_without_rendering()  # type: ignore[union-attr]
+        lay_out(stack[0])
         if not any(map(overlapping, rows)):
             return
     for text in (text for row in rows for text in row):
@@ -137,11 +138,11 @@ def _name_states(axes: Axes, found: Comparison) -> None:
         for name, held in groups
         if len(held) > 1 or name not in found.states[held[0]]
     ]
-    axes.figure.draw_without_rendering()  # type: ignore[union-attr]
+    lay_out(axes)
     if overlapping(texts):
         for text in texts:
             text.set_text(text.get_text().replace(" (", "\n(").replace("_", "_\n"))
-        axes.figure.draw_without_rendering()  # type: ignore[union-attr]
+        lay_out(axes)
     if overlapping(texts):
         for text in texts:
             text.set_text(text.get_text().replace("\n", ""))

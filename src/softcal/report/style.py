@@ -85,6 +85,11 @@ def encode(figure: Figure) -> tuple[bytes, bytes]:
     return found[0], found[1]
 
 
+def lay_out(axes: Axes) -> None:
+    """Place everything in the figure of some axes, so that the extents of its texts are known."""
+    axes.figure.draw_without_rendering()  # type: ignore[union-attr]
+
+
 def overlapping(texts: Sequence[Text]) -> bool:
     """Whether any two of some texts of a figure, as they are drawn, cover each other."""
     boxes = [text.get_window_extent() for text in texts if text.get_text() and text.get_visible()]
@@ -98,7 +103,7 @@ def keep_tick_labels_apart(axes: Axes) -> None:
         for label in axes.get_xticklabels():
             label.set_horizontalalignment("right" if angle == 35 else "center")
             label.set_rotation_mode("anchor" if angle == 35 else "default")
-        axes.figure.draw_without_rendering()  # type: ignore[union-attr]
+        lay_out(axes)
         if not overlapping(axes.get_xticklabels()):
             return
 

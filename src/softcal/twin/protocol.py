@@ -47,6 +47,15 @@ class Protocol:
         return max((len(command.values) for command in self.commands.values()), default=1)
 
 
+def furthest_state(protocol: Protocol) -> Protocol:
+    """The one sample of a protocol where its cables are pulled most, each measured by its own largest pull."""
+    pulls = np.zeros(protocol.n_samples)
+    for command in protocol.commands.values():
+        pulls += command.values / max(float(np.abs(command.values).max()), 1e-300)
+    at = int(np.argmax(pulls))
+    return Protocol({n: Command(c.control, c.values[at : at + 1]) for n, c in protocol.commands.items()})
+
+
 LET_GO = 0.02  # of the range: what goes back by less is the noise of a machine that pulls
 
 

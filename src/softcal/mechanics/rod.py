@@ -182,8 +182,6 @@ class RodTerm:
 
     def _coordinates(self, position: Floats, rotation: Floats) -> tuple[Floats, Floats]:
         xi, turn = np.empty((len(self.frames), 6)), np.empty(len(self.frames))
-        # One layout, so that the kernel is compiled once.
-        position, rotation = np.ascontiguousarray(position), np.ascontiguousarray(rotation)
         rod_kernels.coordinates(position, rotation, self.frames, self.arm, self.triad, xi, turn)
         return xi, turn
 

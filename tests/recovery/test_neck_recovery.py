@@ -114,10 +114,19 @@ def test_with_noise_the_default_starts_end_alike_from_every_corner(start: tuple[
 
 
 @pytest.mark.slow
-def test_a_thousand_trials_of_tpe_find_the_modulus_of_the_neck() -> None:
-    """Paper A's pipeline on a mesh like its own; on coarser linear tets E and nu trade off further."""
+def test_a_thousand_trials_of_tpe_find_the_valley_of_the_neck() -> None:
+    """Paper A's pipeline on a mesh like its own. Along the valley E makes up for what nu does, and TPE ends anywhere in
+    it: seeds 1 to 6 end at losses from 0.0008 to 0.0024, where E is from 14 % low to 4 % high. What is held to account
+    is the loss, and that E is the best one for its nu.
+    """
     pytest.importorskip("gmsh")
     robot = neck("P1", neck_mesh(count=3700))
-    result = calibrate(problem_of(robot, np.linspace(0.0, 0.04, 41)), method="tpe", trials=1000, seed=1, workers=2)
-    assert result.parameters[E].value == pytest.approx(TRUE[E], rel=0.02)
+    problem = problem_of(robot, np.linspace(0.0, 0.04, 41))
+    result = calibrate(problem, method="tpe", trials=1000, seed=1, workers=2)
     assert len(result.trials) == 1000
+    by_chance = np.median([trial.loss for trial in result.trials[:10] if trial.loss is not None])
+    assert result.loss < 0.003 < 0.01 * by_chance
+    found = {name: estimate.value for name, estimate in result.parameters.items()}
+    moduli = found[E] * np.linspace(0.98, 1.02, 41)
+    losses = [problem.evaluate({**found, E: float(modulus)}).loss or np.inf for modulus in moduli]
+    assert moduli[np.argmin(losses)] == pytest.approx(found[E], rel=0.005)

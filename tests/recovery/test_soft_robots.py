@@ -48,3 +48,19 @@ def test_a_finger_on_instruments_whose_offsets_have_one_sign(loss: Loss) -> None
     problem = finger_problem(loss)
     for start in starts(problem.space.size, seed=2, randoms=1):
         found(problem, "finger.youngs_modulus", start, FINGER_E)
+
+
+@pytest.mark.slow
+def test_a_tentacle_from_any_start() -> None:
+    """Six random starts in the bounds, under each loss, each with noise of its own."""
+    for k, start in enumerate(starts(7, seed=3, randoms=6)[2:]):
+        for loss in (LikelihoodLoss(), DistanceLoss(LENGTH)):
+            found(tentacle_problem(loss, seed=k), "tentacle.youngs_modulus", start, TENTACLE_E)
+
+
+@pytest.mark.slow
+def test_a_finger_from_any_start() -> None:
+    """Six random starts in the bounds, under each loss, each with noise of its own."""
+    for k, start in enumerate(starts(3, seed=4, randoms=6)[2:]):
+        for loss in (LikelihoodLoss(), PapersLoss()):
+            found(finger_problem(loss, seed=k), "finger.youngs_modulus", start, FINGER_E)

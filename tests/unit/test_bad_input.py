@@ -206,11 +206,16 @@ def test_a_data_file_with_a_fault(capsys: pytest.CaptureFixture[str], tmp_path: 
     refused(capsys, write_project(tmp_path, data=data()), "project.yaml:26: experiments.pull.files[0]", *pieces)
 
 
-def test_all_faults_of_a_data_file_and_of_the_project_at_once(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+def test_all_faults_of_the_sections_at_once_and_then_all_of_what_they_name(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+):
     data = put(4, 2, "overload").replace("Pitch", "Tilt")
     path = write_project(tmp_path, ("element: P1", "element: Q1"), ("[0 mm, 5 mm]", "[5 mm, 0 mm]"), data=data)
-    err = refused(capsys, path, "4 faults", "'overload'", "no column 'Pitch'", "'Q1'", "reversed")
-    assert len(err.strip().splitlines()) == 5
+    err = refused(capsys, path, "2 faults", "'Q1'", "reversed")
+    assert len(err.strip().splitlines()) == 3
+    path = write_project(tmp_path, ("fixed: foot", "fixed: fot"), data=data)
+    err = refused(capsys, path, "3 faults", "'overload'", "no column 'Pitch'", "'fot'")
+    assert len(err.strip().splitlines()) == 4
 
 
 @pytest.mark.parametrize(

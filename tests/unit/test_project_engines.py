@@ -14,8 +14,7 @@ from typer.testing import CliRunner
 from softcal.cli import app
 from softcal.errors import ProjectFileError, StorageError
 from softcal.export import sofa_engine as sofa_engine_module
-from softcal.export.sofa_engine import SofaSettings
-from softcal.export.sofa_scene import Resting
+from softcal.export.sofa_settings import Resting, SofaSettings
 from softcal.project.calibration import calibrate
 from softcal.project.cases import Case
 from softcal.project.exporting import export_sofa

@@ -161,8 +161,8 @@ def test_faults_of_all_sections_come_at_once_in_the_order_of_the_lines(tmp_path:
         tmp_path,
         ("youngs_modulus: 2 MPa", "youngs_modulus: 2"),
         ("poissons_ratio: 0.42", "poisson_ratio: 0.42\n      poissons_ratio: 0.5"),
-        ("region: head", "region: haed"),
-        ("name: Displacement", "name: Displacment"),
+        ("    cable: front", "    cable: frnt"),
+        ("path: data/pull.csv", "path: data/pul.csv"),
         ("bounds: [0.1 MPa, 40 MPa]", "bounds: [40 MPa, 0.1 MPa]"),
         ("infill: 0.3", "infill: 1.3"),
         ("calibration: {method", "calibrate: {}\ncalibration: {methd"),
@@ -173,7 +173,7 @@ def test_faults_of_all_sections_come_at_once_in_the_order_of_the_lines(tmp_path:
         "project.yaml:9: robot.bodies.bar.poisson_ratio: unknown key",
         "Try: 'poissons_ratio'",
         "project.yaml:10: robot.bodies.bar.poissons_ratio: Poisson's ratio is out of range",
-        "no column 'Displacment'",
+        "there is no such data file",
         "bar.youngs_modulus: the bounds are reversed or equal",
         "calibrate: unknown key",
         "calibration.methd: unknown key",
@@ -189,11 +189,10 @@ def test_names_are_resolved_with_the_nearest_known(tmp_path: Path):
         tmp_path,
         ("region: head", "region: haed"),
         ("fixed: foot", "fixed: fot"),
-        ("    cable: front", "    cable: frnt"),
         ("on: plate", "on: plat"),
     )
     told = "\n".join(faults_of(path))
-    for name in ("'head'", "'foot'", "'front'", "'plate'"):
+    for name in ("'head'", "'foot'", "'plate'"):
         assert f"Try: {name}" in told
 
 

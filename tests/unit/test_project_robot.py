@@ -322,7 +322,7 @@ def test_the_template_checks_and_pulls(tmp_path: Path):
 
 def test_a_generated_mesh_is_put_in_place_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """A run keeps the mesh as it was made: read back, it is placed again, and only once."""
-    from softcal.project import project as module
+    from softcal.project import building as module
     from softcal.project.run_folder import _copy_inputs  # pyright: ignore[reportPrivateUsage]
 
     monkeypatch.setattr(module, "is_generated", lambda body: body.placement is not None)

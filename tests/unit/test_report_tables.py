@@ -17,8 +17,9 @@ from softcal.calibration.result import CalibrationResult, Estimate, ExperimentFi
 from softcal.errors import InputError
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.report.all_tables import all_tables
-from softcal.report.content import ExperimentContent, Landscape, PrintInfill, ReportContent
+from softcal.report.content import ExperimentContent, Landscape, ReportContent
 from softcal.report.html import render_page
+from softcal.report.infill import PrintInfill
 from softcal.report.tables import (
     errors_table,
     grouped_failures,

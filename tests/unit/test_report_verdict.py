@@ -12,7 +12,8 @@ from softcal.analysis.agreement import agreements
 from softcal.calibration.result import CalibrationResult, Distance, Estimate, ExperimentFit
 from softcal.cli.calibration_table import print_results
 from softcal.experiments.dataset import Channel, Dataset
-from softcal.report.content import ExperimentContent, PrintInfill, ReportContent
+from softcal.report.content import ExperimentContent, ReportContent
+from softcal.report.infill import PrintInfill
 from softcal.report.tables import all_parameters_table, parameters_table
 from softcal.report.verdict import headline_sentence, verdicts
 

@@ -21,7 +21,8 @@ from softcal.export.sofa_engine import SofaEngine, sofa_engine
 from softcal.export.sofa_install import find_sofa
 from softcal.export.sofa_process import _last_error, run_states
 from softcal.export.sofa_robot import linear_robot
-from softcal.export.sofa_scene import Resting, scene_parameters, write_scene
+from softcal.export.sofa_scene import scene_parameters, write_scene
+from softcal.export.sofa_settings import Resting
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Command, Protocol
 

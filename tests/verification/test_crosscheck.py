@@ -28,7 +28,7 @@ from softcal.export.crosscheck import (
     _fitted_pose,
     crosscheck,
 )
-from softcal.export.sofa_engine import SofaSettings
+from softcal.export.sofa_settings import SofaSettings
 from softcal.export.way import Way, way_to
 from softcal.geometry.centreline import straight
 from softcal.geometry.section import circular

@@ -17,7 +17,7 @@ from softcal.export.calculix_run import run_calculix
 from softcal.export.way import way_to
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
-from softcal.project.exporting import load_calibrated
+from softcal.project.source import load_calibrated
 from softcal.twin.build import build_twin
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Body, Cable, Plate, Robot, Tie, ViaPoint

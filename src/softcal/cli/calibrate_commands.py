@@ -55,11 +55,12 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
     report: WithReport = True,
 ) -> None:
     """Find the free parameters; keeps every trial, and writes tables, figures and a report into a run folder."""
-    from softcal.project.calibration import calibrate as calibrate_project
-    from softcal.project.furthest import shape_warnings
     from softcal.project.project import load
 
     loaded = load(project, values=parsed_values(values))
+    from softcal.project.calibration import calibrate as calibrate_project
+    from softcal.project.furthest import shape_warnings
+
     print_warnings(loaded.warnings)
     folder = out if out is not None else project.parent / "run"
     options: dict[str, str | int | list[str] | None] = {

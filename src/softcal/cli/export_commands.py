@@ -54,10 +54,12 @@ def vtk(
     values: Values = None,
 ) -> None:
     """For ParaView: shapes over a pull as .vtu files, with displacement, stress, strain and the parameters."""
-    from softcal.project.cases import cases
-    from softcal.project.exporting import export_vtk, load_calibrated
+    from softcal.project.source import load_calibrated
 
     project = load_calibrated(source, parsed_values(values))
+    from softcal.project.cases import cases
+    from softcal.project.exporting import export_vtk
+
     chosen = cases(project, pull or ())
     crossings: list[str] = []  # told when what is drawn while it runs is gone
     if in_time:
@@ -74,10 +76,12 @@ def vtk(
 @told
 def calculix(source: Source, out: Out, pull: Pull = None, values: Values = None) -> None:
     """For CalculiX: a deck of the robot at the end of each experiment or pull, with the cables as springs."""
-    from softcal.project.cases import cases
-    from softcal.project.exporting import export_calculix, load_calibrated
+    from softcal.project.source import load_calibrated
 
     project = load_calibrated(source, parsed_values(values))
+    from softcal.project.cases import cases
+    from softcal.project.exporting import export_calculix
+
     crossings: list[str] = []
     with clock() as show:
         export_calculix(cases(project, pull or ()), out, tell=crossings.append, stage=show)
@@ -89,11 +93,13 @@ def calculix(source: Source, out: Out, pull: Pull = None, values: Values = None)
 @told
 def sofa(source: Source, out: Out, pull: Pull = None, values: Values = None) -> None:
     """For SOFA: a scene for SofaPython3 and SoftRobots, with its meshes, every number as JSON, keys and a schedule."""
-    from softcal.project.cases import Case, cases
-    from softcal.project.exporting import export_sofa, load_calibrated
-    from softcal.twin.protocol import Protocol
+    from softcal.project.source import load_calibrated
 
     project = load_calibrated(source, parsed_values(values))
+    from softcal.project.cases import Case, cases
+    from softcal.project.exporting import export_sofa
+    from softcal.twin.protocol import Protocol
+
     has_pull = bool(pull) or bool(project.experiments)
     export_sofa(project, cases(project, pull or ()) if has_pull else {"": Case(project.robot, Protocol({}))}, out)
     typer.echo(f"Wrote {out}; run it with: runSofa -l SofaPython3 {out / 'scene.py'}")
@@ -121,9 +127,11 @@ def reduced(
     values: Values = None,
 ) -> None:
     """For a controller: tensions to poses, shortenings and compliance, as JSON with an evaluator without needs."""
-    from softcal.project.exporting import export_reduced, load_calibrated
+    from softcal.project.source import load_calibrated
 
     project = load_calibrated(source, parsed_values(values))
+    from softcal.project.exporting import export_reduced
+
     crossings: list[str] = []
     with clock() as show:
         show("Simulating the nodes of the model, and points between them")

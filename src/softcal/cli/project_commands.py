@@ -39,7 +39,6 @@ def check(
     ] = True,
 ) -> None:
     """Validate a project with its meshes and data, try its states, and draw all that to look at."""
-    from softcal.project.checking import check as check_project
     from softcal.project.project import load
 
     if out is not None and not pictures:
@@ -47,6 +46,8 @@ def check(
     with clock() as show:
         show("Reading the project")
         loaded = load(project)
+        from softcal.project.checking import check as check_project
+
         folder = (out if out is not None else project.parent / "check") if pictures else None
         report = check_project(loaded, folder, solve=solve, progress=show)
     _print_pairs(report.rows)

@@ -42,11 +42,12 @@ def simulate(
     engine: Engine = "softcal",
 ) -> None:
     """Simulate the twin: its response as CSV with units, and a picture at rest and at the largest pitch."""
-    from softcal.project.cases import cases
     from softcal.project.project import load
-    from softcal.project.simulation_folder import simulate_to_folder
 
     loaded = load(project, values=parsed_values(values))
+    from softcal.project.cases import cases
+    from softcal.project.simulation_folder import simulate_to_folder
+
     if pull and experiment:
         raise InputError(Fault("--pull and --experiment exclude each other"))
     if in_time and engine != "softcal":

@@ -49,10 +49,11 @@ def sweep(
 ) -> None:
     """Simulate every cell of a grid of parameters; write each one's errors, the best cells, and a report."""
     from softcal.project.project import load
-    from softcal.project.sweep import sweep as sweep_project
 
     axes = parsed_pairs(over, "--over", "this is no axis", OVER)
     loaded = load(project, values=parsed_values(values))
+    from softcal.project.sweep import sweep as sweep_project
+
     print_warnings(loaded.warnings)
     folder = out if out is not None else project.parent / "sweep"
     with resumable(folder, "Every cell", "the same command and --resume"):

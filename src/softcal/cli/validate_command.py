@@ -49,12 +49,13 @@ def validate(
     from softcal.cli.calibration_bars import calibration_progress
     from softcal.project.output import require_free_file
     from softcal.project.project import load
-    from softcal.project.validation import validate as validate_projects
-    from softcal.project.validation import write_validation
 
     if out is not None:
         require_free_file(out)
     loaded = {str(path): load(path, values=parsed_values(values)) for path in projects}
+    from softcal.project.validation import validate as validate_projects
+    from softcal.project.validation import write_validation
+
     for project in loaded.values():
         print_warnings(project.warnings)
     labels = {path: Path(path).stem for path in loaded}

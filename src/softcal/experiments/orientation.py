@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
@@ -36,6 +35,8 @@ def plate_angles(
     DatasetError
         Where the axes are not a right-handed triad or a quaternion is far from unit length.
     """
+    from scipy.spatial.transform import Rotation
+
     lengths = np.linalg.norm(quaternions, axis=1)
     wrong = np.flatnonzero(np.abs(lengths - 1.0) > 0.05)
     if wrong.size:

@@ -19,9 +19,10 @@ from softcal.checks import Floats
 from softcal.errors import Fault, InputError, SimulationError
 from softcal.export.calculix import calculix_deck, deck_faults, in_its_law
 from softcal.export.calculix_run import HOW_TO_GET, TIMEOUT, find_calculix, run_calculix
-from softcal.export.sofa_engine import SofaSettings, sofa_engine
+from softcal.export.sofa_engine import sofa_engine
 from softcal.export.sofa_install import find_sofa
 from softcal.export.sofa_robot import linear_robot, scene_faults
+from softcal.export.sofa_settings import SofaSettings
 from softcal.export.way import Way, positions, shortenings, way_to
 from softcal.twin.build import cached_twin
 from softcal.twin.protocol import Protocol, furthest_state

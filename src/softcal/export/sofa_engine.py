@@ -18,7 +18,7 @@ from softcal.export.sofa_install import Sofa, find_sofa
 from softcal.export.sofa_process import Outcome, run_states
 from softcal.export.sofa_response import Samples, along_one_cable, row_by_row, shapes
 from softcal.export.sofa_robot import LinearRobot, element_faults, linear_robot, scene_faults
-from softcal.export.sofa_scene import Resting
+from softcal.export.sofa_settings import STATES, TIMEOUT, Resting, SofaSettings
 from softcal.twin.build import Twin, cached_twin
 from softcal.twin.parameters import robot_parameters, unknown_name, with_parameters
 from softcal.twin.protocol import Command, Protocol, command_faults
@@ -26,20 +26,9 @@ from softcal.twin.response import Response
 from softcal.twin.robot import Robot
 from softcal.twin.sensors import channel_units
 
-STATES = 12
-TIMEOUT = 1800.0  # [s], of one simulation
 STEP = 2e-2  # of a parameter's value, or of its distance from what it may not reach
 STEPS_FROM_ZERO = {"kg/m^3": 10.0, "kg": 1e-3, "N": 1e-3}
 COMMAND_STEPS = {"tension": 1e-2, "shortening": 1e-4}  # [N], [m]
-
-
-@dataclass(frozen=True)
-class SofaSettings:
-    """How SOFA is run: `resting` from state to state; states and timeout [s] as those of `SofaEngine`."""
-
-    resting: Resting = field(default_factory=Resting)
-    states: int = STATES
-    timeout: float = TIMEOUT
 
 
 @dataclass(frozen=True)

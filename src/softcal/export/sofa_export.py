@@ -16,13 +16,13 @@ from softcal.export.sofa_scene import (
     ASSUMED_DENSITY,
     PARAMETERS,
     SCHEDULE,
-    Resting,
     Stepping,
     package_name,
     scene_parameters,
     schedule_csv,
     write_scene,
 )
+from softcal.export.sofa_settings import Resting
 from softcal.export.sofa_visual import visual_parameters, write_surfaces
 from softcal.twin.protocol import Protocol, command_faults
 from softcal.twin.robot import Control, Robot

@@ -17,6 +17,7 @@ import numpy as np
 
 from softcal.export.sofa_robot import LinearRobot
 from softcal.export.sofa_rods import SEGMENTS, finer, node_volumes, rod_parameters
+from softcal.export.sofa_settings import Resting
 from softcal.geometry.mesh import TetMesh
 from softcal.mechanics.attachment import attach
 from softcal.mechanics.element import nodal_volumes
@@ -47,25 +48,6 @@ class Stepping:
     dt: float = 0.01
     rayleigh_stiffness: float = 0.2
     rayleigh_mass: float = 0.1
-
-
-@dataclass(frozen=True)
-class Resting:
-    """How run.py runs to rest.
-
-    ramp [s] from state to state; a state is at rest when nothing has moved faster than `speed` [m/s] for `hold` [s],
-    and is given up after `longest` [s], or as soon as the speed no longer falls. time_steps [s]: with the next one a
-    state is begun again that did not settle with the one before. No damping by stiffness: SOFA's is the tangent's,
-    which is negative in a body pulled beyond what it would bear without its cable, and so feeds the motion.
-    """
-
-    time_steps: tuple[float, ...] = (0.05, 0.01, 0.005, 0.002)
-    rayleigh_stiffness: float = 0.0
-    rayleigh_mass: float = 5.0
-    ramp: float = 1.0
-    speed: float = 1e-6
-    hold: float = 0.1
-    longest: float = 60.0
 
 
 def scene_parameters(

@@ -2,29 +2,25 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from softcal.calibration.experiment import AXES, Experiment, Pulleys, Rig
-from softcal.errors import InputError
-from softcal.experiments.branches import BRANCH_STEP, PULLEY_STEP, Branch
+from softcal.experiments.branches import BRANCH_STEP, Branch
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.experiments.merge import merge_on_labels, merge_on_one_clock
 from softcal.experiments.motion_capture import read_c3d
 from softcal.experiments.names import is_deviation
 from softcal.experiments.noise import set_noise
 from softcal.experiments.plausibility import check_plausible
-from softcal.experiments.prepare import PlannedStep, parse_steps
+from softcal.experiments.prepare import PlannedStep
 from softcal.experiments.pulleys import correct_pulley_friction
 from softcal.experiments.read import read_table
 from softcal.experiments.synchronise import clock_warning, synchronise
 from softcal.project.bench_names import (
     MASS,
-    check_names,
     column_specs,
     compared_channels,
     noise_of,
@@ -33,7 +29,6 @@ from softcal.project.bench_names import (
 from softcal.project.bench_schema import MOTION_CAPTURE, ONE_CLOCK, ExperimentSection, RigSection
 from softcal.project.document import Findings, KeyPath
 from softcal.project.files import InputFiles
-from softcal.project.robot_schema import RobotSection
 from softcal.twin.robot import Robot
 from softcal.units import format_quantity
 
@@ -60,32 +55,23 @@ def build_bench(
     name: str,
     section: ExperimentSection,
     rig: RigSection,
-    robot: RobotSection | None,
+    steps: Sequence[PlannedStep],
     files: InputFiles,
     findings: Findings,
     built: Robot | None = None,
 ) -> Bench | None:
     """One experiment, or None where something of it is wrong; every fault goes to `findings`.
 
-    robot: its section; built: what was built of it; None where they have faults of their own.
+    steps: how its data are prepared; built: the robot, None where it has faults of its own.
     """
     path: KeyPath = ("experiments", name)
     n_faults = len(findings.faults)
-    check_names(section, robot, path, findings)
-    steps = [_planned(step, (*path, "prepare", i), findings) for i, step in enumerate(section.prepare)]
-    if rig.pulleys is not None and any(step is not None and step.name == PULLEY_STEP for step in steps):
-        findings.add(
-            (*path, "prepare"),
-            "the pulleys' friction would be taken off twice",
-            got=f"rig.pulleys and the step {PULLEY_STEP}",
-            allowed="one of the two",
-        )
     records = [_read(name, section, i, files, findings) for i in range(len(section.files))]
     record = _joined(section, [r for r in records if r is not None], path, findings)
     channels = None if record is None or None in records else list(record.channels)
     noise = noise_of(section.noise, channels, (*path, "noise"), findings)
     compared = compared_channels(section, channels or (), path, findings) if channels is not None else ()
-    if record is None or None in records or None in steps:
+    if record is None or None in records:
         return None
     record = _with_tensions(record, built, path, findings)
     if sentence := clock_warning(record):
@@ -102,7 +88,7 @@ def build_bench(
     for i, step in enumerate(steps):
         key = next(iter(section.prepare[i])) if isinstance(section.prepare[i], Mapping) else None
         with findings.at((*path, "prepare", i, key) if key else (*path, "prepare", i)):
-            if step is not None and len(findings.faults) == n_faults:
+            if len(findings.faults) == n_faults:
                 prepared.apply(step)
     for channel, (key, sigma) in noise.items():
         with findings.at((*path, "noise", key)):
@@ -230,18 +216,7 @@ def _joined(section: ExperimentSection, records: list[Dataset], path: KeyPath, f
     """One record of all files: by the labels of their rows, one clock, or cross-correlation of what moves in both."""
     told = section.synchronise
     if len(section.files) == 1:
-        if told is not None:
-            findings.add((*path, "synchronise"), "there is nothing to synchronise", got="one file")
         return records[0] if records else None
-    if told is None and section.label is None:
-        findings.add(
-            path,
-            "it is not said how the clocks of the files are related",
-            got=f"{len(section.files)} files and no key 'synchronise'",
-            allowed=f"synchronise: {ONE_CLOCK}, or synchronise: {{max_lag: 5 s}} for a clock each, "
-            "or label: the column that names each state",
-        )
-        return None
     if len(records) < len(section.files):
         return None
     joined = records[0]
@@ -258,20 +233,9 @@ def _joined(section: ExperimentSection, records: list[Dataset], path: KeyPath, f
     return None
 
 
-def _planned(step: str | Mapping[str, Any], path: KeyPath, findings: Findings) -> PlannedStep | None:
-    """A preparation step with its settings in SI; a fault of it is placed at the setting."""
-    try:
-        return parse_steps([step], where="")[0]
-    except InputError as error:
-        for fault in error.faults:
-            keys = [key for key in re.sub(r"^\[0\]", "", fault.where).split(".") if key]
-            findings.faults.append(replace(fault, where=findings.document.where((*path, *keys))))
-        return None
-
-
-def _branch(steps: Sequence[PlannedStep | None]) -> Branch:
+def _branch(steps: Sequence[PlannedStep]) -> Branch:
     """The branch that the steps will take: the pulleys' friction is corrected for that one."""
-    taken = (step.settings.get("branch", "loading") for step in steps if step and step.name == BRANCH_STEP)
+    taken = (step.settings.get("branch", "loading") for step in steps if step.name == BRANCH_STEP)
     return next(taken, "loading")
 
 

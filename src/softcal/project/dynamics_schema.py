@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from pydantic import model_validator
 
 from softcal.limits import LIMITS
 from softcal.project.section import Duration, Rate, Section, Speed, Time, fault_error
-from softcal.twin.schedule import Settling, TimeSettings
+
+if TYPE_CHECKING:
+    from softcal.twin.schedule import TimeSettings
 
 
 class SettleSection(Section):
@@ -46,6 +48,8 @@ class DynamicsSection(Section):
     @property
     def settings(self) -> TimeSettings:
         """As the twin takes them."""
+        from softcal.twin.schedule import Settling, TimeSettings
+
         settle = None if self.hold is not None else self.settle or SettleSection()
         return TimeSettings(
             time_step=self.time_step,

@@ -7,8 +7,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from softcal.export.sofa_engine import SofaSettings
-from softcal.export.sofa_scene import Resting
+from softcal.export.sofa_settings import Resting, SofaSettings
 from softcal.project.section import Duration, Rate, Section, Speed, Time, at_most, counted, fault_error, listed
 
 _SOFA = SofaSettings()

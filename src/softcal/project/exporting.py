@@ -8,17 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from softcal.errors import Fault, ParameterError, UnitError
-from softcal.project.calibration import calibrated
 from softcal.project.cases import Case, protocols_of
 from softcal.project.film import films
 from softcal.project.motion import SNAPSHOTS, Observer, simulate_each_in_time
 from softcal.project.output import new_folder, require_free_folder
-from softcal.project.project import Project, load
-from softcal.project.run_folder import headline_of, load_run, refuse_project_folder
-from softcal.project.search import held_values
+from softcal.project.project import Project
 from softcal.project.simulation import keep_silent, simulate_each
 from softcal.quantities import QUANTITIES
-from softcal.twin.parameters import robot_parameters, with_parameters
 from softcal.twin.response import Response, Shown
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
@@ -30,25 +26,6 @@ Tell = Callable[[str], None]
 """Given a sentence that a reader of what is written must know."""
 
 REDUCED_SAMPLES = {1: 33, 2: 9, 3: 7}  # number of cables -> nodes along each
-
-
-def load_calibrated(path: Path, values: Mapping[str, str] | None = None) -> Project:
-    """The project of a file, or that of a run folder at the values it found; then with `values` set on top.
-
-    Raises
-    ------
-    InputError
-        For a project that cannot be loaded, or a value that it does not take.
-    StorageError
-        For a folder that holds no run.
-    """
-    if not path.is_dir():
-        return load(path, values=values or {})
-    refuse_project_folder(path)
-    run = load_run(path)
-    project = calibrated(run.project, headline_of(run.results)[1])
-    held = held_values(values or {}, robot_parameters(project.robot))
-    return replace(project, robot=with_parameters(project.robot, held))
 
 
 def export_vtk(

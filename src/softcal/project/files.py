@@ -54,6 +54,11 @@ class InputFiles:
         return {written: sha256(path) for written, path in self.used.items()}
 
 
+def stored_mesh(body: str) -> str:
+    """The name under which a run keeps the mesh that was generated of a body."""
+    return f"mesh of {body}"
+
+
 def not_a_file(path: Path) -> str:
     """What stands at a path where a file is to be read; nothing where it is a file."""
     try:

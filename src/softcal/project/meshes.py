@@ -12,7 +12,7 @@ from softcal.geometry.neck import NeckShape, neck_mesh
 from softcal.geometry.read import read_mesh
 from softcal.geometry.wire import SpringShape, rod_mesh, spring_mesh
 from softcal.limits import LIMITS
-from softcal.project.files import InputFiles
+from softcal.project.files import InputFiles, stored_mesh
 from softcal.project.mesh_schema import TO_FILL, MeshDisc, MeshFile, MeshNeck, MeshRod, MeshSpring
 from softcal.project.robot_schema import BodySection
 
@@ -32,7 +32,7 @@ def mesh_maker(files: InputFiles) -> Callable[[str, BodySection], TetMesh]:
     """A function that makes the mesh [m] of a body by its name and section."""
 
     def make(name: str, body: BodySection) -> TetMesh:
-        copy = files.copies.get(stored_name(name))
+        copy = files.copies.get(stored_mesh(name))
         if copy is not None:
             return read_mesh(files.folder / copy, unit="m")
         if isinstance(body.mesh, MeshFile):
@@ -47,11 +47,6 @@ def is_generated(body: BodySection) -> bool:
     if isinstance(body.mesh, MeshFile):
         return body.mesh.file.lower().endswith(TO_FILL)
     return isinstance(body.mesh, MeshNeck | MeshDisc)
-
-
-def stored_name(body: str) -> str:
-    """The name under which a run keeps a generated mesh."""
-    return f"mesh of {body}"
 
 
 def neck_shape(section: MeshNeck) -> NeckShape:

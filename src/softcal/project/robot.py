@@ -9,12 +9,11 @@ from softcal.checks import Floats, Ints, frozen_floats
 from softcal.errors import MeshError
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quality import MeshReport, check_quality
-from softcal.limits import LIMITS
 from softcal.project.document import Findings, KeyPath
 from softcal.project.manipulator_schema import KEYS, ManipulatorSection
-from softcal.project.names import RESERVED_OF_PARTS, folded, name_fault
 from softcal.project.robot_bodies import MeshMaker, build_bodies
 from softcal.project.robot_fit import check_whole
+from softcal.project.robot_names import KINDS, generated_names
 from softcal.project.robot_parts import Carriers, build_cable, build_load, build_marker, build_plate, build_tie
 from softcal.project.robot_rods import build_rod
 from softcal.project.robot_schema import ContactSection, RobotSection
@@ -22,8 +21,6 @@ from softcal.twin.contacts import fitting_contact
 from softcal.twin.manipulator import manipulator
 from softcal.twin.robot import Contact, Robot
 from softcal.twin.solid_rods import elements_for_solid, with_solid_rods
-
-KINDS = ("bodies", "rods", "plates", "ties", "cables", "loads", "markers")
 
 
 @dataclass(frozen=True)
@@ -42,14 +39,13 @@ class BuiltRobot:
 def build_robot(section: RobotSection, make_mesh: MeshMaker, findings: Findings) -> BuiltRobot | None:
     """The robot of a project, or None where something of it is wrong; every fault goes to `findings`."""
     n_faults = len(findings.faults)
-    _check_names(section, findings)
     gravity = frozen_floats(section.gravity, name="gravity")
     given = None if section.manipulator is None else _manipulator(section.manipulator, gravity, findings)
     built = build_bodies(section.bodies, make_mesh, findings)
     rods = [build_rod(name, rod, section.names("plates"), findings) for name, rod in section.rods.items()]
     plates = [build_plate(name, plate, built, findings) for name, plate in section.plates.items()]
-    own = [f"h{k + 1}" for k in range(len(_generated(section, "cables")))]
-    holes = dict.fromkeys(_generated(section, "plates"), own)
+    own = [f"h{k + 1}" for k in range(len(generated_names(section, "cables")))]
+    holes = dict.fromkeys(generated_names(section, "plates"), own)
     holes |= {name: plate.holes.names for name, plate in section.plates.items()}
     whole_plates = (*(given.plates if given else ()), *(plate for plate in plates if plate))
     carriers = Carriers(built, {plate.name: plate for plate in whole_plates}, holes, findings)
@@ -72,7 +68,7 @@ def build_robot(section: RobotSection, make_mesh: MeshMaker, findings: Findings)
         )
         if section.contact is not None:
             robot = replace(robot, contact=_contact(section.contact, robot))
-        check_whole(robot, findings, generated=[name for kind in KINDS for name in _generated(section, kind)])
+        check_whole(robot, findings, generated=[name for kind in KINDS for name in generated_names(section, kind)])
         if len(findings.faults) == n_faults:
             own_bodies = {body.name: body.mesh for body in given.bodies} if given else {}
             return BuiltRobot(
@@ -87,30 +83,6 @@ def build_robot(section: RobotSection, make_mesh: MeshMaker, findings: Findings)
 def _contact(section: ContactSection, robot: Robot) -> Contact:
     told = {key: value for key, value in section if value is not None}
     return replace(fitting_contact(robot), **told)
-
-
-def _generated(section: RobotSection, kind: str) -> list[str]:
-    return section.manipulator.part_names(kind) if section.manipulator else []
-
-
-def _check_names(section: RobotSection, findings: Findings) -> None:
-    """All parts share one space of names: parameters and channels are called by them."""
-    seen: dict[str, str] = {
-        folded(name): "the manipulator's own" for kind in KINDS for name in _generated(section, kind)
-    }
-    for kind in KINDS:
-        for name in getattr(section, kind):
-            path = ("robot", kind, name)
-            if not name.isidentifier():
-                findings.add(path, "this cannot be a name", got=repr(name), allowed="letters, digits and _")
-            elif (fault := name_fault(name, RESERVED_OF_PARTS)) is not None:
-                findings.add(path, fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt)
-            if folded(name) in seen:
-                got = f"'{name}', first as {seen[folded(name)]}"
-                findings.add(path, "two parts of the robot share a name", got=got)
-            seen.setdefault(folded(name), kind)
-    if fault := LIMITS["parts of a robot"].fault(max(len(seen), 1)):
-        findings.add(("robot",), fault.what, got=fault.got, allowed=fault.allowed)
 
 
 def _manipulator(section: ManipulatorSection, gravity: Floats, findings: Findings) -> Robot | None:

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import BeforeValidator, Field, PlainValidator, model_validator
 
-from softcal.geometry.placement import placement
-from softcal.geometry.pose import Pose
 from softcal.project.section import (
     Angle,
     Area,
@@ -29,6 +27,9 @@ from softcal.project.section import (
     quantity,
     require_one,
 )
+
+if TYPE_CHECKING:
+    from softcal.geometry.pose import Pose
 
 
 class RotationSection(Section):
@@ -53,6 +54,8 @@ class PlacementSection(Section):
         MeshError
             For an axis without a direction.
         """
+        from softcal.geometry.placement import placement
+
         return placement(self.position, [(turn.axis, turn.angle) for turn in self.rotation])
 
 

@@ -28,8 +28,7 @@ from softcal.calibration.stored import Record, read_record
 from softcal.errors import Fault, StorageError
 from softcal.geometry.write import write_mesh
 from softcal.project.calibration_schema import CalibrationSection
-from softcal.project.files import not_a_file
-from softcal.project.meshes import stored_name
+from softcal.project.files import not_a_file, stored_mesh
 from softcal.project.output import new_folder, require_writable, unwritable
 from softcal.project.project import Project, load
 
@@ -265,7 +264,7 @@ def _copy_inputs(project: Project, folder: Path) -> dict[str, str]:
         place = Path(INPUTS, "meshes", f"{name}.vtu")
         (folder / place).parent.mkdir(parents=True, exist_ok=True)
         write_mesh(mesh, folder / place)
-        copies[stored_name(name)] = place.as_posix()
+        copies[stored_mesh(name)] = place.as_posix()
     return copies
 
 

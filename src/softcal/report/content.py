@@ -11,8 +11,8 @@ from softcal.calibration.result import CalibrationResult
 from softcal.checks import Floats, Ints, frozen_floats, frozen_ints
 from softcal.errors import Fault, InputError
 from softcal.experiments.dataset import Dataset
-from softcal.materials.infill import effective_modulus
 from softcal.report.compared import Compared
+from softcal.report.infill import PrintInfill
 from softcal.report.settled import SettledShapes
 from softcal.report.twin_view import TwinView
 
@@ -57,39 +57,6 @@ class Landscape:
         if self.failed is not None:
             failed = frozen_ints(self.failed, name="failed points of the landscape", shape=shape)
             object.__setattr__(self, "failed", failed)
-
-
-@dataclass(frozen=True)
-class PrintInfill:
-    """Eq. (5) of paper A: E_eff = E_bulk * phi**gamma, with the ranges that are taken for plausible.
-
-    bulk_modulus [Pa]: lowest and highest; infill phi [-], 0 < phi <= 1; exponent gamma [-]: lowest and highest.
-    """
-
-    bulk_modulus: tuple[float, float]
-    infill: float
-    exponent: tuple[float, float]
-
-    def __post_init__(self) -> None:
-        faults: list[Fault] = []
-        if not 0 < self.infill <= 1:
-            faults.append(
-                Fault("the infill is no fraction", where="infill", got=f"{self.infill}", allowed="0 < phi <= 1")
-            )
-        for name, (low, high) in (("bulk_modulus", self.bulk_modulus), ("exponent", self.exponent)):
-            if not 0 < low <= high:
-                faults.append(Fault("the range is reversed or not positive", where=name, got=f"{low} to {high}"))
-        if faults:
-            raise InputError(faults)
-
-    @property
-    def effective_modulus(self) -> tuple[float, float]:
-        """Lowest and highest E_eff [Pa]; the lowest has the softest bulk and the largest exponent."""
-        low, high = self.bulk_modulus
-        return (
-            effective_modulus(low, self.infill, self.exponent[1]),
-            effective_modulus(high, self.infill, self.exponent[0]),
-        )
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,73 @@
+"""What an experiment's section says about its files and their preparation, checked before any of them is read."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from softcal.errors import InputError
+from softcal.experiments.branches import PULLEY_STEP
+from softcal.experiments.prepare import PlannedStep, parse_steps
+from softcal.project.bench_names import check_names, noise_of
+from softcal.project.bench_schema import ONE_CLOCK, ExperimentSection, RigSection
+from softcal.project.document import Findings, KeyPath
+from softcal.project.files import InputFiles
+from softcal.project.robot_schema import RobotSection
+
+
+def plan_bench(
+    name: str,
+    section: ExperimentSection,
+    rig: RigSection,
+    robot: RobotSection | None,
+    files: InputFiles,
+    findings: Findings,
+) -> tuple[PlannedStep, ...]:
+    """How the data of an experiment are prepared; every fault goes to `findings`, and its steps are then left out.
+
+    robot: its section, None where that has faults of its own.
+    """
+    path: KeyPath = ("experiments", name)
+    check_names(section, robot, path, findings)
+    steps = [_planned(step, (*path, "prepare", i), findings) for i, step in enumerate(section.prepare)]
+    if rig.pulleys is not None and any(step is not None and step.name == PULLEY_STEP for step in steps):
+        findings.add(
+            (*path, "prepare"),
+            "the pulleys' friction would be taken off twice",
+            got=f"rig.pulleys and the step {PULLEY_STEP}",
+            allowed="one of the two",
+        )
+    for i, file in enumerate(section.files):
+        with findings.at((*path, "files", i, "path")):
+            files.find(file.path, "data file")
+    noise_of(section.noise, None, (*path, "noise"), findings)
+    _check_clocks(section, path, findings)
+    return tuple(step for step in steps if step is not None)
+
+
+def _planned(step: str | Mapping[str, Any], path: KeyPath, findings: Findings) -> PlannedStep | None:
+    """A preparation step with its settings in SI; a fault of it is placed at the setting."""
+    try:
+        return parse_steps([step], where="")[0]
+    except InputError as error:
+        for fault in error.faults:
+            keys = [key for key in re.sub(r"^\[0\]", "", fault.where).split(".") if key]
+            findings.faults.append(replace(fault, where=findings.document.where((*path, *keys))))
+        return None
+
+
+def _check_clocks(section: ExperimentSection, path: KeyPath, findings: Findings) -> None:
+    """How the clocks of several files are related must be said, and of one file cannot be."""
+    if len(section.files) == 1:
+        if section.synchronise is not None:
+            findings.add((*path, "synchronise"), "there is nothing to synchronise", got="one file")
+    elif section.synchronise is None and section.label is None:
+        findings.add(
+            path,
+            "it is not said how the clocks of the files are related",
+            got=f"{len(section.files)} files and no key 'synchronise'",
+            allowed=f"synchronise: {ONE_CLOCK}, or synchronise: {{max_lag: 5 s}} for a clock each, "
+            "or label: the column that names each state",
+        )

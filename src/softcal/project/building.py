@@ -1,0 +1,162 @@
+"""From the sections of a project to the Project: its robot built, its bench data read, names and bounds resolved."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from softcal.calibration.experiment import PULLEY_FRICTION, Experiment, rig_parameters
+from softcal.calibration.friction import friction_faults
+from softcal.calibration.parameters import SearchSpace
+from softcal.errors import Fault, ProjectFileError
+from softcal.project.axes import Axis, cells_fault, doubled, parse_axis
+from softcal.project.bench import Bench, build_bench
+from softcal.project.bench_names import experiments_named
+from softcal.project.bench_schema import RigSection
+from softcal.project.document import Document, Findings
+from softcal.project.dynamics_schema import DynamicsSection
+from softcal.project.files import InputFiles, sha256
+from softcal.project.meshes import is_generated, mesh_maker
+from softcal.project.project import Project
+from softcal.project.robot import BuiltRobot, build_robot
+from softcal.project.search import build_search, held_values, names_held, rig_value, untied
+from softcal.project.sections import Sections
+from softcal.project.sweep_schema import SweepSection
+from softcal.twin.parameters import ParameterInfo, robot_parameters, with_parameters
+from softcal.twin.robot import Robot
+
+
+def build_project(
+    path: Path, document: Document, sections: Sections, files: InputFiles, values: Mapping[str, str | float]
+) -> Project:
+    """The project whose sections are in order, with everything that they name; values: parameters to hold.
+
+    Raises
+    ------
+    ProjectFileError
+        With every fault of its meshes, its data and the names that are resolved by them.
+    ParameterError
+        For `values` that do not fit.
+    """
+    findings = Findings(document)
+    experiments, parameters = sections.experiments, sections.parameters
+    built = build_robot(sections.robot, mesh_maker(files), findings)
+    given = untied(values, parameters)
+    rig = _with_held_friction(sections.rig, given)
+    benches = {
+        name: build_bench(
+            name, experiment, rig, sections.steps[name], files, findings, None if built is None else built.robot
+        )
+        for name, experiment in experiments.items()
+    }
+    whole = {name: bench for name, bench in benches.items() if bench is not None}
+    known = _known(built, whole) if built is not None and len(whole) == len(experiments) else None
+    own = {name: whole[name].experiment.rig_values() if name in whole else {} for name in experiments}
+    set_ups = {name: experiment.set_up for name, experiment in experiments.items()}
+    space = build_search(parameters, known, own, set_ups, names_held(given, known or ()), findings)
+    tied = {name: tuple(section.of) for name, section in parameters.items() if section.of}
+    _check_settings(space, {name: bench.experiment for name, bench in whole.items()}, findings)
+    _check_settling(sections.dynamics, built, findings)
+    _check_sweep(sections.sweep, known, tied, experiments, findings)
+    findings.raise_if_any()
+
+    if built is None or known is None:
+        raise ProjectFileError(Fault("the project is not whole", document.name))
+    held = held_values(given, known)
+    of_robot = robot_parameters(built.robot)
+    robot = with_parameters(built.robot, {name: value for name, value in held.items() if name in of_robot})
+    tests = {name: _with_held_rig(bench.experiment, held) for name, bench in whole.items()}
+    _check_friction(robot, space, tests, findings)
+    findings.raise_if_any()
+    bodies = sections.robot.bodies
+    return Project(
+        path=path,
+        name=str(document.data["name"]),
+        robot=robot,
+        experiments=tests,
+        records={name: bench.record for name, bench in whole.items()},
+        corrected={name: bench.corrected for name, bench in whole.items()},
+        space=space,
+        tied=tied,
+        calibration=sections.calibration,
+        sweep=sections.sweep,
+        dynamics=sections.dynamics,
+        engines=sections.engines,
+        print_infill=sections.print_infill,
+        held=held,
+        hashes={path.name: sha256(path), **files.hashes()},
+        inputs=dict(files.used),
+        generated={name: built.made[name] for name, body in bodies.items() if is_generated(body)},
+        qualities=built.qualities,
+        regions=built.regions,
+        warnings=tuple(dict.fromkeys(findings.warnings)),
+    )
+
+
+def _known(built: BuiltRobot, benches: Mapping[str, Bench]) -> dict[str, ParameterInfo]:
+    return {
+        **robot_parameters(built.robot),
+        **rig_parameters(bench.experiment for bench in benches.values()),
+    }
+
+
+def _with_held_friction(rig: RigSection, given: Mapping[str, str | float]) -> RigSection:
+    """The rig with the pulleys' friction that is held: the data are prepared under it."""
+    if PULLEY_FRICTION not in given or rig.pulleys is None:
+        return rig
+    friction = rig_value(PULLEY_FRICTION, given[PULLEY_FRICTION])
+    return rig.model_copy(update={"pulleys": rig.pulleys.model_copy(update={"friction_coefficient": friction})})
+
+
+def _with_held_rig(experiment: Experiment, held: Mapping[str, float]) -> Experiment:
+    """The experiment with the rig values that are held."""
+    own = {name: held[name] for name in experiment.rig_values() if name in held}
+    return replace(experiment, settings={**experiment.settings, **own})
+
+
+def _check_settling(section: DynamicsSection | None, built: BuiltRobot | None, findings: Findings) -> None:
+    """What is watched for rest must be there."""
+    if section is None or section.settle is None or built is None:
+        return
+    watched = [part.name for part in (*built.robot.plates, *built.robot.markers)]
+    if section.settle.on not in ("", *watched):
+        findings.unknown(("dynamics", "settle", "on"), "plate or marker", section.settle.on, watched)
+
+
+def _check_sweep(
+    section: SweepSection | None,
+    known: Mapping[str, ParameterInfo] | None,
+    tied: Mapping[str, tuple[str, ...]],
+    experiments: Mapping[str, object],
+    findings: Findings,
+) -> None:
+    if section is None or known is None:
+        return
+    axes: list[Axis] = []
+    for name, written in section.over.items():
+        with findings.at(("sweep", "over", name)):
+            axes.append(parse_axis(name, written, known, tied))
+    for fault in doubled(axes, ()):
+        findings.add(("sweep", "over", fault.where), fault.what, got=fault.got)
+    if axes and (fault := cells_fault(axes)):
+        findings.add(("sweep", "over"), fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt)
+    for i, wanted in enumerate(section.experiments):
+        if not set(experiments_named([wanted], experiments)) <= set(experiments):
+            findings.unknown(("sweep", "experiments", i), "experiment", wanted, experiments)
+
+
+def _check_settings(space: SearchSpace | None, experiments: Mapping[str, Experiment], findings: Findings) -> None:
+    """A parameter that an experiment sets cannot be free in it."""
+    for name, experiment in experiments.items():
+        free = space.free_in(name) if space is not None else set[str]()
+        for key in free & set(experiment.settings):
+            findings.add(("experiments", name, "settings", key), "the parameter is set and free at once", got=key)
+
+
+def _check_friction(
+    robot: Robot, space: SearchSpace | None, experiments: Mapping[str, Experiment], findings: Findings
+) -> None:
+    for name, experiment in experiments.items():
+        for fault in friction_faults(robot, experiment, space.free_in(name) if space is not None else ()):
+            findings.faults.append(replace(fault, where=findings.document.where(("experiments", name))))

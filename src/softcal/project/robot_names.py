@@ -1,0 +1,35 @@
+"""The names of a robot's parts: what they may be, and that no two parts share one."""
+
+from __future__ import annotations
+
+from softcal.limits import LIMITS
+from softcal.project.document import Findings
+from softcal.project.names import RESERVED_OF_PARTS, folded, name_fault
+from softcal.project.robot_schema import RobotSection
+
+KINDS = ("bodies", "rods", "plates", "ties", "cables", "loads", "markers")
+
+
+def generated_names(section: RobotSection, kind: str) -> list[str]:
+    """The parts of a kind that a manipulator brings with it."""
+    return section.manipulator.part_names(kind) if section.manipulator else []
+
+
+def check_part_names(section: RobotSection, findings: Findings) -> None:
+    """All parts share one space of names: parameters and channels are called by them."""
+    seen: dict[str, str] = {
+        folded(name): "the manipulator's own" for kind in KINDS for name in generated_names(section, kind)
+    }
+    for kind in KINDS:
+        for name in getattr(section, kind):
+            path = ("robot", kind, name)
+            if not name.isidentifier():
+                findings.add(path, "this cannot be a name", got=repr(name), allowed="letters, digits and _")
+            elif (fault := name_fault(name, RESERVED_OF_PARTS)) is not None:
+                findings.add(path, fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt)
+            if folded(name) in seen:
+                got = f"'{name}', first as {seen[folded(name)]}"
+                findings.add(path, "two parts of the robot share a name", got=got)
+            seen.setdefault(folded(name), kind)
+    if fault := LIMITS["parts of a robot"].fault(max(len(seen), 1)):
+        findings.add(("robot",), fault.what, got=fault.got, allowed=fault.allowed)

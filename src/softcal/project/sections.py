@@ -1,0 +1,197 @@
+"""Every section of a project file checked by itself and against the others, before anything it names is read."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from softcal.errors import Fault, ProjectFileError
+from softcal.experiments.prepare import PlannedStep
+from softcal.limits import LIMITS
+from softcal.project.bench_plan import plan_bench
+from softcal.project.bench_schema import ExperimentSection, RigSection
+from softcal.project.calibration_schema import CalibrationSection, ParameterSection, PrintSection
+from softcal.project.document import Document, Findings, suggestion
+from softcal.project.dynamics_schema import DynamicsSection
+from softcal.project.engines_schema import EnginesSection
+from softcal.project.files import InputFiles, stored_mesh
+from softcal.project.mesh_schema import MeshFile
+from softcal.project.names import RESERVED_OF_TESTS, check_names
+from softcal.project.robot_names import check_part_names
+from softcal.project.robot_schema import RobotSection
+from softcal.project.search import build_search
+from softcal.project.section import Section, validated
+from softcal.project.sweep_schema import SweepSection
+from softcal.report.infill import PrintInfill
+
+S = TypeVar("S", bound=Section)
+
+SECTIONS = (
+    "softcal",
+    "name",
+    "robot",
+    "rig",
+    "experiments",
+    "parameters",
+    "calibration",
+    "sweep",
+    "dynamics",
+    "engines",
+    "print",
+)
+FORMAT = 1
+
+
+@dataclass(frozen=True)
+class Sections:
+    """A project file whose sections are in order; steps: how the data of each experiment are prepared."""
+
+    robot: RobotSection
+    rig: RigSection
+    experiments: Mapping[str, ExperimentSection]
+    steps: Mapping[str, tuple[PlannedStep, ...]]
+    parameters: Mapping[str, ParameterSection]
+    calibration: CalibrationSection
+    dynamics: DynamicsSection
+    engines: EnginesSection
+    sweep: SweepSection | None
+    print_infill: PrintInfill | None
+
+
+def read_sections(document: Document, files: InputFiles) -> Sections:
+    """Every section of a document, with the names in them resolved as far as sections alone can tell.
+
+    Raises
+    ------
+    ProjectFileError
+        With every fault of the sections, and every file that is named and is not there.
+    """
+    findings = Findings(document)
+    _check_keys(document, findings)
+    robot = _section(RobotSection, "robot", document, findings)
+    rig = _section(RigSection, "rig", document, findings, {})
+    experiments = _entries(ExperimentSection, "experiments", document, findings)
+    _check_names(document, experiments, findings)
+    parameters = _entries(ParameterSection, "parameters", document, findings)
+    calibration = _section(CalibrationSection, "calibration", document, findings, {})
+    dynamics = _section(DynamicsSection, "dynamics", document, findings, {})
+    engines = _section(EnginesSection, "engines", document, findings, {})
+    swept = _section(SweepSection, "sweep", document, findings)
+    print_infill = _print_infill(document, findings)
+    if robot is not None:
+        check_part_names(robot, findings)
+        _find_meshes(robot, files, findings)
+    plans = {
+        name: plan_bench(name, experiment, rig or RigSection(), robot, files, findings)
+        for name, experiment in experiments.items()
+    }
+    set_ups = {name: experiment.set_up for name, experiment in experiments.items()}
+    _check_set_ups(set_ups, findings)
+    build_search(parameters, None, {key: {} for key in experiments}, set_ups, (), findings)
+    tied = [name for name, section in parameters.items() if section.of]
+    _check_calibration(calibration, rig or RigSection(), experiments, tied, findings)
+    findings.raise_if_any()
+    if robot is None or rig is None or calibration is None or dynamics is None or engines is None:
+        raise ProjectFileError(Fault("the project is not whole", document.name))
+    return Sections(robot, rig, experiments, plans, parameters, calibration, dynamics, engines, swept, print_infill)
+
+
+def _find_meshes(robot: RobotSection, files: InputFiles, findings: Findings) -> None:
+    for name, body in robot.bodies.items():
+        if isinstance(body.mesh, MeshFile) and stored_mesh(name) not in files.copies:
+            with findings.at(("robot", "bodies", name, "mesh")):
+                files.find(body.mesh.file, "mesh file", LIMITS["bytes of a mesh file"])
+
+
+def _check_keys(document: Document, findings: Findings) -> None:
+    for key in document.data:
+        if key not in SECTIONS:
+            findings.add(
+                (key,), "unknown key", got=f"'{key}'", allowed=", ".join(SECTIONS), attempt=suggestion(key, SECTIONS)
+            )
+    for key, allowed in (("softcal", f"softcal: {FORMAT}"), ("name", "a name for people"), ("robot", "the robot")):
+        if document.data.get(key) is None:
+            findings.add((), "a key is missing", got=f"no '{key}'", allowed=allowed)
+    version = document.data.get("softcal", FORMAT)
+    if version is not None and (version != FORMAT or isinstance(version, bool)):
+        findings.add(("softcal",), "the format is not known", got=repr(version)[:60], allowed=str(FORMAT))
+    if not isinstance(document.data.get("name") or "", str):
+        findings.add(("name",), "this is of the wrong kind", got=repr(document.data["name"])[:60], allowed="text")
+
+
+def _section(
+    model: type[S], key: str, document: Document, findings: Findings, default: dict[str, Any] | None = None
+) -> S | None:
+    data = document.data.get(key)
+    data = default if data is None else data
+    return None if data is None else validated(model, data, (key,), findings)
+
+
+def _raw(document: Document, key: str) -> Mapping[str, Any]:
+    data = document.data.get(key)
+    return data if isinstance(data, dict) else {}
+
+
+def _entries(model: type[S], key: str, document: Document, findings: Findings) -> dict[str, S]:
+    """The entries of a mapping of sections that are in order, each checked by itself."""
+    data = document.data.get(key)
+    if data is not None and not isinstance(data, dict):
+        findings.add((key,), "this is of the wrong kind", got=repr(data)[:60], allowed="a mapping of names")
+    found = {name: validated(model, entry, (key, name), findings) for name, entry in _raw(document, key).items()}
+    return {name: entry for name, entry in found.items() if entry is not None}
+
+
+def _check_calibration(
+    section: CalibrationSection | None,
+    rig: RigSection,
+    experiments: Collection[str],
+    tied: Collection[str],
+    findings: Findings,
+) -> None:
+    if section is None:
+        return
+    if section.loss == "distance" and rig.length is None:
+        findings.add(
+            ("calibration", "loss"),
+            "the loss 'distance' is told in per cent of a length",
+            got="no rig.length",
+            allowed="rig: {length: 425 mm}",
+        )
+    for i, name in enumerate(section.hold_out):
+        if name not in experiments:
+            findings.unknown(("calibration", "hold_out", i), "experiment", name, experiments)
+    for i, name in enumerate(section.split):
+        if name not in tied:
+            findings.unknown(("calibration", "split", i), "tied parameter", name, tied)
+
+
+def _check_names(document: Document, experiments: Mapping[str, ExperimentSection], findings: Findings) -> None:
+    """Experiments, set-ups and tied parameters give files, columns and labels their names."""
+    tests = _raw(document, "experiments")
+    check_names({name: ("experiments", name) for name in tests}, findings, RESERVED_OF_TESTS)
+    check_names(
+        {one.set_up: ("experiments", name, "set_up") for name, one in experiments.items() if one.set_up},
+        findings,
+        RESERVED_OF_TESTS,
+    )
+    tied = [name for name, given in _raw(document, "parameters").items() if isinstance(given, dict) and given.get("of")]
+    check_names({name: ("parameters", name) for name in tied}, findings)
+    if fault := LIMITS["experiments"].fault(len(tests)):
+        findings.add(("experiments",), fault.what, got=fault.got, allowed=fault.allowed)
+
+
+def _check_set_ups(set_ups: Mapping[str, str], findings: Findings) -> None:
+    """A set-up cannot have the name of an experiment outside it: results are called by both."""
+    for name, set_up in set_ups.items():
+        if set_ups.get(set_up, set_up) != set_up:
+            findings.add(("experiments", name, "set_up"), "an experiment has the name of the set-up", got=f"'{set_up}'")
+
+
+def _print_infill(document: Document, findings: Findings) -> PrintInfill | None:
+    section = _section(PrintSection, "print", document, findings)
+    if section is None:
+        return None
+    with findings.at(("print",)):
+        return PrintInfill(section.bulk_youngs_modulus, section.infill, section.exponent)
+    return None

@@ -48,10 +48,10 @@ class Line:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Node:
-    """An equilibrium on the path. slope: dz/dc (n_unknowns,); by_parameter: dz/dtheta at fixed c (n_unknowns, k);
-    mixed: d2z/dc dtheta (n_unknowns, k);
+    """An equilibrium on the path; no two are equal. slope: dz/dc (n_unknowns,); by_parameter: dz/dtheta at fixed c
+    (n_unknowns, k); mixed: d2z/dc dtheta (n_unknowns, k);
     is_stable: whether it is one of least energy, or one that a cable would have to push for, which is none anyway;
     is_fallen: whether the robot fell to it from an unstable one (it buckled, or snapped); free: the modes
     (n_unknowns - n_cables, k) along which the robot moves without force, and slope and by_parameter do not.

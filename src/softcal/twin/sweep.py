@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
-from softcal.mechanics.mixed import neighbours_along
 from softcal.mechanics.path import Line, Node, Path, between, follow, interpolated, neighbours, node_at
 from softcal.mechanics.state import State
 from softcal.mechanics.statics import Statics
@@ -16,8 +15,9 @@ from softcal.twin.build import Twin
 from softcal.twin.crossings import crossed_on_path
 from softcal.twin.curve import Curve
 from softcal.twin.protocol import Protocol
+from softcal.twin.reading import Reading, read
 from softcal.twin.response import Response, Shown, Snapshot
-from softcal.twin.sensors import channel_units, sense, sense_by_parameters, sense_rates
+from softcal.twin.sensors import channel_units
 from softcal.twin.start import UNDER_LOADS, fallen, loaded, slack_line, snapshot
 
 FIRST_STEP = 0.12  # of the driven cable's length
@@ -41,6 +41,7 @@ class Sweep:
     tolerance: float
     snapshots: Shown
     crossings: bool = True
+    readings: dict[Node, Reading] = field(default_factory=dict[Node, Reading])
 
     def response(self, protocol: Protocol) -> Response:
         """See `simulate`."""
@@ -92,27 +93,24 @@ class Sweep:
         return node_at(self.statics, line, start.c, start.state, self.names)
 
     def _curve(self, nodes: tuple[Node, ...]) -> Curve:
-        values = np.array([sense(self.twin, node.state) for node in nodes])
+        readings = [self._reading(node) for node in nodes]
+        values = np.array([reading.values for reading in readings])
         # A neck that folds past half a turn turns on: atan2's jump is none of the curve's.
         turns = [k for k, unit in enumerate(self._units.values()) if unit == "rad"]
         values[:, turns] = np.unwrap(values[:, turns], axis=0)
-        slopes = np.array([sense_rates(self.twin, node.state, node.slope[:, None])[:, 0] for node in nodes])
-        by_parameter = np.array([self._by_parameters(node.state, node) for node in nodes])
+        slopes = np.array([reading.slopes for reading in readings])
+        by_parameter = np.array([reading.by_parameter for reading in readings])
+        mixed = np.array([reading.mixed for reading in readings])
         c = np.array([node.c for node in nodes])
-        is_jump = np.array([node.is_fallen for node in nodes[1:]], dtype=bool)
-        return Curve(c, values, slopes, by_parameter, np.array([self._mixed(node) for node in nodes]), is_jump)
+        return Curve(
+            c, values, slopes, by_parameter, mixed, np.array([node.is_fallen for node in nodes[1:]], dtype=bool)
+        )
 
-    def _mixed(self, node: Node) -> Floats:
-        """d2 channel / dc dtheta (n_channels, k)."""
-        rates = sense_rates(self.twin, node.state, node.mixed)
-        if not self.names:
-            return rates
-        h, *beside = neighbours_along(self.statics, node.state, node.slope)
-        before, after = (self._by_parameters(state, node) for state in beside)
-        return rates + (after - before) / (2.0 * h)
-
-    def _by_parameters(self, state: State, node: Node) -> Floats:
-        return sense_by_parameters(self.twin, state, node.by_parameter, self.names)
+    def _reading(self, node: Node) -> Reading:
+        """A node is read once, however often a curve is drawn through it."""
+        if node not in self.readings:
+            self.readings[node] = read(self.twin, self.statics, node, self.names)
+        return self.readings[node]
 
     def _refined(self, path: Path) -> tuple[Path, Curve]:
         """The path with nodes added until the curve between them is as exact as asked for."""

@@ -1,0 +1,38 @@
+"""What the sensors tell at a node of a path, and how that changes with the control and with parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from softcal.checks import Floats
+from softcal.mechanics.mixed import neighbours_along
+from softcal.mechanics.path import Node
+from softcal.mechanics.statics import Statics
+from softcal.twin.build import Twin
+from softcal.twin.sensors import sense, sense_by_parameters, sense_rates
+
+
+@dataclass(frozen=True)
+class Reading:
+    """The channels at a node with their exact derivatives.
+
+    values, slopes (n_channels,): the channels, and by the control; by_parameter, mixed (n_channels, k): by parameters
+    at a fixed control, and by both.
+    """
+
+    values: Floats
+    slopes: Floats
+    by_parameter: Floats
+    mixed: Floats
+
+
+def read(twin: Twin, statics: Statics, node: Node, names: tuple[str, ...]) -> Reading:
+    """Read the sensors at a node. names (k,): the parameters that the node's derivatives are by."""
+    slopes = sense_rates(twin, node.state, node.slope[:, None])[:, 0]
+    mixed = sense_rates(twin, node.state, node.mixed)
+    if names:
+        h, *beside = neighbours_along(statics, node.state, node.slope)
+        before, after = (sense_by_parameters(twin, state, node.by_parameter, names) for state in beside)
+        mixed += (after - before) / (2.0 * h)
+    by_parameter = sense_by_parameters(twin, node.state, node.by_parameter, names)
+    return Reading(sense(twin, node.state), slopes, by_parameter, mixed)

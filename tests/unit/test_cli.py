@@ -6,6 +6,7 @@ import contextlib
 import csv
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -19,9 +20,11 @@ from project_case import MODULUS, RATIO, SLACK, bar_robot, bench_values, write_p
 
 from softcal.cli import main
 from softcal.project import calibration as calibrating
+from softcal.project import furthest, reporting
 from softcal.project.project import load
 from softcal.project.run_folder import load_run
 from softcal.project.simulation import pull, simulate
+from softcal.report.write import ReportPaths
 from softcal.twin.response import Response
 
 
@@ -186,6 +189,18 @@ def test_calibrate_finds_what_made_the_data(finished: Path):
         "tension_rmse", "tension_rmse_detrended", "pitch_rmse", "pitch_rmse_detrended"
     }  # fmt: skip
     assert {"project.yaml", "bar.msh", "data/pull.csv"} <= set(held["hashes"])
+
+
+def test_shapes_are_solved_once_for_the_warnings_and_the_report(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, finished: Path, tmp_path: Path
+):
+    home = shutil.copytree(finished, tmp_path / "home")
+    solved: list[str] = []
+    monkeypatch.setattr(furthest, "simulate", lambda *a, **k: solved.append(k["experiment"]) or simulate(*a, **k))
+    monkeypatch.setattr(reporting, "write_content", lambda content, out, progress: ReportPaths(out, (), ()))
+    code, _, err = run(capsys, "calibrate", home / "p" / "project.yaml", "--out", home / "run", "--resume")
+    assert code == 0, err
+    assert solved == ["pull"]
 
 
 def test_the_run_folder_holds_its_tables(finished: Path):

@@ -196,10 +196,8 @@ def test_a_rough_cable_that_the_other_draws_out_is_told_of(mu: float, told: bool
 
 
 @pytest.mark.parametrize(("mu", "told"), [(0.0, False), (0.2, True)])
-def test_the_report_and_the_command_line_tell_of_it_too(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, mu: float, told: bool
-) -> None:
-    from softcal.project import furthest
+def test_the_report_and_the_command_line_tell_of_it_too(mu: float, told: bool) -> None:
+    from softcal.project.furthest import shape_warnings
     from softcal.project.simulation import twin_view
 
     protocol = Protocol({"front": Command("tension", np.array([1.0, 8.0])), "back": Command("tension", np.ones(2))})
@@ -207,7 +205,5 @@ def test_the_report_and_the_command_line_tell_of_it_too(
     view = twin_view(two_cables(mu), response)
     assert view is not None
     assert view.drawn_out == response.drawn_out
-    monkeypatch.setattr(furthest, "furthest_response", lambda project, result: response)
-    project = load(write_project(tmp_path))
-    sentences = furthest.shape_warnings(project, {"joint": None})
+    sentences = shape_warnings({"joint": response})
     assert sentences == ([f"joint: {response.drawn_out}"] if told else [])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,6 +18,7 @@ from softcal.cli.values import SOFTCAL, Engine, Values, WithReport, Workers, as_
 
 if TYPE_CHECKING:
     from softcal.project.project import Project
+    from softcal.twin.response import Response
 
 
 @app.command()
@@ -59,7 +61,7 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
 
     loaded = load(project, values=parsed_values(values))
     from softcal.project.calibration import calibrate as calibrate_project
-    from softcal.project.furthest import shape_warnings
+    from softcal.project.furthest import furthest_responses, shape_warnings
 
     print_warnings(loaded.warnings)
     folder = out if out is not None else project.parent / "run"
@@ -97,10 +99,11 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
         print_results(found.results, {name: e.dataset for name, e in loaded.experiments.items()})
         if found.stopped_by is not None:
             raise found.stopped_by
-    print_warnings(shape_warnings(loaded, found.results))
+    solved = furthest_responses(loaded, found.results)
+    print_warnings(shape_warnings(solved))
     typer.echo(f"Run: {folder}")
     if report:
-        report_run(folder, None)
+        report_run(folder, None, solved)
 
 
 def _print_expected(
@@ -136,12 +139,12 @@ def report(
     report_run(run, out)
 
 
-def report_run(run: Path, out: Path | None) -> None:
-    """Write a run's report and say where it lies."""
+def report_run(run: Path, out: Path | None, solved: Mapping[str, Response] | None = None) -> None:
+    """Write a run's report and say where it lies; solved: what `write_report` need not solve again."""
     from softcal.project.reporting import write_report
 
     with clock() as show:
-        paths = write_report(run, out, progress=show)
+        paths = write_report(run, out, solved=solved, progress=show)
     for note in paths.notes:
         typer.echo(f"Note: {note}", err=True)
     typer.echo(f"Report: {paths.page}")

@@ -284,9 +284,8 @@ def _sampled(
     response = simulate(robot, protocol, sensitivities=commands, curve_tolerance=0.0)
     if not response.succeeded:
         raise SimulationError(f"The robot cannot be pulled that far: {response.status} Try a smaller reach.")
-    for told in (response.crossings, response.drawn_out):
-        if told:
-            tell(told)
+    for told in response.warnings:
+        tell(told)
 
     def of(channel: str) -> Floats:
         rates = [response.sensitivities[channel][name] for name in commands]

@@ -75,11 +75,10 @@ def _simulated(cases: Mapping[str, Case], snapshots: Shown, stage: Tell) -> dict
 
 
 def _tell_of_shapes(responses: Mapping[str, Response], tell: Tell) -> None:
-    """Tell which bodies cross in each response, and which cables with friction are drawn out."""
+    """Tell of each response what must be known of its shapes."""
     for name, response in responses.items():
-        for told in (response.crossings, response.drawn_out):
-            if told:
-                tell(f"{name}: {told}")
+        for told in response.warnings:
+            tell(f"{name}: {told}")
 
 
 def export_calculix(

@@ -24,13 +24,12 @@ def furthest_response(project: Project, result: CalibrationResult) -> Response:
     return simulate(at_values, experiment=max(result.experiments, key=reach), snapshots=True)
 
 
-def shape_warnings(project: Project, results: Mapping[str, CalibrationResult]) -> list[str]:
-    """Of each calibration, which bodies cross and which cables with friction are drawn out: a sentence each."""
+def furthest_responses(project: Project, results: Mapping[str, CalibrationResult]) -> dict[str, Response]:
+    """The furthest response of the joint calibration, or of each where there is none."""
     chosen = {JOINT: results[JOINT]} if JOINT in results else results
-    responses = {label: furthest_response(project, result) for label, result in chosen.items()}
-    return [
-        f"{label}: {told}"
-        for label, response in responses.items()
-        for told in (response.crossings, response.drawn_out)
-        if told
-    ]
+    return {label: furthest_response(project, result) for label, result in chosen.items()}
+
+
+def shape_warnings(responses: Mapping[str, Response]) -> list[str]:
+    """What must be known of the shapes of each calibration, a sentence each."""
+    return [f"{label}: {told}" for label, response in responses.items() for told in response.warnings]

@@ -26,13 +26,20 @@ from softcal.report.content import ExperimentContent, Landscape, ReportContent
 from softcal.report.twin_view import TwinView
 from softcal.report.write import Observer, ReportPaths
 from softcal.report.write import write_report as write_content
+from softcal.twin.response import Response
 
 # Columns and rows of a landscape that is computed; with this many trials, the trials themselves show it.
 LANDSCAPE_SHAPE = (41, 9)
 ENOUGH_TRIALS = 100
 
 
-def write_report(run: str | Path, out: str | Path | None = None, *, progress: Observer | None = None) -> ReportPaths:
+def write_report(
+    run: str | Path,
+    out: str | Path | None = None,
+    *,
+    solved: Mapping[str, Response] | None = None,
+    progress: Observer | None = None,
+) -> ReportPaths:
     """Write the report of a run folder: one self-contained page, figures as PNG and SVG, tables as CSV.
 
     Parameters
@@ -41,6 +48,8 @@ def write_report(run: str | Path, out: str | Path | None = None, *, progress: Ob
         A folder that `calibrate` wrote; it may have been moved.
     out
         Where the report goes; by default into the run folder.
+    solved
+        Furthest responses (see `softcal.project.furthest`) that are solved already, by calibration.
     progress
         Called with what is begun: reading the run, simulating, drawing, writing.
 
@@ -53,21 +62,22 @@ def write_report(run: str | Path, out: str | Path | None = None, *, progress: Ob
     told("Reading the run")
     read = load_run(run)
     told("Simulating the calibrated twin")
-    content = report_content(read)
+    content = report_content(read, solved or {})
     return write_content(content, Path(out) if out is not None else read.folder, progress=told)
 
 
-def report_content(run: Run) -> ReportContent:
-    """Everything that the report of a run needs."""
+def report_content(run: Run, solved: Mapping[str, Response] | None = None) -> ReportContent:
+    """Everything that the report of a run needs; solved: furthest responses that need not be solved again."""
     project = run.project
     headline = JOINT if JOINT in run.results else next(iter(run.results))
     settled = settled_shapes(project, run.results[headline])
+    furthest = (solved or {}).get(headline) or furthest_response(project, run.results[headline])
     mesh, mesh_note = _mesh_study(run)
     return ReportContent(
         project_name=project.name,
         results=run.results,
         experiments={name: _experiment(project, name) for name in _shown(run)},
-        twin=_twin(project, run.results[headline]) or from_undeformed(settled),
+        twin=_twin(project, run.results[headline], furthest) or from_undeformed(settled),
         settled=settled,
         landscapes=_landscapes(project, run.results, run.settings),
         records={
@@ -112,10 +122,9 @@ def _experiment(project: Project, name: str) -> ExperimentContent:
     )
 
 
-def _twin(project: Project, result: CalibrationResult) -> TwinView | None:
+def _twin(project: Project, result: CalibrationResult, furthest: Response) -> TwinView | None:
     """The twin at the result's values, in the experiment of the result that drives it furthest."""
-    response = furthest_response(project, result)
-    return twin_view(calibrated(project, result).robot, response) if response.succeeded else None
+    return twin_view(calibrated(project, result).robot, furthest) if furthest.succeeded else None
 
 
 def _landscapes(

@@ -64,9 +64,7 @@ def start_states(project: Project, progress: Told = lambda stage: None) -> Start
                 f"under its loads alone, {text}: if it does not hang like that on the bench, look at the direction of "
                 "gravity, the placement, the masses and the start of the modulus"
             )
-        warnings += [
-            f"under its loads: {told}" for told in (response.falls, response.crossings, response.drawn_out) if told
-        ]
+        warnings += [f"under its loads: {told}" for told in response.warnings]
     responses: dict[str, Response] = {}
     for i, (name, experiment) in enumerate(project.experiments.items(), start=1):
         progress(f"Solving the end of {name} ({i} of {len(project.experiments)})")
@@ -106,7 +104,7 @@ def _told(experiment: Experiment, response: Response, undeformed: Snapshot) -> t
     """What is at the end of an experiment, and what of it may be wrong."""
     if not response.succeeded:
         return response.status, [f"the twin at the start values cannot follow this test. {response.status}"]
-    warnings = [told for told in (response.falls, response.crossings, response.drawn_out) if told]
+    warnings = list(response.warnings)
     parts: list[str] = []
     for channel in experiment.drives:
         cable = experiment.twin_channel(channel).rpartition(".")[0]

@@ -68,6 +68,11 @@ class Response:
     drawn_out: str = ""
     samples: tuple[int, ...] | None = None
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What must be known of shapes that were solved, a sentence each: falls, crossings, cables drawn out."""
+        return tuple(told for told in (self.falls, self.crossings, self.drawn_out) if told)
+
     def over(self, n_samples: int) -> Response:
         """The response with a row for each of the protocol's samples: NaN for those that were not reached."""
         held = next((len(values) for values in self.channels.values()), 0)

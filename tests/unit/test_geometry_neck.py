@@ -18,6 +18,7 @@ from softcal.geometry.neck import NeckShape, neck_mesh
 from softcal.geometry.quality import check_quality, require_sound
 from softcal.geometry.read import read_mesh
 from softcal.geometry.regions import boundary_faces
+from softcal.processes import run
 
 SHARED = Path(__file__).parents[3] / "shared" / "data" / "sofa"
 needs_gmsh = pytest.mark.skipif(importlib.util.find_spec("gmsh") is None, reason="Gmsh is not installed")
@@ -291,12 +292,10 @@ def test_an_open_surface_is_told(tmp_path):
 
 
 def fake_worker(monkeypatch, script: str) -> None:
-    run = subprocess.run
-
     def replaced(command, **options):
         return run([sys.executable, "-c", script, *command[-1:]], **options)
 
-    monkeypatch.setattr(generate.subprocess, "run", replaced)
+    monkeypatch.setattr(generate, "run", replaced)
 
 
 @pytest.mark.parametrize(

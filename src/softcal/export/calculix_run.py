@@ -12,7 +12,7 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.errors import SimulationError
 from softcal.export.calculix import DECK, Deck
-from softcal.export.processes import exit_code
+from softcal.processes import exit_code
 
 TIMEOUT = 1800.0  # [s]
 LOG = "ccx.log"

@@ -16,6 +16,7 @@ from pathlib import Path
 
 from softcal.errors import Fault, InputError
 from softcal.export.sofa_scene import write_sources
+from softcal.processes import run
 
 CONDA = "conda install -c sofa-framework sofa-softrobots"
 ROOT, PYTHON = "SOFA_ROOT", "SOFA_PYTHON"
@@ -129,14 +130,11 @@ def _require_cables(sofa: Sofa) -> None:
         write_sources(folder)
         answer = folder / "answer.json"
         try:
-            done = subprocess.run(
+            done = run(
                 [sofa.python, "run.py", "--probe", answer.name],
-                cwd=folder,
-                env=sofa.environment(),
-                capture_output=True,
-                text=True,
                 timeout=PROBE_TIMEOUT,
-                check=False,
+                folder=folder,
+                environment=sofa.environment(),
             )
             said = (done.stderr or done.stdout).strip().splitlines()[-1:]
         except (OSError, subprocess.TimeoutExpired) as error:

@@ -11,11 +11,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from softcal.export.processes import exit_code
 from softcal.export.sofa_install import Sofa
 from softcal.export.sofa_robot import LinearRobot
 from softcal.export.sofa_scene import scene_parameters, write_scene
 from softcal.export.sofa_settings import Resting
+from softcal.processes import exit_code
 from softcal.twin.protocol import Protocol
 
 JOB, ANSWER, LOG = "job.json", "answer.jsonl", "sofa.log"

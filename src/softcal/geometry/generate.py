@@ -20,6 +20,7 @@ from softcal.geometry.mesh import TetMesh
 from softcal.geometry.stl import checked_stl
 from softcal.geometry.surface import boundary_faces
 from softcal.limits import LIMITS
+from softcal.processes import run
 from softcal.units import unit_factor
 
 KINDS = {".stl": "stl", ".step": "step", ".stp": "step"}
@@ -169,14 +170,11 @@ def run_gmsh(job: Mapping[str, Any], *, where: str, timeout: float) -> dict[str,
     with tempfile.TemporaryDirectory(prefix="softcal-") as folder:
         mesh, fault = Path(folder) / "mesh.npz", Path(folder) / "fault.json"
         try:
-            done = subprocess.run(
+            done = run(
                 [sys.executable, "-P", "-m", "softcal.geometry.gmsh_worker", folder],
-                input=json.dumps({"options": OPTIONS, "timeout": timeout, "most_tets": LIMITS["tets"].most, **job}),
-                capture_output=True,
-                text=True,
                 timeout=timeout,
-                env=environment,
-                check=False,
+                told=json.dumps({"options": OPTIONS, "timeout": timeout, "most_tets": LIMITS["tets"].most, **job}),
+                environment=environment,
             )
         except subprocess.TimeoutExpired as error:
             raise MeshError(

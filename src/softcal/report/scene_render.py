@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.processes import run
 from softcal.report.scene import Arrow, Ball, Camera, Part, Scene, Surface, Tube, refined
 
 if TYPE_CHECKING:
@@ -42,16 +43,14 @@ def render_scenes(scenes: tuple[Scene, ...], cameras: tuple[Camera, ...]) -> Ren
             environment = {**os.environ, **({"VTK_DEFAULT_OPENGL_WINDOW": window} if window else {})}
             command = [sys.executable, "-m", "softcal.report.scene_worker", str(request), str(answer)]
             try:
-                run = subprocess.run(
-                    command, env=environment, capture_output=True, text=True, timeout=_PATIENCE, check=False
-                )
+                done = run(command, timeout=_PATIENCE, environment=environment)
             except subprocess.TimeoutExpired:
                 problem = f"the renderer did not finish within {_PATIENCE:g} s"
                 continue
-            if run.returncode == 0 and answer.exists():
+            if done.returncode == 0 and answer.exists():
                 with np.load(answer) as pictures:
                     return Rendering(tuple(pictures[name] for name in pictures.files))
-            problem = _reason(run.returncode, run.stderr)
+            problem = _reason(done.returncode, done.stderr)
     note = (
         f"Drawn flat by matplotlib, since the 3-D renderer (PyVista/VTK) does not work on this machine: {problem}. "
         "On Debian or Ubuntu the packages libegl1 and libgl1 make it work."

@@ -22,10 +22,10 @@ from softcal.report.scene import (
     alike,
     extent_points,
 )
-from softcal.report.scene_render import Rendering, draw_flat, render_scenes
+from softcal.report.scene_render import Rendering, draw_flat, panel_size, render_scenes
 from softcal.report.scene_twin import twin_parts, twin_scenes
 from softcal.report.scene_worker import from_behind
-from softcal.report.style import MUTED, encode, new_figure
+from softcal.report.style import DPI, MUTED, encode, new_figure
 from softcal.twin.facing import plate_normal, plate_radius
 from softcal.twin.robot import ViaPoint
 
@@ -106,11 +106,24 @@ def test_the_renderer_or_its_loud_stand_in() -> None:
     if rendering.pictures:
         first, second = rendering.pictures
         assert first.shape == second.shape
+        shown = DPI * np.array(panel_size(found.camera)[::-1])
+        np.testing.assert_allclose(first.shape[:2], shown, atol=1.0, err_msg="as many pixels as are shown")
         assert first.shape[2] == 4
         assert 0.02 < (first[:, :, 3] > 0).mean() < 0.9
         assert (first != second).any()
     else:
         assert "matplotlib" in rendering.note
+
+
+def test_a_figure_is_drawn_once_for_each_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    figure = new_figure()
+    axes = figure.add_subplot()
+    figure.set_layout_engine("none")
+    drawn: list[str] = []
+    draw = axes.draw
+    monkeypatch.setattr(axes, "draw", lambda renderer: drawn.append(type(renderer).__name__) or draw(renderer))
+    encode(figure)
+    assert len(drawn) == 2
 
 
 def test_a_renderer_that_dies_is_told_and_replaced(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.report.scene import Camera, Scene, Surface
-from softcal.report.scene_render import Rendering, draw_flat, render_scenes
+from softcal.report.scene_render import Rendering, draw_flat, panel_size, render_scenes
 from softcal.report.scene_twin import twin_scenes
 from softcal.report.style import DISPLACEMENT, FAINT, INK, MUTED, house_style, new_figure
 from softcal.report.twin_view import TwinView
@@ -52,9 +52,7 @@ def draw_side_by_side(
     from matplotlib.colors import Normalize
     from matplotlib.patches import Patch
 
-    left, right, bottom, top = cameras[0].window
-    panel = min(max(3.4 * (right - left) / (top - bottom), 2.4), 3.6)  # all lengths of the layout in inches
-    tall = panel * (top - bottom) / (right - left)
+    panel, tall = panel_size(cameras[0])  # all lengths of the layout in inches
     lines = 1 + max(scene.title.count("\n") for scene in scenes)
     width = 0.16 + panel * len(scenes)
     columns = 3 if width > _WIDE else 2

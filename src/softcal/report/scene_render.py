@@ -16,13 +16,14 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.processes import run
 from softcal.report.scene import Arrow, Ball, Camera, Part, Scene, Surface, Tube, refined
+from softcal.report.style import DPI
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 # How long one attempt of the renderer may take [s]; a software renderer on a loaded machine needs some ten.
 _PATIENCE = 120.0
-_HEIGHT = 1300
+_MOST_PIXELS = 1300  # from bottom to top
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,9 @@ def render_scenes(scenes: tuple[Scene, ...], cameras: tuple[Camera, ...]) -> Ren
     problem = ""
     with tempfile.TemporaryDirectory(prefix="softcal-scene-") as folder:
         request, answer = Path(folder, "request.pickle"), Path(folder, "answer.npz")
-        request.write_bytes(pickle.dumps((scenes, cameras, _HEIGHT)))
+        # As large as they are shown: more would cost as much again in every later step, and be scaled away.
+        heights = [min(round(DPI * panel_size(camera)[1]), _MOST_PIXELS) for camera in cameras]
+        request.write_bytes(pickle.dumps((scenes, cameras, heights)))
         for window in _windows():
             environment = {**os.environ, **({"VTK_DEFAULT_OPENGL_WINDOW": window} if window else {})}
             command = [sys.executable, "-m", "softcal.report.scene_worker", str(request), str(answer)]
@@ -56,6 +59,13 @@ def render_scenes(scenes: tuple[Scene, ...], cameras: tuple[Camera, ...]) -> Ren
         "On Debian or Ubuntu the packages libegl1 and libgl1 make it work."
     )
     return Rendering((), note)
+
+
+def panel_size(camera: Camera) -> tuple[float, float]:
+    """Width and height [in] at which a camera's picture is shown."""
+    left, right, bottom, top = camera.window
+    width = min(max(3.4 * (right - left) / (top - bottom), 2.4), 3.6)
+    return width, width * (top - bottom) / (right - left)
 
 
 def _windows() -> tuple[str, ...]:

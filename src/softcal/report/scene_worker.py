@@ -1,7 +1,7 @@
 """Renders scenes by PyVista in a process of its own, since VTK ends the process where it finds no OpenGL.
 
-Run as `python -m softcal.report.scene_worker REQUEST ANSWER`: REQUEST is a pickle of (scenes, cameras, height in
-pixels) that the parent wrote, ANSWER the .npz of one RGBA picture per scene.
+Run as `python -m softcal.report.scene_worker REQUEST ANSWER`: REQUEST is a pickle of (scenes, cameras, heights
+in pixels) that the parent wrote, ANSWER the .npz of one RGBA picture per scene.
 """
 
 from __future__ import annotations
@@ -90,8 +90,8 @@ def _cells(triangles: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
 
 def main(request: str, answer: str) -> None:
     """Render every scene of the request."""
-    scenes, cameras, height = pickle.loads(Path(request).read_bytes())
-    np.savez(answer, *[render(scene, camera, height) for scene, camera in zip(scenes, cameras, strict=True)])
+    scenes, cameras, heights = pickle.loads(Path(request).read_bytes())
+    np.savez(answer, *[render(*one) for one in zip(scenes, cameras, heights, strict=True)])
 
 
 if __name__ == "__main__":

@@ -20,6 +20,7 @@ BLUE, ORANGE, GREEN, RED, SKY, PURPLE = "#0072b2", "#e69f00", "#009e73", "#d55e0
 SERIES = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY)
 MEASURED, SIMULATED = INK, RED
 SEQUENTIAL = "viridis"
+DPI = 200  # dots per inch of pictures in files
 DISPLACEMENT = "YlGnBu"  # pale at rest, so that the shape itself stays readable
 
 _STYLE: Any = {
@@ -74,13 +75,23 @@ def new_figure(width: float = 5.2, height: float = 3.6) -> Figure:
 
 def encode(figure: Figure) -> tuple[bytes, bytes]:
     """The figure as the bytes of a PNG and of an SVG file, the same bytes for the same figure."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
     found: list[bytes] = []
     with house_style():
-        figure.draw_without_rendering()
+        if isinstance(figure.get_layout_engine(), ConstrainedLayoutEngine):
+            figure.draw_without_rendering()
         figure.set_layout_engine("none")  # the layout stands; it is most of the time of a drawing
-        for kind, metadata in (("png", {"Software": None}), ("svg", {"Date": None})):
+        figure.set_dpi(DPI)
+        # By the canvases themselves, since `savefig` draws everything twice.
+        for write, metadata in (
+            (FigureCanvasAgg(figure).print_png, {"Software": None}),
+            (FigureCanvasSVG(figure).print_svg, {"Date": None}),
+        ):
             buffer = io.BytesIO()
-            figure.savefig(buffer, format=kind, dpi=200, metadata=metadata)
+            write(buffer, metadata=metadata)
             found.append(buffer.getvalue())
     return found[0], found[1]
 

@@ -104,7 +104,10 @@ QUANTITIES: Mapping[str, Quantity] = {
         Quantity("density", "kg/m^3", 0.0, 1e5),
         Quantity("moment of inertia", "kg*m^2", -1e9, 1e9),
         Quantity("acceleration", "m/s^2", -1e4, 1e4),
-        Quantity("friction coefficient", "1", 0.0, 10.0),
+        Quantity("friction coefficient", "1", 0.0, 2.0, attempt="0.05 for 5 %"),
+        # Number, coefficient and wrap multiplied: at its end the cable's tension is lost but for a twenty-thousandth.
+        Quantity("friction over all pulleys", "1", 0.0, 10.0, attempt="the wrap of one pulley, and 0.05 for 5 %"),
+        Quantity("wrap angle", "rad", 0.0, 100.0),
         Quantity("angle", "rad", -1000.0, 1000.0),
         Quantity("time", "s", 0.0, 1e7),
         Quantity("duration", "s", 0.0, 1e7, "(]"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -146,6 +147,34 @@ MODEL: dict[str, tuple[Change, tuple[str, ...]]] = {
         ("file: bar.msh", "file: baz.msh"),
         ("project.yaml:6:", "no such mesh file", "'baz.msh'", "bar.msh"),
     ),
+    "a cable without a length": (
+        ("- {at: [30 mm, 0 mm, 0 mm]}", "- {at: [30 mm, 0 mm, 100 mm]}"),
+        ("project.yaml:17: robot.cables.front: the cable has no length", "(30, 0, 100) mm"),
+    ),
+    "a cable shorter than the data pull it": (
+        ("- {at: [30 mm, 0 mm, 0 mm]}", "- {at: [30 mm, 0 mm, 90 mm]}"),
+        ("project.yaml:22: experiments.pull: front.shortening", "got 20 mm; allowed: < 10 mm. Try: check the units"),
+    ),
+    "friction in per cent": (
+        ("experiments:\n", "rig:\n  pulleys: {wrap: 90 deg, friction_coefficient: 5}\nexperiments:\n"),
+        ("project.yaml:22: rig.pulleys.friction_coefficient", "got 5; allowed: 0 to 2. Try: 0.05 for 5 %"),
+    ),
+    "friction that leaves nothing of the tension": (
+        ("experiments:\n", "rig:\n  pulleys: {count: 90, wrap: 9 rad, friction_coefficient: 0.1}\nexperiments:\n"),
+        ("project.yaml:22: rig.pulleys", "the friction over all pulleys is out of range; got 81; allowed: 0 to 10"),
+    ),
+    "a wrap the other way round": (
+        ("experiments:\n", "rig:\n  pulleys: {wrap: -90 deg, friction_coefficient: 0.1}\nexperiments:\n"),
+        ("project.yaml:22: rig.pulleys.wrap: the wrap angle is out of range", "allowed: 0 to 100 rad"),
+    ),
+    "nothing but what drives": (
+        (
+            "          tension: {name: Force, unit: N}\n          pitch: {name: Pitch, unit: deg}\n    noise: "
+            "{tension: 0.05 N, pitch: 0.2 deg}\n",
+            "",
+        ),
+        ("project.yaml:22: experiments.pull: there is nothing to compare", "got shortening, which drives it", "--pull"),
+    ),
     "an unreadable kind of mesh": (
         ("file: bar.msh", "file: project.yaml"),
         ("project.yaml:6:", "'.yaml'", ".msh, .vtk"),
@@ -216,6 +245,17 @@ def test_all_faults_of_the_sections_at_once_and_then_all_of_what_they_name(
     path = write_project(tmp_path, ("fixed: foot", "fixed: fot"), data=data)
     err = refused(capsys, path, "3 faults", "'overload'", "no column 'Pitch'", "'fot'")
     assert len(err.strip().splitlines()) == 4
+
+
+@pytest.mark.parametrize("named", ["path: data/pull.csv", "file: bar.msh"])
+@pytest.mark.parametrize("kind", ["a device", "a pipe", "a folder"])
+def test_what_is_no_regular_file_is_not_read(capsys: pytest.CaptureFixture[str], tmp_path: Path, named: str, kind: str):
+    other = {"a device": Path("/dev/zero"), "a pipe": tmp_path / "pipe", "a folder": tmp_path}[kind]
+    if kind == "a pipe":
+        os.mkfifo(other)
+    path = write_project(tmp_path, (named, f"{named.split(maxsplit=1)[0]} {other}"))
+    refused(capsys, path, "project.yaml:", f"file is {kind}", f"got '{other}'", "allowed: a regular file")
+    refused(capsys, other, f"{other}: the project file cannot be read; got {kind}; allowed: a regular file")
 
 
 @pytest.mark.parametrize(

@@ -121,7 +121,7 @@ def test_what_cannot_be_built_is_refused_by_name():
     with pytest.raises(MeshError, match="front, via point 1: there is no such body or plate; got lid"):
         build_twin(replace(robot, cables=(Cable("front", (ViaPoint(np.zeros(3), "lid"), ViaPoint(np.ones(3)))),)))
     with pytest.raises(MeshError, match="front, via point 1"):
-        build_twin(replace(robot, cables=(Cable("front", (ViaPoint(np.ones(3), "neck"), ViaPoint(np.ones(3)))),)))
+        build_twin(replace(robot, cables=(Cable("front", (ViaPoint(np.ones(3), "neck"), ViaPoint(2 * np.ones(3)))),)))
     with pytest.raises(MeshError, match="push: there is no such body"):
         build_twin(replace(robot, loads=(SurfaceLoad("push", "lid", np.array([[0, 1, 2]]), np.ones(3)),)))
 

@@ -213,8 +213,16 @@ class Experiment:
     def _compare_faults(self) -> list[Fault]:
         faults: list[Fault] = []
         if not self.compared:
-            allowed = "a dataset with positions, angles, or the tension or shortening that does not drive the twin"
-            faults.append(Fault("there is nothing to compare", self.name, allowed=allowed))
+            driving = ", ".join(self.drives)
+            faults.append(
+                Fault(
+                    "there is nothing to compare with the twin",
+                    self.name,
+                    got=f"{driving}, which drives it" if driving else "no channel that the twin answers",
+                    allowed="positions, angles, or the tension or shortening that does not drive the twin",
+                    attempt="what was measured beside it; to pull a cable without a measurement, simulate --pull",
+                )
+            )
         faults += [
             Fault("the channel that drives the twin cannot be compared", self.name, got=channel)
             for channel in self.compared

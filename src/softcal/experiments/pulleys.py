@@ -17,6 +17,7 @@ import numpy as np
 from softcal.errors import DatasetError, Fault
 from softcal.experiments.branches import PULLEY_STEP, Branch, branch_of, require_branch
 from softcal.experiments.dataset import Dataset, Step
+from softcal.quantities import QUANTITIES
 
 
 def pulley_gain(branch: Branch, exponent: float) -> tuple[float, float]:
@@ -48,7 +49,8 @@ def correct_pulley_friction(
     Raises
     ------
     DatasetError
-        Where the dataset has no tension, a setting is negative, or the branch is not that of the data.
+        Where the dataset has no tension, a setting is negative, they leave nothing of the tension, or the branch is not
+        that of the data.
 
     References
     ----------
@@ -68,6 +70,8 @@ def correct_pulley_friction(
         dataset.values("tension")
     read_on = branch_of(dataset) or branch or "loading"
     own = n_pulleys * friction_coefficient * wrap_angle
+    if fault := QUANTITIES["friction over all pulleys"].fault(own, dataset.name):
+        raise DatasetError(fault)
     step = Step(
         PULLEY_STEP,
         {

@@ -19,6 +19,7 @@ from softcal.project.section import (
     Size,
     Slack,
     TensionOffset,
+    Wrap,
     at_most,
     counted,
     fault_error,
@@ -34,7 +35,7 @@ class PulleysSection(Section):
     """The pulleys between the testing machine and the neck (Euler-Eytelwein)."""
 
     count: Annotated[int, counted("pulleys")] = 2
-    wrap: Angle
+    wrap: Wrap
     friction_coefficient: Friction = 0.0
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from softcal.calibration.experiment import PULLEY_FRICTION, Experiment, rig_parameters
 from softcal.calibration.friction import friction_faults
+from softcal.calibration.observation import commands
 from softcal.calibration.parameters import SearchSpace
 from softcal.errors import Fault, ProjectFileError
 from softcal.project.axes import Axis, cells_fault, doubled, parse_axis
@@ -24,6 +25,7 @@ from softcal.project.search import build_search, held_values, names_held, rig_va
 from softcal.project.sections import Sections
 from softcal.project.sweep_schema import SweepSection
 from softcal.twin.parameters import ParameterInfo, robot_parameters, with_parameters
+from softcal.twin.protocol import Protocol, command_faults
 from softcal.twin.robot import Robot
 
 
@@ -68,6 +70,7 @@ def build_project(
     robot = with_parameters(built.robot, {name: value for name, value in held.items() if name in of_robot})
     tests = {name: _with_held_rig(bench.experiment, held) for name, bench in whole.items()}
     _check_friction(robot, space, tests, findings)
+    _check_commands(robot, tests, findings)
     findings.raise_if_any()
     bodies = sections.robot.bodies
     return Project(
@@ -152,6 +155,16 @@ def _check_settings(space: SearchSpace | None, experiments: Mapping[str, Experim
         free = space.free_in(name) if space is not None else set[str]()
         for key in free & set(experiment.settings):
             findings.add(("experiments", name, "settings", key), "the parameter is set and free at once", got=key)
+
+
+def _check_commands(robot: Robot, experiments: Mapping[str, Experiment], findings: Findings) -> None:
+    """What the bench did to the cables, the twin's can follow."""
+    for name, experiment in experiments.items():
+        place = findings.document.where(("experiments", name))
+        told = Protocol(commands(experiment, experiment.rig_values()))
+        for fault in command_faults(robot, told):
+            attempt = "check the units of the channel and of the via points, and the slack"
+            findings.faults.append(replace(fault, where=f"{place}: {fault.where}", attempt=attempt))
 
 
 def _check_friction(

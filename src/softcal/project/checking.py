@@ -138,10 +138,8 @@ def _part_rows(project: Project) -> list[tuple[str, str]]:
         for plate in robot.plates
     ]
     for cable in robot.cables:
-        points = np.array([via.at for via in cable.via_points])
-        length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
         via = " → ".join(_stations(cable))
-        rows.append((f"cable {cable.name}", f"{format_quantity(length, 'm')} long, {via}"))
+        rows.append((f"cable {cable.name}", f"{format_quantity(cable.length, 'm')} long, {via}"))
         if cable.routing_axis is not None:
             least, most = (format_quantity(r, "m", digits=4) for r in _radii(cable))
             far = least if least == most else f"{least} to {most}"

@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 import hashlib
+import stat
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from softcal.errors import Fault, StorageError
 from softcal.limits import Limit
+
+OTHER_KINDS = {
+    stat.S_IFDIR: "a folder",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+    stat.S_IFIFO: "a pipe",
+    stat.S_IFSOCK: "a socket",
+}
+"""What else stands at a path, by the type that the system tells."""
 
 
 @dataclass
@@ -39,9 +49,9 @@ class InputFiles:
             near = _beside(path)
             raise StorageError(
                 Fault(
-                    f"the {kind} is a folder" if found == "a folder" else f"there is no such {kind}",
+                    f"the {kind} is {found}" if found in OTHER_KINDS.values() else f"there is no such {kind}",
                     got=shortened(written),
-                    allowed=f"a file; beside it lie {', '.join(near)}" if near else "a file",
+                    allowed=f"a regular file; beside it lie {', '.join(near)}" if near else "a regular file",
                 )
             )
         if limit is not None:
@@ -62,11 +72,12 @@ def stored_mesh(body: str) -> str:
 def not_a_file(path: Path) -> str:
     """What stands at a path where a file is to be read; nothing where it is a file."""
     try:
-        if path.is_file():
-            return ""
-        return "a folder" if path.is_dir() else "no file at all" if path.exists() else "no such file"
-    except OSError as error:  # such as a name of more letters than the system allows
-        return (error.strerror or str(error)).lower()
+        kind = stat.S_IFMT(path.stat().st_mode)
+    except (FileNotFoundError, NotADirectoryError):
+        return "no such file"
+    except (OSError, ValueError) as error:  # such as a name of more letters than the system allows, or a NUL in it
+        return str(getattr(error, "strerror", None) or error).lower()
+    return "" if stat.S_ISREG(kind) else OTHER_KINDS.get(kind, "no file")
 
 
 def require_file(path: Path, kind: str, limit: Limit) -> None:
@@ -78,7 +89,9 @@ def require_file(path: Path, kind: str, limit: Limit) -> None:
         Where there is none, or it is too large.
     """
     if found := not_a_file(path):
-        raise StorageError(Fault(f"the {kind} cannot be read", shortened(str(path)).strip("'"), found, "a file"))
+        raise StorageError(
+            Fault(f"the {kind} cannot be read", shortened(str(path)).strip("'"), found, "a regular file")
+        )
     try:
         size = path.stat().st_size
     except OSError as error:

@@ -93,8 +93,17 @@ class Cable:
             raise InputError(
                 Fault("a cable needs at least two via points", where=self.name, got=str(len(self.via_points)))
             )
+        if not self.length > 0.0:
+            at = ", ".join(f"{1e3 * x:.6g}" for x in self.via_points[0].at)
+            allowed = "via points at two places or more"
+            raise InputError(Fault("the cable has no length", self.name, f"every via point at ({at}) mm", allowed))
         if self.routing_axis is not None:
             self.routing_axis.away(self._points)
+
+    @property
+    def length(self) -> float:
+        """The length [m] of the polyline at rest."""
+        return float(np.linalg.norm(np.diff(self._points, axis=0), axis=1).sum())
 
     @property
     def _points(self) -> Floats:

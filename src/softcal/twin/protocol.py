@@ -99,8 +99,7 @@ def command_faults(robot: Robot, protocol: Protocol) -> list[Fault]:
         if name not in cables:
             faults.append(Fault("there is no such cable", where=name, allowed=", ".join(cables) or "none"))
             continue
-        via = np.array([point.at for point in cables[name].via_points])
-        length = float(np.linalg.norm(np.diff(via, axis=0), axis=1).sum())
+        length = cables[name].length
         if command.control == "tension" and command.values.min(initial=0.0) < 0.0:
             low = command.values.min()
             faults.append(Fault("a cable cannot push", where=f"{name}.tension", got=f"{low:.4g} N", allowed=">= 0 N"))

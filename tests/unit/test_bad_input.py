@@ -250,9 +250,13 @@ def test_all_faults_of_the_sections_at_once_and_then_all_of_what_they_name(
 @pytest.mark.parametrize("named", ["path: data/pull.csv", "file: bar.msh"])
 @pytest.mark.parametrize("kind", ["a device", "a pipe", "a folder"])
 def test_what_is_no_regular_file_is_not_read(capsys: pytest.CaptureFixture[str], tmp_path: Path, named: str, kind: str):
-    other = {"a device": Path("/dev/zero"), "a pipe": tmp_path / "pipe", "a folder": tmp_path}[kind]
-    if kind == "a pipe":
+    other = tmp_path / "other"
+    if kind == "a device":
+        other.symlink_to("/dev/zero")
+    elif kind == "a pipe":
         os.mkfifo(other)
+    else:
+        other.mkdir()
     path = write_project(tmp_path, (named, f"{named.split(maxsplit=1)[0]} {other}"))
     refused(capsys, path, "project.yaml:", f"file is {kind}", f"got '{other}'", "allowed: a regular file")
     refused(capsys, other, f"{other}: the project file cannot be read; got {kind}; allowed: a regular file")

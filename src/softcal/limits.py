@@ -86,6 +86,7 @@ LIMITS: Mapping[str, Limit] = {
         Limit("workers", 256, 1, "as many as there are cores"),
         Limit("values on an axis", 10_000, 1),
         Limit("cells of a grid", 100_000, 1, "fewer values on each axis"),
+        Limit("shapes of a film", 2000, 2),
         # Motion in time, and other engines
         Limit("time steps", 10_000_000, 1, "a longer time step, or a shorter time"),
         Limit("time steps to try", 20),

@@ -8,7 +8,7 @@ could be, so that a number outside is a slip of unit or sign.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from softcal.errors import Fault, ParameterError
@@ -84,11 +84,19 @@ class Quantity:
         return self.checked(parse_quantity(value, self.unit, where=where), where=where)
 
 
+def noise_in(unit: str) -> Quantity:
+    """The standard deviations that a channel of a unit may have."""
+    return replace(QUANTITIES["noise"], unit=unit)
+
+
+_EARTHS = "9.81 m/s^2, or 9810 mm/s^2"
+
 QUANTITIES: Mapping[str, Quantity] = {
     quantity.name: quantity
     for quantity in (
         Quantity("length", "m", -100.0, 100.0),
         Quantity("size", "m", 0.0, 100.0, "(]"),
+        Quantity("extent of a mesh", "m", 1e-6, 100.0, attempt="another unit", attempt_below="another unit"),
         Quantity("clearance", "m", 0.0, 100.0),
         Quantity("slack", "m", -10.0, 10.0),
         Quantity("shortening", "m", -10.0, 10.0),
@@ -103,7 +111,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         Quantity("mass", "kg", 0.0, 1e6),
         Quantity("density", "kg/m^3", 0.0, 1e5),
         Quantity("moment of inertia", "kg*m^2", -1e9, 1e9),
-        Quantity("acceleration", "m/s^2", -1e4, 1e4),
+        Quantity("acceleration", "m/s^2", -1e3, 1e3, attempt=_EARTHS, attempt_below=_EARTHS),
         Quantity("friction coefficient", "1", 0.0, 2.0, attempt="0.05 for 5 %"),
         # Number, coefficient and wrap multiplied: at its end the cable's tension is lost but for a twenty-thousandth.
         Quantity("friction over all pulleys", "1", 0.0, 10.0, attempt="the wrap of one pulley, and 0.05 for 5 %"),
@@ -121,6 +129,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         Quantity("number of turns", "1", 0.0, 1000.0, "(]"),
         Quantity("refinement", "1", 0.0, 1000.0, "(]"),
         Quantity("scale factor", "1", -1e9, 1e9, least=1e-9),
+        Quantity("noise", "1", 1e-12, 1e6),
         Quantity("pixel", "px", -1e6, 1e6),
         Quantity("focal length", "px", 0.0, 1e6, "(]"),
         Quantity("width in pixels", "px", 1.0, 65535.0),

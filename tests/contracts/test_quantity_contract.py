@@ -8,7 +8,7 @@ import pytest
 
 from softcal.errors import InputError, ParameterError, UnitError
 from softcal.quantities import QUANTITIES
-from softcal.units import SI_UNITS, format_quantity
+from softcal.units import SI_UNITS, format_quantity, parse_quantity
 
 KINDS = sorted(QUANTITIES)
 # A unit of every dimension that a user may write; "%" is a ratio's, "px" neither a length nor a ratio.
@@ -46,8 +46,9 @@ def test_units_of_another_dimension_are_refused(kind: str, unit: str):
 def test_its_own_units_are_read(kind: str):
     quantity = QUANTITIES[kind]
     for unit in SAME.get(quantity.unit, (quantity.unit,)):
-        value = 1e-3 if quantity.allows(1e-3) else 100
-        assert quantity.allows(quantity.read(f"{value} {unit}")), unit
+        inside = [v for v in (1e-3, 100.0) if quantity.allows(parse_quantity(f"{v} {unit}", quantity.unit))]
+        assert inside, unit
+        assert all(quantity.allows(quantity.read(f"{value} {unit}")) for value in inside), unit
 
 
 @pytest.mark.parametrize("kind", KINDS)

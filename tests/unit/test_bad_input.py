@@ -175,6 +175,30 @@ MODEL: dict[str, tuple[Change, tuple[str, ...]]] = {
         ),
         ("project.yaml:22: experiments.pull: there is nothing to compare", "got shortening, which drives it", "--pull"),
     ),
+    "a mesh in km": (
+        ("unit: mm}\n      element", "unit: km}\n      element"),
+        ("project.yaml:6: robot.bodies.bar.mesh", "got 100000 m; allowed: 1e-06 to 100 m. Try: another unit"),
+    ),
+    "a mesh in nm, which could not be solved": (
+        ("unit: mm}\n      element", "unit: nm}\n      element"),
+        ("project.yaml:6: robot.bodies.bar.mesh", "got 1e-07 m; allowed: 1e-06 to 100 m"),
+    ),
+    "gravity in mm/s^2": (
+        ("  cables:\n", "  gravity: [0 m/s^2, 0 m/s^2, -9810 m/s^2]\n  cables:\n"),
+        ("project.yaml:16: robot.gravity[2]: the acceleration is out of range", "Try: 9.81 m/s^2, or 9810 mm/s^2"),
+    ),
+    "no noise to speak of": (
+        ("tension: 0.05 N", "tension: 1e-300 N"),
+        ("project.yaml:32: experiments.pull.noise.tension", "got 1e-300 N; allowed: 1e-12 to 1e+06 N"),
+    ),
+    "everything held out": (
+        ("starts: 1}", "starts: 1, hold_out: pull}"),
+        ("project.yaml:36: calibration.hold_out: no experiment is left to fit",),
+    ),
+    "no number": (
+        ("normal: [0, 0, 1]", "normal: [0, 0, .nan]"),
+        ("Error: project.yaml:11: robot.bodies.bar.regions.foot.plane.normal[2]: this is not a quantity; got '.nan'",),
+    ),
     "an unreadable kind of mesh": (
         ("file: bar.msh", "file: project.yaml"),
         ("project.yaml:6:", "'.yaml'", ".msh, .vtk"),
@@ -467,3 +491,12 @@ def test_the_good_project_is_not_refused(tmp_path: Path):
 
     assert load(write_project(tmp_path)).warnings == ()
     assert len(bench_values()[0]) == 25
+
+
+@pytest.mark.parametrize("option", ["--trials", "--seed"])
+def test_a_count_on_the_command_line_is_told_its_limit(capsys: pytest.CaptureFixture[str], tmp_path: Path, option: str):
+    most = {"--trials": "1 to 100000 trials", "--seed": "0 to 4294967295 seeds"}[option]
+    code, _, err = run(capsys, "calibrate", write_project(tmp_path), option, 9999999999)
+    assert code == 2
+    assert err.startswith(f"Error: {option}: there are too many {option.strip('-').rstrip('s')}s; got 9999999999;")
+    assert f"allowed: {most}" in err

@@ -11,7 +11,7 @@ from mechanics_cases import column_robot, elastic, pulled, side_cable, tensed
 from project_case import write_project
 
 from softcal.cli import main
-from softcal.errors import ParameterError
+from softcal.errors import InputError, ParameterError
 from softcal.export.vtk import write_vtk
 from softcal.geometry.primitives import box_mesh
 from softcal.materials.catalogue import LAWS
@@ -135,7 +135,7 @@ def test_film_of_a_pull_is_even_and_of_states_refused():
         films({"one": Protocol(up_and_down), "apart": Protocol(apart)}, 5)
     with pytest.raises(ParameterError, match="--shapes: nothing is pulled"):
         films({"rest": Protocol({"front": Command("tension", np.zeros(2))})}, 5)
-    with pytest.raises(ParameterError, match="--shapes: a film has a first and a last shape; got 1; allowed: >= 2"):
+    with pytest.raises(InputError, match="--shapes: there are too few shapes of a film; got 1; allowed: 2 to 2000"):
         films({"one": Protocol(up_and_down)}, 1)
 
 

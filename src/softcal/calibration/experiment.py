@@ -27,7 +27,7 @@ from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
 from softcal.experiments.dataset import Dataset
 from softcal.experiments.names import deviation_channel, is_deviation
-from softcal.quantities import QUANTITIES, Quantity
+from softcal.quantities import QUANTITIES, Quantity, noise_in
 from softcal.twin.parameters import ParameterInfo
 
 Drive = Literal["shortening", "tension"]
@@ -232,6 +232,10 @@ class Experiment:
             known, sigma = self.seen(channel), self.sigma(channel)
             if not np.any(known):
                 faults.append(Fault("a compared channel has no value at all", self.name, got=channel))
+            stated = sigma[known & (sigma > 0)]
+            ends = dict.fromkeys((stated.min(), stated.max())) if len(stated) else ()
+            kind = noise_in(self.dataset.channels[channel].unit)
+            faults += [fault for end in ends if (fault := kind.fault(end, f"{self.name}, {channel}")) is not None]
             if not np.all(sigma[known] >= 0):
                 rows = _rows(known & ~(sigma >= 0))
                 faults.append(Fault("a standard deviation is missing or negative", self.name, f"{channel}, {rows}"))

@@ -14,10 +14,9 @@ from softcal.experiments.read import ColumnSpec
 from softcal.project.bench_schema import ExperimentSection, FileSection
 from softcal.project.document import Findings, KeyPath
 from softcal.project.robot_schema import RobotSection
-from softcal.quantities import QUANTITIES
+from softcal.quantities import QUANTITIES, noise_in
 from softcal.twin.parameters import robot_parameters, unknown_name
 from softcal.twin.robot import PointLoad, Robot
-from softcal.units import parse_quantity
 
 MASS = "mass"
 
@@ -131,9 +130,7 @@ def noise_of(
                 findings.unknown((*path, key), "channel", key, [*CHANNEL_UNITS, *channels])
             continue
         with findings.at((*path, key)):
-            sigma = parse_quantity(value, channel_unit(named[0]) or "1")
-            if sigma <= 0:
-                raise ParameterError(Fault("a noise must be above zero", got=str(value)))
+            sigma = noise_in(channel_unit(named[0]) or "1").read(value)
             sigmas |= {channel: (key, sigma) for channel in named}
     return sigmas
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from softcal.errors import Fault, ParameterError, UnitError
+from softcal.limits import LIMITS
 from softcal.project.cases import Case, protocols_of
 from softcal.project.film import films
 from softcal.project.motion import SNAPSHOTS, Observer, simulate_each_in_time
@@ -59,7 +60,9 @@ def export_vtk(
 
     require_free_folder(folder)
     if in_time:
-        responses = simulate_each_in_time(project, cases, shapes or SNAPSHOTS, progress=progress)
+        n = SNAPSHOTS if shapes is None else shapes
+        LIMITS["shapes of a film"].check(n, where="--shapes")
+        responses = simulate_each_in_time(project, cases, n, progress=progress)
     elif shapes is None:
         responses = _simulated(cases, True, stage)
     else:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from softcal.errors import Fault, ParameterError
+from softcal.limits import LIMITS
 from softcal.twin.protocol import Command, Protocol
 
 SAME = 1e-9  # of the furthest command
@@ -17,11 +18,12 @@ def films(protocols: Mapping[str, Protocol], n: int) -> dict[str, Protocol]:
 
     Raises
     ------
+    InputError
+        For too few steps or too many.
     ParameterError
-        For less than two steps; where nothing at all is pulled; for samples that pull the cables by different shares.
+        Where nothing at all is pulled; for samples that pull the cables by different shares.
     """
-    if n < 2:
-        raise ParameterError(Fault("a film has a first and a last shape", "--shapes", str(n), ">= 2"))
+    LIMITS["shapes of a film"].check(n, where="--shapes")
     found: dict[str, Protocol] = {}
     faults: list[Fault] = []
     for name, protocol in protocols.items():

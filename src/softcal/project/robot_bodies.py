@@ -26,6 +26,7 @@ from softcal.materials.catalogue import LAWS
 from softcal.project.document import Findings, KeyPath
 from softcal.project.mesh_schema import RegionSection
 from softcal.project.robot_schema import BodySection, LoadSection
+from softcal.quantities import QUANTITIES
 from softcal.twin.parameters import out_of_range, robot_parameters
 from softcal.twin.robot import Body, Material, Robot
 
@@ -91,6 +92,8 @@ def build_bodies(sections: Mapping[str, BodySection], make_mesh: MeshMaker, find
         with findings.at((*path, "mesh")):
             mesh = make_mesh(name, body)
             built.made[name] = built.meshes[name] = mesh
+            extent = float(np.ptp(mesh.points, axis=0).max())
+            QUANTITIES["extent of a mesh"].checked(extent)
             built.qualities[name] = require_sound(mesh)
         if body.law not in LAWS:
             findings.unknown((*path, "law"), "law", body.law, LAWS)

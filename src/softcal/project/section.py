@@ -211,8 +211,7 @@ def changed(section: S, changes: Mapping[str, object], where: str) -> S:
     except ValidationError as error:
         faults: list[Fault] = []
         for found in error.errors():
-            what, got, allowed = _wording(found)
-            faults.append(Fault(what, where + ".".join(str(part) for part in found["loc"]), got, allowed))
+            faults.append(_fault(found, where + ".".join(str(part) for part in found["loc"])))
         raise InputError(faults) from error
 
 
@@ -227,12 +226,16 @@ def _details(found: Any) -> InitErrorDetails:
 
 def _record(found: Any, data: object, path: KeyPath, findings: Findings) -> None:
     place = (*path, *_keys(found["loc"], data))
+    findings.faults.append(_fault(found, findings.document.where(place)))
+
+
+def _fault(found: Any, where: str) -> Fault:
+    """An error of pydantic's, or one of ours that it carried, as a fault."""
     if found["type"] == FAULT:
-        context = found["ctx"]
-        findings.add(place, context["what"], got=context["got"], allowed=context["allowed"], attempt=context["attempt"])
-        return
+        told = found["ctx"]
+        return Fault(told["what"], where, told["got"], told["allowed"], told["attempt"])
     what, got, allowed = _wording(found)
-    findings.add(place, what, got=got, allowed=allowed)
+    return Fault(what, where, got, allowed)
 
 
 def _keys(location: tuple[str | int, ...], data: object) -> tuple[str | int, ...]:

@@ -161,6 +161,11 @@ def _check_calibration(
     for i, name in enumerate(section.hold_out):
         if name not in experiments:
             findings.unknown(("calibration", "hold_out", i), "experiment", name, experiments)
+    if experiments and set(experiments) <= set(section.hold_out):
+        got = ", ".join(section.hold_out)
+        findings.add(
+            ("calibration", "hold_out"), "no experiment is left to fit", got=got, allowed="all but one at most"
+        )
     for i, name in enumerate(section.split):
         if name not in tied:
             findings.unknown(("calibration", "split", i), "tied parameter", name, tied)

@@ -21,6 +21,7 @@ _TAG = "tag:yaml.org,2002:"
 _MERGE = _TAG + "merge"
 # What YAML itself says of a value; whatever else a tag names is not read.
 _TAGS = {_TAG + kind for kind in ("str", "int", "float", "bool", "null", "map", "seq", "merge", "timestamp", "value")}
+_NO_NUMBERS = (".nan", ".inf")
 _LONGEST_KEY, _MOST_DIGITS = 200, 30
 
 
@@ -165,6 +166,8 @@ class _Reader:
             if kind == "float" and math.isfinite(number := float(plain)):
                 return number
         except (ValueError, KeyError):
+            if kind == "float" and plain.lower().lstrip("+-") in _NO_NUMBERS:
+                return text  # whoever reads it says what it should be
             self.add(path, node, "the value is not what its tag says", f"'{text[:40]}', {kind}", "a plain value")
         return text
 

@@ -376,3 +376,51 @@ def test_workers_end_with_their_parent_however_it_ends(tmp_path: Path, number: s
         process.communicate()
     assert process.returncode == -number
     assert not outlived
+
+
+_TPE_SCRIPT = """
+import sys, time
+sys.path[:0] = {path!r}
+from pathlib import Path
+from fake_twin import fake_simulate
+from test_calibration_run import problem_of
+from softcal.calibration.run import calibrate
+
+def slow(robot, protocol, **options):
+    time.sleep(0.02)
+    return fake_simulate(robot, protocol, **options)
+
+if __name__ == "__main__":
+    tell = lambda progress: print(progress.done, flush=True)
+    calibrate(problem_of(slow), method="tpe", trials=60, workers=3, store=Path({folder!r}), progress=tell)
+"""
+
+
+@pytest.mark.parametrize(
+    "done",
+    [
+        7,
+        pytest.param(1, marks=pytest.mark.slow),  # each starts three workers, for some seconds
+        pytest.param(33, marks=pytest.mark.slow),
+    ],
+)
+def test_a_search_by_three_workers_that_is_killed_ends_as_if_it_had_not_been(tmp_path: Path, done: int) -> None:
+    here, folder, script = Path(__file__).parent, tmp_path / "run", tmp_path / "search.py"
+    script.write_text(_TPE_SCRIPT.format(path=[str(here), str(here.parent)], folder=str(folder)))
+    with subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, text=True) as process:
+        watchdog = threading.Timer(120, process.kill)
+        watchdog.start()
+        try:
+            assert process.stdout is not None
+            assert any(int(line) >= done for line in process.stdout), "it ended before"
+        finally:
+            watchdog.cancel()
+            process.kill()
+    options = {"method": "tpe", "trials": 60}
+    resumed = calibrate(problem_of(), store=folder, resume=True, workers=1, **options)
+    whole = calibrate(problem_of(), workers=1, **options)
+    assert len(whole.trials) == 60
+    assert [(t.number, t.state, t.theta, t.loss) for t in resumed.trials] == [
+        (t.number, t.state, t.theta, t.loss) for t in whole.trials
+    ]
+    assert resumed.parameters == whole.parameters

@@ -203,6 +203,20 @@ def test_shapes_are_solved_once_for_the_warnings_and_the_report(
     assert solved == ["pull"]
 
 
+@pytest.mark.parametrize("changed", ["project.yaml", "inputs/data/pull.csv", "inputs/bar.msh"])
+def test_a_run_whose_inputs_were_changed_is_not_told_of(
+    capsys: pytest.CaptureFixture[str], finished: Path, tmp_path: Path, changed: str
+):
+    folder = shutil.copytree(finished / "run", tmp_path / "run")
+    path = folder / changed
+    path.write_text(path.read_text() + "\n")
+    before = sorted(folder.rglob("*"))
+    code, _, err = run(capsys, "report", folder)
+    assert code == 2
+    assert f"{folder}: what was calibrated has been changed since; got {changed.removeprefix('inputs/')}" in err
+    assert sorted(folder.rglob("*")) == before
+
+
 def test_the_run_folder_holds_its_tables(finished: Path):
     response = table(finished / "run" / "response-pull.csv")
     assert {"front.shortening [m]", "front.tension [N]", "plate.pitch [rad]", "plate.x [m]"} <= set(response)

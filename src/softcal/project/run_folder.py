@@ -165,13 +165,14 @@ def load_run(folder: str | Path) -> Run:
     Raises
     ------
     StorageError
-        Where there is no run, no result yet, or a file of it is missing or broken.
+        Where there is no run, no result yet, a file of it is missing or broken, or what was calibrated has changed.
     ProjectFileError
         Where the project in it cannot be loaded.
     """
     folder = Path(folder)
     record = _record(folder)
     project = load(folder / PROJECT, values=record.values, copies=record.copies)
+    _require_unchanged(folder, record, project)
     results = {
         label: load_result(calibration_folder(folder, label))
         for label in record.calibrations
@@ -249,6 +250,23 @@ def _record(folder: Path) -> _RunRecord:
             Fault("there is no run here", str(folder), f"no {RECORD}", "a folder that softcal calibrate wrote")
         )
     return read_record(_RunRecord, path, "the record of the run", FORMAT)
+
+
+def _require_unchanged(folder: Path, record: _RunRecord, project: Project) -> None:
+    """What the results are of must still be there: a report would draw other data beside them."""
+    # The project's file is called otherwise in the run than it may have been where it was copied from.
+    before = {name if name in record.copies else PROJECT: digest for name, digest in record.hashes.items()}
+    changed = [name for name, digest in project.hashes.items() if before.get(name, digest) != digest]
+    if changed:
+        raise StorageError(
+            Fault(
+                "what was calibrated has been changed since",
+                str(folder),
+                ", ".join(changed),
+                "the files as the run copied them",
+                f"softcal calibrate {folder / PROJECT} --out ANOTHER",
+            )
+        )
 
 
 def _copy_inputs(project: Project, folder: Path) -> dict[str, str]:

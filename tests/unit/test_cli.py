@@ -204,17 +204,33 @@ def test_shapes_are_solved_once_for_the_warnings_and_the_report(
 
 
 @pytest.mark.parametrize("changed", ["project.yaml", "inputs/data/pull.csv", "inputs/bar.msh"])
+@pytest.mark.parametrize("missing", [False, True])
 def test_a_run_whose_inputs_were_changed_is_not_told_of(
-    capsys: pytest.CaptureFixture[str], finished: Path, tmp_path: Path, changed: str
+    capsys: pytest.CaptureFixture[str], finished: Path, tmp_path: Path, changed: str, missing: bool
 ):
-    folder = shutil.copytree(finished / "run", tmp_path / "run")
-    path = folder / changed
+    home = shutil.copytree(finished, tmp_path / "home")
+    folder, path = home / "run", home / "run" / changed
+    text = path.read_text() + "\n"
+    path.unlink()
+    if not missing:
+        path.write_text(text)
+    before = sorted(home.rglob("*"))
+    again = ("calibrate", home / "p" / "project.yaml", "--out", folder, "--resume")
+    for command in (("report", folder), ("export", "vtk", folder, "--out", tmp_path / "vtk"), again):
+        code, _, err = run(capsys, *command)
+        assert code == 2
+        sentence = "a file of the run is missing" if missing else "the file was changed after the calibration"
+        assert f"Error: {path}: {sentence}. Try: put it back as it was" in err
+    assert sorted(home.rglob("*")) == before
+
+
+def test_a_run_is_not_gone_on_with_by_other_data(capsys: pytest.CaptureFixture[str], finished: Path, tmp_path: Path):
+    home = shutil.copytree(finished, tmp_path / "home")
+    path = home / "p" / "data" / "pull.csv"
     path.write_text(path.read_text() + "\n")
-    before = sorted(folder.rglob("*"))
-    code, _, err = run(capsys, "report", folder)
+    code, _, err = run(capsys, "calibrate", home / "p" / "project.yaml", "--out", home / "run", "--resume")
     assert code == 2
-    assert f"{folder}: what was calibrated has been changed since; got {changed.removeprefix('inputs/')}" in err
-    assert sorted(folder.rglob("*")) == before
+    assert f"{path}: the file was changed after the run began" in err
 
 
 def test_the_run_folder_holds_its_tables(finished: Path):

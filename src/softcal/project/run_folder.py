@@ -28,7 +28,7 @@ from softcal.calibration.stored import Record, read_record
 from softcal.errors import Fault, StorageError
 from softcal.geometry.write import write_mesh
 from softcal.project.calibration_schema import CalibrationSection
-from softcal.project.files import not_a_file, stored_mesh
+from softcal.project.files import not_a_file, sha256, stored_mesh
 from softcal.project.output import new_folder, require_writable, unwritable
 from softcal.project.project import Project, load
 
@@ -98,6 +98,7 @@ def begin_run(project: Project, settings: CalibrationSection, labels: list[str],
         try:
             shutil.copyfile(project.path, part / PROJECT)
             copies = _copy_inputs(project, part)
+            made = {name: sha256(part / place) for name, place in copies.items() if name not in project.hashes}
         except OSError as error:
             raise unwritable(folder, error) from error
         record = {
@@ -107,7 +108,7 @@ def begin_run(project: Project, settings: CalibrationSection, labels: list[str],
             "copies": copies,
             "calibrations": labels,
             "settings": settings.model_dump(),
-            "hashes": dict(project.hashes),
+            "hashes": {**project.hashes, **made},
             "versions": installed_versions(),
             "created": datetime.now(UTC).isoformat(timespec="seconds"),
         }
@@ -120,9 +121,22 @@ def reopen_run(project: Project, folder: Path) -> None:
     Raises
     ------
     StorageError
-        Where the folder holds no run of this project, or cannot be written.
+        Where the folder holds no run of this project, the project's files are others than when the run began, or the
+        folder cannot be written.
     """
     record = _record(folder)
+    _require_unchanged(folder, record)
+    faults = [
+        Fault(
+            "the file was changed after the run began",
+            str(project.inputs[written]),
+            attempt="put it back as it was, or another --out, without --resume",
+        )
+        for written, digest in project.hashes.items()
+        if written in project.inputs and record.hashes.get(written, digest) != digest
+    ]
+    if faults:
+        raise StorageError(faults)
     if record.values != dict(project.held):
         raise StorageError(
             Fault("the run holds other parameters", str(folder), str(dict(project.held)), str(record.values))
@@ -171,8 +185,8 @@ def load_run(folder: str | Path) -> Run:
     """
     folder = Path(folder)
     record = _record(folder)
+    _require_unchanged(folder, record)
     project = load(folder / PROJECT, values=record.values, copies=record.copies)
-    _require_unchanged(folder, record, project)
     results = {
         label: load_result(calibration_folder(folder, label))
         for label in record.calibrations
@@ -252,21 +266,26 @@ def _record(folder: Path) -> _RunRecord:
     return read_record(_RunRecord, path, "the record of the run", FORMAT)
 
 
-def _require_unchanged(folder: Path, record: _RunRecord, project: Project) -> None:
+def _require_unchanged(folder: Path, record: _RunRecord) -> None:
     """What the results are of must still be there: a report would draw other data beside them."""
-    # The project's file is called otherwise in the run than it may have been where it was copied from.
-    before = {name if name in record.copies else PROJECT: digest for name, digest in record.hashes.items()}
-    changed = [name for name, digest in project.hashes.items() if before.get(name, digest) != digest]
-    if changed:
-        raise StorageError(
-            Fault(
-                "what was calibrated has been changed since",
-                str(folder),
-                ", ".join(changed),
-                "the files as the run copied them",
-                f"softcal calibrate {folder / PROJECT} --out ANOTHER",
-            )
-        )
+    faults: list[Fault] = []
+    for number, (written, before) in enumerate(record.hashes.items()):
+        # First comes the project's file, which is called otherwise here than it may have been.
+        path = folder / (record.copies.get(written, written) if number else PROJECT)
+        missing = not_a_file(path)
+        what = "a file of the run is missing" if missing else "the file was changed after the calibration"
+        if missing or _sha256(path) != before:
+            attempt = "put it back as it was, or softcal calibrate the changed project with another --out"
+            faults.append(Fault(what, str(path), attempt=attempt))
+    if faults:
+        raise StorageError(faults)
+
+
+def _sha256(path: Path) -> str:
+    try:
+        return sha256(path)
+    except OSError as error:
+        raise StorageError(Fault("the file cannot be read", str(path), error.strerror or str(error))) from error
 
 
 def _copy_inputs(project: Project, folder: Path) -> dict[str, str]:

@@ -236,15 +236,22 @@ def tendons(side: float = 0.004) -> tuple[Cable, ...]:
     return tuple(Cable(f"c{i}", (ViaPoint(x), ViaPoint(TOP + x, "top")), pulled_end="first") for i, x in enumerate(at))
 
 
-def test_what_falls_again_and_again_is_given_up_with_its_cause() -> None:
-    """Three cables that press a round column until it is folded up, and the foot and the top of one have met."""
+def test_three_cables_fold_a_round_column_up_once() -> None:
+    """Beyond 2.18 of Euler's load foot and top meet. It seemed to fall again and again there."""
     alike = np.array([2.54 * np.pi**2 * ROUND_EI / LENGTH**2 / 3.0])
     robot = column(circular(0.006), cables=tendons(), elements=16)
     response = simulate(robot, Protocol({cable.name: Command("tension", alike) for cable in robot.cables}))
+    assert response.succeeded, response.status
+    assert response.falls.count("on the way to sample") == 1
+    assert "have met (0.1" in response.status
+    assert response.n_factorisations < 900
+
+
+def test_what_falls_too_often_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(path_module, "MOST_FALLS", 0)
+    response = simulate(column(cables=(axial(),)), pulled(0.001))
     assert not response.succeeded
-    assert "it buckles or snaps more than 20 times; via points 1 and 2 of c" in response.status
-    assert "have met (0.2 mm apart, 200 mm at rest)" in response.status
-    assert response.n_factorisations < 8000
+    assert "it buckles or snaps more than 0 times" in response.status
 
 
 ROUND_EI = E * np.pi * 0.003**4 / 4.0

@@ -9,10 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.mechanics.statics import NO_MODES, TOLERANCE, Statics
+from softcal.mechanics.statics import FREE, NO_MODES, Statics
 from softcal.mechanics.system import Linearisation
 
-FREE = 10.0 * TOLERANCE  # of the forces: a mode is free where a motion as long as the robot takes no more
 INVERSE_ITERATIONS = 3
 MOST_MODES = 6
 

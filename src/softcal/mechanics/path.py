@@ -14,7 +14,7 @@ from softcal.mechanics.layout import Layout
 from softcal.mechanics.mixed import mixed_derivatives
 from softcal.mechanics.stability import fall
 from softcal.mechanics.state import State, difference, distance, moved
-from softcal.mechanics.statics import NO_MODES, SLACK_TENSION, Statics
+from softcal.mechanics.statics import FREE, NO_MODES, SLACK_TENSION, Statics
 from softcal.mechanics.system import Controls
 
 SMALLEST_STEP = 1e-4  # of the whole range: where equilibria end
@@ -23,6 +23,8 @@ SAME = 1e-6  # of the robot's extent: states as near as this are one
 NO_FALL = 1e-4  # of the robot's extent: what moves it no farther, a tenth of the nudge, is no fall
 MOST_FALLS = 20  # of a path: beyond it is not a robot's, and every one takes as long as many steps
 GROWTH = 2.0
+CUTS = 1  # of a step, before the robot is let settle: Newton's method may find its way in a shorter one
+SHORTER, SHORTEST = 0.7, 0.05  # of a predicted step: where branches turn as roots do less of it serves better
 EASY, HARD = 7, 12  # iterations (with kept factorisations) below which steps grow, above which they shrink
 
 
@@ -53,8 +55,9 @@ class Node:
     """An equilibrium on the path; no two are equal. slope: dz/dc (n_unknowns,); by_parameter: dz/dtheta at fixed c
     (n_unknowns, k); mixed: d2z/dc dtheta (n_unknowns, k);
     is_stable: whether it is one of least energy, or one that a cable would have to push for, which is none anyway;
-    is_fallen: whether the robot fell to it from an unstable one (it buckled, or snapped); free: the modes
-    (n_unknowns - n_cables, k) along which the robot moves without force, and slope and by_parameter do not.
+    is_fallen: whether the robot fell to it from an unstable one (it buckled, or snapped); has_fallen: whether it did so
+    before; free: the modes (n_unknowns - n_cables, k) along which the robot moves without force, and slope
+    and by_parameter do not.
     """
 
     c: float
@@ -64,6 +67,7 @@ class Node:
     mixed: Floats
     is_stable: bool = True
     is_fallen: bool = False
+    has_fallen: bool = False
     free: Floats = field(default_factory=lambda: NO_MODES)
 
 
@@ -75,6 +79,15 @@ class Path:
     reached: bool
     status: str = ""
     names: tuple[str, ...] = field(default=())
+
+
+@dataclass(frozen=True)
+class _Attempt:
+    """A step to c: the state that is predicted there, and the one to solve from."""
+
+    c: float
+    guess: State
+    begin: State
 
 
 def node_at(
@@ -125,7 +138,7 @@ def stable_node_at(statics: Statics, line: Line, c: float, state: State, names: 
 def follow(
     statics: Statics,
     line: Line,
-    start: Node,
+    start: Node | tuple[Node, ...],
     end: float,
     *,
     first_step: float,
@@ -135,22 +148,28 @@ def follow(
 ) -> Path:
     """Stable equilibria from a node to c = end, or to where `stop` says so. A failed step is cut and tried again.
 
+    start: the node, or several of which it is the last: the others tell how the path turns.
     Where they cease to be stable the robot falls: the next node is the stable equilibrium that it comes to.
     """
     layout = statics.system.layout
+    before, start = (start[:-1], start[-1]) if isinstance(start, tuple) else ((), start)
     nodes = [start]
     h = min(first_step, largest_step, end - start.c)
     scale = max(end - start.c, 1e-300)
+    tried: list[_Attempt] = []  # from the last node on, without success
     beyond: Node | None = None  # the nearest equilibrium ahead that was found unstable
     while nodes[-1].c < end - 1e-12 * scale:
         last = nodes[-1]
         # Steps that fill what is left evenly.
         remaining = end - last.c
         step = min(remaining / max(1, int(np.ceil(remaining / h - 1e-9))), largest_step)
+        if beyond is not None:
+            step = min(step, 0.5 * (beyond.c - last.c))
         c = end if abs(last.c + step - end) < 1e-12 * scale else last.c + step
-        statics.free_modes = last.free
-        guess = statics.reachable(last.state, _predicted_step(layout, nodes, c))
-        solved = statics.equilibrium(guess, line.at(c))
+        go_on_from(statics, last)
+        guess = statics.reachable(last.state, _predicted_step(layout, [*before, *nodes], c))
+        attempt = _Attempt(c, guess, _nearer(statics, line, c, last, guess))
+        solved = statics.equilibrium(attempt.begin, line.at(c))
         if (
             solved.converged
             and 0.4 * step >= SMALLEST_STEP * scale
@@ -160,6 +179,12 @@ def follow(
             continue
         node = node_at(statics, line, c, solved.state, names) if solved.converged else None
         if node is None or not node.is_stable:
+            tried.append(attempt if node is None else replace(attempt, begin=node.state))
+        # Once for a few steps that failed, and over the first of them.
+        settles = len(tried) > 0 and len(tried) % (CUTS + 1) == 0
+        if settles and (settled := _settled(statics, line, last, tried[-1 - CUTS], names)):
+            node, h = settled, max(first_step, GROWTH * (settled.c - last.c))
+        elif node is None or not node.is_stable:
             close = CLOSE * max(c - start.c, SMALLEST_STEP * scale)
             if node is None:  # a branch's first steps are shorter yet
                 close = min(SMALLEST_STEP * scale, close)
@@ -179,16 +204,24 @@ def follow(
                 return _ended(statics, nodes, solved.status or str(error), names)
             if _is_no_fall(statics, last.state, guess, node.state):
                 node = replace(node, is_fallen=False)
-            h = step
+            # Where many branches begin at once they are told apart further on.
+            h = max(step, first_step) if node.is_fallen and _is_nearly_free(node) else step
         elif solved.n_iterations <= EASY:
             h = GROWTH * step
         elif solved.n_iterations >= HARD:
             h = 0.5 * step
-        nodes.append(node)
-        beyond = None
+        tried.clear()
+        nodes.append(replace(node, has_fallen=last.has_fallen or last.is_fallen))
+        if beyond is not None and beyond.c - node.c < CLOSE * max(c - start.c, SMALLEST_STEP * scale):
+            beyond = None
         if stop(node):
             break
     return Path(tuple(nodes), True, names=names)
+
+
+def go_on_from(statics: Statics, node: Node) -> None:
+    """Free modes come with the first buckling, and are those of the node before until they are found anew."""
+    statics.free_modes, statics.seeks_free_modes = node.free, node.has_fallen or node.is_fallen
 
 
 def _ended(statics: Statics, nodes: list[Node], status: str, names: tuple[str, ...]) -> Path:
@@ -210,6 +243,29 @@ def _strays(statics: Statics, before: State, guess: State, found: State) -> bool
     return distance(layout, found, guess) > distance(layout, guess, before) + SAME * statics.length
 
 
+def _is_nearly_free(node: Node) -> bool:
+    """Whether the robot has buckled in many ways at once: it then moves in several ways that take hardly any force."""
+    return (node.has_fallen or node.is_fallen) and node.free.shape[1] > 1
+
+
+def _settled(statics: Statics, line: Line, last: Node, attempt: _Attempt, names: tuple[str, ...]) -> Node | None:
+    """The stable node that the robot settles to where Newton's method finds no way along modes that are nearly free.
+
+    None where it has none, or where it settles to none that is close, or that so little force leads to.
+    """
+    if not _is_nearly_free(last) or _pushes(last.state):
+        return None
+    fallen = fall(statics, attempt.begin, line.at(attempt.c))
+    if not fallen.converged:
+        return None
+    way = statics.reach(difference(statics.system.layout, fallen.state, last.state))
+    at = statics.system.linearise(fallen.state, line.at(attempt.c), statics.theta, tangent=False)
+    is_driven = fallen.work >= FREE * statics.force_scale(at) * way
+    if is_driven and not _is_no_fall(statics, last.state, attempt.guess, fallen.state):
+        return None
+    return node_at(statics, line, attempt.c, fallen.state, names)
+
+
 def _is_no_fall(statics: Statics, before: State, guess: State, found: State) -> bool:
     """Whether a fall ends where it began, or where a step would have led: it was none."""
     layout = statics.system.layout
@@ -228,6 +284,7 @@ def _fallen(statics: Statics, line: Line, c: float, state: State, names: tuple[s
     fallen = fall(statics, state, line.at(c))
     if not fallen.converged:
         raise SimulationError(f"the robot is not stable there, and falls to no other equilibrium: {fallen.status}")
+    statics.seeks_free_modes = True
     return replace(node_at(statics, line, c, fallen.state, names), is_fallen=True)
 
 
@@ -240,14 +297,14 @@ def between(statics: Statics, line: Line, path: Path, c: float) -> Node:
         Where no equilibrium was found from there.
     """
     before, after = neighbours(path, c)
-    statics.free_modes = before.free
+    go_on_from(statics, before)
     guess = interpolated(statics.system.layout, before, after, c)
     if statics.system.free_way(before.state, guess) == 1.0:
         solved = statics.equilibrium(guess, line.at(c))
         if solved.converged:
             node = node_at(statics, line, c, solved.state, path.names)
             if node.is_stable:
-                return node
+                return replace(node, has_fallen=before.has_fallen or before.is_fallen)
     way = follow(statics, line, before, c, first_step=0.3 * (c - before.c), names=path.names)
     if not way.reached:
         raise SimulationError(f"No equilibrium between two neighbouring ones: {way.status}.")
@@ -269,6 +326,23 @@ def interpolated(layout: Layout, before: Node, after: Node, c: float) -> State:
     whole = difference(layout, after.state, before.state)
     dz = (3.0 - 2.0 * t) * t**2 * whole + h * t * (1.0 - t) * ((1.0 - t) * before.slope - t * after.slope)
     return moved(layout, before.state, dz)
+
+
+def _nearer(statics: Statics, line: Line, c: float, last: Node, guess: State) -> State:
+    """The state on the way to a predicted one with the least residual."""
+    if not _is_nearly_free(last):
+        return guess
+    layout = statics.system.layout
+    way = difference(layout, guess, last.state)
+
+    def off(state: State) -> float:
+        at = statics.system.linearise(state, line.at(c), statics.theta, tangent=False)
+        return statics.norm(at) if at.is_admissible else np.inf
+
+    least, part = off(guess), SHORTER
+    while part > SHORTEST and (here := off(nearer := moved(layout, last.state, part * way))) <= least:
+        guess, least, part = nearer, here, SHORTER * part
+    return guess
 
 
 def _predicted_step(layout: Layout, nodes: list[Node], c: float) -> Floats:

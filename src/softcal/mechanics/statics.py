@@ -19,6 +19,7 @@ from softcal.mechanics.state import State, moved, rest_state
 from softcal.mechanics.system import NO_BORDER, Border, Controls, Linearisation, System, part_theta
 
 TOLERANCE = 1e-9  # residual over its scale
+FREE = 1e-6  # of the forces: what a free mode takes for a motion as long as the robot, at most; along it less is none
 ROUNDING = 4.0 * float(np.finfo(float).eps)  # of the farthest coordinate: what positions are known to
 MAX_ITERATIONS = 25
 PATIENCE = 6  # iterations without a smaller residual
@@ -37,13 +38,14 @@ MOVE_PER_STEP = 0.33  # of the robot's extent, at most
 
 @dataclass(frozen=True)
 class Equilibrium:
-    """A state and whether it is one of equilibrium. status: a sentence where it is not."""
+    """A state and whether it is one of equilibrium. status: a sentence where it is not; work: of a fall [J]."""
 
     state: State
     converged: bool
     n_iterations: int
     residual: float
     status: str = ""
+    work: float = 0.0
 
 
 class Statics:
@@ -196,7 +198,10 @@ class Statics:
         if k and self._columns_solved is not None:
             rows_y = border.rows.T @ y
             rows_y[: len(border.taut)] -= columns[n + border.taut]
-            w = np.linalg.solve(border.rows.T @ self._columns_solved - np.diag(border.corner), rows_y)
+            try:
+                w = np.linalg.solve(border.rows.T @ self._columns_solved - np.diag(border.corner), rows_y)
+            except np.linalg.LinAlgError as error:
+                raise SimulationError("The tangent is singular.") from error
             y -= self._columns_solved @ w
             out[n + border.taut] = w[: len(border.taut)]
         out[:n] = y
@@ -219,20 +224,21 @@ class Statics:
             elif iteration - best_iteration >= more * PATIENCE:
                 status = f"Newton's method stalled (residual {best:.1e}, tolerance {TOLERANCE:.0e})"
                 return Equilibrium(state, False, iteration, residual, status)
-            if residual < TOLERANCE:
+            across = self.measured(self._across(at.reduced, free), self.force_scale(at)) if free.size else residual
+            if residual < TOLERANCE or max(across / TOLERANCE, residual / FREE) < 1.0:
                 torn = self.is_torn(state)
                 return Equilibrium(state, not torn, iteration, residual, TORN if torn else "")
             if not residual < min(1e3 * previous, 1e6):
                 return Equilibrium(
                     state, False, iteration, residual, f"Newton's method diverged (residual {residual:.1e})"
                 )
-            if free.size and self.measured(self._across(at.reduced, free), self.force_scale(at)) < TOLERANCE:
+            if free.size and across < TOLERANCE:
                 free = NO_MODES  # the modes take a force after all: what is left is along them
             try:
                 if at.data is not None:
                     self.factorise(at, free=free)
                 dz = -self.solve(at.reduced)
-            except (SimulationError, np.linalg.LinAlgError) as error:
+            except SimulationError as error:
                 return Equilibrium(
                     state, False, iteration, residual, f"the tangent is singular: {str(error).rstrip('.')}"
                 )

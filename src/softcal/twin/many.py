@@ -10,10 +10,8 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.errors import SimulationError
 from softcal.mechanics.crossing import Crossings
-from softcal.mechanics.path import Line, Node, follow, node_at, stable_node_at
-from softcal.mechanics.redundancy import DEPENDENT
 from softcal.mechanics.state import State
-from softcal.mechanics.statics import SLACK_LENGTH, SLACK_TENSION, Statics
+from softcal.mechanics.statics import Statics
 from softcal.mechanics.system import Controls
 from softcal.twin.build import Twin
 from softcal.twin.crossings import crossed_at
@@ -22,6 +20,7 @@ from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response, Shown, Snapshot
 from softcal.twin.sensors import channel_units, sense, sense_by_parameters, sense_rates
 from softcal.twin.start import UNDER_LOADS, fallen, loaded, slack_line, snapshot
+from softcal.twin.taut import Reached, reach
 from softcal.units import format_quantity
 
 SENTENCES = 3  # samples without an equilibrium whose reasons are given
@@ -52,30 +51,30 @@ def simulate_many(
     out: list[tuple[str, dict[str, float]]] = []
     try:
         loads = loaded(twin, statics)
-        start = state = loads.state
+        state = loads.state
         falls = fallen(UNDER_LOADS) if loads.falls else ""
         # Lengths as they are: a cable that is commanded in length starts at its own.
         lengths = twin.system.cables.lengths(state.x)
         slack = replace(slack_line(twin).at(0.0), shortening=twin.system.cables.rest_length - lengths)
-        controls = slack
         by_length = _by_length(twin, protocol)
+        begun = reached = Reached(loads.state, slack, np.zeros((0, 0)), has_fallen=loads.falls)
         for i in range(protocol.n_samples):
-            target = _target(twin, protocol, i, controls)
+            target = _target(twin, protocol, i, slack)
             if why := _beyond(protocol, i, failed):
                 failed[i] = why
                 continue
             try:
-                node, controls = _reach(twin, statics, state, controls, target, by_length, names)
+                reached = reach(statics, reached, target, by_length, names)
             except SimulationError:
                 # The way from the sample before may lead through states that have no equilibrium.
                 try:
-                    node, controls = _reach(twin, statics, start, slack, target, by_length, names)
+                    reached = reach(statics, begun, target, by_length, names)
                 except SimulationError as error:
                     failed[i] = str(error)
                     continue
             solved.append(i)
-            state = node.state
-            if node.is_fallen:
+            state = reached.state
+            if reached.falls:
                 falls_at.append(i)
             label = f"sample {i + 1}{_pulls(protocol, i)}"
             if crossings and twin.skins is not None:
@@ -84,9 +83,9 @@ def simulate_many(
             if not met and (pairs := twin.system.cables.meeting(state.x)):
                 met = f" From sample {i + 1} on {pairs}."
             values.append(_commanded(twin, protocol, i, sense(twin, state)))
-            by_command = _by_command(twin, statics, state, controls, by_length, commanded)
+            by_command = _by_command(twin, statics, state, reached.controls, by_length, commanded)
             of_commands = _commanded_rates(twin, protocol, commanded, sense_rates(twin, state, by_command))
-            rates.append(np.hstack([sense_by_parameters(twin, state, node.by_parameter, names), of_commands]))
+            rates.append(np.hstack([sense_by_parameters(twin, state, reached.by_parameter, names), of_commands]))
             if snapshots:
                 shapes.append(snapshot(twin, state, _shown(protocol, i), i + 1, ""))
     except SimulationError as error:
@@ -160,92 +159,6 @@ def _target(twin: Twin, protocol: Protocol, i: int, now: Controls) -> Controls:
             command = protocol.commands[cable.name]
             (tension if command.control == "tension" else shortening)[k] = command.values[i]
     return Controls(now.is_held, tension, shortening)
-
-
-def _reach(
-    twin: Twin,
-    statics: Statics,
-    state: State,
-    now: Controls,
-    target: Controls,
-    by_length: np.ndarray,
-    names: tuple[str, ...],
-) -> tuple[Node, Controls]:
-    """Equilibrium at the target: along a straight line with the cables taut or slack as they are, then switched where
-    a taut one would push or a slack one would be too long, and again, until none is.
-    """
-    cables = twin.system.cables
-    lengths = cables.lengths(state.x)
-    # A taut cable goes from its present length to the target's; a slack one waits for the check.
-    start = replace(now, shortening=cables.rest_length - lengths, tension=np.where(now.is_held, now.tension, 0.0))
-    falls = False
-    for _ in range(4 * cables.n_cables + 4):
-        line = Line(
-            start.is_held,
-            start.tension,
-            start.shortening,
-            np.where(start.is_held, target.tension - start.tension, 0.0),
-            target.shortening - start.shortening,
-        )
-        taut = by_length & ~start.is_held
-        still = not np.any(line.tension_rate[start.is_held]) and not np.any(line.shortening_rate[~start.is_held])
-        if still:
-            node = stable_node_at(statics, line, 1.0, state, names)
-            falls |= node.is_fallen
-        else:
-            path = follow(statics, line, node_at(statics, line, 0.0, state, ()), 1.0, first_step=1.0)
-            first = next((node for node in path.nodes if _pushing(node.state, taut).any()), None)
-            if not path.reached and first is not None and DEPENDENT not in path.status:
-                # States with a cable that pushes are none: the way goes on from the first of them, with that one slack.
-                path = replace(path, nodes=path.nodes[: path.nodes.index(first) + 1])
-            elif not path.reached:
-                raise SimulationError(
-                    f"no equilibrium beyond {100 * path.nodes[-1].c:.3g} % of the step: {path.status}."
-                )
-            node = node_at(statics, line, path.nodes[-1].c, path.nodes[-1].state, names, mixed=False)
-            falls |= any(node.is_fallen for node in path.nodes)
-        state, here = node.state, line.at(node.c)
-        lengths = cables.lengths(state.x)
-        pushes = _pushing(state, taut)
-        gap = lengths - cables.rest_length + target.shortening
-        too_long = by_length & start.is_held & (gap > SLACK_LENGTH * cables.rest_length) & (node.c == 1.0)
-        if not pushes.any() and not too_long.any():
-            return replace(node, is_fallen=falls), Controls(start.is_held, target.tension, target.shortening)
-        is_held = (start.is_held | pushes) & ~too_long
-        tension = np.where(is_held, np.where(by_length, np.maximum(state.tension, 0.0), here.tension), 0.0)
-        start = Controls(is_held, np.where(pushes, 0.0, tension), cables.rest_length - lengths)
-        if pushes.any():
-            state = _released(statics, state, start, pushes)
-            start = replace(start, shortening=cables.rest_length - cables.lengths(state.x))
-    raise SimulationError("cables keep switching between taut and slack.")
-
-
-def _pushing(state: State, taut: np.ndarray) -> np.ndarray:
-    """Which of the taut cables push."""
-    scale = max(float(np.abs(state.tension).max(initial=0.0)), 1e-12)
-    return taut & (state.tension < -SLACK_TENSION * scale)
-
-
-def _released(statics: Statics, state: State, held: Controls, pushes: np.ndarray) -> State:
-    """The equilibrium once the cables that push are slack: at once where that works, else their push taken off bit by
-    bit.
-
-    Raises
-    ------
-    SimulationError
-        Where there is none on the way.
-    """
-    slack = replace(state, tension=np.where(pushes, 0.0, state.tension))
-    released = statics.equilibrium(slack, held)
-    if released.converged:
-        return released.state
-    push = np.where(pushes, state.tension, 0.0)
-    none = np.zeros_like(push)
-    line = Line(held.is_held, held.tension + push, held.shortening, -push, none)
-    path = follow(statics, line, node_at(statics, line, 0.0, state, ()), 1.0, first_step=0.2)
-    if not path.reached:
-        raise SimulationError(f"no equilibrium as a cable goes slack: {path.status}.")
-    return path.nodes[-1].state
 
 
 def _by_command(

@@ -8,7 +8,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
-from softcal.mechanics.path import Line, Node, Path, between, follow, interpolated, neighbours, node_at
+from softcal.mechanics.path import Line, Node, Path, between, follow, go_on_from, interpolated, neighbours, node_at
 from softcal.mechanics.state import State
 from softcal.mechanics.statics import Statics
 from softcal.twin.build import Twin
@@ -272,7 +272,7 @@ class Sweep:
             return None
         held = slack_line(self.twin).at(0.0)
         held = replace(held, tension=np.where(np.arange(len(held.tension)) == self._i_cable, T, 0.0))
-        self.statics.free_modes = before.free
+        go_on_from(self.statics, before)
         solved = self.statics.equilibrium(guess, held)
         if not solved.converged:
             return None

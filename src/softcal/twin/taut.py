@@ -1,0 +1,186 @@
+"""From one set of commands to the next: which cables are taut and which are slack is found on the way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.errors import SimulationError
+from softcal.mechanics.path import Line, Node, follow, node_at, stable_node_at
+from softcal.mechanics.redundancy import DEPENDENT
+from softcal.mechanics.stability import fall
+from softcal.mechanics.state import State
+from softcal.mechanics.statics import SLACK_LENGTH, SLACK_TENSION, Statics
+from softcal.mechanics.system import Controls
+
+SAME = 1e-9  # of the largest command: commands as near as this are one
+
+
+@dataclass(frozen=True)
+class Way:
+    """A straight way through the commands, and the last nodes on it."""
+
+    line: Line
+    nodes: tuple[Node, ...]
+
+    def to(self, target: Controls) -> float | None:
+        """Where on it the commands are reached further on; None where they lie elsewhere."""
+        line = self.line
+        held = line.is_held
+        start = np.where(held, line.tension, line.shortening)
+        rate = np.where(held, line.tension_rate, line.shortening_rate)
+        wanted = np.where(held, target.tension, target.shortening)
+        if not np.any(rate):
+            return None
+        c = float((wanted - start) @ rate / (rate @ rate))
+        here = self.nodes[-1].c
+        off = np.abs(start + c * rate - wanted).max() if c > here else np.inf
+        return c if off <= SAME * np.abs(wanted).max() else None
+
+
+@dataclass(frozen=True)
+class Reached:
+    """An equilibrium at some commands.
+
+    falls: whether the robot fell on the way, has_fallen: or before; way: the one that led there.
+    """
+
+    state: State
+    controls: Controls
+    by_parameter: Floats
+    falls: bool = False
+    has_fallen: bool = False
+    way: Way | None = None
+
+
+def reach(statics: Statics, last: Reached, target: Controls, by_length: np.ndarray, names: tuple[str, ...]) -> Reached:
+    """Equilibrium at the target: along a straight line with the cables taut or slack as they are, then switched where
+    a taut one would push or a slack one would be too long, and again, until none is.
+
+    Parameters
+    ----------
+    by_length
+        Which cables are commanded in length.
+    names
+        Of the parameters by which derivatives are wanted.
+
+    Raises
+    ------
+    SimulationError
+        Where there is no equilibrium, or none was found.
+    """
+    cables = statics.system.cables
+    state, falls = last.state, False
+    # A taut cable goes from its present length to the target's; a slack one waits for the check.
+    held = last.controls.is_held
+    start = Controls(held, np.where(held, last.controls.tension, 0.0), cables.rest_length - cables.lengths(state.x))
+    way, end = last.way, None if last.way is None else last.way.to(target)
+    for _ in range(4 * cables.n_cables + 4):
+        if way is None or end is None:
+            way, end = Way(_line(start, target), ()), 1.0
+        line, has_fallen = way.line, last.has_fallen or falls
+        statics.seeks_free_modes = has_fallen
+        taut = by_length & ~start.is_held
+        if not np.any(line.tension_rate[start.is_held]) and not np.any(line.shortening_rate[~start.is_held]):
+            node, way = stable_node_at(statics, line, end, state, names), None
+            falls |= node.is_fallen
+        else:
+            begin = way.nodes or (replace(node_at(statics, line, 0.0, state, ()), has_fallen=has_fallen),)
+            path = follow(statics, line, begin, end, first_step=end - begin[-1].c, names=names)
+            first = next((i for i, node in enumerate(path.nodes) if _pushing(node.state, taut).any()), None)
+            node = path.nodes[-1]
+            if not path.reached and first is not None and DEPENDENT not in path.status:
+                # States with a cable that pushes are none: the way goes on from the first of them, with that one slack.
+                path = replace(path, nodes=path.nodes[: first + 1])
+                node = node_at(statics, line, path.nodes[-1].c, path.nodes[-1].state, names, mixed=False)
+            elif not path.reached:
+                raise SimulationError(f"no equilibrium beyond {100 * node.c / end:.3g} % of the step: {path.status}.")
+            falls |= any(node.is_fallen for node in path.nodes[1:])
+            way = Way(line, path.nodes[-2:])
+        state, here = node.state, line.at(node.c)
+        lengths = cables.lengths(state.x)
+        pushes = _pushing(state, taut)
+        gap = lengths - cables.rest_length + target.shortening
+        too_long = by_length & start.is_held & (gap > SLACK_LENGTH * cables.rest_length) & (node.c == end)
+        if not pushes.any() and not too_long.any():
+            return Reached(
+                state, replace(target, is_held=start.is_held), node.by_parameter, falls, last.has_fallen or falls, way
+            )
+        if falls:
+            break  # to where cables that stay taut or slack let it fall, which is elsewhere
+        is_held = (start.is_held | pushes) & ~too_long
+        tension = np.where(is_held, np.where(by_length, np.maximum(state.tension, 0.0), here.tension), 0.0)
+        start = Controls(is_held, np.where(pushes, 0.0, tension), cables.rest_length - lengths)
+        if pushes.any():
+            state = _released(statics, state, start, pushes)
+            start = replace(start, shortening=cables.rest_length - cables.lengths(state.x))
+        way = None
+    return _fallen(statics, last, target, by_length, names)
+
+
+def _fallen(
+    statics: Statics, last: Reached, target: Controls, by_length: np.ndarray, names: tuple[str, ...]
+) -> Reached:
+    """The equilibrium that the robot falls to from the last one, its cables going taut and slack on the way down.
+
+    Raises
+    ------
+    SimulationError
+        Where it comes to none.
+    """
+    cables = statics.system.cables
+
+    def switched(state: State, controls: Controls) -> Controls:
+        gap = cables.lengths(state.x) - cables.rest_length + target.shortening
+        held = controls.is_held
+        is_held = np.where(held, ~by_length | (gap <= SLACK_LENGTH * cables.rest_length), _pushing(state, ~held))
+        return controls if np.all(is_held == held) else replace(controls, is_held=is_held)
+
+    fallen = fall(statics, last.state, replace(target, is_held=last.controls.is_held), switched)
+    if not fallen.converged:
+        raise SimulationError(f"cables keep switching between taut and slack: {fallen.status}.")
+    controls = switched(fallen.state, replace(target, is_held=~by_length | (fallen.state.tension == 0.0)))
+    statics.seeks_free_modes = True
+    node = stable_node_at(statics, _line(controls, controls), 1.0, fallen.state, names)
+    return Reached(node.state, controls, node.by_parameter, falls=True, has_fallen=True)
+
+
+def _line(start: Controls, target: Controls) -> Line:
+    """From the start (c = 0) to the target (c = 1)."""
+    return Line(
+        start.is_held,
+        start.tension,
+        start.shortening,
+        np.where(start.is_held, target.tension - start.tension, 0.0),
+        target.shortening - start.shortening,
+    )
+
+
+def _pushing(state: State, taut: np.ndarray) -> np.ndarray:
+    """Which of the taut cables push."""
+    scale = max(float(np.abs(state.tension).max(initial=0.0)), 1e-12)
+    return taut & (state.tension < -SLACK_TENSION * scale)
+
+
+def _released(statics: Statics, state: State, held: Controls, pushes: np.ndarray) -> State:
+    """The equilibrium once the cables that push are slack: at once where that works, else their push taken off bit by
+    bit.
+
+    Raises
+    ------
+    SimulationError
+        Where there is none on the way.
+    """
+    slack = replace(state, tension=np.where(pushes, 0.0, state.tension))
+    released = statics.equilibrium(slack, held)
+    if released.converged:
+        return released.state
+    push = np.where(pushes, state.tension, 0.0)
+    none = np.zeros_like(push)
+    line = Line(held.is_held, held.tension + push, held.shortening, -push, none)
+    path = follow(statics, line, node_at(statics, line, 0.0, state, ()), 1.0, first_step=0.2)
+    if not path.reached:
+        raise SimulationError(f"no equilibrium as a cable goes slack: {path.status}.")
+    return path.nodes[-1].state

@@ -147,6 +147,10 @@ MODEL: dict[str, tuple[Change, tuple[str, ...]]] = {
         ("file: bar.msh", "file: baz.msh"),
         ("project.yaml:6:", "no such mesh file", "'baz.msh'", "bar.msh"),
     ),
+    "via points at one place": (
+        ("- {at: [30 mm, 0 mm, 0 mm]}", "- {at: [30 mm, 0 mm, 0 mm]}\n        - {at: [30 mm, 0 mm, 0 mm]}"),
+        ("project.yaml:17: robot.cables.front: via points 2 and 3 are at one place", "(30, 0, 0) mm"),
+    ),
     "a cable without a length": (
         ("- {at: [30 mm, 0 mm, 0 mm]}", "- {at: [30 mm, 0 mm, 100 mm]}"),
         ("project.yaml:17: robot.cables.front: the cable has no length", "(30, 0, 100) mm"),

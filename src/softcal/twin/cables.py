@@ -10,6 +10,8 @@ import numpy as np
 from softcal.checks import Floats, frozen_floats
 from softcal.errors import Fault, InputError
 
+COINCIDENT = 1e-12  # of a cable's length: neighbouring via points as near as this are at one place
+
 
 @dataclass(frozen=True)
 class RoutingAxis:
@@ -97,6 +99,18 @@ class Cable:
             at = ", ".join(f"{1e3 * x:.6g}" for x in self.via_points[0].at)
             allowed = "via points at two places or more"
             raise InputError(Fault("the cable has no length", self.name, f"every via point at ({at}) mm", allowed))
+        apart = np.linalg.norm(np.diff(self._points, axis=0), axis=1)
+        if len(same := np.flatnonzero(apart <= COINCIDENT * self.length)):
+            raise InputError(
+                Fault(
+                    f"via points {same[0] + 1} and {same[0] + 2} are at one place, so that no direction leads "
+                    "from one to the other",
+                    where=self.name,
+                    got=f"({', '.join(f'{1e3 * x:.6g}' for x in self.via_points[same[0]].at)}) mm",
+                    allowed="neighbouring via points apart",
+                    attempt="one of the two",
+                )
+            )
         if self.routing_axis is not None:
             self.routing_axis.away(self._points)
 

@@ -12,8 +12,9 @@ from fake_twin import NU, E, fake_experiment, fake_robot, fake_simulate
 from hypothesis import given
 from hypothesis import strategies as st
 
-from softcal.calibration.intervals import box_intervals
+from softcal.calibration.intervals import beyond_bounds, box_intervals
 from softcal.calibration.loss import LikelihoodLoss
+from softcal.calibration.outcome import bound_note
 from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import make_problem
 from softcal.calibration.result_reading import load_result
@@ -136,6 +137,41 @@ def test_three_parameters_agree_with_the_extremes_over_all_faces_of_the_bounds()
     low, high = -centre / 0.1, (1.0 - centre) / 0.1
     ends = [[extreme(j, sign, matrix, low, high) for sign in (-1.0, 1.0)] for j in range(3)]
     assert intervals == pytest.approx(centre[:, None] + 0.1 * np.array(ends), abs=1e-9)
+
+
+def test_how_far_bounds_hold_a_parameter_is_what_the_distance_falls_by_without_them() -> None:
+    assert beyond_bounds(np.array([1.6]), root([0.2])) == pytest.approx([3.0])
+    assert beyond_bounds(np.array([-0.1]), root([0.2])) == pytest.approx([0.5])
+    # The other is free to follow, and no bound of its own holds it.
+    assert beyond_bounds(np.array([1.6, 0.5]), root([0.2, 0.01], 0.9)) == pytest.approx([3.0, 0.0], abs=1e-9)
+    # By hand: the second's bound is 1 standard error from its minimum, the first's is 3 from its own; both correlate by
+    # -0.5, so that neither bound spares the other. Without the first's, 1^2 is left of the least distance at (3, 1).
+    whole = (3**2 + 2 * 0.5 * 3 * 1 + 1**2) / (1 - 0.5**2)
+    found = beyond_bounds(np.array([1.6, 1.2]), root([0.2, 0.2], -0.5))
+    assert found == pytest.approx([math.sqrt(whole - 1**2), math.sqrt(whole - 3**2)])
+
+
+@pytest.mark.parametrize(("far", "held"), [(-3.0, False), (1.0, False), (3.0, True), (30.0, True)])
+def test_data_that_want_a_value_beyond_a_bound_are_said_to(tmp_path: Path, far: float, held: bool) -> None:
+    def found(lower: float):
+        modulus, loss = FreeParameter(E, "Pa", lower, 40e6, "log"), LikelihoodLoss({"tension": 0.3, "pitch": 0.01})
+        problem = make_problem(fake_robot(), [fake_experiment(noise=0.01)], [modulus], loss, fake_simulate)
+        return calibrate(problem, starts=1, store=tmp_path / f"{lower:.6g}").parameters[E]
+
+    free = found(1e5)
+    assert free.standard_error
+    assert free.beyond is None
+    lower = free.value + far * free.standard_error
+    bounded = found(lower)
+    assert bounded.at_bound == (far > 0)
+    assert bounded.is_held == held
+    assert load_result(tmp_path / f"{lower:.6g}").parameters[E] == bounded
+    if bounded.at_bound:
+        # The residuals of a bound that is far off count as noise: it is then fewer of these, but still many.
+        assert bounded.beyond == pytest.approx(far, rel=0.2) if far < 10 else bounded.beyond > 5
+        note = bound_note(E, bounded)
+        assert ("want a value beyond it, by some" in note) == ("within the bounds" in note) == held
+        assert ("not the data, decide it" in note) == (not held)
 
 
 def test_a_ratio_at_its_bound_does_not_make_the_modulus_sure() -> None:

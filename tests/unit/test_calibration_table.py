@@ -14,6 +14,9 @@ from softcal.cli.calibration_table import interval_text, print_results
 def test_an_interval_is_told_in_the_unit_of_its_value():
     assert interval_text(Estimate(2.8e5, "Pa", False, 1e4, 1e6, 1e4, (2.58e5, 3.07e5))) == "258 to 307 kPa"
     assert interval_text(Estimate(2.8e5, "Pa", False, 1e4, 1e6, 1e4)) == ""
+    held = Estimate(2e5, "Pa", True, 2e5, 1e6, None, (2e5, 2.01e5), beyond=27.0)
+    assert interval_text(held) == "200 to 201 kPa, within the bounds"
+    assert interval_text(replace(held, beyond=1.9)) == "200 to 201 kPa"
 
 
 def test_only_shared_parameters_have_a_line_for_their_interval(capsys):
@@ -43,7 +46,7 @@ def test_what_is_poor_or_decided_by_a_bound_is_a_warning_before_the_status(capsy
     assert "Warning" not in capsys.readouterr().err
     fit = good.experiments["30mm"]
     poor = replace(fit, rmse={**fit.rmse, "pitch": 0.5 * max(fit.measured["pitch"])})
-    note = bound_note(E_NAME, "Pa", 1e5, 4e7, 1e5)
+    note = bound_note(E_NAME, Estimate(1e5, "Pa", True, 1e5, 4e7))
     bad = replace(good, experiments={**good.experiments, "30mm": poor}, notes=(*good.notes, note))
     print_results({"joint": bad}, samples(experiments))
     told = capsys.readouterr()

@@ -177,7 +177,7 @@ def test_a_twin_that_passes_through_itself_in_its_furthest_test_is_a_warning():
 
 def test_a_bound_is_told_once() -> None:
     at_bound = {E_NAME: Estimate(4e7, "Pa", True, 1e5, 4e7)}
-    note = bound_note(E_NAME, "Pa", 1e5, 4e7, 4e7)
+    note = bound_note(E_NAME, at_bound[E_NAME])
     content = small_content(parameters=at_bound, notes=(note, "Another note."))
     assert "Another note." in texts(content, "note")
     assert note not in texts(content, "note")

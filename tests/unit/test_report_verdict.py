@@ -9,6 +9,7 @@ import pytest
 from report_example import E_NAME, NU_NAME
 
 from softcal.analysis.agreement import agreements
+from softcal.calibration.outcome import bound_note
 from softcal.calibration.result import CalibrationResult, Distance, Estimate, ExperimentFit
 from softcal.cli.calibration_table import print_results
 from softcal.experiments.dataset import Channel, Dataset
@@ -226,6 +227,29 @@ def test_why_a_parameter_is_at_its_bound_follows_its_interval() -> None:
     assert "the data hardly determine it, its 95 % interval covers 80 % of the range" in at((0.4, 0.48))
     assert "covers all of the range" in at((0.4, 0.5))
     assert "the data would take it further, or do not determine it." in at(None)
+
+
+def test_what_its_bound_keeps_from_the_data_is_said_in_the_first_line(capsys: pytest.CaptureFixture[str]) -> None:
+    def at(beyond: float) -> dict[str, CalibrationResult]:
+        ratio = Estimate(0.4, "1", True, 0.4, 0.5, None, (0.4, 0.401), beyond=beyond)
+        estimates = {E_NAME: modulus(2.3), NU_NAME: ratio}
+        return {"a": result("a", estimates=estimates, notes=(bound_note(NU_NAME, ratio),))}
+
+    want = (
+        "stands at its lower bound of {}: the data want a value beyond it, by some 27 standard errors; all 95 % "
+        "intervals are those within the bounds."
+    )
+    held = content(at(27.0))
+    assert want.format("0.4000") in headline_sentence(held).text
+    assert told(held, "warning").count("the data want a value beyond it") == 1
+    assert "the data want" not in told(held, "note")
+    assert "0.4 to 0.401, within the bounds" in all_parameters_table(held).as_csv()
+    print_results(at(27.0))
+    assert f"Warning: a: {NU_NAME} {want.format('0.4')}" in capsys.readouterr().err
+    free = content(at(0.7))
+    assert "the data want" not in told(free) + headline_sentence(free).text
+    assert "the data agree with that value within their noise" in told(free, "warning")
+    assert "within the bounds" not in all_parameters_table(free).as_csv()
 
 
 def test_a_parameter_is_identified_or_not_by_its_interval() -> None:

@@ -170,20 +170,7 @@ class _Model:
         # What is left to gain on the mesh as it is: nothing, where the values are the optimum.
         self.own_step = self._minimum(base.blocks)[0] - self.z
         statistics = local_statistics(space, problem.loss, base.theta, base.blocks)
-        at_bound = space.at_bound(base.theta)
-        self.parameters = {
-            p.label: Estimate(
-                base.theta[p.label],
-                p.unit,
-                at_bound[p.label],
-                p.lower,
-                p.upper,
-                statistics.standard_errors.get(p.label),
-                statistics.intervals.get(p.label),
-                p.of,
-            )
-            for p in space.parameters
-        }
+        self.parameters = statistics.estimates(space, base.theta)
 
     @property
     def space(self) -> SearchSpace:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -138,7 +138,7 @@ def _counts(fit: ExperimentFit) -> dict[str, int]:
 def _at_ends(result: CalibrationResult, trial: Trial) -> tuple[str, ...]:
     """The parameters of a cell that stand at the least or the largest value of the sweep, in words."""
     return tuple(
-        bound_note(name, p.unit, p.lower, p.upper, trial.theta[name])
+        bound_note(name, replace(p, value=trial.theta[name], beyond=None))
         for name, p in result.parameters.items()
         if trial.theta[name] in (p.lower, p.upper)
     )

@@ -49,6 +49,16 @@ def box_intervals(z: Floats, minimum: Floats, root: Floats, dof: Floats) -> tupl
     return ends, stated
 
 
+def beyond_bounds(minimum: Floats, root: Floats) -> Floats:
+    """How many standard errors each parameter's own bounds are from what fits best without them, shape (size,).
+
+    The square is by how much the distance from the minimum would fall, the others staying within their bounds; zero
+    where the parameter's bounds hold nothing. minimum, root: as for `box_intervals`.
+    """
+    profile = _Profile(minimum, root)
+    return np.array([profile.held_by(j) for j in range(len(minimum))])
+
+
 def student(dof: Floats) -> Floats:
     """The 97.5 % quantile of Student's t; the normal one where dof is infinite."""
     from scipy.special import ndtri, stdtrit
@@ -92,10 +102,15 @@ class _Profile:
         found = cast("float", brentq(excess, near, near + side * step))
         return float(self._minimum[j] + found * error)
 
+    def held_by(self, j: int) -> float:
+        """By how many standard errors parameter j's bounds hold it."""
+        away = np.arange(len(self._minimum)) == j
+        low, high = np.where(away, -np.inf, self._low), np.where(away, np.inf, self._high)
+        free = self._nearest(self._rows, np.zeros(len(away)), low, high)
+        return float(np.sqrt(max(self._base - self._distance(free), 0.0)))
+
     def _least(self, j: int | None, step: float) -> Floats:
         """The nearest point of the box to the minimum, where parameter j is a step away from it; all in steps."""
-        from scipy.optimize import lsq_linear
-
         size = len(self._minimum)
         others = np.array([i for i in range(size) if i != j])
         point = np.zeros(size)
@@ -103,9 +118,14 @@ class _Profile:
             point[j] = step
         if len(others):
             push = self._rows @ point
-            low, high = self._low[others], self._high[others]
-            point[others] = lsq_linear(self._rows[:, others], -push, (low, high), method="bvls").x
+            point[others] = self._nearest(self._rows[:, others], push, self._low[others], self._high[others])
         return point
+
+    @staticmethod
+    def _nearest(rows: Floats, push: Floats, low: Floats, high: Floats) -> Floats:
+        from scipy.optimize import lsq_linear
+
+        return lsq_linear(rows, -push, (low, high), method="bvls").x
 
     def _distance(self, point: Floats) -> float:
         return float(np.sum((self._rows @ point) ** 2))

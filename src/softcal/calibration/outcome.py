@@ -20,6 +20,8 @@ NOT_A_MINIMUM = (
     "No standard errors and no intervals: the search did not converge, and they are those of the loss's minimum."
 )
 BY_THE_BOUNDS = "the bounds of its range, not the data, decide it"
+BEYOND_THE_BOUNDS = "the data want a value beyond it"
+WITHIN_THE_BOUNDS = "all 95 % intervals are those within the bounds"
 NO_ERRORS = (
     "A search by trials gives no standard errors: its best trial lies near the loss's minimum, not at it, and how the "
     "loss rises around it was not computed. For intervals: method least-squares."
@@ -55,22 +57,10 @@ def conclude(problem: Problem, best: Evaluation, trials: tuple[Trial, ...], acco
     else:
         local = _global_statistics(problem, trials, seed)
         kind = "fanova"
-    at_bound = space.at_bound(best.theta)
+    parameters = local.estimates(space, best.theta)
     n_failed = sum(trial.state == "FAILED" for trial in trials)
     return CalibrationResult(
-        parameters={
-            p.label: Estimate(
-                best.theta[p.label],
-                p.unit,
-                at_bound[p.label],
-                p.lower,
-                p.upper,
-                local.standard_errors[p.label],
-                local.intervals.get(p.label),
-                p.of,
-            )
-            for p in space.parameters
-        },
+        parameters=parameters,
         loss=best.loss,
         loss_name=problem.loss.name,
         method=method,
@@ -85,7 +75,7 @@ def conclude(problem: Problem, best: Evaluation, trials: tuple[Trial, ...], acco
         n_failed_trials=n_failed,
         hashes=account.hashes,
         versions=installed_versions(),
-        notes=(*local.notes, *_notes(problem, best, at_bound, trials, n_failed)),
+        notes=(*local.notes, *_notes(problem, parameters, trials, n_failed)),
         extra={"importance_kind": kind, **account.settings},
         converged=account.converged,
     )
@@ -113,14 +103,8 @@ def _global_statistics(problem: Problem, trials: tuple[Trial, ...], seed: int) -
         return Statistics(errors, {}, (NO_ERRORS, missing))
 
 
-def _notes(
-    problem: Problem, best: Evaluation, at_bound: Mapping[str, bool], trials: tuple[Trial, ...], n_failed: int
-) -> list[str]:
-    notes = [
-        bound_note(p.label, p.unit, p.lower, p.upper, best.theta[p.label])
-        for p in problem.space.parameters
-        if at_bound[p.label]
-    ]
+def _notes(problem: Problem, parameters: Mapping[str, Estimate], trials: tuple[Trial, ...], n_failed: int) -> list[str]:
+    notes = [bound_note(name, estimate) for name, estimate in parameters.items() if estimate.at_bound]
     for experiment in problem.experiments:
         rows = missing_rows(experiment)
         if rows:
@@ -141,11 +125,20 @@ def _notes(
     return notes
 
 
-def bound_note(label: str, unit: str, lower: float, upper: float, value: float) -> str:
-    """That a parameter stands at the nearer of its bounds, in words; all numbers in `unit`, SI."""
+def bound_note(label: str, estimate: Estimate) -> str:
+    """That a parameter stands at the nearer of its bounds, in words, and what the data want."""
+    lower, upper, value = estimate.lower, estimate.upper, estimate.value
     above = abs(value - upper) <= abs(value - lower)
-    bound, side = format_quantity(upper if above else lower, unit), "upper" if above else "lower"
-    return f"{label} stands at its {side} bound of {bound}: {BY_THE_BOUNDS}."
+    bound, side = format_quantity(upper if above else lower, estimate.unit), "upper" if above else "lower"
+    text = f"{label} stands at its {side} bound of {bound}"
+    if not estimate.is_held:
+        return f"{text}: {BY_THE_BOUNDS}."
+    return f"{text}: {BEYOND_THE_BOUNDS}, by some {estimate.beyond:.0f} standard errors; {WITHIN_THE_BOUNDS}."
+
+
+def is_bound_note(note: str) -> bool:
+    """Whether a note says that a parameter stands at a bound."""
+    return BY_THE_BOUNDS in note or BEYOND_THE_BOUNDS in note
 
 
 def _states(labels: list[str]) -> str:

@@ -9,6 +9,9 @@ from typing import Any, Literal
 
 from softcal.checks import Floats
 
+BEYOND = 2.0  # standard errors
+"""A parameter at a bound that is further than this from what the data want is held there by it."""
+
 TrialState = Literal["COMPLETE", "FAILED"]
 
 
@@ -34,8 +37,9 @@ class Trial:
 class Estimate:
     """A calibrated parameter: value [unit, SI], whether it stands at a bound, and the bounds it had.
 
-    interval: 95 %, where there is a standard error. of: the parameters that were tied to have this value; none where
-    the name says which it is.
+    interval: 95 %, within the bounds; also of a parameter at a bound, which has no standard error. of: the parameters
+    that were tied to have this value; none where the name says which it is. beyond: of a parameter at a bound, how many
+    standard errors the bound is from the value that fits best without it; None where that is not known.
     """
 
     value: float
@@ -46,6 +50,12 @@ class Estimate:
     standard_error: float | None = None
     interval: tuple[float, float] | None = None
     of: tuple[str, ...] = ()
+    beyond: float | None = None
+
+    @property
+    def is_held(self) -> bool:
+        """Whether its bound keeps it from the value that the data want, beyond what noise explains."""
+        return self.beyond is not None and self.beyond > BEYOND
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "of", tuple(self.of))

@@ -53,6 +53,7 @@ def result_json(result: CalibrationResult) -> dict[str, Any]:
                 "standard_error": p.standard_error,
                 "interval": None if p.interval is None else list(p.interval),
                 **({"of": list(p.of)} if p.of else {}),
+                **({} if p.beyond is None else {"beyond": p.beyond}),
             }
             for name, p in result.parameters.items()
         },

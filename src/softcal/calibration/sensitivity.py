@@ -13,9 +13,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from softcal.calibration.estimator import Estimator, estimator
-from softcal.calibration.intervals import box_intervals
+from softcal.calibration.intervals import beyond_bounds, box_intervals
 from softcal.calibration.loss import Block, Loss, rms
 from softcal.calibration.parameters import SearchSpace
+from softcal.calibration.result import Estimate
 from softcal.checks import Floats
 
 # A parameter whose share of an unseen direction is above this is not told from the others in it.
@@ -30,12 +31,34 @@ NOISE_ALONE = (
 
 @dataclass(frozen=True)
 class Statistics:
-    """Standard errors and 95 % intervals [SI] by label (None where they make no sense), importances (sum 1), notes."""
+    """Standard errors and 95 % intervals [SI] by label (None where they make no sense), importances (sum 1), notes.
+
+    beyond: of the parameters at a bound, how many standard errors it is from what fits best without it.
+    """
 
     standard_errors: Mapping[str, float | None]
     importance: Mapping[str, float]
     notes: tuple[str, ...]
     intervals: Mapping[str, tuple[float, float] | None] = field(default_factory=dict[str, tuple[float, float] | None])
+    beyond: Mapping[str, float] = field(default_factory=dict[str, float])
+
+    def estimates(self, space: SearchSpace, theta: Mapping[str, float]) -> dict[str, Estimate]:
+        """The values theta [SI by label] with what is known of each."""
+        at_bound = space.at_bound(theta)
+        return {
+            p.label: Estimate(
+                theta[p.label],
+                p.unit,
+                at_bound[p.label],
+                p.lower,
+                p.upper,
+                self.standard_errors.get(p.label),
+                self.intervals.get(p.label),
+                p.of,
+                self.beyond.get(p.label),
+            )
+            for p in space.parameters
+        }
 
 
 def local_statistics(space: SearchSpace, loss: Loss, theta: Mapping[str, float], blocks: Sequence[Block]) -> Statistics:
@@ -65,7 +88,10 @@ def local_statistics(space: SearchSpace, loss: Loss, theta: Mapping[str, float],
         label = space.labels[j]
         intervals[label] = (min(low[label], theta[label]), max(high[label], theta[label]))
         errors[label] = None if at_bound[label] else float(error * abs(slopes[j]))
-    return Statistics(errors, importance, (*notes, NOISE_ALONE), intervals)
+    held = beyond_bounds(found.minimum[known], found.root[:, known])
+    labels = [space.labels[j] for j in known]
+    beyond = {label: float(far) for label, far in zip(labels, held, strict=True) if at_bound[label]}
+    return Statistics(errors, importance, (*notes, NOISE_ALONE), intervals, beyond)
 
 
 def _importance(space: SearchSpace, loss: Loss, blocks: Sequence[Block], slopes: Floats) -> dict[str, float]:

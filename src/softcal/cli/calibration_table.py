@@ -22,7 +22,7 @@ def print_results(results: Mapping[str, CalibrationResult], data: Mapping[str, D
     """
     if not results:
         return
-    from softcal.calibration.outcome import BY_THE_BOUNDS
+    from softcal.calibration.outcome import is_bound_note
     from softcal.report.agreement import agreement_sentences
     from softcal.report.closeness import closeness_by_experiment, misses_of
 
@@ -40,7 +40,7 @@ def print_results(results: Mapping[str, CalibrationResult], data: Mapping[str, D
     for label, result in results.items():
         for note in result.notes:
             notes.setdefault(note, []).append(label)
-    at_bounds = {note: labels for note, labels in notes.items() if BY_THE_BOUNDS in note}
+    at_bounds = {note: labels for note, labels in notes.items() if is_bound_note(note)}
     for note, labels in at_bounds.items():
         typer.echo(f"Warning: {', '.join(labels)}: {note}", err=True)
     for label, result in results.items():
@@ -123,7 +123,8 @@ def interval_text(estimate: Estimate) -> str:
         return ""
     unit = readable_unit(estimate.value, estimate.unit)
     low, high = (format_quantity(edge, estimate.unit, unit, digits=3) for edge in estimate.interval)
-    return f"{low.removesuffix(f' {unit}')} to {high}"
+    within = ", within the bounds" if estimate.is_held else ""
+    return f"{low.removesuffix(f' {unit}')} to {high}{within}"
 
 
 def value_text(estimate: Estimate) -> str:

@@ -143,7 +143,8 @@ def all_parameters_table(content: ReportContent) -> Table:
             value = with_error(estimate.value / scale.factor, None if error is None else error / scale.factor)
             low, high = (f"{bound / scale.factor:.4g}" for bound in (estimate.lower, estimate.upper))
             ends = None if estimate.interval is None else (f"{end / scale.factor:.4g}" for end in estimate.interval)
-            interval = None if ends is None else " to ".join(ends)
+            within = ", within the bounds" if estimate.is_held else ""
+            interval = None if ends is None else " to ".join(ends) + within
             at_bound = "yes" if estimate.at_bound else "no"
             rows.append(
                 (

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from softcal.analysis.agreement import Agreement, agreements
-from softcal.calibration.outcome import BY_THE_BOUNDS
+from softcal.calibration.outcome import BEYOND_THE_BOUNDS, WITHIN_THE_BOUNDS, is_bound_note
 from softcal.calibration.result import CalibrationResult, Estimate, ExperimentFit
 from softcal.report.agreement import agreement_sentences, chance_text, range_text, size_text
 from softcal.report.closeness import Tone, closeness, closeness_by_experiment, misses_of, worst_of
@@ -58,7 +58,7 @@ def headline_sentence(content: ReportContent) -> Sentence:
         met = joined(f"{text}{f' in {label}' if len(results) > 1 else ''}" for label, text in near)
         fit = f"{fit} and the markers to {met}" if fit else f"the twin meets the markers to {met}"
     lead = f"With {estimates}, {fit}." if estimates and fit else f"{(fit or estimates).capitalize()}."
-    grave = [*_unconverged(results), *_differences(content)]
+    grave = [*_unconverged(results), *_bounds(results, held=True), *_differences(content)]
     others = [s for s in (*_bounds(results), *_identified(results)) if s.tone == "warning"]
     doubts = grave or others[:1]
     poor = any(closeness([miss])[1] == "warning" for miss in misses)
@@ -183,8 +183,11 @@ def _gain(content: ReportContent) -> Iterable[Sentence]:
     yield Sentence(f"{text}.", "good" if fell else "warning")
 
 
-def _bounds(results: Mapping[str, CalibrationResult]) -> Iterable[Sentence]:
+def _bounds(results: Mapping[str, CalibrationResult], *, held: bool = False) -> Iterable[Sentence]:
+    """What stands at a bound, and why; held: only what its bound keeps from the value that the data want."""
     found = [(label, *pair) for label, one in results.items() for pair in one.parameters.items() if pair[1].at_bound]
+    if held:
+        found = [one for one in found if one[2].is_held]
     for label, name, estimate in found:
         upper = abs(estimate.value - estimate.upper) <= abs(estimate.value - estimate.lower)
         scale = estimate_scale(estimate)
@@ -193,16 +196,19 @@ def _bounds(results: Mapping[str, CalibrationResult]) -> Iterable[Sentence]:
         at = f"{'upper' if upper else 'lower'} bound of {f'{bound} {scale.unit}'.rstrip()}"
         text = f"{name} stands at its {at}: {_why_at_bound(estimate)}"
         yield Sentence(_of(label, results, text), "warning")
-    if not found:
+    if not found and not held:
         yield Sentence("No parameter stands at a bound.", "good")
 
 
 def _why_at_bound(estimate: Estimate) -> str:
     share = interval_share(estimate)
+    if estimate.is_held:
+        return f"{BEYOND_THE_BOUNDS}, by some {estimate.beyond:.0f} standard errors; {WITHIN_THE_BOUNDS}."
     if share is None:
         return "the data would take it further, or do not determine it."
     if share < _IDENTIFIED:
-        return "the data would take it further."
+        agree = "the data agree with that value within their noise, and may with one beyond it."
+        return "the data would take it further." if estimate.beyond is None else agree
     return f"the data hardly determine it, its 95 % interval covers {_percent(share)} of the range that was allowed."
 
 
@@ -307,7 +313,7 @@ def _notes(results: Mapping[str, CalibrationResult]) -> Iterable[Sentence]:
     found: dict[str, list[str]] = {}
     for label, result in results.items():
         for note in result.notes:
-            if BY_THE_BOUNDS not in note:  # a warning of its own
+            if not is_bound_note(note):  # a warning of its own
                 found.setdefault(note, []).append(result_label(label))
     for note, labels in found.items():
         of = "" if len(labels) == len(results) else f"{joined(labels)}: "

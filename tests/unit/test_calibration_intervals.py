@@ -161,6 +161,7 @@ def test_data_that_want_a_value_beyond_a_bound_are_said_to(tmp_path: Path, far: 
     free = found(1e5)
     assert free.standard_error
     assert free.beyond is None
+    assert free.scale == "log"
     lower = free.value + far * free.standard_error
     bounded = found(lower)
     assert bounded.at_bound == (far > 0)

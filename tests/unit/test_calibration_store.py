@@ -49,6 +49,7 @@ def test_result_json_holds_what_is_promised_in_si(run: tuple[Path, CalibrationRe
         "upper": 40e6,
         "standard_error": result.parameters[E].standard_error,
         "interval": list(result.parameters[E].interval),
+        "scale": "log",
     }
     for key in ("loss", "method", "seed", "n_solves", "n_factorisations", "wall_s", "status", "n_failed_trials"):
         assert held[key] == getattr(result, key)

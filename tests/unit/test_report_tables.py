@@ -202,8 +202,12 @@ def test_identifiability_follows_the_interval_then_the_importance() -> None:
     local = small_content(extra={"importance_kind": "sensitivity"})
     assert "variation over the search" not in " ".join(texts(local, tone) for tone in ("good", "note", "warning"))
     assert interval_share(Estimate(0.45, "1", False, 0.4, 0.5, 0.01)) == pytest.approx(0.392, abs=1e-3)
-    decades = interval_share(Estimate(1e6, "Pa", False, 1e5, 1e7, 1e4))
-    assert decades == pytest.approx(2 * 0.0196 / np.log(100), rel=1e-2)
+    modulus = Estimate(1e6, "Pa", False, 1e5, 1e7, 1e4, scale="log")
+    assert interval_share(modulus) == pytest.approx(2 * 0.0196 / np.log(100), rel=1e-2)
+    narrow = replace(modulus, lower=5e5, upper=2e6)  # less than a decade, and searched by its logarithm all the same
+    assert interval_share(narrow) == pytest.approx(2 * 0.0196 / np.log(4), rel=1e-2)
+    offset = Estimate(0.002, "N", False, 0.001, 0.5, 0.015, (0.001, 0.030))  # bounds of one sign, and of decades
+    assert interval_share(offset) == pytest.approx(0.029 / 0.499)
 
 
 def test_failed_trials_are_counted_with_their_reason() -> None:

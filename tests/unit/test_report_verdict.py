@@ -13,6 +13,7 @@ from softcal.calibration.outcome import bound_note
 from softcal.calibration.result import CalibrationResult, Distance, Estimate, ExperimentFit
 from softcal.cli.calibration_table import print_results
 from softcal.experiments.dataset import Channel, Dataset
+from softcal.report.chart_parameters import forest_caption
 from softcal.report.content import ExperimentContent, ReportContent
 from softcal.report.infill import PrintInfill
 from softcal.report.tables import all_parameters_table, parameters_table
@@ -260,6 +261,18 @@ def test_a_parameter_is_identified_or_not_by_its_interval() -> None:
     assert "ν: 20 %" in told(of(0.46), "good")
     assert "not identified" not in told(of(0.46))
     assert "ν is not identified by these data: its 95 % interval covers 50 %" in told(of(0.49), "warning")
+
+
+def test_a_chart_says_whether_its_bars_are_intervals() -> None:
+    def caption(**more: object) -> str:
+        return forest_caption(E_NAME, {"a": result("a", estimates={E_NAME: replace(modulus(2.3, None), **more)})})
+
+    end = (2.2e6, 2.3e6)
+    assert caption() == f"E ({E_NAME}) by calibration; no intervals are known."
+    assert caption(standard_error=1e4).endswith("; bars are 95 % intervals.")
+    assert caption(at_bound=True, interval=end).endswith("; bars are 95 % intervals; open marker: at a bound.")
+    held = caption(at_bound=True, interval=end, beyond=9.0)
+    assert held.endswith("; bars are 95 % intervals within the bounds; open marker: at a bound.")
 
 
 def test_what_decides_without_angles_or_positions() -> None:

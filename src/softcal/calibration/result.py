@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from softcal.calibration.parameters import Scale
 from softcal.checks import Floats
 
 BEYOND = 2.0  # standard errors
@@ -39,7 +40,8 @@ class Estimate:
 
     interval: 95 %, within the bounds; also of a parameter at a bound, which has no standard error. of: the parameters
     that were tied to have this value; none where the name says which it is. beyond: of a parameter at a bound, how many
-    standard errors the bound is from the value that fits best without it; None where that is not known.
+    standard errors the bound is from the value that fits best without it; None where that is not known. scale: on which
+    it was searched.
     """
 
     value: float
@@ -51,6 +53,7 @@ class Estimate:
     interval: tuple[float, float] | None = None
     of: tuple[str, ...] = ()
     beyond: float | None = None
+    scale: Scale = "linear"
 
     @property
     def is_held(self) -> bool:

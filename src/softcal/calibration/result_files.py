@@ -52,6 +52,7 @@ def result_json(result: CalibrationResult) -> dict[str, Any]:
                 "upper": p.upper,
                 "standard_error": p.standard_error,
                 "interval": None if p.interval is None else list(p.interval),
+                "scale": p.scale,
                 **({"of": list(p.of)} if p.of else {}),
                 **({} if p.beyond is None else {"beyond": p.beyond}),
             }

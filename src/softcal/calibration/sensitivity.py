@@ -56,6 +56,7 @@ class Statistics:
                 self.intervals.get(p.label),
                 p.of,
                 self.beyond.get(p.label),
+                p.scale,
             )
             for p in space.parameters
         }

@@ -67,6 +67,16 @@ def draw_forest(name: str, results: Mapping[str, CalibrationResult]) -> Figure:
         return figure
 
 
+def forest_caption(name: str, results: Mapping[str, CalibrationResult]) -> str:
+    """What the chart of a parameter shows."""
+    having = forest_rows(name, results).values()
+    drawn = [estimate for estimate in having if estimate.interval is not None or estimate.standard_error]
+    bars = "bars are 95 % intervals" if drawn else "no intervals are known"
+    bars += " within the bounds" if any(estimate.is_held for estimate in drawn) else ""
+    marker = "; open marker: at a bound" if any(estimate.at_bound for estimate in having) else ""
+    return f"{parameter_label(name)} ({name}) by calibration; {bars}{marker}."
+
+
 def draw_plausible_modulus(infill: PrintInfill, results: Mapping[str, CalibrationResult]) -> Figure | None:
     """Eq. (5): the plausible range of E for this print, with the estimates on it; None where no E was calibrated."""
     rows: dict[str, Estimate] = {}

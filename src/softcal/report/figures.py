@@ -274,13 +274,10 @@ def _searches(content: ReportContent) -> Iterator[Picture]:
 
 
 def _estimates(content: ReportContent) -> Iterator[Picture]:
-    from softcal.report.chart_parameters import draw_forest, draw_plausible_modulus, forest_rows
+    from softcal.report.chart_parameters import draw_forest, draw_plausible_modulus, forest_caption
 
     for name in dict.fromkeys(parameter_name(name).base for name in ordered_parameters(content.results)):
-        having = forest_rows(name, content.results).values()
-        intervals = any(estimate.standard_error is not None for estimate in having)
-        bars = "bars are 95 % intervals" if intervals else "the method gives no intervals"
-        caption = f"{parameter_label(name)} ({name}) by calibration; {bars}; open marker: at a bound."
+        caption = forest_caption(name, content.results)
         yield _picture(draw_forest(name, content.results), f"parameter-{file_stem(name)}", "parameters", caption)
     if content.print_infill is not None:
         figure = draw_plausible_modulus(content.print_infill, content.results)

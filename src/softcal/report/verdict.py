@@ -32,7 +32,6 @@ from softcal.report.wording import (
 _IDENTIFIED = 0.25
 # From here on the interval is all that was allowed.
 _ALL = 0.999
-_DECADE = 10.0
 # Without a standard error: below this importance a parameter hardly moves the loss.
 _UNIMPORTANT = 0.10
 _FORCE_AND_TRAVEL = ("tension", "shortening")
@@ -244,7 +243,7 @@ def _percent(share: float) -> str:
 
 
 def interval_share(estimate: Estimate) -> float | None:
-    """The 95 % interval over the allowed range, in logarithms where the range spans decades; None where unknown."""
+    """The 95 % interval over the allowed range, both on the scale of the search; None where unknown."""
     error = estimate.standard_error
     if (error is None and estimate.interval is None) or estimate.upper <= estimate.lower:
         return None
@@ -252,7 +251,7 @@ def interval_share(estimate: Estimate) -> float | None:
         return math.inf
     reach = NORMAL_95 * (error or 0.0)
     low, high = estimate.interval or (estimate.value - reach, estimate.value + reach)
-    if estimate.lower > 0 and estimate.upper / estimate.lower > _DECADE and low > 0:
+    if estimate.scale == "log" and low > 0:
         return math.log(high / low) / math.log(estimate.upper / estimate.lower)
     return (high - low) / (estimate.upper - estimate.lower)
 

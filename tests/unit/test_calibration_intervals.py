@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from softcal.calibration.result_reading import load_result
 from softcal.calibration.run import calibrate
 from softcal.calibration.sensitivity import local_statistics
 from softcal.cli.calibration_table import print_results
+from softcal.experiments.dataset import Step
 from softcal.report.chart_parameters import draw_forest
 
 T = 2.0484071417952445  # Student's, 28 degrees of freedom, 97.5 %
@@ -173,6 +175,30 @@ def test_data_that_want_a_value_beyond_a_bound_are_said_to(tmp_path: Path, far: 
         note = bound_note(E, bounded)
         assert ("want a value beyond it, by some" in note) == ("within the bounds" in note) == held
         assert ("not the data, decide it" in note) == (not held)
+
+
+@pytest.mark.parametrize("method", ["least-squares", "grid"])
+@pytest.mark.parametrize(("n_samples", "saturated"), [(1, True), (2, False)])
+def test_as_many_parameters_as_values_leave_nothing_to_be_sure_of(
+    capsys: pytest.CaptureFixture[str], method: str, n_samples: int, saturated: bool
+) -> None:
+    parameters = [FreeParameter(E, "Pa", 1e5, 40e6, "log"), FreeParameter(NU, "1", 0.4, 0.4999)]
+    pull = fake_experiment(noise=0.01, n_samples=41)
+    rows = np.linspace(20, 40, n_samples).astype(int)
+    pull = replace(pull, dataset=pull.dataset.take(rows, Step("some", {}, "some")))
+    problem = make_problem(
+        fake_robot(), [pull], parameters, LikelihoodLoss({"tension": 0.3, "pitch": 0.01}), fake_simulate
+    )
+    result = calibrate(problem, starts=1, method=method)
+    assert result.is_saturated == saturated
+    sentence = "2 parameters were fitted to 2 measured values, which they can meet whatever the truth is"
+    assert any(sentence in note for note in result.notes) == saturated
+    print_results({"pull": result})
+    assert (f"Warning: pull: {sentence}" in capsys.readouterr().err) == saturated
+    if method == "least-squares":
+        assert all((p.interval is None) == saturated for p in result.parameters.values())
+        assert not (saturated and any(p.standard_error for p in result.parameters.values()))
+        assert any("standard errors hold" in note for note in result.notes) == (not saturated)
 
 
 def test_a_ratio_at_its_bound_does_not_make_the_modulus_sure() -> None:

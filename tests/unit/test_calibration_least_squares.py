@@ -14,9 +14,9 @@ from scipy.optimize import minimize
 
 from softcal.calibration.descent import Descent
 from softcal.calibration.local_model import LocalModel, Point
-from softcal.calibration.loss import LikelihoodLoss, Loss, PapersLoss
+from softcal.calibration.loss import Block, LikelihoodLoss, Loss, PapersLoss
 from softcal.calibration.optimiser_least_squares import LeastSquaresOptimiser
-from softcal.calibration.parameters import FreeParameter
+from softcal.calibration.parameters import FreeParameter, SearchSpace
 from softcal.calibration.problem import Evaluation, Problem, make_problem
 from softcal.calibration.sensitivity import local_statistics
 
@@ -297,3 +297,11 @@ def test_what_the_data_cannot_tell_apart_is_named() -> None:
     assert statistics.standard_errors == {E: None, "pulleys.friction_coefficient": None}
     assert f"cannot tell {E} and pulleys.friction_coefficient apart" in statistics.notes[0]
     assert sum(statistics.importance.values()) == pytest.approx(1.0)
+
+
+def test_several_that_cannot_be_told_apart_are_listed() -> None:
+    parameters = [FreeParameter(name, "m", 0.0, 1.0) for name in ("a", "b", "c")]
+    block = Block("pull", "tension", np.ones(9), np.linspace(-1, 1, 9), 0.1, np.ones((9, 3)))
+    space = SearchSpace(tuple(parameters))
+    told = local_statistics(space, LikelihoodLoss(), dict.fromkeys("abc", 0.5), [block])
+    assert "cannot tell a, b and c apart" in told.notes[0]

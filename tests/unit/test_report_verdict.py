@@ -9,7 +9,7 @@ import pytest
 from report_example import E_NAME, NU_NAME
 
 from softcal.analysis.agreement import agreements
-from softcal.calibration.outcome import bound_note
+from softcal.calibration.outcome import SATURATED, bound_note
 from softcal.calibration.result import CalibrationResult, Distance, Estimate, ExperimentFit
 from softcal.cli.calibration_table import print_results
 from softcal.experiments.dataset import Channel, Dataset
@@ -261,6 +261,22 @@ def test_a_parameter_is_identified_or_not_by_its_interval() -> None:
     assert "ν: 20 %" in told(of(0.46), "good")
     assert "not identified" not in told(of(0.46))
     assert "ν is not identified by these data: its 95 % interval covers 50 %" in told(of(0.49), "warning")
+
+
+def test_a_fit_of_as_many_parameters_as_values_is_not_called_close_or_identified() -> None:
+    def of(n: int) -> ReportContent:
+        made = fit(0.01)
+        made = replace(made, measured={k: v[:n] for k, v in made.measured.items()}, simulated={"tension": D[:n]})
+        note = f"1 parameter was fitted to {n} measured value, {SATURATED}: it tells nothing."
+        return content({"a": result("a", made=made, notes=(note,) * (n == 1))}, sigma=1.0)
+
+    one, two = of(1), of(2)
+    assert "1 parameter was fitted to 1 measured value" in headline_sentence(one).text
+    assert "1 parameter was fitted to 1 measured value" in told(one, "warning")
+    assert "fitted to" not in told(one, "note") + told(two) + headline_sentence(two).text
+    for words in ("as close as the noise allows", "Identified"):
+        assert words not in told(one)
+        assert words in told(two, "good")
 
 
 def test_a_chart_says_whether_its_bars_are_intervals() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import metadata
 from typing import Any
 
@@ -21,6 +21,7 @@ NOT_A_MINIMUM = (
 )
 BY_THE_BOUNDS = "the bounds of its range, not the data, decide it"
 BEYOND_THE_BOUNDS = "the data want a value beyond it"
+SATURATED = "which they can meet whatever the truth is"
 WITHIN_THE_BOUNDS = "all 95 % intervals are those within the bounds"
 NO_ERRORS = (
     "A search by trials gives no standard errors: its best trial lies near the loss's minimum, not at it, and how the "
@@ -59,7 +60,8 @@ def conclude(problem: Problem, best: Evaluation, trials: tuple[Trial, ...], acco
         kind = "fanova"
     parameters = local.estimates(space, best.theta)
     n_failed = sum(trial.state == "FAILED" for trial in trials)
-    return CalibrationResult(
+    experiments = {e.name: experiment_fit(e, best.observations[e.name]) for e in problem.experiments}
+    result = CalibrationResult(
         parameters=parameters,
         loss=best.loss,
         loss_name=problem.loss.name,
@@ -69,7 +71,7 @@ def conclude(problem: Problem, best: Evaluation, trials: tuple[Trial, ...], acco
         n_factorisations=sum(trial.n_factorisations for trial in trials),
         wall_s=account.wall_s,
         status=account.status,
-        experiments={e.name: experiment_fit(e, best.observations[e.name]) for e in problem.experiments},
+        experiments=experiments,
         importance=local.importance,
         trials=trials,
         n_failed_trials=n_failed,
@@ -79,6 +81,9 @@ def conclude(problem: Problem, best: Evaluation, trials: tuple[Trial, ...], acco
         extra={"importance_kind": kind, **account.settings},
         converged=account.converged,
     )
+    if not result.is_saturated:
+        return result
+    return replace(result, notes=(*result.notes, _saturated_note(result)))
 
 
 def installed_versions() -> dict[str, str]:
@@ -136,9 +141,15 @@ def bound_note(label: str, estimate: Estimate) -> str:
     return f"{text}: {BEYOND_THE_BOUNDS}, by some {estimate.beyond:.0f} standard errors; {WITHIN_THE_BOUNDS}."
 
 
-def is_bound_note(note: str) -> bool:
-    """Whether a note says that a parameter stands at a bound."""
-    return BY_THE_BOUNDS in note or BEYOND_THE_BOUNDS in note
+def is_warning(note: str) -> bool:
+    """Whether a note is a warning: that a parameter stands at a bound, or that there are too many of them."""
+    return any(words in note for words in (BY_THE_BOUNDS, BEYOND_THE_BOUNDS, SATURATED))
+
+
+def _saturated_note(result: CalibrationResult) -> str:
+    n, n_values = len(result.parameters), sum(fit.n_values for fit in result.experiments.values())
+    text = f"{n} parameter{'s were' if n > 1 else ' was'} fitted to {n_values} measured value{'s' * (n_values > 1)}"
+    return f"{text}, {SATURATED}: that the fit is close tells nothing of the robot."
 
 
 def _states(labels: list[str]) -> str:

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+import numpy as np
+
 from softcal.calibration.parameters import Scale
 from softcal.checks import Floats
 
@@ -98,6 +100,11 @@ class ExperimentFit:
     missing: Mapping[str, int] = field(default_factory=dict[str, int])
 
     @property
+    def n_values(self) -> int:
+        """How many measured values were compared."""
+        return sum(int(np.isfinite(self.measured[c]).sum()) for c in self.simulated if c in self.measured)
+
+    @property
     def distance(self) -> Distance | None:
         """The distance over all markers and plates; None where no positions are compared."""
         held = list(self.distances.values())
@@ -147,6 +154,11 @@ class CalibrationResult:
     extra: Mapping[str, Any] = field(default_factory=dict)
     held_out: Mapping[str, HeldOut] = field(default_factory=dict[str, HeldOut])
     converged: bool | None = None
+
+    @property
+    def is_saturated(self) -> bool:
+        """Whether as many parameters as measured values were fitted, or more: these are met whatever the truth is."""
+        return sum(fit.n_values for fit in self.experiments.values()) <= len(self.parameters)
 
     @property
     def is_sweep(self) -> bool:

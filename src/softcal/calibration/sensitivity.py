@@ -65,7 +65,8 @@ class Statistics:
 def local_statistics(space: SearchSpace, loss: Loss, theta: Mapping[str, float], blocks: Sequence[Block]) -> Statistics:
     """Standard errors, intervals and importances at theta [SI by label]; the blocks must have jacobians.
 
-    A parameter at a bound has an interval, but no standard error. The importance of a parameter is the share of the
+    A parameter at a bound has an interval, but no standard error; nothing has either where there are as many parameters
+    as measurements. The importance of a parameter is the share of the
     squared change of all channels, over what each is missed by, per range of the parameter: a local measure, unlike
     fANOVA.
     """
@@ -76,8 +77,9 @@ def local_statistics(space: SearchSpace, loss: Loss, theta: Mapping[str, float],
     errors: dict[str, float | None] = dict.fromkeys(space.labels)
     intervals: dict[str, tuple[float, float] | None] = dict.fromkeys(space.labels)
     mixed = np.abs(found.unseen).max(axis=0, initial=0.0) > _MIXED
-    notes = list(_notes(space, found, mixed))
-    if found.spent or mixed.all():
+    saturated = sum(len(block.residual) for block in blocks) <= space.size  # a prior is a measurement
+    notes = list(_notes(space, found, mixed, saturated=saturated))
+    if found.spent or mixed.all() or saturated:
         return Statistics(errors, importance, tuple(notes), intervals)
     known = np.flatnonzero(~mixed)
     ends, stated = box_intervals(z[known], found.minimum[known], found.root[:, known], found.dof[known])
@@ -106,14 +108,14 @@ def _importance(space: SearchSpace, loss: Loss, blocks: Sequence[Block], slopes:
     return dict(zip(space.labels, (felt / felt.sum()).tolist(), strict=True)) if felt.sum() > 0 else {}
 
 
-def _notes(space: SearchSpace, found: Estimator, mixed: np.ndarray) -> Sequence[str]:
+def _notes(space: SearchSpace, found: Estimator, mixed: np.ndarray, *, saturated: bool) -> Sequence[str]:
     notes: list[str] = []
     if mixed.any():
         notes.append(_blind_note([label for label, is_mixed in zip(space.labels, mixed, strict=True) if is_mixed]))
     for group, noise in found.noise.items():
         if noise.stated and noise.size > _TOO_LARGE:
             notes.append(_excess_note(group, noise.size))
-    if found.spent:
+    if found.spent and not saturated:
         notes.append(_spent_note(found.spent))
     return notes
 
@@ -136,4 +138,5 @@ def _spent_note(groups: Sequence[str]) -> str:
 def _blind_note(mixed: Sequence[str]) -> str:
     if len(mixed) == 1:
         return f"The data does not feel {mixed[0]}: its value is arbitrary and no standard error is given."
-    return f"The data cannot tell {' and '.join(mixed)} apart: only a combination of them is found; fix one of them."
+    named = f"{', '.join(mixed[:-1])} and {mixed[-1]}"
+    return f"The data cannot tell {named} apart: only a combination of them is found; fix one of them."

@@ -22,7 +22,7 @@ def print_results(results: Mapping[str, CalibrationResult], data: Mapping[str, D
     """
     if not results:
         return
-    from softcal.calibration.outcome import is_bound_note
+    from softcal.calibration.outcome import is_warning
     from softcal.report.agreement import agreement_sentences
     from softcal.report.closeness import closeness_by_experiment, misses_of
 
@@ -40,13 +40,13 @@ def print_results(results: Mapping[str, CalibrationResult], data: Mapping[str, D
     for label, result in results.items():
         for note in result.notes:
             notes.setdefault(note, []).append(label)
-    at_bounds = {note: labels for note, labels in notes.items() if is_bound_note(note)}
-    for note, labels in at_bounds.items():
+    warnings = {note: labels for note, labels in notes.items() if is_warning(note)}
+    for note, labels in warnings.items():
         typer.echo(f"Warning: {', '.join(labels)}: {note}", err=True)
     for label, result in results.items():
         typer.echo(f"{label}: {result.status}")
     for note, labels in notes.items():
-        if note not in at_bounds:
+        if note not in warnings:
             typer.echo(f"Note ({', '.join(labels)}): {note}")
 
 

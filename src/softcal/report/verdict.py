@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from softcal.analysis.agreement import Agreement, agreements
-from softcal.calibration.outcome import BEYOND_THE_BOUNDS, WITHIN_THE_BOUNDS, is_bound_note
+from softcal.calibration.outcome import BEYOND_THE_BOUNDS, SATURATED, WITHIN_THE_BOUNDS, is_warning
 from softcal.calibration.result import CalibrationResult, Estimate, ExperimentFit
 from softcal.report.agreement import agreement_sentences, chance_text, range_text, size_text
 from softcal.report.closeness import Tone, closeness, closeness_by_experiment, misses_of, worst_of
@@ -57,7 +57,7 @@ def headline_sentence(content: ReportContent) -> Sentence:
         met = joined(f"{text}{f' in {label}' if len(results) > 1 else ''}" for label, text in near)
         fit = f"{fit} and the markers to {met}" if fit else f"the twin meets the markers to {met}"
     lead = f"With {estimates}, {fit}." if estimates and fit else f"{(fit or estimates).capitalize()}."
-    grave = [*_unconverged(results), *_bounds(results, held=True), *_differences(content)]
+    grave = [*_unconverged(results), *_saturated(results), *_bounds(results, held=True), *_differences(content)]
     others = [s for s in (*_bounds(results), *_identified(results)) if s.tone == "warning"]
     doubts = grave or others[:1]
     poor = any(closeness([miss])[1] == "warning" for miss in misses)
@@ -70,6 +70,7 @@ def verdicts(content: ReportContent) -> list[Sentence]:
     results = content.judged
     found = [
         *_unconverged(results),
+        *_saturated(results),
         *(Sentence(text, _agreement_tone(one)) for text, one in agreement_sentences(content.results)),
         *(sentence for result in results.values() for sentence in _residuals(content, result)),
         *_records(content),
@@ -129,6 +130,13 @@ def _unconverged(results: Mapping[str, CalibrationResult]) -> Iterable[Sentence]
             yield Sentence(_of(label, results, text), "warning")
 
 
+def _saturated(results: Mapping[str, CalibrationResult]) -> Iterable[Sentence]:
+    for label, result in results.items():
+        for note in result.notes:
+            if SATURATED in note:
+                yield Sentence(_of(label, results, note), "warning")
+
+
 def _differences(content: ReportContent) -> Iterable[Sentence]:
     """That separate fits differ by more than chance, short enough for the first line."""
     found = [one for one in agreements(content.results) if one.differs]
@@ -146,6 +154,8 @@ def _agreement_tone(one: Agreement) -> Tone:
 
 
 def _residuals(content: ReportContent, result: CalibrationResult) -> Iterable[Sentence]:
+    if result.is_saturated:
+        return
     for text, tone in closeness_by_experiment(misses_of(content.samples, result)):
         yield Sentence(text, tone)
 
@@ -169,7 +179,7 @@ def _positions(results: Mapping[str, CalibrationResult]) -> Iterable[Sentence]:
 def _gain(content: ReportContent) -> Iterable[Sentence]:
     """What was gained on the nominal values, over all sections and at most and least."""
     gains = [gain for gain in improvements(content) if gain.reduction is not None]
-    if not gains:
+    if not gains or content.headline_result.is_saturated:
         return
     first, *others = gains
     fell = (first.reduction or 0.0) > 0
@@ -218,6 +228,8 @@ def _identified(results: Mapping[str, CalibrationResult]) -> Iterable[Sentence]:
             if estimate.at_bound:
                 continue
             label, share = parameter_label(name, result.parameters), interval_share(estimate)
+            if result.is_saturated:
+                continue
             if share is not None and share < _IDENTIFIED:
                 own = f" ({result_label(of)})" if len(results) > 1 else ""
                 sure.append(f"{label}{own}: {_percent(share)}")
@@ -312,7 +324,7 @@ def _notes(results: Mapping[str, CalibrationResult]) -> Iterable[Sentence]:
     found: dict[str, list[str]] = {}
     for label, result in results.items():
         for note in result.notes:
-            if not is_bound_note(note):  # a warning of its own
+            if not is_warning(note):  # a warning of its own
                 found.setdefault(note, []).append(result_label(label))
     for note, labels in found.items():
         of = "" if len(labels) == len(results) else f"{joined(labels)}: "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -48,6 +49,18 @@ def test_a_finger_on_instruments_whose_offsets_have_one_sign(loss: Loss) -> None
     problem = finger_problem(loss)
     for start in starts(problem.space.size, seed=2, randoms=1):
         found(problem, "finger.youngs_modulus", start, FINGER_E)
+
+
+def test_a_force_in_the_wrong_unit_leaves_no_search_at_its_start() -> None:
+    """mN read as N: nothing fits, and the misfit of the force must not make every start look like the minimum."""
+    problem = finger_problem(LikelihoodLoss(), nu=(0.3, 0.499))
+    (test,) = problem.experiments
+    channels = dict(test.dataset.channels)
+    channels["tension"] = replace(channels["tension"], values=1e3 * channels["tension"].values)
+    wrong = replace(problem, experiments=(replace(test, dataset=replace(test.dataset, channels=channels)),))
+    results = [calibrate(begun_at(wrong, (z, 0.5, 0.5, 0.9)), starts=1) for z in (0.02, 0.5)]
+    assert results[0].loss == pytest.approx(results[1].loss, rel=1e-6), [result.status for result in results]
+    assert all(result.parameters["finger.youngs_modulus"].at_bound for result in results)
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ from softcal.calibration.observation import observe
 from softcal.calibration.parameters import FreeParameter, SearchSpace
 from softcal.calibration.problem import Problem
 from softcal.errors import DatasetError, InputError, ParameterError, ProjectFileError
-from softcal.experiments.branches import take_branch
+from softcal.experiments.branches import Branch, take_branch
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.experiments.pulleys import correct_pulley_friction, pulley_gain
 from softcal.project.project import load
@@ -56,6 +56,21 @@ def loop() -> Dataset:
     sign = np.repeat([1.0, -1.0], 41)
     channels = {"shortening": Channel(d, "m"), "tension": Channel(500.0 * d * np.exp(sign * LOSS), "N", 0.1)}
     return Dataset("loop", channels)
+
+
+@pytest.mark.parametrize("branch", ["loading", "unloading", "mean"])
+@pytest.mark.parametrize("turn", [0, 1, 6])
+def test_where_friction_turns_round_is_on_no_way_back(branch: Branch, turn: int) -> None:
+    """The top sample once, as machines write it, and the friction of the pulleys turning over some samples after it."""
+    d = np.concatenate([np.linspace(0.0, 0.02, 41), np.linspace(0.0195, 0.0, 40)])
+    back = np.clip((np.arange(81) - 40) / (turn + 1), 0.0, 1.0)
+    machine = 500.0 * d * np.exp(LOSS * (1.0 - 2.0 * back))
+    record = Dataset("loop", {"shortening": Channel(d, "m"), "tension": Channel(machine, "N", 0.1)})
+    taken = take_branch(correct_pulley_friction(record, 2, 0.1, np.pi, branch), branch)
+    np.testing.assert_allclose(taken.values("tension"), 500.0 * taken.values("shortening"), rtol=0.08, atol=1e-9)
+    if turn == 0:
+        np.testing.assert_allclose(taken.values("tension"), 500.0 * taken.values("shortening"), rtol=1e-9, atol=1e-9)
+    assert taken.values("shortening").max() > 0.015
 
 
 @pytest.mark.parametrize("branch", ["loading", "unloading", "mean"])

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from softcal.calibration.local_model import LocalModel, Point, jacobian_of
-from softcal.calibration.loss import Block, Loss, PapersLoss, rms
+from softcal.calibration.loss import Block, Loss, PapersLoss, rms, total
 from softcal.calibration.parameters import SearchSpace
 from softcal.checks import Floats
 
@@ -18,28 +19,49 @@ _TWIN_ROUNDING = 1e-5
 
 
 def distance_to_minimum(space: SearchSpace, loss: Loss, here: Point) -> float:
-    """The length of Gauss-Newton's step from a simulated point to the minimum within the bounds, in standard errors."""
-    end = LocalModel(space, loss, here, plain=True).minimise(np.zeros(space.size), np.ones(space.size))
-    return in_standard_errors(space, loss, here, end - here.z)
+    """How far a simulated point is from the minimum of Gauss-Newton's model within the bounds, in standard errors.
+
+    The larger of two measures, which are one where no bound is met and all channels are missed alike: the length of the
+    step, and what it takes off the loss, sqrt((n - k) (S - S_min) / S) with the sum of squares S of n residuals and
+    k parameters. Where the step ends at a bound with the loss still falling, the second is the larger.
+    """
+    model = LocalModel(space, loss, here, plain=True)
+    end = model.minimise(np.zeros(space.size), np.ones(space.size))
+    before, after = loss.squares(model.loss(here.z)), loss.squares(model.loss(end))
+    rounded = loss.squares(total(loss, [_rounding(block) for block in here.blocks]))
+    left = before + rounded
+    n = sum(len(block.residual) for block in here.blocks)
+    fall = math.sqrt(max(before - after, 0.0) * max(n - space.size, 1) / left) if left > 0.0 else 0.0
+    return max(in_standard_errors(space, loss, here, end - here.z), fall)
+
+
+def _rounding(block: Block) -> Block:
+    """The block with residuals of the size that the twin rounds to."""
+    return replace(block, residual=np.full(len(block.residual), _TWIN_ROUNDING * rms(block.measured)))
 
 
 def in_standard_errors(space: SearchSpace, loss: Loss, here: Point, step: Floats) -> float:
     """The length sqrt(p' C^-1 p) of a step p in the unit box; no parameter moves by more of its standard errors.
 
     C is Gauss-Newton's covariance. For the step to the minimum, p = C g, the length is sqrt(g' C g), with the gradient
-    g of half the loss. The noise is what was stated, times what the residuals are of it; where a loss knows no noise,
-    the residuals are the noise. Nothing is known better than the twin rounds.
+    g of half the loss. The noise of each group of channels is what its own residuals are: one channel that is missed
+    by far does not hide how well another tells a parameter. Nothing is known better than the twin rounds.
     """
-    moved = left = 0.0
-    n = 0
     theta = step * space.jacobian(here.z)
+    moved: dict[str, float] = {}
+    left: dict[str, float] = {}
+    count: dict[str, int] = {}
     for block in here.blocks:
+        group = loss.noise_group(block) if block.experiment else ""
         weights = _weights(loss, block)
         floor = _TWIN_ROUNDING * rms(block.measured)
-        moved += float(weights @ (jacobian_of(block) @ theta) ** 2)
-        left += float(weights @ (block.residual**2 + floor**2))
-        n += len(block.residual)
-    return math.sqrt(moved * max(n - space.size, 1) / left) if left > 0 else 0.0
+        moved[group] = moved.get(group, 0.0) + float(weights @ (jacobian_of(block) @ theta) ** 2)
+        left[group] = left.get(group, 0.0) + float(weights @ (block.residual**2 + floor**2))
+        count[group] = count.get(group, 0) + len(block.residual)
+    n = sum(count.values())
+    free = max(n - space.size, 1) / n  # of each residual, once the parameters are fitted
+    squares = (moved[g] * count[g] * free / left[g] for g in moved if left[g] > 0.0)
+    return math.sqrt(sum(squares))
 
 
 def _weights(loss: Loss, block: Block) -> Floats:

@@ -53,11 +53,19 @@ class Block:
 
 
 class Loss(ABC):
-    """A loss: a sum over blocks of a convex function of the block's residual; where `rooted`, the root of that sum."""
+    """A loss: a sum over blocks of a convex function of the block's residual; where `rooted`, the root of that sum.
+
+    degree: the power of the residuals by which it grows, 2 for a sum of squares.
+    """
 
     name: str
     uses_priors: bool
     rooted: bool = False
+    degree: int = 2
+
+    def squares(self, value: float) -> float:
+        """What a value of the loss is as a sum of squares: the square of a root."""
+        return value ** (2 / self.degree)
 
     @abstractmethod
     def block_value(self, block: Block, residual: Floats) -> float:
@@ -102,6 +110,7 @@ class PapersLoss(Loss):
     weights: Mapping[str, float] = field(default_factory=lambda: dict(PAPER_WEIGHTS))
     name: str = "papers"
     uses_priors: bool = False
+    degree: int = 1
 
     def block_value(self, block: Block, residual: Floats) -> float:
         return self.weights[block.channel] * rms(residual)
@@ -193,6 +202,7 @@ class DistanceLoss(Loss):
     name: str = "distance"
     uses_priors: bool = False
     rooted: bool = True
+    degree: int = 1
 
     def block_value(self, block: Block, residual: Floats) -> float:
         return float(residual @ residual) * (100.0 / self.length) ** 2

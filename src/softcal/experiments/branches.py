@@ -20,6 +20,8 @@ BRANCH_STEP = "take_branch"
 
 # How far [of the travel] from the turning point a sample still counts as dwelling there.
 _DWELL = 0.002
+# The share of the pulleys' friction, as an exponent, that must have turned round for a sample to be on the way back.
+_REVERSED = 0.9
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,8 @@ def take_branch(dataset: Dataset, branch: Branch = "loading", *, n_samples: int 
     require_branch(dataset, branch)
     cycles = cycle_rows(dataset)
     wanted = ("loading", "unloading") if branch == "mean" else (branch,)
-    rows = [[getattr(cycle, one) for one in wanted] for cycle in cycles]
+    of = {"loading": lambda cycle: cycle.loading, "unloading": lambda cycle: _let_go(dataset, cycle)}
+    rows = [[of[one](cycle) for one in wanted] for cycle in cycles]
     smallest = min(len(part) for parts in rows for part in parts)
     if smallest < 2:
         raise DatasetError(
@@ -169,6 +172,27 @@ def _split(shortening: Floats, rows: Ints, number: int) -> CycleRows:
     dwell = _DWELL * float(np.ptp(travel)) + 3.0 * white_noise(travel)
     top = np.flatnonzero(travel >= travel.max() - dwell)
     return CycleRows(number, rows[: top[0] + 1], rows[top[-1] :])
+
+
+def _let_go(dataset: Dataset, cycle: CycleRows) -> Ints:
+    """The unloading rows, without those at the turn where friction still has the sign of the pull.
+
+    The turning point itself belongs to the pull. Where the pulleys' friction was corrected, the branch begins once the
+    tension lies as far below that of the pull as this friction makes it; where it never does, at the next row.
+    """
+    exponent = pulley_exponent(dataset)
+    if exponent <= 0.0 or len(cycle.loading) < 2:
+        return cycle.unloading[1:]
+    shortening, tension = dataset.values("shortening"), dataset.values("tension")
+    order = cycle.loading[np.argsort(shortening[cycle.loading], kind="stable")]
+    pulled = np.interp(shortening[cycle.unloading], shortening[order], tension[order])
+    reversed_ = tension[cycle.unloading] <= np.exp(-2.0 * _REVERSED * exponent) * pulled
+    return cycle.unloading[max(int(np.argmax(reversed_)), 1) :]
+
+
+def pulley_exponent(dataset: Dataset) -> float:
+    """mu times the angle over all pulleys whose friction was corrected."""
+    return sum(float(step.settings["exponent"]) for step in dataset.provenance if step.name == PULLEY_STEP)
 
 
 def _branch_curve(dataset: Dataset, rows: Ints, names: list[str], n_bins: int) -> tuple[Floats, dict[str, Floats]]:

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from softcal.errors import DatasetError, Fault
-from softcal.experiments.branches import PULLEY_STEP, Branch, branch_of, require_branch
+from softcal.experiments.branches import PULLEY_STEP, Branch, branch_of, pulley_exponent, require_branch
 from softcal.experiments.dataset import Dataset, Step
 from softcal.quantities import QUANTITIES
 
@@ -84,7 +84,7 @@ def correct_pulley_friction(
     )
     require_branch(replace(dataset, provenance=(*dataset.provenance, step)), read_on)
     # Pulleys may be corrected one after the other; the mean's hyperbolic cosines do not multiply.
-    before = sum(float(one.settings["exponent"]) for one in dataset.provenance if one.name == PULLEY_STEP)
+    before = pulley_exponent(dataset)
     factor = pulley_gain(read_on, before)[0] / pulley_gain(read_on, before + own)[0]
     way = {"loading": "while it is pulled", "unloading": "while it is let go", "mean": "in the mean of both branches"}
     step = replace(step, outcome=f"tension at the neck is {factor:.4f} of that at the machine, {way[read_on]}")

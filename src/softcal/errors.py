@@ -38,7 +38,7 @@ class Fault:
             text += f"; got {self.got}"
         if self.allowed:
             text += f"; allowed: {self.allowed}"
-        text = text.rstrip(".") + "."
+        text = text if text.endswith("?") else text.rstrip(".") + "."
         if self.attempt:
             attempt = self.attempt.rstrip(".")
             text += f" Try: {attempt}" + ("" if attempt.endswith("?") else ".")

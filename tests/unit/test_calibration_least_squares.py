@@ -305,3 +305,31 @@ def test_several_that_cannot_be_told_apart_are_listed() -> None:
     space = SearchSpace(tuple(parameters))
     told = local_statistics(space, LikelihoodLoss(), dict.fromkeys("abc", 0.5), [block])
     assert "cannot tell a, b and c apart" in told.notes[0]
+
+
+def test_the_status_counts_every_trajectory_and_names_the_start_that_was_not_asked_for() -> None:
+    sentence = f"of a start before the first: {NU} in the middle, where elements do not lock."
+    _, n, status = search(problem_of(PapersLoss(), start=(1e6, 0.4999)))
+    assert status.endswith(f" {n} trajectories in all, with those {sentence}")
+    _, n, status = search(problem_of(PapersLoss(), start=(1e6, 0.45)))
+    assert status.startswith(f"Converged in {n} trajectories, ")
+    assert "in all" not in status
+    _, n, status = search(problem_of(PapersLoss(), start=tuple(TRUE.values())))
+    assert n == 1
+    assert status.startswith("Converged in 1 trajectory, ")
+
+
+@pytest.mark.parametrize(("factor", "prior"), [(1.0, False), (5.0, False), (5.0, True)])
+def test_what_larger_residuals_widen_is_told(factor: float, prior: bool) -> None:
+    noise = 0.1 * factor * np.random.default_rng(0).standard_normal(50)
+    jacobian = np.column_stack([np.ones(50), np.linspace(-1, 1, 50)])
+    blocks = [Block("pull", "tension", np.ones(50), noise, 0.1, jacobian)]
+    blocks += [Block("", "a", np.zeros(1), np.zeros(1), 0.05, np.array([[1.0, 0.0]]))] * prior
+    space = SearchSpace(tuple(FreeParameter(name, "m", 0.0, 1.0) for name in "ab"))
+    told = " ".join(local_statistics(space, LikelihoodLoss(), {"a": 0.5, "b": 0.5}, blocks).notes)
+    assert ("standard errors are widened by that" in told) == (factor > 1)
+    assert ("the share of the priors in them is not." in told) == ("prior" in told) == prior
+    blind = [replace(block, jacobian=np.zeros_like(jacobian)) for block in blocks[:1]]
+    told = " ".join(local_statistics(space, LikelihoodLoss(), {"a": 0.5, "b": 0.5}, blind).notes)
+    assert ("what the stated noise explains" in told) == (factor > 1)
+    assert "widened" not in told  # there are none

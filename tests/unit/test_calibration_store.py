@@ -226,3 +226,16 @@ def test_observations_come_back_from_bytes_bit_by_bit() -> None:
     assert again.loss == evaluation.loss
     assert again.gradient is not None
     np.testing.assert_array_equal(again.gradient, evaluation.gradient)
+
+
+@pytest.mark.parametrize("left", [100, 5000])
+def test_trials_that_were_cut_short_are_not_said_to_lie_in_a_wrong_folder(tmp_path: Path, left: int) -> None:
+    folder = tmp_path / "run"
+    calibrate(problem_of(), method="grid", trials=9, store=folder)
+    path = folder / "trials.sqlite"
+    path.write_bytes(path.read_bytes()[:left])
+    with pytest.raises(StorageError) as told:
+        calibrate(problem_of(), method="grid", trials=9, store=folder, resume=True)
+    assert str(told.value).startswith(f"{path}: the trials of the run cannot be read; got ")
+    assert "Try: a copy of it that is whole, or a new run" in str(told.value)
+    assert "written to" not in str(told.value)

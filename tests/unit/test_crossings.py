@@ -23,8 +23,9 @@ from softcal.project.run_folder import load_run
 from softcal.project.template import write_template
 from softcal.twin.build import cached_twin
 from softcal.twin.contacts import fitting_contact
+from softcal.twin.crossings import span_in_words
 from softcal.twin.protocol import Command, Protocol
-from softcal.twin.robot import Body, Cable, Plate, Robot, Tie, ViaPoint
+from softcal.twin.robot import Body, Cable, Plate, PointLoad, Robot, Tie, ViaPoint
 from softcal.twin.simulate import simulate
 
 ROOT = Path(__file__).parents[2]
@@ -80,6 +81,25 @@ def test_a_notch_that_closes_is_told_of_from_where_on(element: str) -> None:
     assert response.status.endswith(response.crossings)
     assert simulate(robot, pulled(0.9 * closes)).crossings == ""
     assert simulate(robot, pulled(6e-3), crossings=False).crossings == ""
+
+
+def test_what_crosses_under_the_loads_does_so_from_the_start_on() -> None:
+    weight = PointLoad("weight", "top", np.array([0.0, 0.0, 0.03]), np.array([0.0, 0.0, -15.0]))
+    told = simulate(replace(notched(), loads=(weight,)), pulled(2e-3)).crossings
+    assert told.startswith("finger crosses itself from the start on, by about "), told
+
+
+@pytest.mark.parametrize(
+    ("begin", "stop", "words"),
+    [
+        (None, None, "from the start on"),
+        (None, 2e-3, "from the start to 2 mm of shortening of a"),
+        (1e-3, None, "from 1 mm of shortening of a on"),
+        (1e-3, 2e-3, "from 1 to 2 mm of shortening of a"),
+    ],
+)
+def test_spans_in_words(begin: float | None, stop: float | None, words: str) -> None:
+    assert span_in_words(begin, stop, "a") == words
 
 
 def test_by_tension_it_is_told_up_to_the_largest_that_is_asked_for() -> None:

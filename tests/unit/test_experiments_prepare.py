@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from softcal.errors import DatasetError
+from softcal.errors import DatasetError, Fault
 from softcal.experiments.corrections import detrend, detrended, smooth, zero
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.experiments.noise import estimate_noise, set_noise
@@ -247,3 +247,20 @@ def test_every_preparation_is_described() -> None:
 def test_every_step_stands_in_the_docs() -> None:
     page = (Path(__file__).parents[2] / "docs" / "bench-data.md").read_text(encoding="utf-8")
     assert [name for name in PREPARATIONS if f"`{name}`" not in page] == []
+
+
+def test_a_tension_that_falls_is_not_said_never_to_change() -> None:
+    d = np.linspace(0.0, 0.04, 50)
+
+    def told(tension: np.ndarray) -> str:
+        channels = {"shortening": Channel(d, "m"), "tension": Channel(tension, "N")}
+        return " ".join(check_plausible(Dataset("pull", channels)))
+
+    constant = "pull: the tension never changes: is it the right column?"
+    assert told(np.full(50, 0.1)) == constant
+    assert told(np.where(d < 1e-3, 0.102, 0.0968)) == (
+        "pull: the tension does not rise with the shortening (0.0968 to 0.102 N): is it the right column?"
+    )
+    assert "right column" not in told(100 * d)
+    assert str(Fault(constant, "p.yaml:3")) == f"p.yaml:3: {constant}"
+    assert str(Fault("all is wrong.", "p.yaml:3")) == "p.yaml:3: all is wrong."

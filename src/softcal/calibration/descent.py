@@ -83,7 +83,7 @@ class Descent:
         else:
             self._move(tried, evaluation)
         if self.evaluations >= self.budget and self.next is not None:
-            self._end(f"Not converged after {self.evaluations} trajectories, the most that were allowed{self._away()}")
+            self._end(f"Not converged after {counted(self.evaluations)}, the most that were allowed{self._away()}")
 
     def leave(self, reason: str) -> None:
         """End the search because nothing better is to be expected of it."""
@@ -102,7 +102,7 @@ class Descent:
             self._radius = 0.25 * float(np.abs(tried.z - self.z).max())
             if self._radius < _EDGE:
                 self._end(
-                    f"Not converged after {self.evaluations} trajectories: the loss still falls towards where the twin "
+                    f"Not converged after {counted(self.evaluations)}: the loss still falls towards where the twin "
                     f"cannot be simulated. {evaluation.failure}"
                 )
             else:
@@ -140,7 +140,7 @@ class Descent:
                 self._by_the_loss_alone(lowest, found)
                 return
             near = f"{self._distance:.1g}" if self._distance > 1e-3 else "less than 0.001"
-            text = f"Converged in {self.evaluations} trajectories, {near} standard errors from the minimum."
+            text = f"Converged in {counted(self.evaluations)}, {near} standard errors from the minimum."
             self._end(text, converged=True)
             return
         before, _ = self._losses(self._here())
@@ -160,7 +160,7 @@ class Descent:
             self._by_the_loss_alone(lowest, found)
         else:
             self._end(
-                f"Not converged after {self.evaluations} trajectories: no step lowers the loss or can be simulated"
+                f"Not converged after {counted(self.evaluations)}: no step lowers the loss or can be simulated"
                 f"{self._away()}"
             )
 
@@ -215,3 +215,8 @@ class Descent:
         self.next = None
         self.status = status
         self.converged = converged
+
+
+def counted(n: int) -> str:
+    """A number of trajectories in words."""
+    return f"{n} trajector{'y' if n == 1 else 'ies'}"

@@ -29,7 +29,8 @@ from softcal.checks import Floats
 
 # Singular value over the largest, in units of the search range, below which a direction counts as not seen at all.
 _BLIND = 1e-7
-_PRIOR = ""  # the group of the priors
+PRIOR = ""
+"""The group of the priors."""
 _ITERATIONS = 200
 _SPENT = 0.5  # degrees of freedom below which nothing can be told of a group's noise
 _ROUNDING = 1e-12  # of the search range: no standard error is smaller
@@ -87,7 +88,7 @@ def estimator(loss: Loss, z: Floats, slopes: Floats, blocks: Sequence[Block]) ->
     for block, J, w in zip(blocks, jacobians, weights, strict=True):
         stated = loss.stated_noise(block)
         unit = np.ones(len(w)) if stated is None else stated
-        group = loss.noise_group(block) if block.experiment else _PRIOR
+        group = loss.noise_group(block) if block.experiment else PRIOR
         over = block.residual / unit
         parts.append(_Part(group, stated is not None, J / unit[:, None], (w * unit)[:, None] * J, over))
     noise, spent = _noise(parts, inverse)
@@ -127,7 +128,7 @@ def _inverse_hessian(
 
 def _noise(parts: Sequence[_Part], inverse: Floats) -> tuple[dict[str, Noise], tuple[str, ...]]:
     """The noise of every group, and the groups that tell nothing of theirs."""
-    groups = list(dict.fromkeys(part.group for part in parts if part.group != _PRIOR))
+    groups = list(dict.fromkeys(part.group for part in parts if part.group != PRIOR))
     held = {group: [part for part in parts if part.group == group] for group in groups}
     answers = {g: sum(part.answer.T @ part.answer for part in held[g]) for g in groups}
     pulls = {g: sum(part.pull.T @ part.pull for part in held[g]) for g in groups}
@@ -136,7 +137,7 @@ def _noise(parts: Sequence[_Part], inverse: Floats) -> tuple[dict[str, Noise], t
     squares = np.array([sum(float(part.residual @ part.residual) for part in held[g]) for g in groups])
     mixing = np.array([[np.trace(inverse @ pulls[h] @ inverse @ answers[g]) for h in groups] for g in groups])
     mixing += np.diag(counts - 2 * used)
-    by_priors = sum((part.pull.T @ part.pull for part in parts if part.group == _PRIOR), np.zeros_like(inverse))
+    by_priors = sum((part.pull.T @ part.pull for part in parts if part.group == PRIOR), np.zeros_like(inverse))
     priors = np.array([np.trace(inverse @ by_priors @ inverse @ answers[g]) for g in groups])
     dof = counts - used
     free = dof > _SPENT
@@ -156,8 +157,8 @@ def _noise(parts: Sequence[_Part], inverse: Floats) -> tuple[dict[str, Noise], t
         for g, size, n, known in zip(groups, sizes, dof, stated, strict=True)
     }
     spent = tuple(g for g, known, has in zip(groups, stated, free, strict=True) if not (known or has))
-    if any(part.group == _PRIOR for part in parts):
-        noise[_PRIOR] = Noise(1.0, np.inf, stated=True)
+    if any(part.group == PRIOR for part in parts):
+        noise[PRIOR] = Noise(1.0, np.inf, stated=True)
     return noise, spent
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from softcal.calibration.descent import Descent
+from softcal.calibration.descent import Descent, counted
 from softcal.calibration.loss import Loss, rms
 from softcal.calibration.optimiser import Optimiser, Proposal
 from softcal.calibration.parameters import SearchSpace
@@ -45,6 +45,7 @@ class LeastSquaresOptimiser(Optimiser):
         self._waves = [[own], others]
         below = np.array([np.isfinite(p.ceiling) for p in space.parameters])
         locked = below & (own.start > _NEAR_CEILING)
+        self._in_the_middle = [label for label, is_locked in zip(space.labels, locked, strict=True) if is_locked]
         if locked.any():
             self._waves.insert(0, [Descent(space, loss, np.where(locked, 0.5, own.start), trials)])
         self._asked: dict[int, Descent] = {}
@@ -71,7 +72,7 @@ class LeastSquaresOptimiser(Optimiser):
 
     @property
     def status(self) -> str:
-        sentence = self._best.status
+        sentence = self._best.status + self._told_of_the_extra_start()
         n_starts = len(self._descents)
         if n_starts == 1:
             return sentence
@@ -79,6 +80,17 @@ class LeastSquaresOptimiser(Optimiser):
         if not n_spared:
             return f"{sentence} {sum(descent.converged for descent in self._descents)} of {n_starts} starts converged."
         return f"{sentence} {n_spared} of {n_starts} starts were left, for nothing better was in sight from them."
+
+    def _told_of_the_extra_start(self) -> str:
+        """That there was another start than those that were asked for, and what all took; "" where there was none."""
+        begun = [descent for wave in self._waves for descent in wave if descent.evaluations]
+        if all(descent in self._descents for descent in begun):
+            return ""
+        named = " and ".join(self._in_the_middle)
+        n = counted(sum(descent.evaluations for descent in begun))
+        return (
+            f" {n} in all, with those of a start before the first: {named} in the middle, where elements do not lock."
+        )
 
     @property
     def converged(self) -> bool:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from softcal.calibration.estimator import Estimator, estimator
+from softcal.calibration.estimator import PRIOR, Estimator, estimator
 from softcal.calibration.intervals import beyond_bounds, box_intervals
 from softcal.calibration.loss import Block, Loss, rms
 from softcal.calibration.parameters import SearchSpace
@@ -110,22 +110,25 @@ def _importance(space: SearchSpace, loss: Loss, blocks: Sequence[Block], slopes:
 
 def _notes(space: SearchSpace, found: Estimator, mixed: np.ndarray, *, saturated: bool) -> Sequence[str]:
     notes: list[str] = []
+    has_errors = not (found.spent or mixed.all() or saturated)
     if mixed.any():
         notes.append(_blind_note([label for label, is_mixed in zip(space.labels, mixed, strict=True) if is_mixed]))
     for group, noise in found.noise.items():
         if noise.stated and noise.size > _TOO_LARGE:
-            notes.append(_excess_note(group, noise.size))
+            notes.append(_excess_note(group, noise.size, widened=has_errors, priors=PRIOR in found.noise))
     if found.spent and not saturated:
         notes.append(_spent_note(found.spent))
     return notes
 
 
-def _excess_note(channel: str, factor: float) -> str:
-    return (
+def _excess_note(channel: str, factor: float, *, widened: bool, priors: bool) -> str:
+    text = (
         f"The residuals of {channel} are {factor:.2g} times what the stated noise explains: the twin or the rig's "
-        "model misses something, or the noise was stated too small. The standard errors are widened by that, but the "
-        "priors' share in them is not."
+        "model misses something, or the noise was stated too small."
     )
+    if not widened:
+        return text
+    return f"{text} The standard errors are widened by that{', but the share of the priors in them is not' * priors}."
 
 
 def _spent_note(groups: Sequence[str]) -> str:

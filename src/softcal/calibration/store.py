@@ -271,6 +271,10 @@ def storing(path: Path) -> Generator[None]:
     except sqlite3.OperationalError as error:
         attempt = "wait for the other calibration in this folder" if "locked" in str(error) else ""
         raise StorageError(Fault("the run cannot be kept", where=str(path), got=str(error), attempt=attempt)) from error
+    except sqlite3.DatabaseError as error:  # such as a file that was cut short
+        file = path / TRIALS if path.is_dir() else path
+        attempt = "a copy of it that is whole, or a new run: another --out, without --resume"
+        raise StorageError(Fault("the trials of the run cannot be read", str(file), str(error), "", attempt)) from error
     except (OSError, sqlite3.Error) as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         raise StorageError(

@@ -28,13 +28,16 @@ def _stiffness(dataset: Dataset) -> list[str]:
     shortening, tension = dataset.values("shortening"), dataset.values("tension")
     if np.ptp(shortening) <= 0.0:
         return [f"{dataset.name}: the shortening never changes: is it the right column?"]
+    if np.ptp(tension) <= 0.0:
+        return [f"{dataset.name}: the tension never changes: is it the right column?"]
     s, values = curve(shortening, {"tension": tension}, _BINS)
     force = values["tension"]
     if len(s) < 2:
         return []
     taut = force[1:] > force.min() + _FLOOR * np.ptp(force)
     if not taut.any():
-        return [f"{dataset.name}: the tension never changes: is it the right column?"]
+        ends = f"{tension.min():.3g} to {tension.max():.3g} N"
+        return [f"{dataset.name}: the tension does not rise with the shortening ({ends}): is it the right column?"]
     median = float(np.median((np.diff(force) / np.diff(s))[taut]))
     lower, upper = STIFFNESS_RANGE
     warnings: list[str] = []

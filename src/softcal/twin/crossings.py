@@ -55,9 +55,7 @@ def crossed_on_path(skins: Skins | None, layout: Layout, nodes: Sequence[Node], 
             return pair in skins.pairs(interpolated(layout, a, b, c).x)
 
         spans = [
-            f"from {1e3 * begin:.3g} mm of shortening of {cable} on"
-            if stop is None
-            else f"from {1e3 * begin:.3g} to {1e3 * stop:.3g} mm of shortening of {cable}"
+            span_in_words(begin if begin > nodes[0].c else None, stop, cable)
             for begin, stop in _spans(nodes, [pair in one for one in found], crosses)
             if begin <= end
         ]
@@ -69,6 +67,14 @@ def crossed_on_path(skins: Skins | None, layout: Layout, nodes: Sequence[Node], 
             shape = interpolated(layout, nodes[i - 1], nodes[i], end) if beyond else nodes[i].state
             sentences.append(_sentence(pair, " and ".join(spans), skins.crossings(shape.x).get(pair, 0.0)))
     return "".join(sentences)
+
+
+def span_in_words(begin: float | None, stop: float | None, cable: str) -> str:
+    """From where to where it crosses [m of shortening]; None: from the start, and to the end."""
+    of = f" mm of shortening of {cable}"
+    if begin is None:
+        return "from the start on" if stop is None else f"from the start to {1e3 * stop:.3g}{of}"
+    return f"from {1e3 * begin:.3g}" + (f"{of} on" if stop is None else f" to {1e3 * stop:.3g}{of}")
 
 
 def _spans(

@@ -185,6 +185,11 @@ def _meant(unit: str, si_unit: str) -> str:
     return f"'{same[0]}'" if same else ""
 
 
+AS_WRITTEN = 10
+"""Significant digits that show a number as it was written, not what it rounds to, but none of its rounding."""
+_PLAIN = 999_999.5
+
+
 def parse_quantity(value: object, si_unit: str, *, where: str = "") -> float:
     """A number in `si_unit` from text such as "2.3 MPa"; a plain number only where `si_unit` is "1", or it is 0.
 
@@ -229,9 +234,22 @@ def _as_float(value: float) -> float:
 def format_quantity(value: float, si_unit: str, unit: str | None = None, *, digits: int = 4) -> str:
     """Text such as "2.3 MPa" for a number held in `si_unit`."""
     shown = unit or readable_unit(value, si_unit)
-    number = value / unit_factor(shown, si_unit)
-    text = f"{number:.{digits}g}"
+    text = plain(value / unit_factor(shown, si_unit), digits)
     return text if shown == "1" else f"{text} {shown}"
+
+
+def format_range(low: float, high: float, si_unit: str, *, digits: int = AS_WRITTEN) -> str:
+    """Text such as "50 kPa to 10 MPa" or "0 to 3 mm" for a range held in `si_unit`."""
+    above = readable_unit(high, si_unit)
+    below = readable_unit(low, si_unit) if low else above
+    first = format_quantity(low, si_unit, below, digits=digits)
+    return f"{first.removesuffix(f' {above}')} to {format_quantity(high, si_unit, above, digits=digits)}"
+
+
+def plain(number: float, digits: int = 4) -> str:
+    """A number to so many significant digits, with an exponent only below 0.0001 and from a million on."""
+    text = f"{number:.{digits}g}"
+    return f"{float(text):.0f}" if "e+" in text and abs(number) < _PLAIN else text
 
 
 def readable_unit(value: float, si_unit: str) -> str:

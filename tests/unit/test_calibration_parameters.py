@@ -96,3 +96,11 @@ def test_at_bound_is_judged_on_the_scale_of_the_search() -> None:
     near = SPACE.to_model([0.9995, 0.5])
     assert SPACE.at_bound(near) == {E: True, NU: False}
     assert SPACE.at_bound(SPACE.to_model([0.998, 0.5])) == {E: False, NU: False}
+
+
+def test_a_step_that_ends_a_rounding_short_of_a_bound_is_at_it():
+    space = SearchSpace((FreeParameter("front.slack", "m", 0.0, 3e-3), FreeParameter("E", "Pa", 1e5, 1e7, "log")))
+    assert space.to_model([2.8e-17, 1 - 2e-16]) == {"front.slack": 0.0, "E": 1e7}
+    near = space.to_model([1e-9, 1 - 1e-9])
+    assert 0.0 < near["front.slack"] < 1e-11
+    assert near["E"] < 1e7

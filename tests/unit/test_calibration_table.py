@@ -8,7 +8,7 @@ from report_example import E_NAME, bench_experiment, tpe_result
 
 from softcal.calibration.outcome import bound_note
 from softcal.calibration.result import Estimate
-from softcal.cli.calibration_table import interval_text, print_results
+from softcal.cli.calibration_table import interval_text, print_results, value_text
 
 
 def test_an_interval_is_told_in_the_unit_of_its_value():
@@ -55,3 +55,20 @@ def test_what_is_poor_or_decided_by_a_bound_is_a_warning_before_the_status(capsy
     assert "20mm" not in told.err
     assert f"Warning: joint: {note}" in told.err
     assert note not in told.out
+
+
+def test_numbers_of_the_table_are_as_people_write_them(capsys):
+    wide = Estimate(7.07e5, "Pa", False, 5e4, 1e7, 1.4e6, (5e4, 1e7))
+    assert value_text(wide) == "707 ± 1400 kPa"
+    assert interval_text(wide) == "50 to 10000 kPa"
+    assert value_text(Estimate(0.49999, "1", True, 0.3, 0.49999)) == "0.49999 (at a bound)"
+    experiments = [bench_experiment("20mm", 0.02, 1.2e6)]
+    result = tpe_result(experiments, 1.2e6, 0.45, n_trials=20)
+    fit = result.experiments["20mm"]
+    poor = replace(fit, rmse={**fit.rmse, "pitch": 0.5})
+    print_results({"20mm": replace(result, experiments={"20mm": poor})}, samples(experiments))
+    told = capsys.readouterr()
+    (line,) = [line for line in told.out.splitlines() if "RMSE of pitch" in line]
+    assert "28.6 deg" in line
+    assert "rad" not in line
+    assert "Warning: 20mm: the twin meets" in told.err  # its experiment has the calibration's name

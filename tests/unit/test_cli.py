@@ -6,6 +6,7 @@ import contextlib
 import csv
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -231,6 +232,16 @@ def test_a_run_is_not_gone_on_with_by_other_data(capsys: pytest.CaptureFixture[s
     code, _, err = run(capsys, "calibrate", home / "p" / "project.yaml", "--out", home / "run", "--resume")
     assert code == 2
     assert f"{path}: the file was changed after the run began" in err
+
+
+def test_check_shows_a_ratio_that_is_nearly_a_half_as_it_is_written(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    path = write_project(tmp_path / "p")
+    text = path.read_text()
+    assert "poissons_ratio: 0.4" in text
+    path.write_text(re.sub(r"(poissons_ratio: )0\.4\d*", r"\g<1>0.49999", text, count=1))
+    code, out, err = run(capsys, "check", path)
+    assert code == 0, err
+    assert "ν 0.49999" in out
 
 
 def test_the_run_folder_holds_its_tables(finished: Path):

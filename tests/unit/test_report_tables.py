@@ -154,7 +154,7 @@ def test_provenance_is_told_in_order() -> None:
 
 def test_a_bound_is_a_warning_with_its_value() -> None:
     at_bound = {E_NAME: Estimate(4e7, "Pa", True, 1e5, 4e7)}
-    assert "E stands at its upper bound of 40.00 MPa" in texts(small_content(parameters=at_bound), "warning")
+    assert "E stands at its upper bound of 40 MPa" in texts(small_content(parameters=at_bound), "warning")
     assert "No parameter stands at a bound" in texts(small_content(), "good")
 
 

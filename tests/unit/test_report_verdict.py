@@ -12,9 +12,10 @@ from softcal.analysis.agreement import agreements
 from softcal.calibration.outcome import SATURATED, bound_note
 from softcal.calibration.result import CalibrationResult, Distance, Estimate, ExperimentFit
 from softcal.cli.calibration_table import print_results
-from softcal.experiments.dataset import Channel, Dataset
+from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.report.chart_parameters import forest_caption
 from softcal.report.content import ExperimentContent, ReportContent
+from softcal.report.figures import steps_between
 from softcal.report.infill import PrintInfill
 from softcal.report.tables import all_parameters_table, parameters_table
 from softcal.report.verdict import headline_sentence, verdicts
@@ -157,7 +158,7 @@ def test_every_separate_fit_is_judged_and_the_worst_is_named() -> None:
 def test_findings_of_separate_fits_are_told_with_their_label() -> None:
     at_bound = result("test2", estimates={E_NAME: modulus(40.0, None, at_bound=True)}, notes=("A note.",))
     report = content({"test1": result("test1"), "test2": at_bound})
-    assert "test2: E stands at its upper bound of 40.00 MPa" in told(report, "warning")
+    assert "test2: E stands at its upper bound of 40 MPa" in told(report, "warning")
     assert "test2: A note." in told(report, "note")
     assert "No parameter stands at a bound" not in told(report)
     joint = content({"test1": result("test1"), "test2": at_bound, "joint": result("test1", "test2")})
@@ -224,7 +225,7 @@ def test_why_a_parameter_is_at_its_bound_follows_its_interval() -> None:
         ratio = Estimate(0.4, "1", True, 0.4, 0.5, None, interval)
         return told(content({"a": result("a", estimates={NU_NAME: ratio})}), "warning")
 
-    assert "ν stands at its lower bound of 0.4000: the data would take it further." in at((0.4, 0.405))
+    assert "ν stands at its lower bound of 0.4: the data would take it further." in at((0.4, 0.405))
     assert "the data hardly determine it, its 95 % interval covers 80 % of the range" in at((0.4, 0.48))
     assert "covers all of the range" in at((0.4, 0.5))
     assert "the data would take it further, or do not determine it." in at(None)
@@ -241,7 +242,7 @@ def test_what_its_bound_keeps_from_the_data_is_said_in_the_first_line(capsys: py
         "intervals are those within the bounds."
     )
     held = content(at(27.0))
-    assert want.format("0.4000") in headline_sentence(held).text
+    assert want.format("0.4") in headline_sentence(held).text
     assert told(held, "warning").count("the data want a value beyond it") == 1
     assert "the data want" not in told(held, "note")
     assert "0.4 to 0.401, within the bounds" in all_parameters_table(held).as_csv()
@@ -315,3 +316,15 @@ def test_the_importance_is_called_what_it_is() -> None:
     assert "a local measure, not fANOVA" in note("sensitivity")
     assert "variation over the search" not in note("sensitivity")
     assert "mportance" not in parameters_table(content({"a": result("a")})).note
+
+
+# What lies between a record and the samples of the fit.
+
+
+def test_only_steps_that_change_samples_are_said_to_lie_between() -> None:
+    def steps(*names: str) -> list[str]:
+        data = Dataset("a", {"tension": Channel(D, "N")}, provenance=tuple(Step(n, {}, "") for n in names))
+        return steps_between(data, 1)
+
+    assert steps("read_table", "set_noise", "set_noise", "estimate_noise") == []
+    assert steps("read_table", "window", "set_noise", "average", "average") == ["window", "average"]

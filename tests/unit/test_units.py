@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from softcal.errors import UnitError
-from softcal.units import SI_UNITS, format_quantity, parse_quantity, readable_unit, unit_factor
+from softcal.units import SI_UNITS, format_quantity, format_range, parse_quantity, plain, readable_unit, unit_factor
 from tests.strategies import numbers
 
 
@@ -116,3 +116,19 @@ def test_a_small_mass_is_shown_in_grams():
 @pytest.mark.parametrize(("value", "unit"), [(2.3e6, "MPa"), (990e3, "kPa"), (1e9, "GPa"), (50.0, "Pa"), (0.0, "Pa")])
 def test_a_modulus_is_shown_as_people_read_it(value, unit):
     assert readable_unit(value, "Pa") == unit
+
+
+def test_numbers_are_told_without_needless_exponents():
+    assert format_quantity(1.4e6, "Pa", "kPa", digits=2) == "1400 kPa"
+    assert format_quantity(9.96e6, "Pa", "kPa", digits=2) == "10000 kPa"
+    assert format_quantity(2.3e6, "Pa") == "2.3 MPa"
+    assert plain(3.0e7) == "3e+07"
+    assert plain(2.5e-9, 2) == "2.5e-09"
+    assert plain(123456.0) == "123500"
+
+
+def test_a_range_is_told_as_it_was_written():
+    assert format_range(5e4, 1e7, "Pa") == "50 kPa to 10 MPa"
+    assert format_range(0.0, 3e-3, "m") == "0 to 3 mm"
+    assert format_range(-math.radians(2), math.radians(12), "rad") == "-2 to 12 deg"
+    assert format_range(0.3, 0.49999, "1") == "0.3 to 0.49999"

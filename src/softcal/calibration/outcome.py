@@ -14,7 +14,7 @@ from softcal.calibration.optimiser_tpe import fanova_importance
 from softcal.calibration.problem import Evaluation, Problem
 from softcal.calibration.result import CalibrationResult, Estimate, Trial
 from softcal.calibration.sensitivity import Statistics, local_statistics
-from softcal.units import format_quantity
+from softcal.units import AS_WRITTEN, format_quantity
 
 NOT_A_MINIMUM = (
     "No standard errors and no intervals: the search did not converge, and they are those of the loss's minimum."
@@ -134,8 +134,8 @@ def bound_note(label: str, estimate: Estimate) -> str:
     """That a parameter stands at the nearer of its bounds, in words, and what the data want."""
     lower, upper, value = estimate.lower, estimate.upper, estimate.value
     above = abs(value - upper) <= abs(value - lower)
-    bound, side = format_quantity(upper if above else lower, estimate.unit), "upper" if above else "lower"
-    text = f"{label} stands at its {side} bound of {bound}"
+    side, nearer = ("upper", upper) if above else ("lower", lower)
+    text = f"{label} stands at its {side} bound of {format_quantity(nearer, estimate.unit, digits=AS_WRITTEN)}"
     if not estimate.is_held:
         return f"{text}: {BY_THE_BOUNDS}."
     return f"{text}: {BEYOND_THE_BOUNDS}, by some {estimate.beyond:.0f} standard errors; {WITHIN_THE_BOUNDS}."

@@ -15,6 +15,7 @@ from softcal.errors import Fault, ParameterError
 from softcal.twin.parameters import ParameterInfo, unknown_name
 
 Scale = Literal["linear", "log"]
+_ROUNDING = 1e-14  # of the search range
 
 
 @dataclass(frozen=True)
@@ -301,10 +302,11 @@ def _limit_faults(parameter: FreeParameter, info: ParameterInfo) -> list[Fault]:
 
 
 def _to_model(parameter: FreeParameter, z: float) -> float:
-    # The bounds themselves are hit exactly: exp(log(x)) may step over them by one unit in the last place.
-    if z <= 0:
+    # The bounds themselves are hit exactly: exp(log(x)) may step over them by one unit in the last place, and a step to
+    # a bound may end short of it by as much.
+    if z <= _ROUNDING:
         return parameter.lower
-    if z >= 1:
+    if z >= 1 - _ROUNDING:
         return parameter.upper
     if parameter.scale == "log":
         return parameter.lower * math.exp(z * math.log(parameter.upper / parameter.lower))

@@ -33,7 +33,8 @@ def print_results(results: Mapping[str, CalibrationResult], data: Mapping[str, D
     for label, result in results.items():
         for text, tone in closeness_by_experiment(misses_of(data or {}, result)):
             if tone == "warning":
-                typer.echo(f"Warning: {label}, {text}", err=True)
+                of = "" if text.startswith(f"{label}: ") else f"{label}, "
+                typer.echo(f"Warning: {of}{text}", err=True)
     for text, _ in agreement_sentences(results):
         typer.echo(text)
     notes: dict[str, list[str]] = {}
@@ -97,10 +98,12 @@ def _error_title(experiment: str, channel: str) -> str:
 
 
 def _error(fit: ExperimentFit | None, channel: str) -> str:
+    from softcal.units import format_quantity
+
     if fit is None or (channel and channel not in fit.rmse):
         return ""
     if channel:
-        return f"{fit.rmse[channel]:.3g} {fit.units[channel]}"
+        return format_quantity(fit.rmse[channel], fit.units[channel], digits=3)
     distance = fit.distance
     if distance is None:
         return ""
@@ -129,10 +132,11 @@ def interval_text(estimate: Estimate) -> str:
 
 def value_text(estimate: Estimate) -> str:
     """A value with its standard error and unit, and whether it is at a bound."""
-    from softcal.units import format_quantity, readable_unit
+    from softcal.units import AS_WRITTEN, format_quantity, readable_unit
 
     unit = readable_unit(estimate.value, estimate.unit)
-    text = format_quantity(estimate.value, estimate.unit, unit)
+    digits = AS_WRITTEN if estimate.value in (estimate.lower, estimate.upper) else 4
+    text = format_quantity(estimate.value, estimate.unit, unit, digits=digits)
     if estimate.standard_error is not None:
         error = format_quantity(estimate.standard_error, estimate.unit, unit, digits=2)
         text = f"{text.removesuffix(f' {unit}')} ± {error}"

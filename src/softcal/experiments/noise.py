@@ -12,6 +12,9 @@ from softcal.experiments.dataset import Dataset, Step
 from softcal.experiments.names import deviation_channel
 from softcal.units import format_quantity
 
+NOISE_STEPS = ("set_noise", "estimate_noise")
+"""Steps that state the noise and change no sample."""
+
 
 def white_noise(values: Floats) -> float:
     """Standard deviation of white noise on a smooth signal, from the median of its second differences.

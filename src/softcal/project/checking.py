@@ -22,7 +22,7 @@ from softcal.twin.build import cached_twin
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.response import Response
 from softcal.twin.robot import Cable, Material, Plate, Rod
-from softcal.units import format_quantity
+from softcal.units import AS_WRITTEN, format_quantity, format_range, plain
 
 # The twin at its bounds may be this much too soft or too stiff before the data are called implausible.
 STIFFNESS_MARGIN = 2.0
@@ -122,7 +122,7 @@ def _body_rows(project: Project) -> list[tuple[str, str]]:
 
 def _constants(material: Material) -> str:
     text = f"E {format_quantity(material.parameters['youngs_modulus'], 'Pa')}"
-    text += f", ν {material.parameters['poissons_ratio']:.4g}"
+    text += f", ν {plain(material.parameters['poissons_ratio'], AS_WRITTEN)}"
     return text + (f", {material.density:.4g} kg/m³" if material.density else "")
 
 
@@ -247,11 +247,11 @@ def _search_rows(project: Project) -> list[tuple[str, str]]:
         return []
     rows: dict[str, str] = {}
     for parameter in project.space.parameters:
-        low, high = (format_quantity(bound, parameter.unit) for bound in (parameter.lower, parameter.upper))
+        bounds = format_range(parameter.lower, parameter.upper, parameter.unit)
         per = ", one for each experiment" if parameter.per_experiment else ""
         per = ", one for each set-up" if parameter.per_set_up else per
         tied = f", one value for {', '.join(parameter.of)}" if parameter.of else ""
-        rows[f"free {parameter.name}"] = f"{low} to {high}, {parameter.scale}{per}{tied}"
+        rows[f"free {parameter.name}"] = f"{bounds}, {parameter.scale}{per}{tied}"
     settings = project.calibration
     if settings.hold_out:
         rows["held out"] = ", ".join(settings.hold_out)
@@ -268,8 +268,8 @@ def _beyond_bounds(project: Project) -> list[str]:
     for p in project.space.parameters if project.space else ():
         values = [known[target].value for target in p.targets if target in known]
         if p.start is None and any(not p.lower <= value <= p.upper for value in values):
-            got = ", ".join(dict.fromkeys(format_quantity(value, p.unit) for value in values))
-            allowed = " to ".join(format_quantity(bound, p.unit) for bound in (p.lower, p.upper))
+            got = ", ".join(dict.fromkeys(format_quantity(value, p.unit, digits=AS_WRITTEN) for value in values))
+            allowed = format_range(p.lower, p.upper, p.unit)
             what = "the project's value is outside the bounds of the search"
             faults.append(Fault(what, p.label, got, allowed, attempt="a start, or other bounds"))
     return [str(fault) for fault in faults]

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Literal
 from softcal.analysis.record import RecordFit
 from softcal.calibration.result import ExperimentFit
 from softcal.experiments.branches import PULLEY_STEP
+from softcal.experiments.dataset import Dataset
+from softcal.experiments.noise import NOISE_STEPS
 from softcal.report.content import ExperimentContent, ReportContent
 from softcal.report.style import encode
 from softcal.report.wording import (
@@ -155,15 +157,20 @@ def _is_of_states(experiment: ExperimentContent) -> bool:
 
 def _bench_caption(experiment: ExperimentContent) -> str:
     drawn = experiment.corrected or experiment.raw
-    later = [step.name for step in experiment.prepared.provenance[len(drawn.provenance) :]]
+    later = steps_between(experiment.prepared, len(drawn.provenance))
     caption = f"{experiment.name}: the record in light tones, the samples used for the fit in blue."
     if drawn.cycle is None and later:
-        caption += f" Between the two lie: {joined(later)}."
+        caption += f" Between the two {'lie' if len(later) > 1 else 'lies'}: {joined(later)}."
     return caption
 
 
+def steps_between(data: Dataset, after: int) -> list[str]:
+    """The steps that changed samples after the first so many, each once; to state their noise changes none."""
+    return list(dict.fromkeys(step.name for step in data.provenance[after:] if step.name not in NOISE_STEPS))
+
+
 def _record_caption(experiment: ExperimentContent) -> str:
-    later = [step.name for step in experiment.prepared.provenance[len(experiment.raw.provenance) :]]
+    later = steps_between(experiment.prepared, len(experiment.raw.provenance))
     return f"{experiment.name}: the record" + (f"; the fit uses what {joined(later)} made of it." if later else ".")
 
 

@@ -30,6 +30,7 @@ from softcal.report.wording import (
     scale_of,
     with_error,
 )
+from softcal.units import format_range
 
 _FEW = 4  # numbers that fit the first screen
 
@@ -105,7 +106,7 @@ def key_numbers(content: ReportContent) -> list[KeyNumber]:
         estimate = result.parameters[name]
         scale = estimate_scale(estimate)
         error = None if estimate.standard_error is None else estimate.standard_error / scale.factor
-        remark = f"allowed {estimate.lower / scale.factor:.4g} to {estimate.upper / scale.factor:.4g} {scale.unit}"
+        remark = f"allowed {format_range(estimate.lower, estimate.upper, estimate.unit)}"
         if estimate.at_bound:
             remark = f"at its bound; {remark}"
         value = with_error(estimate.value / scale.factor, error)

@@ -29,6 +29,7 @@ from softcal.report.wording import (
     scale_of,
     with_error,
 )
+from softcal.units import AS_WRITTEN, plain
 
 Cell = str | float | int | None
 
@@ -141,8 +142,8 @@ def all_parameters_table(content: ReportContent) -> Table:
             scale = estimate_scale(estimate)
             error = estimate.standard_error
             value = with_error(estimate.value / scale.factor, None if error is None else error / scale.factor)
-            low, high = (f"{bound / scale.factor:.4g}" for bound in (estimate.lower, estimate.upper))
-            ends = None if estimate.interval is None else (f"{end / scale.factor:.4g}" for end in estimate.interval)
+            low, high = (plain(bound / scale.factor, AS_WRITTEN) for bound in (estimate.lower, estimate.upper))
+            ends = None if estimate.interval is None else (plain(end / scale.factor) for end in estimate.interval)
             within = ", within the bounds" if estimate.is_held else ""
             interval = None if ends is None else " to ".join(ends) + within
             at_bound = "yes" if estimate.at_bound else "no"

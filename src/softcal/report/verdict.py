@@ -27,6 +27,7 @@ from softcal.report.wording import (
     parameter_name,
     result_label,
 )
+from softcal.units import AS_WRITTEN, format_quantity
 
 # An estimate is called identified while its 95 % interval covers less than this share of what was allowed.
 _IDENTIFIED = 0.25
@@ -199,10 +200,9 @@ def _bounds(results: Mapping[str, CalibrationResult], *, held: bool = False) -> 
         found = [one for one in found if one[2].is_held]
     for label, name, estimate in found:
         upper = abs(estimate.value - estimate.upper) <= abs(estimate.value - estimate.lower)
-        scale = estimate_scale(estimate)
-        bound = number((estimate.upper if upper else estimate.lower) / scale.factor, 4)
+        bound = format_quantity(estimate.upper if upper else estimate.lower, estimate.unit, digits=AS_WRITTEN)
         name = parameter_label(name, results[label].parameters)
-        at = f"{'upper' if upper else 'lower'} bound of {f'{bound} {scale.unit}'.rstrip()}"
+        at = f"{'upper' if upper else 'lower'} bound of {bound}"
         text = f"{name} stands at its {at}: {_why_at_bound(estimate)}"
         yield Sentence(_of(label, results, text), "warning")
     if not found and not held:

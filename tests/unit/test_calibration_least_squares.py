@@ -319,7 +319,7 @@ def test_the_status_counts_every_trajectory_and_names_the_start_that_was_not_ask
     assert status.startswith("Converged in 1 trajectory, ")
 
 
-@pytest.mark.parametrize(("factor", "prior"), [(1.0, False), (5.0, False), (5.0, True)])
+@pytest.mark.parametrize(("factor", "prior"), [(1.0, False), (5.0, False), (5.0, True), (2e4, False)])
 def test_what_larger_residuals_widen_is_told(factor: float, prior: bool) -> None:
     noise = 0.1 * factor * np.random.default_rng(0).standard_normal(50)
     jacobian = np.column_stack([np.ones(50), np.linspace(-1, 1, 50)])
@@ -328,6 +328,7 @@ def test_what_larger_residuals_widen_is_told(factor: float, prior: bool) -> None
     space = SearchSpace(tuple(FreeParameter(name, "m", 0.0, 1.0) for name in "ab"))
     told = " ".join(local_statistics(space, LikelihoodLoss(), {"a": 0.5, "b": 0.5}, blocks).notes)
     assert ("standard errors are widened by that" in told) == (factor > 1)
+    assert "e+" not in told
     assert ("the share of the priors in them is not." in told) == ("prior" in told) == prior
     blind = [replace(block, jacobian=np.zeros_like(jacobian)) for block in blocks[:1]]
     told = " ".join(local_statistics(space, LikelihoodLoss(), {"a": 0.5, "b": 0.5}, blind).notes)

@@ -248,6 +248,9 @@ def test_what_its_bound_keeps_from_the_data_is_said_in_the_first_line(capsys: py
     assert "0.4 to 0.401, within the bounds" in all_parameters_table(held).as_csv()
     print_results(at(27.0))
     assert f"Warning: a: {NU_NAME} {want.format('0.4')}" in capsys.readouterr().err
+    whole = replace(at(27.0)["a"].parameters[NU_NAME], interval=(0.4, 0.5))
+    assert "the data hardly determine it" in told(content({"a": result("a", estimates={NU_NAME: whole})}), "warning")
+    assert "not the data, decide it" in bound_note(NU_NAME, whole)
     free = content(at(0.7))
     assert "the data want" not in told(free) + headline_sentence(free).text
     assert "the data agree with that value within their noise" in told(free, "warning")

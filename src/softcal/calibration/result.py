@@ -59,8 +59,12 @@ class Estimate:
 
     @property
     def is_held(self) -> bool:
-        """Whether its bound keeps it from the value that the data want, beyond what noise explains."""
-        return self.beyond is not None and self.beyond > BEYOND
+        """Whether its bound keeps it from the value that the data want, beyond what noise explains.
+
+        Not of one whose interval is all of its range: the data do not tell one value in it from another.
+        """
+        whole = self.interval is not None and self.interval[0] <= self.lower and self.interval[1] >= self.upper
+        return self.beyond is not None and self.beyond > BEYOND and not whole
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "of", tuple(self.of))

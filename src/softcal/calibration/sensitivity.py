@@ -18,6 +18,7 @@ from softcal.calibration.loss import Block, Loss, rms
 from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.result import Estimate
 from softcal.checks import Floats
+from softcal.units import plain
 
 # A parameter whose share of an unseen direction is above this is not told from the others in it.
 _MIXED = 0.01
@@ -123,8 +124,8 @@ def _notes(space: SearchSpace, found: Estimator, mixed: np.ndarray, *, saturated
 
 def _excess_note(channel: str, factor: float, *, widened: bool, priors: bool) -> str:
     text = (
-        f"The residuals of {channel} are {factor:.2g} times what the stated noise explains: the twin or the rig's "
-        "model misses something, or the noise was stated too small."
+        f"The residuals of {channel} are {plain(factor, 2)} times what the stated noise explains: the twin or the "
+        "rig's model misses something, or the noise was stated too small."
     )
     if not widened:
         return text

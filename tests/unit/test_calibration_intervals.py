@@ -189,7 +189,7 @@ def test_as_many_parameters_as_values_leave_nothing_to_be_sure_of(
     problem = make_problem(
         fake_robot(), [pull], parameters, LikelihoodLoss({"tension": 0.3, "pitch": 0.01}), fake_simulate
     )
-    result = calibrate(problem, starts=1, method=method)
+    result = calibrate(problem, starts=1, method=method, trials=30)
     assert result.is_saturated == saturated
     sentence = "2 parameters were fitted to 2 measured values, which they can meet whatever the truth is"
     assert any(sentence in note for note in result.notes) == saturated

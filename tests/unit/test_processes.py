@@ -63,11 +63,13 @@ def test_they_end_with_a_process_that_is_killed(tmp_path: Path, call: str, numbe
 def test_they_end_when_they_take_too_long(tmp_path: Path):
     command = ["sh", "-c", SLEEPER]
     assert exit_code(command, tmp_path, tmp_path / "log", timeout=0.3) is None
-    assert not are_running([int(word) for word in (tmp_path / "started").read_text().split()])
+    started = [int(word) for word in (tmp_path / "started").read_text().split()]
+    assert wait_for(lambda: not are_running(started), 5.0)  # a signal takes its time
     (tmp_path / "started").unlink()
     with pytest.raises(subprocess.TimeoutExpired):
         run(command, timeout=0.3, folder=tmp_path)
-    assert not are_running([int(word) for word in (tmp_path / "started").read_text().split()])
+    again = [int(word) for word in (tmp_path / "started").read_text().split()]
+    assert wait_for(lambda: not are_running(again), 5.0)
 
 
 def test_what_they_are_told_and_say(tmp_path: Path):

@@ -14,25 +14,29 @@ from softcal.checks import Floats
 
 NEAR = 0.1
 """Standard errors: g' C g = 0.01 variances. A search that is as near has converged."""
+# Half a standard error of loss still to be gained counts as a step of a tenth.
+_GAIN = 0.2
 # Of a channel's root mean square: the twin reads its curves between equilibria no better than that.
 _TWIN_ROUNDING = 1e-5
 
 
 def distance_to_minimum(space: SearchSpace, loss: Loss, here: Point) -> float:
-    """How far a simulated point is from the minimum of Gauss-Newton's model within the bounds, in standard errors.
+    """How far a simulated point is from the minimum within the bounds, in standard errors.
 
-    The larger of two measures, which are one where no bound is met and all channels are missed alike: the length of the
-    step, and what it takes off the loss, sqrt((n - k) (S - S_min) / S) with the sum of squares S of n residuals and
-    k parameters. Where the step ends at a bound with the loss still falling, the second is the larger.
+    The larger of two measures: the length of Gauss-Newton's step, and a fifth of what is still to be gained. That is
+    sqrt((n - k) (S - S_min) / S), with the sum of squares S of n residuals and k parameters, and its minimum S_min by
+    the model that knows how forces scale: towards a bound that is far away the loss may fall by much, while a straight
+    line through a large misfit sees little of it.
     """
-    model = LocalModel(space, loss, here, plain=True)
-    end = model.minimise(np.zeros(space.size), np.ones(space.size))
-    before, after = loss.squares(model.loss(here.z)), loss.squares(model.loss(end))
-    rounded = loss.squares(total(loss, [_rounding(block) for block in here.blocks]))
-    left = before + rounded
+    plain = LocalModel(space, loss, here, plain=True)
+    step = plain.minimise(np.zeros(space.size), np.ones(space.size)) - here.z
+    scaled = LocalModel(space, loss, here)
+    lowest = scaled.loss(scaled.minimise(np.zeros(space.size), np.ones(space.size)))
+    before, after = loss.squares(scaled.loss(here.z)), loss.squares(lowest)
+    left = before + loss.squares(total(loss, [_rounding(block) for block in here.blocks]))
     n = sum(len(block.residual) for block in here.blocks)
-    fall = math.sqrt(max(before - after, 0.0) * max(n - space.size, 1) / left) if left > 0.0 else 0.0
-    return max(in_standard_errors(space, loss, here, end - here.z), fall)
+    gain = math.sqrt(max(before - after, 0.0) * max(n - space.size, 1) / left) if left > 0.0 else 0.0
+    return max(in_standard_errors(space, loss, here, step), _GAIN * gain)
 
 
 def _rounding(block: Block) -> Block:

@@ -5,8 +5,8 @@ Three rules make it quick and safe:
 - points are compared by their loss after the moduli are rescaled (`LocalModel.rescaled`), as in variable
   projection (Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973). Else the search would creep along the narrow, curved
   valley in which E makes up for what Poisson's ratio does. Where that leads nowhere, the loss alone decides.
-- it has converged where Gauss-Newton's step to the minimum is worth less than a tenth of a standard error at the lowest
-  point simulated, by its length and by what it takes off the loss (`distance_to_minimum`); other ends say so.
+- it has converged where Gauss-Newton's step to the minimum is shorter than a tenth of a standard error at the lowest
+  point simulated, and hardly anything is to be gained (`distance_to_minimum`); whatever else ends it says so.
 - a model that does not reproduce the twin at its own point is dropped for Gauss-Newton's.
 
 Why not `scipy.optimize.least_squares`: it cannot be told that a point has no equilibrium (here the trust region shrinks

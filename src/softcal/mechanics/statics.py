@@ -8,13 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from softcal.checks import Floats, Ints
+from softcal.checks import Floats
 from softcal.errors import SimulationError
 from softcal.mechanics.contact import CLEARANCE
-from softcal.mechanics.layout import Layout
 from softcal.mechanics.linear_solve import Factorisation, factorisation
 from softcal.mechanics.redundancy import redundant, redundant_sentence
-from softcal.mechanics.rod import RodTerm
 from softcal.mechanics.state import State, moved, rest_state
 from softcal.mechanics.system import NO_BORDER, Border, Controls, Linearisation, System, part_theta
 
@@ -70,7 +68,8 @@ class Statics:
         self._force_floor = 1e-4 * shear * system.stiffness_length**2
         self.length = float(np.linalg.norm(np.ptp(layout.X, axis=0)))
         self._farthest = float(np.abs(layout.X).max())
-        of_rods = [layout.first_frame_unknown + 6 * _moving(layout, rod) for rod in system.rods]
+        fixed = np.arange(layout.n_moving_frames, layout.n_frames)
+        of_rods = [layout.first_frame_unknown + 6 * np.setdiff1d(rod.frames, fixed) for rod in system.rods]
         rows = [np.arange(layout.first_frame_unknown), *(first + i for first in of_rods for i in range(3))]
         # Free points and rods' positions; the diagonal stands first in each row of an upper triangle.
         self._diagonal = system.pattern.indptr[np.concatenate(rows)]
@@ -184,7 +183,13 @@ class Statics:
         return factors
 
     def solve(self, b: Floats) -> Floats:
-        """The unknowns' response to b (n_unknowns,) or (n_unknowns, k), with the tangent factorised last."""
+        """The unknowns' response to b (n_unknowns,) or (n_unknowns, k), with the tangent factorised last.
+
+        Raises
+        ------
+        SimulationError
+            Where the bordered tangent is singular.
+        """
         n = self.system.layout.first_tension_unknown
         columns = b.reshape(len(b), -1)
         out = np.zeros_like(columns)
@@ -366,12 +371,6 @@ def _largest_shear_modulus(system: System, theta: Mapping[str, float]) -> float:
         own = part_theta(theta, rod.name)
         moduli.append(0.5 * own["youngs_modulus"] / (1.0 + own["poissons_ratio"]))
     return max(moduli)
-
-
-def _moving(layout: Layout, rod: RodTerm) -> Ints:
-    """The rod's frames that are not fixed."""
-    frames = np.unique(rod.frames)
-    return frames[frames < layout.n_moving_frames]
 
 
 def _units(system: System, theta: Mapping[str, float], shear: float, length: float) -> Floats:

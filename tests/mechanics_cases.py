@@ -6,7 +6,6 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from unittest import mock
 
 import numpy as np
 import pytest
@@ -25,18 +24,6 @@ from softcal.twin.robot import Body, Cable, Plate, Robot, ViaPoint
 
 SHARED = Path(__file__).resolve().parents[1] / ".." / "shared"
 ELEMENTS = ("P1", "P2", "P2P1")
-
-# A compressible Mooney-Rivlin solid: all of I1, I2 and J, with the cross terms that a neo-Hookean one lacks.
-MOONEY_RIVLIN = Law(
-    name="mooney-rivlin",
-    parameters={"youngs_modulus": "E", "poissons_ratio": "nu"},
-    symbols={"mu": "E/(2*(1 + nu))", "kappa": "E/(3*(1 - 2*nu))"},
-    distortional="mu*(3*(J**Rational(-2, 3)*I1 - 3) + 2*(J**Rational(-4, 3)*I2 - 3))/10",
-    volumetric_strain="J - 1",
-    bulk="kappa",
-    shear="mu",
-    reference="Rivlin and Saunders (1951), isochoric invariants",
-)
 
 
 def shared_json(name: str) -> dict:
@@ -64,14 +51,23 @@ def elastic(E: float = 1.0e6, nu: float = 0.3) -> dict[str, float]:
     return {"youngs_modulus": E, "poissons_ratio": nu}
 
 
+def constants(law: Law, E: float = 1.0e6, nu: float = 0.3) -> dict[str, float]:
+    """The law's constants at which its moduli at small strain are these: its typical ones, scaled."""
+    if law.names == tuple(elastic()):
+        return elastic(E, nu)
+    typical = {one.name: one.typical for one in law.parameters}
+    factor = 0.5 * E / (1.0 + nu) / law.shear_modulus(typical)
+    scaled = {one.name: one.typical * (factor if one.quantity.unit == "Pa" else 1.0) for one in law.parameters}
+    return {**scaled, "bulk_modulus": E / (3.0 * (1.0 - 2.0 * nu))}
+
+
 def solid_system(mesh: TetMesh, element: str, law: Law, fixed: np.ndarray, force: np.ndarray | None = None) -> System:
     """One body "body" without plates or cables, the nodes `fixed` prescribed, forces (n_points, 3) [N] on the rest.
 
     Fixed points stay where a state has them, so prescribing a displacement is moving them in the state.
     """
-    body = Body("body", mesh, fixed=fixed, parameters=elastic(), law=law.name, element=element)
-    with mock.patch("softcal.twin.build.LAWS", {law.name: law}):
-        system = build_twin(Robot((body,))).system
+    body = Body("body", mesh, fixed=fixed, parameters=constants(law), law=law.name, element=element)
+    system = build_twin(Robot((body,))).system
     return replace(system, loads=Loads(np.zeros((mesh.n_points, 3)) if force is None else force, {}))
 
 

@@ -39,6 +39,9 @@ if TYPE_CHECKING:
     from softcal.geometry.read import read_mesh as read_mesh
     from softcal.geometry.section import circular as circular
     from softcal.geometry.section import rectangular as rectangular
+    from softcal.materials.catalogue import register_law as register_law
+    from softcal.materials.law import Law as Law
+    from softcal.materials.parameter import Parameter as Parameter
     from softcal.project.calibration import Calibrations as Calibrations
     from softcal.project.calibration import calibrate as calibrate
     from softcal.project.checking import check as check
@@ -53,6 +56,8 @@ if TYPE_CHECKING:
     from softcal.project.sweep import sweep as sweep
     from softcal.project.validation import validate as validate
     from softcal.project.whole_record import compare_records as compare_records
+    from softcal.quantities import Quantity as Quantity
+    from softcal.quantities import quantity as quantity
     from softcal.twin.cables import RoutingAxis as RoutingAxis
     from softcal.twin.in_time import simulate_in_time as simulate_in_time
     from softcal.twin.manipulator import ManipulatorShape as ManipulatorShape
@@ -95,15 +100,18 @@ _HOMES = {
     "Fault": "softcal.errors",
     "FreeParameter": "softcal.calibration.parameters",
     "InputError": "softcal.errors",
+    "Law": "softcal.materials.law",
     "ManipulatorShape": "softcal.twin.manipulator",
     "Marker": "softcal.twin.robot",
     "MeshError": "softcal.errors",
+    "Parameter": "softcal.materials.parameter",
     "ParameterError": "softcal.errors",
     "Plate": "softcal.twin.robot",
     "PointLoad": "softcal.twin.robot",
     "Project": "softcal.project.project",
     "ProjectFileError": "softcal.errors",
     "Protocol": "softcal.twin.protocol",
+    "Quantity": "softcal.quantities",
     "RecordFit": "softcal.analysis.record",
     "Response": "softcal.twin.response",
     "Robot": "softcal.twin.robot",
@@ -124,8 +132,8 @@ _HOMES = {
     "box_mesh": "softcal.geometry.primitives",
     "calibrate": "softcal.project.calibration",
     "check": "softcal.project.checking",
-    "compare_records": "softcal.project.whole_record",
     "circular": "softcal.geometry.section",
+    "compare_records": "softcal.project.whole_record",
     "helix": "softcal.geometry.centreline",
     "load": "softcal.project.project",
     "load_run": "softcal.project.run_folder",
@@ -133,9 +141,11 @@ _HOMES = {
     "manipulator": "softcal.twin.manipulator",
     "mesh_study": "softcal.project.mesh_study",
     "pull": "softcal.project.simulation",
+    "quantity": "softcal.quantities",
     "ramp": "softcal.twin.schedule",
     "read_mesh": "softcal.geometry.read",
     "rectangular": "softcal.geometry.section",
+    "register_law": "softcal.materials.catalogue",
     "robot_parameters": "softcal.twin.parameters",
     "simulate": "softcal.project.simulation",
     "simulate_in_time": "softcal.twin.in_time",
@@ -162,15 +172,18 @@ __all__ = [
     "Fault",
     "FreeParameter",
     "InputError",
+    "Law",
     "ManipulatorShape",
     "Marker",
     "MeshError",
+    "Parameter",
     "ParameterError",
     "Plate",
     "PointLoad",
     "Project",
     "ProjectFileError",
     "Protocol",
+    "Quantity",
     "RecordFit",
     "Response",
     "Robot",
@@ -200,9 +213,11 @@ __all__ = [
     "manipulator",
     "mesh_study",
     "pull",
+    "quantity",
     "ramp",
     "read_mesh",
     "rectangular",
+    "register_law",
     "robot_parameters",
     "simulate",
     "simulate_in_time",

@@ -107,6 +107,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         Quantity("tension offset", "N", -1e6, 1e6),
         Quantity("pressure", "Pa", -1e13, 1e13),
         Quantity("modulus", "Pa", 0.0, 1e13, "(]"),
+        Quantity("coefficient", "Pa", -1e13, 1e13),
         Quantity("Poisson's ratio", "1", -1.0, 0.5, "()", attempt="0.4999 instead of 0.5, with element P2P1"),
         Quantity("mass", "kg", 0.0, 1e6),
         Quantity("density", "kg/m^3", 0.0, 1e5),
@@ -137,3 +138,18 @@ QUANTITIES: Mapping[str, Quantity] = {
         Quantity("distortion coefficient", "1", -1e4, 1e4),
     )
 }
+
+
+def quantity(kind: str) -> Quantity:
+    """A kind of quantity by its name, such as "modulus", "length" or "positive ratio": its unit and range.
+
+    Raises
+    ------
+    ParameterError
+        For a kind that there is not.
+    """
+    if kind not in QUANTITIES:
+        raise ParameterError(
+            Fault("there is no such kind of quantity", got=f"'{kind}'", allowed=", ".join(sorted(QUANTITIES)))
+        )
+    return QUANTITIES[kind]

@@ -63,7 +63,13 @@ def test_a_spring_is_drawn_as_thick_as_its_wire():
 
 
 def test_a_rod_of_one_element_is_drawn():
-    rod = Rod("bar", straight((0, 0, 0), (0, 0, 0.1), 1), circular(0.01), {}, fixed=np.array([0]))
+    rod = Rod(
+        "bar",
+        straight((0, 0, 0), (0, 0, 0.1), 1),
+        circular(0.01),
+        {"youngs_modulus": 1e9, "poissons_ratio": 0.4},
+        fixed=np.array([0]),
+    )
     assert is_closed(rod_surface(rod, rod.centreline.nodes, np.ones((2, 3))))
 
 

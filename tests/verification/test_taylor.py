@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mechanics_cases import (
     ELEMENTS,
-    MOONEY_RIVLIN,
     body_theta,
     column_robot,
+    constants,
     elastic,
     full_matrix,
     held,
@@ -21,13 +21,13 @@ from mechanics_cases import (
 )
 
 from softcal.geometry.mesh import TetMesh
+from softcal.materials.catalogue import LAWS
 from softcal.materials.law import compile_law
-from softcal.materials.neo_hooke import NEO_HOOKE, NEO_HOOKE_ISOCHORIC
+from softcal.materials.neo_hooke import NEO_HOOKE
 from softcal.mechanics.state import moved, rest_state
 from softcal.mechanics.system import Controls
 from softcal.twin.robot import Body, Cable, Plate, Robot, ViaPoint
 
-LAWS = [NEO_HOOKE, NEO_HOOKE_ISOCHORIC, MOONEY_RIVLIN]
 STEPS = 2.0 ** -np.arange(5, 10)
 
 
@@ -44,14 +44,14 @@ direction = st.lists(st.integers(-4, 4), min_size=9, max_size=9).map(lambda valu
 TET = TetMesh(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float), np.array([[0, 1, 2, 3]]))
 
 
-@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
+@pytest.mark.parametrize("law", LAWS.values(), ids=lambda law: law.name)
 @settings(max_examples=25, deadline=None)
 @given(deformation, direction)
 def test_stress_and_tangent_are_derivatives_of_the_energy(law, F, H):
     if np.linalg.det(F) < 0.3 or np.linalg.norm(H) == 0.0:
         return
     system = solid_system(TET, "P1", law, np.array([0]))
-    theta = body_theta(elastic(1.0, 0.4))
+    theta = body_theta(constants(law, 1.0, 0.4))
     state, dz = placed(system, TET.points @ F.T), (TET.points @ H.T)[1:].ravel()
     at = system.linearise(state, held(), theta)
     slope, curvature = at.reduced @ dz, dz @ full_matrix(system, at) @ dz
@@ -63,14 +63,14 @@ def test_stress_and_tangent_are_derivatives_of_the_energy(law, F, H):
     assert (plus - 2 * zero + minus) / h**2 == pytest.approx(curvature, rel=1e-3, abs=1e-3 * scale)
 
 
-@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
+@pytest.mark.parametrize("law", LAWS.values(), ids=lambda law: law.name)
 @settings(max_examples=25, deadline=None)
 @given(deformation)
 def test_stress_is_the_closed_form_of_the_law(law, F):
     """The first Piola-Kirchhoff stress by central differences of psi(F) itself, without shape functions."""
     if np.linalg.det(F) < 0.3:
         return
-    energy, values = compile_law(law).energy, (1.0, 0.4)
+    energy, values = compile_law(law).energy, tuple(constants(law, 1.0, 0.4).values())
 
     def psi(F):
         C = F.T @ F
@@ -83,7 +83,7 @@ def test_stress_is_the_closed_form_of_the_law(law, F):
         dF[i, j] = 1e-5
         P[i, j] = (psi(F + dF) - psi(F - dF)) / 2e-5
     system = solid_system(TET, "P1", law, np.array([0]))
-    at = system.linearise(placed(system, TET.points @ F.T), held(), body_theta(elastic(1.0, 0.4)), tangent=False)
+    at = system.linearise(placed(system, TET.points @ F.T), held(), body_theta(constants(law, 1.0, 0.4)), tangent=False)
     forces = at.full.reshape(-1, 3)[1:]  # P N_a V, and N_a is the a-th unit vector
     np.testing.assert_allclose(6.0 * forces.T, P, atol=1e-7 * max(np.abs(P).max(), 1.0))
 
@@ -91,9 +91,7 @@ def test_stress_is_the_closed_form_of_the_law(law, F):
 # Whole robots: plates turned far, cables through bodies, pressures, dead loads.
 
 
-def a_robot(element: str, law: str, nu: float, monkeypatch: pytest.MonkeyPatch):
-    laws = {law.name: law for law in LAWS}
-    monkeypatch.setattr("softcal.twin.build.LAWS", laws)
+def a_robot(element: str, law: str, nu: float):
     through = Cable(
         "through",
         (
@@ -105,7 +103,7 @@ def a_robot(element: str, law: str, nu: float, monkeypatch: pytest.MonkeyPatch):
     )
     return column_robot(
         element,
-        parameters=elastic(1.0, nu),
+        parameters=constants(LAWS[law], 1.0, nu),
         divisions=(1, 1, 3),
         gravity=(0.1, -0.2, -9.81),
         density=3.0,
@@ -149,8 +147,8 @@ CASES = [
 
 
 @pytest.mark.parametrize(("element", "law", "nu"), CASES)
-def test_gradient_and_tangent_of_a_robot_by_taylor(element, law, nu, monkeypatch):
-    twin, theta = twin_and_theta(a_robot(element, law, nu, monkeypatch))
+def test_gradient_and_tangent_of_a_robot_by_taylor(element, law, nu):
+    twin, theta = twin_and_theta(a_robot(element, law, nu))
     system = twin.system
     controls = Controls(np.zeros(2, dtype=bool), np.zeros(2), np.array([0.01, 0.002]))
     state = far_state(system, theta)
@@ -169,10 +167,10 @@ def test_gradient_and_tangent_of_a_robot_by_taylor(element, law, nu, monkeypatch
 
 
 @pytest.mark.parametrize(("element", "law", "nu"), CASES)
-def test_jacobian_of_the_gradient_is_symmetric_and_is_the_tangent(element, law, nu, monkeypatch):
+def test_jacobian_of_the_gradient_is_symmetric_and_is_the_tangent(element, law, nu):
     """Differences of the gradient give the tangent. Between two turns of a plate they also give half the moment that
     is out of balance, skew-symmetric as the turns do not commute; nothing else may be skew."""
-    twin, theta = twin_and_theta(a_robot(element, law, nu, monkeypatch))
+    twin, theta = twin_and_theta(a_robot(element, law, nu))
     system, layout = twin.system, twin.system.layout
     controls = Controls(np.array([False, True]), np.array([0.0, 2e-4]), np.array([0.01, 0.0]))
     state = far_state(system, theta)

@@ -21,6 +21,7 @@ from softcal.calibration.interrupts import interrupts_held
 from softcal.calibration.optimiser import Proposal
 from softcal.calibration.problem import Evaluation, Problem
 from softcal.errors import CalibrationError, Fault, ParameterError
+from softcal.materials.catalogue import LAWS, register_law
 
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 
@@ -83,7 +84,7 @@ class Evaluator:
             self._workers,
             mp_context=multiprocessing.get_context("spawn"),
             initializer=_begin,
-            initargs=(_pickled(self._problem),),
+            initargs=(_pickled(LAWS.registered), _pickled(self._problem)),
         )
         return self._pool
 
@@ -120,12 +121,12 @@ def _born_deaf() -> Generator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _pickled(problem: Problem) -> bytes:
+def _pickled(what: object) -> bytes:
     buffer = io.BytesIO()
     pickler = pickle.Pickler(buffer)
     # Frozen mappings have no pickle of their own; a table of this pickler's leaves that of the process alone.
     pickler.dispatch_table = {**copyreg.dispatch_table, MappingProxyType: _pickle_mapping}
-    pickler.dump(problem)
+    pickler.dump(what)
     return buffer.getvalue()
 
 
@@ -136,13 +137,15 @@ def _pickle_mapping(mapping: Any) -> tuple[Any, ...]:
 _here: dict[str, Problem] = {}
 
 
-def _begin(pickled: bytes) -> None:
+def _begin(laws: bytes, problem: bytes) -> None:
     threading.Thread(target=_end_with_parent, daemon=True).start()
     # Ctrl-C reaches the whole process group; only the parent answers it, so that no trial is lost half-told.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-    _here["problem"] = pickle.loads(pickled)
+    for law in pickle.loads(laws):
+        register_law(law)
+    _here["problem"] = pickle.loads(problem)
 
 
 def _end_with_parent() -> NoReturn:

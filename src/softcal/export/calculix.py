@@ -10,7 +10,7 @@ is the same at small strain alone.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -21,12 +21,12 @@ from softcal.errors import Fault, ParameterError
 from softcal.export.calculix_cables import cable_lines, dead_pulls
 from softcal.export.calculix_format import listed, number, set_name, weighted_sum
 from softcal.export.way import way_to
-from softcal.materials.catalogue import LAWS
+from softcal.materials.catalogue import law_named
 from softcal.mechanics.layout import FIXED, Layout
 from softcal.twin.build import Twin, build_twin
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.response import Snapshot
-from softcal.twin.robot import Robot
+from softcal.twin.robot import Body, Robot
 
 DECK = "robot.inp"
 ITS_LAW = "neo-hooke-isochoric"
@@ -52,13 +52,21 @@ class Deck:
 
 def in_its_law(robot: Robot) -> Robot:
     """The robot with the law that CalculiX has, and displacement elements alone (C3D4, C3D10)."""
-    return replace(
-        robot,
-        bodies=tuple(
-            replace(body, law=ITS_LAW, element="P2" if body.element == "P2P1" else body.element)
-            for body in robot.bodies
-        ),
-    )
+    return replace(robot, bodies=tuple(_in_its_law(body) for body in robot.bodies))
+
+
+def _in_its_law(body: Body) -> Body:
+    law = law_named(body.law)
+
+    def alike(parameters: Mapping[str, float]) -> Mapping[str, float]:
+        """E and nu: the law's own, or those that it has at small strain."""
+        if law.names == law_named(ITS_LAW).names:
+            return parameters
+        return {"youngs_modulus": law.youngs_modulus(parameters), "poissons_ratio": law.poissons_ratio(parameters)}
+
+    inclusions = tuple(replace(part, parameters=alike(part.parameters)) for part in body.inclusions)
+    element = "P2" if body.element == "P2P1" else body.element
+    return replace(body, law=ITS_LAW, element=element, parameters=alike(body.parameters), inclusions=inclusions)
 
 
 def calculix_deck(robot: Robot, shapes: Sequence[Snapshot]) -> Deck:
@@ -211,7 +219,7 @@ def _bonds(twin: Twin) -> Iterator[str]:
 
 
 def _materials(robot: Robot) -> Iterator[str]:
-    law = LAWS[ITS_LAW]
+    law = law_named(ITS_LAW)
     for material in (material for body in robot.bodies for material in body.materials):
         mu, kappa = law.shear_modulus(material.parameters), law.bulk_modulus(material.parameters)
         yield f"*MATERIAL, NAME={set_name(material.name)}"

@@ -10,6 +10,7 @@ from softcal.checks import Ints
 from softcal.errors import Fault, ParameterError
 from softcal.export.sofa_rods import linear_rod
 from softcal.geometry.mesh import TetMesh
+from softcal.materials.catalogue import law_named
 from softcal.twin.bores import bores
 from softcal.twin.robot import Body, Robot, SurfaceLoad
 
@@ -46,7 +47,26 @@ def scene_faults(robot: Robot) -> list[Fault]:
         faults.append(
             Fault("contact is not carried over to SOFA", where="contact", attempt="a project without contact")
         )
-    return faults
+    return [*faults, *law_faults(robot)]
+
+
+def law_faults(robot: Robot) -> list[Fault]:
+    """Bodies of a law that SOFA's neo-Hookean one cannot stand for, with other constants than E and nu."""
+    return [
+        Fault(
+            "SOFA's scene cannot have this law",
+            where=f"{body.name}.law",
+            got=body.law,
+            allowed=f"{ITS_LAW}, or another by {' and '.join(law_named(ITS_LAW).names)}",
+            attempt=f"a twin with law: {ITS_LAW}, calibrated on the same experiments",
+        )
+        for body in robot.bodies
+        if not _can_stand_for(body.law)
+    ]
+
+
+def _can_stand_for(law: str) -> bool:
+    return set(law_named(law).names) == set(law_named(ITS_LAW).names)
 
 
 def is_its_own(body: Body) -> bool:
@@ -65,7 +85,7 @@ def element_faults(robot: Robot) -> list[Fault]:
             attempt=f"element: {ITS_ELEMENT}, law: {ITS_LAW} in the project: what is found then holds for its mesh",
         )
         for body in robot.bodies
-        if not is_its_own(body)
+        if not is_its_own(body) and _can_stand_for(body.law)
     ]
 
 

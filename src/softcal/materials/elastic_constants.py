@@ -1,8 +1,17 @@
-"""Elastic constants by Young's modulus E and Poisson's ratio nu, as texts for the laws."""
+"""Young's modulus E and Poisson's ratio nu, and the other elastic constants by them, as texts for the laws."""
 
 from __future__ import annotations
+
+from softcal.materials.parameter import Parameter
+from softcal.quantities import QUANTITIES
+
+YOUNGS_MODULUS = Parameter("youngs_modulus", "E", "E", QUANTITIES["modulus"], typical=1e6)
+POISSONS_RATIO = Parameter("poissons_ratio", "nu", "ν", QUANTITIES["Poisson's ratio"], typical=0.45)
 
 # Paper A, Eqs. (2) and (3).
 SHEAR_MODULUS = "E/(2*(1 + nu))"
 LAME_MODULUS = "E*nu/((1 + nu)*(1 - 2*nu))"
 BULK_MODULUS = "E/(3*(1 - 2*nu))"
+
+# The constants of what is linearly elastic, as rods are.
+LINEAR_ELASTIC = (YOUNGS_MODULUS, POISSONS_RATIO)

@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
-from softcal.materials.elastic_constants import BULK_MODULUS, LAME_MODULUS, SHEAR_MODULUS
+from dataclasses import replace
+
+from softcal.materials.elastic_constants import (
+    BULK_MODULUS,
+    LAME_MODULUS,
+    POISSONS_RATIO,
+    SHEAR_MODULUS,
+    YOUNGS_MODULUS,
+)
 from softcal.materials.law import Law
 
 # mu/2 (I1 - 3) - mu ln J + lambda/2 (ln J)^2, of which c mu/2 (ln J)^2 moves from the first part to the second: the
@@ -12,22 +20,27 @@ from softcal.materials.law import Law
 # goes from 2/3 at nu = -1/2 to 0 at 1/2, where it matters least.
 NEO_HOOKE = Law(
     name="neo-hooke",
-    parameters={"youngs_modulus": "E", "poissons_ratio": "nu"},
+    # With lambda < 0 an even compression to lengths below sqrt(-3 nu / (1 - 2 nu)) needs less and less pressure: 0.87
+    # at -0.5, 0.98 at -0.9.
+    parameters=(
+        YOUNGS_MODULUS,
+        replace(
+            POISSONS_RATIO,
+            quantity=replace(POISSONS_RATIO.quantity, lower=-0.5, attempt_below="law neo-hooke-isochoric"),
+        ),
+    ),
     symbols={"mu": SHEAR_MODULUS, "lmbda": LAME_MODULUS, "c": "Rational(2, 3)*(1 - (nu + Rational(1, 2))**4)**2"},
     distortional="mu/2*(I1 - 3) - mu*log(J) - c*mu/2*log(J)**2",
     volumetric_strain="log(J)",
     bulk="lmbda + c*mu",
     shear="mu",
     reference="Bonet and Wood (2008), compressible neo-Hookean material; SOFA's NeoHookean; paper A, Eqs. (2)-(3)",
-    # With lambda < 0 an even compression to lengths below sqrt(-3 nu / (1 - 2 nu)) needs less and less pressure: 0.87
-    # at -0.5, 0.98 at -0.9.
-    lower={"poissons_ratio": -0.5},
 )
 
 # In CalculiX's and Abaqus' words C10 = mu/2 and D1 = 2/kappa.
 NEO_HOOKE_ISOCHORIC = Law(
     name="neo-hooke-isochoric",
-    parameters={"youngs_modulus": "E", "poissons_ratio": "nu"},
+    parameters=(YOUNGS_MODULUS, POISSONS_RATIO),
     symbols={"mu": SHEAR_MODULUS, "kappa": BULK_MODULUS},
     distortional="mu/2*(J**Rational(-2, 3)*I1 - 3)",
     volumetric_strain="J - 1",

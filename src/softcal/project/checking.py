@@ -14,6 +14,7 @@ from softcal.calibration.experiment import Experiment, rig_parameters
 from softcal.checks import Ints
 from softcal.errors import Fault
 from softcal.experiments.names import is_deviation
+from softcal.materials.catalogue import law_named
 from softcal.project.output import require_writable
 from softcal.project.project import Project
 from softcal.project.start_states import start_states
@@ -21,7 +22,7 @@ from softcal.twin.bores import bores
 from softcal.twin.build import cached_twin
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.response import Response
-from softcal.twin.robot import Cable, Material, Plate, Rod
+from softcal.twin.robot import Body, Cable, Material, Plate, Rod
 from softcal.units import AS_WRITTEN, format_quantity, format_range, plain
 
 # The twin at its bounds may be this much too soft or too stiff before the data are called implausible.
@@ -110,20 +111,27 @@ def _body_rows(project: Project) -> list[tuple[str, str]]:
                 f"least dihedral angle {math.degrees(quality.min_dihedral):.3g} deg, "
                 f"mean ratio {quality.min_quality:.2g} at least, {quality.median_quality:.2g} in the middle",
             ),
-            ("  material", f"{body.law}, {body.element}, {_constants(body.materials[0])}"),
+            ("  material", f"{body.law}, {body.element}, {_constants(body, body.materials[0])}"),
         ]
         rows += [
-            (f"  material of {part.name}", f"{len(part.tets)} tets, {_constants(part)}") for part in body.inclusions
+            (f"  material of {part.name}", f"{len(part.tets)} tets, {_constants(body, part)}")
+            for part in body.inclusions
         ]
         regions = {**{"fixed": body.fixed}, **project.regions[body.name]}
         rows.append(("  regions", ", ".join(f"{name} {len(nodes)} nodes" for name, nodes in regions.items())))
     return rows
 
 
-def _constants(material: Material) -> str:
-    text = f"E {format_quantity(material.parameters['youngs_modulus'], 'Pa')}"
-    text += f", ν {plain(material.parameters['poissons_ratio'], AS_WRITTEN)}"
-    return text + (f", {material.density:.4g} kg/m³" if material.density else "")
+def _constants(body: Body, material: Material) -> str:
+    shown = [
+        f"{one.label} {_as_written(material.parameters[one.name], one.quantity.unit)}"
+        for one in law_named(body.law).parameters
+    ]
+    return ", ".join([*shown, *([f"{material.density:.4g} kg/m³"] if material.density else [])])
+
+
+def _as_written(value: float, unit: str) -> str:
+    return plain(value, AS_WRITTEN) if unit == "1" else format_quantity(value, unit)
 
 
 def _part_rows(project: Project) -> list[tuple[str, str]]:

@@ -22,7 +22,6 @@ from softcal.geometry.regions import (
     select_faces,
     select_nodes,
 )
-from softcal.materials.catalogue import LAWS
 from softcal.project.document import Findings, KeyPath
 from softcal.project.mesh_schema import RegionSection
 from softcal.project.robot_schema import BodySection, LoadSection
@@ -95,8 +94,6 @@ def build_bodies(sections: Mapping[str, BodySection], make_mesh: MeshMaker, find
             extent = float(np.ptp(mesh.points, axis=0).max())
             QUANTITIES["extent of a mesh"].checked(extent)
             built.qualities[name] = require_sound(mesh)
-        if body.law not in LAWS:
-            findings.unknown((*path, "law"), "law", body.law, LAWS)
         if name not in built.made:
             continue
         built.regions[name] = _regions(body, built.made[name], path, findings)
@@ -110,11 +107,10 @@ def build_bodies(sections: Mapping[str, BodySection], make_mesh: MeshMaker, find
         fixed = np.unique(np.concatenate(held))
         if name in built.qualities and (warning := _poor(built.qualities[name], built.meshes[name], fixed)):
             findings.warn((*path, "mesh"), warning)
-        parameters = {"youngs_modulus": body.youngs_modulus, "poissons_ratio": body.poissons_ratio}
         inclusions = _inclusions(name, body, built, (*path, "materials"), findings)
         mesh = built.meshes[name]
         with findings.at((*path, "materials")):
-            whole = Body(name, mesh, fixed, parameters, body.law, body.element, body.density, inclusions)
+            whole = Body(name, mesh, fixed, body.constants, body.law, body.element, body.density, inclusions)
             built.bodies.append(whole)
             _check_ranges(whole, path, findings)
     return built
@@ -141,15 +137,11 @@ def _inclusions(
         elif region not in built.known_regions(body):
             findings.unknown((*path, name), "region", region, built.known_regions(body))
         else:
-            ratio, density = material.poissons_ratio, material.density
-            parameters = {
-                "youngs_modulus": material.youngs_modulus,
-                "poissons_ratio": section.poissons_ratio if ratio is None else ratio,
-            }
+            density = section.density if material.density is None else material.density
             of = region_of(section.regions[region]) if region in section.regions else Named(region)
             with findings.at((*path, name)):
                 tets = select_elements(built.made[body], of)
-                found.append(Material(name, tets, parameters, section.density if density is None else density))
+                found.append(Material(name, tets, material.constants, density))
     return tuple(found)
 
 

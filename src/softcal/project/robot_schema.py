@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, PlainValidator, Tag, model_validator
 
+from softcal.project.constants import ConstantsSection, LawSection
 from softcal.project.manipulator_schema import ManipulatorSection
 from softcal.project.mesh_schema import Mesh, RegionSection
 from softcal.project.rod_schema import PlacementSection, RodSection
@@ -21,7 +22,6 @@ from softcal.project.section import (
     Modulus,
     MomentOfInertia,
     Point,
-    PoissonsRatio,
     Section,
     Size,
     Speed,
@@ -37,23 +37,18 @@ from softcal.project.section import (
 Element = Literal["P1", "P2", "P2P1"]
 
 
-class MaterialSection(Section):
+class MaterialSection(ConstantsSection):
     """What a region of a body is made of; what is left out begins at the body's value. region: by default its name."""
 
     region: str | None = None
-    youngs_modulus: Modulus
-    poissons_ratio: PoissonsRatio | None = None
     density: Density | None = None
 
 
-class BodySection(Section):
+class BodySection(LawSection):
     """A deformable body: its mesh, material, fixed region, and where it is put."""
 
     mesh: Mesh
     element: Element = "P2P1"
-    law: str = "neo-hooke"
-    youngs_modulus: Modulus
-    poissons_ratio: PoissonsRatio
     density: Density = 0.0
     materials: Mapping[str, MaterialSection] = Field(default_factory=dict)
     regions: Mapping[str, RegionSection] = Field(default_factory=dict)

@@ -12,7 +12,7 @@ from softcal.errors import Fault, InputError, ParameterError
 from softcal.project.calibration_schema import ParameterSection
 from softcal.project.document import Findings, KeyPath
 from softcal.quantities import QUANTITIES, Quantity
-from softcal.twin.parameters import KINDS, ParameterInfo, unknown_name
+from softcal.twin.parameters import ParameterInfo, kind_by_name, unknown_name
 from softcal.units import parse_quantity
 
 
@@ -160,7 +160,7 @@ def _free(name: str, section: ParameterSection, unit: str, path: KeyPath, findin
 
 
 def _kind_by_name(name: str) -> Quantity | None:
-    return KINDS.get(name.rsplit(".", 1)[-1]) or rig_kind(name)
+    return kind_by_name(name) or rig_kind(name)
 
 
 def _guess(name: str, parameter: FreeParameter) -> ParameterInfo:

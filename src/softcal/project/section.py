@@ -49,7 +49,7 @@ class Section(BaseModel):
         if not isinstance(data, dict):
             return handler(data)
         given: dict[str, Any] = data
-        known = {info.alias or name for name, info in cls.model_fields.items()}
+        known = cls._allowed(given)
         unknown = [key for key in given if key not in known]
         errors = [
             InitErrorDetails(
@@ -64,13 +64,15 @@ class Section(BaseModel):
             )
             for key in unknown
         ]
+        # A required key that was only mistyped is one mistake, told once.
+        meant = {(suggestion(key, known).strip("'"),) for key in unknown}
+        read, faults = cls._read({key: value for key, value in given.items() if key in known})
+        errors += [fault for fault in faults if not (fault["type"] == "missing" and fault.get("loc") in meant)]
         try:
-            section = handler({key: value for key, value in given.items() if key in known})
+            section = handler(read)
         except ValidationError as error:
-            if not errors:
+            if not errors and not faults:
                 raise
-            # A required key that was only mistyped is one mistake, told once.
-            meant = {(suggestion(key, known).strip("'"),) for key in unknown}
             errors += [
                 _details(found)
                 for found in error.errors()
@@ -80,6 +82,16 @@ class Section(BaseModel):
             if not errors:
                 return section
         raise ValidationError.from_exception_data(cls.__name__, errors)
+
+    @classmethod
+    def _allowed(cls, given: Mapping[str, Any]) -> set[str]:
+        """The keys that a mapping may have, of which some may depend on others of it."""
+        return {info.alias or name for name, info in cls.model_fields.items()}
+
+    @classmethod
+    def _read(cls, given: Mapping[str, Any]) -> tuple[dict[str, Any], list[InitErrorDetails]]:
+        """The fields' values as pydantic is to read them, and what is wrong with the others."""
+        return dict(given), []
 
 
 S = TypeVar("S", bound=Section)

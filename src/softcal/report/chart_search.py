@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from softcal.calibration.result import CalibrationResult, Estimate
+from softcal.materials.catalogue import LAWS
 from softcal.report.content import Landscape
 from softcal.report.series import SearchHistory, searched_pair
 from softcal.report.style import (
@@ -22,7 +23,15 @@ from softcal.report.style import (
     plain_log_axis,
     plain_log_ticks,
 )
-from softcal.report.wording import Scale, estimate_scale, estimate_text, number, parameter_label, scale_of
+from softcal.report.wording import (
+    Scale,
+    estimate_scale,
+    estimate_text,
+    number,
+    parameter_label,
+    parameter_name,
+    scale_of,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -95,7 +104,8 @@ def _scale(result: CalibrationResult, name: str) -> Scale:
     estimate = result.parameters.get(name)
     if estimate is not None:
         return estimate_scale(estimate)
-    return scale_of("Pa") if name.endswith("youngs_modulus") else Scale("", 1.0)
+    constant = LAWS.constants().get(parameter_name(name).kind)
+    return scale_of(constant.quantity.unit) if constant is not None else Scale("", 1.0)
 
 
 def _draw_contours(axes: Axes, landscape: Landscape, scales: tuple[Scale, ...]) -> Any:

@@ -20,6 +20,7 @@ from softcal.report.wording import (
     channel_label,
     estimate_scale,
     joined,
+    material_kinds,
     method_label,
     number,
     ordered_parameters,
@@ -84,9 +85,9 @@ def render_page(content: ReportContent, pictures: Sequence[Picture], tables: Map
 
 
 def _fits_table_1(content: ReportContent) -> bool:
-    """Whether paper A's Table I holds all that was found of the material: one modulus and one ratio at most."""
+    """Whether paper A's Table I holds all that was found of the material: each of its constants once at most."""
     kinds = [[parameter_name(name).kind for name in result.parameters] for result in content.results.values()]
-    return all(held.count(kind) <= 1 for held in kinds for kind in ("youngs_modulus", "poissons_ratio"))
+    return all(held.count(kind) <= 1 for held in kinds for kind in material_kinds(content.results.values()))
 
 
 def embedded(picture: Picture) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 
 from softcal.calibration.result import CalibrationResult, ExperimentFit
 from softcal.experiments.dataset import Dataset, Step
+from softcal.materials.catalogue import LAWS
 from softcal.report.content import ReportContent
 from softcal.report.wording import (
     Scale,
@@ -20,6 +21,7 @@ from softcal.report.wording import (
     estimate_scale,
     estimate_text,
     find_parameter,
+    material_kinds,
     method_label,
     number,
     ordered_parameters,
@@ -41,9 +43,6 @@ _IMPORTANCES = {
     "sensitivity": "Importance of least squares: the share of the squared change of all channels, each over what it is "
     "missed by, per range of the parameter, at the values found; a local measure, not fANOVA.",
 }
-
-
-_TABLE_1 = ("youngs_modulus", "poissons_ratio")  # kinds with columns of their own
 
 
 @dataclass(frozen=True)
@@ -90,30 +89,36 @@ def _text(cell: Cell, column: Column) -> str:
 
 
 def parameters_table(content: ReportContent) -> Table:
-    """Paper A's Table I: E and nu with standard errors and importances, and what else was fitted, by calibration."""
-    modulus_scale = _modulus_scale(content)
+    """Paper A's Table I: the law's constants, such as E and nu, with standard errors and importances, and the others
+    that were fitted, by calibration.
+    """
+    kinds = material_kinds(content.results.values())
+    scales = [_scale_of_kind(content, kind) for kind in kinds]
     rows: list[tuple[Cell, ...]] = []
     for label, result in content.results.items():
         row: list[Cell] = [result_label(label)]
         importances: list[Cell] = []
-        for kind, factor in zip(_TABLE_1, (modulus_scale.factor, 1.0), strict=True):
+        for kind, scale in zip(kinds, scales, strict=True):
             name = find_parameter(result.parameters, kind)
             estimate = result.parameters[name] if name else None
             error = estimate.standard_error if estimate else None
-            row += [estimate.value / factor if estimate else None, None if error is None else error / factor]
+            row += [
+                estimate.value / scale.factor if estimate else None,
+                None if error is None else error / scale.factor,
+            ]
             importances.append(result.importance.get(name) if name else None)
         bound = [parameter_label(name) for name, estimate in result.parameters.items() if estimate.at_bound]
-        others = [name for name in result.parameters if parameter_name(name).kind not in _TABLE_1]
+        others = [name for name in result.parameters if parameter_name(name).kind not in kinds]
         fitted = (f"{parameter_label(name, others)}: {estimate_text(result.parameters[name])}" for name in others)
         rows.append((*row, *importances, result.loss, ", ".join(bound) or "none", "; ".join(fitted) or None))
     columns = (
         Column("Calibration"),
-        Column("E", modulus_scale.unit, 4),
-        Column("± E", modulus_scale.unit, 2),
-        Column("ν", digits=4),
-        Column("± ν", digits=2),
-        Column("Importance of E"),
-        Column("Importance of ν"),
+        *(
+            Column(f"{sign}{parameter_label(kind)}", scale.unit, digits)
+            for kind, scale in zip(kinds, scales, strict=True)
+            for sign, digits in (("", 4), ("± ", 2))
+        ),
+        *(Column(f"Importance of {parameter_label(kind)}") for kind in kinds),
         Column("Loss"),
         Column("At a bound"),
         Column("Other fitted values"),
@@ -332,9 +337,10 @@ def _setting(value: object) -> str:
     return str(value)
 
 
-def _modulus_scale(content: ReportContent) -> Scale:
+def _scale_of_kind(content: ReportContent, kind: str) -> Scale:
+    """The scale in which a constant is shown in all calibrations: that of the first that has it."""
     for result in content.results.values():
-        name = find_parameter(result.parameters, "youngs_modulus")
+        name = find_parameter(result.parameters, kind)
         if name:
             return estimate_scale(result.parameters[name])
-    return scale_of("Pa")
+    return scale_of(LAWS.constants()[kind].quantity.unit)

@@ -22,6 +22,7 @@ from softcal.report.wording import (
     estimate_text,
     find_parameter,
     joined,
+    material_kinds,
     number,
     parameter_label,
     parameter_name,
@@ -99,7 +100,7 @@ def _of(label: str, results: Mapping[str, CalibrationResult], text: str) -> str:
 
 
 def _material(result: CalibrationResult) -> list[tuple[str, Estimate]]:
-    kinds = ("youngs_modulus", "poissons_ratio")
+    kinds = material_kinds([result])
     return [(name, e) for name, e in result.parameters.items() if parameter_name(name).kind in kinds]
 
 

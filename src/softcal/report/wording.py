@@ -7,11 +7,12 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 from softcal.calibration.result import CalibrationResult, Estimate
+from softcal.materials.catalogue import LAWS
 from softcal.units import readable_unit, unit_factor
 
 NORMAL_95 = 1.959964  # half width of a 95 % interval in standard errors
 
-_SYMBOLS = {"youngs_modulus": "E", "poissons_ratio": "ν", "friction_coefficient": "μ", "density": "ρ"}
+_SYMBOLS = {"friction_coefficient": "μ", "density": "ρ"}
 _CHANNELS = {
     "tension": "Cable force",
     "pitch": "Pitch",
@@ -104,11 +105,24 @@ def parameter_label(name: str, others: Iterable[str] = ()) -> str:
     The owner is added for what has no symbol, and where another owner has one of the same kind among `others`.
     """
     parts = parameter_name(name)
-    text = _SYMBOLS.get(parts.kind, parts.kind.replace("_", " "))
+    symbol = _symbol(parts.kind)
+    text = symbol or parts.kind.replace("_", " ")
     owners = {other.owner for other in map(parameter_name, [*others, name]) if other.kind == parts.kind}
-    owner = parts.owner if parts.kind not in _SYMBOLS or len(owners) > 1 else ""
+    owner = parts.owner if not symbol or len(owners) > 1 else ""
     details = ", ".join(detail for detail in (owner, parts.experiment) if detail)
     return f"{text} ({details})" if details else text
+
+
+def _symbol(kind: str) -> str:
+    """What a kind of parameter is written by, or "" where it has no letter."""
+    constant = LAWS.constants().get(kind)
+    return constant.label if constant is not None else _SYMBOLS.get(kind, "")
+
+
+def material_kinds(results: Iterable[CalibrationResult]) -> tuple[str, ...]:
+    """The constants of materials that were calibrated, in their laws' order; E and nu where there is none."""
+    kinds = {parameter_name(name).kind for result in results for name in result.parameters}
+    return tuple(kind for kind in LAWS.constants() if kind in kinds) or ("youngs_modulus", "poissons_ratio")
 
 
 def parameters_in_words(names: Iterable[str], experiments: Collection[str]) -> str:
@@ -170,10 +184,10 @@ def joined(parts: Iterable[str]) -> str:
 
 
 def ordered_parameters(results: Mapping[str, CalibrationResult]) -> list[str]:
-    """Every calibrated parameter once: modulus and Poisson's ratio first, then in order of appearance."""
+    """Every calibrated parameter once: the material's constants first, then in order of appearance."""
     names = list(dict.fromkeys(name for result in results.values() for name in result.parameters))
-    rank = {"youngs_modulus": 0, "poissons_ratio": 1}
-    return sorted(names, key=lambda name: rank.get(parameter_name(name).kind, 2))
+    rank = {kind: place for place, kind in enumerate(LAWS.constants())}
+    return sorted(names, key=lambda name: rank.get(parameter_name(name).kind, len(rank)))
 
 
 def file_stem(text: str) -> str:

@@ -77,10 +77,6 @@ def build_twin(robot: Robot) -> Twin:
         rider = _riders(body, mesh, robot, frames.of_plate)
         first = builder.add(mesh.points, rider)
         builder.first[body.name] = first
-        if body.law not in LAWS:
-            raise ParameterError(
-                Fault("there is no such law", where=f"{body.name}.law", got=body.law, allowed=", ".join(LAWS))
-            )
         deforms = _deforms(body, mesh, rider)
         for material in body.materials:
             tets = mesh.tets[material.tets[deforms[material.tets]]]

@@ -12,6 +12,7 @@ import numpy as np
 
 from softcal.errors import Fault, ParameterError
 from softcal.materials.catalogue import LAWS
+from softcal.materials.elastic_constants import LINEAR_ELASTIC
 from softcal.quantities import QUANTITIES, Quantity
 from softcal.twin.robot import Body, Material, PointLoad, Robot, Rod
 
@@ -41,10 +42,8 @@ class ParameterInfo:
         return self.quantity.upper if self.quantity.ends[1] == ")" else math.inf
 
 
-# The kind of quantity of every robot parameter, by the last part of its dotted name.
+# The kind of quantity of every robot parameter that is no constant of a law, by the last part of its dotted name.
 KINDS: Mapping[str, Quantity] = {
-    "youngs_modulus": QUANTITIES["modulus"],
-    "poissons_ratio": QUANTITIES["Poisson's ratio"],
     "density": QUANTITIES["density"],
     "mass": QUANTITIES["mass"],
     "friction_coefficient": QUANTITIES["friction coefficient"],
@@ -53,29 +52,41 @@ KINDS: Mapping[str, Quantity] = {
 }
 
 
+def kind_by_name(name: str) -> Quantity | None:
+    """The kind of quantity that a robot parameter of this dotted name is, as far as the name tells; None for others."""
+    key = name.rsplit(".", 1)[-1]
+    constant = LAWS.constants().get(key)
+    return constant.quantity if constant is not None else KINDS.get(key)
+
+
 def robot_parameters(robot: Robot) -> dict[str, ParameterInfo]:
     """Every parameter of the robot by dotted name, such as `neck.youngs_modulus`."""
-    found: dict[str, float] = {}
-    for part in (*(material for body in robot.bodies for material in body.materials), *robot.rods):
-        found.update({f"{part.name}.{key}": value for key, value in part.parameters.items()})
-        found[f"{part.name}.density"] = part.density
-    found.update({f"{plate.name}.mass": plate.mass for plate in robot.plates})
-    found.update({f"{cable.name}.friction_coefficient": cable.friction_coefficient for cable in robot.cables})
-    routed = [cable for cable in robot.cables if cable.routing_axis is not None]
-    found.update({f"{cable.name}.routing_offset": cable.routing_offset for cable in routed})
-    points = [load for load in robot.loads if isinstance(load, PointLoad)]
-    found.update({f"{load.name}.force": float(np.dot(load.force, np.asarray(load.direction))) for load in points})
-    infos = {name: ParameterInfo(name, KINDS[name.rsplit(".", 1)[1]], value) for name, value in found.items()}
+    infos: dict[str, ParameterInfo] = {}
+
+    def add(owner: str, key: str, value: float, quantity: Quantity | None = None) -> None:
+        name = f"{owner}.{key}"
+        infos[name] = ParameterInfo(name, KINDS[key] if quantity is None else quantity, value)
+
     for body in robot.bodies:
-        for key, lower in (LAWS[body.law].lower if body.law in LAWS else {}).items():
-            others = [f"law {law.name}" for law in LAWS.values() if key in law.parameters and key not in law.lower]
-            for name in (f"{material.name}.{key}" for material in body.materials):
-                quantity = replace(infos[name].quantity, lower=lower, attempt_below=" or ".join(others))
-                infos[name] = replace(infos[name], quantity=quantity)
-    for cable in routed:
-        name = f"{cable.name}.routing_offset"
-        quantity = replace(infos[name].quantity, lower=cable.least_offset, ends="(]")
-        infos[name] = replace(infos[name], quantity=quantity)
+        for material in body.materials:
+            for constant in LAWS[body.law].parameters:
+                add(material.name, constant.name, material.parameters[constant.name], constant.quantity)
+            add(material.name, "density", material.density)
+    for rod in robot.rods:
+        for constant in LINEAR_ELASTIC:
+            add(rod.name, constant.name, rod.parameters[constant.name], constant.quantity)
+        add(rod.name, "density", rod.density)
+    for plate in robot.plates:
+        add(plate.name, "mass", plate.mass)
+    for cable in robot.cables:
+        add(cable.name, "friction_coefficient", cable.friction_coefficient)
+    for cable in robot.cables:
+        if cable.routing_axis is not None:
+            away = replace(KINDS["routing_offset"], lower=cable.least_offset, ends="(]")
+            add(cable.name, "routing_offset", cable.routing_offset, away)
+    for load in robot.loads:
+        if isinstance(load, PointLoad):
+            add(load.name, "force", float(np.dot(load.force, np.asarray(load.direction))))
     return infos
 
 

@@ -13,6 +13,9 @@ from softcal.errors import Fault, InputError
 from softcal.geometry.centreline import Centreline
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.section import Section
+from softcal.materials.catalogue import law_named
+from softcal.materials.elastic_constants import LINEAR_ELASTIC
+from softcal.materials.parameter import complete
 from softcal.twin.cables import Cable, ViaPoint
 
 ElementKind = Literal["P1", "P2", "P2P1"]
@@ -43,10 +46,11 @@ class Body:
     mesh [m]: linear or quadratic; P2 and P2P1 elevate a linear mesh with straight edges.
     element: P1 (linear, locks near nu = 0.5; SOFA's), P2 (quadratic), P2P1 (quadratic with continuous
     linear pressure, locking-free; the default).
-    law: name in `softcal.materials.LAWS`; parameters: the law's own, SI
+    law: the name of one of softcal's, or of one that was registered; parameters: the law's constants, SI
     (neo-hooke: youngs_modulus [Pa], poissons_ratio [-]).
     density [kg/m^3]; fixed: node numbers of the mesh that do not move.
-    inclusions: tets of other materials, which share their nodes with the rest.
+    inclusions: tets of other materials of the same law, which share their nodes with the rest; the body's constants
+    stand for those that they do not give.
     """
 
     name: str
@@ -60,8 +64,14 @@ class Body:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "fixed", frozen_ints(self.fixed, name=f"fixed nodes of {self.name}", shape=(None,)))
-        object.__setattr__(self, "parameters", dict(self.parameters))
-        object.__setattr__(self, "inclusions", tuple(self.inclusions))
+        constants = law_named(self.law, where=f"{self.name}.law").parameters
+        own = complete(self.parameters, constants, owner=self.name)
+        object.__setattr__(self, "parameters", own)
+        inclusions = (
+            replace(one, parameters=complete({**own, **one.parameters}, constants, owner=f"{self.name}.{one.name}"))
+            for one in self.inclusions
+        )
+        object.__setattr__(self, "inclusions", tuple(inclusions))
         times = np.zeros(self.mesh.n_tets, dtype=np.int64)
         for part in self.inclusions:
             np.add.at(times, part.tets, 1)
@@ -102,7 +112,7 @@ class Rod:
     density: float = 0.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "parameters", dict(self.parameters))
+        object.__setattr__(self, "parameters", complete(self.parameters, LINEAR_ELASTIC, owner=self.name))
         object.__setattr__(self, "fixed", frozen_ints(self.fixed, name=f"fixed nodes of {self.name}", shape=(None,)))
         clamped = {key: frozen_ints(n, name=f"nodes of {self.name}", shape=(None,)) for key, n in self.clamped.items()}
         object.__setattr__(self, "clamped", clamped)

@@ -1,0 +1,89 @@
+"""Sections whose keys are also a law's constants: which they are is known only once the law is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import Field, field_validator
+from pydantic_core import InitErrorDetails
+
+from softcal.errors import InputError
+from softcal.materials.catalogue import LAWS
+from softcal.materials.parameter import Parameter
+from softcal.project.document import suggestion
+from softcal.project.section import Section, fault_error
+
+
+class ConstantsSection(Section):
+    """A mapping with keys of its own and with those of a material's constants [text with a unit].
+
+    Attributes
+    ----------
+    constants
+        The constants that are given [SI], by name; no key of the file.
+    """
+
+    constants: Mapping[str, float] = Field(default_factory=dict)
+
+    @classmethod
+    def _allowed(cls, given: Mapping[str, Any]) -> set[str]:
+        return super()._allowed(given) - {"constants"} | set(cls._of_law(given))
+
+    @classmethod
+    def _read(cls, given: Mapping[str, Any]) -> tuple[dict[str, Any], list[InitErrorDetails]]:
+        """The constants among the keys, read as the quantities that they are, and taken together."""
+        fields = super()._allowed(given)
+        own = {key: value for key, value in given.items() if key in fields}
+        constants: dict[str, float] = {}
+        errors: list[InitErrorDetails] = []
+        for name, constant in cls._of_law(given).items():
+            if name not in given:
+                continue
+            try:
+                constants[name] = constant.quantity.read(given[name])
+            except InputError as error:
+                (fault,) = error.faults
+                told = fault_error(fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt)
+                errors.append(InitErrorDetails(type=told, loc=(name,), input=given[name]))
+        missing = (name for name in cls._required(given) if name not in given)
+        errors += [InitErrorDetails(type="missing", loc=(name,), input=dict(given)) for name in missing]
+        return {**own, "constants": constants}, errors
+
+    @classmethod
+    def _of_law(cls, given: Mapping[str, Any]) -> Mapping[str, Parameter]:
+        """The constants that may be given; those of every law where the law is not known here."""
+        return LAWS.constants()
+
+    @classmethod
+    def _required(cls, given: Mapping[str, Any]) -> tuple[str, ...]:
+        """The constants that must be given."""
+        return ()
+
+
+class LawSection(ConstantsSection):
+    """The constants of the law that the mapping names."""
+
+    law: str = "neo-hooke"
+
+    @field_validator("law")
+    @classmethod
+    def _known_law(cls, law: str) -> str:
+        if law not in LAWS:
+            attempt = suggestion(law, LAWS)
+            raise fault_error("there is no such law", got=f"'{law}'", allowed=", ".join(sorted(LAWS)), attempt=attempt)
+        return law
+
+    @classmethod
+    def _of_law(cls, given: Mapping[str, Any]) -> Mapping[str, Parameter]:
+        law = given.get("law", cls.model_fields["law"].default)
+        if not isinstance(law, str) or law not in LAWS:  # its own fault
+            return LAWS.constants()
+        return {parameter.name: parameter for parameter in LAWS[law].parameters}
+
+    @classmethod
+    def _required(cls, given: Mapping[str, Any]) -> tuple[str, ...]:
+        law = given.get("law", cls.model_fields["law"].default)
+        if not isinstance(law, str) or law not in LAWS:
+            return ()
+        return tuple(parameter.name for parameter in LAWS[law].parameters if parameter.default is None)

@@ -16,9 +16,10 @@ from softcal.checks import Floats, Ints
 from softcal.mechanics import statics as statics_module
 from softcal.mechanics.linear_solve import Pardiso
 from softcal.mechanics.path import Line, follow, node_at
+from softcal.mechanics.solid import SolidTerm
 from softcal.mechanics.state import State, moved, rest_state
 from softcal.mechanics.statics import Statics
-from softcal.mechanics.system import Controls
+from softcal.mechanics.term import Controls
 from softcal.twin.build import Twin, build_twin
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.robot import ElementKind
@@ -95,7 +96,7 @@ def measure(quick: bool) -> Section:
         for n_threads in (1, 2):
             with mkl_threads(n_threads):
                 ratio, row = _measured(case, repeats[element])
-            n_tets = sum(len(s.conn) for s in case.twin.system.solids)
+            n_tets = sum(len(s.conn) for s in case.twin.system.of(SolidTerm))
             n = case.twin.system.layout.n_unknowns
             rows.append([element, f"{n_tets:,}", f"{n:,}", str(n_threads), *row])
             if element == "P1":

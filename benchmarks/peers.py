@@ -40,18 +40,16 @@ class Assembler:
 
 def softcal_assembler(task: Task) -> Assembler:
     from softcal.materials.catalogue import LAWS
-    from softcal.mechanics.cable import build_cables
     from softcal.mechanics.layout import FREE, Layout
     from softcal.mechanics.solid import build_solid
     from softcal.mechanics.state import State, rest_state
-    from softcal.mechanics.system import Controls, Loads, build_system
+    from softcal.mechanics.system import build_system
+    from softcal.mechanics.term import Controls
 
     X, none = task.mesh.points, np.zeros(0)
     solid, _ = build_solid("body", LAWS["neo-hooke"], X, task.mesh.tets, first_point=0, first_pressure=None)
     layout = Layout(X, np.full(len(X), FREE), np.zeros((0, 3)), 0, 0)
-    system = build_system(
-        layout, (solid,), build_cables(X, {}, np.zeros(0, dtype=bool)), Loads(np.zeros((len(X), 3)), {})
-    )
+    system = build_system(layout, (solid,))
     nu = 0.5 * task.lmbda / (task.lmbda + task.mu)
     theta = {"body.youngs_modulus": 2.0 * task.mu * (1.0 + nu), "body.poissons_ratio": nu}
     rest = rest_state(layout)

@@ -15,8 +15,10 @@ from softcal.geometry.primitives import box_mesh
 from softcal.geometry.quadratic import to_quadratic
 from softcal.geometry.surface import boundary_faces
 from softcal.materials.law import Law
+from softcal.mechanics.loads import Loads
 from softcal.mechanics.state import State, rest_state
-from softcal.mechanics.system import Controls, Linearisation, Loads, System
+from softcal.mechanics.system import Linearisation, System
+from softcal.mechanics.term import Controls
 from softcal.twin.build import Twin, build_twin
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.protocol import Command, Protocol
@@ -68,7 +70,8 @@ def solid_system(mesh: TetMesh, element: str, law: Law, fixed: np.ndarray, force
     """
     body = Body("body", mesh, fixed=fixed, parameters=constants(law), law=law.name, element=element)
     system = build_twin(Robot((body,))).system
-    return replace(system, loads=Loads(np.zeros((mesh.n_points, 3)) if force is None else force, {}))
+    others = tuple(term for term in system.terms if term is not system.loads)
+    return replace(system, terms=(*others, Loads(np.zeros((mesh.n_points, 3)) if force is None else force, {})))
 
 
 def body_theta(parameters: Mapping[str, float]) -> dict[str, float]:
@@ -87,14 +90,7 @@ def held(n_cables: int = 0, tension: float = 0.0) -> Controls:
 
 def potential(system: System, state: State, controls: Controls, theta: Mapping[str, float]) -> float:
     """The total potential [J], whose gradient and tangent `System.linearise` gives."""
-    total = 0.0
-    for solid in system.solids:
-        own = {k.removeprefix(f"{solid.name}."): v for k, v in theta.items() if k.startswith(f"{solid.name}.")}
-        total += solid.energy(state.pressure, solid.invariants(state.x), own)
-    lengths = system.cables.lengths(state.x)
-    total += float(state.tension @ np.where(controls.is_held, lengths, lengths - system.cables.rest_length))
-    total += float(state.tension @ np.where(controls.is_held, 0.0, controls.shortening))
-    return total - controls.load * float(np.sum(system.loads.total(theta) * state.x))
+    return sum(term.energy(state, controls, theta) for term in system.terms)
 
 
 def full_matrix(system: System, at: Linearisation) -> np.ndarray:

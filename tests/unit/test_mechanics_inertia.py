@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mechanics_cases import column_robot, constants, elastic, held, irregular_box
+from mechanics_cases import body_theta, column_robot, constants, elastic, held, irregular_box
 
 from softcal.errors import InputError
 from softcal.geometry.centreline import straight
@@ -14,12 +14,13 @@ from softcal.geometry.quadratic import to_quadratic
 from softcal.geometry.section import rectangular
 from softcal.materials.catalogue import LAWS
 from softcal.materials.law import Law
+from softcal.mechanics.damping import Damping, TimeStep
 from softcal.mechanics.dynamics import pulls_without_push
 from softcal.mechanics.inertia import Rates, element_masses, second_moments
-from softcal.mechanics.inertial_system import Damping, Instant, after, at_rest, elastic_forces, stepper
-from softcal.mechanics.solid import build_solid
+from softcal.mechanics.solid import SolidTerm, build_solid
 from softcal.mechanics.state import exponential, moved, rest_state
-from softcal.mechanics.viscosity import rest_moduli, viscous_term
+from softcal.mechanics.term import Sum, Term
+from softcal.mechanics.time_step import Instant, after, at_rest, in_step
 from softcal.twin.build import build_twin
 from softcal.twin.masses import robot_inertia
 from softcal.twin.parameters import robot_parameters
@@ -165,7 +166,7 @@ def test_tangent_of_a_step_is_the_derivative_of_its_forces(name, kind):
 
     before = moved(layout, rest_state(layout), 0.3 * scale * random.standard_normal(n))
     start = after(at_rest(rest_state(layout)), before, 0.004)
-    step = stepper(system, robot_inertia(twin, robot), Damping(0.03, 2.0, kind), 0.005).begin(start, theta)
+    step = in_step(system, robot_inertia(twin, robot), Damping(0.03, 2.0, kind), 0.005, start, theta)
     state = moved(layout, before, scale * random.standard_normal(n))
     at = step.linearise(state, held(), theta)
     assert at.is_admissible
@@ -221,7 +222,7 @@ def test_viscosity_has_the_moduli_of_the_undeformed_body(law):
     mesh = box_mesh((1.0, 1.0, 1.0), (1, 1, 1))
     for first_pressure, bulk in ((None, lame + 2.0 * shear / 3.0), (0, None)):
         solid, _ = build_solid("body", law, mesh.points, mesh.tets, first_point=0, first_pressure=first_pressure)
-        lmbda, mu = rest_moduli(solid, constants(law, E, nu))
+        lmbda, mu = solid.rest_moduli(body_theta(constants(law, E, nu)))
         assert mu == pytest.approx(shear, rel=1e-12)
         if bulk is not None:
             assert lmbda + 2.0 * mu / 3.0 == pytest.approx(bulk, rel=1e-12)
@@ -238,18 +239,18 @@ def test_viscosity_of_a_small_motion_is_rayleighs():
     """About the undeformed body, r_s / h times what its stiffness makes of the step; nothing of a rotation."""
     robot = column_robot("P1", cables=(), divisions=(1, 1, 2))
     twin = build_twin(robot)
-    system, solid = twin.system, twin.system.solids[0]
+    layout, (solid,) = twin.system.layout, twin.system.of(SolidTerm)
     theta = {key: info.value for key, info in robot_parameters(robot).items()}
-    rest = rest_state(system.layout)
-    term = viscous_term(solid, system.solid_places[0].displacement, theta, 3.0, rest)
+    rest = rest_state(layout)
+    _, viscous = solid.in_step(TimeStep(rest, 0.1, Damping(stiffness=0.3)), theta)
 
-    def force(x: np.ndarray) -> np.ndarray:
-        gradient = np.zeros(x.size)
-        term.assemble(solid.invariants(x)[0], gradient, None)
-        return gradient
+    def force(x: np.ndarray, of: Term = viscous) -> np.ndarray:
+        state, total = replace(rest, x=x), Sum(layout)
+        of.add(total, of.kinematics(state), state, held(), theta)
+        return total.gradient
 
     u = 1e-7 * np.random.default_rng(0).standard_normal(rest.x.shape)
-    elastic_force = elastic_forces(system, replace(rest, x=rest.x + u), theta).ravel()
+    elastic_force = force(rest.x + u, solid)
     np.testing.assert_allclose(force(rest.x + u), 3.0 * elastic_force, atol=1e-4 * np.abs(elastic_force).max())
     turned = rest.x @ exponential(np.array([[0.5, -1.0, 0.3]]))[0].T + [0.1, 0.2, 0.3]
     assert np.abs(force(turned)).max() < 1e-9 * np.abs(force(1.1 * rest.x)).max()

@@ -12,7 +12,7 @@ from softcal.mechanics.path import Line, between, follow, node_at
 from softcal.mechanics.stability import is_stable
 from softcal.mechanics.state import rest_state
 from softcal.mechanics.statics import Statics
-from softcal.mechanics.system import Controls
+from softcal.mechanics.term import Controls
 from softcal.twin.simulate import simulate
 
 PULL = Line(np.array([False]), np.zeros(1), np.zeros(1), np.zeros(1), np.ones(1))

@@ -42,7 +42,7 @@ def test_path_that_ends_early_gives_the_samples_before_and_a_sentence(wall, tole
 def test_a_law_that_gives_way_where_the_path_ends_is_reported(wall, monkeypatch):
     robot = column_robot("P1", parameters=elastic(0.5e6, -0.4), divisions=(1, 1, 4))
     assert simulate(robot, pulled(0.02)).status.endswith("a wall.")
-    monkeypatch.setattr("softcal.mechanics.system.System.softened", lambda *_: " Its law gives way.")
+    monkeypatch.setattr("softcal.mechanics.system.System.remarks", lambda *_: " Its law gives way.")
     assert simulate(robot, pulled(0.02)).status.endswith("a wall. Its law gives way.")
     assert simulate(robot, pulled(0.01)).status.startswith("Solved")
 

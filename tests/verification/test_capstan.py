@@ -10,7 +10,7 @@ from softcal.experiments.dataset import Channel, Dataset
 from softcal.experiments.pulleys import correct_pulley_friction
 from softcal.mechanics.cable_friction import friction_loss
 from softcal.mechanics.state import moved, rest_state
-from softcal.mechanics.system import Controls
+from softcal.mechanics.term import Controls
 from softcal.twin.parameters import with_parameters
 from softcal.twin.robot import Cable, ViaPoint
 from softcal.twin.simulate import simulate

@@ -16,7 +16,7 @@ from softcal.geometry.quadratic import to_quadratic
 from softcal.geometry.section import circular
 from softcal.mechanics.state import moved
 from softcal.mechanics.statics import Statics
-from softcal.mechanics.system import Controls
+from softcal.mechanics.term import Controls
 from softcal.twin.build import build_twin
 from softcal.twin.contacts import disc_skin, fitting_contact, wire_diameter
 from softcal.twin.in_time import simulate_in_time

@@ -11,12 +11,13 @@ from softcal.geometry.centreline import helix, straight
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.section import circular, rectangular
 from softcal.mechanics import dynamics as dynamics_module
+from softcal.mechanics.damping import Damping
 from softcal.mechanics.dynamics import Drive, Dynamics
 from softcal.mechanics.inertia import Rates
-from softcal.mechanics.inertial_system import Damping, Instant, after, at_rest, stepper
 from softcal.mechanics.state import moved, rest_state
 from softcal.mechanics.statics import Statics
-from softcal.mechanics.system import Controls
+from softcal.mechanics.term import Controls
+from softcal.mechanics.time_step import InertialTerm, Instant, after, at_rest, in_step
 from softcal.twin.build import build_twin
 from softcal.twin.in_time import simulate_in_time
 from softcal.twin.masses import robot_inertia
@@ -208,7 +209,7 @@ def test_newtons_method_converges_quadratically_in_a_step():
     robot = beam()
     dynamics = dynamics_of(robot, Damping(0.2, 0.1))
     system, theta = dynamics.system, dynamics.theta
-    step = stepper(system, dynamics.inertia, dynamics.damping, 0.05).begin(at_rest(rest_state(system.layout)), theta)
+    step = in_step(system, dynamics.inertia, dynamics.damping, 0.05, at_rest(rest_state(system.layout)), theta)
     statics = Statics(step, theta)
     controls = held(1, 0.2)
     state = replace(rest_state(system.layout), tension=np.array([0.2]))
@@ -323,7 +324,8 @@ def test_a_step_that_fails_is_taken_in_halves(monkeypatch):
 
     def fails_on_long_steps(self, guess, controls):
         solved = original(self, guess, controls)
-        return solved if self.system.step <= 0.003 else replace(solved, converged=False, status="it was too long")
+        (mass,) = self.system.of(InertialTerm)
+        return solved if mass.step <= 0.003 else replace(solved, converged=False, status="it was too long")
 
     dynamics = dynamics_of(beam(), Damping(0.1, 0.1))
     start = at_rest(rest_state(dynamics.system.layout))

@@ -11,7 +11,7 @@ from softcal.geometry.section import rectangular
 from softcal.mechanics.stability import fall
 from softcal.mechanics.state import rest_state
 from softcal.mechanics.statics import Statics
-from softcal.mechanics.system import Controls
+from softcal.mechanics.term import Controls
 from softcal.twin.build import build_twin
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.protocol import Command, Protocol

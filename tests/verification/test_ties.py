@@ -12,7 +12,7 @@ from softcal.geometry.primitives import box_mesh
 from softcal.geometry.regions import Plane, select_faces
 from softcal.mechanics.state import moved, rest_state
 from softcal.mechanics.statics import Statics
-from softcal.mechanics.system import Controls
+from softcal.mechanics.term import Controls
 from softcal.twin.build import build_twin
 from softcal.twin.parameters import robot_parameters, with_parameters
 from softcal.twin.protocol import Command, Protocol

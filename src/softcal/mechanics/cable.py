@@ -12,28 +12,35 @@ off to a smooth minimum, so that the force between them is the one that they bea
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import Any
 
 import numba
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.mechanics.cable_friction import Loss, factor_rates, friction_loss, loss_border
+from softcal.mechanics.layout import FIXED, Layout
 from softcal.mechanics.pattern import Pattern
+from softcal.mechanics.state import State
+from softcal.mechanics.term import Connectivity, Controls, Sum, Term, Theta
 
 MET = 1e-3  # of a segment's length at rest: shorter than that its ends have met
 
 
 @dataclass(frozen=True)
 class CablePlaces:
-    """Where the segments' blocks stand in the tangent's long array."""
+    """Where the segments' blocks stand in the tangent's long array; moves (n_points,): whether a point can."""
 
-    pairs: Ints  # (n_pairs, 3)
-    pair_ptr: Ints  # (n_segments + 1,)
+    pairs: Ints = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))  # (n_pairs, 3)
+    pair_ptr: Ints = field(default_factory=lambda: np.zeros(1, dtype=np.int64))  # (n_segments + 1,)
+    moves: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
 
 
 @dataclass(frozen=True)
-class CableTerm:
+class CableTerm(Term):
     """Segments of all cables. support[ptr[k]:ptr[k+1]]: the points of segment k, ascending; sigma: their signed
     weights; cable: the cable each segment belongs to; rest_length (n_cables,) [m]; pulled_last (n_cables,): whether the
     tension is that of the last segment (or of the first), which counts where there is friction; met (n_segments,) [m]:
@@ -51,28 +58,62 @@ class CableTerm:
     met: Floats
     by_offset: Floats
     rest_by_offset: Floats
+    places: CablePlaces = field(default_factory=CablePlaces)
 
     @property
     def n_cables(self) -> int:
         return len(self.rest_length)
 
-    def connectivities(self) -> list[Ints]:
-        """Points each segment connects."""
-        return [self.support[None, self.ptr[k] : self.ptr[k + 1]] for k in range(len(self.cable))]
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        return tuple(f"{name}.{of}" for name in self.names for of in ("friction_coefficient", "routing_offset"))
 
-    def places(self, pattern: Pattern) -> CablePlaces:
-        """Look up, once, where the segments' blocks go."""
-        pairs, pair_ptr = [], [0]
-        for k in range(len(self.cable)):
-            s = self.support[self.ptr[k] : self.ptr[k + 1]]
-            i, j = np.triu_indices(len(s))
-            pairs.append(pattern.pair(s[i], s[j]))
-            pair_ptr.append(pair_ptr[-1] + len(i))
-        empty = np.zeros((0, 3), dtype=np.int64)
-        return CablePlaces(
-            np.concatenate([empty, *pairs]),
-            np.array(pair_ptr, dtype=np.int64),
-        )
+    def connectivity(self, layout: Layout) -> Connectivity:
+        """The points of each segment."""
+        return Connectivity(self._segments())
+
+    def plan(self, layout: Layout, pattern: Pattern) -> CableTerm:
+        blocks = [pattern.blocks(segment)[0] for segment in self._segments()]
+        ptr = np.cumsum([0, *(len(pairs) for pairs in blocks)])
+        moves = (layout.rider != FIXED) & (layout.rider < layout.n_moving_frames)
+        return replace(self, places=CablePlaces(np.concatenate([CablePlaces().pairs, *blocks]), ptr, moves))
+
+    def add(self, into: Sum, known: Any, state: State, controls: Controls, theta: Theta) -> None:
+        """The tensions' pull, the cables' lengths over the prescribed ones, and a border for tensions and friction."""
+        loss = self.loss(state.x, theta)
+        self.pull(state.x, state.tension[self.cable] * loss.factor, into.full, into.data)
+        gap = self.lengths(state.x) - self.rest_length + controls.shortening
+        into.tensions += np.where(controls.is_held, 0.0, gap)
+        if into.data is None:
+            return
+        for i in np.flatnonzero(~controls.is_held):
+            row = self.length_gradient(state.x, int(i), len(into.full))
+            column = self.length_gradient(state.x, int(i), len(into.full), loss.factor) if len(loss.mu) else row
+            into.held.append((int(i), column, row))
+        if len(loss.mu):
+            columns, rows = loss_border(self, state.x, loss, state.tension, self.places.moves, len(into.full))
+            into.rank_one.extend(zip(columns.T, rows.T, strict=True))
+
+    def add_by_parameters(
+        self, into: Mapping[str, Sum], known: Any, state: State, controls: Controls, theta: Theta
+    ) -> None:
+        if into.keys().isdisjoint(self.parameters):
+            return
+        loss = self.loss(state.x, theta, by_all=True)
+        for i, name in enumerate(self.names):
+            tension = np.where(self.cable == i, state.tension[i], 0.0)
+            if (one := into.get(f"{name}.friction_coefficient")) is not None:
+                one.full += self.segment_gradient(state.x, tension * loss.by_mu, len(one.full))
+            if (one := into.get(f"{name}.routing_offset")) is not None:
+                rates = factor_rates(loss, self.vectors_by_offset(state.x))
+                one.full += self.gradient_by_offset(state.x, tension * loss.factor, tension * rates, len(one.full))
+                if not controls.is_held[i]:
+                    one.tensions[i] -= self.shortening_by_offset(state.x)[i]
+
+    def energy(self, state: State, controls: Controls, theta: Theta) -> float:
+        """Without friction."""
+        over = self.lengths(state.x) - np.where(controls.is_held, 0.0, self.rest_length - controls.shortening)
+        return float(state.tension @ over)
 
     def vectors(self, x: Floats) -> Floats:
         """Segment vectors (n_segments, 3) [m]."""
@@ -90,6 +131,10 @@ class CableTerm:
             first, _ = _rates(v, self.met)
             np.add.at(by_offset, self.cable, first * (v * self.vectors_by_offset(x)).sum(axis=1))
         return by_offset
+
+    def shortening_by_offset(self, x: Floats) -> Floats:
+        """d shortening of each cable / d its routing offset (n_cables,), the robot at rest."""
+        return self.rest_by_offset - self.lengths_by_offset(x)
 
     def lengths(self, x: Floats) -> Floats:
         """Length of each cable (n_cables,) [m]."""
@@ -115,9 +160,7 @@ class CableTerm:
         ]
         return ", ".join(pairs)
 
-    def assemble(
-        self, x: Floats, segment_tension: Floats, gradient: Floats, data: Floats | None, places: CablePlaces
-    ) -> None:
+    def pull(self, x: Floats, segment_tension: Floats, gradient: Floats, data: Floats | None) -> None:
         """Add the tensions' pull to the gradient and, where `data` is given, T times the length's second derivative."""
         if len(self.cable) == 0:
             return
@@ -132,9 +175,13 @@ class CableTerm:
             self.support,
             self.sigma,
             segment_tension,
-            places.pairs,
-            places.pair_ptr,
+            self.places.pairs,
+            self.places.pair_ptr,
         )
+
+    def length_gradient(self, x: Floats, i_cable: int, size: int, factor: Floats | float = 1.0) -> Floats:
+        """dL/dx of one cable on all entities (size,); factor (n_segments,): of the tension along it."""
+        return self.segment_gradient(x, np.where(self.cable == i_cable, factor, 0.0), size)
 
     def segment_gradient(self, x: Floats, weights: Floats, size: int) -> Floats:
         """Sum of weights (n_segments,) times the segments' length gradients, on all entities (size,)."""
@@ -164,6 +211,15 @@ class CableTerm:
                 gradient[at : at + 3] += self.by_offset[s] * tension[k] * n
                 gradient[at : at + 3] += self.sigma[s] * (tension[k] * turned + tension_rate[k] * n)
         return gradient
+
+    def loss(self, x: Floats, theta: Theta, *, by_all: bool = False) -> Loss:
+        """What friction takes from the tensions."""
+        mu = np.array([theta[f"{name}.friction_coefficient"] for name in self.names])
+        return friction_loss(self, x, mu, by_all=by_all)
+
+    def _segments(self) -> list[Ints]:
+        """Points of each segment (1, k)."""
+        return [self.support[None, self.ptr[k] : self.ptr[k + 1]] for k in range(len(self.cable))]
 
 
 Weights = list[tuple[int, float]]

@@ -9,11 +9,14 @@ one row per inner via point that moves, and borders the symmetric tangent as the
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from softcal.checks import Floats, Ints
-from softcal.mechanics.cable import CableTerm
+
+if TYPE_CHECKING:
+    from softcal.mechanics.cable import CableTerm
 
 # The turning angle has a kink at zero, rounded off below this angle [rad], which the via points of a cable share: so a
 # smooth way turns by as much whether it goes through ten points or a thousand.

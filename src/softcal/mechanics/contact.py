@@ -10,6 +10,7 @@ instead, as the convergent formulation does, has kinks at which Newton's method 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -17,6 +18,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.mechanics.damping import TimeStep
+from softcal.mechanics.state import State
+from softcal.mechanics.term import Controls, Sum, Term, Theta
 
 CLEARANCE = 0.8  # of the way to touch, at most, in one step
 CCD_ITERATIONS = 1000  # of the search for the time of touch, which stays on the safe side
@@ -31,7 +35,7 @@ class Touch(NamedTuple):
 
 
 @dataclass(frozen=True)
-class ContactTerm:
+class ContactTerm(Term):
     """points (n,): the layout's points that are the vertices of the surfaces; X (n, 3) [m]: at rest.
 
     edges (m, 2) and faces (k, 3) of vertices, those of faces among the edges; gap: distance at which contact begins
@@ -58,13 +62,29 @@ class ContactTerm:
     before: Floats | None = None
     step: float = 0.0
 
+    def add(self, into: Sum, known: Any, state: State, controls: Controls, theta: Theta) -> None:
+        """Which points touch is found anew at every state, so the tangent is no part of the pattern."""
+        touch = self.at(state.x, hessian=into.data is not None)
+        into.points += touch.gradient
+        if touch.hessian is not None:
+            into.outside.append(touch.hessian)
+
+    def energy(self, state: State, controls: Controls, theta: Theta) -> float:
+        V = self._vertices(state.x)
+        energy = self._potential(self._collisions(V), self._mesh, V)
+        if self._rubbing is not None and self.before is not None:
+            energy += self._friction(self._rubbing, self._mesh, np.asfortranarray(V - self.before))
+        return float(energy)
+
+    def in_step(self, step: TimeStep, theta: Theta) -> Sequence[Term]:
+        return (self.from_here(step.before.x, step.length),)
+
     def from_here(self, x: Floats, step: float) -> ContactTerm:
         """The contact in a time step [s] from positions x (n_points, 3) on, where friction is a force like others."""
         return replace(self, before=self._vertices(x), step=step) if self.friction_coefficient > 0.0 else self
 
     def at(self, x: Floats, *, hessian: bool) -> Touch:
         """What the contacts at positions x (n_points, 3) [m] push."""
-        import ipctk
         import scipy.sparse as sp
 
         V = self._vertices(x)
@@ -77,10 +97,10 @@ class ContactTerm:
         if hessian:
             tangent = self._potential.hessian(collisions, self._mesh, V)
         if self._rubbing is not None and self.before is not None:
-            friction, slip = ipctk.FrictionPotential(self.creep * self.step), np.asfortranarray(V - self.before)
-            push = push + friction.gradient(self._rubbing, self._mesh, slip)
+            slip = np.asfortranarray(V - self.before)
+            push = push + self._friction.gradient(self._rubbing, self._mesh, slip)
             if hessian:
-                tangent = tangent + friction.hessian(self._rubbing, self._mesh, slip)
+                tangent = tangent + self._friction.hessian(self._rubbing, self._mesh, slip)
         gradient[self.points] = push.reshape(-1, 3)
         if tangent is None:
             return Touch(gradient, None, n)
@@ -133,6 +153,12 @@ class ContactTerm:
         rubbing = ipctk.TangentialCollisions()
         rubbing.build(self._mesh, self.before, collisions, self._potential, self.friction_coefficient)
         return rubbing
+
+    @property
+    def _friction(self) -> Any:
+        import ipctk
+
+        return ipctk.FrictionPotential(self.creep * self.step)
 
     def _vertices(self, x: Floats) -> Floats:
         return np.asfortranarray(x[self.points])

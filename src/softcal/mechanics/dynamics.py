@@ -1,6 +1,6 @@
 """Motion in time by backward Euler: each step converged by Newton's method, or one linear solve as in SOFA.
 
-A converged step is an equilibrium of the system with inertia (`inertial_system.py`), found like any other, with cables'
+A converged step is an equilibrium of the system with inertia (`time_step.py`), found like any other, with cables'
 forces at the step's end. One linear solve is the first iteration of that from the step's start, with the cables taken
 out and put back as constraints: their directions are those at the step's start, a prescribed tension adds its force
 along them, and a prescribed length is met to first order by the tensions that take the free motion there. That is
@@ -17,11 +17,13 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
+from softcal.mechanics.damping import Damping
 from softcal.mechanics.inertia import Inertia
-from softcal.mechanics.inertial_system import Damping, InertialSystem, Instant, Stepper, after, coasting, stepper
 from softcal.mechanics.state import State, moved
 from softcal.mechanics.statics import SLACK_LENGTH, SLACK_TENSION, Statics
-from softcal.mechanics.system import Controls, System
+from softcal.mechanics.system import System
+from softcal.mechanics.term import Controls
+from softcal.mechanics.time_step import Instant, after, coasting, in_step
 
 Scheme = Literal["converged", "one-solve"]
 # Controls by time: `is_held` says which cables have their tension given, all others their length.
@@ -49,7 +51,6 @@ class Dynamics:
         self.theta = dict(theta)
         self.n_halvings = 0
         self._statics = Statics(system, theta)
-        self._steppers: dict[float, Stepper] = {}
 
     @property
     def n_factorisations(self) -> int:
@@ -73,12 +74,9 @@ class Dynamics:
         """Give the factors' memory back."""
         self._statics.release()
 
-    def _begin(self, now: Instant, step: float) -> InertialSystem:
-        if step not in self._steppers:
-            self._steppers[step] = stepper(self.system, self.inertia, self.damping, step)
-        system = self._steppers[step].begin(now, self.theta)
-        self._statics.system = system
-        return system
+    def _begin(self, now: Instant, step: float) -> System:
+        self._statics.system = in_step(self.system, self.inertia, self.damping, step, now, self.theta)
+        return self._statics.system
 
     def _halved(self, now: Instant, step: float, drive: Drive, halvings: int) -> Instant:
         try:
@@ -157,9 +155,9 @@ class Dynamics:
         dz[system.layout.first_tension_unknown :] = tension
         state = moved(system.layout, start, dz)
         time = now.time + step
-        J_min = min((float(solid.invariants(state.x)[3].min()) for solid in system.solids), default=1.0)
-        if not J_min > 0.0 or not np.isfinite(state.x).all():
-            raise SimulationError(f"One linear solve inverts an element (J = {J_min:.2g}) at {time:.6g} s. {ADVICE}")
+        why_not = system.why_not(state) or ("" if np.isfinite(state.x).all() else "a point is nowhere")
+        if why_not:
+            raise SimulationError(f"One linear solve goes too far at {time:.6g} s: {why_not}. {ADVICE}")
         if system.free_way(start, state) < 1.0:
             raise SimulationError(f"One linear solve passes through a contact at {time:.6g} s. {ADVICE}")
         return after(now, state, step)

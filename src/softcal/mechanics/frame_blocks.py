@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numba
 import numpy as np
@@ -18,8 +18,8 @@ class FrameBlocks:
     of its block's upper triangle in the tangent's long array.
     """
 
-    unknown: Ints
-    place: Ints
+    unknown: Ints = field(default_factory=lambda: np.zeros((0, 0), dtype=np.int64))
+    place: Ints = field(default_factory=lambda: np.zeros((0, 0, 0), dtype=np.int64))
 
     def add_gradient(self, reduced: Floats, gradient: Floats) -> None:
         """Add element gradients (n, k) to the gradient on the unknowns."""
@@ -49,7 +49,9 @@ def frame_blocks(layout: Layout, pattern: Pattern, frames: Ints) -> FrameBlocks:
     i, j = np.triu_indices(unknown.shape[1])
     low, high = np.minimum(unknown[:, i], unknown[:, j]), np.maximum(unknown[:, i], unknown[:, j])
     place = np.full((len(frames), unknown.shape[1], unknown.shape[1]), -1, dtype=np.int64)
-    place[:, i, j] = np.where(low >= 0, pattern.entry(np.maximum(low, 0), np.maximum(high, 0)), -1)
+    of_pairs, move = np.full_like(low, -1), low >= 0
+    of_pairs[move] = pattern.entry(low[move], high[move])
+    place[:, i, j] = of_pairs
     return FrameBlocks(unknown, place)
 
 

@@ -12,7 +12,7 @@ The acceleration of a particle on a frame is A + B s with A = c'' and B = R'', s
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -76,9 +76,27 @@ class Inertia:
 
     layout: Layout
     matrix: Any
-    data: Floats
     carried: FrameMasses
-    blocks: FrameBlocks
+    data: Floats = field(default_factory=lambda: np.zeros(0))
+    blocks: FrameBlocks = field(default_factory=FrameBlocks)
+
+    def planned(self, pattern: Pattern) -> Inertia:
+        """With places in a pattern that connects what the mass matrix does."""
+        upper = self.pairs
+        data = np.zeros(pattern.size)
+        if upper.nnz:
+            start = pattern.pair(upper.row.astype(np.int64), upper.col.astype(np.int64))
+            for i in range(3):
+                np.add.at(data, start[:, i] + i, upper.data)
+        moving = np.arange(self.layout.n_moving_frames)[:, None]
+        return replace(self, data=data, blocks=frame_blocks(self.layout, pattern, moving))
+
+    @property
+    def pairs(self) -> Any:
+        """The mass matrix's upper triangle, sparse."""
+        import scipy.sparse as sp
+
+        return sp.triu(self.matrix, format="coo")
 
     @property
     def is_none(self) -> bool:
@@ -150,14 +168,7 @@ def build_inertia(
     values = np.concatenate([np.zeros(0), *(masses.ravel() for _, masses in elements)])
     filled = values != 0.0
     matrix = sp.csr_matrix((values[filled], (rows[filled], columns[filled])), shape=(n, n))
-    upper = sp.triu(matrix, format="coo")
-    data = np.zeros(pattern.size)
-    if upper.nnz:
-        start = pattern.pair(upper.row.astype(np.int64), upper.col.astype(np.int64))
-        for i in range(3):
-            np.add.at(data, start[:, i] + i, upper.data)
-    moving = np.arange(layout.n_moving_frames)[:, None]
-    return Inertia(layout, matrix, data, carried, frame_blocks(layout, pattern, moving))
+    return Inertia(layout, matrix, carried).planned(pattern)
 
 
 def no_frame_masses(layout: Layout) -> FrameMasses:

@@ -49,6 +49,11 @@ class Layout:
         return len(self.references) - self.n_fixed_frames
 
     @property
+    def n_components(self) -> int:
+        """Of a gradient on all entities: three per point, one per pressure."""
+        return 3 * self.n_points + self.n_pressures
+
+    @property
     def n_entities(self) -> int:
         return self.n_points + self.n_pressures
 

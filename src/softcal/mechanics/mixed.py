@@ -16,7 +16,8 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.mechanics.state import State, moved
-from softcal.mechanics.system import Controls, System
+from softcal.mechanics.system import System
+from softcal.mechanics.term import Controls
 
 STEP = 1e-5  # of the robot's extent, or radians: how far the robot moves to either side
 

@@ -42,14 +42,24 @@ class Pattern:
         return np.repeat(np.arange(len(self.indptr) - 1), np.diff(self.indptr))
 
     def pair(self, a: Ints, b: Ints) -> Ints:
-        """Start positions (..., 3) of the pairs (a, b), a <= b."""
-        k = np.searchsorted(self.keys, a * np.int64(self.n_entities) + b)
-        return self.start[k]
+        """Start positions (..., 3) of the pairs (a, b), a <= b.
+
+        Raises
+        ------
+        LookupError
+            Where the pattern was planned without such a pair.
+        """
+        return self.start[_found(self.keys, a * np.int64(self.n_entities) + b)]
+
+    def blocks(self, conn: Ints) -> Ints:
+        """Start positions (n, k (k + 1) / 2, 3) of the pairs within groups of entities (n, k), rows ascending."""
+        i, j = np.triu_indices(conn.shape[1])
+        return self.pair(conn[:, i], conn[:, j])
 
     def entry(self, alpha: Ints, beta: Ints) -> Ints:
         """Places in `data` of the tangent's entries (alpha, beta), alpha <= beta, by numbers of unknowns."""
         n = np.int64(len(self.indptr) - 1)
-        return np.searchsorted(self.rows * n + self.indices, alpha * n + beta)
+        return _found(self.rows * n + self.indices, alpha * n + beta)
 
 
 def build_pattern(layout: Layout, connectivities: list[Ints], frame_pairs: Ints) -> Pattern:
@@ -136,6 +146,14 @@ def _side_keys(layout: Layout, reduced: Ints, a: Ints, b: Ints, n_red: np.int64)
     reached = (spread.T @ pairs @ spread).tocoo()
     low, high = np.minimum(reached.row, reached.col), np.maximum(reached.row, reached.col)
     return low.astype(np.int64) * n_red + high
+
+
+def _found(keys: Ints, wanted: Ints) -> Ints:
+    """Places in ascending keys."""
+    k = np.searchsorted(keys, wanted)
+    if not np.array_equal(keys[np.minimum(k, len(keys) - 1)], wanted):
+        raise LookupError("No term of this pattern connects what is looked up.")
+    return k
 
 
 @numba.njit(cache=True)

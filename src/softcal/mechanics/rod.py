@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -35,7 +35,15 @@ from softcal.errors import Fault, MeshError
 from softcal.geometry.centreline import Centreline
 from softcal.geometry.section import Section
 from softcal.mechanics import rod_kernels
+from softcal.mechanics.damping import TimeStep
+from softcal.mechanics.frame_blocks import FrameBlocks, frame_blocks
+from softcal.mechanics.layout import Layout
+from softcal.mechanics.pattern import Pattern
+from softcal.mechanics.scales import Sizes
+from softcal.mechanics.state import State
+from softcal.mechanics.term import Connectivity, Controls, Sum, Term, Theta, part_theta
 
+LARGEST_TURN = 0.9 * np.pi  # [rad] between two neighbouring nodes
 # Gauss points for an element's flexibility and terms of the exponential: enough for the last digits while an element
 # turns by less than pi.
 N_GAUSS = 8
@@ -65,7 +73,7 @@ class RodResultants(NamedTuple):
 
 
 @dataclass(frozen=True)
-class RodTerm:
+class RodTerm(Term):
     """frames (n, 2): numbers of the frames that each element's ends ride on; arm (n, 2, 3): the ends less their frames'
     reference points at rest [m]; triad (n, 2, 3, 3): the ends' sections at rest, columns d1, d2, d3;
     length (n,): arc length of each element at rest [m].
@@ -83,6 +91,71 @@ class RodTerm:
     xi_rest: Floats
     by_bending: Floats
     by_shear: Floats
+    blocks: FrameBlocks = field(default_factory=FrameBlocks)
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        return (f"{self.name}.youngs_modulus", f"{self.name}.poissons_ratio")
+
+    def connectivity(self, layout: Layout) -> Connectivity:
+        """The frames of each element."""
+        return Connectivity(frames=[self.frames])
+
+    def plan(self, layout: Layout, pattern: Pattern) -> RodTerm:
+        return replace(self, blocks=frame_blocks(layout, pattern, self.frames))
+
+    def kinematics(self, state: State) -> tuple[Floats, Floats]:
+        """(rho, theta) (n, 6) and the angle between the ends (n,) [rad] of each element."""
+        return self._coordinates(state.position, state.rotation)
+
+    def why_not(self, known: tuple[Floats, Floats]) -> str:
+        turn = float(known[1].max())
+        return "" if turn < LARGEST_TURN else f"a rod turns by {np.degrees(turn):.0f} deg between two nodes"
+
+    def add(self, into: Sum, known: tuple[Floats, Floats], state: State, controls: Controls, theta: Theta) -> None:
+        S = self._stiffness(part_theta(theta, self.name))
+        pose, conjugate = (state.position, state.rotation), _times(S, known[0] - self.xi_rest)
+        if into.data is None:
+            gradient = self._gradient(*pose, conjugate)
+        else:
+            gradient, tangent = self._derivatives(*pose, conjugate, S)
+            self.blocks.add_tangent(into.data, tangent)
+        self.blocks.add_gradient(into.own, gradient)
+        into.squares += float(np.square(gradient[:, :3]).sum())
+
+    def add_by_parameters(
+        self, into: Mapping[str, Sum], known: tuple[Floats, Floats], state: State, controls: Controls, theta: Theta
+    ) -> None:
+        wanted = part_theta(into, self.name)
+        if wanted:
+            by = self.gradient_by_parameters(state.position, state.rotation, part_theta(theta, self.name))
+            for name in wanted.keys() & by.keys():
+                self.blocks.add_gradient(wanted[name].own, by[name])
+
+    def energy(self, state: State, controls: Controls, theta: Theta) -> float:
+        return self.assemble(state.position, state.rotation, part_theta(theta, self.name), tangent=False).energy
+
+    def measure(self, sizes: Sizes, theta: Theta) -> None:
+        own = part_theta(theta, self.name)
+        sizes.shear_modulus = max(sizes.shear_modulus, 0.5 * own["youngs_modulus"] / (1.0 + own["poissons_ratio"]))
+        sizes.volume += float(self.length.sum()) * self.section.area
+        tangent = self.tangent(sizes.rest.position, sizes.rest.rotation, own)
+        self.blocks.add_gradient(sizes.stiffness, np.einsum("nii->ni", tangent))
+        frames = np.unique(self.frames)
+        sizes.frames.append(frames[frames < sizes.layout.n_moving_frames])
+
+    def in_step(self, step: TimeStep, theta: Theta) -> Sequence[Term]:
+        """Stiffer by 1 + r_s / h, about the strain in between that at rest and that at the step's start."""
+        if step.share == 0.0:
+            return (self,)
+        xi, _ = self.kinematics(step.before)
+        damped = replace(
+            self,
+            xi_rest=(self.xi_rest + step.share * xi) / (1.0 + step.share),
+            by_bending=self.by_bending / (1.0 + step.share),
+            by_shear=self.by_shear / (1.0 + step.share),
+        )
+        return (damped,)
 
     def assemble(
         self,

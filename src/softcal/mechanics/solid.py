@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import combinations_with_replacement
 from typing import NamedTuple
 
@@ -12,18 +12,31 @@ import numpy as np
 from softcal.checks import Floats, Ints
 from softcal.materials.law import CompiledLaw, Law, compile_law, stacked
 from softcal.mechanics import solid_kernels
+from softcal.mechanics.damping import TimeStep
 from softcal.mechanics.element import quadrature, reference_gradients
+from softcal.mechanics.layout import Layout
+from softcal.mechanics.loads import Loads
 from softcal.mechanics.pattern import Pattern
+from softcal.mechanics.scales import Sizes
 from softcal.mechanics.solid_kernels import Places
+from softcal.mechanics.state import State
+from softcal.mechanics.term import Connectivity, Controls, Sum, Term, Theta, part_theta
+from softcal.mechanics.viscosity import ViscousTerm
+
+Kinematics = tuple[Floats, Floats, Floats, Floats]  # F (n_tets, n_q, 3, 3), I1, I2, J (n_tets, n_q)
 
 
 @dataclass(frozen=True)
 class SolidPlaces:
     """Where a solid's element blocks stand in the tangent's long array (see `Pattern`)."""
 
-    displacement: Places  # (n_tets, pairs, 3)
-    coupling: Places  # (n_tets, n_a, 4, 3) or empty
-    pressure: Places  # (n_tets, 10) or empty
+    displacement: Places = field(default_factory=lambda: _no_places(3))  # (n_tets, pairs, 3)
+    coupling: Places = field(default_factory=lambda: _no_places(4))  # (n_tets, n_a, 4, 3) or empty
+    pressure: Places = field(default_factory=lambda: _no_places(2))  # (n_tets, 10) or empty
+
+
+def _no_places(n_dim: int) -> Places:
+    return np.zeros((0,) * n_dim, dtype=np.int32)
 
 
 class _Volume(NamedTuple):
@@ -35,7 +48,7 @@ class _Volume(NamedTuple):
 
 
 @dataclass(frozen=True)
-class SolidTerm:
+class SolidTerm(Term):
     """Pi = sum over quadrature points of w psi(F), or w (psi_d(F) + p g(J) - p^2/(2 kappa)) with pressures p.
 
     conn: (n_tets, 4 or 10) point numbers, ascending in each row; dN (n_tets, n_q, n_a, 3) [1/m]; w (n_tets, n_q) [m^3].
@@ -51,29 +64,32 @@ class SolidTerm:
     w: Floats
     pressure_conn: Ints
     N_p: Floats
+    places: SolidPlaces = field(default_factory=SolidPlaces)
 
     @property
     def is_mixed(self) -> bool:
         return self.pressure_conn.shape[1] > 0
 
-    def connectivity(self, n_points: int) -> Ints:
-        """Entities each tet connects, ascending."""
-        return np.concatenate([self.conn, n_points + self.pressure_conn], axis=1)
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        return tuple(f"{self.name}.{name}" for name in self.compiled.parameters)
 
-    def places(self, pattern: Pattern, n_points: int) -> SolidPlaces:
-        """Look up, once, where the element blocks go."""
-        a, b = np.triu_indices(self.conn.shape[1])
-        displacement = pattern.pair(self.conn[:, a], self.conn[:, b]).astype(np.int32)
+    def connectivity(self, layout: Layout) -> Connectivity:
+        """The points and pressures of each tet."""
+        return Connectivity([np.concatenate([self.conn, layout.n_points + self.pressure_conn], axis=1)])
+
+    def plan(self, layout: Layout, pattern: Pattern) -> SolidTerm:
+        displacement = pattern.blocks(self.conn).astype(np.int32)
         if not self.is_mixed:
-            none = np.zeros((0, 0, 0, 0), dtype=np.int32), np.zeros((0, 0), dtype=np.int32)
-            return SolidPlaces(displacement, *none)
-        p = n_points + self.pressure_conn
+            return replace(self, places=SolidPlaces(displacement))
+        p = layout.n_points + self.pressure_conn
         coupling = pattern.pair(self.conn[:, :, None], p[:, None, :]).astype(np.int32)
-        c, d = np.triu_indices(4)
-        pressure = pattern.pair(p[:, c], p[:, d])[..., 0].astype(np.int32)
-        return SolidPlaces(displacement, coupling, pressure)
+        return replace(self, places=SolidPlaces(displacement, coupling, pattern.blocks(p)[..., 0].astype(np.int32)))
 
-    def invariants(self, x: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    def kinematics(self, state: State) -> Kinematics:
+        return self.invariants(state.x)
+
+    def invariants(self, x: Floats) -> Kinematics:
         """F (n_tets, n_q, 3, 3) and I1, I2, J (n_tets, n_q) at positions x (n_points, 3)."""
         n, n_q = self.w.shape
         F = np.empty((n, n_q, 3, 3))
@@ -81,28 +97,26 @@ class SolidTerm:
         solid_kernels.kinematics(x, self.conn, self.dN, F, I1, I2, J)
         return F, I1, I2, J
 
-    def assemble(
-        self,
-        x: Floats,
-        pressure: Floats,
-        kinematics: tuple[Floats, Floats, Floats, Floats],
-        theta: Mapping[str, float],
-        gradient: Floats,
-        data: Floats | None,
-        places: SolidPlaces,
-    ) -> None:
-        """Add the gradient (3 n_points + n_scalars,) and, where `data` is given, the tangent. J must be positive."""
-        F, I1, I2, J = kinematics
-        values = self._theta(theta)
+    def why_not(self, known: Kinematics) -> str:
+        J_min = float(known[3].min())
+        return "" if J_min > 0.0 else f"it inverts an element (J = {J_min:.2g})"
+
+    def add(self, into: Sum, known: Kinematics, state: State, controls: Controls, theta: Theta) -> None:
+        self._assemble(known, state, theta, into.full, into.data)
+
+    def _assemble(self, known: Kinematics, state: State, theta: Theta, gradient: Floats, data: Floats | None) -> None:
+        """Add the gradient on all entities and, where `data` is given, the tangent. J must be positive."""
+        F, I1, I2, J = known
+        places, values = self.places, self._theta(part_theta(theta, self.name))
         invariants = (I1.ravel(), I2.ravel(), J.ravel())
         derivatives = self.compiled.distortional if self.is_mixed else self.compiled.full
         coefficients = stacked(derivatives(*invariants, *values), I1.size)
-        volume = self._volume(invariants[2], pressure, values) if self.is_mixed else None
+        volume = self._volume(invariants[2], state.pressure, values) if self.is_mixed else None
         if volume is not None:
             coefficients[2] += volume.p * volume.g[1]
             coefficients[8] += volume.p * volume.g[2]
             error = volume.g[0] - volume.compliance * volume.p
-            solid_kernels.add_volume_gradient(gradient, 3 * len(x), self.pressure_conn, self.N_p, self.w, error)
+            solid_kernels.add_volume_gradient(gradient, state.x.size, self.pressure_conn, self.N_p, self.w, error)
         if data is not None and self.conn.shape[1] == 4 and not self.compiled.has_cross_terms:
             solid_kernels.add_both_linear(
                 gradient, data, self.conn, places.displacement, self.dN, self.w, F, J, coefficients
@@ -134,51 +148,87 @@ class SolidTerm:
         p = solid_kernels.interpolate(pressure, self.pressure_conn, self.N_p).ravel()
         return _Volume(stacked(self.compiled.strain(J), J.size), p, float(compliance))
 
-    def gradient_by_parameters(
-        self,
-        x: Floats,
-        pressure: Floats,
-        kinematics: tuple[Floats, Floats, Floats, Floats],
-        theta: Mapping[str, float],
-        gradients: Mapping[str, Floats],
+    def add_by_parameters(
+        self, into: Mapping[str, Sum], known: Kinematics, state: State, controls: Controls, theta: Theta
     ) -> None:
-        """Add d gradient / d parameter to gradients[parameter], for the law's parameters that are asked for."""
-        F, I1, I2, J = kinematics
-        values = self._theta(theta)
+        wanted = {name: one.full for name, one in part_theta(into, self.name).items()}
+        if not wanted:
+            return
+        F, I1, I2, J = known
+        values = self._theta(part_theta(theta, self.name))
         invariants = (I1.ravel(), I2.ravel(), J.ravel())
         derivatives = (self.compiled.distortional_by_parameter if self.is_mixed else self.compiled.full_by_parameter)(
             *invariants, *values
         )
         for i, name in enumerate(self.compiled.parameters):
-            if name not in gradients:
+            if name not in wanted:
                 continue
             coefficients = stacked(derivatives[i], I1.size)
-            solid_kernels.add_gradient(gradients[name], self.conn, self.dN, self.w, F, I1, J, coefficients)
+            solid_kernels.add_gradient(wanted[name], self.conn, self.dN, self.w, F, I1, J, coefficients)
             if self.is_mixed:
                 _, by_parameter = self.compiled.compliance(*values)
-                p = solid_kernels.interpolate(pressure, self.pressure_conn, self.N_p).ravel()
+                p = solid_kernels.interpolate(state.pressure, self.pressure_conn, self.N_p).ravel()
                 solid_kernels.add_volume_gradient(
-                    gradients[name], 3 * len(x), self.pressure_conn, self.N_p, self.w, -float(by_parameter[i]) * p
+                    wanted[name], state.x.size, self.pressure_conn, self.N_p, self.w, -float(by_parameter[i]) * p
                 )
 
-    def energy(
-        self, pressure: Floats, kinematics: tuple[Floats, Floats, Floats, Floats], theta: Mapping[str, float]
-    ) -> float:
+    def energy(self, state: State, controls: Controls, theta: Theta) -> float:
         """The stored energy [J] (for a mixed element, the value of its two-field potential)."""
-        _, I1, I2, J = kinematics
-        values = self._theta(theta)
+        _, I1, I2, J = self.kinematics(state)
+        values = self._theta(part_theta(theta, self.name))
         if not self.is_mixed:
             return float(np.sum(self.w * self.compiled.energy(I1, I2, J, *values)))
-        p = solid_kernels.interpolate(pressure, self.pressure_conn, self.N_p)
+        p = solid_kernels.interpolate(state.pressure, self.pressure_conn, self.N_p)
         compliance, _ = self.compiled.compliance(*values)
         psi = self.compiled.energy_distortional(I1, I2, J, *values)
         return float(np.sum(self.w * (psi + p * self.compiled.strain(J)[0] - 0.5 * compliance * p**2)))
 
-    def softened(self, kinematics: tuple[Floats, Floats, Floats, Floats], theta: Mapping[str, float]) -> float:
+    def measure(self, sizes: Sizes, theta: Theta) -> None:
+        sizes.shear_modulus = max(sizes.shear_modulus, self.law.shear_modulus(part_theta(theta, self.name)))
+        volume = float(self.w.sum())
+        sizes.volume += volume
+        sizes.meshed += volume
+        sizes.n_tets += len(self.conn)
+
+    def remark(self, state: State, theta: Theta) -> str:
+        ratio = self.softened(self.kinematics(state), part_theta(theta, self.name))
+        if ratio == 1.0:
+            return ""
+        return (
+            f" Body {self.name} is compressed to {ratio:.2g} of its volume, where its law {self.law.name} gives way: "
+            "more compression takes less pressure there."
+        )
+
+    def in_step(self, step: TimeStep, theta: Theta) -> Sequence[Term]:
+        """With damping of its strains, or of its forces: an energy 1 + r_s / h times as large, less a dead force."""
+        if step.share == 0.0:
+            return (self,)
+        known = self.kinematics(step.before)
+        if step.damping.kind == "strain":
+            lmbda, mu = (step.share * modulus for modulus in self.rest_moduli(theta))
+            F = known[0]
+            C_n = np.swapaxes(F, 2, 3) @ F
+            return self, ViscousTerm(self.conn, self.dN, self.w, lmbda, mu, C_n, self.places.displacement)
+        gradient = np.zeros(step.before.x.size + step.before.pressure.size)
+        self._assemble(known, step.before, theta, gradient, None)
+        held = step.share * gradient[: step.before.x.size].reshape(-1, 3)
+        return replace(self, w=(1.0 + step.share) * self.w), Loads(held, {})
+
+    def rest_moduli(self, theta: Theta) -> tuple[float, float]:
+        """Lamé's moduli [Pa] of the undeformed body, those of psi_d alone where pressures carry the rest."""
+        values = self._theta(part_theta(theta, self.name))
+        derivatives = self.compiled.distortional if self.is_mixed else self.compiled.full
+        rows = stacked(derivatives(np.full(1, 3.0), np.full(1, 3.0), np.ones(1), *values), 1)[:, 0]
+        _, psi_2, psi_J, psi_11, psi_12, psi_1J, psi_22, psi_2J, psi_JJ = (float(row) for row in rows)
+        # 4 d2psi/dC2 at C = I, where dI1 = I, dI2 = 2 I, dJ = I/2
+        lmbda = 4.0 * (psi_11 + 4.0 * psi_12 + psi_1J + 4.0 * psi_22 + 2.0 * psi_2J + psi_2) + psi_JJ + psi_J
+        return lmbda, -2.0 * psi_2 - psi_J
+
+    def softened(self, known: Kinematics, theta: Mapping[str, float]) -> float:
         """The least volume ratio J < 1 at a quadrature point whose law takes less pressure for more compression there,
         d2psi/dJ2 < 0 along F -> J^(1/3) F; 1 where there is none.
         """
-        _, I1, I2, J = (values.ravel() for values in kinematics)
+        _, I1, I2, J = (values.ravel() for values in known)
         rows = stacked(self.compiled.full(I1, I2, J, *self._theta(theta)), J.size)
         first, second = rows[:3], rows[3:]
         rate = np.stack([2.0 * I1, 4.0 * I2, 3.0 * J])  # of the invariants as F -> s F, at s = 1

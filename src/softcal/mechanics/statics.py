@@ -13,8 +13,8 @@ from softcal.errors import SimulationError
 from softcal.mechanics.contact import CLEARANCE
 from softcal.mechanics.linear_solve import Factorisation, factorisation
 from softcal.mechanics.redundancy import redundant, redundant_sentence
-from softcal.mechanics.state import State, moved, rest_state
-from softcal.mechanics.system import NO_BORDER, Border, Controls, Linearisation, System, part_theta
+from softcal.mechanics.state import State, moved
+from softcal.mechanics.system import NO_BORDER, Border, Controls, Linearisation, System
 
 TOLERANCE = 1e-9  # residual over its scale
 FREE = 1e-6  # of the forces: what a free mode takes for a motion as long as the robot, at most; along it less is none
@@ -63,20 +63,15 @@ class Statics:
         self.n_factorisations = 0
         self._planned: Factorisation = factorisation(system.pattern.indptr, system.pattern.indices)
         self._factors = self._planned
-        layout = system.layout
-        shear = _largest_shear_modulus(system, theta)
-        self._force_floor = 1e-4 * shear * system.stiffness_length**2
-        self.length = float(np.linalg.norm(np.ptp(layout.X, axis=0)))
-        self._farthest = float(np.abs(layout.X).max())
-        fixed = np.arange(layout.n_moving_frames, layout.n_frames)
-        of_rods = [layout.first_frame_unknown + 6 * np.setdiff1d(rod.frames, fixed) for rod in system.rods]
-        rows = [np.arange(layout.first_frame_unknown), *(first + i for first in of_rods for i in range(3))]
-        # Free points and rods' positions; the diagonal stands first in each row of an upper triangle.
-        self._diagonal = system.pattern.indptr[np.concatenate(rows)]
+        sizes = system.sizes(theta)
+        self._force_floor = 1e-4 * sizes.force
+        self.length = sizes.extent
+        self._farthest = float(np.abs(system.layout.X).max())
+        # The diagonal stands first in each row of an upper triangle.
+        self._diagonal = system.pattern.indptr[sizes.positions()]
         self._rounding = 0.0
-        volume = sum(float(s.w.sum()) for s in system.solids)
-        self._volume = volume / max(layout.n_pressures, 1)
-        self.unit = _units(system, self.theta, shear, self.length)
+        self._volume = sizes.meshed / max(system.layout.n_pressures, 1)
+        self.unit = sizes.units()
         entries = self.unit[system.pattern.rows] * self.unit[system.pattern.indices]
         self._unit_places = np.flatnonzero(entries != 1.0)  # most are one: points are in metres
         self._unit_entries = entries[self._unit_places]
@@ -363,37 +358,3 @@ class Statics:
         turn = float(np.abs(frames[:, 3:]).max(initial=0.0))
         move = float(np.abs(dz[: layout.first_frame_unknown]).max(initial=0.0)) / self.length
         return min(1.0, TURN_PER_STEP / max(turn, 1e-300), MOVE_PER_STEP / max(move, 1e-300))
-
-
-def _largest_shear_modulus(system: System, theta: Mapping[str, float]) -> float:
-    moduli = [solid.law.shear_modulus(part_theta(theta, solid.name)) for solid in system.solids]
-    for rod in system.rods:
-        own = part_theta(theta, rod.name)
-        moduli.append(0.5 * own["youngs_modulus"] / (1.0 + own["poissons_ratio"]))
-    return max(moduli)
-
-
-def _units(system: System, theta: Mapping[str, float], shear: float, length: float) -> Floats:
-    """Units of the unknowns in which the tangent's entries are of one size; pivots are judged against each other.
-
-    That size is the one of a free point's entries in metres: shear modulus times length of an element.
-    """
-    layout = system.layout
-    n_tets = sum(len(s.conn) for s in system.solids)
-    volume = sum(float(s.w.sum()) for s in system.solids)
-    h = (6.0 * volume / n_tets) ** (1.0 / 3.0) if n_tets else length
-    unit = np.ones(layout.first_tension_unknown)
-    frames = unit[layout.first_frame_unknown : layout.first_pressure_unknown].reshape(-1, 6)
-    frames[:, 3:] = 4.0 / length
-    diagonal = np.zeros(layout.first_pressure_unknown)
-    rest = rest_state(layout)
-    for rod, blocks in zip(system.rods, system.rod_blocks, strict=True):
-        tangent = rod.assemble(rest.position, rest.rotation, part_theta(theta, rod.name)).tangent
-        if tangent is not None:
-            blocks.add_gradient(diagonal, np.einsum("nii->ni", tangent))
-    stiffness = diagonal[layout.first_frame_unknown :].reshape(-1, 6)
-    on_rod = stiffness[:, 0] > 0.0
-    for part in (slice(0, 3), slice(3, 6)):
-        frames[on_rod, part] = np.sqrt(shear * h / stiffness[on_rod, part].mean(axis=1))[:, None]
-    unit[layout.first_pressure_unknown :] = shear / h
-    return unit

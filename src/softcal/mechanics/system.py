@@ -2,54 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.errors import SimulationError
-from softcal.mechanics.cable import CablePlaces, CableTerm
-from softcal.mechanics.cable_friction import Loss, factor_rates, friction_loss, loss_border
-from softcal.mechanics.contact import ContactTerm, Touch
-from softcal.mechanics.frame_blocks import FrameBlocks, frame_blocks, moving_pairs
-from softcal.mechanics.layout import FIXED, Layout
+from softcal.mechanics.cable import CableTerm
+from softcal.mechanics.contact import ContactTerm
+from softcal.mechanics.frame_blocks import moving_pairs
+from softcal.mechanics.layout import Layout
+from softcal.mechanics.loads import Loads
 from softcal.mechanics.motion import Motion, build_motion
 from softcal.mechanics.pattern import Pattern, build_pattern
-from softcal.mechanics.rod import RodTerm
-from softcal.mechanics.solid import SolidPlaces, SolidTerm
+from softcal.mechanics.scales import Sizes
 from softcal.mechanics.state import State
+from softcal.mechanics.term import Controls, Sum, Term, Theta
 
-
-@dataclass(frozen=True)
-class Controls:
-    """Per cable: is_held (its tension is given) with that tension [N], else its shortening [m]; load: factor on all
-    dead loads, one but while they are put on.
-    """
-
-    is_held: np.ndarray
-    tension: Floats
-    shortening: Floats
-    load: float = 1.0
-
-
-@dataclass(frozen=True)
-class Loads:
-    """Dead forces on the points by parameter: total = constant + sum of value * per_unit[name], (n_points, 3) [N].
-
-    Weight is such a force: a body's density or a plate's mass times its force per unit.
-    """
-
-    constant: Floats
-    per_unit: Mapping[str, Floats]
-
-    def total(self, theta: Mapping[str, float]) -> Floats:
-        """Force on every point (n_points, 3) [N]."""
-        force = self.constant.copy()
-        for name, unit in self.per_unit.items():
-            force += theta[name] * unit
-        return force
+Kind = TypeVar("Kind", bound=Term)
 
 
 @dataclass(frozen=True)
@@ -69,42 +42,34 @@ class Border:
     corner: Floats
 
 
+NO_BORDER = Border(np.zeros(0, dtype=np.int64), np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0))
+
+
 @dataclass(frozen=True)
 class Linearisation:
     """Gradient and tangent at a state.
 
-    full: gradient on all entities; reduced: on the unknowns; forces: the norm of the nodal forces before they cancel
-    [N]; J_min: the smallest volume ratio; turn: the largest angle between neighbouring nodes of rods [rad]; data: the
-    sparse tangent's triangle, or None; border: what the tensions and the cables' friction add to it; touch: what
-    contacts add to the tangent outside its pattern (sparse, upper triangle), or None.
+    controls: those it was asked for; known: what the terms share there (`Term.kinematics`); why_not: why the state
+    cannot be, in words, and nothing else is known then; full: gradient on all entities, less that in motion alone;
+    reduced: on the unknowns; forces: the norm of the nodal forces before they cancel [N]; data: the sparse tangent's
+    triangle, or None; border: what tensions and the cables' friction add to it; touch: what is outside its pattern
+    (sparse, upper triangle), such as contacts, or None.
     """
 
-    full: Floats
-    reduced: Floats
-    forces: float
-    J_min: float
-    turn: float
-    data: Floats | None
-    border: Border
-    kinematics: tuple[tuple[Floats, Floats, Floats, Floats], ...]
+    controls: Controls
+    known: tuple[Any, ...]
+    why_not: str = ""
+    full: Floats = field(default_factory=lambda: np.zeros(0))
+    reduced: Floats = field(default_factory=lambda: np.zeros(0))
+    forces: float = 0.0
+    data: Floats | None = None
+    border: Border = NO_BORDER
     touch: Any = None
 
     @property
     def is_admissible(self) -> bool:
-        """Whether no element is inverted, and no rod winds by half a turn between two nodes."""
-        return self.J_min > 0.0 and self.turn < LARGEST_TURN
-
-    @property
-    def why_not(self) -> str:
-        """What is inadmissible, in words."""
-        if not self.J_min > 0.0:
-            return f"it inverts an element (J = {self.J_min:.2g})"
-        return f"a rod turns by {np.degrees(self.turn):.0f} deg between two nodes"
-
-
-LARGEST_TURN = 0.9 * np.pi  # [rad] between two neighbouring nodes of a rod
-
-NO_BORDER = Border(np.zeros(0, dtype=np.int64), np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0))
+        """Whether the state can be: no element is inverted, no rod winds by half a turn between two nodes."""
+        return not self.why_not
 
 
 @dataclass(frozen=True)
@@ -114,67 +79,69 @@ class System:
     layout: Layout
     pattern: Pattern
     motion: Motion
-    solids: tuple[SolidTerm, ...]
-    solid_places: tuple[SolidPlaces, ...]
-    rods: tuple[RodTerm, ...]
-    rod_blocks: tuple[FrameBlocks, ...]
-    cables: CableTerm
-    cable_places: CablePlaces
-    loads: Loads
-    contacts: tuple[ContactTerm, ...]
-    stiffness_length: float  # [m]: area over length of the robot, for scales of force
+    terms: tuple[Term, ...]
 
-    def linearise(
-        self, state: State, controls: Controls, theta: Mapping[str, float], *, tangent: bool = True
-    ) -> Linearisation:
+    def of(self, kind: type[Kind]) -> tuple[Kind, ...]:
+        """The terms of one kind, for who asks what only that knows; no sum does."""
+        return tuple(term for term in self.terms if isinstance(term, kind))
+
+    @cached_property
+    def cables(self) -> CableTerm:
+        """The cables, whose tensions are unknowns."""
+        return self.of(CableTerm)[0]
+
+    @cached_property
+    def loads(self) -> Loads:
+        """The dead loads."""
+        return self.of(Loads)[0]
+
+    @cached_property
+    def contacts(self) -> tuple[ContactTerm, ...]:
+        """Surfaces that may touch."""
+        return self.of(ContactTerm)
+
+    def linearise(self, state: State, controls: Controls, theta: Theta, *, tangent: bool = True) -> Linearisation:
         """Gradient and, on demand, tangent. Where the state is inadmissible the gradient is empty."""
-        layout = self.layout
-        kinematics = tuple(solid.invariants(state.x) for solid in self.solids)
-        J_min = min((float(k[3].min()) for k in kinematics), default=1.0)
-        rods = tuple(
-            rod.assemble(state.position, state.rotation, part_theta(theta, rod.name), tangent=tangent)
-            for rod in self.rods
-        )
-        turn = max((rod.turn for rod in rods), default=0.0)
-        if not J_min > 0.0 or not turn < LARGEST_TURN:
-            return Linearisation(np.zeros(0), np.zeros(0), 0.0, J_min, turn, None, NO_BORDER, kinematics)
-        full = np.zeros(3 * layout.n_points + layout.n_pressures)
-        data = np.zeros(self.pattern.size) if tangent else None
-        for solid, places, known in zip(self.solids, self.solid_places, kinematics, strict=True):
-            solid.assemble(state.x, state.pressure, known, part_theta(theta, solid.name), full, data, places)
-        loss = friction_loss(self.cables, state.x, self._friction(theta))
-        pull = state.tension[self.cables.cable] * loss.factor
-        self.cables.assemble(state.x, pull, full, data, self.cable_places)
-        full[: 3 * layout.n_points] -= controls.load * self.loads.total(theta).ravel()
-        touches = [contact.at(state.x, hessian=tangent) for contact in self.contacts]
-        for touch in touches:
-            full[: 3 * layout.n_points] += touch.gradient.ravel()
-        gap = self.cables.lengths(state.x) - self.cables.rest_length + controls.shortening
-        reduced = np.concatenate([self.motion.reduce_gradient(state, full), np.where(controls.is_held, 0.0, gap)])
-        nodal = full[: 3 * layout.n_points]
-        square = float(nodal @ nodal)
-        for rod, blocks in zip(rods, self.rod_blocks, strict=True):
-            blocks.add_gradient(reduced, rod.gradient)
-            square += float(np.square(rod.gradient[:, :3]).sum())
-        at = Linearisation(full, reduced, float(np.sqrt(square)), J_min, turn, None, NO_BORDER, kinematics)
-        if data is None:
+        known = tuple(term.kinematics(state) for term in self.terms)
+        if why_not := self._why_not(known):
+            return Linearisation(controls, known, why_not)
+        total = Sum(self.layout, self.pattern.size if tangent else None)
+        for term, own in zip(self.terms, known, strict=True):
+            term.add(total, own, state, controls, theta)
+        forces = float(np.sqrt(np.vdot(total.points, total.points) + total.squares))
+        at = Linearisation(controls, known, "", total.full, self._on_unknowns(state, total), forces)
+        if total.data is None:
             return at
-        self.motion.reduce_tangent(state, full, data)
-        for rod, blocks in zip(rods, self.rod_blocks, strict=True):
-            if rod.tangent is not None:
-                blocks.add_tangent(data, rod.tangent)
-        border = self._border(state, controls, loss)
-        return replace(at, data=data[: self.pattern.nnz], border=border, touch=self._touch(state, touches))
+        self.motion.reduce_tangent(state, total.gradient, total.data)
+        data = total.data[: self.pattern.nnz]
+        return replace(at, data=data, border=self._border(state, total), touch=self._outside(state, total))
 
-    def softened(self, state: State, theta: Mapping[str, float]) -> str:
-        """Which bodies are compressed so far that their laws give way, as a sentence with a blank before it, or ""."""
-        ratios = [s.softened(s.invariants(state.x), part_theta(theta, s.name)) for s in self.solids]
-        return "".join(
-            f" Body {solid.name} is compressed to {ratio:.2g} of its volume, where its law {solid.law.name} gives way: "
-            "more compression takes less pressure there."
-            for solid, ratio in zip(self.solids, ratios, strict=True)
-            if ratio < 1.0
-        )
+    def gradient_by_parameters(self, state: State, at: Linearisation, theta: Theta, names: tuple[str, ...]) -> Floats:
+        """d reduced gradient / d parameter, (n_unknowns, n_names)."""
+        sums = {name: Sum(self.layout) for name in names}
+        for term, known in zip(self.terms, at.known, strict=True):
+            term.add_by_parameters(sums, known, state, at.controls, theta)
+        rows = [self._on_unknowns(state, one) for one in sums.values()]
+        return np.array(rows).reshape(len(names), self.layout.n_unknowns).T
+
+    def why_not(self, state: State) -> str:
+        """Why a state cannot be, as part of a sentence; "" where it can."""
+        return self._why_not([term.kinematics(state) for term in self.terms])
+
+    def remarks(self, state: State, theta: Theta) -> str:
+        """What a user should know of a solution: sentences with a blank before each, or ""."""
+        return "".join(term.remark(state, theta) for term in self.terms)
+
+    def sizes(self, theta: Theta) -> Sizes:
+        """What the scales of the equations are made of."""
+        sizes = Sizes(self.layout)
+        for term in self.terms:
+            term.measure(sizes, theta)
+        return sizes
+
+    def free_way(self, state: State, to: State) -> float:
+        """The part of the straight way between two states that leads through no contact, one where all of it does."""
+        return min((term.free_way(state.x, to.x) for term in self.terms), default=1.0)
 
     def tangent_times(self, at: Linearisation, dz: Floats) -> Floats:
         """The bordered tangent of a linearisation times rates dz (n_unknowns, k) of the unknowns.
@@ -201,133 +168,55 @@ class System:
             out[n + taut] = rows[:, :k].T @ x
         return out
 
-    def free_way(self, state: State, to: State) -> float:
-        """The part of the straight way between two states that leads through no contact, one where all of it does."""
-        return min((contact.free_way(state.x, to.x) for contact in self.contacts), default=1.0)
-
-    def _touch(self, state: State, touches: list[Touch]) -> Any:
-        """The contacts' tangent on the unknowns, upper triangle, or None where nothing touches."""
-        import scipy.sparse as sp
-
-        hessians = [touch.hessian for touch in touches if touch.hessian is not None]
-        if not hessians:
-            return None
-        P = self.motion.matrix(state)[: 3 * self.layout.n_points]
-        return sp.triu(P.T @ sum(hessians[1:], hessians[0]) @ P, format="csr")
-
     def length_gradient(self, state: State, i_cable: int) -> Floats:
         """dL/dz of one cable on the unknowns but the tensions (n_unknowns - n_cables,)."""
-        return self._segment_gradient(state, (self.cables.cable == i_cable).astype(float))
-
-    def shortening_by_offset(self, state: State) -> Floats:
-        """d shortening of each cable / d its routing offset (n_cables,), the robot at rest."""
-        return self.cables.rest_by_offset - self.cables.lengths_by_offset(state.x)
-
-    def pull(self, state: State, i_cable: int, theta: Mapping[str, float]) -> Floats:
-        """d gradient / d tension of one cable: its length's gradient, less what friction takes."""
-        loss = friction_loss(self.cables, state.x, self._friction(theta))
-        return self._segment_gradient(state, np.where(self.cables.cable == i_cable, loss.factor, 0.0))
-
-    def _segment_gradient(self, state: State, weights: Floats) -> Floats:
-        layout = self.layout
-        full = self.cables.segment_gradient(state.x, weights, 3 * layout.n_points + layout.n_pressures)
+        full = self.cables.length_gradient(state.x, i_cable, self.layout.n_components)
         return self.motion.reduce_gradient(state, full)
 
-    def _friction(self, theta: Mapping[str, float]) -> Floats:
-        return np.array([theta[f"{name}.friction_coefficient"] for name in self.cables.names])
+    def pull(self, state: State, i_cable: int, theta: Theta) -> Floats:
+        """d gradient / d tension of one cable: its length's gradient, less what friction takes."""
+        factor = self.cables.loss(state.x, theta).factor
+        full = self.cables.length_gradient(state.x, i_cable, self.layout.n_components, factor)
+        return self.motion.reduce_gradient(state, full)
 
-    def _border(self, state: State, controls: Controls, loss: Loss) -> Border:
-        taut = np.flatnonzero(~controls.is_held)
-        columns = [self._segment_gradient(state, np.where(self.cables.cable == i, loss.factor, 0.0)) for i in taut]
-        rows = columns.copy()
-        if len(loss.mu):
-            rows = [self.length_gradient(state, int(i)) for i in taut]
-            rider = self.layout.rider
-            moves = (rider != FIXED) & (rider < self.layout.n_moving_frames)
-            size = 3 * self.layout.n_points + self.layout.n_pressures
-            u, v = loss_border(self.cables, state.x, loss, state.tension, moves, size)
-            columns += [self.motion.reduce_gradient(state, column) for column in u.T]
-            rows += [self.motion.reduce_gradient(state, row) for row in v.T]
-        if not columns:
+    def _why_not(self, known: Sequence[Any]) -> str:
+        told = (term.why_not(own) for term, own in zip(self.terms, known, strict=True))
+        return next(filter(None, told), "")
+
+    def _on_unknowns(self, state: State, total: Sum) -> Floats:
+        """The gradient (n_unknowns,) of a sum."""
+        reduced = total.own.copy()
+        reduced[: self.layout.first_tension_unknown] += self.motion.reduce_gradient(state, total.gradient)
+        return reduced
+
+    def _border(self, state: State, total: Sum) -> Border:
+        pairs = [*((column, row) for _, column, row in total.held), *total.rank_one]
+        if not pairs:
             return NO_BORDER
-        corner = np.concatenate([np.zeros(len(taut)), -np.ones(len(columns) - len(taut))])
+        taut = np.array([i for i, *_ in total.held], dtype=np.int64)
+        columns = [self.motion.reduce_gradient(state, column) for column, _ in pairs]
+        rows = [
+            own if row is column else self.motion.reduce_gradient(state, row)
+            for own, (column, row) in zip(columns, pairs, strict=True)
+        ]
+        corner = np.concatenate([np.zeros(len(taut)), -np.ones(len(total.rank_one))])
         return Border(taut, np.stack(columns, axis=1), np.stack(rows, axis=1), corner)
 
-    def gradient_by_parameters(
-        self, state: State, at: Linearisation, theta: Mapping[str, float], names: tuple[str, ...]
-    ) -> Floats:
-        """d reduced gradient / d parameter, (n_unknowns, n_names)."""
-        layout = self.layout
-        full = {name: np.zeros(3 * layout.n_points + layout.n_pressures) for name in names}
-        for solid, known in zip(self.solids, at.kinematics, strict=True):
-            own = part_theta(full, solid.name)
-            solid.gradient_by_parameters(state.x, state.pressure, known, part_theta(theta, solid.name), own)
-        for name, unit in self.loads.per_unit.items():
-            if name in full:
-                full[name][: 3 * layout.n_points] -= unit.ravel()
-        loss = friction_loss(self.cables, state.x, self._friction(theta), by_all=True)
-        for i, cable in enumerate(self.cables.names):
-            name = f"{cable}.friction_coefficient"
-            if name in full:
-                weights = np.where(self.cables.cable == i, state.tension[i] * loss.by_mu, 0.0)
-                full[name] += self.cables.segment_gradient(state.x, weights, len(full[name]))
-            name = f"{cable}.routing_offset"
-            if name in full:
-                own = np.where(self.cables.cable == i, state.tension[i], 0.0)
-                rates = factor_rates(loss, self.cables.vectors_by_offset(state.x))
-                full[name] += self.cables.gradient_by_offset(state.x, own * loss.factor, own * rates, len(full[name]))
-        offsets = {f"{cable}.routing_offset": i for i, cable in enumerate(self.cables.names)}
-        out = np.zeros((layout.n_unknowns, len(names)))
-        for k, name in enumerate(names):
-            out[: layout.first_tension_unknown, k] = self.motion.reduce_gradient(state, full[name])
-            if name in offsets and (i := offsets[name]) in at.border.taut:
-                out[layout.first_tension_unknown + i, k] = -self.shortening_by_offset(state)[i]
-        for rod, blocks in zip(self.rods, self.rod_blocks, strict=True):
-            wanted = {key: k for k, name in enumerate(names) if (key := name.removeprefix(f"{rod.name}.")) != name}
-            if not wanted:
-                continue
-            by = rod.gradient_by_parameters(state.position, state.rotation, part_theta(theta, rod.name))
-            for key in wanted.keys() & by.keys():
-                blocks.add_gradient(out[:, wanted[key]], by[key])
-        return out
+    def _outside(self, state: State, total: Sum) -> Any:
+        """What is outside the pattern, on the unknowns: upper triangle, or None where nothing is."""
+        import scipy.sparse as sp
+
+        if not total.outside:
+            return None
+        P = self.motion.matrix(state)[: 3 * self.layout.n_points]
+        return sp.triu(P.T @ sum(total.outside[1:], total.outside[0]) @ P, format="csr")
 
 
-def build_system(
-    layout: Layout,
-    solids: tuple[SolidTerm, ...],
-    cables: CableTerm,
-    loads: Loads,
-    rods: tuple[RodTerm, ...] = (),
-    contacts: tuple[ContactTerm, ...] = (),
-) -> System:
+def build_system(layout: Layout, terms: Sequence[Term]) -> System:
     """Plan the pattern of all terms together."""
-    connectivities = [solid.connectivity(layout.n_points) for solid in solids] + cables.connectivities()
+    connected = [term.connectivity(layout) for term in terms]
     none = np.zeros((0, 2), dtype=np.int64)
-    pairs = np.concatenate([none, *(moving_pairs(layout, rod.frames) for rod in rods)])
-    pattern = build_pattern(layout, connectivities, pairs)
-    volume = sum(float(solid.w.sum()) for solid in solids)
-    volume += sum(float(rod.length.sum()) * rod.section.area for rod in rods)
-    extent = float(np.linalg.norm(np.ptp(layout.X, axis=0)))
-    return System(
-        layout=layout,
-        pattern=pattern,
-        motion=build_motion(layout, pattern),
-        solids=solids,
-        solid_places=tuple(solid.places(pattern, layout.n_points) for solid in solids),
-        rods=rods,
-        rod_blocks=tuple(frame_blocks(layout, pattern, rod.frames) for rod in rods),
-        cables=cables,
-        cable_places=cables.places(pattern),
-        loads=loads,
-        contacts=contacts,
-        stiffness_length=volume / extent**2,
-    )
-
-
-Of = TypeVar("Of")
-
-
-def part_theta(theta: Mapping[str, Of], name: str) -> dict[str, Of]:
-    """What belongs to one body or rod, without its name in front."""
-    prefix = f"{name}."
-    return {key.removeprefix(prefix): value for key, value in theta.items() if key.startswith(prefix)}
+    pairs = np.concatenate([none, *(moving_pairs(layout, frames) for one in connected for frames in one.frames)])
+    pattern = build_pattern(layout, [conn for one in connected for conn in one.entities], pairs)
+    planned = tuple(term.plan(layout, pattern) for term in terms)
+    return System(layout, pattern, build_motion(layout, pattern), planned)

@@ -9,59 +9,57 @@ or buckled one K has negative eigenvalues, and gives energy.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numba
 import numpy as np
 
 from softcal.checks import Floats, Ints
-from softcal.materials.law import stacked
-from softcal.mechanics.solid import SolidTerm
-from softcal.mechanics.solid_kernels import FAST, Places
+from softcal.mechanics.layout import Layout
+from softcal.mechanics.pattern import Pattern
+from softcal.mechanics.solid_kernels import FAST, Places, kinematics
 from softcal.mechanics.state import State
-from softcal.mechanics.system import part_theta
+from softcal.mechanics.term import Connectivity, Controls, Sum, Term, Theta
 
 
 @dataclass(frozen=True)
-class ViscousTerm:
-    """A body's viscosity in one step: lmbda and mu are r_s / h times its moduli [Pa]; C_n (n_tets, n_q, 3, 3): F^T F at
-    the step's start.
+class ViscousTerm(Term):
+    """A body's viscosity in one step, between its points conn: lmbda and mu are r_s / h times its moduli [Pa];
+    C_n (n_tets, n_q, 3, 3): F^T F at the step's start; places: where its blocks stand, as the body's do.
     """
 
     conn: Ints
     dN: Floats
     w: Floats
-    places: Places
     lmbda: float
     mu: float
     C_n: Floats
+    places: Places
 
-    def assemble(self, F: Floats, gradient: Floats, data: Floats | None) -> None:
-        """Add the gradient (3 n_points + n_pressures,) and, where `data` is given, the tangent, at F."""
-        S = np.empty_like(F)
-        _add_gradient(gradient, self.conn, self.dN, self.w, F, self.C_n, S, (self.lmbda, self.mu))
-        if data is not None:
-            _add_tangent(data, self.places, self.dN, self.w, F, S, self.lmbda, self.mu)
+    def connectivity(self, layout: Layout) -> Connectivity:
+        return Connectivity([self.conn])
 
+    def plan(self, layout: Layout, pattern: Pattern) -> ViscousTerm:
+        return replace(self, places=pattern.blocks(self.conn).astype(np.int32))
 
-def viscous_term(solid: SolidTerm, places: Places, theta: Mapping[str, float], share: float, now: State) -> ViscousTerm:
-    """The viscosity of a body in a step from `now` on; share: r_s / h."""
-    lmbda, mu = rest_moduli(solid, part_theta(theta, solid.name))
-    F = solid.invariants(now.x)[0]
-    return ViscousTerm(solid.conn, solid.dN, solid.w, places, share * lmbda, share * mu, np.swapaxes(F, 2, 3) @ F)
+    def kinematics(self, state: State) -> Floats:
+        """F (n_tets, n_q, 3, 3)."""
+        F, I1, I2, J = np.empty_like(self.C_n), *(np.empty_like(self.w) for _ in range(3))
+        kinematics(state.x, self.conn, self.dN, F, I1, I2, J)
+        return F
 
+    def add(self, into: Sum, known: Floats, state: State, controls: Controls, theta: Theta) -> None:
+        gradient, S = np.zeros_like(into.full), np.empty_like(known)
+        _add_gradient(gradient, self.conn, self.dN, self.w, known, self.C_n, S, (self.lmbda, self.mu))
+        into.in_motion.append(gradient)
+        if into.data is not None:
+            _add_tangent(into.data, self.places, self.dN, self.w, known, S, self.lmbda, self.mu)
 
-def rest_moduli(solid: SolidTerm, theta: Mapping[str, float]) -> tuple[float, float]:
-    """Lamé's moduli [Pa] of the undeformed body, those of psi_d alone where pressures carry the rest."""
-    compiled = solid.compiled
-    values = (theta[name] for name in compiled.parameters)
-    derivatives = compiled.distortional if solid.is_mixed else compiled.full
-    rows = stacked(derivatives(np.full(1, 3.0), np.full(1, 3.0), np.ones(1), *values), 1)[:, 0]
-    _, psi_2, psi_J, psi_11, psi_12, psi_1J, psi_22, psi_2J, psi_JJ = (float(row) for row in rows)
-    # 4 d2psi/dC2 at C = I, where dI1 = I, dI2 = 2 I, dJ = I/2
-    lmbda = 4.0 * (psi_11 + 4.0 * psi_12 + psi_1J + 4.0 * psi_22 + 2.0 * psi_2J + psi_2) + psi_JJ + psi_J
-    return lmbda, -2.0 * psi_2 - psi_J
+    def energy(self, state: State, controls: Controls, theta: Theta) -> float:
+        F = self.kinematics(state)
+        dE = 0.5 * (np.swapaxes(F, 2, 3) @ F - self.C_n)
+        trace, square = np.einsum("eqii->eq", dE), np.square(dE).sum(axis=(2, 3))
+        return float(np.sum(self.w * (0.5 * self.lmbda * trace**2 + self.mu * square)))
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=FAST)

@@ -167,7 +167,7 @@ def build_twin(robot: Robot) -> Twin:
     loads = build_loads(robot, meshes, builder.first, forces, layout.n_points)
     contacts = build_contacts(robot, layout, meshes, builder.first)
     cables = build_cables(layout.X, via, pulled_last, by_offset)
-    system = build_system(layout, tuple(solids), cables, loads, rods, contacts)
+    system = build_system(layout, (*solids, *rods, cables, loads, *contacts))
     return Twin(robot, system, builder.first, meshes, frames.of_plate, via, markers, pressure_nodes)
 
 

@@ -11,10 +11,10 @@ from softcal.checks import Floats
 from softcal.errors import Fault, InputError, ParameterError, SimulationError
 from softcal.mechanics.crossing import Crossings
 from softcal.mechanics.dynamics import Dynamics
-from softcal.mechanics.inertial_system import Instant, at_rest
 from softcal.mechanics.state import rest_state
 from softcal.mechanics.statics import Statics
-from softcal.mechanics.system import Controls
+from softcal.mechanics.term import Controls
+from softcal.mechanics.time_step import Instant, at_rest
 from softcal.twin.build import Twin, cached_twin
 from softcal.twin.crossings import crossed_at
 from softcal.twin.masses import robot_inertia

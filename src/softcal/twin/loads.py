@@ -8,7 +8,7 @@ from softcal.checks import Floats
 from softcal.errors import Fault, MeshError
 from softcal.geometry.mesh import TET_EDGES, TetMesh
 from softcal.mechanics.element import nodal_volumes
-from softcal.mechanics.system import Loads
+from softcal.mechanics.loads import Loads
 from softcal.twin.robot import Robot, SurfaceLoad
 
 Weights = list[tuple[int, float]]

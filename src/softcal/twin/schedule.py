@@ -10,8 +10,8 @@ import numpy as np
 
 from softcal.checks import Floats, frozen_floats
 from softcal.errors import Fault, InputError
+from softcal.mechanics.damping import Damping, DampingKind
 from softcal.mechanics.dynamics import Scheme
-from softcal.mechanics.inertial_system import Damping, DampingKind
 from softcal.twin.masses import MassMatrix
 from softcal.twin.protocol import Command
 from softcal.twin.robot import Control

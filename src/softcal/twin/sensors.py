@@ -68,7 +68,7 @@ def sense_by_parameters(twin: Twin, state: State, by_parameter: Floats, names: S
     A routing offset changes a cable's length where the robot is still, too.
     """
     rates = sense_rates(twin, state, by_parameter)
-    of_itself = twin.system.shortening_by_offset(state)
+    of_itself = twin.system.cables.shortening_by_offset(state.x)
     for i, cable in enumerate(twin.robot.cables):
         if (name := f"{cable.name}.routing_offset") in names:
             rates[2 * i, list(names).index(name)] += of_itself[i]

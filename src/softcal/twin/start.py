@@ -9,6 +9,7 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.errors import SimulationError
 from softcal.mechanics.path import Line, Node, follow, node_at
+from softcal.mechanics.rod import RodTerm
 from softcal.mechanics.stability import is_stable
 from softcal.mechanics.state import State, rest_state
 from softcal.mechanics.statics import Statics
@@ -103,7 +104,7 @@ def _label(drive: float, unit: str) -> str:
 
 
 def _rod_strains(twin: Twin, state: State) -> dict[str, float]:
-    strains = (term.strains(state.position, state.rotation)[:, :3] for term in twin.system.rods)
+    strains = (term.strains(state.position, state.rotation)[:, :3] for term in twin.system.of(RodTerm))
     squares = (float(np.mean(np.sum(strain**2, axis=1))) for strain in strains)
     return {rod.name: float(np.sqrt(square)) for rod, square in zip(twin.robot.rods, squares, strict=True)}
 

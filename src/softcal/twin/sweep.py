@@ -337,7 +337,7 @@ class Sweep:
         return (
             f"No equilibrium beyond {end:.4g} mm of shortening of {self.cable} "
             f"({n} of {n_samples} samples reached): {path.status}."
-            f"{self.twin.system.softened(path.nodes[-1].state, self.statics.theta)}"
+            f"{self.twin.system.remarks(path.nodes[-1].state, self.statics.theta)}"
         )
 
     def _remarks(self, path: Path, end: float = np.inf) -> tuple[str, str]:

@@ -1,0 +1,34 @@
+"""Rayleigh's damping, and the time step that it acts in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from softcal.mechanics.state import State
+
+# Of bodies: on strains, which never gives energy; or with the tangent of their forces, as in SOFA.
+DampingKind = Literal["strain", "tangent"]
+
+
+@dataclass(frozen=True)
+class Damping:
+    """Rayleigh's coefficients: stiffness [s] and mass [1/s], C = stiffness K + mass M; kind: what K is for bodies."""
+
+    stiffness: float = 0.0
+    mass: float = 0.0
+    kind: DampingKind = "strain"
+
+
+@dataclass(frozen=True)
+class TimeStep:
+    """A step of backward Euler from the state `before` on; length [s]."""
+
+    before: State
+    length: float
+    damping: Damping
+
+    @property
+    def share(self) -> float:
+        """r_s / h: what a strain's change in the step adds to it."""
+        return self.damping.stiffness / self.length

@@ -1,0 +1,47 @@
+"""Dead loads: forces on points that keep their direction. Weight is one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.mechanics.state import State
+from softcal.mechanics.term import Controls, Sum, Term, Theta
+
+
+@dataclass(frozen=True)
+class Loads(Term):
+    """Dead forces on the points by parameter: total = constant + sum of value * per_unit[name], (n_points, 3) [N].
+
+    Weight is such a force: a body's density or a plate's mass times its force per unit.
+    """
+
+    constant: Floats
+    per_unit: Mapping[str, Floats]
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        return tuple(self.per_unit)
+
+    def total(self, theta: Theta) -> Floats:
+        """Force on every point (n_points, 3) [N]."""
+        force = self.constant.copy()
+        for name, unit in self.per_unit.items():
+            force += theta[name] * unit
+        return force
+
+    def add(self, into: Sum, known: Any, state: State, controls: Controls, theta: Theta) -> None:
+        into.points -= controls.load * self.total(theta)
+
+    def add_by_parameters(
+        self, into: Mapping[str, Sum], known: Any, state: State, controls: Controls, theta: Theta
+    ) -> None:
+        for name in into.keys() & self.per_unit.keys():
+            into[name].points -= controls.load * self.per_unit[name]
+
+    def energy(self, state: State, controls: Controls, theta: Theta) -> float:
+        return -controls.load * float(np.sum(self.total(theta) * state.x))

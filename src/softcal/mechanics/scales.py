@@ -1,0 +1,62 @@
+"""The sizes by which a robot's equations are scaled, as its terms tell them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from softcal.checks import Floats, Ints
+from softcal.mechanics.layout import Layout
+from softcal.mechanics.state import State, rest_state
+
+
+@dataclass
+class Sizes:
+    """Gathered from terms (`Term.measure`).
+
+    shear_modulus: the largest [Pa]; volume: of all material [m^3]; meshed: that of the tets alone, n_tets of them;
+    stiffness: diagonal of the frames' own tangent at rest, on the unknowns; frames: those that have it, by term.
+    """
+
+    layout: Layout
+    shear_modulus: float = 0.0
+    volume: float = 0.0
+    meshed: float = 0.0
+    n_tets: int = 0
+    frames: list[Ints] = field(default_factory=list[Ints])
+    stiffness: Floats = field(init=False)
+    rest: State = field(init=False)
+    extent: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.stiffness = np.zeros(self.layout.n_unknowns)
+        self.rest = rest_state(self.layout)
+        self.extent = float(np.linalg.norm(np.ptp(self.layout.X, axis=0)))
+
+    @property
+    def force(self) -> float:
+        """What bends the whole robot visibly [N]: shear modulus times the square of area over length."""
+        return self.shear_modulus * (self.volume / self.extent**2) ** 2
+
+    def positions(self) -> Ints:
+        """Unknowns that are positions of material: of free points, and of frames with a stiffness of their own."""
+        first = self.layout.first_frame_unknown
+        return np.concatenate([np.arange(first), *(first + 6 * f + i for f in self.frames for i in range(3))])
+
+    def units(self) -> Floats:
+        """Units of the unknowns in which the tangent's entries are of one size; pivots are judged against each other.
+
+        That size is the one of a free point's entries in metres: shear modulus times length of an element.
+        """
+        layout = self.layout
+        h = (6.0 * self.meshed / self.n_tets) ** (1.0 / 3.0) if self.n_tets else self.extent
+        unit = np.ones(layout.first_tension_unknown)
+        of_frames = slice(layout.first_frame_unknown, layout.first_pressure_unknown)
+        frames, stiffness = unit[of_frames].reshape(-1, 6), self.stiffness[of_frames].reshape(-1, 6)
+        frames[:, 3:] = 4.0 / self.extent
+        stiff = stiffness[:, 0] > 0.0
+        for part in (slice(0, 3), slice(3, 6)):
+            frames[stiff, part] = np.sqrt(self.shear_modulus * h / stiffness[stiff, part].mean(axis=1))[:, None]
+        unit[layout.first_pressure_unknown :] = self.shear_modulus / h
+        return unit

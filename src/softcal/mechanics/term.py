@@ -1,0 +1,141 @@
+"""A term of the potential, and the sum that terms add to.
+
+    Pi(z) = sum of terms,    gradient and tangent likewise
+
+Each body, each rod, the cables, the dead loads, contact, and in a time step inertia and viscosity are terms. The
+assembly (`system.py`) knows none of them: a term says what it connects, looks up once where its blocks go, and then
+adds to a `Sum` at every state. A new one is one file; `tests/contracts/test_term_contract.py` shows what it must keep.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Self, TypeVar
+
+import numpy as np
+
+from softcal.checks import Floats, Ints
+from softcal.mechanics.damping import TimeStep
+from softcal.mechanics.layout import Layout
+from softcal.mechanics.pattern import Pattern
+from softcal.mechanics.scales import Sizes
+from softcal.mechanics.state import State
+
+Theta = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Controls:
+    """Per cable: is_held (its tension is given) with that tension [N], else its shortening [m]; load: factor on all
+    dead loads, one but while they are put on.
+    """
+
+    is_held: np.ndarray
+    tension: Floats
+    shortening: Floats
+    load: float = 1.0
+
+
+class Connectivity(NamedTuple):
+    """What a term's tangent connects: groups of entities, arrays (n, k) with ascending rows, and of frames (n, 2)."""
+
+    entities: Sequence[Ints] = ()
+    frames: Sequence[Ints] = ()
+
+
+class Sum:
+    """What terms add to, zero at first.
+
+    full: gradient on all entities (n_components,), points its (n_points, 3); own: gradient on the unknowns
+    (n_unknowns,), for terms on frames and cables, tensions its (n_cables,); data: the tangent's long array (see
+    `Pattern`), or None where none is wanted.
+
+    squares: of forces [N^2] that residuals are measured by, besides those in `full`. held: (cable, column, row) that
+    border the tangent for a tension that is unknown; rank_one: (column, row) whose product is added to it (all on
+    entities); outside: sparse tangents (3 n_points, 3 n_points) whose entries no pattern holds; in_motion: gradients on
+    all entities of what acts in motion alone, which residuals are not measured by.
+    """
+
+    def __init__(self, layout: Layout, size: int | None = None) -> None:
+        self.full: Floats = np.zeros(layout.n_components)
+        self.own: Floats = np.zeros(layout.n_unknowns)
+        self.data: Floats | None = None if size is None else np.zeros(size)
+        self.squares = 0.0
+        self.held: list[tuple[int, Floats, Floats]] = []
+        self.rank_one: list[tuple[Floats, Floats]] = []
+        self.outside: list[Any] = []
+        self.in_motion: list[Floats] = []
+        self.points: Floats = self.full[: 3 * layout.n_points].reshape(-1, 3)  # of `full`
+        self.tensions: Floats = self.own[layout.first_tension_unknown :]  # of `own`
+
+    @property
+    def gradient(self) -> Floats:
+        """The whole gradient on all entities."""
+        return sum(self.in_motion, start=self.full)
+
+
+class Term(ABC):
+    """One summand of the potential. Frozen: parameters theta [SI] and the state come with each call.
+
+    Only `add` and `energy` are a must; the rest is for terms that have it.
+    """
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names in theta of the parameters that its gradient has derivatives by."""
+        return ()
+
+    def connectivity(self, layout: Layout) -> Connectivity:
+        """What its tangent connects: at least every block that `add` writes to."""
+        return Connectivity()
+
+    def plan(self, layout: Layout, pattern: Pattern) -> Self:
+        """The term with the places of its blocks, looked up once; `add` is called of planned terms alone."""
+        return self
+
+    def kinematics(self, state: State) -> Any:
+        """What gradient and derivatives share at a state; handed to them as `known`."""
+        return None
+
+    def why_not(self, known: Any) -> str:
+        """Why the state cannot be, as part of a sentence; "" where it can."""
+        return ""
+
+    @abstractmethod
+    def add(self, into: Sum, known: Any, state: State, controls: Controls, theta: Theta) -> None:
+        """Add the gradient and, where `into` has `data`, the exact symmetric tangent."""
+
+    def add_by_parameters(  # noqa: B027
+        self, into: Mapping[str, Sum], known: Any, state: State, controls: Controls, theta: Theta
+    ) -> None:
+        """Add d gradient / d parameter to into[parameter], for those of its parameters that are in there."""
+
+    @abstractmethod
+    def energy(self, state: State, controls: Controls, theta: Theta) -> float:
+        """The potential [J] whose derivative the gradient is; without friction, which has none."""
+
+    def measure(self, sizes: Sizes, theta: Theta) -> None:  # noqa: B027
+        """Add what the scales of the robot's equations are made of."""
+
+    def remark(self, state: State, theta: Theta) -> str:
+        """What a user should know of a solution, as a sentence with a blank before it; "" where nothing."""
+        return ""
+
+    def free_way(self, x: Floats, to: Floats) -> float:
+        """The part of the straight way between positions (n_points, 3) that the term lets the robot go, one for all."""
+        return 1.0
+
+    def in_step(self, step: TimeStep, theta: Theta) -> Sequence[Term]:
+        """What it is within a time step: itself, and what its damping or its friction adds from the step's start on."""
+        return (self,)
+
+
+Of = TypeVar("Of")
+
+
+def part_theta(theta: Mapping[str, Of], name: str) -> dict[str, Of]:
+    """What belongs to one body or rod, without its name in front."""
+    prefix = f"{name}."
+    return {key.removeprefix(prefix): value for key, value in theta.items() if key.startswith(prefix)}

@@ -1,0 +1,123 @@
+"""One time step: what backward Euler makes of mass and damping is a term like any other.
+
+With x_n, v_n at the step's start, h its length, and Rayleigh's coefficients r_m [1/s] and r_s [s], a step solves
+
+    M (v - v_n) / h + r_m M v + g(x) + d(x) = 0,    v = (x - x_n) / h
+
+where g is the gradient of the total potential and d that of damping. So
+
+- mass is a spring of stiffness k = (1 + h r_m) / h^2 to x_n + h v_n / (1 + h r_m), for rotation matrices too;
+- damping of bodies acts on their strains (`viscosity.py`) or, as Rayleigh's r_s K v and SOFA's, on their forces:
+  d = r_s (g_int(x) - g_int(x_n)) / h, which multiplies their energy by 1 + r_s / h, less a dead force;
+- damping of rods acts on their strains, xi: their energy is stiffer by 1 + r_s / h about a strain at rest in between,
+  (xi_0 + r_s / h xi_n) / (1 + r_s / h).
+
+Every term says what it is within a step (`Term.in_step`), mass is one more, and the tangent is exact and symmetric.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.mechanics.damping import Damping, TimeStep
+from softcal.mechanics.inertia import Inertia, Rates, axial
+from softcal.mechanics.layout import Layout
+from softcal.mechanics.pattern import Pattern
+from softcal.mechanics.state import State
+from softcal.mechanics.system import System
+from softcal.mechanics.term import Connectivity, Controls, Sum, Term, Theta
+
+
+@dataclass(frozen=True)
+class Instant:
+    """The robot at a time [s]: where it is and how it moves, velocities [m/s] and rotations' R' [1/s]."""
+
+    time: float
+    state: State
+    velocities: Rates
+
+
+@dataclass(frozen=True)
+class InertialTerm(Term):
+    """Mass, and its damping, in a step from an instant on; step [s], damping: r_m [1/s]."""
+
+    inertia: Inertia
+    before: Instant
+    step: float
+    damping: float
+
+    def connectivity(self, layout: Layout) -> Connectivity:
+        """The points that share an element's mass; frames have entries of their own anyway."""
+        pairs = self.inertia.pairs
+        return Connectivity([np.stack([pairs.row, pairs.col], axis=1).astype(np.int64)])
+
+    def plan(self, layout: Layout, pattern: Pattern) -> InertialTerm:
+        return replace(self, inertia=self.inertia.planned(pattern))
+
+    def add(self, into: Sum, known: Any, state: State, controls: Controls, theta: Theta) -> None:
+        accelerations = self._accelerations(state)
+        forces = self.inertia.forces(state.rotation, accelerations)
+        into.in_motion.append(forces.full)
+        self.inertia.blocks.add_gradient(into.own, forces.on_frames)
+        into.squares += float(forces.full @ forces.full) + float(np.square(forces.on_frames[:, :3]).sum())
+        if into.data is not None:
+            into.data += self._rate * self.inertia.data
+            tangent = self.inertia.tangent(state.rotation, accelerations, self._rate)
+            self.inertia.blocks.add_tangent(into.data, tangent)
+
+    def energy(self, state: State, controls: Controls, theta: Theta) -> float:
+        """Twice what its accelerations would be the velocities of, over their rate."""
+        return self.inertia.momentum(state, self._accelerations(state)).kinetic_energy / self._rate
+
+    @property
+    def _rate(self) -> float:
+        """k [1/s^2]."""
+        return (1.0 + self.step * self.damping) / self.step**2
+
+    def _accelerations(self, state: State) -> Rates:
+        """What makes r_m M v + M (v - v_n) / h."""
+        old, moving = self.before.state, self.before.velocities
+        return Rates(
+            self._rate * (state.x - old.x) - moving.points / self.step,
+            self._rate * (state.position - old.position) - moving.frames / self.step,
+            self._rate * (state.rotation - old.rotation) - moving.turning / self.step,
+        )
+
+
+def in_step(system: System, inertia: Inertia, damping: Damping, step: float, before: Instant, theta: Theta) -> System:
+    """The system in a step [s] from an instant on: planned as it is at rest, which must connect all that has mass."""
+    of_step = TimeStep(before.state, step, damping)
+    terms = [part for term in system.terms for part in term.in_step(of_step, theta)]
+    return replace(system, terms=(*terms, InertialTerm(inertia, before, step, damping.mass)))
+
+
+def at_rest(state: State, time: float = 0.0) -> Instant:
+    """A state that does not move."""
+    still = Rates(np.zeros_like(state.x), np.zeros_like(state.position), np.zeros_like(state.rotation))
+    return Instant(time, state, still)
+
+
+def after(before: Instant, state: State, step: float) -> Instant:
+    """The instant at a step's end: velocities are differences."""
+    old = before.state
+    return Instant(
+        before.time + step,
+        state,
+        Rates((state.x - old.x) / step, (state.position - old.position) / step, (state.rotation - old.rotation) / step),
+    )
+
+
+def coasting(layout: Layout, now: Instant, step: float) -> Floats:
+    """The step of the unknowns (n_unknowns,) with velocities as they are: a guess."""
+    n = layout.n_moving_frames
+    dz = np.zeros(layout.n_unknowns)
+    dz[: layout.first_frame_unknown] = now.velocities.points[layout.free_points].ravel()
+    frames = dz[layout.first_frame_unknown : layout.first_pressure_unknown].reshape(-1, 6)
+    frames[:, :3] = now.velocities.frames[:n]
+    spin = now.velocities.turning[:n] @ np.swapaxes(now.state.rotation[:n], 1, 2)
+    frames[:, 3:] = -0.5 * axial(spin)
+    return step * dz

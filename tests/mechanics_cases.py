@@ -18,7 +18,7 @@ from softcal.materials.law import Law
 from softcal.mechanics.loads import Loads
 from softcal.mechanics.state import State, rest_state
 from softcal.mechanics.system import Linearisation, System
-from softcal.mechanics.term import Controls
+from softcal.mechanics.term import Controls, Given
 from softcal.twin.build import Twin, build_twin
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.protocol import Command, Protocol
@@ -90,7 +90,7 @@ def held(n_cables: int = 0, tension: float = 0.0) -> Controls:
 
 def potential(system: System, state: State, controls: Controls, theta: Mapping[str, float]) -> float:
     """The total potential [J], whose gradient and tangent `System.linearise` gives."""
-    return sum(term.energy(state, controls, theta) for term in system.terms)
+    return sum(term.energy(Given(state, controls, theta)) for term in system.terms)
 
 
 def full_matrix(system: System, at: Linearisation) -> np.ndarray:

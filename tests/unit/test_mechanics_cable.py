@@ -5,7 +5,7 @@ import pytest
 
 from softcal.mechanics.cable import MET, build_cables
 from softcal.mechanics.layout import FREE, Layout
-from softcal.mechanics.pattern import build_pattern
+from softcal.mechanics.system import build_system
 
 X = np.array([[0.0, 0.0, 0.0], [0.2, 0.0, 0.0], [0.2, 0.3, 0.0]])
 
@@ -50,11 +50,11 @@ def test_its_gradient_is_the_lengths(part: float) -> None:
 @pytest.mark.parametrize("part", [0.0, 0.3, 0.99, 1.01, 3.0])
 def test_its_tangent_is_the_gradients(part: float) -> None:
     """With the same tension everywhere; the tangent is given as an upper triangle."""
-    cable, x, h, T = term(), nearer(part), 1e-8, 2.0
-    layout = Layout(X, np.full(3, FREE), np.zeros((0, 3)), 0, 1)
-    pattern = build_pattern(layout, cable.connectivities(), np.zeros((0, 2), dtype=np.int64))
+    x, h, T = nearer(part), 1e-8, 2.0
+    system = build_system(Layout(X, np.full(3, FREE), np.zeros((0, 3)), 0, 1), (term(),))
+    cable, pattern = system.cables, system.pattern
     data, force = np.zeros(pattern.size), np.zeros(9)
-    cable.assemble(x, np.full(2, T), force, data, cable.places(pattern))
+    cable.pull(x, np.full(2, T), force, data)
     np.testing.assert_allclose(force, T * gradient(cable, x), atol=1e-12)
     K = np.zeros((9, 9))
     K[pattern.rows, pattern.indices] = data[: pattern.nnz]

@@ -15,6 +15,7 @@ from softcal.materials.law import compile_law
 from softcal.materials.neo_hooke import NEO_HOOKE
 from softcal.mechanics.element import quadrature, reference_gradients, shape_functions, shape_gradients
 from softcal.mechanics.solid import SolidTerm
+from softcal.mechanics.term import Given
 
 CORNERS = np.eye(4)
 EDGES = 0.5 * (CORNERS[[0, 1, 0, 0, 1, 2]] + CORNERS[[1, 2, 2, 3, 3, 3]])
@@ -108,5 +109,5 @@ def test_energy_of_a_homogeneous_stretch_is_psi_times_volume(element):
     psi = mu / 2 * (np.sum(stretch**2) - 3) - mu * lnJ + lmbda / 2 * lnJ**2
     pressure = np.full(mesh.n_points, kappa * lnJ)
     state = replace(placed(system, mesh.points * stretch), pressure=pressure)
-    got = solid.energy(state, held(), body_theta(theta))
+    got = solid.energy(Given(state, held(), body_theta(theta)))
     assert got == pytest.approx(9.0 * psi, rel=1e-12)

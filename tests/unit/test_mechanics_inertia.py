@@ -19,7 +19,7 @@ from softcal.mechanics.dynamics import pulls_without_push
 from softcal.mechanics.inertia import Rates, element_masses, second_moments
 from softcal.mechanics.solid import SolidTerm, build_solid
 from softcal.mechanics.state import exponential, moved, rest_state
-from softcal.mechanics.term import Sum, Term
+from softcal.mechanics.term import Given, Sum, Term
 from softcal.mechanics.time_step import Instant, after, at_rest, in_step
 from softcal.twin.build import build_twin
 from softcal.twin.masses import robot_inertia
@@ -242,11 +242,12 @@ def test_viscosity_of_a_small_motion_is_rayleighs():
     layout, (solid,) = twin.system.layout, twin.system.of(SolidTerm)
     theta = {key: info.value for key, info in robot_parameters(robot).items()}
     rest = rest_state(layout)
-    _, viscous = solid.in_step(TimeStep(rest, 0.1, Damping(stiffness=0.3)), theta)
+    begun = Given(rest, held(), theta, solid.kinematics(rest))
+    _, viscous = solid.in_step(begun, TimeStep(layout, 0.1, Damping(stiffness=0.3)))
 
     def force(x: np.ndarray, of: Term = viscous) -> np.ndarray:
         state, total = replace(rest, x=x), Sum(layout)
-        of.add(total, of.kinematics(state), state, held(), theta)
+        of.add(total, Given(state, held(), theta, of.kinematics(state)))
         return total.gradient
 
     u = 1e-7 * np.random.default_rng(0).standard_normal(rest.x.shape)

@@ -13,9 +13,8 @@ off to a smooth minimum, so that the force between them is the one that they bea
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
 
 import numba
 import numpy as np
@@ -24,8 +23,7 @@ from softcal.checks import Floats, Ints
 from softcal.mechanics.cable_friction import Loss, factor_rates, friction_loss, loss_border
 from softcal.mechanics.layout import FIXED, Layout
 from softcal.mechanics.pattern import Pattern
-from softcal.mechanics.state import State
-from softcal.mechanics.term import Connectivity, Controls, Sum, Term, Theta
+from softcal.mechanics.term import Connectivity, Given, Sum, Term, Theta
 
 MET = 1e-3  # of a segment's length at rest: shorter than that its ends have met
 
@@ -34,9 +32,12 @@ MET = 1e-3  # of a segment's length at rest: shorter than that its ends have met
 class CablePlaces:
     """Where the segments' blocks stand in the tangent's long array; moves (n_points,): whether a point can."""
 
-    pairs: Ints = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))  # (n_pairs, 3)
-    pair_ptr: Ints = field(default_factory=lambda: np.zeros(1, dtype=np.int64))  # (n_segments + 1,)
-    moves: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    pairs: Ints  # (n_pairs, 3)
+    pair_ptr: Ints  # (n_segments + 1,)
+    moves: np.ndarray
+
+
+UNPLANNED = CablePlaces(np.zeros((0, 3), dtype=np.int64), np.zeros(1, dtype=np.int64), np.zeros(0, dtype=bool))
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ class CableTerm(Term):
     met: Floats
     by_offset: Floats
     rest_by_offset: Floats
-    places: CablePlaces = field(default_factory=CablePlaces)
+    places: CablePlaces = UNPLANNED
 
     @property
     def n_cables(self) -> int:
@@ -76,44 +77,41 @@ class CableTerm(Term):
         blocks = [pattern.blocks(segment)[0] for segment in self._segments()]
         ptr = np.cumsum([0, *(len(pairs) for pairs in blocks)])
         moves = (layout.rider != FIXED) & (layout.rider < layout.n_moving_frames)
-        return replace(self, places=CablePlaces(np.concatenate([CablePlaces().pairs, *blocks]), ptr, moves))
+        return replace(self, places=CablePlaces(np.concatenate([UNPLANNED.pairs, *blocks]), ptr, moves))
 
-    def add(self, into: Sum, known: Any, state: State, controls: Controls, theta: Theta) -> None:
+    def add(self, into: Sum, given: Given) -> None:
         """The tensions' pull, the cables' lengths over the prescribed ones, and a border for tensions and friction."""
-        loss = self.loss(state.x, theta)
-        self.pull(state.x, state.tension[self.cable] * loss.factor, into.full, into.data)
-        gap = self.lengths(state.x) - self.rest_length + controls.shortening
-        into.tensions += np.where(controls.is_held, 0.0, gap)
+        x, controls, loss = given.state.x, given.controls, self.loss(given.state.x, given.theta)
+        self.pull(x, given.state.tension[self.cable] * loss.factor, into.full, into.data)
+        into.tensions += np.where(controls.is_held, 0.0, self.lengths(x) - self.rest_length + controls.shortening)
         if into.data is None:
             return
-        for i in np.flatnonzero(~controls.is_held):
-            row = self.length_gradient(state.x, int(i), len(into.full))
-            column = self.length_gradient(state.x, int(i), len(into.full), loss.factor) if len(loss.mu) else row
-            into.held.append((int(i), column, row))
+        for i in np.flatnonzero(~controls.is_held).tolist():
+            row = self.length_gradient(x, i, len(into.full))
+            column = self.length_gradient(x, i, len(into.full), loss.factor) if len(loss.mu) else row
+            into.held.append((i, column, row))
         if len(loss.mu):
-            columns, rows = loss_border(self, state.x, loss, state.tension, self.places.moves, len(into.full))
+            columns, rows = loss_border(self, x, loss, given.state.tension, self.places.moves, len(into.full))
             into.rank_one.extend(zip(columns.T, rows.T, strict=True))
 
-    def add_by_parameters(
-        self, into: Mapping[str, Sum], known: Any, state: State, controls: Controls, theta: Theta
-    ) -> None:
+    def add_by_parameters(self, into: Mapping[str, Sum], given: Given) -> None:
         if into.keys().isdisjoint(self.parameters):
             return
-        loss = self.loss(state.x, theta, by_all=True)
+        x, loss = given.state.x, self.loss(given.state.x, given.theta, by_all=True)
         for i, name in enumerate(self.names):
-            tension = np.where(self.cable == i, state.tension[i], 0.0)
+            tension = np.where(self.cable == i, given.state.tension[i], 0.0)
             if (one := into.get(f"{name}.friction_coefficient")) is not None:
-                one.full += self.segment_gradient(state.x, tension * loss.by_mu, len(one.full))
+                one.full += self.segment_gradient(x, tension * loss.by_mu, len(one.full))
             if (one := into.get(f"{name}.routing_offset")) is not None:
-                rates = factor_rates(loss, self.vectors_by_offset(state.x))
-                one.full += self.gradient_by_offset(state.x, tension * loss.factor, tension * rates, len(one.full))
-                if not controls.is_held[i]:
-                    one.tensions[i] -= self.shortening_by_offset(state.x)[i]
+                rates = factor_rates(loss, self.vectors_by_offset(x))
+                one.full += self.gradient_by_offset(x, tension * loss.factor, tension * rates, len(one.full))
+                if not given.controls.is_held[i]:
+                    one.tensions[i] -= self.shortening_by_offset(x)[i]
 
-    def energy(self, state: State, controls: Controls, theta: Theta) -> float:
+    def energy(self, given: Given) -> float:
         """Without friction."""
-        over = self.lengths(state.x) - np.where(controls.is_held, 0.0, self.rest_length - controls.shortening)
-        return float(state.tension @ over)
+        is_held, lengths = given.controls.is_held, self.rest_length - given.controls.shortening
+        return float(given.state.tension @ (self.lengths(given.state.x) - np.where(is_held, 0.0, lengths)))
 
     def vectors(self, x: Floats) -> Floats:
         """Segment vectors (n_segments, 3) [m]."""

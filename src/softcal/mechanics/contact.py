@@ -13,25 +13,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.mechanics.damping import TimeStep
-from softcal.mechanics.state import State
-from softcal.mechanics.term import Controls, Sum, Term, Theta
+from softcal.mechanics.term import Given, Sum, Term
 
 CLEARANCE = 0.8  # of the way to touch, at most, in one step
 CCD_ITERATIONS = 1000  # of the search for the time of touch, which stays on the safe side
-
-
-class Touch(NamedTuple):
-    """gradient (n_points, 3) [N]; hessian (3 n_points, 3 n_points), sparse, or None; n: contacts that press."""
-
-    gradient: Floats
-    hessian: Any
-    n: int
 
 
 @dataclass(frozen=True)
@@ -45,7 +36,7 @@ class ContactTerm(Term):
 
     friction_coefficient [-]: Coulomb's, which needs a time step and is nothing without; creep [m/s]: sliding slower
     than that takes less friction, down to none at rest, which makes it smooth. before (n, 3) [m], step [s]: see
-    `from_here`. Friction goes by the normal forces at the step's start.
+    `in_step`. Friction goes by the normal forces at the step's start.
     """
 
     points: Ints
@@ -62,52 +53,23 @@ class ContactTerm(Term):
     before: Floats | None = None
     step: float = 0.0
 
-    def add(self, into: Sum, known: Any, state: State, controls: Controls, theta: Theta) -> None:
+    def add(self, into: Sum, given: Given) -> None:
         """Which points touch is found anew at every state, so the tangent is no part of the pattern."""
-        touch = self.at(state.x, hessian=into.data is not None)
-        into.points += touch.gradient
-        if touch.hessian is not None:
-            into.outside.append(touch.hessian)
-
-    def energy(self, state: State, controls: Controls, theta: Theta) -> float:
-        V = self._vertices(state.x)
-        energy = self._potential(self._collisions(V), self._mesh, V)
-        if self._rubbing is not None and self.before is not None:
-            energy += self._friction(self._rubbing, self._mesh, np.asfortranarray(V - self.before))
-        return float(energy)
-
-    def in_step(self, step: TimeStep, theta: Theta) -> Sequence[Term]:
-        return (self.from_here(step.before.x, step.length),)
-
-    def from_here(self, x: Floats, step: float) -> ContactTerm:
-        """The contact in a time step [s] from positions x (n_points, 3) on, where friction is a force like others."""
-        return replace(self, before=self._vertices(x), step=step) if self.friction_coefficient > 0.0 else self
-
-    def at(self, x: Floats, *, hessian: bool) -> Touch:
-        """What the contacts at positions x (n_points, 3) [m] push."""
-        import scipy.sparse as sp
-
-        V = self._vertices(x)
-        collisions = self._collisions(V)
-        gradient = np.zeros_like(x)
-        n = len(collisions)
-        if n == 0 and self._rubbing is None:
-            return Touch(gradient, None, 0)
-        push, tangent = self._potential.gradient(collisions, self._mesh, V), None
-        if hessian:
-            tangent = self._potential.hessian(collisions, self._mesh, V)
-        if self._rubbing is not None and self.before is not None:
-            slip = np.asfortranarray(V - self.before)
-            push = push + self._friction.gradient(self._rubbing, self._mesh, slip)
-            if hessian:
-                tangent = tangent + self._friction.hessian(self._rubbing, self._mesh, slip)
-        gradient[self.points] = push.reshape(-1, 3)
-        if tangent is None:
-            return Touch(gradient, None, n)
-        H = tangent.tocoo()
         place = (3 * self.points[:, None] + np.arange(3)).ravel()
-        size = 3 * len(x)
-        return Touch(gradient, sp.csr_matrix((H.data, (place[H.row], place[H.col])), shape=(size, size)), n)
+        for potential, contacts, at in self._pushing(self._vertices(given.state.x)):
+            into.points[self.points] += potential.gradient(contacts, self._mesh, at).reshape(-1, 3)
+            if into.data is not None:
+                H = potential.hessian(contacts, self._mesh, at).tocoo()
+                into.outside.append((H.data, place[H.row], place[H.col]))
+
+    def energy(self, given: Given) -> float:
+        V = self._vertices(given.state.x)
+        return float(sum(potential(contacts, self._mesh, at) for potential, contacts, at in self._pushing(V)))
+
+    def in_step(self, before: Given, step: TimeStep) -> Sequence[Term]:
+        """Where there is friction, it is a force like others."""
+        rubs = self.friction_coefficient > 0.0
+        return (replace(self, before=self._vertices(before.state.x), step=step.length) if rubs else self,)
 
     def free_way(self, x: Floats, to: Floats) -> float:
         """How far one may go straight from x to `to` before anything touches, as a fraction (one: all the way)."""
@@ -154,11 +116,16 @@ class ContactTerm(Term):
         rubbing.build(self._mesh, self.before, collisions, self._potential, self.friction_coefficient)
         return rubbing
 
-    @property
-    def _friction(self) -> Any:
+    def _pushing(self, V: Floats) -> list[tuple[Any, Any, Floats]]:
+        """What pushes with vertices at V (n, 3): potentials, the contacts they are of, and what they are taken at."""
         import ipctk
 
-        return ipctk.FrictionPotential(self.creep * self.step)
+        collisions = self._collisions(V)
+        pushing = [(self._potential, collisions, V)] if len(collisions) else []
+        if self.before is not None and self._rubbing is not None:
+            slip = np.asfortranarray(V - self.before)
+            pushing.append((ipctk.FrictionPotential(self.creep * self.step), self._rubbing, slip))
+        return pushing
 
     def _vertices(self, x: Floats) -> Floats:
         return np.asfortranarray(x[self.points])

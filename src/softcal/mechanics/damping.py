@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from softcal.mechanics.state import State
+from softcal.mechanics.layout import Layout
 
 # Of bodies: on strains, which never gives energy; or with the tangent of their forces, as in SOFA.
 DampingKind = Literal["strain", "tangent"]
@@ -22,9 +22,9 @@ class Damping:
 
 @dataclass(frozen=True)
 class TimeStep:
-    """A step of backward Euler from the state `before` on; length [s]."""
+    """A step of backward Euler, length [s]."""
 
-    before: State
+    layout: Layout
     length: float
     damping: Damping
 

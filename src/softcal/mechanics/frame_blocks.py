@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numba
 import numpy as np
@@ -18,8 +18,8 @@ class FrameBlocks:
     of its block's upper triangle in the tangent's long array.
     """
 
-    unknown: Ints = field(default_factory=lambda: np.zeros((0, 0), dtype=np.int64))
-    place: Ints = field(default_factory=lambda: np.zeros((0, 0, 0), dtype=np.int64))
+    unknown: Ints
+    place: Ints
 
     def add_gradient(self, reduced: Floats, gradient: Floats) -> None:
         """Add element gradients (n, k) to the gradient on the unknowns."""
@@ -29,6 +29,9 @@ class FrameBlocks:
     def add_tangent(self, data: Floats, tangent: Floats) -> None:
         """Add element tangents (n, k, k), symmetric, to the tangent's triangle."""
         _add(data, self.place, tangent)
+
+
+UNPLANNED = FrameBlocks(np.zeros((0, 0), dtype=np.int64), np.zeros((0, 0, 0), dtype=np.int64))
 
 
 def frame_unknowns(layout: Layout, frames: Ints) -> Ints:

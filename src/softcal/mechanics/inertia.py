@@ -12,7 +12,7 @@ The acceleration of a particle on a frame is A + B s with A = c'' and B = R'', s
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +20,7 @@ import numpy as np
 from softcal.checks import Floats, Ints
 from softcal.geometry.mesh import TetMesh
 from softcal.mechanics.element import shape_functions, shape_gradients
-from softcal.mechanics.frame_blocks import FrameBlocks, frame_blocks
+from softcal.mechanics.frame_blocks import UNPLANNED, FrameBlocks, frame_blocks
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.pattern import Pattern
 from softcal.mechanics.state import State
@@ -77,8 +77,8 @@ class Inertia:
     layout: Layout
     matrix: Any
     carried: FrameMasses
-    data: Floats = field(default_factory=lambda: np.zeros(0))
-    blocks: FrameBlocks = field(default_factory=FrameBlocks)
+    data: Floats
+    blocks: FrameBlocks
 
     def planned(self, pattern: Pattern) -> Inertia:
         """With places in a pattern that connects what the mass matrix does."""
@@ -168,7 +168,7 @@ def build_inertia(
     values = np.concatenate([np.zeros(0), *(masses.ravel() for _, masses in elements)])
     filled = values != 0.0
     matrix = sp.csr_matrix((values[filled], (rows[filled], columns[filled])), shape=(n, n))
-    return Inertia(layout, matrix, carried).planned(pattern)
+    return Inertia(layout, matrix, carried, np.zeros(0), UNPLANNED).planned(pattern)
 
 
 def no_frame_masses(layout: Layout) -> FrameMasses:

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.mechanics.state import State
-from softcal.mechanics.term import Controls, Sum, Term, Theta
+from softcal.mechanics.term import Given, Sum, Term, Theta
 
 
 @dataclass(frozen=True)
@@ -34,14 +32,12 @@ class Loads(Term):
             force += theta[name] * unit
         return force
 
-    def add(self, into: Sum, known: Any, state: State, controls: Controls, theta: Theta) -> None:
-        into.points -= controls.load * self.total(theta)
+    def add(self, into: Sum, given: Given) -> None:
+        into.points -= given.controls.load * self.total(given.theta)
 
-    def add_by_parameters(
-        self, into: Mapping[str, Sum], known: Any, state: State, controls: Controls, theta: Theta
-    ) -> None:
+    def add_by_parameters(self, into: Mapping[str, Sum], given: Given) -> None:
         for name in into.keys() & self.per_unit.keys():
-            into[name].points -= controls.load * self.per_unit[name]
+            into[name].points -= given.controls.load * self.per_unit[name]
 
-    def energy(self, state: State, controls: Controls, theta: Theta) -> float:
-        return -controls.load * float(np.sum(self.total(theta) * state.x))
+    def energy(self, given: Given) -> float:
+        return -given.controls.load * float(np.sum(self.total(given.theta) * given.state.x))

@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -36,12 +36,12 @@ from softcal.geometry.centreline import Centreline
 from softcal.geometry.section import Section
 from softcal.mechanics import rod_kernels
 from softcal.mechanics.damping import TimeStep
-from softcal.mechanics.frame_blocks import FrameBlocks, frame_blocks
+from softcal.mechanics.frame_blocks import UNPLANNED, FrameBlocks, frame_blocks
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.pattern import Pattern
 from softcal.mechanics.scales import Sizes
 from softcal.mechanics.state import State
-from softcal.mechanics.term import Connectivity, Controls, Sum, Term, Theta, part_theta
+from softcal.mechanics.term import Connectivity, Given, Sum, Term, Theta, part_theta
 
 LARGEST_TURN = 0.9 * np.pi  # [rad] between two neighbouring nodes
 # Gauss points for an element's flexibility and terms of the exponential: enough for the last digits while an element
@@ -91,7 +91,7 @@ class RodTerm(Term):
     xi_rest: Floats
     by_bending: Floats
     by_shear: Floats
-    blocks: FrameBlocks = field(default_factory=FrameBlocks)
+    blocks: FrameBlocks = UNPLANNED
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -112,9 +112,9 @@ class RodTerm(Term):
         turn = float(known[1].max())
         return "" if turn < LARGEST_TURN else f"a rod turns by {np.degrees(turn):.0f} deg between two nodes"
 
-    def add(self, into: Sum, known: tuple[Floats, Floats], state: State, controls: Controls, theta: Theta) -> None:
-        S = self._stiffness(part_theta(theta, self.name))
-        pose, conjugate = (state.position, state.rotation), _times(S, known[0] - self.xi_rest)
+    def add(self, into: Sum, given: Given) -> None:
+        pose, S = (given.state.position, given.state.rotation), self._stiffness(part_theta(given.theta, self.name))
+        conjugate = _times(S, given.known[0] - self.xi_rest)
         if into.data is None:
             gradient = self._gradient(*pose, conjugate)
         else:
@@ -123,17 +123,15 @@ class RodTerm(Term):
         self.blocks.add_gradient(into.own, gradient)
         into.squares += float(np.square(gradient[:, :3]).sum())
 
-    def add_by_parameters(
-        self, into: Mapping[str, Sum], known: tuple[Floats, Floats], state: State, controls: Controls, theta: Theta
-    ) -> None:
-        wanted = part_theta(into, self.name)
-        if wanted:
-            by = self.gradient_by_parameters(state.position, state.rotation, part_theta(theta, self.name))
-            for name in wanted.keys() & by.keys():
-                self.blocks.add_gradient(wanted[name].own, by[name])
+    def add_by_parameters(self, into: Mapping[str, Sum], given: Given) -> None:
+        wanted, own = part_theta(into, self.name), part_theta(given.theta, self.name)
+        by = self.gradient_by_parameters(given.state.position, given.state.rotation, own) if wanted else {}
+        for name in wanted.keys() & by.keys():
+            self.blocks.add_gradient(wanted[name].own, by[name])
 
-    def energy(self, state: State, controls: Controls, theta: Theta) -> float:
-        return self.assemble(state.position, state.rotation, part_theta(theta, self.name), tangent=False).energy
+    def energy(self, given: Given) -> float:
+        pose = given.state.position, given.state.rotation
+        return self.assemble(*pose, part_theta(given.theta, self.name), tangent=False).energy
 
     def measure(self, sizes: Sizes, theta: Theta) -> None:
         own = part_theta(theta, self.name)
@@ -144,11 +142,11 @@ class RodTerm(Term):
         frames = np.unique(self.frames)
         sizes.frames.append(frames[frames < sizes.layout.n_moving_frames])
 
-    def in_step(self, step: TimeStep, theta: Theta) -> Sequence[Term]:
+    def in_step(self, before: Given, step: TimeStep) -> Sequence[Term]:
         """Stiffer by 1 + r_s / h, about the strain in between that at rest and that at the step's start."""
         if step.share == 0.0:
             return (self,)
-        xi, _ = self.kinematics(step.before)
+        xi, _ = before.known
         damped = replace(
             self,
             xi_rest=(self.xi_rest + step.share * xi) / (1.0 + step.share),

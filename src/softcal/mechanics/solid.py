@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import combinations_with_replacement
 from typing import NamedTuple
 
@@ -20,23 +20,22 @@ from softcal.mechanics.pattern import Pattern
 from softcal.mechanics.scales import Sizes
 from softcal.mechanics.solid_kernels import Places
 from softcal.mechanics.state import State
-from softcal.mechanics.term import Connectivity, Controls, Sum, Term, Theta, part_theta
+from softcal.mechanics.term import Connectivity, Given, Sum, Term, Theta, part_theta
 from softcal.mechanics.viscosity import ViscousTerm
 
-Kinematics = tuple[Floats, Floats, Floats, Floats]  # F (n_tets, n_q, 3, 3), I1, I2, J (n_tets, n_q)
+Kinematics = tuple[Floats, Floats, Floats, Floats]
 
 
 @dataclass(frozen=True)
 class SolidPlaces:
     """Where a solid's element blocks stand in the tangent's long array (see `Pattern`)."""
 
-    displacement: Places = field(default_factory=lambda: _no_places(3))  # (n_tets, pairs, 3)
-    coupling: Places = field(default_factory=lambda: _no_places(4))  # (n_tets, n_a, 4, 3) or empty
-    pressure: Places = field(default_factory=lambda: _no_places(2))  # (n_tets, 10) or empty
+    displacement: Places  # (n_tets, pairs, 3)
+    coupling: Places  # (n_tets, n_a, 4, 3) or empty
+    pressure: Places  # (n_tets, 10) or empty
 
 
-def _no_places(n_dim: int) -> Places:
-    return np.zeros((0,) * n_dim, dtype=np.int32)
+UNPLANNED = SolidPlaces(*(np.zeros((0,) * n_dim, dtype=np.int32) for n_dim in (3, 4, 2)))
 
 
 class _Volume(NamedTuple):
@@ -64,7 +63,7 @@ class SolidTerm(Term):
     w: Floats
     pressure_conn: Ints
     N_p: Floats
-    places: SolidPlaces = field(default_factory=SolidPlaces)
+    places: SolidPlaces = UNPLANNED
 
     @property
     def is_mixed(self) -> bool:
@@ -81,33 +80,27 @@ class SolidTerm(Term):
     def plan(self, layout: Layout, pattern: Pattern) -> SolidTerm:
         displacement = pattern.blocks(self.conn).astype(np.int32)
         if not self.is_mixed:
-            return replace(self, places=SolidPlaces(displacement))
+            return replace(self, places=replace(UNPLANNED, displacement=displacement))
         p = layout.n_points + self.pressure_conn
         coupling = pattern.pair(self.conn[:, :, None], p[:, None, :]).astype(np.int32)
         return replace(self, places=SolidPlaces(displacement, coupling, pattern.blocks(p)[..., 0].astype(np.int32)))
 
     def kinematics(self, state: State) -> Kinematics:
-        return self.invariants(state.x)
-
-    def invariants(self, x: Floats) -> Kinematics:
-        """F (n_tets, n_q, 3, 3) and I1, I2, J (n_tets, n_q) at positions x (n_points, 3)."""
+        """F (n_tets, n_q, 3, 3) and I1, I2, J (n_tets, n_q)."""
         n, n_q = self.w.shape
         F = np.empty((n, n_q, 3, 3))
         I1, I2, J = np.empty((n, n_q)), np.empty((n, n_q)), np.empty((n, n_q))
-        solid_kernels.kinematics(x, self.conn, self.dN, F, I1, I2, J)
+        solid_kernels.kinematics(state.x, self.conn, self.dN, F, I1, I2, J)
         return F, I1, I2, J
 
     def why_not(self, known: Kinematics) -> str:
         J_min = float(known[3].min())
         return "" if J_min > 0.0 else f"it inverts an element (J = {J_min:.2g})"
 
-    def add(self, into: Sum, known: Kinematics, state: State, controls: Controls, theta: Theta) -> None:
-        self._assemble(known, state, theta, into.full, into.data)
-
-    def _assemble(self, known: Kinematics, state: State, theta: Theta, gradient: Floats, data: Floats | None) -> None:
-        """Add the gradient on all entities and, where `data` is given, the tangent. J must be positive."""
-        F, I1, I2, J = known
-        places, values = self.places, self._theta(part_theta(theta, self.name))
+    def add(self, into: Sum, given: Given) -> None:
+        """J must be positive."""
+        gradient, data, places, state = into.full, into.data, self.places, given.state
+        (F, I1, I2, J), values = given.known, self._theta(given.theta)
         invariants = (I1.ravel(), I2.ravel(), J.ravel())
         derivatives = self.compiled.distortional if self.is_mixed else self.compiled.full
         coefficients = stacked(derivatives(*invariants, *values), I1.size)
@@ -148,14 +141,11 @@ class SolidTerm(Term):
         p = solid_kernels.interpolate(pressure, self.pressure_conn, self.N_p).ravel()
         return _Volume(stacked(self.compiled.strain(J), J.size), p, float(compliance))
 
-    def add_by_parameters(
-        self, into: Mapping[str, Sum], known: Kinematics, state: State, controls: Controls, theta: Theta
-    ) -> None:
+    def add_by_parameters(self, into: Mapping[str, Sum], given: Given) -> None:
         wanted = {name: one.full for name, one in part_theta(into, self.name).items()}
         if not wanted:
             return
-        F, I1, I2, J = known
-        values = self._theta(part_theta(theta, self.name))
+        (F, I1, I2, J), values, state = given.known, self._theta(given.theta), given.state
         invariants = (I1.ravel(), I2.ravel(), J.ravel())
         derivatives = (self.compiled.distortional_by_parameter if self.is_mixed else self.compiled.full_by_parameter)(
             *invariants, *values
@@ -172,13 +162,12 @@ class SolidTerm(Term):
                     wanted[name], state.x.size, self.pressure_conn, self.N_p, self.w, -float(by_parameter[i]) * p
                 )
 
-    def energy(self, state: State, controls: Controls, theta: Theta) -> float:
+    def energy(self, given: Given) -> float:
         """The stored energy [J] (for a mixed element, the value of its two-field potential)."""
-        _, I1, I2, J = self.kinematics(state)
-        values = self._theta(part_theta(theta, self.name))
+        (_, I1, I2, J), values = self.kinematics(given.state), self._theta(given.theta)
         if not self.is_mixed:
             return float(np.sum(self.w * self.compiled.energy(I1, I2, J, *values)))
-        p = solid_kernels.interpolate(state.pressure, self.pressure_conn, self.N_p)
+        p = solid_kernels.interpolate(given.state.pressure, self.pressure_conn, self.N_p)
         compliance, _ = self.compiled.compliance(*values)
         psi = self.compiled.energy_distortional(I1, I2, J, *values)
         return float(np.sum(self.w * (psi + p * self.compiled.strain(J)[0] - 0.5 * compliance * p**2)))
@@ -191,7 +180,7 @@ class SolidTerm(Term):
         sizes.n_tets += len(self.conn)
 
     def remark(self, state: State, theta: Theta) -> str:
-        ratio = self.softened(self.kinematics(state), part_theta(theta, self.name))
+        ratio = self._softened(self.kinematics(state), theta)
         if ratio == 1.0:
             return ""
         return (
@@ -199,24 +188,22 @@ class SolidTerm(Term):
             "more compression takes less pressure there."
         )
 
-    def in_step(self, step: TimeStep, theta: Theta) -> Sequence[Term]:
+    def in_step(self, before: Given, step: TimeStep) -> Sequence[Term]:
         """With damping of its strains, or of its forces: an energy 1 + r_s / h times as large, less a dead force."""
         if step.share == 0.0:
             return (self,)
-        known = self.kinematics(step.before)
         if step.damping.kind == "strain":
-            lmbda, mu = (step.share * modulus for modulus in self.rest_moduli(theta))
-            F = known[0]
+            lmbda, mu = (step.share * modulus for modulus in self.rest_moduli(before.theta))
+            F = before.known[0]
             C_n = np.swapaxes(F, 2, 3) @ F
             return self, ViscousTerm(self.conn, self.dN, self.w, lmbda, mu, C_n, self.places.displacement)
-        gradient = np.zeros(step.before.x.size + step.before.pressure.size)
-        self._assemble(known, step.before, theta, gradient, None)
-        held = step.share * gradient[: step.before.x.size].reshape(-1, 3)
-        return replace(self, w=(1.0 + step.share) * self.w), Loads(held, {})
+        held = Sum(step.layout)
+        self.add(held, before)
+        return replace(self, w=(1.0 + step.share) * self.w), Loads(step.share * held.points, {})
 
     def rest_moduli(self, theta: Theta) -> tuple[float, float]:
         """Lamé's moduli [Pa] of the undeformed body, those of psi_d alone where pressures carry the rest."""
-        values = self._theta(part_theta(theta, self.name))
+        values = self._theta(theta)
         derivatives = self.compiled.distortional if self.is_mixed else self.compiled.full
         rows = stacked(derivatives(np.full(1, 3.0), np.full(1, 3.0), np.ones(1), *values), 1)[:, 0]
         _, psi_2, psi_J, psi_11, psi_12, psi_1J, psi_22, psi_2J, psi_JJ = (float(row) for row in rows)
@@ -224,7 +211,7 @@ class SolidTerm(Term):
         lmbda = 4.0 * (psi_11 + 4.0 * psi_12 + psi_1J + 4.0 * psi_22 + 2.0 * psi_2J + psi_2) + psi_JJ + psi_J
         return lmbda, -2.0 * psi_2 - psi_J
 
-    def softened(self, known: Kinematics, theta: Mapping[str, float]) -> float:
+    def _softened(self, known: Kinematics, theta: Theta) -> float:
         """The least volume ratio J < 1 at a quadrature point whose law takes less pressure for more compression there,
         d2psi/dJ2 < 0 along F -> J^(1/3) F; 1 where there is none.
         """
@@ -239,8 +226,8 @@ class SolidTerm(Term):
         gives_way = (by_s_twice < 2.0 * by_s) & (J < 1.0)
         return float(J[gives_way].min(initial=1.0))
 
-    def _theta(self, theta: Mapping[str, float]) -> tuple[float, ...]:
-        return tuple(theta[name] for name in self.compiled.parameters)
+    def _theta(self, theta: Theta) -> tuple[float, ...]:
+        return tuple(theta[name] for name in self.parameters)
 
 
 def build_solid(

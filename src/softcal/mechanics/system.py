@@ -20,7 +20,7 @@ from softcal.mechanics.motion import Motion, build_motion
 from softcal.mechanics.pattern import Pattern, build_pattern
 from softcal.mechanics.scales import Sizes
 from softcal.mechanics.state import State
-from softcal.mechanics.term import Controls, Sum, Term, Theta
+from softcal.mechanics.term import Controls, Given, Sum, Term, Theta
 
 Kind = TypeVar("Kind", bound=Term)
 
@@ -107,7 +107,7 @@ class System:
             return Linearisation(controls, known, why_not)
         total = Sum(self.layout, self.pattern.size if tangent else None)
         for term, own in zip(self.terms, known, strict=True):
-            term.add(total, own, state, controls, theta)
+            term.add(total, Given(state, controls, theta, own))
         forces = float(np.sqrt(np.vdot(total.points, total.points) + total.squares))
         at = Linearisation(controls, known, "", total.full, self._on_unknowns(state, total), forces)
         if total.data is None:
@@ -120,9 +120,11 @@ class System:
         """d reduced gradient / d parameter, (n_unknowns, n_names)."""
         sums = {name: Sum(self.layout) for name in names}
         for term, known in zip(self.terms, at.known, strict=True):
-            term.add_by_parameters(sums, known, state, at.controls, theta)
-        rows = [self._on_unknowns(state, one) for one in sums.values()]
-        return np.array(rows).reshape(len(names), self.layout.n_unknowns).T
+            term.add_by_parameters(sums, Given(state, at.controls, theta, known))
+        out = np.empty((self.layout.n_unknowns, len(names)))
+        for k, one in enumerate(sums.values()):
+            out[:, k] = self._on_unknowns(state, one)
+        return out
 
     def why_not(self, state: State) -> str:
         """Why a state cannot be, as part of a sentence; "" where it can."""
@@ -208,8 +210,10 @@ class System:
 
         if not total.outside:
             return None
-        P = self.motion.matrix(state)[: 3 * self.layout.n_points]
-        return sp.triu(P.T @ sum(total.outside[1:], total.outside[0]) @ P, format="csr")
+        values, rows, columns = (np.concatenate(parts) for parts in zip(*total.outside, strict=True))
+        n = 3 * self.layout.n_points
+        P = self.motion.matrix(state)[:n]
+        return sp.triu(P.T @ sp.csr_matrix((values, (rows, columns)), shape=(n, n)) @ P, format="csr")
 
 
 def build_system(layout: Layout, terms: Sequence[Term]) -> System:

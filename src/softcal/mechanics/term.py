@@ -38,6 +38,15 @@ class Controls:
     load: float = 1.0
 
 
+class Given(NamedTuple):
+    """What a sum is taken at; known: what the term's own `kinematics` gave there."""
+
+    state: State
+    controls: Controls
+    theta: Theta
+    known: Any = None
+
+
 class Connectivity(NamedTuple):
     """What a term's tangent connects: groups of entities, arrays (n, k) with ascending rows, and of frames (n, 2)."""
 
@@ -54,8 +63,8 @@ class Sum:
 
     squares: of forces [N^2] that residuals are measured by, besides those in `full`. held: (cable, column, row) that
     border the tangent for a tension that is unknown; rank_one: (column, row) whose product is added to it (all on
-    entities); outside: sparse tangents (3 n_points, 3 n_points) whose entries no pattern holds; in_motion: gradients on
-    all entities of what acts in motion alone, which residuals are not measured by.
+    entities); outside: values, rows and columns of tangents on the points' components whose entries no pattern holds;
+    in_motion: gradients on all entities of what acts in motion alone, which residuals are not measured by.
     """
 
     def __init__(self, layout: Layout, size: int | None = None) -> None:
@@ -65,7 +74,7 @@ class Sum:
         self.squares = 0.0
         self.held: list[tuple[int, Floats, Floats]] = []
         self.rank_one: list[tuple[Floats, Floats]] = []
-        self.outside: list[Any] = []
+        self.outside: list[tuple[Floats, Ints, Ints]] = []
         self.in_motion: list[Floats] = []
         self.points: Floats = self.full[: 3 * layout.n_points].reshape(-1, 3)  # of `full`
         self.tensions: Floats = self.own[layout.first_tension_unknown :]  # of `own`
@@ -96,7 +105,7 @@ class Term(ABC):
         return self
 
     def kinematics(self, state: State) -> Any:
-        """What gradient and derivatives share at a state; handed to them as `known`."""
+        """What gradient and derivatives share at a state; they find it in `Given.known`."""
         return None
 
     def why_not(self, known: Any) -> str:
@@ -104,16 +113,14 @@ class Term(ABC):
         return ""
 
     @abstractmethod
-    def add(self, into: Sum, known: Any, state: State, controls: Controls, theta: Theta) -> None:
+    def add(self, into: Sum, given: Given) -> None:
         """Add the gradient and, where `into` has `data`, the exact symmetric tangent."""
 
-    def add_by_parameters(  # noqa: B027
-        self, into: Mapping[str, Sum], known: Any, state: State, controls: Controls, theta: Theta
-    ) -> None:
+    def add_by_parameters(self, into: Mapping[str, Sum], given: Given) -> None:  # noqa: B027
         """Add d gradient / d parameter to into[parameter], for those of its parameters that are in there."""
 
     @abstractmethod
-    def energy(self, state: State, controls: Controls, theta: Theta) -> float:
+    def energy(self, given: Given) -> float:
         """The potential [J] whose derivative the gradient is; without friction, which has none."""
 
     def measure(self, sizes: Sizes, theta: Theta) -> None:  # noqa: B027
@@ -127,8 +134,8 @@ class Term(ABC):
         """The part of the straight way between positions (n_points, 3) that the term lets the robot go, one for all."""
         return 1.0
 
-    def in_step(self, step: TimeStep, theta: Theta) -> Sequence[Term]:
-        """What it is within a time step: itself, and what its damping or its friction adds from the step's start on."""
+    def in_step(self, before: Given, step: TimeStep) -> Sequence[Term]:
+        """What it is in a time step from there on: itself, and what its damping adds, or with friction from there."""
         return (self,)
 
 

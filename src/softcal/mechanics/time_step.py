@@ -18,7 +18,6 @@ Every term says what it is within a step (`Term.in_step`), mass is one more, and
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -29,7 +28,7 @@ from softcal.mechanics.layout import Layout
 from softcal.mechanics.pattern import Pattern
 from softcal.mechanics.state import State
 from softcal.mechanics.system import System
-from softcal.mechanics.term import Connectivity, Controls, Sum, Term, Theta
+from softcal.mechanics.term import Connectivity, Controls, Given, Sum, Term, Theta
 
 
 @dataclass(frozen=True)
@@ -58,20 +57,19 @@ class InertialTerm(Term):
     def plan(self, layout: Layout, pattern: Pattern) -> InertialTerm:
         return replace(self, inertia=self.inertia.planned(pattern))
 
-    def add(self, into: Sum, known: Any, state: State, controls: Controls, theta: Theta) -> None:
-        accelerations = self._accelerations(state)
-        forces = self.inertia.forces(state.rotation, accelerations)
+    def add(self, into: Sum, given: Given) -> None:
+        rotation, accelerations = given.state.rotation, self._accelerations(given.state)
+        forces = self.inertia.forces(rotation, accelerations)
         into.in_motion.append(forces.full)
         self.inertia.blocks.add_gradient(into.own, forces.on_frames)
         into.squares += float(forces.full @ forces.full) + float(np.square(forces.on_frames[:, :3]).sum())
         if into.data is not None:
             into.data += self._rate * self.inertia.data
-            tangent = self.inertia.tangent(state.rotation, accelerations, self._rate)
-            self.inertia.blocks.add_tangent(into.data, tangent)
+            self.inertia.blocks.add_tangent(into.data, self.inertia.tangent(rotation, accelerations, self._rate))
 
-    def energy(self, state: State, controls: Controls, theta: Theta) -> float:
-        """Twice what its accelerations would be the velocities of, over their rate."""
-        return self.inertia.momentum(state, self._accelerations(state)).kinetic_energy / self._rate
+    def energy(self, given: Given) -> float:
+        """The kinetic energy that its accelerations would have as velocities, over their rate."""
+        return self.inertia.momentum(given.state, self._accelerations(given.state)).kinetic_energy / self._rate
 
     @property
     def _rate(self) -> float:
@@ -90,8 +88,11 @@ class InertialTerm(Term):
 
 def in_step(system: System, inertia: Inertia, damping: Damping, step: float, before: Instant, theta: Theta) -> System:
     """The system in a step [s] from an instant on: planned as it is at rest, which must connect all that has mass."""
-    of_step = TimeStep(before.state, step, damping)
-    terms = [part for term in system.terms for part in term.in_step(of_step, theta)]
+    state, n = before.state, system.layout.n_cables
+    held = Controls(np.ones(n, dtype=bool), state.tension, np.zeros(n))
+    of_step = TimeStep(system.layout, step, damping)
+    begun = ((term, Given(state, held, theta, term.kinematics(state))) for term in system.terms)
+    terms = [part for term, given in begun for part in term.in_step(given, of_step)]
     return replace(system, terms=(*terms, InertialTerm(inertia, before, step, damping.mass)))
 
 

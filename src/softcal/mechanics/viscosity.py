@@ -19,7 +19,7 @@ from softcal.mechanics.layout import Layout
 from softcal.mechanics.pattern import Pattern
 from softcal.mechanics.solid_kernels import FAST, Places, kinematics
 from softcal.mechanics.state import State
-from softcal.mechanics.term import Connectivity, Controls, Sum, Term, Theta
+from softcal.mechanics.term import Connectivity, Given, Sum, Term
 
 
 @dataclass(frozen=True)
@@ -48,15 +48,15 @@ class ViscousTerm(Term):
         kinematics(state.x, self.conn, self.dN, F, I1, I2, J)
         return F
 
-    def add(self, into: Sum, known: Floats, state: State, controls: Controls, theta: Theta) -> None:
-        gradient, S = np.zeros_like(into.full), np.empty_like(known)
-        _add_gradient(gradient, self.conn, self.dN, self.w, known, self.C_n, S, (self.lmbda, self.mu))
+    def add(self, into: Sum, given: Given) -> None:
+        F, S, gradient = given.known, np.empty_like(given.known), np.zeros_like(into.full)
+        _add_gradient(gradient, self.conn, self.dN, self.w, F, self.C_n, S, (self.lmbda, self.mu))
         into.in_motion.append(gradient)
         if into.data is not None:
-            _add_tangent(into.data, self.places, self.dN, self.w, known, S, self.lmbda, self.mu)
+            _add_tangent(into.data, self.places, self.dN, self.w, F, S, self.lmbda, self.mu)
 
-    def energy(self, state: State, controls: Controls, theta: Theta) -> float:
-        F = self.kinematics(state)
+    def energy(self, given: Given) -> float:
+        F = self.kinematics(given.state)
         dE = 0.5 * (np.swapaxes(F, 2, 3) @ F - self.C_n)
         trace, square = np.einsum("eqii->eq", dE), np.square(dE).sum(axis=(2, 3))
         return float(np.sum(self.w * (0.5 * self.lmbda * trace**2 + self.mu * square)))

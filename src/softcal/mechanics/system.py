@@ -122,8 +122,8 @@ class System:
         for term, known in zip(self.terms, at.known, strict=True):
             term.add_by_parameters(sums, Given(state, at.controls, theta, known))
         out = np.empty((self.layout.n_unknowns, len(names)))
-        for k, one in enumerate(sums.values()):
-            out[:, k] = self._on_unknowns(state, one)
+        for k, name in enumerate(names):
+            out[:, k] = self._on_unknowns(state, sums[name])
         return out
 
     def why_not(self, state: State) -> str:

@@ -89,7 +89,7 @@ class CableTerm(Term):
         for i in np.flatnonzero(~controls.is_held).tolist():
             row = self.length_gradient(x, i, len(into.full))
             column = self.length_gradient(x, i, len(into.full), loss.factor) if len(loss.mu) else row
-            into.held.append((i, column, row))
+            into.taut.append((i, column, row))
         if len(loss.mu):
             columns, rows = loss_border(self, x, loss, given.state.tension, self.places.moves, len(into.full))
             into.rank_one.extend(zip(columns.T, rows.T, strict=True))

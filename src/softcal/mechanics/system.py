@@ -192,10 +192,10 @@ class System:
         return reduced
 
     def _border(self, state: State, total: Sum) -> Border:
-        pairs = [*((column, row) for _, column, row in total.held), *total.rank_one]
+        pairs = [*((column, row) for _, column, row in total.taut), *total.rank_one]
         if not pairs:
             return NO_BORDER
-        taut = np.array([i for i, *_ in total.held], dtype=np.int64)
+        taut = np.array([i for i, *_ in total.taut], dtype=np.int64)
         columns = [self.motion.reduce_gradient(state, column) for column, _ in pairs]
         rows = [
             own if row is column else self.motion.reduce_gradient(state, row)

@@ -61,7 +61,7 @@ class Sum:
     (n_unknowns,), for terms on frames and cables, tensions its (n_cables,); data: the tangent's long array (see
     `Pattern`), or None where none is wanted.
 
-    squares: of forces [N^2] that residuals are measured by, besides those in `full`. held: (cable, column, row) that
+    squares: of forces [N^2] that residuals are measured by, besides those in `full`. taut: (cable, column, row) that
     border the tangent for a tension that is unknown; rank_one: (column, row) whose product is added to it (all on
     entities); outside: values, rows and columns of tangents on the points' components whose entries no pattern holds;
     in_motion: gradients on all entities of what acts in motion alone, which residuals are not measured by.
@@ -72,7 +72,7 @@ class Sum:
         self.own: Floats = np.zeros(layout.n_unknowns)
         self.data: Floats | None = None if size is None else np.zeros(size)
         self.squares = 0.0
-        self.held: list[tuple[int, Floats, Floats]] = []
+        self.taut: list[tuple[int, Floats, Floats]] = []
         self.rank_one: list[tuple[Floats, Floats]] = []
         self.outside: list[tuple[Floats, Ints, Ints]] = []
         self.in_motion: list[Floats] = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import tempfile
 import time
 from pathlib import Path
@@ -105,7 +106,7 @@ def _with_solid_springs(element: ElementKind) -> Robot:
     if text.count(rods) != 1:
         raise RuntimeError(f"{TEMPLATE} is not written as this benchmark expects")
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, "project.yaml")
+        path = Path(shutil.copytree(TEMPLATE.parent, folder, dirs_exist_ok=True)) / TEMPLATE.name
         path.write_text(text.replace(rods, solids), encoding="utf-8")
         return load(path).robot
 

@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from typing import Any
 
 from pydantic import Field, field_validator
-from pydantic_core import InitErrorDetails
+from pydantic_core import InitErrorDetails, PydanticCustomError
 
-from softcal.errors import InputError
 from softcal.materials.catalogue import LAWS
+from softcal.materials.law import Law
 from softcal.materials.parameter import Parameter
 from softcal.project.document import suggestion
-from softcal.project.section import Section, fault_error
+from softcal.project.section import Section, fault_error, reader
 
 
 class ConstantsSection(Section):
@@ -41,11 +41,9 @@ class ConstantsSection(Section):
             if name not in given:
                 continue
             try:
-                constants[name] = constant.quantity.read(given[name])
-            except InputError as error:
-                (fault,) = error.faults
-                told = fault_error(fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt)
-                errors.append(InitErrorDetails(type=told, loc=(name,), input=given[name]))
+                constants[name] = reader(constant.quantity)(given[name])
+            except PydanticCustomError as error:
+                errors.append(InitErrorDetails(type=error, loc=(name,), input=given[name]))
         missing = (name for name in cls._required(given) if name not in given)
         errors += [InitErrorDetails(type="missing", loc=(name,), input=dict(given)) for name in missing]
         return {**own, "constants": constants}, errors
@@ -76,14 +74,16 @@ class LawSection(ConstantsSection):
 
     @classmethod
     def _of_law(cls, given: Mapping[str, Any]) -> Mapping[str, Parameter]:
-        law = given.get("law", cls.model_fields["law"].default)
-        if not isinstance(law, str) or law not in LAWS:  # its own fault
-            return LAWS.constants()
-        return {parameter.name: parameter for parameter in LAWS[law].parameters}
+        law = cls._named(given)
+        return LAWS.constants() if law is None else {parameter.name: parameter for parameter in law.parameters}
 
     @classmethod
     def _required(cls, given: Mapping[str, Any]) -> tuple[str, ...]:
+        law = cls._named(given)
+        return () if law is None else tuple(one.name for one in law.parameters if one.default is None)
+
+    @classmethod
+    def _named(cls, given: Mapping[str, Any]) -> Law | None:
+        """The law of the mapping; None where there is none of that name, which is a fault of its own."""
         law = given.get("law", cls.model_fields["law"].default)
-        if not isinstance(law, str) or law not in LAWS:
-            return ()
-        return tuple(parameter.name for parameter in LAWS[law].parameters if parameter.default is None)
+        return LAWS.get(law) if isinstance(law, str) else None

@@ -20,7 +20,7 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 from softcal.errors import Fault, InputError
 from softcal.limits import LIMITS
 from softcal.project.document import Findings, KeyPath, suggestion
-from softcal.quantities import QUANTITIES
+from softcal.quantities import QUANTITIES, Quantity
 
 # The kind of error that carries a whole `Fault`: its context has got, allowed and attempt.
 FAULT = "softcal_fault"
@@ -99,12 +99,16 @@ T = TypeVar("T", bound=Sized)
 
 
 def quantity(kind: str) -> Callable[[object], float]:
+    """A reader of a kind of quantity, by the kind's name; see `reader`."""
+    return reader(QUANTITIES[kind])
+
+
+def reader(kind: Quantity) -> Callable[[object], float]:
     """A reader of a kind of quantity: text with a unit in, a number in SI out, in the range of its kind."""
-    read_quantity = QUANTITIES[kind].read
 
     def read(value: object) -> float:
         try:
-            return read_quantity(value)
+            return kind.read(value)
         except InputError as error:
             fault = error.faults[0]
             raise fault_error(fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt) from error

@@ -214,8 +214,8 @@ def test_a_node_that_is_put_in_beyond_a_fall_knows_of_it() -> None:
     # A tension that rounding makes negative is no push: it must not hide that the straight column is not stable.
     twice = replace(upright, tension=np.array([*upright.tension, -1e-12]))
     assert not node_at(statics, line, 2e-4, upright, ()).is_stable
-    assert not path_module._pushes(twice)
-    assert path_module._pushes(replace(upright, tension=-upright.tension))
+    assert not path_module.pushing(twice).any()
+    assert path_module.pushing(replace(upright, tension=-upright.tension)).any()
     statics.release()
 
 

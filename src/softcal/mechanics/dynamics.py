@@ -19,8 +19,9 @@ from softcal.checks import Floats
 from softcal.errors import SimulationError
 from softcal.mechanics.damping import Damping
 from softcal.mechanics.inertia import Inertia
+from softcal.mechanics.path import pushing
 from softcal.mechanics.state import State, moved
-from softcal.mechanics.statics import SLACK_LENGTH, SLACK_TENSION, Statics
+from softcal.mechanics.statics import SLACK_LENGTH, Statics
 from softcal.mechanics.system import System
 from softcal.mechanics.term import Controls
 from softcal.mechanics.time_step import Instant, after, coasting, in_step
@@ -113,8 +114,7 @@ class Dynamics:
             if not solved.converged:
                 raise SimulationError(f"{solved.status}.")
             state = solved.state
-            scale = max(float(np.abs(state.tension).max(initial=0.0)), 1e-12)
-            pushes = by_length & ~slack & (state.tension < -SLACK_TENSION * scale)
+            pushes = by_length & ~slack & pushing(state)
             too_long = slack & (self._excess(state, wanted) > SLACK_LENGTH * cables.rest_length)
             if not pushes.any() and not too_long.any():
                 return state

@@ -107,7 +107,7 @@ def node_at(
     by_control = _rate_of_gradient(statics, line, state)
     sought = statics.seeks_free_modes or statics.n_unstable() != 0
     free = exclude_free_modes(statics, at) if sought else NO_MODES
-    stable = _pushes(state) or statics.n_unstable() == 0
+    stable = bool(pushing(state).any()) or statics.n_unstable() == 0
     by_theta = statics.system.gradient_by_parameters(state, at, statics.theta, names)
     dz = -statics.solve(np.column_stack([by_control, by_theta]))
     # A held cable's tension is given: its rate is the line's.
@@ -118,9 +118,9 @@ def node_at(
     return Node(c, state, slope, by_parameter, of_both, stable, free=free)
 
 
-def _pushes(state: State) -> bool:
-    """Whether a cable pushes, as none can: such a state is on the way to another at most."""
-    return bool(np.any(state.tension < -SLACK_TENSION * np.abs(state.tension).max(initial=0.0)))
+def pushing(state: State) -> np.ndarray:
+    """Which cables push (n_cables,), as none can: such a state is on the way to another at most."""
+    return state.tension < -SLACK_TENSION * np.abs(state.tension).max(initial=0.0)
 
 
 def stable_node_at(statics: Statics, line: Line, c: float, state: State, names: tuple[str, ...]) -> Node:
@@ -191,7 +191,7 @@ def follow(
             if 0.4 * step >= close and (node is None or last.is_stable):
                 h, beyond = 0.4 * step, node or beyond
                 continue
-            if node is None and _pushes(last.state):
+            if node is None and pushing(last.state).any():
                 return _ended(statics, nodes, solved.status, names)
             if sum(one.is_fallen for one in nodes) == MOST_FALLS:
                 return _ended(statics, nodes, f"it buckles or snaps more than {MOST_FALLS} times", names)
@@ -253,7 +253,7 @@ def _settled(statics: Statics, line: Line, last: Node, attempt: _Attempt, names:
 
     None where it has none, or where it settles to none that is close, or that so little force leads to.
     """
-    if not _is_nearly_free(last) or _pushes(last.state):
+    if not _is_nearly_free(last) or pushing(last.state).any():
         return None
     fallen = fall(statics, attempt.begin, line.at(attempt.c))
     if not fallen.converged:

@@ -8,11 +8,11 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
-from softcal.mechanics.path import Line, Node, follow, node_at, stable_node_at
+from softcal.mechanics.path import Line, Node, follow, node_at, pushing, stable_node_at
 from softcal.mechanics.redundancy import DEPENDENT
 from softcal.mechanics.stability import fall
 from softcal.mechanics.state import State
-from softcal.mechanics.statics import SLACK_LENGTH, SLACK_TENSION, Statics
+from softcal.mechanics.statics import SLACK_LENGTH, Statics
 from softcal.mechanics.system import Controls
 
 SAME = 1e-9  # of the largest command: commands as near as this are one
@@ -89,7 +89,7 @@ def reach(statics: Statics, last: Reached, target: Controls, by_length: np.ndarr
         else:
             begin = way.nodes or (replace(node_at(statics, line, 0.0, state, ()), has_fallen=has_fallen),)
             path = follow(statics, line, begin, end, first_step=end - begin[-1].c, names=names)
-            first = next((i for i, node in enumerate(path.nodes) if _pushing(node.state, taut).any()), None)
+            first = next((i for i, node in enumerate(path.nodes) if (taut & pushing(node.state)).any()), None)
             node = path.nodes[-1]
             if not path.reached and first is not None and DEPENDENT not in path.status:
                 # States with a cable that pushes are none: the way goes on from the first of them, with that one slack.
@@ -101,7 +101,7 @@ def reach(statics: Statics, last: Reached, target: Controls, by_length: np.ndarr
             way = Way(line, path.nodes[-2:])
         state, here = node.state, line.at(node.c)
         lengths = cables.lengths(state.x)
-        pushes = _pushing(state, taut)
+        pushes = taut & pushing(state)
         gap = lengths - cables.rest_length + target.shortening
         too_long = by_length & start.is_held & (gap > SLACK_LENGTH * cables.rest_length) & (node.c == end)
         if not pushes.any() and not too_long.any():
@@ -135,7 +135,7 @@ def _fallen(
     def switched(state: State, controls: Controls) -> Controls:
         gap = cables.lengths(state.x) - cables.rest_length + target.shortening
         held = controls.is_held
-        is_held = np.where(held, ~by_length | (gap <= SLACK_LENGTH * cables.rest_length), _pushing(state, ~held))
+        is_held = np.where(held, ~by_length | (gap <= SLACK_LENGTH * cables.rest_length), ~held & pushing(state))
         return controls if np.all(is_held == held) else replace(controls, is_held=is_held)
 
     fallen = fall(statics, last.state, replace(target, is_held=last.controls.is_held), switched)
@@ -156,12 +156,6 @@ def _line(start: Controls, target: Controls) -> Line:
         np.where(start.is_held, target.tension - start.tension, 0.0),
         target.shortening - start.shortening,
     )
-
-
-def _pushing(state: State, taut: np.ndarray) -> np.ndarray:
-    """Which of the taut cables push."""
-    scale = max(float(np.abs(state.tension).max(initial=0.0)), 1e-12)
-    return taut & (state.tension < -SLACK_TENSION * scale)
 
 
 def _released(statics: Statics, state: State, held: Controls, pushes: np.ndarray) -> State:

@@ -105,6 +105,38 @@ def test_other_stop_signals_are_raised_held_and_noted_as_ctrl_c_is(number: signa
     assert done == ["all of it"]
 
 
+class PressedAtItsEnd:
+    """Asks to stop in its finalizer, where Python drops what is raised."""
+
+    def __init__(self, number: signal.Signals) -> None:
+        self._number = number
+
+    def __del__(self) -> None:
+        signal.raise_signal(self._number)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.parametrize(
+    ("number", "by"), [(signal.SIGINT, "the user"), (signal.SIGTERM, "SIGTERM"), (signal.SIGHUP, "SIGHUP")]
+)
+def test_a_stop_that_is_raised_where_python_drops_it_ends_the_search(number: signal.Signals, by: str) -> None:
+    doomed = [PressedAtItsEnd(number)]
+
+    def drop(progress: Progress) -> None:
+        if progress.done == 2:
+            doomed.clear()
+
+    before = signal.getsignal(number)
+    if number != signal.SIGINT:
+        signal.signal(number, signal.SIG_DFL)
+    try:
+        with stop_signals_raised():
+            result = calibrate(problem_of(), method="grid", trials=9, progress=drop)
+    finally:
+        signal.signal(number, before)
+    assert f"Stopped by {by} after 2 of at most 9" in result.status
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_that_the_caller_has_set_to_be_ignored_stays_ignored(number: signal.Signals) -> None:
     before = signal.signal(number, signal.SIG_IGN)

@@ -72,6 +72,17 @@ class Stop:
 
     by: KeyboardInterrupt | None = None
 
+    def heed(self) -> None:
+        """Raise what asked to stop: Python drops what is raised in a finalizer or a callback, and goes on.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            Where something has.
+        """
+        if self.by is not None:
+            raise self.by
+
 
 @contextmanager
 def stoppable() -> Generator[Stop]:

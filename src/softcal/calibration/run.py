@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 from softcal.calibration.fingerprint import fingerprints
 from softcal.calibration.hold_out import fitted_part, predicted
-from softcal.calibration.interrupts import interrupts_held
+from softcal.calibration.interrupts import interrupts_held, stoppable
 from softcal.calibration.optimiser import Optimiser, Proposal
 from softcal.calibration.optimiser_grid import GridOptimiser
 from softcal.calibration.optimiser_least_squares import LeastSquaresOptimiser
@@ -244,18 +244,20 @@ class _Tally:
 def _search(optimiser: Optimiser, evaluator: Evaluator, tally: _Tally, progress: Observer | None) -> str:
     """Run the search to its end; what stopped it before, "" where nothing did."""
     try:
-        while proposals := optimiser.ask():
-            recalled = {p.number: found for p in proposals if (found := tally.recall(p)) is not None}
-            fresh = evaluator.evaluate([p for p in proposals if p.number not in recalled])
-            for proposal in proposals:
-                evaluation = recalled.get(proposal.number) or next(fresh)[1]
-                with interrupts_held():  # a trial is in all files and in the result, or in none of them
-                    tally.note(proposal.number, evaluation, jacobian=optimiser.needs_jacobian)
-                optimiser.tell(proposal, evaluation)
-                if progress is not None:
-                    progress(_progress(tally, optimiser))
-    except KeyboardInterrupt as stop:
-        return str(stop) or "the user"
+        with stoppable() as stop:
+            while proposals := optimiser.ask():
+                recalled = {p.number: found for p in proposals if (found := tally.recall(p)) is not None}
+                fresh = evaluator.evaluate([p for p in proposals if p.number not in recalled])
+                for proposal in proposals:
+                    stop.heed()
+                    evaluation = recalled.get(proposal.number) or next(fresh)[1]
+                    with interrupts_held():  # a trial is in all files and in the result, or in none of them
+                        tally.note(proposal.number, evaluation, jacobian=optimiser.needs_jacobian)
+                    optimiser.tell(proposal, evaluation)
+                    if progress is not None:
+                        progress(_progress(tally, optimiser))
+    except KeyboardInterrupt as asked:
+        return str(asked) or "the user"
     return ""
 
 

@@ -12,8 +12,8 @@ from benchmarks.problems import BOUNDS, N_SAMPLES, NU, SIGMA_PITCH, SIGMA_TENSIO
 from benchmarks.section import Goal, Section, run_alone
 from softcal.calibration.problem import Problem
 from softcal.calibration.run import calibrate
-from softcal.project.calibration import make_problem
 from softcal.project.project import load
+from softcal.workflows.calibration import make_problem
 
 LIMIT = 12
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "neck" / "project.yaml"

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from softcal.experiments.camera import Camera
-from softcal.experiments.fiducials import CharucoBoard, board_texture, marker_modules, marker_texture
-from softcal.experiments.marker_scene import Glimpse
-from softcal.experiments.render import Image, Optics, Panel, render
-from softcal.experiments.square_pose import square_corners
+from examples.manipulator.render import Image, Optics, Panel, render
 from softcal.geometry.pose import Pose
+from softcal.vision.camera import Camera
+from softcal.vision.fiducials import CharucoBoard, board_texture, marker_modules, marker_texture
+from softcal.vision.marker_scene import Glimpse
+from softcal.vision.square_pose import square_corners
 
 DICTIONARY = "DICT_4X4_50"
 

@@ -15,9 +15,9 @@ import numpy as np
 from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.result import CalibrationResult
 from softcal.geometry.primitives import box_mesh
-from softcal.project.calibration import calibrate
 from softcal.project.project import Project, load
 from softcal.twin.robot import ElementKind, Marker, PointLoad, Robot
+from softcal.workflows.calibration import calibrate
 
 HERE = Path(__file__).parent
 LENGTH, WIDTH = 0.1, 0.03  # [m]

@@ -21,19 +21,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from render import Optics, Panel, render
 from ruamel.yaml import YAML
 from scipy.spatial.transform import Rotation
 
 from softcal.checks import Floats
-from softcal.experiments.camera import Camera
-from softcal.experiments.fiducials import CharucoBoard, board_texture, marker_modules, marker_texture
-from softcal.experiments.render import Image, Optics, Panel, render
 from softcal.geometry.pose import Pose
 from softcal.twin.manipulator import ManipulatorShape, manipulator
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Marker, Robot
 from softcal.twin.simulate import simulate
 from softcal.units import parse_quantity
+from softcal.vision.camera import Camera, Image
+from softcal.vision.fiducials import CharucoBoard, board_texture, marker_modules, marker_texture
 
 HERE = Path(__file__).parent
 DICTIONARY = "DICT_4X4_50"

@@ -42,20 +42,8 @@ if TYPE_CHECKING:
     from softcal.materials.catalogue import register_law as register_law
     from softcal.materials.law import Law as Law
     from softcal.materials.parameter import Parameter as Parameter
-    from softcal.project.calibration import Calibrations as Calibrations
-    from softcal.project.calibration import calibrate as calibrate
-    from softcal.project.checking import check as check
-    from softcal.project.mesh_study import mesh_study as mesh_study
     from softcal.project.project import Project as Project
     from softcal.project.project import load as load
-    from softcal.project.reporting import write_report as write_report
-    from softcal.project.run_folder import load_run as load_run
-    from softcal.project.simulation import pull as pull
-    from softcal.project.simulation import simulate as simulate
-    from softcal.project.sweep import Swept as Swept
-    from softcal.project.sweep import sweep as sweep
-    from softcal.project.validation import validate as validate
-    from softcal.project.whole_record import compare_records as compare_records
     from softcal.quantities import Quantity as Quantity
     from softcal.quantities import quantity as quantity
     from softcal.twin.cables import RoutingAxis as RoutingAxis
@@ -83,13 +71,25 @@ if TYPE_CHECKING:
     from softcal.twin.schedule import Settling as Settling
     from softcal.twin.schedule import TimeSettings as TimeSettings
     from softcal.twin.schedule import ramp as ramp
+    from softcal.workflows.calibration import Calibrations as Calibrations
+    from softcal.workflows.calibration import calibrate as calibrate
+    from softcal.workflows.checking import check as check
+    from softcal.workflows.mesh_study import mesh_study as mesh_study
+    from softcal.workflows.reporting import write_report as write_report
+    from softcal.workflows.run_folder import load_run as load_run
+    from softcal.workflows.simulation import pull as pull
+    from softcal.workflows.simulation import simulate as simulate
+    from softcal.workflows.sweep import Swept as Swept
+    from softcal.workflows.sweep import sweep as sweep
+    from softcal.workflows.validation import validate as validate
+    from softcal.workflows.whole_record import compare_records as compare_records
 
 _HOMES = {
     "Body": "softcal.twin.robot",
     "Cable": "softcal.twin.robot",
     "CalibrationError": "softcal.errors",
     "CalibrationResult": "softcal.calibration.result",
-    "Calibrations": "softcal.project.calibration",
+    "Calibrations": "softcal.workflows.calibration",
     "Channel": "softcal.experiments.dataset",
     "Command": "softcal.twin.protocol",
     "Contact": "softcal.twin.robot",
@@ -123,37 +123,37 @@ _HOMES = {
     "SoftcalError": "softcal.errors",
     "StorageError": "softcal.errors",
     "SurfaceLoad": "softcal.twin.robot",
-    "Swept": "softcal.project.sweep",
+    "Swept": "softcal.workflows.sweep",
     "TetMesh": "softcal.geometry.mesh",
     "Tie": "softcal.twin.robot",
     "TimeSettings": "softcal.twin.schedule",
     "UnitError": "softcal.errors",
     "ViaPoint": "softcal.twin.robot",
     "box_mesh": "softcal.geometry.primitives",
-    "calibrate": "softcal.project.calibration",
-    "check": "softcal.project.checking",
+    "calibrate": "softcal.workflows.calibration",
+    "check": "softcal.workflows.checking",
     "circular": "softcal.geometry.section",
-    "compare_records": "softcal.project.whole_record",
+    "compare_records": "softcal.workflows.whole_record",
     "helix": "softcal.geometry.centreline",
     "load": "softcal.project.project",
-    "load_run": "softcal.project.run_folder",
+    "load_run": "softcal.workflows.run_folder",
     "make_problem": "softcal.calibration.problem",
     "manipulator": "softcal.twin.manipulator",
-    "mesh_study": "softcal.project.mesh_study",
-    "pull": "softcal.project.simulation",
+    "mesh_study": "softcal.workflows.mesh_study",
+    "pull": "softcal.workflows.simulation",
     "quantity": "softcal.quantities",
     "ramp": "softcal.twin.schedule",
     "read_mesh": "softcal.geometry.read",
     "rectangular": "softcal.geometry.section",
     "register_law": "softcal.materials.catalogue",
     "robot_parameters": "softcal.twin.parameters",
-    "simulate": "softcal.project.simulation",
+    "simulate": "softcal.workflows.simulation",
     "simulate_in_time": "softcal.twin.in_time",
     "straight": "softcal.geometry.centreline",
-    "sweep": "softcal.project.sweep",
-    "validate": "softcal.project.validation",
+    "sweep": "softcal.workflows.sweep",
+    "validate": "softcal.workflows.validation",
     "with_parameters": "softcal.twin.parameters",
-    "write_report": "softcal.project.reporting",
+    "write_report": "softcal.workflows.reporting",
 }
 
 __all__ = [

@@ -14,6 +14,7 @@ SoftcalError
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -43,6 +44,13 @@ class Fault:
             attempt = self.attempt.rstrip(".")
             text += f" Try: {attempt}" + ("" if attempt.endswith("?") else ".")
         return text
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """The known name most like `name`, quoted, for a fault's `attempt`; "" where none is alike."""
+    folded = {candidate.casefold(): candidate for candidate in known}
+    match = difflib.get_close_matches(name.casefold(), folded, n=1, cutoff=0.5)
+    return f"'{folded[match[0]]}'" if match else ""
 
 
 class SoftcalError(Exception):

@@ -16,9 +16,9 @@ from softcal.errors import ParameterError, ProjectFileError
 from softcal.export.calculix import in_its_law
 from softcal.export.sofa_robot import linear_robot
 from softcal.materials.catalogue import LAWS
-from softcal.project.checking import check
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate
+from softcal.workflows.checking import check
 
 GENT = """
 from softcal import Law, Parameter, quantity, register_law

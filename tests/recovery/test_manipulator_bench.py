@@ -13,11 +13,11 @@ import pytest
 
 from softcal.calibration.result import CalibrationResult
 from softcal.errors import ParameterError
-from softcal.project.calibration import calibrate
-from softcal.project.markers import measure_markers
 from softcal.project.project import Project
-from softcal.project.sweep import sweep
 from softcal.units import parse_quantity
+from softcal.workflows.calibration import calibrate
+from softcal.workflows.markers import measure_markers
+from softcal.workflows.sweep import sweep
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "manipulator"
 NAMES = "11=front1,12=front2,13=front3,14=front4"

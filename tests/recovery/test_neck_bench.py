@@ -23,12 +23,12 @@ from softcal.calibration.problem import Problem
 from softcal.calibration.result import CalibrationResult
 from softcal.calibration.run import calibrate
 from softcal.experiments.dataset import Dataset
-from softcal.project.calibration import make_problem
 from softcal.project.project import Project
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate
 from softcal.units import parse_quantity
+from softcal.workflows.calibration import make_problem
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "neck-bench"
 E, NU = "neck.youngs_modulus", "neck.poissons_ratio"

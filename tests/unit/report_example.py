@@ -8,8 +8,8 @@ from scipy.spatial import Delaunay
 from softcal.calibration.result import CalibrationResult, Estimate, ExperimentFit, Trial
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.geometry.mesh import TetMesh
+from softcal.materials.infill import PrintInfill
 from softcal.report.content import ExperimentContent, ReportContent
-from softcal.report.infill import PrintInfill
 from softcal.report.twin_view import TwinView
 from softcal.twin.response import Snapshot
 from softcal.twin.robot import Body, Cable, Plate, PointLoad, Robot, ViaPoint

@@ -14,7 +14,7 @@ from project_case import bench_csv, bench_values, write_project
 
 from softcal.cli import main
 from softcal.geometry.write import write_mesh
-from softcal.project import output
+from softcal.workflows import output
 
 Change = tuple[str, str]
 
@@ -349,8 +349,8 @@ def test_force_in_kilonewtons_by_mistake_is_warned_of(
 
 
 def test_a_value_outside_the_bounds_of_its_search_is_warned_of(tmp_path: Path):
-    from softcal.project.checking import check
     from softcal.project.project import load
+    from softcal.workflows.checking import check
 
     path = write_project(tmp_path, ("youngs_modulus: 2 MPa", "youngs_modulus: 90 MPa"))
     beyond = [warning for warning in check(load(path)).warnings if "outside the bounds" in warning]
@@ -361,8 +361,8 @@ def test_a_value_outside_the_bounds_of_its_search_is_warned_of(tmp_path: Path):
 
 
 def test_plausible_data_are_not_warned_of(tmp_path: Path):
-    from softcal.project.checking import check
     from softcal.project.project import load
+    from softcal.workflows.checking import check
 
     assert check(load(write_project(tmp_path))).warnings == ()
 
@@ -483,7 +483,7 @@ def test_a_disk_that_fills_up_leaves_nothing_half(
     def full(*_: object, **__: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("softcal.project.run_folder.shutil.copyfile", full)
+    monkeypatch.setattr("softcal.workflows.run_folder.shutil.copyfile", full)
     code, _, err = run(capsys, "calibrate", write_project(tmp_path / "p"), "--out", tmp_path / "out")
     assert code == 2
     assert "No space left on device" in err

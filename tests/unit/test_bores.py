@@ -24,9 +24,9 @@ from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quadratic import to_quadratic
 from softcal.geometry.write import write_mesh
 from softcal.mechanics.attachment import attach_point
-from softcal.project.checking import check
 from softcal.project.project import load
 from softcal.twin.bores import bores
+from softcal.workflows.checking import check
 
 needs_gmsh = pytest.mark.skipif(importlib.util.find_spec("gmsh") is None, reason="Gmsh is not installed")
 BAR = drilled_bar()

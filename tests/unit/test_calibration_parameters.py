@@ -69,7 +69,7 @@ def test_every_fault_is_told_at_once() -> None:
         )
     text = str(caught.value)
     assert len(caught.value.faults) == 5
-    assert "did you mean 'neck.youngs_modulus'" in text
+    assert "Try: 'neck.youngs_modulus'" in text
     assert "0.4999 instead of 0.5" in text
     assert "reversed" in text
     assert "a log scale needs bounds above zero" in text

@@ -143,7 +143,7 @@ def test_faults_of_a_problem_are_told_together() -> None:
 
 
 def test_an_unknown_parameter_is_refused_with_the_nearest() -> None:
-    with pytest.raises(ParameterError, match=r"did you mean 'front\.slack'"):
+    with pytest.raises(ParameterError, match=r"Try: 'front\.slack'"):
         make_problem(fake_robot(), [fake_experiment()], (FreeParameter("front.slak", "m", 0.0, 0.01),))
 
 

@@ -13,11 +13,10 @@ from marker_bench import BOARD, SMALL, WEBCAM, board_poses, photograph_board, sa
 
 from softcal.cli import main
 from softcal.errors import DatasetError, InputError, ProjectFileError, StorageError
-from softcal.experiments.camera import Camera
-from softcal.experiments.charuco import BoardView, Calibration, calibrate_camera, find_board
-from softcal.experiments.fiducials import CharucoBoard
-from softcal.experiments.render import Image
 from softcal.project.camera_file import camera_text, read_camera
+from softcal.vision.camera import Camera, Image
+from softcal.vision.charuco import BoardView, Calibration, calibrate_camera, find_board
+from softcal.vision.fiducials import CharucoBoard
 
 directions = st.tuples(st.floats(-0.7, 0.7), st.floats(-0.4, 0.4)).map(lambda xy: np.array([xy]))
 

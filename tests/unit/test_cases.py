@@ -11,9 +11,9 @@ from project_case import write_project
 
 from softcal.cli import main
 from softcal.errors import ParameterError
-from softcal.project.cases import cases
 from softcal.project.project import load
-from softcal.project.simulation import simulate
+from softcal.workflows.cases import cases
+from softcal.workflows.simulation import simulate
 
 SOFTER = ("    noise: {tension", "    settings: {bar.poissons_ratio: 0.2}\n    noise: {tension")
 

@@ -20,13 +20,13 @@ import pytest
 from project_case import MODULUS, RATIO, SLACK, bar_robot, bench_values, write_project
 
 from softcal.cli import main
-from softcal.project import calibration as calibrating
-from softcal.project import furthest, reporting
 from softcal.project.project import load
-from softcal.project.run_folder import load_run
-from softcal.project.simulation import pull, simulate
 from softcal.report.write import ReportPaths
 from softcal.twin.response import Response
+from softcal.workflows import calibration as calibrating
+from softcal.workflows import furthest, reporting
+from softcal.workflows.run_folder import load_run
+from softcal.workflows.simulation import pull, simulate
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
@@ -102,7 +102,7 @@ def test_check_prints_a_table_and_draws(
 def test_simulate_writes_channels_with_units(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("softcal.project.simulation_folder._draw", lambda *_: None)
+    monkeypatch.setattr("softcal.workflows.simulation_folder._draw", lambda *_: None)
     path, out = write_project(tmp_path / "p"), tmp_path / "out"
     held = ["--set", f"bar.youngs_modulus={MODULUS / 1e6}MPa", "--set", f"front.slack={SLACK * 1e3} mm"]
     code, printed, _ = run(capsys, "simulate", path, *held, "--out", out)
@@ -117,7 +117,7 @@ def test_simulate_writes_channels_with_units(
 
 
 def test_simulate_a_pull(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("softcal.project.simulation_folder._draw", lambda *_: None)
+    monkeypatch.setattr("softcal.workflows.simulation_folder._draw", lambda *_: None)
     path = write_project(tmp_path / "p")
     assert run(capsys, "simulate", path, "--pull", "front=5mm", "--out", tmp_path / "d")[0] == 0
     assert run(capsys, "simulate", path, "--pull", "front=0.5 N", "--out", tmp_path / "t")[0] == 0
@@ -130,7 +130,7 @@ def test_a_simulation_that_fails_says_why_and_writes_nothing(
 ):
     sentence = "No equilibrium at 12.0 mm of shortening: a tet would turn inside out."
     failed = Response({}, {}, sentence, succeeded=False, n_factorisations=3)
-    monkeypatch.setattr("softcal.project.simulation.simulate_robot", lambda *_, **__: failed)
+    monkeypatch.setattr("softcal.workflows.simulation.simulate_robot", lambda *_, **__: failed)
     code, _, err = run(capsys, "simulate", write_project(tmp_path / "p"), "--out", tmp_path / "out")
     assert code == 1
     assert err == f"Error: pull: {sentence}\n"
@@ -143,7 +143,7 @@ def test_the_states_that_exist_are_written_where_others_do_not(
     sentence = "Sample 2 of 3 was not reached (front 5 mm): no equilibrium. The other 2 are solved."
     channels = {"front.tension": np.array([1.0, 2.0])}
     partly = Response(channels, {"front.tension": "N"}, sentence, succeeded=False, n_factorisations=3, samples=(0, 2))
-    monkeypatch.setattr("softcal.project.simulation.simulate_robot", lambda *_, **__: partly)
+    monkeypatch.setattr("softcal.workflows.simulation.simulate_robot", lambda *_, **__: partly)
     code, printed, err = run(capsys, "simulate", write_project(tmp_path / "p"), "--out", tmp_path / "out")
     assert code == 1
     assert err == f"Error: pull: {sentence}\n"
@@ -350,9 +350,9 @@ def test_each_alone_is_put_side_by_side(capsys: pytest.CaptureFixture[str], tmp_
 
 
 def test_report_from_a_moved_run(capsys: pytest.CaptureFixture[str], finished: Path, monkeypatch: pytest.MonkeyPatch):
-    from softcal.project import reporting
     from softcal.report.content import ReportContent
     from softcal.report.write import ReportPaths
+    from softcal.workflows import reporting
 
     seen: list[ReportContent] = []
 

@@ -18,15 +18,15 @@ from softcal.geometry.primitives import box_mesh
 from softcal.geometry.write import write_mesh
 from softcal.mechanics.path import follow
 from softcal.project.project import load
-from softcal.project.reporting import report_content
-from softcal.project.run_folder import load_run
-from softcal.project.template import write_template
 from softcal.twin.build import cached_twin
 from softcal.twin.contacts import fitting_contact
 from softcal.twin.crossings import span_in_words
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Body, Cable, Plate, PointLoad, Robot, Tie, ViaPoint
 from softcal.twin.simulate import simulate
+from softcal.workflows.reporting import report_content
+from softcal.workflows.run_folder import load_run
+from softcal.workflows.template import write_template
 
 ROOT = Path(__file__).parents[2]
 GAP = 2e-3  # of the notch

@@ -12,11 +12,11 @@ from typer.testing import CliRunner
 
 from softcal.cli import app
 from softcal.errors import SimulationError
-from softcal.project.calibration import plan
-from softcal.project.expected_duration import Expected, expected_duration
 from softcal.project.project import load
 from softcal.twin.response import Response
 from softcal.twin.simulate import simulate
+from softcal.workflows.calibration import plan
+from softcal.workflows.expected_duration import Expected, expected_duration
 
 SECOND = """\
   again:

@@ -16,9 +16,9 @@ from softcal.export.vtk import write_vtk
 from softcal.geometry.primitives import box_mesh
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.stress import cauchy_stress, green_lagrange_strain, von_mises
-from softcal.project.film import films
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate
+from softcal.workflows.film import films
 
 
 @pytest.mark.parametrize("element", ["P1", "P2P1"])

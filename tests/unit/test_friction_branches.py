@@ -212,8 +212,8 @@ def test_a_rough_cable_that_the_other_draws_out_is_told_of(mu: float, told: bool
 
 @pytest.mark.parametrize(("mu", "told"), [(0.0, False), (0.2, True)])
 def test_the_report_and_the_command_line_tell_of_it_too(mu: float, told: bool) -> None:
-    from softcal.project.furthest import shape_warnings
-    from softcal.project.simulation import twin_view
+    from softcal.workflows.furthest import shape_warnings
+    from softcal.workflows.simulation import twin_view
 
     protocol = Protocol({"front": Command("tension", np.array([1.0, 8.0])), "back": Command("tension", np.ones(2))})
     response = softcal.simulate(two_cables(mu), protocol, snapshots=True)

@@ -31,8 +31,8 @@ from softcal.experiments.motion_capture import read_c3d
 from softcal.experiments.read import ColumnSpec, read_table
 from softcal.project.base_file import read_base
 from softcal.project.camera_file import read_camera
-from softcal.project.mesh_study_files import read_study
-from softcal.project.run_folder import load_run
+from softcal.workflows.mesh_study_files import read_study
+from softcal.workflows.run_folder import load_run
 
 LONGEST = 60  # seconds
 

@@ -15,16 +15,16 @@ from project_case import write_project
 
 from softcal.cli import main
 from softcal.errors import InputError, ParameterError, ProjectFileError
-from softcal.project.cases import cases
-from softcal.project.motion import schedule_of, simulate_each_in_time
 from softcal.project.project import load
-from softcal.project.simulation import simulate as simulate_project
 from softcal.twin.in_time import simulate_in_time
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
 from softcal.twin.robot import Marker
 from softcal.twin.schedule import Schedule, Settling, TimeSettings, ramp
 from softcal.twin.simulate import simulate
+from softcal.workflows.cases import cases
+from softcal.workflows.motion import schedule_of, simulate_each_in_time
+from softcal.workflows.simulation import simulate as simulate_project
 
 TENSION = {"front": ("tension", 2.0)}
 

@@ -25,8 +25,8 @@ from softcal.calibration.optimiser_tpe import OptunaJournal
 from softcal.calibration.run import Progress, calibrate
 from softcal.calibration.store import RunStore
 from softcal.errors import CalibrationError
-from softcal.project.calibration import calibrate as calibrate_project
 from softcal.project.project import load
+from softcal.workflows.calibration import calibrate as calibrate_project
 
 
 def press_ctrl_c() -> None:

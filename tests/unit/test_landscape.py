@@ -12,11 +12,11 @@ from project_case import bar_robot, write_project
 from softcal.analysis.landscape import ProportionalTwin, loss_over, scales_with_modulus
 from softcal.calibration.problem import Problem
 from softcal.errors import ParameterError
-from softcal.project.calibration import make_problem
 from softcal.project.project import load
-from softcal.project.simulation import pull
 from softcal.twin.robot import Contact
 from softcal.twin.simulate import simulate
+from softcal.workflows.calibration import make_problem
+from softcal.workflows.simulation import pull
 
 MODULUS, RATIO = "bar.youngs_modulus", "bar.poissons_ratio"
 

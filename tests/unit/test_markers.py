@@ -27,20 +27,20 @@ from marker_bench import (
     viewpoints,
 )
 
+from examples.manipulator.render import Optics, Panel, render
 from softcal.cli import main
 from softcal.errors import DatasetError, InputError, ProjectFileError, StorageError
-from softcal.experiments.aruco import detect_markers
-from softcal.experiments.camera import Camera
-from softcal.experiments.charuco import Calibration, find_board
-from softcal.experiments.edges import refine_corners
-from softcal.experiments.fiducials import find_dictionary, marker_texture
-from softcal.experiments.pattern_sheet import board_sheet, marker_sheet
-from softcal.experiments.render import Optics, Panel, render
-from softcal.experiments.shots import find_shots
 from softcal.geometry.pose import Pose
 from softcal.project.base_file import read_base
 from softcal.project.camera_file import camera_text
-from softcal.project.markers import make_camera_file, measure_markers
+from softcal.vision.aruco import detect_markers
+from softcal.vision.camera import Camera
+from softcal.vision.charuco import Calibration, find_board
+from softcal.vision.edges import refine_corners
+from softcal.vision.fiducials import find_dictionary, marker_texture
+from softcal.vision.pattern_sheet import board_sheet, marker_sheet
+from softcal.vision.shots import find_shots
+from softcal.workflows.markers import make_camera_file, measure_markers
 
 NAMES = "0=base,1=S1,2=S2,3=S3,4=S4"
 

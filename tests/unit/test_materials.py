@@ -16,14 +16,14 @@ from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.write import write_mesh
 from softcal.mechanics.stress import cauchy_stress
-from softcal.project.calibration import calibrate
-from softcal.project.checking import check
 from softcal.project.project import load
 from softcal.report.wording import parameter_label
 from softcal.twin.parameters import robot_parameters, with_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Body, Material
 from softcal.twin.simulate import simulate
+from softcal.workflows.calibration import calibrate
+from softcal.workflows.checking import check
 
 PROJECT = """\
 softcal: 1

@@ -15,14 +15,14 @@ from project_case import MODULUS, write_project
 import softcal
 from softcal.analysis.mesh_study import UNKNOWNS
 from softcal.cli import main, mesh_study_command
-from softcal.project.mesh_study import study, study_source
-from softcal.project.mesh_study_files import FOLDER, read_study
-from softcal.project.reporting import report_content
-from softcal.project.run_folder import load_run
 from softcal.report.all_tables import all_tables
 from softcal.report.chart_mesh import drawn_parameters
 from softcal.report.figures import report_pictures
 from softcal.report.html import render_page
+from softcal.workflows.mesh_study import study, study_source
+from softcal.workflows.mesh_study_files import FOLDER, read_study
+from softcal.workflows.reporting import report_content
+from softcal.workflows.run_folder import load_run
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
@@ -64,7 +64,7 @@ def test_a_run_is_studied_in_its_folder_and_nothing_is_overwritten(
     def never(*arguments: object, **options: object) -> None:
         raise AssertionError("it must be refused before anything is simulated")
 
-    monkeypatch.setattr("softcal.project.mesh_study.study_problem", never)
+    monkeypatch.setattr("softcal.workflows.mesh_study.study_problem", never)
     code, _, told = run(capsys, "mesh-study", studied)
     assert code == 2
     assert "the folder is not empty, and nothing is overwritten" in told
@@ -115,7 +115,7 @@ def test_the_table_fits_eighty_columns(
 
 
 def test_the_report_of_a_run_tells_its_study(studied: Path, monkeypatch: pytest.MonkeyPatch):
-    from softcal.project import reporting
+    from softcal.workflows import reporting
 
     monkeypatch.setattr(reporting, "_twin", lambda *_: None)
     monkeypatch.setattr(reporting, "_landscapes", lambda *_: {})
@@ -140,7 +140,7 @@ def test_the_report_of_a_run_tells_its_study(studied: Path, monkeypatch: pytest.
 def test_a_study_of_other_values_is_not_told_as_this_runs(
     studied: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    from softcal.project import reporting
+    from softcal.workflows import reporting
 
     monkeypatch.setattr(reporting, "_twin", lambda *_: None)
     monkeypatch.setattr(reporting, "_landscapes", lambda *_: {})

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from softcal.errors import Fault, InputError, ProjectFileError, StorageError
-from softcal.project.document import Document, Findings, dotted, suggestion
+from softcal.project.document import Document, Findings, dotted
 from softcal.project.yaml_file import read_document
 
 
@@ -101,7 +101,5 @@ def test_nothing_found_raises_nothing(tmp_path: Path):
     Findings(read(tmp_path, "a: 1\n")).raise_if_any()
 
 
-def test_dotted_and_suggestion():
+def test_dotted():
     assert dotted(("robot", "cables", "front", "via", 1, "at")) == "robot.cables.front.via[1].at"
-    assert suggestion("poisson_ratio", ["poissons_ratio", "density"]) == "'poissons_ratio'"
-    assert suggestion("xyz", ["poissons_ratio"]) == ""

@@ -15,10 +15,10 @@ from softcal.cli import app
 from softcal.errors import ProjectFileError, StorageError
 from softcal.export import sofa_engine as sofa_engine_module
 from softcal.export.sofa_settings import Resting, SofaSettings
-from softcal.project.calibration import calibrate
-from softcal.project.cases import Case
-from softcal.project.exporting import export_sofa
 from softcal.project.project import load
+from softcal.workflows.calibration import calibrate
+from softcal.workflows.cases import Case
+from softcal.workflows.exporting import export_sofa
 
 ALL = """\
 engines:

@@ -9,10 +9,10 @@ import pytest
 from project_case import PROJECT, write_project
 
 from softcal.errors import ProjectFileError
-from softcal.project.calibration import calibrate
 from softcal.project.project import load
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate
+from softcal.workflows.calibration import calibrate
 
 
 def with_law(folder: Path, law: str) -> Path:

@@ -16,16 +16,16 @@ from typer.testing import CliRunner
 from softcal.calibration.frame import rotation
 from softcal.cli.app import app
 from softcal.errors import InputError, ProjectFileError
-from softcal.project.calibration import calibrate, calibrated
-from softcal.project.checking import check
 from softcal.project.project import Project, load
-from softcal.project.reporting import report_content
-from softcal.project.run_folder import load_run
-from softcal.project.simulation import simulate as simulate_project
 from softcal.report.all_tables import all_tables
 from softcal.twin.parameters import robot_parameters, with_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate
+from softcal.workflows.calibration import calibrate, calibrated
+from softcal.workflows.checking import check
+from softcal.workflows.reporting import report_content
+from softcal.workflows.run_folder import load_run
+from softcal.workflows.simulation import simulate as simulate_project
 
 ROBOT = """\
 softcal: 1
@@ -272,7 +272,7 @@ def test_the_command_line_validates_and_holds_out(tmp_path: Path) -> None:
     assert max(float(row["RMSE"]) for row in rows) < 1e-3
     wrong = CliRunner().invoke(app, ["calibrate", str(path), "--hold-out", "cable7", "--out", str(tmp_path / "run")])
     assert wrong.exit_code == 2
-    assert "did you mean" in wrong.output
+    assert "Try: '" in wrong.output
     assert not (tmp_path / "run").exists()
     with pytest.raises(InputError, match="hold_out"):
         calibrate(load(path), hold_out=["cable1", "cable5", "hanging"])

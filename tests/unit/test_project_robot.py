@@ -300,9 +300,9 @@ def test_contact_is_off_unless_asked_for(tmp_path: Path):
 
 
 def test_the_template_checks_and_pulls(tmp_path: Path):
-    from softcal.project.checking import check
-    from softcal.project.pulls import parse_pulls
-    from softcal.project.template import write_template
+    from softcal.workflows.checking import check
+    from softcal.workflows.pulls import parse_pulls
+    from softcal.workflows.template import write_template
 
     project = load(write_template("manipulator", tmp_path / "m"))
     rows = dict(check(project).rows)
@@ -323,7 +323,7 @@ def test_the_template_checks_and_pulls(tmp_path: Path):
 def test_a_generated_mesh_is_put_in_place_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """A run keeps the mesh as it was made: read back, it is placed again, and only once."""
     from softcal.project import building as module
-    from softcal.project.run_folder import _copy_inputs  # pyright: ignore[reportPrivateUsage]
+    from softcal.workflows.run_folder import _copy_inputs  # pyright: ignore[reportPrivateUsage]
 
     monkeypatch.setattr(module, "is_generated", lambda body: body.placement is not None)
     path = write_robot(tmp_path)

@@ -9,8 +9,8 @@ import pytest
 from project_case import write_project
 
 from softcal.errors import ProjectFileError
-from softcal.project.checking import check
 from softcal.project.project import load
+from softcal.workflows.checking import check
 
 VIA = "- {on: plate, at: [30 mm, 0 mm, 100 mm]}\n"
 

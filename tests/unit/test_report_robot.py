@@ -11,7 +11,6 @@ import pytest
 from softcal.geometry.centreline import straight
 from softcal.geometry.pose import Pose
 from softcal.geometry.section import circular
-from softcal.project.simulation import pull, twin_view
 from softcal.report.check_figures import robot_scenes
 from softcal.report.robot_view import plate_surface, robot_points
 from softcal.report.scene import Ball, Surface, Tube
@@ -22,6 +21,7 @@ from softcal.twin.facing import plate_normal, plate_radius, up_direction
 from softcal.twin.manipulator import ManipulatorShape, manipulator
 from softcal.twin.robot import Disc, Plate, Robot, Rod
 from softcal.twin.simulate import simulate
+from softcal.workflows.simulation import pull, twin_view
 
 SHAPE = ManipulatorShape()
 

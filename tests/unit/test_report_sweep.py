@@ -10,12 +10,7 @@ import pytest
 from sweep_case import FORCES, LENGTH, MODULUS, RATIO, robot, write_sweep
 
 from softcal.errors import InputError
-from softcal.project.calibration import calibrate
-from softcal.project.comparing import compared
 from softcal.project.project import Project, load
-from softcal.project.reporting import report_content
-from softcal.project.run_folder import load_run
-from softcal.project.sweep import sweep
 from softcal.report import chart_configurations, chart_twin
 from softcal.report.all_tables import all_tables
 from softcal.report.chart_comparison import draw_comparison
@@ -29,6 +24,11 @@ from softcal.report.surfaces import error_curves, error_surfaces, swept_pair
 from softcal.report.verdict import headline_sentence, verdicts
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate
+from softcal.workflows.calibration import calibrate
+from softcal.workflows.comparing import compared
+from softcal.workflows.reporting import report_content
+from softcal.workflows.run_folder import load_run
+from softcal.workflows.sweep import sweep
 
 E, NU = "springs.youngs_modulus", "springs.poissons_ratio"
 

@@ -16,10 +16,10 @@ from softcal.calibration.outcome import bound_note
 from softcal.calibration.result import CalibrationResult, Estimate, ExperimentFit, Trial
 from softcal.errors import InputError
 from softcal.experiments.dataset import Channel, Dataset, Step
+from softcal.materials.infill import PrintInfill
 from softcal.report.all_tables import all_tables
 from softcal.report.content import ExperimentContent, Landscape, ReportContent
 from softcal.report.html import render_page
-from softcal.report.infill import PrintInfill
 from softcal.report.tables import (
     errors_table,
     grouped_failures,

@@ -13,10 +13,10 @@ from softcal.calibration.outcome import SATURATED, bound_note
 from softcal.calibration.result import CalibrationResult, Distance, Estimate, ExperimentFit
 from softcal.cli.calibration_table import print_results
 from softcal.experiments.dataset import Channel, Dataset, Step
+from softcal.materials.infill import PrintInfill
 from softcal.report.chart_parameters import forest_caption
 from softcal.report.content import ExperimentContent, ReportContent
 from softcal.report.figures import steps_between
-from softcal.report.infill import PrintInfill
 from softcal.report.tables import all_parameters_table, parameters_table
 from softcal.report.verdict import headline_sentence, verdicts
 

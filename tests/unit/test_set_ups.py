@@ -16,8 +16,8 @@ from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import make_problem
 from softcal.calibration.run import calibrate
 from softcal.errors import ParameterError, ProjectFileError
-from softcal.project.calibration import calibrated
 from softcal.project.project import load
+from softcal.workflows.calibration import calibrated
 
 FIRST, SECOND = (0.01, -0.02, 0.03, 0.1, -0.2, 0.1), (-0.02, 0.0, 0.01, 0.0, 0.1, -0.1)
 FRAMES = tuple(FreeParameter(n, "m" if len(n) == 7 else "rad", -0.5, 0.5, per_set_up=True) for n in FRAME)
@@ -119,7 +119,7 @@ def test_a_project_says_set_ups_and_takes_their_values_back(tmp_path):
     loaded = load(project(tmp_path))
     assert loaded.space is not None
     assert loaded.space.labels == ("bar.youngs_modulus", "front.slack[monday]")
-    from softcal.project.calibration import calibrate as calibrate_project
+    from softcal.workflows.calibration import calibrate as calibrate_project
 
     result = calibrate_project(loaded).headline
     at_values = calibrated(loaded, result)

@@ -15,10 +15,10 @@ from softcal.cli.app import app
 from softcal.experiments.synchronise import clock_warning, synchronise
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.write import write_mesh
-from softcal.project.checking import CheckReport, check
 from softcal.project.project import load
 from softcal.report import check_figures
 from softcal.report.scene_render import Rendering
+from softcal.workflows.checking import CheckReport, check
 
 FINGER = """\
 softcal: 1

@@ -19,8 +19,8 @@ from project_case import write_project
 from softcal.calibration.result_reading import load_result
 from softcal.cli import main
 from softcal.errors import StorageError
-from softcal.project.mesh_study_files import read_study
-from softcal.project.run_folder import load_run
+from softcal.workflows.mesh_study_files import read_study
+from softcal.workflows.run_folder import load_run
 
 STORE = "calibrations/pull"
 RESULT = f"{STORE}/result.json"

@@ -19,13 +19,13 @@ from softcal.calibration.run import Progress
 from softcal.cli import main
 from softcal.errors import CalibrationError, InputError, StorageError
 from softcal.project.project import Project, load
-from softcal.project.run_folder import load_run
-from softcal.project.sweep import Swept, sweep, sweep_csv
 from softcal.report.surfaces import error_surfaces
 from softcal.twin import simulate as simulating
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
 from softcal.twin.simulate import simulate
+from softcal.workflows.run_folder import load_run
+from softcal.workflows.sweep import Swept, sweep, sweep_csv
 
 E, NU = OVER
 GRID = [(modulus, ratio) for modulus in (1.2e9, 0.8e9, 0.4e9) for ratio in (0.1, 0.3)]
@@ -286,7 +286,7 @@ def test_what_is_held_cannot_be_swept(project: Project):
         ("1.2 GPa:0.4 GPa:0.4 GPa", "1.2:0.4:0.4", r"sweep\.over\.springs\.youngs_modulus: the unit is missing"),
         ("1.2 GPa:0.4 GPa:0.4 GPa", "{from: 1 GPa}", r"sweep\.over\.springs\.youngs_modulus"),
         ("experiments: [cable1]", "experiments: [cable7]", r"sweep\.experiments\[0\]: there is no such experiment"),
-        ("  over:", "  along:", "did you mean|unknown key"),
+        ("  over:", "  along:", "Try: |unknown key"),
     ],
 )
 def test_faults_of_the_section_name_their_line(tmp_path: Path, old: str, new: str, message: str):

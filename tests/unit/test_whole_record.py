@@ -14,14 +14,14 @@ from softcal.analysis import record as record_module
 from softcal.analysis.record import RecordFit, record_fit
 from softcal.calibration.experiment import Experiment, Pulleys, Rig
 from softcal.experiments.dataset import Channel, Dataset
-from softcal.project.calibration import calibrate
 from softcal.project.project import load
-from softcal.project.whole_record import compare_records, whole_record
 from softcal.report.all_tables import all_tables
 from softcal.report.html import render_page
 from softcal.report.verdict import verdicts
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate
+from softcal.workflows.calibration import calibrate
+from softcal.workflows.whole_record import compare_records, whole_record
 
 LOOP = 0.04  # of the force: above the elastic curve while pulled, as much below while let go
 TRAVEL = 8e-3  # [m]

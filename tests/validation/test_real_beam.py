@@ -15,9 +15,9 @@ import pytest
 from example_script import example_script
 from scipy.spatial.transform import Rotation
 
-from softcal.project.calibration import calibrate
 from softcal.project.project import load
-from softcal.project.validation import validate
+from softcal.workflows.calibration import calibrate
+from softcal.workflows.validation import validate
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "beam"
 PROJECT = EXAMPLE / "project.yaml"

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from softcal.project.calibration import calibrate
 from softcal.project.project import load
+from softcal.workflows.calibration import calibrate
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "neck" / "project.yaml"
 TESTS = ("pull_20mm", "pull_40mm", "pull_60mm")

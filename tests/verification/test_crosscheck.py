@@ -32,11 +32,11 @@ from softcal.export.sofa_settings import SofaSettings
 from softcal.export.way import Way, way_to
 from softcal.geometry.centreline import straight
 from softcal.geometry.section import circular
-from softcal.project import cases
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Command, Protocol, furthest_state
 from softcal.twin.robot import Cable, Plate, PointLoad, Robot, Rod, ViaPoint
 from softcal.twin.simulate import simulate
+from softcal.workflows import cases
 
 needs_ccx = pytest.mark.skipif(
     shutil.which("ccx") is None, reason="CalculiX (ccx) is not installed; Debian: calculix-ccx"
@@ -393,7 +393,7 @@ def test_a_timeout_that_is_none_is_refused(tmp_path, timeout, sentence):
 
 @pytest.mark.parametrize(
     ("engines", "sentence"),
-    [("softcal,calculx", "did you mean 'calculix'?"), ("softcal", "nothing to compare softcal with")],
+    [("softcal,calculx", "Try: 'calculix'"), ("softcal", "nothing to compare softcal with")],
 )
 def test_engines_that_make_no_comparison_are_refused(tmp_path, engines, sentence):
     done = CliRunner().invoke(app, ["crosscheck", str(write_project(tmp_path)), "--engines", engines])

@@ -17,11 +17,11 @@ from softcal.export.calculix_run import run_calculix
 from softcal.export.way import way_to
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
-from softcal.project.source import load_calibrated
 from softcal.twin.build import build_twin
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Body, Cable, Plate, Robot, Tie, ViaPoint
 from softcal.twin.simulate import simulate
+from softcal.workflows.source import load_calibrated
 
 NECK = Path(__file__).resolve().parents[2] / "examples" / "neck" / "project.yaml"
 

@@ -160,9 +160,9 @@ def test_what_no_cable_can_do_is_refused():
         simulate(robot, pulled(0.02, 0.11))
     with pytest.raises(ParameterError, match="no such cable"):
         simulate(robot, tensed(1.0, cable="back"))
-    with pytest.raises(ParameterError, match=r"did you mean 'neck\.youngs_modulus'"):
+    with pytest.raises(ParameterError, match=r"Try: 'neck\.youngs_modulus'"):
         simulate(robot, tensed(1.0), sensitivities=("neck.young_modulus",))
-    with pytest.raises(ParameterError, match=r"Try: did you mean 'plate\.mass'\?$"):
+    with pytest.raises(ParameterError, match=r"allowed: .*plate\.mass\.$"):
         simulate(robot, tensed(1.0), sensitivities=("plate.friction_coefficient",))
 
 

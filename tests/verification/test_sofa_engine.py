@@ -40,11 +40,11 @@ from softcal.export.sofa_robot import linear_robot
 from softcal.export.sofa_scene import scene_parameters, write_scene
 from softcal.geometry.centreline import straight
 from softcal.geometry.section import circular
-from softcal.project.calibration import calibrate as calibrate_project
 from softcal.project.project import load
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Cable, Plate, Robot, Rod, ViaPoint
 from softcal.twin.simulate import simulate
+from softcal.workflows.calibration import calibrate as calibrate_project
 
 needs_sofa = pytest.mark.skipif("SOFA_ROOT" not in os.environ, reason="SOFA is not installed: SOFA_ROOT is not set")
 

@@ -6,7 +6,6 @@ its set-up, its slack) nothing else can know; it is fitted to the experiment tha
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -18,7 +17,7 @@ from softcal.calibration.fit import experiment_fit
 from softcal.calibration.parameters import FreeParameter, SearchSpace
 from softcal.calibration.problem import Evaluation, Problem
 from softcal.calibration.result import HeldOut
-from softcal.errors import Fault, ParameterError
+from softcal.errors import Fault, ParameterError, nearest
 from softcal.twin.parameters import robot_parameters
 
 # Trajectories for the fit of an experiment's own nuisances; they are near linear.
@@ -37,8 +36,7 @@ def fitted_part(problem: Problem, hold_out: Sequence[str]) -> Problem:
     faults: list[Fault] = []
     for name in dict.fromkeys(hold_out):
         if name not in names:
-            close = difflib.get_close_matches(name, names, n=1, cutoff=0.0)
-            attempt = f"did you mean '{close[0]}'?" if close else ""
+            attempt = nearest(name, names)
             faults.append(
                 Fault("there is no such experiment to hold out", "hold_out", f"'{name}'", ", ".join(names), attempt)
             )

@@ -6,7 +6,6 @@ is elastic, so the states of the 20, 40 and 60 mm tests are points of one curve,
 
 from __future__ import annotations
 
-import difflib
 import re
 import time
 from collections.abc import Mapping, Sequence
@@ -23,7 +22,7 @@ from softcal.calibration.observation import Observation, commands, observe
 from softcal.calibration.parameters import FreeParameter, SearchSpace, search_space
 from softcal.calibration.trajectory import Member, Trajectory
 from softcal.checks import Floats
-from softcal.errors import Fault, InputError, ParameterError, SimulationError
+from softcal.errors import Fault, InputError, ParameterError, SimulationError, nearest
 from softcal.twin.parameters import ParameterInfo, out_of_range, robot_parameters, unknown_name, with_parameters
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response
@@ -377,13 +376,12 @@ def _unknown_owner(experiment: Experiment, owner: str, plates: Sequence[str], ma
     if not any("." in c and c.rpartition(".")[0] == owner for c in experiment.compared):
         return Fault("the robot has no such plate", experiment.name, got=owner, allowed=", ".join(plates) or "none")
     known = [*markers, *plates]
-    close = difflib.get_close_matches(owner, known, n=1, cutoff=0.0)
     return Fault(
         "the robot has no such marker or plate",
         experiment.name,
         got=owner,
         allowed=", ".join(known) or "none",
-        attempt=f"did you mean '{close[0]}'?" if close else "",
+        attempt=nearest(owner, known),
     )
 
 

@@ -60,8 +60,8 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
     from softcal.project.project import load
 
     loaded = load(project, values=parsed_values(values))
-    from softcal.project.calibration import calibrate as calibrate_project
-    from softcal.project.furthest import furthest_responses, shape_warnings
+    from softcal.workflows.calibration import calibrate as calibrate_project
+    from softcal.workflows.furthest import furthest_responses, shape_warnings
 
     print_warnings(loaded.warnings)
     folder = out if out is not None else project.parent / "run"
@@ -110,9 +110,9 @@ def _print_expected(
     project: Project, engine: str, hold_out: list[str] | None, options: dict[str, Any], workers: int
 ) -> None:
     """Say how long a calibration by another engine will take, before it begins."""
-    from softcal.project.calibration import plan
-    from softcal.project.expected_duration import expected_duration
     from softcal.report.wording import duration
+    from softcal.workflows.calibration import plan
+    from softcal.workflows.expected_duration import expected_duration
 
     settings, problems = plan(project, engine, hold_out=hold_out, **options)
     with clock() as show:
@@ -141,7 +141,7 @@ def report(
 
 def report_run(run: Path, out: Path | None, solved: Mapping[str, Response] | None = None) -> None:
     """Write a run's report and say where it lies; solved: what `write_report` need not solve again."""
-    from softcal.project.reporting import write_report
+    from softcal.workflows.reporting import write_report
 
     with clock() as show:
         paths = write_report(run, out, solved=solved, progress=show)

@@ -50,16 +50,16 @@ def crosscheck(
     Ends with 0 where all that could be compared agree, 1 where one differs or fails, or none could be compared, and 2
     where nothing moves the robot.
     """
-    from softcal.project.output import require_free_folder
-    from softcal.project.source import load_calibrated
     from softcal.quantities import QUANTITIES
+    from softcal.workflows.output import require_free_folder
+    from softcal.workflows.source import load_calibrated
 
     longest = QUANTITIES["duration"].read(timeout, where="--timeout") if timeout else None
     if out is not None:
         require_free_folder(out)
     project = load_calibrated(source, parsed_values(values))
-    from softcal.project.cases import cases
-    from softcal.project.crosschecking import crosscheck_project, write_crosscheck
+    from softcal.workflows.cases import cases
+    from softcal.workflows.crosschecking import crosscheck_project, write_crosscheck
 
     chosen = cases(project, pull or ())
     with clock() as show:
@@ -80,7 +80,7 @@ def crosscheck(
 
 
 def _print_crosscheck(found: dict[str, Crosscheck]) -> None:
-    from softcal.project.crosschecking import NOTHING_MOVES
+    from softcal.workflows.crosschecking import NOTHING_MOVES
 
     absent: dict[str, str] = {}
     refused: dict[str, str] = {}

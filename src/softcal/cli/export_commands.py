@@ -54,11 +54,11 @@ def vtk(
     values: Values = None,
 ) -> None:
     """For ParaView: shapes over a pull as .vtu files, with displacement, stress, strain and the parameters."""
-    from softcal.project.source import load_calibrated
+    from softcal.workflows.source import load_calibrated
 
     project = load_calibrated(source, parsed_values(values))
-    from softcal.project.cases import cases
-    from softcal.project.exporting import export_vtk
+    from softcal.workflows.cases import cases
+    from softcal.workflows.exporting import export_vtk
 
     chosen = cases(project, pull or ())
     crossings: list[str] = []  # told when what is drawn while it runs is gone
@@ -76,11 +76,11 @@ def vtk(
 @told
 def calculix(source: Source, out: Out, pull: Pull = None, values: Values = None) -> None:
     """For CalculiX: a deck of the robot at the end of each experiment or pull, with the cables as springs."""
-    from softcal.project.source import load_calibrated
+    from softcal.workflows.source import load_calibrated
 
     project = load_calibrated(source, parsed_values(values))
-    from softcal.project.cases import cases
-    from softcal.project.exporting import export_calculix
+    from softcal.workflows.cases import cases
+    from softcal.workflows.exporting import export_calculix
 
     crossings: list[str] = []
     with clock() as show:
@@ -93,12 +93,12 @@ def calculix(source: Source, out: Out, pull: Pull = None, values: Values = None)
 @told
 def sofa(source: Source, out: Out, pull: Pull = None, values: Values = None) -> None:
     """For SOFA: a scene for SofaPython3 and SoftRobots, with its meshes, every number as JSON, keys and a schedule."""
-    from softcal.project.source import load_calibrated
+    from softcal.workflows.source import load_calibrated
 
     project = load_calibrated(source, parsed_values(values))
-    from softcal.project.cases import Case, cases
-    from softcal.project.exporting import export_sofa
     from softcal.twin.protocol import Protocol
+    from softcal.workflows.cases import Case, cases
+    from softcal.workflows.exporting import export_sofa
 
     has_pull = bool(pull) or bool(project.experiments)
     export_sofa(project, cases(project, pull or ()) if has_pull else {"": Case(project.robot, Protocol({}))}, out)
@@ -127,10 +127,10 @@ def reduced(
     values: Values = None,
 ) -> None:
     """For a controller: tensions to poses, shortenings and compliance, as JSON with an evaluator without needs."""
-    from softcal.project.source import load_calibrated
+    from softcal.workflows.source import load_calibrated
 
     project = load_calibrated(source, parsed_values(values))
-    from softcal.project.exporting import export_reduced
+    from softcal.workflows.exporting import export_reduced
 
     crossings: list[str] = []
     with clock() as show:

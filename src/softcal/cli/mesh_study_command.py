@@ -52,9 +52,9 @@ def mesh_study(
     No mesher is needed: every tet is cut in eight, linear tets are made quadratic, elements of rods are halved.
     """
     from softcal.analysis.mesh_verdict import mesh_verdicts
-    from softcal.project.mesh_study import default_folder, study, study_source
-    from softcal.project.mesh_study_files import write_study
-    from softcal.project.output import require_free_folder
+    from softcal.workflows.mesh_study import default_folder, study, study_source
+    from softcal.workflows.mesh_study_files import write_study
+    from softcal.workflows.output import require_free_folder
 
     folder = out if out is not None else default_folder(source)
     if folder is not None:

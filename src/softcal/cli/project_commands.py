@@ -20,7 +20,7 @@ def init(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that is new or empty.", show_default=False)],
 ) -> None:
     """Write a project to start from, with data and comments."""
-    from softcal.project.template import write_template
+    from softcal.workflows.template import write_template
 
     path = write_template(template, folder)
     typer.echo(f"Wrote {path}. Look it over with: softcal check {path}")
@@ -46,7 +46,7 @@ def check(
     with clock() as show:
         show("Reading the project")
         loaded = load(project)
-        from softcal.project.checking import check as check_project
+        from softcal.workflows.checking import check as check_project
 
         folder = (out if out is not None else project.parent / "check") if pictures else None
         report = check_project(loaded, folder, solve=solve, progress=show)

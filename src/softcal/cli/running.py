@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rich.progress import TaskID
 
-    from softcal.project.motion import Observer
+    from softcal.workflows.motion import Observer
 
 
 @contextmanager

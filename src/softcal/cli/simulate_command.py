@@ -45,8 +45,8 @@ def simulate(
     from softcal.project.project import load
 
     loaded = load(project, values=parsed_values(values))
-    from softcal.project.cases import cases
-    from softcal.project.simulation_folder import simulate_to_folder
+    from softcal.workflows.cases import cases
+    from softcal.workflows.simulation_folder import simulate_to_folder
 
     if pull and experiment:
         raise InputError(Fault("--pull and --experiment exclude each other"))

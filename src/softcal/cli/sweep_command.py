@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from softcal.analysis.sweep import BestCell
-    from softcal.project.sweep import Swept
+    from softcal.workflows.sweep import Swept
 
 OVER = "NAME=VALUES, such as springs.youngs_modulus=10GPa:1GPa:1GPa"
 
@@ -52,7 +52,7 @@ def sweep(
 
     axes = parsed_pairs(over, "--over", "this is no axis", OVER)
     loaded = load(project, values=parsed_values(values))
-    from softcal.project.sweep import sweep as sweep_project
+    from softcal.workflows.sweep import sweep as sweep_project
 
     print_warnings(loaded.warnings)
     folder = out if out is not None else project.parent / "sweep"

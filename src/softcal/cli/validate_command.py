@@ -47,14 +47,14 @@ def validate(
 ) -> None:
     """Leave experiments out in turn, fit the others, and tell how well what was left out is predicted."""
     from softcal.cli.calibration_bars import calibration_progress
-    from softcal.project.output import require_free_file
     from softcal.project.project import load
+    from softcal.workflows.output import require_free_file
 
     if out is not None:
         require_free_file(out)
     loaded = {str(path): load(path, values=parsed_values(values)) for path in projects}
-    from softcal.project.validation import validate as validate_projects
-    from softcal.project.validation import write_validation
+    from softcal.workflows.validation import validate as validate_projects
+    from softcal.workflows.validation import write_validation
 
     for project in loaded.values():
         print_warnings(project.warnings)

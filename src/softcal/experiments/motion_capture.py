@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.errors import DatasetError, Fault, StorageError
+from softcal.errors import DatasetError, Fault, StorageError, nearest
 from softcal.experiments.dataset import Channel, Dataset, Step
-from softcal.experiments.names import nearest
 from softcal.units import unit_factor
 
 _MAGIC = 80  # second byte of every .c3d file

@@ -11,13 +11,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from softcal.errors import DatasetError, Fault, InputError
+from softcal.errors import DatasetError, Fault, InputError, nearest
 from softcal.experiments.averaging import average
 from softcal.experiments.branches import take_branch
 from softcal.experiments.corrections import detrend, smooth, zero
 from softcal.experiments.cycles import classify_cycles, find_cycles, select_cycles
 from softcal.experiments.dataset import Dataset
-from softcal.experiments.names import CHANNEL_UNITS, channel_unit, nearest
+from softcal.experiments.names import CHANNEL_UNITS, channel_unit
 from softcal.experiments.noise import estimate_noise, set_noise
 from softcal.experiments.pulleys import correct_pulley_friction
 from softcal.experiments.sampling import resample, window

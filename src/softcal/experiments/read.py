@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.errors import DatasetError, Fault, InputError, UnitError
+from softcal.errors import DatasetError, Fault, InputError, UnitError, nearest
 from softcal.experiments.columns import N_NAMED, Columns, Filter, Odd, cells_of, read_columns
 from softcal.experiments.dataset import Channel, Dataset, Step
-from softcal.experiments.names import ANGLES, CHANNEL_UNITS, QUATERNION, channel_unit, nearest
+from softcal.experiments.names import ANGLES, CHANNEL_UNITS, QUATERNION, channel_unit
 from softcal.experiments.orientation import plate_angles
 from softcal.experiments.table import WHITESPACE, Table, bare_unit, is_unit, load_table, split_header
 from softcal.units import unit_factor

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from dataclasses import dataclass
 from typing import Literal
 
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softcal.checks import Floats, Ints, frozen_floats
-from softcal.errors import Fault, MeshError
+from softcal.errors import Fault, MeshError, nearest
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.surface import boundary_faces, matching_faces
 
@@ -205,7 +204,6 @@ def _something(chosen: Ints, mesh: TetMesh, region: Region, kind: str, where: st
 
 def _unknown(mesh: TetMesh, name: str, where: str) -> MeshError:
     known = sorted({*mesh.node_sets, *mesh.face_sets, *mesh.element_sets})
-    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
     return MeshError(
         Fault(
             "the mesh has no group of this name",
@@ -214,6 +212,6 @@ def _unknown(mesh: TetMesh, name: str, where: str) -> MeshError:
             allowed=", ".join(known)
             if known
             else "nothing: the mesh has no named groups; use a box, plane, cylinder or sphere",
-            attempt=f"'{near[0]}'" if near else "",
+            attempt=nearest(name, known),
         )
     )

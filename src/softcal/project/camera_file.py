@@ -12,11 +12,11 @@ import numpy as np
 from pydantic import BeforeValidator
 
 from softcal.errors import Fault, ProjectFileError
-from softcal.experiments.camera import Camera
-from softcal.experiments.charuco import Calibration
 from softcal.project.document import Findings
 from softcal.project.section import Section, quantity, validated
 from softcal.project.yaml_file import read_document
+from softcal.vision.camera import Camera
+from softcal.vision.charuco import Calibration
 
 FORMAT = 1
 

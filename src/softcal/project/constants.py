@@ -8,10 +8,10 @@ from typing import Any
 from pydantic import Field, field_validator
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
+from softcal.errors import nearest
 from softcal.materials.catalogue import LAWS
 from softcal.materials.law import Law
 from softcal.materials.parameter import Parameter
-from softcal.project.document import suggestion
 from softcal.project.section import Section, fault_error, reader
 
 
@@ -68,7 +68,7 @@ class LawSection(ConstantsSection):
     @classmethod
     def _known_law(cls, law: str) -> str:
         if law not in LAWS:
-            attempt = suggestion(law, LAWS)
+            attempt = nearest(law, LAWS)
             raise fault_error("there is no such law", got=f"'{law}'", allowed=", ".join(sorted(LAWS)), attempt=attempt)
         return law
 

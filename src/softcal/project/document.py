@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Generator, Iterable, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from softcal.errors import Fault, InputError, ProjectFileError
+from softcal.errors import Fault, InputError, ProjectFileError, nearest
 
 # The way to a value: keys of mappings and numbers of list entries.
 KeyPath = tuple[str | int, ...]
@@ -60,7 +59,7 @@ class Findings:
             f"there is no such {kind}",
             got=f"'{got}'",
             allowed=", ".join(known) or f"none is defined: this project has no {kind}",
-            attempt=suggestion(got, known),
+            attempt=nearest(got, known),
         )
 
     @contextmanager
@@ -94,9 +93,3 @@ def dotted(path: KeyPath) -> str:
 def _line(fault: Fault) -> int:
     number = re.match(r"[^:]*:(\d+)", fault.where)
     return int(number[1]) if number else 0
-
-
-def suggestion(got: str, known: Iterable[str]) -> str:
-    """The known word nearest to `got`, quoted; nothing where none is near."""
-    nearest = difflib.get_close_matches(got, list(known), n=1, cutoff=0.5)
-    return f"'{nearest[0]}'" if nearest else ""

@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     from softcal.experiments.dataset import Dataset
     from softcal.geometry.mesh import TetMesh
     from softcal.geometry.quality import MeshReport
+    from softcal.materials.infill import PrintInfill
     from softcal.project.calibration_schema import CalibrationSection
     from softcal.project.dynamics_schema import DynamicsSection
     from softcal.project.engines_schema import EnginesSection
     from softcal.project.sweep_schema import SweepSection
-    from softcal.report.infill import PrintInfill
     from softcal.twin.parameters import ParameterInfo
     from softcal.twin.robot import Robot
 

@@ -17,9 +17,9 @@ from pydantic import (
 )
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
-from softcal.errors import Fault, InputError
+from softcal.errors import Fault, InputError, nearest
 from softcal.limits import LIMITS
-from softcal.project.document import Findings, KeyPath, suggestion
+from softcal.project.document import Findings, KeyPath
 from softcal.quantities import QUANTITIES, Quantity
 
 # The kind of error that carries a whole `Fault`: its context has got, allowed and attempt.
@@ -57,7 +57,7 @@ class Section(BaseModel):
                     "unknown key",
                     got=f"'{key}'",
                     allowed=", ".join(sorted(known)),
-                    attempt=suggestion(key, known),
+                    attempt=nearest(key, known),
                 ),
                 loc=(key,),
                 input=given[key],
@@ -65,7 +65,7 @@ class Section(BaseModel):
             for key in unknown
         ]
         # A required key that was only mistyped is one mistake, told once.
-        meant = {(suggestion(key, known).strip("'"),) for key in unknown}
+        meant = {(nearest(key, known).strip("'"),) for key in unknown}
         read, faults = cls._read({key: value for key, value in given.items() if key in known})
         errors += [fault for fault in faults if not (fault["type"] == "missing" and fault.get("loc") in meant)]
         try:

@@ -6,13 +6,14 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from softcal.errors import Fault, ProjectFileError
+from softcal.errors import Fault, ProjectFileError, nearest
 from softcal.experiments.prepare import PlannedStep
 from softcal.limits import LIMITS
+from softcal.materials.infill import PrintInfill
 from softcal.project.bench_plan import plan_bench
 from softcal.project.bench_schema import ExperimentSection, RigSection
 from softcal.project.calibration_schema import CalibrationSection, ParameterSection, PrintSection
-from softcal.project.document import Document, Findings, suggestion
+from softcal.project.document import Document, Findings
 from softcal.project.dynamics_schema import DynamicsSection
 from softcal.project.engines_schema import EnginesSection
 from softcal.project.files import InputFiles, stored_mesh
@@ -23,7 +24,6 @@ from softcal.project.robot_schema import RobotSection
 from softcal.project.search import build_search
 from softcal.project.section import Section, validated
 from softcal.project.sweep_schema import SweepSection
-from softcal.report.infill import PrintInfill
 
 S = TypeVar("S", bound=Section)
 
@@ -108,7 +108,7 @@ def _check_keys(document: Document, findings: Findings) -> None:
     for key in document.data:
         if key not in SECTIONS:
             findings.add(
-                (key,), "unknown key", got=f"'{key}'", allowed=", ".join(SECTIONS), attempt=suggestion(key, SECTIONS)
+                (key,), "unknown key", got=f"'{key}'", allowed=", ".join(SECTIONS), attempt=nearest(key, SECTIONS)
             )
     for key, allowed in (("softcal", f"softcal: {FORMAT}"), ("name", "a name for people"), ("robot", "the robot")):
         if document.data.get(key) is None:

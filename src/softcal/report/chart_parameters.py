@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from softcal.calibration.result import CalibrationResult, Estimate
-from softcal.report.infill import PrintInfill
+from softcal.materials.infill import PrintInfill
 from softcal.report.style import BLUE, FAINT, GREEN, INK, MUTED, RED, house_style, new_figure, plain_log_axis
 from softcal.report.wording import (
     NORMAL_95,

@@ -11,8 +11,8 @@ from softcal.calibration.result import CalibrationResult
 from softcal.checks import Floats, Ints, frozen_floats, frozen_ints
 from softcal.errors import Fault, InputError
 from softcal.experiments.dataset import Dataset
+from softcal.materials.infill import PrintInfill
 from softcal.report.compared import Compared
-from softcal.report.infill import PrintInfill
 from softcal.report.settled import SettledShapes
 from softcal.report.twin_view import TwinView
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -10,7 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from softcal.errors import Fault, ParameterError
+from softcal.errors import Fault, ParameterError, nearest
 from softcal.materials.catalogue import LAWS
 from softcal.materials.elastic_constants import LINEAR_ELASTIC
 from softcal.quantities import QUANTITIES, Quantity
@@ -141,12 +140,11 @@ def _with_force(load: PointLoad, values: Mapping[str, float]) -> PointLoad:
 def unknown_name(name: str, known: Mapping[str, object]) -> Fault:
     """The fault of a parameter that does not exist, with the nearest that does."""
     of_the_same = [one for one in known if one.rpartition(".")[0] == name.rpartition(".")[0]]
-    nearest = difflib.get_close_matches(name, of_the_same or list(known), n=1, cutoff=0.0)
     return Fault(
         "there is no such parameter",
         where=name,
         allowed=", ".join(sorted(known)),
-        attempt=f"did you mean '{nearest[0]}'?" if nearest else "",
+        attempt=nearest(name, of_the_same or known),
     )
 
 

@@ -1,0 +1,312 @@
+"""Markers' poses in the base's frame from all images at once, each with its uncertainty."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.errors import DatasetError, Fault
+from softcal.geometry.pose import Pose
+from softcal.vision.bundle import BASE, Adjustment, Bundle, Sighting, adjust
+from softcal.vision.camera import Camera
+from softcal.vision.marker_scene import Glimpse, MarkerSet
+from softcal.vision.marker_start import GroupStart, start_group, view_candidates
+from softcal.vision.square_pose import Candidate, pose_candidates
+
+# A pose is ambiguous where a second one is worse by less than this, in units of the corners' variance.
+_TELLING = 9.0
+_SMALLEST_NOISE = 0.02  # of a corner, whatever the residuals say, and alike in images from one place [px]
+_PLACE = 0.02  # distance between two places of a camera, as a share of that to the base, that makes them one
+_LARGEST_MISFIT = 1.0  # rms of an image's residuals beyond which its markers cannot be what they are said to be [px]
+_OTHER = np.radians(3.0)  # turn beyond which a second pose is another one
+
+Key = tuple[str, int]  # group ("" for what stands still) and marker
+
+
+@dataclass(frozen=True)
+class MarkerEstimate:
+    """A marker in one state.
+
+    pose: in the base's frame. covariance: (6, 6) of its turn about the base's axes [rad] and its position [m].
+    n_images: that show it. is_ambiguous: two orientations meet the images equally well, and `pose` has one of them;
+    its position is hardly affected, and the difference is part of the covariance.
+    """
+
+    pose: Pose
+    covariance: Floats
+    n_images: int
+    is_ambiguous: bool = False
+
+
+@dataclass(frozen=True)
+class MarkerPoses:
+    """All markers in all states.
+
+    groups: states in the order of their images. estimates: (state, marker) -> estimate. companions: markers that
+    stand still with the base -> pose. unplaced: states whose base is ambiguous or unseen -> the reason. lost: images
+    that show no base and were left out. noise: of a corner, as the residuals tell [px]. misfit: image -> rms of its
+    residuals [px].
+    """
+
+    groups: tuple[str, ...]
+    estimates: Mapping[Key, MarkerEstimate]
+    companions: Mapping[int, MarkerEstimate]
+    unplaced: Mapping[str, str]
+    lost: tuple[str, ...]
+    noise: float
+    misfit: Mapping[str, float]
+
+
+def estimate_poses(camera: Camera, markers: MarkerSet, glimpses: Sequence[Glimpse]) -> MarkerPoses:
+    """Poses of all markers relative to the base, from all images together.
+
+    Raises
+    ------
+    DatasetError
+        Where no image shows the base, or the markers of an image cannot be where the other images have them.
+    """
+    everything = {number for one in glimpses for number in one.corners}
+    glimpses = [_wanted(markers, one) for one in glimpses]
+    candidates: dict[str, Sequence[Candidate]] = {
+        view: view_candidates(camera, markers, [one for one in glimpses if one.viewpoint == view])
+        for view in dict.fromkeys(one.viewpoint for one in glimpses)
+    }
+    used = [one for one in glimpses if candidates[one.viewpoint]]
+    if not used:
+        base = ", ".join(markers.label(number) for number in markers.base)
+        seen = sorted(everything)
+        raise DatasetError(
+            Fault(
+                "the base is in none of the images",
+                "--base",
+                "markers " + ", ".join(map(str, seen)),
+                f"images that show {base} with clear edges",
+            )
+        )
+    starts = _starts(camera, markers, used, candidates)
+    problem = _problem(camera, markers, used, starts)
+    best = adjust(problem.start, problem.sightings)
+    found = _seen_beside_the_base(camera, markers, glimpses, candidates, problem, best, starts)
+    if found:
+        known = replace(markers, base={**markers.base, **found}, companions=())
+        late = {one.group for one in glimpses if not candidates[one.viewpoint]}
+        for view in [view for view, poses in candidates.items() if not poses]:
+            mine = [one for one in glimpses if one.viewpoint == view]
+            candidates[view] = view_candidates(camera, known, mine)
+        used = [one for one in glimpses if candidates[one.viewpoint]]
+        again = [one for one in used if one.group in late]
+        starts.update(_starts(camera, known, again, candidates))
+        problem = _problem(camera, markers, used, starts, found)
+        best = adjust(problem.start, problem.sightings)
+    misfit = _misfit(best.bundle, problem)
+    _check_misfit(misfit, used)
+    noise = _noise(best, problem)
+    problem = replace(problem, sightings=_weighed(markers, problem, best.bundle, noise))
+    estimates = _estimates(problem, adjust(best.bundle, problem.sightings), noise)
+    unplaced = {
+        group: "two poses of the base meet its images equally well"
+        for group, start in starts.items()
+        if start.margin < _TELLING * noise**2
+    }
+    groups = tuple(dict.fromkeys(one.group for one in glimpses))
+    unplaced.update({group: "no image shows the base with clear edges" for group in groups if group not in starts})
+    return MarkerPoses(
+        groups,
+        {key: one for key, one in estimates.items() if key[0] and key[0] not in unplaced},
+        {key[1]: one for key, one in estimates.items() if not key[0]},
+        unplaced,
+        tuple(one.image for one in glimpses if not candidates[one.viewpoint]),
+        noise,
+        misfit,
+    )
+
+
+def _starts(
+    camera: Camera, markers: MarkerSet, used: Sequence[Glimpse], candidates: dict[str, Sequence[Candidate]]
+) -> dict[str, GroupStart]:
+    """The start of every state; what one state tells of a viewpoint that others share is kept in `candidates`."""
+    starts: dict[str, GroupStart] = {}
+    for group in dict.fromkeys(one.group for one in used):
+        mine = [one for one in used if one.group == group]
+        starts[group] = start_group(camera, markers, mine, candidates)
+        for view, pose in starts[group].views.items():
+            if len(candidates[view]) > 1 and sum(one.viewpoint == view for one in used) > len(mine):
+                candidates[view] = (Candidate(pose, 0.0),)  # shared with other states: decided once
+    return starts
+
+
+def _seen_beside_the_base(
+    camera: Camera,
+    markers: MarkerSet,
+    glimpses: Sequence[Glimpse],
+    candidates: Mapping[str, Sequence[Candidate]],
+    problem: _Problem,
+    best: Adjustment,
+    starts: Mapping[str, GroupStart],
+) -> dict[int, Pose]:
+    """Companions whose place is certain, with their poses, where images show them that do not show the base."""
+    lost = {number for one in glimpses if not candidates[one.viewpoint] for number in one.corners}
+    noise = _noise(best, problem)
+    clear = {group for group, start in starts.items() if start.margin >= _TELLING * noise**2}
+    seen = {number for group, number in problem.keys if group in clear}
+    return {
+        number: best.bundle.bodies[problem.bodies["", number]]
+        for number in markers.companions
+        if number in lost & seen and ("", number) in problem.bodies
+    }
+
+
+def _noise(best: Adjustment, problem: _Problem) -> float:
+    """Of a corner, as the residuals tell [px]."""
+    n_free = 6 * (len(best.bundle.views) + len(best.bundle.bodies))
+    n_seen = sum(sighting.pixels.size for sighting in problem.sightings)
+    return max(_SMALLEST_NOISE, float(np.sqrt(best.cost / max(n_seen - n_free, 1))))
+
+
+def _wanted(markers: MarkerSet, glimpse: Glimpse) -> Glimpse:
+    """A glimpse of the base and the markers that have a name; of all where none has: what is not asked for may move."""
+    if not markers.names:
+        return glimpse
+    wanted = {*markers.names, *markers.standing}
+    return replace(glimpse, corners={number: c for number, c in glimpse.corners.items() if number in wanted})
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """The bundle's start and sightings, with the image, state and marker of each sighting; the number of each body."""
+
+    start: Bundle
+    sightings: tuple[Sighting, ...]
+    images: tuple[str, ...]
+    keys: tuple[Key, ...]
+    bodies: Mapping[Key, int]
+
+
+def _problem(
+    camera: Camera,
+    markers: MarkerSet,
+    used: Sequence[Glimpse],
+    starts: Mapping[str, GroupStart],
+    found: Mapping[int, Pose] | None = None,
+) -> _Problem:
+    """The bundle of all images; found: companions whose poses are known already."""
+    views: dict[str, Pose] = {}
+    bodies: dict[Key, Pose] = {("", number): pose for number, pose in (found or {}).items()}
+    for group, start in starts.items():
+        for view, pose in start.views.items():
+            views.setdefault(view, pose)
+        for number, pose in start.bodies.items():
+            bodies.setdefault(_key(markers, group, number), pose)
+    view_numbers = {view: i for i, view in enumerate(views)}
+    body_numbers = {key: i for i, key in enumerate(bodies)}
+    sightings: list[Sighting] = []
+    images: list[str] = []
+    keys: list[Key] = []
+    for one in used:
+        for number, pixels in one.corners.items():
+            if number in markers.base:
+                body, points = BASE, markers.base_corners(number)
+            elif _key(markers, one.group, number) in body_numbers:
+                body, points = body_numbers[_key(markers, one.group, number)], markers.corners(number)
+            else:
+                continue
+            sightings.append(Sighting(view_numbers[one.viewpoint], body, points, pixels))
+            images.append(one.image)
+            keys.append((one.group, number))
+    start = Bundle(camera, tuple(views.values()), tuple(bodies.values()))
+    return _Problem(start, tuple(sightings), tuple(images), tuple(keys), body_numbers)
+
+
+def _key(markers: MarkerSet, group: str, number: int) -> Key:
+    return ("", number) if number in markers.companions else (group, number)
+
+
+def _weighed(markers: MarkerSet, problem: _Problem, bundle: Bundle, noise: float) -> tuple[Sighting, ...]:
+    """Sightings with weights for what repeating an image from one place cannot improve.
+
+    A part of a corner's error is the same each time (how pixels, print and edge happen to meet): the mean of n has the
+    variance noise² / n plus that part squared. What stands still is seen anew in every state where states share their
+    viewpoints, else in the images of a state.
+    """
+    centres = [view.inverse().position for view in bundle.views]
+    places = [
+        next(i for i, other in enumerate(centres) if np.linalg.norm(centre - other) <= _PLACE * np.linalg.norm(centre))
+        for centre in centres
+    ]
+    is_shared = len({(s.view, key[0]) for s, key in zip(problem.sightings, problem.keys, strict=True)}) > len(centres)
+    alike = [
+        (places[s.view], "" if is_shared and number in markers.standing else group, number)
+        for s, (group, number) in zip(problem.sightings, problem.keys, strict=True)
+    ]
+    counts = Counter(alike)
+    return tuple(
+        replace(sighting, weight=noise / np.sqrt(noise**2 + (counts[one] - 1) * _SMALLEST_NOISE**2))
+        for sighting, one in zip(problem.sightings, alike, strict=True)
+    )
+
+
+def _misfit(bundle: Bundle, problem: _Problem) -> dict[str, float]:
+    squares: dict[str, list[float]] = {}
+    for sighting, image in zip(problem.sightings, problem.images, strict=True):
+        squares.setdefault(image, []).extend(np.sum(bundle.residuals(sighting) ** 2, axis=1))
+    return {image: float(np.sqrt(np.mean(found))) for image, found in squares.items()}
+
+
+def _check_misfit(misfit: Mapping[str, float], used: Sequence[Glimpse]) -> None:
+    groups = {one.image: one.group for one in used}
+    faults = [
+        Fault(
+            f"the markers of this image do not fit together with the other images of '{groups[image]}'",
+            image,
+            f"{rms:.2g} px away on average (rms)",
+            f"below {_LARGEST_MISFIT:g} px",
+            "check that the images show one state of the robot (--group-by), that the camera stood still where it is "
+            "said to have, and the markers' sizes, the base's layout and the camera file",
+        )
+        for image, rms in misfit.items()
+        if not rms <= _LARGEST_MISFIT
+    ]
+    if faults:
+        raise DatasetError(faults)
+
+
+def _estimates(problem: _Problem, best: Adjustment, noise: float) -> dict[Key, MarkerEstimate]:
+    bundle = best.bundle
+    covariances = best.covariances(list(problem.bodies.values()))
+    found: dict[Key, MarkerEstimate] = {}
+    for (key, body), covariance in zip(problem.bodies.items(), covariances, strict=True):
+        mine = [sighting for sighting in problem.sightings if sighting.body == body]
+        cost = bundle.cost([replace(sighting, weight=1.0) for sighting in mine])
+        n_images = len(mine)
+        # Images that disagree on where a marker is (it moved, or was shaken) make it less certain than the others.
+        own = cost / (8 * n_images - 6) if n_images > 1 else 0.0
+        variance = max(noise**2, own)
+        second = _second_pose(bundle, mine, cost + _TELLING * variance)
+        pose = bundle.bodies[body]
+        spread = variance * covariance
+        if second is not None:
+            shift = (second.position - pose.position) / 2
+            spread[3:, 3:] += np.outer(shift, shift)
+        found[key] = MarkerEstimate(pose, spread, n_images, second is not None)
+    return found
+
+
+def _second_pose(bundle: Bundle, sightings: Sequence[Sighting], highest_cost: float) -> Pose | None:
+    """Another pose of a body that meets its sightings with no more than a cost [px²]; None where there is none."""
+    body = bundle.bodies[sightings[0].body]
+    alone = [replace(s, body=0, weight=1.0) for s in sightings]
+    for sighting in alone:
+        view = bundle.views[sighting.view]
+        for candidate in pose_candidates(bundle.camera, sighting.points, sighting.pixels):
+            start = view.inverse().after(candidate.pose)
+            if start.angle_to(body) < _OTHER:
+                continue
+            other = adjust(Bundle(bundle.camera, bundle.views, (start,)), alone, hold_views=True)
+            pose = other.bundle.bodies[0]
+            if other.cost <= highest_cost and pose.angle_to(body) > _OTHER:
+                return pose
+    return None

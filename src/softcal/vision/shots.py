@@ -1,0 +1,149 @@
+"""Which images there are, which of them show the same state of the robot, and from which viewpoint.
+
+By name, `cable6_2kgf_01.png` and `cable6_2kgf_02.png` are images 01 and 02 of the state `cable6_2kgf`: a number at the
+end, after `_`, `-` or a space, tells images of one state apart. By folder, the images in one folder show one state. By
+image, each shows its own.
+"""
+
+from __future__ import annotations
+
+import glob
+import os
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+
+from softcal.errors import DatasetError, Fault, InputError, StorageError
+from softcal.vision.camera import Image
+
+Grouping = Literal["name", "folder", "image"]
+
+SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm")
+
+_LARGEST = 2**29  # bytes of a file
+_TAIL = 2**16  # bytes at the end of a JPEG file in which its end is looked for
+_MOST_PIXELS = 2**28  # of an image: four times the largest camera's
+
+_NUMBERED = re.compile(r"(?P<group>.*[^\W_].*?)[-_ ]+(?P<number>\d+)")
+
+
+@dataclass(frozen=True)
+class Shot:
+    """An image. group: the state that it shows; number: tells the images of a state apart, "" where it is alone."""
+
+    path: Path
+    group: str
+    number: str
+
+
+def find_shots(given: Sequence[str | Path], group_by: Grouping = "name") -> tuple[Shot, ...]:
+    """The images among files, folders (those in them, or in their folders) and patterns such as `run1/*.png`.
+
+    Raises
+    ------
+    InputError
+        For a way of grouping that does not exist.
+    StorageError
+        Where nothing is found: all that was given and stands for nothing.
+    DatasetError
+        Where two images of one state bear the same number.
+    """
+    if group_by not in get_args(Grouping):
+        allowed = ", ".join(get_args(Grouping))
+        raise InputError(Fault("images cannot be grouped so", "--group-by", f"'{group_by}'", allowed))
+    faults: list[Fault] = []
+    paths: dict[Path, None] = {}
+    for one in given:
+        found = _images(Path(one).expanduser())
+        if not found:
+            kinds = ", ".join(suffix.lstrip(".") for suffix in SUFFIXES)
+            faults.append(Fault("there is no image", str(one), allowed=f"a file, folder or pattern of {kinds}"))
+        paths.update(dict.fromkeys(found))
+    if not given:
+        faults.append(Fault("no image is given", allowed="files, folders or patterns such as 'run1/*.png'"))
+    if faults:
+        raise StorageError(faults)
+    shots = tuple(_shot(path, group_by) for path in paths)
+    _check_numbers(shots)
+    return shots
+
+
+def read_image(path: Path) -> Image:
+    """The image in grey, shape (height, width).
+
+    Raises
+    ------
+    StorageError
+        Where the file cannot be read or holds no image.
+    """
+    os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(_MOST_PIXELS))  # read when it is loaded
+    import cv2
+
+    try:
+        with path.open("rb") as file:
+            raw = file.read(_LARGEST + 1)
+    except OSError as error:
+        raise StorageError(Fault("the image cannot be read", str(path), error.strerror or str(error))) from error
+    if len(raw) > _LARGEST:
+        raise StorageError(Fault("the image is too large", str(path), allowed=f"{_LARGEST} bytes"))
+    # OpenCV fills what is missing of a JPEG file with grey.
+    if raw.startswith(b"\xff\xd8") and b"\xff\xd9" not in raw[-_TAIL:]:
+        raise StorageError(Fault("the image is cut off", str(path), f"{len(raw)} bytes", "a whole JPEG file"))
+    data = np.frombuffer(raw, dtype=np.uint8)
+    # A photo's orientation tag is not applied: the sensor's pixels are what the camera's calibration is about.
+    flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
+    # What is wrong is said here, in a sentence, and not by OpenCV in its own words as well.
+    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        image = cv2.imdecode(data, flags) if data.size else None
+    except (cv2.error, MemoryError):
+        image = None
+    finally:
+        cv2.utils.logging.setLogLevel(level)
+    if image is None:
+        allowed = f"a whole image of at most {_MOST_PIXELS} pixels"
+        raise StorageError(Fault("the file holds no image that can be read", str(path), f"{data.size} bytes", allowed))
+    return np.asarray(image, dtype=np.uint8)
+
+
+def _images(path: Path) -> list[Path]:
+    if os.path.isfile(path):  # unlike the path's own method, False where the system cannot name it
+        return [path]
+    if os.path.isdir(path):
+        return _pictures(path.glob("*")) or _pictures(path.glob("*/*"))
+    return _pictures(Path(entry) for entry in glob.glob(str(path), recursive=True))
+
+
+def _pictures(entries: Iterable[Path]) -> list[Path]:
+    return sorted(path for path in entries if path.suffix.lower() in SUFFIXES and path.is_file())
+
+
+def _shot(path: Path, group_by: Grouping) -> Shot:
+    if group_by == "folder":
+        return Shot(path, path.absolute().parent.name, path.stem)
+    match = _NUMBERED.fullmatch(path.stem)
+    if group_by == "image" or match is None:
+        return Shot(path, path.stem, match["number"] if match else "")
+    return Shot(path, match["group"], match["number"])
+
+
+def _check_numbers(shots: Sequence[Shot]) -> None:
+    first: dict[tuple[str, str], Shot] = {}
+    faults: list[Fault] = []
+    for shot in shots:
+        other = first.setdefault((shot.group, shot.number), shot)
+        if other is not shot:
+            faults.append(
+                Fault(
+                    f"two images go by the same name and number in the state '{shot.group}'",
+                    str(shot.path),
+                    f"{other.path} as well",
+                    attempt="--group-by folder, where each folder holds the images of one state",
+                )
+            )
+    if faults:
+        raise DatasetError(faults)

@@ -1,0 +1,1 @@
+"""What a command does with a project: simulate, calibrate, sweep, validate, check, export, report; run folders."""

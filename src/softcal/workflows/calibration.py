@@ -1,0 +1,246 @@
+"""A project's calibrations: each experiment by itself, all jointly, or both, kept in one run folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from softcal.analysis.validation import with_split
+from softcal.calibration.experiment import PULLEY_FRICTION
+from softcal.calibration.hold_out import fitted_part
+from softcal.calibration.interrupts import stoppable
+from softcal.calibration.loss import PAPER_WEIGHTS, DistanceLoss, LikelihoodLoss, Loss, PapersLoss
+from softcal.calibration.problem import Problem
+from softcal.calibration.result import CalibrationResult
+from softcal.calibration.run import Progress
+from softcal.calibration.run import calibrate as calibrate_problem
+from softcal.errors import CalibrationError, Fault, InputError, ParameterError
+from softcal.project.bench_names import experiments_named
+from softcal.project.calibration_schema import CalibrationSection
+from softcal.project.names import JOINT
+from softcal.project.project import Project
+from softcal.project.section import changed
+from softcal.twin.parameters import robot_parameters, with_parameters
+from softcal.workflows.engines import SOFTCAL, engine_for, engine_identity
+from softcal.workflows.run_folder import begin_run, calibration_folder, finish_run, reopen_run
+
+# Told after every trial, and of every stage after them: the label of the calibration, and how far it is.
+Observer = Callable[[str, Progress], None]
+
+
+@dataclass(frozen=True)
+class Calibrations:
+    """What was found: result by label (an experiment's name, or "joint"), and where it is kept.
+
+    stopped_by: what stopped the search before its end, Ctrl-C or another signal; `results` has what was found by then.
+    """
+
+    results: Mapping[str, CalibrationResult]
+    folder: Path | None
+    stopped_by: KeyboardInterrupt | None = None
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether the search was stopped before its end."""
+        return self.stopped_by is not None
+
+    @property
+    def headline(self) -> CalibrationResult:
+        """The joint result where there is one, else the first."""
+        return self.results[JOINT] if JOINT in self.results else next(iter(self.results.values()))
+
+
+def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
+    project: Project,
+    *,
+    out: str | Path | None = None,
+    resume: bool = False,
+    method: str | None = None,
+    fit: str | None = None,
+    trials: int | None = None,
+    seed: int | None = None,
+    hold_out: Sequence[str] | None = None,
+    split: Sequence[str] | None = None,
+    workers: int = 1,
+    engine: str = SOFTCAL,
+    progress: Observer | None = None,
+) -> Calibrations:
+    """Find a project's free parameters.
+
+    Parameters
+    ----------
+    out
+        Run folder, new or empty; None keeps nothing on disk.
+    resume
+        Go on with the run in `out`.
+    method, fit, trials, seed, hold_out, split
+        In the place of what the project says: "least-squares", "tpe" or "grid"; "each", "joint" or "both"; experiments
+        that are not fitted but predicted; tied parameters that get a value for each of their parts.
+    workers
+        Processes.
+    engine
+        What computes the twin: "softcal" or "sofa", by the project's `engines`.
+    progress
+        Called after every trial, and before what takes long after them, with the calibration's label and its progress.
+
+    Raises
+    ------
+    InputError
+        Where nothing is free or nothing was measured, an option makes no sense, or the folder cannot be used; for an
+        engine that does not exist, is not installed, or cannot have the robot.
+    CalibrationError
+        Where no trial could be simulated.
+    """
+    settings, problems = plan(
+        project, engine, method=method, fit=fit, trials=trials, seed=seed, hold_out=hold_out, split=split
+    )
+    folder = None if out is None else Path(out)
+    if folder is not None:
+        if resume:
+            reopen_run(project, folder)
+        else:
+            begin_run(project, settings, list(problems), folder)
+    elif resume:
+        raise InputError(Fault("there is no run to resume without its folder", attempt="out"))
+    results: dict[str, CalibrationResult] = {}
+    with stoppable() as stop:
+        for label, one in problems.items():
+            store = None if folder is None else calibration_folder(folder, label)
+            begun = store is not None and (store / "run.json").is_file()
+            try:
+                results[label] = calibrate_problem(
+                    one,
+                    method=settings.method,
+                    trials=settings.trials,
+                    seed=settings.seed,
+                    starts=settings.starts,
+                    hold_out=settings.hold_out,
+                    workers=workers,
+                    store=store,
+                    resume=resume and begun,
+                    hashes=engine_identity(engine, project.engines),
+                    progress=_labelled(progress, label),
+                )
+            except CalibrationError:
+                if stop.by is None:
+                    raise
+            if stop.by is not None:
+                break
+    if folder is not None and results:
+        finish_run(project, results, folder)
+    return Calibrations(results, folder, stop.by)
+
+
+def plan(
+    project: Project, engine: str = SOFTCAL, *, hold_out: Sequence[str] | None = None, **options: object
+) -> tuple[CalibrationSection, dict[str, Problem]]:
+    """The settings of a calibration, and the problems that it solves by label; options as those of `calibrate`.
+
+    Raises
+    ------
+    InputError
+        As `calibrate`.
+    """
+    held_out = None if hold_out is None else experiments_named(hold_out, project.experiments)
+    given = {key: value for key, value in {**options, "hold_out": held_out}.items() if value is not None}
+    settings = changed(project.calibration, given, "--")
+    problem = replace(make_problem(project, settings), simulate=engine_for(engine, project.robot, project.engines))
+    return settings, _problems(problem, settings.fit, settings.hold_out)
+
+
+def make_problem(project: Project, settings: CalibrationSection | None = None) -> Problem:
+    """The inverse problem of a project: all its experiments jointly.
+
+    Raises
+    ------
+    InputError
+        Where nothing is free or nothing was measured.
+    ParameterError
+        Where a parameter has a wrong name, value or bound.
+    """
+    faults: list[Fault] = []
+    if not project.experiments:
+        faults.append(Fault("there is no experiment to calibrate with", str(project.path), attempt="experiments: …"))
+    if project.space is None:
+        faults.append(
+            Fault(
+                "there is no free parameter",
+                str(project.path),
+                allowed="at least one under 'parameters' that is not held",
+                attempt="neck.youngs_modulus: {bounds: [0.1 MPa, 40 MPa], scale: log}",
+            )
+        )
+    if faults or project.space is None:
+        raise ParameterError(faults)
+    settings = settings or project.calibration
+    loss = make_loss(settings, _length(project))
+    problem = Problem(project.robot, tuple(project.experiments.values()), project.space, loss)
+    for tied in settings.split:
+        problem = with_split(problem, tied)
+    return problem
+
+
+def make_loss(settings: CalibrationSection, length: float | None = None) -> Loss:
+    """The loss that the settings name, with their weights; length [m]: what distances are told in per cent of.
+
+    Raises
+    ------
+    ParameterError
+        For the loss `distance` without a length.
+    """
+    if settings.loss == "distance":
+        if length is None:
+            raise ParameterError(Fault("the loss 'distance' needs a length", "rig.length", allowed="rig.length"))
+        return DistanceLoss(length)
+    if settings.loss == "likelihood":
+        return LikelihoodLoss()
+    weights = {channel: settings.beta * weight for channel, weight in PAPER_WEIGHTS.items()}
+    for channel in ("tension", "shortening"):
+        weights[channel] = settings.alpha / PAPER_WEIGHTS["tension"] * PAPER_WEIGHTS[channel]
+    return PapersLoss(weights)
+
+
+def _length(project: Project) -> float | None:
+    return next((e.rig.length for e in project.experiments.values() if e.rig.length is not None), None)
+
+
+def _problems(problem: Problem, fit: str, hold_out: Sequence[str]) -> dict[str, Problem]:
+    """What is to be fitted, by label, each with the experiments that it is to predict."""
+    fitted_part(problem, hold_out)
+    names = [experiment.name for experiment in problem.experiments if experiment.name not in hold_out]
+    if len(names) == 1:
+        return {names[0]: problem}
+    alone = {name: problem.only([name, *hold_out]) for name in names} if fit in ("each", "both") else {}
+    return {**alone, **({JOINT: problem} if fit in ("joint", "both") else {})}
+
+
+def _labelled(progress: Observer | None, label: str) -> Callable[[Progress], None] | None:
+    if progress is None:
+        return None
+    return lambda state: progress(label, state)
+
+
+def calibrated(project: Project, result: CalibrationResult) -> Project:
+    """The project at the values of a result: shared ones in the robot and in every rig, an experiment's own in it."""
+    of_robot = robot_parameters(project.robot)
+    shared: dict[str, float] = {}
+    own: dict[str, dict[str, float]] = {}
+    for label, estimate in result.parameters.items():
+        name, _, experiment = label.removesuffix("]").partition("[")
+        values = dict.fromkeys(estimate.of or (name,), estimate.value)
+        members = [e.name for e in project.experiments.values() if experiment in (e.name, e.set_up)]
+        for target in [own.setdefault(e, {}) for e in members] if experiment else [shared]:
+            target.update(values)
+    for name, held in result.held_out.items():
+        own.setdefault(name, {}).update({label.partition("[")[0]: value for label, value in held.own.items()})
+    robot = with_parameters(project.robot, {name: value for name, value in shared.items() if name in of_robot})
+    experiments = dict(project.experiments)
+    for name in (*result.experiments, *result.held_out):
+        experiment = experiments[name]
+        known = experiment.rig_values().keys() | of_robot.keys()
+        here = {**{n: v for n, v in shared.items() if n not in of_robot}, **own.get(name, {})}
+        # The pulleys' friction stays the nominal one, under which the dataset was brought to the neck's side.
+        settings = {n: v for n, v in here.items() if n in known and n != PULLEY_FRICTION}
+        experiments[name] = replace(experiment, settings={**experiment.settings, **settings})
+    return replace(project, robot=robot, experiments=experiments)

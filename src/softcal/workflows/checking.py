@@ -1,0 +1,328 @@
+"""What a project looks like before anything is fitted: rows for a short table, warnings, pictures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+
+from softcal.calibration.experiment import Experiment, rig_parameters
+from softcal.checks import Ints
+from softcal.errors import Fault
+from softcal.experiments.names import is_deviation
+from softcal.materials.catalogue import law_named
+from softcal.project.project import Project
+from softcal.twin.bores import bores
+from softcal.twin.build import cached_twin
+from softcal.twin.parameters import robot_parameters
+from softcal.twin.response import Response
+from softcal.twin.robot import Body, Cable, Material, Plate, Rod
+from softcal.units import AS_WRITTEN, format_quantity, format_range, plain
+from softcal.workflows.output import require_writable
+from softcal.workflows.start_states import start_states
+
+# The twin at its bounds may be this much too soft or too stiff before the data are called implausible.
+STIFFNESS_MARGIN = 2.0
+
+
+@dataclass(frozen=True)
+class CheckReport:
+    """What was found: rows of (part, what it is), warnings as sentences, pictures where they were asked for."""
+
+    rows: tuple[tuple[str, str], ...]
+    warnings: tuple[str, ...]
+    pictures: tuple[Path, ...] = ()
+    notes: tuple[str, ...] = field(default_factory=tuple)
+
+
+def check(
+    project: Project,
+    out_dir: str | Path | None = None,
+    *,
+    solve: bool = True,
+    progress: Callable[[str], None] = lambda stage: None,
+) -> CheckReport:
+    """Look a loaded project over: build the twin, solve its rest and the end of each experiment at the start values,
+    compare it with the data, draw what there is.
+
+    Parameters
+    ----------
+    out_dir
+        Folder for `robot.png|svg`, `states.png|svg` and `data-<experiment>.png|svg`; older ones there are replaced.
+        None draws nothing.
+    solve
+        Whether states are solved, and so drawn and compared with the data.
+    progress
+        Called with what is begun.
+
+    Raises
+    ------
+    InputError
+        Where the twin cannot be built.
+    StorageError
+        Where the folder cannot be written.
+    """
+    cached_twin(project.robot)
+    if out_dir is not None:
+        require_writable(Path(out_dir))
+    warnings = [str(fault) for fault in project.warnings]
+    if project.experiments and project.space is None:
+        warnings.append("no parameter is free: there is nothing to calibrate")
+    warnings += _beyond_bounds(project)
+    states = start_states(project, progress) if solve else None
+    if states is not None:
+        warnings += states.warnings
+        against = (_against_twin(project, name, response) for name, response in states.responses.items())
+        warnings += [sentence for sentence in against if sentence]
+    parts = (*_body_rows(project), *_rod_rows(project), *_part_rows(project))
+    solved = () if states is None else states.rows
+    rows = (*parts, *_bench_rows(project), *solved, *_search_rows(project))
+    if out_dir is None:
+        return CheckReport(rows, tuple(warnings))
+    from softcal.report.check_figures import draw_check
+    from softcal.report.start_scenes import start_scenes
+
+    progress("Drawing")
+    # With the cycles where they were found: that is what a person wants to see.
+    records = {name: project.corrected[name] or project.records[name] for name in project.experiments}
+    shown = None if states is None else start_scenes(project.robot, states.undeformed, states.shapes, states.tets)
+    drawn = draw_check(project.robot, records, out_dir, shown)
+    pictures = [drawn.robot[0], *([drawn.states[0]] if drawn.states else [])]
+    return CheckReport(rows, tuple(warnings), (*pictures, *(png for png, _ in drawn.datasets.values())), drawn.notes)
+
+
+def _body_rows(project: Project) -> list[tuple[str, str]]:
+    rows: list[tuple[str, str]] = []
+    for body in project.robot.bodies:
+        quality = project.qualities[body.name]
+        size = " × ".join(f"{1e3 * (b - a):.4g}" for a, b in zip(quality.lower, quality.upper, strict=True))
+        kind = "quadratic" if quality.order == 2 else "linear"
+        rows += [
+            (
+                f"body {body.name}",
+                f"{quality.n_tets} {kind} tets, {quality.n_points} nodes, {size} mm, {1e6 * quality.volume:.4g} cm³",
+            ),
+            (
+                "  mesh quality",
+                f"least dihedral angle {math.degrees(quality.min_dihedral):.3g} deg, "
+                f"mean ratio {quality.min_quality:.2g} at least, {quality.median_quality:.2g} in the middle",
+            ),
+            ("  material", f"{body.law}, {body.element}, {_constants(body, body.materials[0])}"),
+        ]
+        rows += [
+            (f"  material of {part.name}", f"{len(part.tets)} tets, {_constants(body, part)}")
+            for part in body.inclusions
+        ]
+        regions = {**{"fixed": body.fixed}, **project.regions[body.name]}
+        rows.append(("  regions", ", ".join(f"{name} {len(nodes)} nodes" for name, nodes in regions.items())))
+    return rows
+
+
+def _constants(body: Body, material: Material) -> str:
+    shown = [
+        f"{one.label} {_as_written(material.parameters[one.name], one.quantity.unit)}"
+        for one in law_named(body.law).parameters
+    ]
+    return ", ".join([*shown, *([f"{material.density:.4g} kg/m³"] if material.density else [])])
+
+
+def _as_written(value: float, unit: str) -> str:
+    return plain(value, AS_WRITTEN) if unit == "1" else format_quantity(value, unit)
+
+
+def _part_rows(project: Project) -> list[tuple[str, str]]:
+    robot, bored = project.robot, bores(project.robot)
+    rows = [
+        (
+            f"plate {plate.name}",
+            f"{_carriers(project, plate)}, "
+            + (f"{len(plate.holes)} holes, " if plate.holes else "")
+            + ("fixed" if plate.fixed else f"mass {plate.mass:.4g} kg"),
+        )
+        for plate in robot.plates
+    ]
+    for cable in robot.cables:
+        via = " → ".join(_stations(cable))
+        rows.append((f"cable {cable.name}", f"{format_quantity(cable.length, 'm')} long, {via}"))
+        if cable.routing_axis is not None:
+            least, most = (format_quantity(r, "m", digits=4) for r in _radii(cable))
+            far = least if least == most else f"{least} to {most}"
+            rows.append(
+                ("  routing", f"{far} from its axis, with an offset of {format_quantity(cable.routing_offset, 'm')}")
+            )
+        if cable.name in bored:
+            widest = format_quantity(max(bored[cable.name].values()), "m", digits=3)
+            held = f"{len(bored[cable.name])} of {len(cable.via_points)} via points lie in bores, up to {widest} across"
+            rows.append(("  bores", f"{held}: their walls hold them"))
+    rows += [(f"tie {tie.name}", f"{len(tie.nodes)} nodes of {tie.body} on {tie.on}") for tie in robot.ties]
+    rows += [(f"marker {marker.name}", f"on {marker.on}") for marker in robot.markers]
+    if np.any(robot.gravity):
+        rows.append(("gravity", "(" + ", ".join(f"{g:.4g}" for g in robot.gravity) + ") m/s²"))
+    rows += [(f"load {load.name}", f"on {load.on}") for load in robot.loads]
+    return rows
+
+
+def _radii(cable: Cable) -> tuple[float, float]:
+    """The least and the greatest distance [m] of a cable's via points from its routing axis."""
+    assert cable.routing_axis is not None  # noqa: S101
+    _, distances = cable.routing_axis.away(np.array([via.at for via in cable.via_points]))
+    return float(distances.min()), float(distances.max())
+
+
+def _stations(cable: Cable) -> list[str]:
+    """What a cable's via points are on, those that follow one another on one part together."""
+    runs = [(on or "space", len(list(run))) for on, run in groupby(via.on for via in cable.via_points)]
+    return [on if count == 1 else f"{on} ({count} points)" for on, count in runs]
+
+
+def _rod_rows(project: Project) -> list[tuple[str, str]]:
+    rows: list[tuple[str, str]] = []
+    for rod in project.robot.rods:
+        line, held = rod.centreline, [f"{plate} at {_arcs(rod, nodes)}" for plate, nodes in rod.clamped.items()]
+        held += [f"fixed at {_arcs(rod, rod.fixed)}"] if len(rod.fixed) else []
+        rows += [
+            (
+                f"rod {rod.name}",
+                f"{format_quantity(float(line.stations[-1]), 'm')} long, {len(line.lengths)} elements, "
+                f"{format_quantity(rod.section.outer_diameter, 'm')} thick, held: {', '.join(held)}",
+            ),
+            (
+                "  material",
+                f"E {format_quantity(rod.parameters['youngs_modulus'], 'Pa')}, "
+                f"ν {rod.parameters['poissons_ratio']:.4g}" + (f", {rod.density:.4g} kg/m³" if rod.density else ""),
+            ),
+        ]
+    return rows
+
+
+def _arcs(rod: Rod, nodes: Ints) -> str:
+    return " and ".join(format_quantity(float(rod.centreline.stations[n]), "m") for n in nodes)
+
+
+def _carriers(project: Project, plate: Plate) -> str:
+    on = [f"{len(nodes)} nodes of {body}" for body, nodes in plate.nodes.items()]
+    on += [f"{rod.name}" for rod in project.robot.rods if plate.name in rod.clamped]
+    return "on " + ", ".join(on) if on else "on nothing"
+
+
+def _bench_rows(project: Project) -> list[tuple[str, str]]:
+    rows: list[tuple[str, str]] = []
+    for name, experiment in project.experiments.items():
+        data = experiment.dataset
+        spans = ", ".join(
+            f"{key} " + " to ".join(format_quantity(float(end), c.unit) for end in (c.values.min(), c.values.max()))
+            for key, c in data.channels.items()
+            if key != "time" and not is_deviation(key) and key not in data.incomplete and not experiment.point_of(key)
+        )
+        rows += [
+            (
+                f"experiment {name}",
+                f"{_driven(project, experiment)}, compared: " + _compared(experiment),
+            ),
+            (
+                "  data",
+                f"{data.n_samples} of {project.records[name].n_samples} samples" + (f", {spans}" if spans else ""),
+            ),
+        ]
+        rows += [("  clocks", step.outcome) for step in data.provenance if step.name == "synchronise"]
+        cycle = (project.corrected[name] or data).cycle
+        if cycle is not None:
+            rows.append(("  cycles", f"{len(np.unique(cycle[cycle >= 0]))} found"))
+    return rows
+
+
+def _driven(project: Project, experiment: Experiment) -> str:
+    """What drives the twin, in words."""
+    known = {**robot_parameters(project.robot), **rig_parameters([experiment])}
+    names = [experiment.twin_channel(channel).rsplit(".", 1) for channel in experiment.drives]
+    driven = " and ".join(f"{cable} by {control}" for cable, control in names) or "no cable is driven"
+    return driven + "".join(
+        f", {name} = {format_quantity(value, known[name].unit)}" for name, value in experiment.settings.items()
+    )
+
+
+def _compared(experiment: Experiment) -> str:
+    """What is compared, positions by the name of their marker or plate."""
+    return ", ".join(dict.fromkeys(experiment.point_of(channel) or channel for channel in experiment.compared))
+
+
+def _search_rows(project: Project) -> list[tuple[str, str]]:
+    if project.space is None:
+        return []
+    rows: dict[str, str] = {}
+    for parameter in project.space.parameters:
+        bounds = format_range(parameter.lower, parameter.upper, parameter.unit)
+        per = ", one for each experiment" if parameter.per_experiment else ""
+        per = ", one for each set-up" if parameter.per_set_up else per
+        tied = f", one value for {', '.join(parameter.of)}" if parameter.of else ""
+        rows[f"free {parameter.name}"] = f"{bounds}, {parameter.scale}{per}{tied}"
+    settings = project.calibration
+    if settings.hold_out:
+        rows["held out"] = ", ".join(settings.hold_out)
+    if settings.split:
+        rows["untied"] = ", ".join(settings.split)
+    rows["calibration"] = f"{settings.method}, loss {settings.loss}, fit {settings.fit}, seed {settings.seed}"
+    return list(rows.items())
+
+
+def _beyond_bounds(project: Project) -> list[str]:
+    """Free parameters whose value in the project is outside their bounds: a search does not begin there."""
+    faults: list[Fault] = []
+    known = project.parameters
+    for p in project.space.parameters if project.space else ():
+        values = [known[target].value for target in p.targets if target in known]
+        if p.start is None and any(not p.lower <= value <= p.upper for value in values):
+            got = ", ".join(dict.fromkeys(format_quantity(value, p.unit, digits=AS_WRITTEN) for value in values))
+            allowed = format_range(p.lower, p.upper, p.unit)
+            what = "the project's value is outside the bounds of the search"
+            faults.append(Fault(what, p.label, got, allowed, attempt="a start, or other bounds"))
+    return [str(fault) for fault in faults]
+
+
+def _against_twin(project: Project, name: str, response: Response) -> str:
+    """A warning where no modulus within the bounds can meet the measured stiffness, as with kN taken for N."""
+    experiment = project.experiments[name]
+    data = experiment.dataset
+    if not {"tension", "shortening"} <= data.channels.keys() or data.n_samples < 3 or not response.succeeded:
+        return ""
+    pulled, tension = (
+        response.channels[f"{experiment.cable}.shortening"],
+        response.channels[f"{experiment.cable}.tension"],
+    )
+    measured = _slope(data.values("shortening"), data.values("tension"))
+    simulated = _slope(pulled, tension)
+    if not simulated > 0:
+        return ""
+    low, high = _modulus_reach(project)
+    ratio = measured / simulated
+    if low / STIFFNESS_MARGIN <= ratio <= high * STIFFNESS_MARGIN:
+        return ""
+    return str(
+        Fault(
+            f"{name}: the stiffness measured is implausible beside the twin's",
+            got=f"{measured / 1e3:.4g} N/mm, {ratio:.3g} times the twin's {simulated / 1e3:.4g} N/mm",
+            allowed=f"{low / STIFFNESS_MARGIN:.3g} to {high * STIFFNESS_MARGIN:.3g} times, by the bounds of the moduli",
+            attempt="check the units of force and displacement (kN, cm), and the size of the mesh",
+        )
+    )
+
+
+def _modulus_reach(project: Project) -> tuple[float, float]:
+    """By what factors the free moduli can soften and stiffen the twin."""
+    values: Mapping[str, float] = {name: info.value for name, info in project.parameters.items()}
+    factors = [
+        (p.lower / values[target], p.upper / values[target])
+        for p in (project.space.parameters if project.space else ())
+        for target in p.targets
+        if target.endswith("youngs_modulus")
+    ]
+    return min((low for low, _ in factors), default=1 / 3), max((high for _, high in factors), default=3.0)
+
+
+def _slope(x: np.ndarray, y: np.ndarray) -> float:
+    spread = float(np.ptp(x))
+    return float(np.polyfit(x, y, 1)[0]) if spread > 0 else 0.0

@@ -1,0 +1,113 @@
+"""A project in several engines: which are asked for, each experiment or pull put through them, and the files of it."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from softcal.calibration.outcome import installed_versions
+from softcal.calibration.problem import SOFTCAL
+from softcal.errors import Fault, InputError, nearest
+from softcal.export.crosscheck import AGREES, ENGINES, Crosscheck, Running, crosscheck
+from softcal.project.project import Project
+from softcal.workflows.cases import Case
+from softcal.workflows.output import new_folder
+
+TABLE, RECORD = "differences.csv", "crosscheck.json"
+NOTHING_MOVES = "nothing moves the robot, so there is nothing to compare"
+
+
+def crosscheck_project(
+    project: Project,
+    cases: Mapping[str, Case],
+    engines: Sequence[str] = (),
+    *,
+    timeout: float | None = None,
+    progress: Callable[[str, str], None] = lambda state, engine: None,
+) -> dict[str, Crosscheck]:
+    """Each case's furthest state, by name, in the engines (by default all); see `softcal.export.crosscheck`.
+
+    timeout [s]: of each engine's process, by default its own. progress: is told the state and the engine at work.
+
+    Raises
+    ------
+    InputError
+        For an engine that does not exist, or none but softcal itself, or a timeout that is none; where nothing moves
+        the robot in any state that an engine could be asked for.
+    """
+    known = [SOFTCAL, *ENGINES]
+    chosen = list(dict.fromkeys(engines)) or known
+    faults = [
+        Fault(
+            "there is no such engine",
+            "--engines",
+            f"'{name}'",
+            ", ".join(known),
+            nearest(name, known),
+        )
+        for name in chosen
+        if name not in known
+    ]
+    if not faults and chosen == [SOFTCAL]:
+        faults.append(Fault("there is nothing to compare softcal with", "--engines", SOFTCAL, ", ".join(known)))
+    if timeout is not None and not timeout > 0.0:
+        faults.append(Fault("no engine can end in no time", "--timeout", f"{timeout:g} s", "> 0 s, such as 10min"))
+    if faults:
+        raise InputError(faults)
+    running = Running(timeout, project.engines.sofa.settings)
+
+    def one(name: str, case: Case) -> Crosscheck:
+        return crosscheck(
+            case.robot, case.protocol, chosen, running=running, progress=lambda engine: progress(name, engine)
+        )
+
+    found = {name: one(name, case) for name, case in cases.items()}
+    asked = [result for result in found.values() if result.comparisons or result.failed or result.still]
+    if asked and all(result.still and not result.failed for result in asked):
+        raise InputError(Fault(NOTHING_MOVES, attempt="--pull CABLE=VALUE"))
+    return found
+
+
+def write_crosscheck(project: Project, found: Mapping[str, Crosscheck], folder: Path) -> None:
+    """Write every difference (`differences.csv`), and the verdicts with what they hold for (`crosscheck.json`), into a
+    new folder, whole or not at all.
+
+    Raises
+    ------
+    StorageError
+        Where the folder holds files, or cannot be written.
+    """
+    record = {
+        "project": project.name,
+        "agreement": AGREES,
+        "parameters": {name: {"value": info.value, "unit": info.unit} for name, info in project.parameters.items()},
+        "states": {state or "at rest": _told(result) for state, result in found.items()},
+        "hashes": dict(project.hashes),
+        "versions": installed_versions(),
+    }
+    with new_folder(folder) as part:
+        with (part / TABLE).open("w", newline="", encoding="utf-8") as file:
+            table = csv.writer(file)
+            table.writerow(["state", "engine", "quantity", "unit", "in_softcal", "in_engine", "difference", "relative"])
+            for state, result in found.items():
+                for comparison in result.comparisons:
+                    for one in comparison.differences:
+                        numbers = (one.softcal, one.engine, one.absolute, one.relative)
+                        of = (state or "at rest", comparison.engine, one.quantity, one.unit)
+                        table.writerow([*of, *(f"{number:.9g}" for number in numbers)])
+        (part / RECORD).write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+
+
+def _told(result: Crosscheck) -> dict[str, object]:
+    """By engine: whether it agrees and the verdict, or why there is none."""
+    compared = {
+        one.engine: {"agrees": one.agrees, "verdict": one.verdict, "limit": one.limit, "changed": list(one.changed)}
+        for one in result.comparisons
+    }
+    failed = {engine: {"failed": why} for engine, why in result.failed.items()}
+    refused = {engine: {"refused": why} for engine, why in result.refused.items()}
+    absent = {engine: {"absent": why} for engine, why in result.absent.items()}
+    still = {engine: {"still": NOTHING_MOVES} for engine in result.still}
+    return {**compared, **failed, **refused, **absent, **still}

@@ -1,0 +1,96 @@
+"""How long a calibration by another engine will take, from one simulation that is timed before it begins."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from softcal.calibration.problem import Problem
+from softcal.calibration.run import DEFAULT_TRIALS
+from softcal.errors import SimulationError
+from softcal.project.calibration_schema import CalibrationSection
+
+# Points at which least squares simulates in all, and fits an experiment's own rig values: fewest and most, as a rule.
+_POINTS = (4, 12)
+_POINTS_HELD_OUT = (2, 6)
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What a calibration is expected to take.
+
+    Attributes
+    ----------
+    seconds
+        Of the one simulation that was timed [s].
+    simulations
+        Fewest and most of the search.
+    held_out
+        Fewest and most of the predictions of what is held out.
+    workers
+        Processes that share the search.
+    """
+
+    seconds: float
+    simulations: tuple[int, int]
+    held_out: tuple[int, int] = (0, 0)
+    workers: int = 1
+
+    @property
+    def duration(self) -> tuple[float, float]:
+        """Shortest and longest [s]; predictions run in one process."""
+        low, high = (
+            self.seconds * (search / self.workers + predictions)
+            for search, predictions in zip(self.simulations, self.held_out, strict=True)
+        )
+        return low, high
+
+
+def expected_duration(problems: Mapping[str, Problem], settings: CalibrationSection, workers: int = 1) -> Expected:
+    """Time one simulation at the start values, and count those that the calibrations will ask for.
+
+    Parameters
+    ----------
+    problems
+        What is to be fitted, by label, with the engine that simulates; see `softcal.workflows.calibration.plan`.
+    settings
+        Of the calibration.
+    workers
+        Processes.
+
+    Raises
+    ------
+    SimulationError
+        Where the engine cannot simulate the twin at the start values.
+    """
+    first = next(iter(problems.values()))
+    seconds = _timed(first)
+    search, held_out = [0, 0], [0, 0]
+    for problem in problems.values():
+        names = [e.name for e in problem.experiments]
+        fitted = problem.only([name for name in names if name not in settings.hold_out])
+        for end in (0, 1):
+            if settings.method == "least-squares":
+                search[end] += _POINTS[end] * fitted.n_simulations(jacobian=True)
+            else:
+                search[end] += (settings.trials or DEFAULT_TRIALS[settings.method]) * fitted.n_simulations()
+        for name in (name for name in names if name in settings.hold_out):
+            alone = problem.alone(name)
+            own = any(p.label not in fitted.space.labels for p in alone.space.parameters)
+            for end in (0, 1):
+                held_out[end] += (_POINTS_HELD_OUT[end] if own else 1) * alone.n_simulations()
+    shared = 1 if settings.method == "least-squares" else workers
+    return Expected(seconds, (search[0], search[1]), (held_out[0], held_out[1]), shared)
+
+
+def _timed(problem: Problem) -> float:
+    """How long one simulation takes [s]."""
+    if problem.simulate is None:
+        raise ValueError("softcal's own twin takes no time worth telling")
+    robot, protocol = problem.first_trajectory()
+    began = time.perf_counter()
+    response = problem.simulate(robot, protocol)
+    if not response.succeeded:
+        raise SimulationError(f"The twin at the start values: {response.status}")
+    return time.perf_counter() - began

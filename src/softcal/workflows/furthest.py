@@ -1,0 +1,35 @@
+"""The calibrated twin in the test that drives it furthest: what is drawn of a run, and what is said of its shape."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from softcal.calibration.result import CalibrationResult
+from softcal.project.project import Project
+from softcal.twin.response import Response
+from softcal.workflows.calibration import JOINT, calibrated
+from softcal.workflows.simulation import simulate
+
+
+def furthest_response(project: Project, result: CalibrationResult) -> Response:
+    """The response at the result's values in the one of its experiments that drives the robot furthest, with shapes."""
+    at_values = calibrated(project, result)
+
+    def reach(name: str) -> float:
+        experiment = at_values.experiments[name]
+        return max((float(np.max(experiment.dataset.values(drive))) for drive in experiment.drives), default=0.0)
+
+    return simulate(at_values, experiment=max(result.experiments, key=reach), snapshots=True)
+
+
+def furthest_responses(project: Project, results: Mapping[str, CalibrationResult]) -> dict[str, Response]:
+    """The furthest response of the joint calibration, or of each where there is none."""
+    chosen = {JOINT: results[JOINT]} if JOINT in results else results
+    return {label: furthest_response(project, result) for label, result in chosen.items()}
+
+
+def shape_warnings(responses: Mapping[str, Response]) -> list[str]:
+    """What must be known of the shapes of each calibration, a sentence each."""
+    return [f"{label}: {told}" for label, response in responses.items() for told in response.warnings]

@@ -1,0 +1,114 @@
+"""A mesh study as files, and read back: `mesh-study.json`, with tables of parameters and channels."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from softcal.analysis.mesh_study import MeshStudy
+from softcal.analysis.mesh_verdict import mesh_verdicts
+from softcal.calibration.outcome import installed_versions
+from softcal.calibration.result import CalibrationResult
+from softcal.calibration.store import write_text
+from softcal.calibration.stored import Record, read_record
+from softcal.project.project import Project
+from softcal.workflows.output import new_folder
+
+FOLDER, STUDY, PARAMETERS, CHANGES = "mesh-study", "mesh-study.json", "parameters.csv", "changes.csv"
+FORMAT = 1
+
+
+def write_study(found: MeshStudy, project: Project, calibration: str, folder: Path) -> None:
+    """Write the study (`mesh-study.json`) and its tables (`parameters.csv`, `changes.csv`) into a new folder.
+
+    calibration: the one of a run that was studied, or "".
+
+    Raises
+    ------
+    StorageError
+        Where the folder holds files, or cannot be written; nothing is then left behind.
+    """
+    record = {
+        "format": FORMAT,
+        "project": project.name,
+        "calibration": calibration,
+        "verdicts": [one.text for one in mesh_verdicts(found)],
+        "study": asdict(found),
+        "hashes": dict(project.hashes),
+        "versions": installed_versions(),
+    }
+    with new_folder(folder) as part:
+        write_text(part / PARAMETERS, parameters_csv(found))
+        write_text(part / CHANGES, changes_csv(found))
+        write_text(part / STUDY, json.dumps(record, indent=2, allow_nan=False) + "\n")
+
+
+class _StudyRecord(Record):
+    study: MeshStudy
+    calibration: str
+
+
+@dataclass(frozen=True)
+class StoredStudy:
+    """A study read back, and the calibration that it is of, "" for a project's."""
+
+    study: MeshStudy
+    calibration: str
+
+    def is_of(self, results: Mapping[str, CalibrationResult]) -> bool:
+        """Whether the run still has the values that were studied."""
+        result = results.get(self.calibration)
+        found = {label: e.value for label, e in self.study.parameters.items()}
+        return result is not None and found == {label: e.value for label, e in result.parameters.items()}
+
+
+def read_study(folder: Path) -> StoredStudy | None:
+    """The study in a folder, or None where there is none.
+
+    Raises
+    ------
+    StorageError
+        Where it cannot be read, or is damaged.
+    """
+    path = folder / STUDY
+    if not path.is_file():
+        return None
+    record = read_record(_StudyRecord, path, "the mesh study", FORMAT)
+    return StoredStudy(record.study, record.calibration)
+
+
+def parameters_csv(found: MeshStudy) -> str:
+    """A row for every discretisation and parameter: what was found, its standard error, what is expected there [SI]."""
+    header = ["discretisation", "unknowns", "parameter", "unit", "found", "standard_error", "expected", "shift"]
+    rows: list[list[object]] = [[*header, "shift over standard error [1]", "at_bound", "status"]]
+    for one in found.finer:
+        first = [one.name, "" if one.size is None else one.size.unknowns]
+        if one.failure:
+            rows.append([*first, *[""] * 8, one.failure])
+        for label, value in one.values.items():
+            estimate = found.parameters[label]
+            shift, error = value - estimate.value, estimate.standard_error
+            told = [label, estimate.unit, estimate.value, "" if error is None else error, value, shift]
+            rows.append([*first, *told, shift / error if error else "", label in one.at_bound, "simulated"])
+    return _csv(rows)
+
+
+def changes_csv(found: MeshStudy) -> str:
+    """A row for every discretisation, experiment and channel: how much it changes, beside noise and residual [SI]."""
+    header = ["discretisation", "experiment", "of", "unit", "RMS change", "relative [1]", "noise sd", "RMSE of the fit"]
+    rows: list[list[object]] = [[*header, "n [1]", "order [1]"]]
+    for one in found.finer:
+        for c in one.changes:
+            numbers = [c.rms, c.share, c.noise, c.residual, c.n, c.order]
+            rows.append([one.name, c.experiment, c.name, c.unit, *("" if x is None else x for x in numbers)])
+    return _csv(rows)
+
+
+def _csv(rows: list[list[object]]) -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()

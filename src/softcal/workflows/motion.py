@@ -1,0 +1,118 @@
+"""The twin of a project in time: pulls that grow evenly, and experiments by the times of their samples; then rest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from softcal.calibration.experiment import Experiment
+from softcal.calibration.friction import pulley_faults
+from softcal.calibration.observation import commands
+from softcal.errors import Fault, InputError
+from softcal.experiments.dataset import Dataset
+from softcal.project.project import Project
+from softcal.twin.in_time import simulate_in_time
+from softcal.twin.protocol import Command
+from softcal.twin.response import Response
+from softcal.twin.schedule import Schedule
+from softcal.workflows.cases import Case
+from softcal.workflows.simulation import simulate_each
+from softcal.workflows.whole_record import TIME, ascends, whole_record
+
+SNAPSHOTS = 40
+# Told as `simulate_in_time` tells it, after the name of the case: the time, and when its schedule is over, both [s].
+Observer = Callable[[str, float, float], None]
+
+
+def simulate_each_in_time(
+    project: Project, cases: Mapping[str, Case], shapes: int = SNAPSHOTS, *, progress: Observer | None = None
+) -> dict[str, Response]:
+    """The motion in each case, by name, as the project's `dynamics` say; see `schedule_of`.
+
+    shapes: how many to keep. progress: is told of each case how far it is.
+
+    Raises
+    ------
+    InputError
+        For what is no schedule, all cases at once; for a command that the robot cannot follow, or one without mass.
+    SimulationError
+        Where no motion was found, or a robot did not settle.
+    """
+    schedules: dict[str, Schedule] = {}
+    faults: list[Fault] = []
+    for name, case in cases.items():
+        try:
+            schedules[name] = schedule_of(project, case)
+        except InputError as error:
+            faults.extend(error.faults)
+    if faults:
+        raise InputError(faults)
+    settings = project.dynamics.settings
+
+    def moved(name: str) -> Response:
+        told = None if progress is None else partial(progress, name)
+        return simulate_in_time(cases[name].robot, schedules[name], settings, snapshots=shapes, progress=told)
+
+    return simulate_each({name: name for name in cases}, moved)
+
+
+def schedule_of(project: Project, case: Case) -> Schedule:
+    """A pull evenly over the `ramp` of the project's `dynamics`; an experiment by the times of its samples, from the
+    first on, and after a ramp where that one pulls already. The last commands are then held for its `hold`.
+
+    Raises
+    ------
+    InputError
+        For an experiment that drives nothing, or whose samples have no times that ascend.
+    """
+    dynamics = project.dynamics
+    if case.experiment:
+        schedule = _replayed(project, project.experiments[case.experiment])
+    else:
+        schedule = Schedule(np.linspace(0.0, dynamics.ramp, case.protocol.n_samples), case.protocol.commands)
+    if not dynamics.hold:
+        return schedule
+    times = np.append(schedule.times, schedule.times[-1] + dynamics.hold)
+    held = {n: Command(c.control, np.append(c.values, c.values[-1])) for n, c in schedule.commands.items()}
+    return Schedule(times, held)
+
+
+def _replayed(project: Project, experiment: Experiment) -> Schedule:
+    if not experiment.drives:
+        fault = Fault("nothing is driven, so nothing moves", experiment.name, attempt="--pull, or --experiment")
+        raise InputError(fault)
+    data = _timed(project, experiment)
+    if any(channel.rsplit(".", 1)[-1] == "tension" for channel in experiment.drives):
+        if faults := pulley_faults(replace(experiment, dataset=data)):
+            raise InputError(faults)
+    times = data.values(TIME)
+    told = commands(replace(experiment, dataset=data), experiment.rig_values())
+    kept = np.diff(times, prepend=-np.inf) > 0.0  # of samples that share a time, the first
+    times = times[kept] - times[0]
+    values = {name: command.values[kept] for name, command in told.items()}
+    if any(own[0] != 0.0 for own in values.values()):
+        times = np.append(0.0, project.dynamics.ramp + times)
+        values = {name: np.append(0.0, own) for name, own in values.items()}
+    return Schedule(times, {name: Command(told[name].control, own) for name, own in values.items()})
+
+
+def _timed(project: Project, experiment: Experiment) -> Dataset:
+    """The samples that the twin is compared with where they have times, else all cycles that they were taken from.
+
+    Raises
+    ------
+    InputError
+        Where neither has times that ascend, or the cycles lack a correction that the samples have.
+    """
+    name = experiment.name
+    if ascends(experiment.dataset):
+        return experiment.dataset
+    record = whole_record(project, name)
+    if record is None:
+        got = "times that fall" if TIME in experiment.dataset.channels else "no column `time`"
+        allowed = "a column `time` in every file, and no step that takes the order of the samples away"
+        raise InputError(Fault("the samples have no times to move by", name, got, allowed, "--pull"))
+    return record

@@ -1,0 +1,163 @@
+"""From a run to its report: the calibrated twin simulated once more, the loss looked over, everything handed on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from softcal.analysis.landscape import ProportionalTwin, loss_over, scales_with_modulus
+from softcal.analysis.mesh_study import MeshStudy
+from softcal.calibration.problem import Problem
+from softcal.calibration.result import CalibrationResult
+from softcal.project.calibration_schema import CalibrationSection
+from softcal.project.project import Project
+from softcal.report.content import ExperimentContent, Landscape, ReportContent
+from softcal.report.twin_view import TwinView
+from softcal.report.write import Observer, ReportPaths
+from softcal.report.write import write_report as write_content
+from softcal.twin.response import Response
+from softcal.workflows.calibration import JOINT, calibrated, make_problem
+from softcal.workflows.comparing import compared
+from softcal.workflows.furthest import furthest_response
+from softcal.workflows.mesh_study_files import FOLDER, read_study
+from softcal.workflows.run_folder import Run, load_run
+from softcal.workflows.settled import from_undeformed, settled_shapes
+from softcal.workflows.simulation import twin_view
+from softcal.workflows.whole_record import compare_records
+
+# Columns and rows of a landscape that is computed; with this many trials, the trials themselves show it.
+LANDSCAPE_SHAPE = (41, 9)
+ENOUGH_TRIALS = 100
+
+
+def write_report(
+    run: str | Path,
+    out: str | Path | None = None,
+    *,
+    solved: Mapping[str, Response] | None = None,
+    progress: Observer | None = None,
+) -> ReportPaths:
+    """Write the report of a run folder: one self-contained page, figures as PNG and SVG, tables as CSV.
+
+    Parameters
+    ----------
+    run
+        A folder that `calibrate` wrote; it may have been moved.
+    out
+        Where the report goes; by default into the run folder.
+    solved
+        Furthest responses (see `softcal.workflows.furthest`) that are solved already, by calibration.
+    progress
+        Called with what is begun: reading the run, simulating, drawing, writing.
+
+    Raises
+    ------
+    StorageError
+        Where there is no run with a result, or the folder cannot be written.
+    """
+    told = progress or (lambda stage: None)
+    told("Reading the run")
+    read = load_run(run)
+    told("Simulating the calibrated twin")
+    content = report_content(read, solved or {})
+    return write_content(content, Path(out) if out is not None else read.folder, progress=told)
+
+
+def report_content(run: Run, solved: Mapping[str, Response] | None = None) -> ReportContent:
+    """Everything that the report of a run needs; solved: furthest responses that need not be solved again."""
+    project = run.project
+    headline = JOINT if JOINT in run.results else next(iter(run.results))
+    settled = settled_shapes(project, run.results[headline])
+    furthest = (solved or {}).get(headline) or furthest_response(project, run.results[headline])
+    mesh, mesh_note = _mesh_study(run)
+    return ReportContent(
+        project_name=project.name,
+        results=run.results,
+        experiments={name: _experiment(project, name) for name in _shown(run)},
+        twin=_twin(project, run.results[headline], furthest) or from_undeformed(settled),
+        settled=settled,
+        landscapes=_landscapes(project, run.results, run.settings),
+        records={
+            label: compare_records(project, result) for label, result in run.results.items() if not result.is_sweep
+        },
+        compared=compared(project, run.settings, run.results[headline]),
+        mesh_study=mesh,
+        mesh_note=mesh_note,
+        print_infill=project.print_infill,
+        headline=headline,
+        versions=run.versions,
+        hashes=run.hashes,
+        created=run.created,
+    )
+
+
+def _mesh_study(run: Run) -> tuple[MeshStudy | None, str]:
+    """The mesh study that lies in a run, if it is of the values there are now; else why it is not told."""
+    stored = read_study(run.folder / FOLDER)
+    if stored is None:
+        return None, ""
+    if stored.is_of(run.results):
+        return stored.study, f"Of the calibration '{stored.calibration}'." if len(run.results) > 1 else ""
+    return None, f"The mesh study in {FOLDER} is of other values than those found: take it away, and make it anew."
+
+
+def _shown(run: Run) -> list[str]:
+    """The experiments to tell of: of a sweep those that it was judged by, else all."""
+    if any(not result.is_sweep for result in run.results.values()):
+        return list(run.project.experiments)
+    return [name for result in run.results.values() for name in result.experiments]
+
+
+def _experiment(project: Project, name: str) -> ExperimentContent:
+    experiment = project.experiments[name]
+    return ExperimentContent(
+        name=name,
+        raw=project.records[name],
+        prepared=experiment.dataset,
+        corrected=project.corrected[name],
+        drive=experiment.drives[0] if experiment.drives else "",
+    )
+
+
+def _twin(project: Project, result: CalibrationResult, furthest: Response) -> TwinView | None:
+    """The twin at the result's values, in the experiment of the result that drives it furthest."""
+    return twin_view(calibrated(project, result).robot, furthest) if furthest.succeeded else None
+
+
+def _landscapes(
+    project: Project, results: Mapping[str, CalibrationResult], settings: CalibrationSection
+) -> dict[str, Landscape]:
+    """The loss over modulus and ratio of each calibration, where it is cheap and its trials do not show it already."""
+    results = {label: result for label, result in results.items() if not result.is_sweep}
+    if not results:
+        return {}
+    problem = make_problem(project, settings)
+    if not scales_with_modulus(problem):
+        return {}
+    twin = ProportionalTwin(_reach(problem))
+    found: dict[str, Landscape] = {}
+    for label, result in results.items():
+        pair = [
+            next((n for n in result.parameters if n.endswith(kind)), "")
+            for kind in ("youngs_modulus", "poissons_ratio")
+        ]
+        if not all(pair) or len(result.trials) >= ENOUGH_TRIALS:
+            continue
+        one = replace(problem if label == JOINT else problem.alone(label), simulate=twin)
+        theta = {name: estimate.value for name, estimate in result.parameters.items()}
+        grid = loss_over(one, theta, pair[0], pair[1], LANDSCAPE_SHAPE)
+        failed = np.isnan(grid.loss)
+        filled = np.where(failed, 0.0, grid.loss)
+        found[label] = Landscape(pair[0], pair[1], grid.x, grid.y, filled, failed.astype(np.int64))
+    return found
+
+
+def _reach(problem: Problem) -> float:
+    """The largest shortening [m] that any slack within its bounds lets the twin see."""
+    slacks = [p.lower for p in problem.space.parameters if p.name.endswith(".slack")]
+    nominal = [v for e in problem.experiments for name, v in e.rig_values().items() if name.endswith(".slack")]
+    lowest = min([0.0, *slacks, *nominal])
+    return max(float(np.max(e.dataset.values(drive))) for e in problem.experiments for drive in e.drives) - lowest

@@ -1,0 +1,324 @@
+"""A run folder: the project as used with copies of all its inputs, every calibration, and the headline's files.
+
+project.yaml, inputs/…, run.json      what was asked; enough to load the project again wherever the folder goes
+calibrations/<label>/…                each calibration with every trial (see `softcal.calibration.store`)
+result.json, trials.csv, response-<experiment>.csv      the headline result, and the trials of all calibrations
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path, PurePath
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, Field, ValidatorFunctionWrapHandler, WrapValidator
+
+from softcal.calibration.outcome import installed_versions
+from softcal.calibration.result import CalibrationResult, Estimate
+from softcal.calibration.result_files import fits_of, response_file, result_json
+from softcal.calibration.result_reading import load_result
+from softcal.calibration.store import write_text
+from softcal.calibration.stored import Record, read_record
+from softcal.errors import Fault, StorageError
+from softcal.geometry.write import write_mesh
+from softcal.project.calibration_schema import CalibrationSection
+from softcal.project.files import not_a_file, sha256, stored_mesh
+from softcal.project.project import Project, load
+from softcal.workflows.output import new_folder, require_writable, unwritable
+
+FORMAT = 1
+PROJECT, RECORD, INPUTS, CALIBRATIONS = "project.yaml", "run.json", "inputs", "calibrations"
+
+
+def _inside(place: str) -> str:
+    """A place below the run's folder, and nowhere else."""
+    if not place or PurePath(place).is_absolute() or ".." in PurePath(place).parts or "\0" in place:
+        raise ValueError("a place in the run's folder is needed")
+    return place
+
+
+def _as_written(value: dict[str, Any], handler: ValidatorFunctionWrapHandler) -> CalibrationSection:
+    """Settings as a run writes them: those of a project file may say the same in several ways."""
+    section: CalibrationSection = handler(value)
+    written = section.model_dump()
+    if json.dumps(value, sort_keys=True) != json.dumps({key: written[key] for key in value}, sort_keys=True):
+        raise ValueError("a run writes its settings otherwise")
+    return section
+
+
+_Place = Annotated[str, AfterValidator(_inside)]
+
+
+class _RunRecord(Record):
+    values: dict[str, float]
+    copies: dict[str, _Place]
+    calibrations: Annotated[list[_Place], Field(min_length=1)]
+    settings: Annotated[CalibrationSection, WrapValidator(_as_written)]
+    hashes: dict[str, str]
+    versions: dict[str, str]
+    created: str
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run read back: the project as it was, and the result of every calibration that has one, by label.
+
+    settings: how the calibrations were run; versions, hashes, created: of the run.
+    """
+
+    folder: Path
+    project: Project
+    results: Mapping[str, CalibrationResult]
+    settings: CalibrationSection
+    versions: Mapping[str, str]
+    hashes: Mapping[str, str]
+    created: str
+
+
+def calibration_folder(folder: Path, label: str) -> Path:
+    """Where a run keeps one of its calibrations."""
+    return folder / CALIBRATIONS / label
+
+
+def begin_run(project: Project, settings: CalibrationSection, labels: list[str], folder: Path) -> None:
+    """Write a new run folder with all that the run needs; whole or not at all.
+
+    Raises
+    ------
+    StorageError
+        Where the folder holds files, or cannot be written.
+    """
+    with new_folder(folder, "another --out, or --resume to go on with the run in it") as part:
+        try:
+            shutil.copyfile(project.path, part / PROJECT)
+            copies = _copy_inputs(project, part)
+            made = {name: sha256(part / place) for name, place in copies.items() if name not in project.hashes}
+        except OSError as error:
+            raise unwritable(folder, error) from error
+        record = {
+            "format": FORMAT,
+            "project": project.name,
+            "values": dict(project.held),
+            "copies": copies,
+            "calibrations": labels,
+            "settings": settings.model_dump(),
+            "hashes": {**project.hashes, **made},
+            "versions": installed_versions(),
+            "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        }
+        write_text(part / RECORD, json.dumps(record, indent=2) + "\n")
+
+
+def reopen_run(project: Project, folder: Path) -> None:
+    """Check that a run can be gone on with.
+
+    Raises
+    ------
+    StorageError
+        Where the folder holds no run of this project, the project's files are others than when the run began, or the
+        folder cannot be written.
+    """
+    record = _record(folder)
+    _require_unchanged(folder, record)
+    faults = [
+        Fault(
+            "the file was changed after the run began",
+            str(project.inputs[written]),
+            attempt="put it back as it was, or another --out, without --resume",
+        )
+        for written, digest in project.hashes.items()
+        if written in project.inputs and record.hashes.get(written, digest) != digest
+    ]
+    if faults:
+        raise StorageError(faults)
+    if record.values != dict(project.held):
+        raise StorageError(
+            Fault("the run holds other parameters", str(folder), str(dict(project.held)), str(record.values))
+        )
+    require_writable(folder)
+
+
+def finish_run(
+    project: Project, results: Mapping[str, CalibrationResult], folder: Path, more: Mapping[str, Any] | None = None
+) -> None:
+    """Write the headline's files beside the calibrations; result.json last, with `more` in it.
+
+    Raises
+    ------
+    StorageError
+        Where a file cannot be written.
+    """
+    label, headline = headline_of(results)
+    try:
+        for name in fits_of(headline):
+            source = calibration_folder(folder, label or name) / response_file(name)
+            write_text(folder / source.name, source.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise unwritable(folder, error) from error
+    write_text(folder / "trials.csv", _trials_csv(results))
+    document = {
+        **result_json(replace(headline, hashes={**project.hashes, **headline.hashes})),
+        "project": project.name,
+        "values": dict(project.held),
+        "headline": label or "each experiment by itself",
+        "calibrations": {one: _summary(result) for one, result in results.items()},
+        **(more or {}),
+    }
+    write_text(folder / "result.json", json.dumps(document, indent=2, allow_nan=False) + "\n")
+
+
+def load_run(folder: str | Path) -> Run:
+    """Read a run back, wherever its folder lies now and whatever became of the original project.
+
+    Raises
+    ------
+    StorageError
+        Where there is no run, no result yet, a file of it is missing or broken, or what was calibrated has changed.
+    ProjectFileError
+        Where the project in it cannot be loaded.
+    """
+    folder = Path(folder)
+    record = _record(folder)
+    _require_unchanged(folder, record)
+    project = load(folder / PROJECT, values=record.values, copies=record.copies)
+    results = {
+        label: load_result(calibration_folder(folder, label))
+        for label in record.calibrations
+        if (calibration_folder(folder, label) / "result.json").is_file()
+    }
+    if not results:
+        raise StorageError(
+            Fault("the run has no result yet", str(folder), attempt="softcal calibrate … --resume, to go on with it")
+        )
+    for label, result in results.items():
+        strangers = sorted({*result.experiments, *result.held_out} - set(project.experiments))
+        if strangers:
+            where = str(calibration_folder(folder, label))
+            raise StorageError(
+                Fault("the result is of an experiment that the run does not have", where, ", ".join(strangers))
+            )
+    return Run(folder, project, results, record.settings, record.versions, record.hashes, record.created)
+
+
+def refuse_project_folder(folder: Path) -> None:
+    """Check that a folder is not that of a project, whose file would have done as well as a run.
+
+    Raises
+    ------
+    StorageError
+        Where it is.
+    """
+    if (folder / PROJECT).is_file() and not (folder / RECORD).is_file():
+        allowed = "a folder that softcal calibrate wrote, or a project file"
+        raise StorageError(Fault("there is no run here", str(folder), f"no {RECORD}", allowed, str(folder / PROJECT)))
+
+
+def headline_of(results: Mapping[str, CalibrationResult]) -> tuple[str, CalibrationResult]:
+    """The result to show first with its label: the joint one, the only one, or "" and all put side by side."""
+    if "joint" in results:
+        return "joint", results["joint"]
+    if len(results) == 1:
+        return next(iter(results.items()))
+    return "", side_by_side(results)
+
+
+def side_by_side(results: Mapping[str, CalibrationResult]) -> CalibrationResult:
+    """Separate results as one: each parameter with its experiment in brackets, losses averaged, counts added."""
+    parameters: dict[str, Estimate] = {}
+    importance: dict[str, float] = {}
+    for label, result in results.items():
+        for name, estimate in result.parameters.items():
+            own = name if name.endswith("]") else f"{name}[{label}]"
+            parameters[own] = estimate
+            if name in result.importance:
+                importance[own] = result.importance[name]
+    first = next(iter(results.values()))
+    return replace(
+        first,
+        parameters=parameters,
+        importance=importance,
+        loss=sum(result.loss for result in results.values()) / len(results),
+        n_solves=sum(result.n_solves for result in results.values()),
+        n_factorisations=sum(result.n_factorisations for result in results.values()),
+        wall_s=sum(result.wall_s for result in results.values()),
+        n_failed_trials=sum(result.n_failed_trials for result in results.values()),
+        status=" ".join(f"{label}: {result.status}" for label, result in results.items()),
+        converged=None if first.converged is None else all(result.converged for result in results.values()),
+        experiments={name: fit for result in results.values() for name, fit in result.experiments.items()},
+        held_out={},  # each calibration has its own prediction
+        trials=(),
+        notes=tuple(f"{label}: {note}" for label, result in results.items() for note in result.notes),
+    )
+
+
+def _record(folder: Path) -> _RunRecord:
+    path = folder / RECORD
+    if not_a_file(path):
+        raise StorageError(
+            Fault("there is no run here", str(folder), f"no {RECORD}", "a folder that softcal calibrate wrote")
+        )
+    return read_record(_RunRecord, path, "the record of the run", FORMAT)
+
+
+def _require_unchanged(folder: Path, record: _RunRecord) -> None:
+    """What the results are of must still be there: a report would draw other data beside them."""
+    faults: list[Fault] = []
+    for number, (written, before) in enumerate(record.hashes.items()):
+        # First comes the project's file, which is called otherwise here than it may have been.
+        path = folder / (record.copies.get(written, written) if number else PROJECT)
+        missing = not_a_file(path)
+        what = "a file of the run is missing" if missing else "the file was changed after the calibration"
+        if missing or _sha256(path) != before:
+            attempt = "put it back as it was, or softcal calibrate the changed project with another --out"
+            faults.append(Fault(what, str(path), attempt=attempt))
+    if faults:
+        raise StorageError(faults)
+
+
+def _sha256(path: Path) -> str:
+    try:
+        return sha256(path)
+    except OSError as error:
+        raise StorageError(Fault("the file cannot be read", str(path), error.strerror or str(error))) from error
+
+
+def _copy_inputs(project: Project, folder: Path) -> dict[str, str]:
+    """Copy what the project names; a file outside its folder gets a numbered place of its own."""
+    copies: dict[str, str] = {}
+    for number, (written, path) in enumerate(project.inputs.items()):
+        inside = not PurePath(written).is_absolute() and not {"..", "~"} & set(PurePath(written).parts)
+        place = Path(INPUTS, written) if inside else Path(INPUTS, "elsewhere", f"{number}-{path.name}")
+        (folder / place).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(path, folder / place)
+        copies[written] = place.as_posix()
+    for name, mesh in project.generated.items():
+        place = Path(INPUTS, "meshes", f"{name}.vtu")
+        (folder / place).parent.mkdir(parents=True, exist_ok=True)
+        write_mesh(mesh, folder / place)
+        copies[stored_mesh(name)] = place.as_posix()
+    return copies
+
+
+def _summary(result: CalibrationResult) -> dict[str, Any]:
+    full = result_json(result)
+    return {key: full[key] for key in full if key not in ("versions", "hashes")}
+
+
+def _trials_csv(results: Mapping[str, CalibrationResult]) -> str:
+    units = {name: e.unit for result in results.values() for name, e in result.parameters.items()}
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    fixed = ["calibration", "number", "state", "loss", "seconds [s]", "n_factorisations", "reason"]
+    writer.writerow([*fixed, *(f"{name} [{unit}]" for name, unit in units.items())])
+    for label, result in results.items():
+        for t in result.trials:
+            loss = "" if t.loss is None else t.loss
+            told = [label, t.number, t.state, loss, t.seconds, t.n_factorisations, t.reason]
+            writer.writerow([*told, *(t.theta.get(name, "") for name in units)])
+    return text.getvalue()

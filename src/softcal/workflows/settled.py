@@ -1,0 +1,60 @@
+"""A calibrated project simulated once more for its pictures: the shapes in which the robot settled."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from softcal.calibration.result import CalibrationResult
+from softcal.project.project import Project
+from softcal.report.settled import SettledShapes
+from softcal.report.twin_view import TwinView
+from softcal.twin.protocol import Protocol
+from softcal.twin.response import Snapshot
+from softcal.twin.robot import Robot
+from softcal.twin.simulate import simulate as simulate_robot
+from softcal.workflows.calibration import calibrated
+from softcal.workflows.simulation import simulate
+
+# Experiments whose shapes are drawn over each other.
+MANY = 6
+
+
+def settled_shapes(project: Project, result: CalibrationResult) -> SettledShapes | None:
+    """The twin at the result's values at the end of experiments with positions; None where there are none."""
+    at_values = calibrated(project, result)
+    placed = [name for name, fit in result.experiments.items() if fit.distances]
+    shapes: dict[str, Snapshot] = {}
+    for name in placed[:MANY]:
+        response = simulate(at_values, experiment=name, snapshots=True)
+        if response.succeeded and response.snapshots:
+            shapes[name] = response.snapshots[-1]
+    if not shapes:
+        return None
+    rest = simulate_robot(_unloaded(at_values.robot), Protocol({}), snapshots=True)
+    if not rest.succeeded:
+        return None
+    return SettledShapes(at_values.robot, rest.snapshots[0], shapes, rest.tets)
+
+
+def from_undeformed(settled: SettledShapes | None) -> TwinView | None:
+    """The twin undeformed and where it settled furthest from that, for a robot that nothing drives."""
+    if settled is None:
+        return None
+    moved = {name: _moved(settled.undeformed, shape) for name, shape in settled.shapes.items()}
+    furthest = max(moved, key=lambda name: moved[name])
+    rest, bent = replace(settled.undeformed, label="Undeformed"), replace(settled.shapes[furthest], label=furthest)
+    return TwinView(settled.robot, rest, bent, settled.tets)
+
+
+def _moved(rest: Snapshot, shape: Snapshot) -> float:
+    """The largest displacement [m] of a body or rod."""
+    parts = [(x, rest.points[name]) for name, x in shape.points.items()]
+    parts += [(x, rest.rods[name]) for name, x in shape.rods.items()]
+    return max(float(np.linalg.norm(now - then, axis=1).max()) for now, then in parts)
+
+
+def _unloaded(robot: Robot) -> Robot:
+    """The robot without weight or loads, which is its undeformed shape."""
+    return replace(robot, gravity=np.zeros(3), loads=())

@@ -1,0 +1,99 @@
+"""A simulation as files: response-<name>.csv, a picture of the twin, and a record of how it came about."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from softcal.calibration.outcome import installed_versions
+from softcal.calibration.result_files import response_file
+from softcal.project.project import Project
+from softcal.twin.response import Response
+from softcal.twin.robot import Robot
+from softcal.workflows.cases import Case
+from softcal.workflows.engines import SOFA, SOFTCAL, engine_for
+from softcal.workflows.motion import Observer, simulate_each_in_time
+from softcal.workflows.output import new_folder, require_free_folder
+from softcal.workflows.simulation import keep_silent, response_csv, response_to, simulate_each, twin_view
+
+
+def simulate_to_folder(
+    project: Project,
+    cases: Mapping[str, Case],
+    folder: Path,
+    *,
+    in_time: bool = False,
+    engine: str = SOFTCAL,
+    progress: Observer | None = None,
+    stage: Callable[[str], None] = keep_silent,
+) -> dict[str, Response]:
+    """Simulate each case by name and write what came of it into a new folder, whole or not at all.
+
+    in_time: as motion, by the project's `dynamics`, and not as equilibria. engine: what computes equilibria.
+    progress: is told of each motion how far it is; stage: of what is begun.
+
+    Raises
+    ------
+    InputError
+        For an engine that does not exist, is not installed, or cannot have the robot.
+    StorageError
+        Where the folder holds files, or cannot be written.
+    SimulationError
+        Where no sample of a protocol could be reached; nothing is then written. Where only some could, those are
+        written, and the response's status says which could not.
+    """
+    require_free_folder(folder)
+    simulator = engine_for(engine, project.robot, project.engines)
+    if in_time:
+        responses = simulate_each_in_time(project, cases, progress=progress)
+    else:
+        responses = simulate_each(
+            cases,
+            lambda case: response_to(case.robot, case.protocol, snapshots=True, engine=simulator),
+            partly=True,
+            stage=stage,
+        )
+    stage("Drawing and writing")
+    with new_folder(folder) as part:
+        for name, response in responses.items():
+            (part / response_file(name)).write_text(response_csv(response), encoding="utf-8")
+            _draw(cases[name].robot, name, response, part)
+        record = {
+            "project": project.name,
+            "parameters": {n: {"value": info.value, "unit": info.unit} for n, info in project.parameters.items()},
+            "responses": {
+                name: {
+                    "status": response.status,
+                    "succeeded": response.succeeded,
+                    "n_factorisations": response.n_factorisations,
+                    **_settings(project, cases[name]),
+                }
+                for name, response in responses.items()
+            },
+            **({"dynamics": project.dynamics.model_dump()} if in_time else {"engine": engine}),
+            **({"engines": project.engines.model_dump()} if engine == SOFA else {}),
+            "hashes": dict(project.hashes),
+            "versions": installed_versions(),
+        }
+        (part / "simulation.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    return responses
+
+
+def _settings(project: Project, case: Case) -> dict[str, dict[str, float]]:
+    """What the experiment sets the robot and the rig to, SI, where it sets anything."""
+    settings = project.experiments[case.experiment].settings if case.experiment else {}
+    return {"settings": dict(settings)} if settings else {}
+
+
+def _draw(robot: Robot, name: str, response: Response, folder: Path) -> None:
+    view = twin_view(robot, response)
+    if view is None:
+        return
+    from softcal.report.chart_twin import draw_twin
+    from softcal.report.style import encode
+
+    png, svg = encode(draw_twin(view).figure)
+    stem = response_file(name).removeprefix("response-").removesuffix(".csv")
+    (folder / f"twin-{stem}.png").write_bytes(png)
+    (folder / f"twin-{stem}.svg").write_bytes(svg)

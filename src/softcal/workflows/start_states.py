@@ -1,0 +1,158 @@
+"""What the robot does where a search begins: under its loads alone, and at the end of each experiment."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from softcal.calibration.experiment import Experiment
+from softcal.checks import Ints
+from softcal.mechanics.state import rest_state
+from softcal.mechanics.statics import SLACK_TENSION
+from softcal.project.project import Project
+from softcal.twin.build import cached_twin
+from softcal.twin.parameters import robot_parameters, with_parameters
+from softcal.twin.protocol import Protocol, furthest_state
+from softcal.twin.response import Response, Snapshot
+from softcal.twin.start import snapshot
+from softcal.units import format_quantity
+from softcal.workflows.simulation import protocol_of, response_to, robot_in, turning_angle
+
+# Under its loads alone, a robot that turns further, or moves by more of its size, may be mounted otherwise.
+TURNED, MOVED = np.deg2rad(30.0), 0.25
+SLACK = 0.2  # of an experiment's travel: a cable is slack for no longer unless something is wrong
+
+Told = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class StartStates:
+    """rows: (what, text) to print; warnings: sentences; responses: by experiment; undeformed: the shape without loads;
+    shapes: those that were found, by their titles; tets: of their bodies.
+    """
+
+    rows: tuple[tuple[str, str], ...]
+    warnings: tuple[str, ...]
+    responses: Mapping[str, Response]
+    undeformed: Snapshot
+    shapes: Mapping[str, Snapshot] = field(default_factory=dict[str, Snapshot])
+    tets: Mapping[str, Ints] = field(default_factory=dict[str, Ints])
+
+
+def start_states(project: Project, progress: Told = lambda stage: None) -> StartStates:
+    """Solve the robot at rest under its loads, and the end of every experiment, at the start values."""
+    project = at_start_values(project)
+    twin = cached_twin(project.robot)
+    undeformed = snapshot(twin, rest_state(twin.system.layout), {}, 0.0, "")
+    theta = {name: info.value for name, info in robot_parameters(project.robot).items()}
+    rows: list[tuple[str, str]] = []
+    warnings: list[str] = []
+    shapes: dict[str, Snapshot] = {}
+    if np.any(twin.system.loads.total(theta)):
+        progress("Solving the robot under its loads")
+        response = response_to(project.robot, Protocol({}), snapshots=True)
+        if not response.succeeded:
+            warnings.append(f"the robot has no equilibrium under its loads at the start values: {response.status}")
+            return StartStates((("under its loads", "no equilibrium"),), tuple(warnings), {}, undeformed)
+        shapes["Under its loads"] = response.snapshots[0]
+        text, far = _moved(undeformed, response.snapshots[0])
+        rows.append(("under its loads", text))
+        if far:
+            warnings.append(
+                f"under its loads alone, {text}: if it does not hang like that on the bench, look at the direction of "
+                "gravity, the placement, the masses and the start of the modulus"
+            )
+        warnings += [f"under its loads: {told}" for told in response.warnings]
+    responses: dict[str, Response] = {}
+    for i, (name, experiment) in enumerate(project.experiments.items(), start=1):
+        progress(f"Solving the end of {name} ({i} of {len(project.experiments)})")
+        responses[name] = response = _end_of(project, name)
+        row, about = _told(experiment, response, undeformed)
+        rows.append((f"end of {name}", row))
+        warnings += [f"{name}: {sentence}" for sentence in about]
+        if response.succeeded and response.snapshots:
+            shapes[f"{name}\n{_pulls(response.snapshots[-1])}".strip()] = response.snapshots[-1]
+    return StartStates(tuple(rows), tuple(warnings), responses, undeformed, shapes, _tets(project))
+
+
+def at_start_values(project: Project) -> Project:
+    """The project with every free parameter that has a start at it."""
+    of_robot = robot_parameters(project.robot)
+    free = [p for p in (project.space.parameters if project.space else ()) if p.start is not None]
+    shared = {t: float(p.start or 0.0) for p in free for t in p.targets if t in of_robot and not p.experiment}
+
+    def own(experiment: Experiment) -> dict[str, float]:
+        known = experiment.rig_values()
+        mine = [p for p in free if p.serves(experiment.name)]
+        return {t: float(p.start or 0.0) for p in mine for t in p.targets if t in known and t not in of_robot}
+
+    tests = {n: replace(e, settings={**own(e), **e.settings}) for n, e in project.experiments.items()}
+    return replace(project, robot=with_parameters(project.robot, shared), experiments=tests)
+
+
+def _end_of(project: Project, name: str) -> Response:
+    """One driven cable is followed to its end; of states by themselves, the one that pulls most is solved."""
+    protocol = protocol_of(project, name)
+    if len(protocol.commands) > 1:
+        protocol = furthest_state(protocol)
+    return response_to(robot_in(project, name), protocol, snapshots=True)
+
+
+def _told(experiment: Experiment, response: Response, undeformed: Snapshot) -> tuple[str, list[str]]:
+    """What is at the end of an experiment, and what of it may be wrong."""
+    if not response.succeeded:
+        return response.status, [f"the twin at the start values cannot follow this test. {response.status}"]
+    warnings = list(response.warnings)
+    parts: list[str] = []
+    for channel in experiment.drives:
+        cable = experiment.twin_channel(channel).rpartition(".")[0]
+        pulled, tension = response.channels[f"{cable}.shortening"], response.channels[f"{cable}.tension"]
+        last = int(np.argmax(pulled))
+        parts.append(
+            f"{cable} {format_quantity(float(pulled[last]), 'm')}, {format_quantity(float(tension[last]), 'N')}"
+        )
+        slack = tension <= SLACK_TENSION * tension.max()
+        if channel.rpartition(".")[2] == "shortening" and np.count_nonzero(slack) > 1:
+            begin = float(pulled.min())
+            way = f"{1e3 * (pulled[slack].max() - begin):.3g} of {1e3 * np.ptp(pulled):.3g} mm"
+            parts.append(f"slack for the first {way}")
+            if pulled[slack].max() > SLACK * pulled.max():
+                warnings.append(
+                    f"{cable} is slack for the first {way} of the test: the loads bring the robot towards it, and the "
+                    "test says little about the rest; look at gravity and at the slack of the rig"
+                )
+    if response.snapshots:
+        parts.append(_moved(undeformed, response.snapshots[-1])[0])
+    return "; ".join(parts), warnings
+
+
+def _moved(before: Snapshot, after: Snapshot) -> tuple[str, bool]:
+    """How far what moves most does, in words; and whether that is far."""
+    size = float(np.ptp(np.concatenate([*before.points.values(), *before.rods.values()]), axis=0).max())
+    plates = {
+        name: (float(np.linalg.norm(at - before.plates[name][0])), turning_angle(turn))
+        for name, (at, turn) in after.plates.items()
+    }
+    if plates:
+        name = max(plates, key=lambda plate: plates[plate])
+        by, angle = plates[name]
+        text = f"{name} is moved by {format_quantity(by, 'm', digits=3)} and turned by {np.rad2deg(angle):.3g} deg"
+        return text, by > MOVED * size or angle > TURNED
+    parts = {name: (x, before.points[name]) for name, x in after.points.items()}
+    parts |= {name: (x, before.rods[name]) for name, x in after.rods.items()}
+    moved = {name: float(np.linalg.norm(now - then, axis=1).max()) for name, (now, then) in parts.items()}
+    name = max(moved, key=lambda part: moved[part])
+    return f"{name} is moved by up to {format_quantity(moved[name], 'm', digits=3)}", moved[name] > MOVED * size
+
+
+def _pulls(shape: Snapshot) -> str:
+    """The strongest cables with their tensions, two at most."""
+    taut = sorted((name for name, tension in shape.tensions.items() if tension > 0.0), key=lambda n: -shape.tensions[n])
+    told = ", ".join(f"{name} {format_quantity(shape.tensions[name], 'N')}" for name in taut[:2])
+    return told + (" …" if len(taut) > 2 else "")
+
+
+def _tets(project: Project) -> dict[str, Ints]:
+    return {name: mesh.tets for name, mesh in cached_twin(project.robot).meshes.items()}

@@ -1,0 +1,281 @@
+"""A project's twin on a grid of parameters, judged in every cell; kept in a run folder like a calibration."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from softcal.analysis.nominal import Nominal, nominal
+from softcal.analysis.sweep import BestCell, best_cells, section_errors, sections
+from softcal.calibration.interrupts import stoppable
+from softcal.calibration.loss import Loss
+from softcal.calibration.parameters import search_space
+from softcal.calibration.problem import Problem
+from softcal.calibration.result import CalibrationResult, Trial
+from softcal.calibration.run import Progress
+from softcal.calibration.run import calibrate as calibrate_problem
+from softcal.calibration.store import RunStore, write_text
+from softcal.errors import CalibrationError, Fault, InputError, ParameterError
+from softcal.project.axes import Axis, cells_fault, doubled, parse_axis, shown_configurations
+from softcal.project.bench_names import experiments_named
+from softcal.project.project import Project
+from softcal.workflows.calibration import make_loss
+from softcal.workflows.run_folder import begin_run, calibration_folder, finish_run, reopen_run
+
+SWEEP = "sweep"
+FORMULA = "nominal error / error of the best cell - 1; 100 % where the error was halved"
+
+
+@dataclass(frozen=True)
+class Swept:
+    """What a sweep found: every cell as a trial of `result`, what the nominal values give, and the best cells.
+
+    stopped_by: what stopped it before its end, Ctrl-C or another signal; the cells simulated by then are there.
+    """
+
+    result: CalibrationResult
+    nominal: Nominal
+    best: tuple[BestCell, ...]
+    folder: Path | None
+    stopped_by: KeyboardInterrupt | None = None
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether the sweep was stopped before its end."""
+        return self.stopped_by is not None
+
+
+def sweep(
+    project: Project,
+    *,
+    over: Mapping[str, str | Sequence[str | float]] | None = None,
+    experiments: Sequence[str] | None = None,
+    out: str | Path | None = None,
+    resume: bool = False,
+    workers: int = 1,
+    progress: Callable[[str, Progress], None] | None = None,
+) -> Swept:
+    """Simulate a project's experiments in every cell of a grid over any of its parameters.
+
+    The error is paper B's distance where positions alone are compared, otherwise the project's loss. The best cells and
+    the nominal values' error come with it. A cell that cannot be simulated is kept as FAILED with its reason.
+
+    Parameters
+    ----------
+    over
+        In the place of what the project says: values and ranges by parameter, such as
+        `{"springs.youngs_modulus": "10GPa:1GPa:1GPa", "springs.poissons_ratio": ["0.4999", "0.45:0.05:0.05"]}`.
+        The last parameter changes fastest.
+    experiments
+        Names or patterns of those to judge by; as the project says, or all, when None.
+    out
+        Run folder, new or empty; None keeps nothing on disk.
+    resume
+        Go on with the sweep in `out`.
+    workers
+        Processes; the result is the same for any number.
+    progress
+        Called after every cell.
+
+    Raises
+    ------
+    InputError
+        For a parameter, value, range or experiment that makes no sense, or a folder that cannot be used.
+    CalibrationError
+        Where no cell could be simulated; `sweep.csv` is written nevertheless.
+    KeyboardInterrupt
+        Where the user stopped it before any was.
+    """
+    axes = _axes(project, over)
+    if project.sweep is not None:
+        shown_configurations(project.sweep.show, project.parameters, project.tied)
+    problem = make_sweep(project, axes, experiments)
+    folder = None if out is None else Path(out)
+    settings = project.calibration.model_copy(
+        update={
+            "method": "grid",
+            "loss": problem.loss.name,
+            "fit": "joint",
+            "trials": None,
+            "hold_out": [],
+            "split": [],
+        }
+    )
+    if folder is None and resume:
+        raise InputError(Fault("there is no sweep to resume without its folder", attempt="out"))
+    if folder is not None and resume:
+        reopen_run(project, folder)
+    elif folder is not None:
+        begin_run(project, settings, [SWEEP], folder)
+    known = nominal(problem)
+    store = None if folder is None else calibration_folder(folder, SWEEP)
+    with stoppable() as stop:
+        try:
+            result = calibrate_problem(
+                problem,
+                method="grid",
+                axes={axis.name: axis.values for axis in axes},
+                seed=settings.seed,
+                workers=workers,
+                store=store,
+                resume=resume and store is not None and (store / "run.json").is_file(),
+                progress=None if progress is None else lambda state: progress(SWEEP, state),
+            )
+        except CalibrationError as error:
+            failed = [] if store is None else _all_failed(store)
+            if failed and folder is not None:
+                write_text(folder / "sweep.csv", failed_csv(problem, failed))
+            if stop.by is not None:
+                raise stop.by from None
+            if not failed or folder is None:
+                raise
+            raise CalibrationError(f"{error} Every cell and its reason: {folder / 'sweep.csv'}.") from None
+    found = Swept(result, known, best_cells(result, known), folder, stop.by)
+    if folder is not None:
+        write_text(folder / "sweep.csv", sweep_csv(result))
+        finish_run(project, {SWEEP: result}, folder, {SWEEP: sweep_json(found)})
+    return found
+
+
+def make_sweep(project: Project, axes: Sequence[Axis], experiments: Sequence[str] | None = None) -> Problem:
+    """The problem whose free parameters are those of the axes, with the project's present values for all others.
+
+    Raises
+    ------
+    ParameterError
+        For an experiment that does not exist, or a parameter that none of the chosen ones has.
+    """
+    wanted = list(project.experiments) if experiments is None else list(experiments)
+    if experiments is None and project.sweep is not None and project.sweep.experiments:
+        wanted = project.sweep.experiments
+    names = experiments_named(wanted, project.experiments)
+    faults = [
+        Fault("there is no such experiment", "experiments", f"'{name}'", ", ".join(project.experiments) or "none")
+        for name in names
+        if name not in project.experiments
+    ]
+    if not names:
+        faults.append(Fault("there is no experiment to judge by", str(project.path), attempt="experiments: …"))
+    if faults:
+        raise ParameterError(faults)
+    chosen = tuple(project.experiments[name] for name in names)
+    space = search_space([axis.parameter for axis in axes], names, project.parameters)
+    return Problem(project.robot, chosen, space, _loss(project, chosen))
+
+
+def sweep_csv(result: CalibrationResult) -> str:
+    """A row for every cell: its number, state, reason, parameters [SI], loss, and error of every section.
+
+    Errors are in % of the length where it is known, else in SI; of several experiments each has its own columns too.
+    """
+    told = sections(result)
+    several = list(result.experiments) if len(result.experiments) > 1 else []
+    header = _header({name: p.unit for name, p in result.parameters.items()}, result.loss_name)
+    header += [f"error of {s.name} [{s.shown_unit}]" for s in told]
+    header += [f"error of {s.name} in {e} [{s.shown_unit}]" for e in several for s in told]
+    rows: list[list[object]] = []
+    for trial in result.trials:
+        joint = section_errors(result, trial.errors)
+        row = _row(trial, list(result.parameters))
+        for errors in (joint, *(trial.errors.get(e, {}) for e in several)):
+            row += [s.shown(errors[s.name]) if s.name in errors else "" for s in told]
+        rows.append(row)
+    return _csv(header, rows)
+
+
+def failed_csv(problem: Problem, trials: Sequence[Trial]) -> str:
+    """As `sweep_csv` where no cell could be simulated, and it is not known which errors there would have been."""
+    units = {p.label: p.unit for p in problem.space.parameters}
+    return _csv(_header(units, problem.loss.name), [_row(trial, list(units)) for trial in trials])
+
+
+def sweep_json(found: Swept) -> dict[str, Any]:
+    """What result.json holds of a sweep beside the best cell's fit."""
+    result, known = found.result, found.nominal
+    axes: Mapping[str, Sequence[float]] = result.extra["axes"]
+    errors = section_errors(result, known.errors)
+    return {
+        "axes": {n: {"unit": result.parameters[n].unit, "values": list(values)} for n, values in axes.items()},
+        "cells": len(result.trials),
+        "failed": result.n_failed_trials,
+        "nominal": {
+            "parameters": dict(known.parameters),
+            "loss": known.loss,
+            "reason": known.failure,
+            "errors": {s.name: s.shown(errors[s.name]) for s in sections(result) if s.name in errors},
+        },
+        "best": {best.section.name: _best_json(best) for best in found.best},
+        "improvement_percent": FORMULA,
+    }
+
+
+def _header(units: Mapping[str, str], loss: str) -> list[str]:
+    parameters = [f"{name} [{unit}]" for name, unit in units.items()]
+    return ["cell", "status", "reason", *parameters, f"loss {loss} [{'%' if loss == 'distance' else '1'}]"]
+
+
+def _row(trial: Trial, parameters: Sequence[str]) -> list[object]:
+    loss = "" if trial.loss is None else trial.loss
+    return [trial.number, trial.state, trial.reason, *(trial.theta[name] for name in parameters), loss]
+
+
+def _csv(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([header, *rows])
+    return text.getvalue()
+
+
+def _all_failed(store: Path) -> list[Trial]:
+    """The cells that are kept in a folder, where none of them could be simulated; else none."""
+    with RunStore(store, {}) as run:
+        trials = [stored.trial for stored in run.stored().values()]
+    return [] if any(trial.loss is not None for trial in trials) else trials
+
+
+def _best_json(best: BestCell) -> dict[str, Any]:
+    return {
+        "cell": best.trial.number,
+        "parameters": dict(best.trial.theta),
+        "error": best.section.shown(best.error),
+        "unit": best.section.shown_unit,
+        "nominal_error": None if best.nominal is None else best.section.shown(best.nominal),
+        "error_reduction_percent": best.reduction,
+        "improvement_percent": best.improvement,
+        "notes": list(best.notes),
+    }
+
+
+def _axes(project: Project, over: Mapping[str, str | Sequence[str | float]] | None) -> list[Axis]:
+    given: dict[str, Sequence[str | float]] = {}
+    if over:
+        given = {name: [entry] if isinstance(entry, str) else list(entry) for name, entry in over.items()}
+    elif project.sweep is not None:
+        given = {name: list(entries) for name, entries in project.sweep.over.items()}
+    faults: list[Fault] = []
+    axes: list[Axis] = []
+    if not given:
+        attempt = "--over neck.youngs_modulus=1MPa:4MPa:0.5MPa, or sweep: {over: …} in the project"
+        faults.append(Fault("it is not said what to sweep over", str(project.path), attempt=attempt))
+    for name, written in given.items():
+        try:
+            axes.append(parse_axis(name, written, project.parameters, project.tied))
+        except InputError as error:
+            faults += error.faults
+    faults += doubled(axes, project.held)
+    if axes and (fault := cells_fault(axes)):
+        faults.append(replace(fault, where="--over" if over else "sweep.over"))
+    if faults:
+        raise ParameterError(faults)
+    return axes
+
+
+def _loss(project: Project, chosen: Sequence[Any]) -> Loss:
+    """Paper B's distance where positions alone are compared, else the project's loss."""
+    placed = all(e.point_of(channel) for e in chosen for channel in e.compared)
+    loss = "distance" if placed else project.calibration.loss
+    length = next((e.rig.length for e in chosen if e.rig.length is not None), None)
+    return make_loss(project.calibration.model_copy(update={"loss": loss}), length)

@@ -1,0 +1,133 @@
+"""Projects validated: every experiment left out in turn and predicted, for one model of the robot or for several."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from softcal.analysis.validation import Prediction, Validation, folds_of, leave_out, with_split
+from softcal.calibration.interrupts import stoppable
+from softcal.calibration.problem import Problem
+from softcal.calibration.run import Progress
+from softcal.errors import Fault, ParameterError
+from softcal.project.calibration_schema import CalibrationSection
+from softcal.project.project import Project
+from softcal.workflows.calibration import make_problem
+from softcal.workflows.output import require_free_file, write_new_file
+
+# Told after every trial: the model, what is left out, and how far the fit is.
+Observer = Callable[[str, str, Progress], None]
+
+
+def validate(
+    projects: Mapping[str, Project],
+    *,
+    hold_out: Sequence[Sequence[str]] = (),
+    split: Sequence[str] = (),
+    workers: int = 1,
+    progress: Observer | None = None,
+) -> Validation:
+    """Leave experiments out, fit the others jointly, and predict what was left out.
+
+    Parameters
+    ----------
+    projects
+        Models of one robot by the label that they are told by; they must have the same experiments.
+    hold_out
+        Experiments to leave out together, fold by fold; names may be patterns. None: each by itself, in turn.
+    split
+        Tied parameters that further models leave untied: each is compared with the projects as they are.
+    workers
+        Processes.
+    progress
+        Called after every trial.
+
+    Raises
+    ------
+    ParameterError
+        For experiments or tied parameters that do not exist, or projects whose experiments differ.
+    CalibrationError
+        Where nothing could be simulated.
+    """
+    problems = _problems(projects, split)
+    folds = folds_of(next(iter(problems.values()))[0], hold_out)
+    models: dict[str, tuple[Prediction, ...]] = {}
+    with stoppable() as stop:
+        for label, (problem, settings) in problems.items():
+            models[label] = leave_out(
+                problem,
+                folds,
+                progress=_told(progress, label),
+                stopped=lambda: stop.by is not None,
+                method=settings.method,
+                trials=settings.trials,
+                seed=settings.seed,
+                starts=settings.starts,
+                workers=workers,
+            )
+    if stop.by is not None:
+        raise stop.by
+    return Validation(models)
+
+
+def write_validation(found: Validation, path: str | Path) -> None:
+    """Write the table of predictions as CSV: a row for every model, experiment left out, and marker or channel.
+
+    Raises
+    ------
+    StorageError
+        Where the file exists or cannot be written.
+    """
+    require_free_file(Path(path))
+    write_new_file(Path(path), validation_csv(found))
+
+
+def validation_csv(found: Validation) -> str:
+    """The predictions as CSV text; errors in SI, an empty cell where one does not apply."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    header = ["model", "left out", "experiment", "of", "unit", "RMSE", "mean", "largest", "RMSE [% of length]", "n [1]"]
+    writer.writerow([*header, "parameters"])
+    for model, predictions in found.models.items():
+        for one in predictions:
+            values = "; ".join(f"{name} = {e.value:.6g} {e.unit}" for name, e in one.result.parameters.items())
+            for experiment, held in one.held_out.items():
+                first = [model, ", ".join(one.left_out), experiment]
+                for point, d in held.fit.distances.items():
+                    share = "" if held.fit.length is None else 100 * d.rms / held.fit.length
+                    writer.writerow([*first, point, "m", d.rms, d.mean, d.max, share, d.n, values])
+                for channel, rmse in held.fit.rmse.items():
+                    if channel.rpartition(".")[0] not in held.fit.distances:
+                        n = len(held.fit.measured[channel])
+                        writer.writerow([*first, channel, held.fit.units[channel], rmse, "", "", "", n, values])
+    return text.getvalue()
+
+
+def _problems(projects: Mapping[str, Project], split: Sequence[str]) -> dict[str, tuple[Problem, CalibrationSection]]:
+    problems = {label: (make_problem(project), project.calibration) for label, project in projects.items()}
+    names = {label: [e.name for e in problem.experiments] for label, (problem, _) in problems.items()}
+    first, *others = names
+    faults = [
+        Fault(
+            "the projects have different experiments",
+            other,
+            got=", ".join(names[other]),
+            allowed=", ".join(names[first]),
+        )
+        for other in others
+        if names[other] != names[first]
+    ]
+    if faults:
+        raise ParameterError(faults)
+    for label, (problem, settings) in list(problems.items()):
+        for tied in split:
+            problems[f"{label}, {tied} split"] = with_split(problem, tied), settings
+    return problems
+
+
+def _told(progress: Observer | None, model: str) -> Callable[[str, Progress], None] | None:
+    if progress is None:
+        return None
+    return lambda fold, state: progress(model, fold, state)

@@ -1,0 +1,87 @@
+"""The whole corrected record of an experiment, and a calibrated twin compared with all of it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from softcal.analysis.record import RecordFit, record_fit
+from softcal.calibration.experiment import PULLEY_FRICTION
+from softcal.calibration.result import CalibrationResult
+from softcal.errors import Fault, InputError
+from softcal.experiments.dataset import Dataset
+from softcal.project.project import Project
+from softcal.workflows.calibration import calibrated
+from softcal.workflows.simulation import robot_in
+
+TIME = "time"
+# These steps change what a channel reads. A record without one of them is not on the scale of the compared samples.
+CORRECTIONS = ("zero", "detrend", "remove_slack", "correct_pulley_friction")
+
+
+def whole_record(project: Project, name: str) -> Dataset | None:
+    """Every sample of an experiment after the corrections, before cycles, a branch or a window were chosen.
+
+    Returns
+    -------
+    Dataset or None
+        With `time` [s], ascending; None where the experiment has no such record.
+
+    Raises
+    ------
+    InputError
+        Where the compared samples went through a correction that the record did not.
+    """
+    samples, record = project.experiments[name].dataset, project.corrected[name]
+    if record is None or not ascends(record):
+        return None
+    later = [step.name for step in samples.provenance[len(record.provenance) :] if step.name in CORRECTIONS]
+    if later:
+        raise InputError(
+            Fault(
+                "the whole record lacks a correction that the compared samples have",
+                f"{name}, prepare",
+                ", ".join(later),
+                attempt="that step before select_cycles and take_branch",
+            )
+        )
+    return record
+
+
+def compare_records(project: Project, result: CalibrationResult) -> dict[str, RecordFit]:
+    """The calibrated twin over the whole record of every experiment of a result that has one, by experiment.
+
+    Quasi-static, driven by every sample; paper A's Fig. 6 and Table II. What cannot be compared has no fit and says
+    why.
+
+    Raises
+    ------
+    ParameterError
+        Where the result is not of this project.
+    """
+    found: dict[str, RecordFit] = {}
+    at_values = calibrated(project, result)
+    for name in result.experiments:
+        experiment = at_values.experiments[name]
+        if not experiment.drives:
+            continue
+        try:
+            record = whole_record(at_values, name)
+        except InputError as error:
+            found[name] = RecordFit(None, project.records[name], experiment.drives, failure=str(error))
+            continue
+        if record is None:
+            continue
+        rig = dict(experiment.rig_values())
+        friction = result.parameters.get(PULLEY_FRICTION)
+        if friction is not None:
+            rig[PULLEY_FRICTION] = friction.value
+        found[name] = record_fit(robot_in(at_values, name), experiment, rig, record)
+    return found
+
+
+def ascends(data: Dataset) -> bool:
+    """Whether a dataset has times that never fall and are not all the same."""
+    if TIME not in data.channels:
+        return False
+    steps = np.diff(data.values(TIME))
+    return bool((steps >= 0.0).all() and (steps > 0.0).any())

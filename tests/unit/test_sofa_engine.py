@@ -261,7 +261,7 @@ def test_what_sofa_cannot_have_is_refused(engine):
         engine(column_robot("P2P1"), pulled(0.01))
     with pytest.raises(ParameterError, match="no such cable"):
         engine(column(), pulled(0.01, cable="back"))
-    with pytest.raises(ParameterError, match="Try: 'neck.youngs_modulus'"):
+    with pytest.raises(ParameterError, match=r"Try: 'neck\.youngs_modulus'"):
         engine(column(), pulled(0.01), sensitivities=["neck.youngs"])
 
 

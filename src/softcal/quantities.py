@@ -106,7 +106,8 @@ QUANTITIES: Mapping[str, Quantity] = {
         Quantity("tension", "N", 0.0, 1e8),
         Quantity("tension offset", "N", -1e6, 1e6),
         Quantity("pressure", "Pa", -1e13, 1e13),
-        Quantity("modulus", "Pa", 0.0, 1e13, "(]"),
+        # The softest gels have some 1 Pa; far below no equilibrium is found, after minutes.
+        Quantity("modulus", "Pa", 1e-3, 1e13, attempt="another unit", attempt_below="another unit, such as MPa"),
         Quantity("coefficient", "Pa", -1e13, 1e13),
         Quantity("Poisson's ratio", "1", -1.0, 0.5, "()", attempt="0.4999 instead of 0.5, with element P2P1"),
         Quantity("mass", "kg", 0.0, 1e6),

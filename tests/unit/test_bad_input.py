@@ -382,6 +382,9 @@ def test_a_set_that_sets_nothing(capsys: pytest.CaptureFixture[str], tmp_path: P
         (("--set", "bar.young=1MPa"), "bar.youngs_modulus"),
         (("--set", "bar.youngs_modulus=1"), "unit is missing"),
         (("--set", "bar.poissons_ratio=0.5"), "0.4999"),
+        (("--set", "bar.youngs_modulus=1e-30 Pa"), "bar.youngs_modulus: the modulus is out of range; got 1e-30 Pa"),
+        (("--set", "front.slack=-9 m"), "front.slack: experiments.pull: front.shortening: the cable is pulled in by"),
+        (("--set", "front.slack=9 m"), "front.slack: experiments.pull: the cable would be slack at every sample"),
         (("--experiment", "push"), "allowed: pull"),
         (("--pull", "left=4mm"), "--pull: the robot has no such cable; got 'left'; allowed: front"),
         (("--pull", "front=4"), "a cable and a length or force"),
@@ -397,6 +400,21 @@ def test_simulate_with_bad_options(
     assert piece in err
     assert "Traceback" not in err
     assert not (tmp_path / "out").exists()
+
+
+def test_a_value_that_is_set_is_blamed_and_none_beside_it(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    path, out = write_project(tmp_path), tmp_path / "out"
+    values = ("--set", "bar.poissons_ratio=0.3", "--set", "front.slack=-9 m", "--set", "bar.youngs_modulus=1MPa")
+    _, _, err = run(capsys, "simulate", path, *values, "--out", out)
+    assert err.startswith("Error: front.slack: experiments.pull: front.shortening")
+
+
+def test_the_file_is_blamed_for_what_it_says_whatever_is_set(capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    path, out = write_project(tmp_path, ("    plate: plate\n", "    plate: plate\n    slack: -9 m\n")), tmp_path / "out"
+    _, _, err = run(capsys, "simulate", path, "--set", "bar.poissons_ratio=0.3", "--out", out)
+    assert err.startswith("Error: project.yaml:22: experiments.pull: front.shortening: the cable is pulled in by")
+    code, *_ = run(capsys, "simulate", path, "--set", "front.slack=1 mm", "--out", out)
+    assert code == 0
 
 
 @pytest.mark.parametrize(

@@ -151,7 +151,8 @@ def test_so_is_a_branch_on_which_it_was_let_go(tmp_path: Path, branch: str) -> N
 
 def test_so_is_a_value_that_is_given_for_it(tmp_path: Path) -> None:
     path = write_project(tmp_path, data=loop_csv(0.0))
-    with pytest.raises(ProjectFileError, match="the friction of front is modelled"):
+    told = r"^front\.friction_coefficient: experiments\.pull: the friction of front is modelled"
+    with pytest.raises(ParameterError, match=told):
         load(path, values={"front.friction_coefficient": "0.1"})
 
 

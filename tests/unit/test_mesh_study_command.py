@@ -19,10 +19,11 @@ from softcal.report.all_tables import all_tables
 from softcal.report.chart_mesh import drawn_parameters
 from softcal.report.figures import report_pictures
 from softcal.report.html import render_page
-from softcal.workflows.mesh_study import study, study_source
+from softcal.workflows.mesh_study import study
 from softcal.workflows.mesh_study_files import FOLDER, read_study
 from softcal.workflows.reporting import report_content
 from softcal.workflows.run_folder import load_run
+from softcal.workflows.study_source import study_source
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:

@@ -31,6 +31,7 @@ import sys
 from softcal.cli import main
 commands = [
     ["check"], ["calibrate"], ["validate"], ["sweep"], ["simulate", "--out", "out"], ["crosscheck"],
+    ["mesh-study"],
     *(["export", kind, "--out", "out"] for kind in ("vtk", "calculix", "sofa", "reduced")),
 ]
 for command in commands:

@@ -15,6 +15,7 @@ from softcal.experiments.branches import branch_of
 from softcal.experiments.pulleys import pulley_gain
 from softcal.twin.protocol import Command
 from softcal.twin.response import Response
+from softcal.units import format_quantity
 
 Samples = slice | np.ndarray
 Derivatives = dict[str, Floats]
@@ -50,6 +51,28 @@ def control_parameters(experiment: Experiment) -> set[str]:
     """The rig parameters that change what the twin's cables are told to do."""
     rig = experiment.rig_values()
     return {name for channel in experiment.drives for name in _controls(experiment, rig, channel)[1]}
+
+
+def slack_faults(experiment: Experiment) -> list[Fault]:
+    """Cables whose slack is never taken up would never be taut: nothing could be learnt from such a test."""
+    rig = experiment.rig_values()
+    longest: dict[str, float] = {}
+    for channel in experiment.dataset.channels:
+        cable, _, kind = experiment.twin_channel(channel).rpartition(".")
+        if kind == "shortening" and f"{cable}.slack" in rig:
+            longest[cable] = float(np.nanmax(experiment.dataset.values(channel)))
+    slack = {cable: rig[f"{cable}.slack"] for cable in longest}
+    if not longest or any(slack[cable] <= 0.0 or slack[cable] < most for cable, most in longest.items()):
+        return []
+    cable = max(longest, key=lambda name: longest[name])
+    return [
+        Fault(
+            "the cable would be slack at every sample",
+            experiment.name,
+            format_quantity(slack[cable], "m"),
+            f"below the largest shortening, {format_quantity(longest[cable], 'm')}",
+        )
+    ]
 
 
 def observe(

@@ -51,15 +51,17 @@ def mesh_study(
 
     No mesher is needed: every tet is cut in eight, linear tets are made quadratic, elements of rods are halved.
     """
-    from softcal.analysis.mesh_verdict import mesh_verdicts
-    from softcal.workflows.mesh_study import default_folder, study, study_source
-    from softcal.workflows.mesh_study_files import write_study
     from softcal.workflows.output import require_free_folder
+    from softcal.workflows.study_source import default_folder, study_source
 
     folder = out if out is not None else default_folder(source)
     if folder is not None:
         require_free_folder(folder)
     studied = study_source(source, parsed_values(values), calibration)
+    from softcal.analysis.mesh_verdict import mesh_verdicts
+    from softcal.workflows.mesh_study import study
+    from softcal.workflows.mesh_study_files import write_study
+
     print_warnings(studied.project.warnings if not source.is_dir() else ())
     with _bars() as show:
         found = study(studied, element=element, halvings=halvings, max_unknowns=unknowns, progress=show)

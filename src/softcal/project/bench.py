@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from softcal.calibration.experiment import AXES, Experiment, Pulleys, Rig
+from softcal.calibration.observation import slack_faults
 from softcal.experiments.branches import BRANCH_STEP, Branch
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.experiments.merge import merge_on_labels, merge_on_one_clock
@@ -30,7 +31,6 @@ from softcal.project.bench_schema import MOTION_CAPTURE, ONE_CLOCK, ExperimentSe
 from softcal.project.document import Findings, KeyPath
 from softcal.project.files import InputFiles
 from softcal.twin.robot import Robot
-from softcal.units import format_quantity
 
 # From these steps on, the dataset no longer holds every cycle.
 CHOOSING = ("select_cycles", BRANCH_STEP)
@@ -106,7 +106,9 @@ def build_bench(
                 rig=_rig(section, rig),
                 set_up=section.set_up,
             )
-            _check_slack(section.slack, dataset, (*path, "slack"), findings)
+            findings.faults += [
+                replace(f, where=findings.document.where((*path, "slack"))) for f in slack_faults(experiment)
+            ]
             if section.frame is not None and not experiment.points:
                 got = ", ".join(experiment.compared)
                 findings.add(
@@ -117,19 +119,6 @@ def build_bench(
                 experiment = replace(experiment, settings=settings)
             return Bench(experiment, record, prepared.corrected)
     return None
-
-
-def _check_slack(slack: float, dataset: Dataset, path: KeyPath, findings: Findings) -> None:
-    """A cable whose slack is never taken up is never taut: nothing could be learnt from its test."""
-    pulls = [dataset.values(name) for name in dataset.channels if name.rsplit(".", 1)[-1] == "shortening"]
-    longest = max((float(np.nanmax(pull)) for pull in pulls), default=np.inf)
-    if slack > 0.0 and slack >= longest:
-        findings.add(
-            path,
-            "the cable would be slack at every sample",
-            got=format_quantity(slack, "m"),
-            allowed=f"below the largest shortening, {format_quantity(longest, 'm')}",
-        )
 
 
 def _without_the_unseen(data: Dataset, path: KeyPath, findings: Findings) -> Dataset:

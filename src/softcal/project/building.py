@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 
 from softcal.calibration.experiment import PULLEY_FRICTION, Experiment, rig_parameters
-from softcal.calibration.friction import friction_faults
-from softcal.calibration.observation import commands
 from softcal.calibration.parameters import SearchSpace
-from softcal.errors import Fault, ProjectFileError
+from softcal.errors import Fault, ParameterError, ProjectFileError
 from softcal.project.axes import Axis, cells_fault, doubled, parse_axis
 from softcal.project.bench import Bench, build_bench
+from softcal.project.bench_fit import check_test, held_rig, held_robot
 from softcal.project.bench_names import experiments_named
 from softcal.project.bench_schema import RigSection
 from softcal.project.document import Document, Findings
@@ -24,9 +22,7 @@ from softcal.project.robot import BuiltRobot, build_robot
 from softcal.project.search import build_search, held_values, names_held, rig_value, untied
 from softcal.project.sections import Sections
 from softcal.project.sweep_schema import SweepSection
-from softcal.twin.parameters import ParameterInfo, robot_parameters, with_parameters
-from softcal.twin.protocol import Protocol, command_faults
-from softcal.twin.robot import Robot
+from softcal.twin.parameters import ParameterInfo, robot_parameters
 
 
 def build_project(
@@ -66,17 +62,20 @@ def build_project(
     if built is None or known is None:
         raise ProjectFileError(Fault("the project is not whole", document.name))
     held = held_values(given, known)
-    of_robot = robot_parameters(built.robot)
-    robot = with_parameters(built.robot, {name: value for name, value in held.items() if name in of_robot})
-    tests = {name: _with_held_rig(bench.experiment, held) for name, bench in whole.items()}
-    _check_friction(robot, space, tests, findings)
-    _check_commands(robot, tests, findings)
+    faults_held = [
+        fault
+        for name, bench in whole.items()
+        for fault in check_test(built.robot, bench.experiment, space.free_in(name) if space else (), held, findings)
+    ]
     findings.raise_if_any()
+    if faults_held:
+        raise ParameterError(faults_held)
+    tests = {name: held_rig(bench.experiment, held) for name, bench in whole.items()}
     bodies = sections.robot.bodies
     return Project(
         path=path,
         name=str(document.data["name"]),
-        robot=robot,
+        robot=held_robot(built.robot, held),
         experiments=tests,
         records={name: bench.record for name, bench in whole.items()},
         corrected={name: bench.corrected for name, bench in whole.items()},
@@ -110,12 +109,6 @@ def _with_held_friction(rig: RigSection, given: Mapping[str, str | float]) -> Ri
         return rig
     friction = rig_value(PULLEY_FRICTION, given[PULLEY_FRICTION])
     return rig.model_copy(update={"pulleys": rig.pulleys.model_copy(update={"friction_coefficient": friction})})
-
-
-def _with_held_rig(experiment: Experiment, held: Mapping[str, float]) -> Experiment:
-    """The experiment with the rig values that are held."""
-    own = {name: held[name] for name in experiment.rig_values() if name in held}
-    return replace(experiment, settings={**experiment.settings, **own})
 
 
 def _check_settling(section: DynamicsSection | None, built: BuiltRobot | None, findings: Findings) -> None:
@@ -155,21 +148,3 @@ def _check_settings(space: SearchSpace | None, experiments: Mapping[str, Experim
         free = space.free_in(name) if space is not None else set[str]()
         for key in free & set(experiment.settings):
             findings.add(("experiments", name, "settings", key), "the parameter is set and free at once", got=key)
-
-
-def _check_commands(robot: Robot, experiments: Mapping[str, Experiment], findings: Findings) -> None:
-    """What the bench did to the cables, the twin's can follow."""
-    for name, experiment in experiments.items():
-        place = findings.document.where(("experiments", name))
-        told = Protocol(commands(experiment, experiment.rig_values()))
-        for fault in command_faults(robot, told):
-            attempt = "check the units of the channel and of the via points, and the slack"
-            findings.faults.append(replace(fault, where=f"{place}: {fault.where}", attempt=attempt))
-
-
-def _check_friction(
-    robot: Robot, space: SearchSpace | None, experiments: Mapping[str, Experiment], findings: Findings
-) -> None:
-    for name, experiment in experiments.items():
-        for fault in friction_faults(robot, experiment, space.free_in(name) if space is not None else ()):
-            findings.faults.append(replace(fault, where=findings.document.where(("experiments", name))))

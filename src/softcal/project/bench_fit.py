@@ -1,0 +1,64 @@
+"""Whether the twin can do what the bench did: by the values of the project file, and by those held from outside."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+
+from softcal.calibration.experiment import Experiment
+from softcal.calibration.friction import friction_faults
+from softcal.calibration.observation import commands, slack_faults
+from softcal.errors import Fault
+from softcal.project.document import Findings, dotted
+from softcal.twin.parameters import robot_parameters, with_parameters
+from softcal.twin.protocol import Protocol, command_faults
+from softcal.twin.robot import Robot
+
+
+def check_test(
+    robot: Robot, experiment: Experiment, free: Collection[str], held: Mapping[str, float], findings: Findings
+) -> list[Fault]:
+    """What of a test the twin could not do: what the file says goes to `findings`, what held values make is returned.
+
+    free: the parameters that are found from the test. held [SI]: they replace the file's, so those may be at fault.
+    """
+    place = ("experiments", experiment.name)
+    written, told = _faults(robot, experiment, free, {}), list[Fault]()
+    for key, fault in _faults(robot, experiment, free, held).items():
+        part = "" if fault.where == experiment.name else f": {fault.where}"
+        if key in written:
+            where = findings.document.where(place) + part
+            attempt = fault.attempt or "check the units of the channel and of the via points, and the slack"
+            findings.faults.append(replace(fault, where=where, attempt=attempt))
+            continue
+        others = {name: {n: v for n, v in held.items() if n != name} for name in held}
+        guilty = [name for name in held if key not in _faults(robot, experiment, free, others[name])] or list(held)
+        where = f"{', '.join(guilty)}: {dotted(place)}{part}"
+        told.append(replace(fault, where=where, attempt=fault.attempt or "another value, or unit"))
+    return told
+
+
+def held_robot(robot: Robot, held: Mapping[str, float]) -> Robot:
+    """The robot with its own values that are held."""
+    of_robot = robot_parameters(robot)
+    return with_parameters(robot, {name: value for name, value in held.items() if name in of_robot})
+
+
+def held_rig(experiment: Experiment, held: Mapping[str, float]) -> Experiment:
+    """The experiment with the rig values that are held."""
+    own = {name: held[name] for name in experiment.rig_values() if name in held}
+    return replace(experiment, settings={**experiment.settings, **own})
+
+
+def _faults(
+    robot: Robot, experiment: Experiment, free: Collection[str], held: Mapping[str, float]
+) -> dict[tuple[str, str], Fault]:
+    """What cannot be done under the values held, by what it is and where."""
+    robot, experiment = held_robot(robot, held), held_rig(experiment, held)
+    told = Protocol(commands(experiment, experiment.rig_values()))
+    faults = [
+        *friction_faults(robot, experiment, free),
+        *slack_faults(experiment),
+        *command_faults(robot, told),
+    ]
+    return {(fault.what, fault.where): fault for fault in faults}

@@ -1,0 +1,116 @@
+"""What a mesh study is of: a calibrated run at what it found, or a project at its present parameters.
+
+Nothing is imported before the project is read that only a study needs: a slip in its file is told at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from softcal.errors import Fault, InputError, ParameterError
+from softcal.project.names import JOINT
+from softcal.project.project import Project, load
+
+if TYPE_CHECKING:
+    from softcal.calibration.problem import Problem
+    from softcal.workflows.run_folder import Run
+
+
+@dataclass(frozen=True)
+class StudySource:
+    """What is studied: a problem at values [SI by label], and the calibration of a run that found them, or "".
+
+    notes: what the reader of the study must know.
+    """
+
+    problem: Problem
+    theta: Mapping[str, float]
+    calibration: str
+    project: Project
+    notes: tuple[str, ...] = ()
+
+
+def study_source(path: Path, values: Mapping[str, str] | None = None, calibration: str = "") -> StudySource:
+    """What a run folder found, by its joint calibration or the one that is named; or a project file as it stands.
+
+    Raises
+    ------
+    InputError
+        For what is neither, a calibration that the run does not have or a sweep, values for a run, or a project with
+        nothing measured or free.
+    StorageError
+        For a folder that holds no run.
+    """
+    if path.is_dir():
+        from softcal.workflows.run_folder import load_run, refuse_project_folder
+
+        refuse_project_folder(path)
+        if values:
+            raise InputError(
+                Fault("a run is studied at what it found", "--set", ", ".join(values), "a project file with --set")
+            )
+        return _of_run(load_run(path), calibration)
+    if calibration:
+        raise InputError(Fault("a project file holds no calibrations", "--calibration", f"'{calibration}'"))
+    project = load(path, values=values or {})
+    from softcal.workflows.calibration import make_problem
+
+    problem = make_problem(project)
+    return StudySource(problem, _present(problem), "", project)
+
+
+def default_folder(path: Path) -> Path | None:
+    """Where the study of a run goes if nobody says: into the run. That of a project is printed only."""
+    if not path.is_dir():
+        return None
+    from softcal.workflows.mesh_study_files import FOLDER
+
+    return path / FOLDER
+
+
+def _of_run(run: Run, calibration: str) -> StudySource:
+    from softcal.calibration.problem import SOFTCAL
+    from softcal.workflows.calibration import make_problem
+
+    label = calibration or (JOINT if JOINT in run.results else next(iter(run.results)))
+    if label not in run.results:
+        raise InputError(
+            Fault("the run has no such calibration", "--calibration", f"'{label}'", ", ".join(run.results))
+        )
+    result = run.results[label]
+    if result.is_sweep:
+        attempt = "softcal calibrate, or softcal mesh-study PROJECT for its present values"
+        raise InputError(Fault("a sweep has no optimum to study", str(run.folder), attempt=attempt))
+    problem = make_problem(run.project, run.settings).only(list(result.experiments))
+    engine = result.hashes.get("engine", SOFTCAL)
+    notes = (
+        () if engine == SOFTCAL else (f"The calibration was computed by {engine}, the study is by {SOFTCAL} itself.",)
+    )
+    return StudySource(problem, {name: e.value for name, e in result.parameters.items()}, label, run.project, notes)
+
+
+def _present(problem: Problem) -> dict[str, float]:
+    """The present values of what is free, an experiment's own from its rig; of tied parameters the mean."""
+    from softcal.twin.parameters import robot_parameters
+
+    of_robot = {name: info.value for name, info in robot_parameters(problem.robot).items()}
+    theta: dict[str, float] = {}
+    faults: list[Fault] = []
+    for p in problem.space.parameters:
+        serving = next(e for e in problem.experiments if p.serves(e.name))
+        values = {**of_robot, **_rig(problem), **serving.rig_values()}
+        theta[p.label] = sum(values[target] for target in p.targets) / len(p.targets)
+        if not p.lower <= theta[p.label] <= p.upper:
+            got, allowed = f"{theta[p.label]:.6g} {p.unit}", f"{p.lower:.6g} to {p.upper:.6g} {p.unit}"
+            faults.append(Fault("the present value lies outside its bounds", p.label, got, allowed, "--set, or a run"))
+    if faults:
+        raise ParameterError(faults)
+    return theta
+
+
+def _rig(problem: Problem) -> dict[str, float]:
+    """The rig's present values, those of the first experiment that has them."""
+    return {name: value for e in reversed(problem.experiments) for name, value in e.rig_values().items()}

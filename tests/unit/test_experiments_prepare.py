@@ -264,3 +264,10 @@ def test_a_tension_that_falls_is_not_said_never_to_change() -> None:
     assert "right column" not in told(100 * d)
     assert str(Fault(constant, "p.yaml:3")) == f"p.yaml:3: {constant}"
     assert str(Fault("all is wrong.", "p.yaml:3")) == "p.yaml:3: all is wrong."
+
+
+def test_a_record_of_one_sample_is_told_so() -> None:
+    channels = {"shortening": Channel(np.array([0.01]), "m"), "tension": Channel(np.array([3.0]), "N")}
+    (told,) = check_plausible(Dataset("pull", channels))
+    assert told.startswith("pull: the record has one sample, and a stiffness needs two or more")
+    assert "never changes" not in told

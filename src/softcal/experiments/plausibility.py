@@ -26,6 +26,9 @@ def _stiffness(dataset: Dataset) -> list[str]:
     if not {"tension", "shortening"} <= dataset.channels.keys():
         return []
     shortening, tension = dataset.values("shortening"), dataset.values("tension")
+    if dataset.n_samples == 1:
+        needed = "a stiffness needs two or more, at different shortenings"
+        return [f"{dataset.name}: the record has one sample, and {needed}: do where or skip_rows leave out too many?"]
     if np.ptp(shortening) <= 0.0:
         return [f"{dataset.name}: the shortening never changes: is it the right column?"]
     if np.ptp(tension) <= 0.0:

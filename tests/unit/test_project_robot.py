@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from robot_case import MANIPULATOR, write_robot
 
+from softcal.errors import StorageError
 from softcal.geometry.section import rectangular
 from softcal.project.project import Project, load
 from softcal.twin.manipulator import ManipulatorShape, manipulator
@@ -332,6 +334,29 @@ def test_a_generated_mesh_is_put_in_place_once(tmp_path: Path, monkeypatch: pyte
     copies = _copy_inputs(first, tmp_path)
     again = load(path, copies=copies)
     np.testing.assert_allclose(again.robot.bodies[1].mesh.points, first.robot.bodies[1].mesh.points, atol=1e-12)
+
+
+def test_a_run_whose_generated_mesh_is_not_known_to_be_the_same_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    from softcal.project import building as module
+    from softcal.workflows.run_folder import RECORD, begin_run, load_run, reopen_run
+
+    monkeypatch.setattr(module, "is_generated", lambda body: body.placement is not None)
+    project, folder = load(write_robot(tmp_path)), tmp_path / "run"
+    begin_run(project, project.calibration, ["pull"], folder)
+    reopen_run(project, folder)
+    record, mesh = json.loads((folder / RECORD).read_text()), folder / "inputs" / "meshes" / "upper.vtu"
+    as_made = mesh.read_bytes()
+    mesh.write_bytes(as_made + b"\n")
+    with pytest.raises(StorageError, match=r"^\S*upper\.vtu: the file was changed after the calibration"):
+        load_run(folder)
+    mesh.write_bytes(as_made)
+    del record["hashes"]["mesh of upper"]
+    (folder / RECORD).write_text(json.dumps(record))
+    for read in (load_run, lambda folder: reopen_run(project, folder)):
+        with pytest.raises(StorageError, match=r"^\S*upper\.vtu: the run does not say what the file was"):
+            read(folder)
 
 
 def test_fingerprints_tell_the_new_parts_apart(tmp_path: Path):

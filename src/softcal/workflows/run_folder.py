@@ -277,6 +277,17 @@ def _require_unchanged(folder: Path, record: _RunRecord) -> None:
         if missing or _sha256(path) != before:
             attempt = "put it back as it was, or softcal calibrate the changed project with another --out"
             faults.append(Fault(what, str(path), attempt=attempt))
+    # As of meshes that were generated before runs kept their hashes.
+    faults += [
+        Fault(
+            "the run does not say what the file was when it was calibrated",
+            str(folder / place),
+            f"no hash of it in {RECORD}",
+            attempt="softcal calibrate the project again, with another --out",
+        )
+        for written, place in record.copies.items()
+        if written not in record.hashes
+    ]
     if faults:
         raise StorageError(faults)
 

@@ -268,8 +268,8 @@ def test_all_faults_of_the_sections_at_once_and_then_all_of_what_they_name(
 ):
     data = put(4, 2, "overload").replace("Pitch", "Tilt")
     path = write_project(tmp_path, ("element: P1", "element: Q1"), ("[0 mm, 5 mm]", "[5 mm, 0 mm]"), data=data)
-    err = refused(capsys, path, "2 faults", "'Q1'", "reversed")
-    assert len(err.strip().splitlines()) == 3
+    err = refused(capsys, path, "3 faults", "'Q1'", "reversed", "no column 'Pitch'")
+    assert len(err.strip().splitlines()) == 4
     path = write_project(tmp_path, ("fixed: foot", "fixed: fot"), data=data)
     err = refused(capsys, path, "3 faults", "'overload'", "no column 'Pitch'", "'fot'")
     assert len(err.strip().splitlines()) == 4
@@ -522,3 +522,27 @@ def test_a_count_on_the_command_line_is_told_its_limit(capsys: pytest.CaptureFix
     assert code == 2
     assert err.startswith(f"Error: {option}: there are too many {option.strip('-').rstrip('s')}s; got 9999999999;")
     assert f"allowed: {most}" in err
+
+
+def test_files_and_columns_are_looked_for_beside_sections_with_slips(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+):
+    slips = (
+        ("bar.msh", "bra.msh"),
+        ("      via:\n", "      vai:\n"),
+        ("name: Displacement, unit: mm", "name: Displacemnt, unit: mm"),
+        ("name: Force, unit: N", "name: Force, unit: s"),
+        ("starts: 1", "startz: 1"),
+        ("noise: {tension: 0.05 N, pitch: 0.2 deg}", "label: State"),
+    )
+    refused(
+        capsys,
+        write_project(tmp_path, *slips),
+        "project.yaml:6: robot.bodies.bar.mesh: there is no such mesh file; got 'bra.msh'",
+        "project.yaml:18: robot.cables.front.vai: unknown key",
+        "no column 'Displacemnt'",
+        "Try: 'Displacement'",
+        "column 'Force [N]': the unit does not fit; got 's'",
+        "no column 'State'",
+        "calibration.startz: unknown key",
+    )

@@ -3,36 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.errors import DatasetError, Fault, InputError, UnitError, nearest
+from softcal.errors import DatasetError, Fault, InputError
 from softcal.experiments.columns import N_NAMED, Columns, Filter, Odd, cells_of, read_columns
 from softcal.experiments.dataset import Channel, Dataset, Step
-from softcal.experiments.names import ANGLES, CHANNEL_UNITS, QUATERNION, channel_unit
+from softcal.experiments.header import ColumnSpec, column_unit, raise_faults, read_layout
+from softcal.experiments.names import ANGLES, QUATERNION
 from softcal.experiments.orientation import plate_angles
-from softcal.experiments.table import WHITESPACE, Table, bare_unit, is_unit, load_table, split_header
-from softcal.units import unit_factor
+from softcal.experiments.table import WHITESPACE, Table
 
-_COLUMN_UNITS = {**CHANNEL_UNITS, **dict.fromkeys(QUATERNION, "1"), "mass": "kg"}
 _N_VALUES = 10  # values of a column named in a fault
-
-
-@dataclass(frozen=True)
-class ColumnSpec:
-    """Where a channel stands in a file.
-
-    name: the column's header, with or without its unit. unit: of the numbers; None reads it from the file.
-    scale: factor on the numbers, such as -1 for a machine that writes tension negative.
-    """
-
-    name: str
-    unit: str | None = None
-    scale: float = 1.0
 
 
 def read_table(  # noqa: PLR0913 (one keyword for each thing in which files differ)
@@ -91,51 +77,51 @@ def read_table(  # noqa: PLR0913 (one keyword for each thing in which files diff
     StorageError
         Where the file cannot be read.
     """
-    path = Path(path)
-    _check_channels(path, columns)
-    table = load_table(
-        path,
-        [*(spec.name for spec in columns.values()), *(where or {}), *([label] if label else [])],
+    layout = read_layout(
+        Path(path),
+        columns,
         delimiter=delimiter,
         header_row=header_row,
         units_row=units_row,
         skip_rows=skip_rows,
         skip_footer=skip_footer,
+        where=where,
+        optional=optional,
+        label=label,
     )
-    faults: list[Fault] = []
-    unit_faults: list[Fault] = []
-    columns = {key: spec for key, spec in columns.items() if key not in optional or table.find(spec.name)}
-    found = {key: _find_column(table, spec.name, faults) for key, spec in columns.items()}
-    places = {key: place for key, place in found.items() if place is not None}
-    filters = _filters(table, where or {}, faults)
-    named = None if label is None else _find_column(table, label, faults)
-    held = read_columns(table, places, may_miss=lambda key: "." in key, filters=filters, label=named, decimal=decimal)
-    faults += _unmet(table, filters, held)
+    table, columns, places = layout.table, layout.columns, layout.places
+    faults = list(layout.faults)
+    held = read_columns(
+        table,
+        places,
+        may_miss=lambda key: "." in key,
+        filters=layout.filters,
+        label=layout.label,
+        decimal=decimal,
+    )
+    faults += _unmet(table, layout.filters, held)
     values: dict[str, Floats] = {}
-    units: dict[str, str] = {}
     for key, place in places.items():
-        factor = _unit_of(table, key, columns[key], place, units, unit_faults)
         if key in held.odd:
             faults.append(_not_numbers(table, place, held.odd[key], held.decimal))
-        elif factor is not None:
+        elif key in layout.factors:
             values[key] = held.numbers[key]
-            values[key] *= factor * columns[key].scale
-    if named is not None:
-        faults += _doubled_labels(table, named, held)
+            values[key] *= layout.factors[key] * columns[key].scale
+    if layout.label is not None:
+        faults += _doubled_labels(table, layout.label, held)
     n_equal_times = _check_time(table, held, values, places, faults)
-    if faults:
-        raise DatasetError([*faults, *unit_faults])
-    if unit_faults:
-        raise UnitError(unit_faults)
+    raise_faults(faults, layout.unit_faults)
     n_kept, n_rows, labels, used_decimal = len(held.lines), held.n_rows, held.labels, held.decimal
     del held  # its numbers are in `values`, and a table may be as large as the memory allows
     channels, notes = _channels(table, values, axes, rest_samples)
     if n_equal_times:
         notes.append(f"{n_equal_times} sample(s) share their time with the one before")
     settings: dict[str, Any] = {
-        "file": path.name,
+        "file": table.path.name,
         "sha256": table.file.sha256,
-        "columns": {key: {"name": spec.name, "unit": units[key], "scale": spec.scale} for key, spec in columns.items()},
+        "columns": {
+            key: {"name": spec.name, "unit": layout.units[key], "scale": spec.scale} for key, spec in columns.items()
+        },
         "delimiter": {"\t": "tab", WHITESPACE: "white space"}.get(table.delimiter, table.delimiter),
         "decimal": used_decimal,
         "encoding": table.file.encoding,
@@ -144,17 +130,9 @@ def read_table(  # noqa: PLR0913 (one keyword for each thing in which files diff
     if where:
         settings["where"] = {key: str(value) for key, value in where.items()}
     kept = f"{n_kept} of {n_rows} rows" if where else f"{n_rows} rows"
-    units_read = ", ".join(f"{key} from '{spec.name}' in {units[key]}" for key, spec in columns.items())
+    units_read = ", ".join(f"{key} from '{spec.name}' in {layout.units[key]}" for key, spec in columns.items())
     outcome = "; ".join([f"{kept} read: {units_read}", *notes])
-    return Dataset(name or path.stem, channels, (Step("read_table", settings, outcome),), labels=labels)
-
-
-def _column_unit(channel: str) -> str | None:
-    """The SI unit of what a column may hold, None where no channel goes by the name."""
-    if channel in _COLUMN_UNITS:
-        return _COLUMN_UNITS[channel]
-    owner, _, kind = channel.rpartition(".")
-    return "kg" if owner and "." not in owner and kind == "mass" else channel_unit(channel)
+    return Dataset(name or Path(path).stem, channels, (Step("read_table", settings, outcome),), labels=labels)
 
 
 def _doubled_labels(table: Table, place: int, held: Columns) -> list[Fault]:
@@ -168,62 +146,6 @@ def _doubled_labels(table: Table, place: int, held: Columns) -> list[Fault]:
     return [Fault("two rows go by one label", where, got=f"'{held.labels[twice[0]]}'")]
 
 
-def _check_channels(path: Path, columns: Mapping[str, ColumnSpec]) -> None:
-    where = f"columns for {path.name}"
-    faults = [
-        Fault(
-            f"no channel goes by the name '{key}'",
-            where=where,
-            allowed=", ".join(_COLUMN_UNITS) + "; with the part's name before it, such as cable1.tension or m4.x",
-            attempt=nearest(key, _COLUMN_UNITS),
-        )
-        for key in columns
-        if _column_unit(key) is None
-    ]
-    quaternion = [key for key in QUATERNION if key in columns]
-    if quaternion and len(quaternion) < 4:
-        missing = ", ".join(key for key in QUATERNION if key not in columns)
-        faults.append(Fault("a quaternion needs all four columns", where=where, got=f"no {missing}"))
-    if quaternion and any(key in columns for key in ANGLES):
-        faults.append(Fault("angles and quaternions exclude each other", where=where))
-    if not columns:
-        faults.append(Fault("no column is asked for", where=where, allowed=", ".join(_COLUMN_UNITS)))
-    if faults:
-        raise DatasetError(faults)
-
-
-def _find_column(table: Table, name: str, faults: list[Fault]) -> int | None:
-    found = table.find(name)
-    if len(found) == 1:
-        return found[0]
-    where = f"{table.path}, line {table.header_line}"
-    if found:
-        headers = ", ".join(f"'{table.headers[column]}' (column {column + 1})" for column in found)
-        faults.append(Fault(f"{len(found)} columns go by the name '{name}'", where=where, got=headers))
-        return None
-    headers = [header for header in table.headers if header]
-    alike = nearest(name, [*headers, *(split_header(header)[0] for header in headers)])
-    faults.append(
-        Fault(
-            f"no column '{name}'",
-            where=where,
-            got="columns " + ", ".join(f"'{header}'" for header in headers),
-            attempt=alike,
-        )
-    )
-    return None
-
-
-def _filters(table: Table, where: Mapping[str, object], faults: list[Fault]) -> list[Filter]:
-    filters: list[Filter] = []
-    for name, wanted in where.items():
-        place = _find_column(table, name, faults)
-        if place is not None:
-            values = wanted if isinstance(wanted, list | tuple) else [wanted]
-            filters.append(Filter(place, tuple(str(value) for value in values)))
-    return filters
-
-
 def _unmet(table: Table, filters: Sequence[Filter], held: Columns) -> list[Fault]:
     """The values of the first filter that no row holds: those that follow saw none for it."""
     if not held.unmet:
@@ -232,51 +154,6 @@ def _unmet(table: Table, filters: Sequence[Filter], held: Columns) -> list[Fault
     shown = ", ".join(f"'{value}'" for value in seen[:_N_VALUES]) + (", …" if len(seen) > _N_VALUES else "")
     column = f"{table.path}, column '{table.headers[filters[i].column]}'"
     return [Fault(f"no row holds '{value}'", where=column, allowed=shown) for value in missing]
-
-
-def _unit_of(
-    table: Table, key: str, spec: ColumnSpec, place: int, units: dict[str, str], faults: list[Fault]
-) -> float | None:
-    """Factor to SI: from the project where it says, but never against what the file says."""
-    si_unit = _column_unit(key) or "1"
-    header = table.headers[place]
-    where = f"{table.path}, line {table.header_line}, column '{header}'"
-    in_file = bare_unit(table.unit_cells[place]) or split_header(header)[1]
-    unit = spec.unit if spec.unit is not None else in_file
-    if unit is None or (unit == "" and si_unit != "1"):
-        if si_unit == "1":
-            unit = "1"
-        else:
-            faults.append(
-                Fault(
-                    "the unit is missing",
-                    where=where,
-                    allowed=f"a unit that converts to {si_unit}, in the header, in a row under it, or in the project",
-                    attempt=f"unit: {'mm' if si_unit == 'm' else si_unit}",
-                )
-            )
-            return None
-    if unit in ("", "-") and si_unit == "1":
-        unit = "1"
-    try:
-        factor = unit_factor(unit, si_unit, where=where)
-        if spec.unit is not None and in_file and is_unit(in_file):
-            file_factor = unit_factor(in_file, si_unit, where=where)
-            if not np.isclose(file_factor, factor, rtol=1e-9):
-                faults.append(
-                    Fault(
-                        "the project and the file name different units",
-                        where=where,
-                        got=f"'{spec.unit}' in the project, '{in_file}' in the file",
-                        attempt="leave the unit out of the project to use the file's",
-                    )
-                )
-                return None
-    except UnitError as error:
-        faults.extend(error.faults)
-        return None
-    units[key] = unit
-    return factor
 
 
 def _not_numbers(table: Table, place: int, odd: Odd, decimal: str) -> Fault:
@@ -350,4 +227,4 @@ def _channels(
         if np.isnan(value).any():
             notes.append(f"{key} is missing in {int(np.isnan(value).sum())} row(s)")
     # One after the other, since a channel is a copy.
-    return {key: Channel(values.pop(key), _column_unit(key) or "1") for key in list(values)}, notes
+    return {key: Channel(values.pop(key), column_unit(key) or "1") for key in list(values)}, notes

@@ -26,6 +26,7 @@ from softcal.project.bench_names import (
     compared_channels,
     noise_of,
     settings_of,
+    table_layout,
 )
 from softcal.project.bench_schema import MOTION_CAPTURE, ONE_CLOCK, ExperimentSection, RigSection
 from softcal.project.document import Findings, KeyPath
@@ -186,17 +187,12 @@ def _read(name: str, section: ExperimentSection, i: int, files: InputFiles, find
                 found,
                 columns,
                 name=name,
-                delimiter=file.delimiter,
                 decimal=file.decimal,
-                header_row=file.header_row,
-                units_row=file.units_row,
-                skip_rows=file.skip_rows,
-                skip_footer=file.skip_footer,
-                where={key: values[0] if len(values) == 1 else values for key, values in file.where.items()},
                 axes=file.axes,
                 rest_samples=file.rest_samples,
                 optional=optional,
                 label=section.label,
+                **table_layout(file),
             )
     return None
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from fnmatch import fnmatchcase
+from typing import Any
 
 import numpy as np
 
 from softcal.calibration.experiment import ANGLES, AXES, CABLE_CHANNELS, Experiment, rig_parameters
 from softcal.errors import Fault, ParameterError
+from softcal.experiments.header import ColumnSpec
 from softcal.experiments.names import CHANNEL_UNITS, channel_unit, is_deviation
-from softcal.experiments.read import ColumnSpec
 from softcal.project.bench_schema import ExperimentSection, FileSection
 from softcal.project.document import Findings, KeyPath
 from softcal.project.robot_schema import RobotSection
@@ -86,6 +87,18 @@ def column_specs(file: FileSection) -> tuple[dict[str, ColumnSpec], list[str]]:
                 columns[deviation] = ColumnSpec(f"{name}.{axis}_sd")
                 optional.append(deviation)
     return columns, optional
+
+
+def table_layout(file: FileSection) -> dict[str, Any]:
+    """How the table of a file is written, and which rows are asked for: keywords of `read_layout` and `read_table`."""
+    return {
+        "delimiter": file.delimiter,
+        "header_row": file.header_row,
+        "units_row": file.units_row,
+        "skip_rows": file.skip_rows,
+        "skip_footer": file.skip_footer,
+        "where": {key: values[0] if len(values) == 1 else values for key, values in file.where.items()},
+    }
 
 
 def channels_named(name: str, channels: Iterable[str]) -> list[str]:

@@ -9,9 +9,10 @@ from typing import Any
 
 from softcal.errors import InputError
 from softcal.experiments.branches import PULLEY_STEP
+from softcal.experiments.header import raise_faults, read_layout
 from softcal.experiments.prepare import PlannedStep, parse_steps
-from softcal.project.bench_names import check_names, noise_of
-from softcal.project.bench_schema import ONE_CLOCK, ExperimentSection, RigSection
+from softcal.project.bench_names import check_names, column_specs, noise_of, table_layout
+from softcal.project.bench_schema import MOTION_CAPTURE, ONE_CLOCK, ExperimentSection, RigSection
 from softcal.project.document import Findings, KeyPath
 from softcal.project.files import InputFiles
 from softcal.project.robot_schema import RobotSection
@@ -45,6 +46,19 @@ def plan_bench(
     noise_of(section.noise, None, (*path, "noise"), findings)
     _check_clocks(section, path, findings)
     return tuple(step for step in steps if step is not None)
+
+
+def check_headers(name: str, section: ExperimentSection, files: InputFiles, findings: Findings) -> None:
+    """Whether the tables of an experiment that are there have the columns that it names; no row of them is read."""
+    for i, file in enumerate(section.files):
+        columns, optional = column_specs(file)
+        with findings.at(("experiments", name, "files", i, "path")):
+            path = files.find(file.path, "data file")
+            if path.suffix.lower() == MOTION_CAPTURE:
+                continue
+            with findings.at(("experiments", name)):
+                layout = read_layout(path, columns, optional=optional, label=section.label, **table_layout(file))
+                raise_faults(layout.faults, layout.unit_faults)
 
 
 def _planned(step: str | Mapping[str, Any], path: KeyPath, findings: Findings) -> PlannedStep | None:

@@ -10,7 +10,7 @@ from softcal.errors import Fault, ProjectFileError, nearest
 from softcal.experiments.prepare import PlannedStep
 from softcal.limits import LIMITS
 from softcal.materials.infill import PrintInfill
-from softcal.project.bench_plan import plan_bench
+from softcal.project.bench_plan import check_headers, plan_bench
 from softcal.project.bench_schema import ExperimentSection, RigSection
 from softcal.project.calibration_schema import CalibrationSection, ParameterSection, PrintSection
 from softcal.project.document import Document, Findings
@@ -20,7 +20,7 @@ from softcal.project.files import InputFiles, stored_mesh
 from softcal.project.mesh_schema import MeshFile
 from softcal.project.names import RESERVED_OF_TESTS, check_names
 from softcal.project.robot_names import check_part_names
-from softcal.project.robot_schema import RobotSection
+from softcal.project.robot_schema import BodySection, RobotSection
 from softcal.project.search import build_search
 from softcal.project.section import Section, validated
 from softcal.project.sweep_schema import SweepSection
@@ -81,7 +81,7 @@ def read_sections(document: Document, files: InputFiles) -> Sections:
     print_infill = _print_infill(document, findings)
     if robot is not None:
         check_part_names(robot, findings)
-        _find_meshes(robot, files, findings)
+    _find_meshes(document, files, findings)
     plans = {
         name: plan_bench(name, experiment, rig or RigSection(), robot, files, findings)
         for name, experiment in experiments.items()
@@ -91,15 +91,22 @@ def read_sections(document: Document, files: InputFiles) -> Sections:
     build_search(parameters, None, {key: {} for key in experiments}, set_ups, (), findings)
     tied = [name for name, section in parameters.items() if section.of]
     _check_calibration(calibration, rig or RigSection(), experiments, tied, findings)
+    if findings.faults:  # else the columns are looked for where the tables are read, and all are told at once there
+        for name, experiment in experiments.items():
+            check_headers(name, experiment, files, findings)
     findings.raise_if_any()
     if robot is None or rig is None or calibration is None or dynamics is None or engines is None:
         raise ProjectFileError(Fault("the project is not whole", document.name))
     return Sections(robot, rig, experiments, plans, parameters, calibration, dynamics, engines, swept, print_infill)
 
 
-def _find_meshes(robot: RobotSection, files: InputFiles, findings: Findings) -> None:
-    for name, body in robot.bodies.items():
-        if isinstance(body.mesh, MeshFile) and stored_mesh(name) not in files.copies:
+def _find_meshes(document: Document, files: InputFiles, findings: Findings) -> None:
+    """The mesh files of the bodies that are in order, whatever is wrong with the rest of the robot."""
+    bodies = _raw(document, "robot").get("bodies")
+    for name, given in bodies.items() if isinstance(bodies, dict) else ():
+        # What is wrong with a body is among the findings already.
+        body = validated(BodySection, given, (), Findings(document))
+        if body is not None and isinstance(body.mesh, MeshFile) and stored_mesh(name) not in files.copies:
             with findings.at(("robot", "bodies", name, "mesh")):
                 files.find(body.mesh.file, "mesh file", LIMITS["bytes of a mesh file"])
 

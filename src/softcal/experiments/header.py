@@ -1,0 +1,221 @@
+"""The header of a bench file: which of its columns hold the channels that are asked for, and in which unit."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from softcal.errors import DatasetError, Fault, UnitError, nearest
+from softcal.experiments.columns import Filter
+from softcal.experiments.names import ANGLES, CHANNEL_UNITS, QUATERNION, channel_unit
+from softcal.experiments.table import Table, bare_unit, is_unit, load_table, split_header
+from softcal.units import unit_factor
+
+_COLUMN_UNITS = {**CHANNEL_UNITS, **dict.fromkeys(QUATERNION, "1"), "mass": "kg"}
+
+
+@dataclass(frozen=True)
+class ColumnSpec:
+    """Where a channel stands in a file.
+
+    name: the column's header, with or without its unit. unit: of the numbers; None reads it from the file.
+    scale: factor on the numbers, such as -1 for a machine that writes tension negative.
+    """
+
+    name: str
+    unit: str | None = None
+    scale: float = 1.0
+
+
+@dataclass
+class Layout:
+    """Where the channels stand in a table.
+
+    columns: those that are there or must be; places: the number of each that was found; units: as they are written;
+    factors: from them to SI. filters, label: the columns by which rows are kept and named. faults, unit_faults: what
+    is wrong with the header.
+    """
+
+    table: Table
+    columns: Mapping[str, ColumnSpec]
+    places: dict[str, int] = field(default_factory=dict[str, int])
+    units: dict[str, str] = field(default_factory=dict[str, str])
+    factors: dict[str, float] = field(default_factory=dict[str, float])
+    filters: list[Filter] = field(default_factory=list[Filter])
+    label: int | None = None
+    faults: list[Fault] = field(default_factory=list[Fault])
+    unit_faults: list[Fault] = field(default_factory=list[Fault])
+
+
+def read_layout(  # noqa: PLR0913 (one keyword for each thing in which files differ)
+    path: Path,
+    columns: Mapping[str, ColumnSpec],
+    *,
+    delimiter: str | None = None,
+    header_row: int | None = None,
+    units_row: int | None = None,
+    skip_rows: int = 0,
+    skip_footer: int = 0,
+    where: Mapping[str, object] | None = None,
+    optional: Collection[str] = (),
+    label: str | None = None,
+) -> Layout:
+    """Find the columns of a file, without its rows; for what is given see `softcal.experiments.read.read_table`.
+
+    Raises
+    ------
+    DatasetError
+        For channels that there are not, or a file without a header.
+    StorageError
+        Where the file cannot be read.
+    """
+    _check_channels(path, columns)
+    table = load_table(
+        path,
+        [*(spec.name for spec in columns.values()), *(where or {}), *([label] if label else [])],
+        delimiter=delimiter,
+        header_row=header_row,
+        units_row=units_row,
+        skip_rows=skip_rows,
+        skip_footer=skip_footer,
+    )
+    layout = Layout(table, {k: spec for k, spec in columns.items() if k not in optional or table.find(spec.name)})
+    for key, spec in layout.columns.items():
+        place = _find_column(table, spec.name, layout.faults)
+        if place is not None:
+            layout.places[key] = place
+    layout.filters += _filters(table, where or {}, layout.faults)
+    layout.label = None if label is None else _find_column(table, label, layout.faults)
+    for key, place in layout.places.items():
+        factor = _unit_of(table, key, layout.columns[key], place, layout.units, layout.unit_faults)
+        if factor is not None:
+            layout.factors[key] = factor
+    return layout
+
+
+def raise_faults(faults: list[Fault], unit_faults: list[Fault]) -> None:
+    """Raise what was found.
+
+    Raises
+    ------
+    DatasetError
+        With all of it, where there is any but of units.
+    UnitError
+        Where all that is wrong is units.
+    """
+    if faults:
+        raise DatasetError([*faults, *unit_faults])
+    if unit_faults:
+        raise UnitError(unit_faults)
+
+
+def column_unit(channel: str) -> str | None:
+    """The SI unit of what a column may hold, None where no channel goes by the name."""
+    if channel in _COLUMN_UNITS:
+        return _COLUMN_UNITS[channel]
+    owner, _, kind = channel.rpartition(".")
+    return "kg" if owner and "." not in owner and kind == "mass" else channel_unit(channel)
+
+
+def _check_channels(path: Path, columns: Mapping[str, ColumnSpec]) -> None:
+    where = f"columns for {path.name}"
+    faults = [
+        Fault(
+            f"no channel goes by the name '{key}'",
+            where=where,
+            allowed=", ".join(_COLUMN_UNITS) + "; with the part's name before it, such as cable1.tension or m4.x",
+            attempt=nearest(key, _COLUMN_UNITS),
+        )
+        for key in columns
+        if column_unit(key) is None
+    ]
+    quaternion = [key for key in QUATERNION if key in columns]
+    if quaternion and len(quaternion) < 4:
+        missing = ", ".join(key for key in QUATERNION if key not in columns)
+        faults.append(Fault("a quaternion needs all four columns", where=where, got=f"no {missing}"))
+    if quaternion and any(key in columns for key in ANGLES):
+        faults.append(Fault("angles and quaternions exclude each other", where=where))
+    if not columns:
+        faults.append(Fault("no column is asked for", where=where, allowed=", ".join(_COLUMN_UNITS)))
+    if faults:
+        raise DatasetError(faults)
+
+
+def _find_column(table: Table, name: str, faults: list[Fault]) -> int | None:
+    found = table.find(name)
+    if len(found) == 1:
+        return found[0]
+    where = f"{table.path}, line {table.header_line}"
+    if found:
+        headers = ", ".join(f"'{table.headers[column]}' (column {column + 1})" for column in found)
+        faults.append(Fault(f"{len(found)} columns go by the name '{name}'", where=where, got=headers))
+        return None
+    headers = [header for header in table.headers if header]
+    alike = nearest(name, [*headers, *(split_header(header)[0] for header in headers)])
+    faults.append(
+        Fault(
+            f"no column '{name}'",
+            where=where,
+            got="columns " + ", ".join(f"'{header}'" for header in headers),
+            attempt=alike,
+        )
+    )
+    return None
+
+
+def _filters(table: Table, where: Mapping[str, object], faults: list[Fault]) -> list[Filter]:
+    filters: list[Filter] = []
+    for name, wanted in where.items():
+        place = _find_column(table, name, faults)
+        if place is not None:
+            values = wanted if isinstance(wanted, list | tuple) else [wanted]
+            filters.append(Filter(place, tuple(str(value) for value in values)))
+    return filters
+
+
+def _unit_of(
+    table: Table, key: str, spec: ColumnSpec, place: int, units: dict[str, str], faults: list[Fault]
+) -> float | None:
+    """Factor to SI: from the project where it says, but never against what the file says."""
+    si_unit = column_unit(key) or "1"
+    header = table.headers[place]
+    where = f"{table.path}, line {table.header_line}, column '{header}'"
+    in_file = bare_unit(table.unit_cells[place]) or split_header(header)[1]
+    unit = spec.unit if spec.unit is not None else in_file
+    if unit is None or (unit == "" and si_unit != "1"):
+        if si_unit == "1":
+            unit = "1"
+        else:
+            faults.append(
+                Fault(
+                    "the unit is missing",
+                    where=where,
+                    allowed=f"a unit that converts to {si_unit}, in the header, in a row under it, or in the project",
+                    attempt=f"unit: {'mm' if si_unit == 'm' else si_unit}",
+                )
+            )
+            return None
+    if unit in ("", "-") and si_unit == "1":
+        unit = "1"
+    try:
+        factor = unit_factor(unit, si_unit, where=where)
+        if spec.unit is not None and in_file and is_unit(in_file):
+            file_factor = unit_factor(in_file, si_unit, where=where)
+            if not np.isclose(file_factor, factor, rtol=1e-9):
+                faults.append(
+                    Fault(
+                        "the project and the file name different units",
+                        where=where,
+                        got=f"'{spec.unit}' in the project, '{in_file}' in the file",
+                        attempt="leave the unit out of the project to use the file's",
+                    )
+                )
+                return None
+    except UnitError as error:
+        faults.extend(error.faults)
+        return None
+    units[key] = unit
+    return factor

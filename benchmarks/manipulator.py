@@ -18,7 +18,6 @@ from softcal.calibration.problem import Problem, make_problem
 from softcal.calibration.run import calibrate
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.project.project import load
-from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
 from softcal.twin.robot import ElementKind, Robot
@@ -133,7 +132,7 @@ def _problem(robot: Robot, pulls: dict[str, tuple[float, ...]], free: tuple[Free
     chance = np.random.default_rng(0)
     experiments: list[Experiment] = []
     for cable, forces in pulls.items():
-        seen = simulate(with_parameters(robot, TRUE), _tension(cable, forces), curve_tolerance=0.0)
+        seen = simulate(robot, _tension(cable, forces), TRUE, curve_tolerance=0.0)
         if not seen.succeeded:
             raise RuntimeError(seen.status)
         channels = {f"{cable}.tension": Channel(np.array(forces), "N")}

@@ -21,7 +21,7 @@ from softcal.mechanics.state import State, moved, rest_state
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.term import Controls
 from softcal.twin.build import Twin, build_twin
-from softcal.twin.parameters import robot_parameters
+from softcal.twin.parameters import parameter_values
 from softcal.twin.robot import ElementKind
 
 LIMIT = 1.8
@@ -75,7 +75,7 @@ class Midway:
 def midway(element: ElementKind) -> Midway:
     robot = standard_robot(element)
     twin = build_twin(robot)
-    theta = {name: info.value for name, info in robot_parameters(robot).items()}
+    theta = parameter_values(robot)
     statics = Statics(twin.system, theta)
     line = Line(np.array([False]), np.zeros(1), np.zeros(1), np.zeros(1), np.ones(1))
     start = node_at(statics, line, 0.0, rest_state(twin.system.layout), ())

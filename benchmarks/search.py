@@ -29,7 +29,7 @@ from softcal.calibration.run import calibrate
 from softcal.checks import Floats
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.project.project import load
-from softcal.twin.parameters import robot_parameters, with_parameters
+from softcal.twin.parameters import parameter_values, with_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
 from softcal.twin.robot import Robot
@@ -57,11 +57,17 @@ class LockingNeck:
     power: float
 
     def __call__(
-        self, robot: Robot, protocol: Protocol, *, sensitivities: Sequence[str] = (), snapshots: bool = False
+        self,
+        robot: Robot,
+        protocol: Protocol,
+        theta: Mapping[str, float] | None = None,
+        *,
+        sensitivities: Sequence[str] = (),
+        snapshots: bool = False,
     ) -> Response:
         """As `softcal.twin.simulate.simulate`, for the neck whose front cable is driven by its shortening."""
-        known = robot_parameters(robot)
-        modulus, nu = known[E].value, known[NU].value
+        values = parameter_values(robot, theta)
+        modulus, nu = values[E], values[NU]
         d = protocol.commands["front"].values
         a, b, k = 1.6e-4, 0.02, 20.0
         f = 1 + self.layer * (0.5 - nu) ** -self.rate

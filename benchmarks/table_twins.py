@@ -16,7 +16,7 @@ from numpy.polynomial import chebyshev
 
 from benchmarks.neck_case import PITCH, TENSION, pull
 from softcal.checks import Floats
-from softcal.twin.parameters import robot_parameters, with_parameters
+from softcal.twin.parameters import parameter_values, with_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
 from softcal.twin.robot import Robot
@@ -40,11 +40,17 @@ class NeckTable:
     ratios: tuple[float, float]
 
     def __call__(
-        self, robot: Robot, protocol: Protocol, *, sensitivities: Sequence[str] = (), snapshots: bool = False
+        self,
+        robot: Robot,
+        protocol: Protocol,
+        theta: Mapping[str, float] | None = None,
+        *,
+        sensitivities: Sequence[str] = (),
+        snapshots: bool = False,
     ) -> Response:
         """As `softcal.twin.simulate.simulate`, for the neck whose front cable is driven by its shortening."""
-        known = robot_parameters(robot)
-        modulus, ratio = known[E].value, known[NU].value
+        values = parameter_values(robot, theta)
+        modulus, ratio = values[E], values[NU]
         d = protocol.commands["front"].values
         if not self.ratios[0] <= ratio <= self.ratios[1] or d.max() > self.shortenings[1]:
             return Response({}, {}, "The table does not reach that far.", succeeded=False, n_factorisations=0)
@@ -108,14 +114,20 @@ class ComplianceTable:
     slopes: Mapping[str, Mapping[str, Mapping[str, Floats]]]
 
     def __call__(
-        self, robot: Robot, protocol: Protocol, *, sensitivities: Sequence[str] = (), snapshots: bool = False
+        self,
+        robot: Robot,
+        protocol: Protocol,
+        theta: Mapping[str, float] | None = None,
+        *,
+        sensitivities: Sequence[str] = (),
+        snapshots: bool = False,
     ) -> Response:
         """As `softcal.twin.simulate.simulate`, for one cable that is driven by the table's forces."""
         ((cable, command),) = protocol.commands.items()
         if tuple(command.values) != self.forces:
             raise ValueError("the table was made for other forces")
-        known = robot_parameters(robot)
-        now = {name: known[name].value for name in self.moduli}
+        values = parameter_values(robot, theta)
+        now = {name: values[name] for name in self.moduli}
         channels, by = {}, {}
         for channel, places in self.places[cable].items():
             rates = {name: -(true**2) * self.slopes[cable][channel][name] for name, true in self.moduli.items()}

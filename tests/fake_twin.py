@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from softcal.calibration.experiment import Experiment, Rig
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.geometry.mesh import TetMesh
-from softcal.twin.parameters import robot_parameters, with_parameters
+from softcal.twin.parameters import parameter_values, with_parameters
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response
 from softcal.twin.robot import Body, Cable, Plate, Robot, ViaPoint
@@ -41,10 +41,15 @@ def _curve(d: np.ndarray, nu: float) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 def fake_simulate(
-    robot: Robot, protocol: Protocol, *, sensitivities: Sequence[str] = (), snapshots: bool = False
+    robot: Robot,
+    protocol: Protocol,
+    theta: Mapping[str, float] | None = None,
+    *,
+    sensitivities: Sequence[str] = (),
+    snapshots: bool = False,
 ) -> Response:
-    parameters = robot_parameters(robot)
-    e, nu = parameters[E].value, parameters[NU].value
+    parameters = parameter_values(robot, theta)
+    e, nu = parameters[E], parameters[NU]
     ((cable, told),) = protocol.commands.items()
     controls = told.values
     if told.control == "shortening":
@@ -87,17 +92,27 @@ def fake_simulate(
 
 
 def soft_necks_fail(
-    robot: Robot, protocol: Protocol, *, sensitivities: Sequence[str] = (), snapshots: bool = False
+    robot: Robot,
+    protocol: Protocol,
+    theta: Mapping[str, float] | None = None,
+    *,
+    sensitivities: Sequence[str] = (),
+    snapshots: bool = False,
 ) -> Response:
     """As `fake_simulate`, but necks below 1 MPa or beyond nu 0.49 have no equilibrium."""
-    parameters = robot_parameters(robot)
-    if parameters[E].value < 1.0e6 or parameters[NU].value > 0.49:
+    parameters = parameter_values(robot, theta)
+    if parameters[E] < 1.0e6 or parameters[NU] > 0.49:
         return Response({}, {}, "No equilibrium beyond 12.0 mm.", succeeded=False, n_factorisations=7)
-    return fake_simulate(robot, protocol, sensitivities=sensitivities)
+    return fake_simulate(robot, protocol, theta, sensitivities=sensitivities)
 
 
 def all_necks_fail(
-    robot: Robot, protocol: Protocol, *, sensitivities: Sequence[str] = (), snapshots: bool = False
+    robot: Robot,
+    protocol: Protocol,
+    theta: Mapping[str, float] | None = None,
+    *,
+    sensitivities: Sequence[str] = (),
+    snapshots: bool = False,
 ) -> Response:
     return Response({}, {}, "No equilibrium beyond 1.0 mm.", succeeded=False, n_factorisations=3)
 

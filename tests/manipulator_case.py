@@ -13,7 +13,6 @@ from softcal.calibration.parameters import FreeParameter
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.geometry.centreline import helix
 from softcal.geometry.section import circular
-from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Cable, Marker, Plate, Robot, Rod, ViaPoint
 from softcal.twin.simulate import simulate
@@ -74,7 +73,7 @@ def manipulator(youngs_modulus: float = 1.6e9) -> Robot:
 def true_places(cable: str, forces: tuple[float, ...] = FORCES) -> Mapping[str, np.ndarray]:
     """Positions [m] of the markers, (n, 3), with the cable pulled by the forces [N] and the springs as in `MODULI`."""
     command = Command("tension", np.array(forces))
-    response = simulate(with_parameters(manipulator(), MODULI), Protocol({cable: command}), curve_tolerance=0.0)
+    response = simulate(manipulator(), Protocol({cable: command}), MODULI, curve_tolerance=0.0)
     assert response.succeeded, response.status
     return {m: np.column_stack([response.channels[f"{m}.{axis}"] for axis in "xyz"]) for m in MARKERS}
 

@@ -20,7 +20,7 @@ from softcal.mechanics.state import State, rest_state
 from softcal.mechanics.system import Linearisation, System
 from softcal.mechanics.term import Controls, Given
 from softcal.twin.build import Twin, build_twin
-from softcal.twin.parameters import robot_parameters
+from softcal.twin.parameters import parameter_values
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Body, Cable, Plate, Robot, ViaPoint
 
@@ -177,7 +177,7 @@ def tensed(*values: float, cable: str = "front") -> Protocol:
 
 
 def twin_and_theta(robot: Robot) -> tuple[Twin, dict[str, float]]:
-    return build_twin(robot), {name: info.value for name, info in robot_parameters(robot).items()}
+    return build_twin(robot), parameter_values(robot)
 
 
 def moved_points(robot: Robot, turn: Callable[[np.ndarray], np.ndarray], rotation: np.ndarray) -> Robot:

@@ -218,7 +218,7 @@ def mesh_factor(generator: ModuleType, project: Project, values: dict[str, float
     """How much stiffer than the finer twin the project's mesh is, over the range that was measured."""
     curve = generator.read_elastic()
     pulled = curve.shortening[(curve.shortening > 3e-3) & (curve.shortening < 28e-3)]
-    response = simulate(with_parameters(project.robot, values), Protocol({"front": Command("shortening", pulled)}))
+    response = simulate(project.robot, Protocol({"front": Command("shortening", pulled)}), values)
     coarse = response.channels["front.tension"]
     fine = np.interp(pulled, curve.shortening, curve.tension)
     return float(coarse @ coarse / (coarse @ fine))

@@ -26,7 +26,7 @@ from softcal.calibration.parameters import FreeParameter, search_space, split
 from softcal.calibration.problem import Problem, make_problem
 from softcal.errors import DatasetError, InputError, ParameterError
 from softcal.experiments.dataset import Channel, Dataset
-from softcal.twin.parameters import robot_parameters, with_parameters
+from softcal.twin.parameters import robot_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import PointLoad
 from softcal.twin.simulate import simulate
@@ -66,7 +66,7 @@ def test_the_loss_is_the_root_mean_square_of_equation_1() -> None:
     seen = problem("cable1", "cable5").evaluate(AT)
     away = []
     for cable in ("cable1", "cable5"):
-        response = simulate(with_parameters(manipulator(), AT), Protocol({cable: Command("tension", np.array(FORCES))}))
+        response = simulate(manipulator(), Protocol({cable: Command("tension", np.array(FORCES))}), AT)
         for marker, places in true_places(cable).items():
             moved = np.column_stack([response.channels[f"{marker}.{axis}"] for axis in "xyz"]) - places
             away += (100 * np.linalg.norm(moved, axis=1) / LENGTH).tolist()
@@ -150,7 +150,7 @@ def test_settings_hold_in_their_experiment_alone() -> None:
     seen = made.evaluate(AT)
     assert seen.n_solves == 2
     for one, force in ((test, 2.0), (light, 0.5)):
-        alone = simulate(with_parameters(with_weight(), {**AT, "weight.force": force}), Protocol({}))
+        alone = simulate(with_weight(), Protocol({}), {**AT, "weight.force": force})
         np.testing.assert_array_equal(seen.observations[one.name].predicted["m4.x"], alone.channels["m4.x"][[0, 0]])
 
 

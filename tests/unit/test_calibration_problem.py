@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -79,8 +79,15 @@ def test_a_failed_solve_is_a_value_with_its_reason_and_no_loss() -> None:
 def test_states_that_are_solved_are_compared_where_others_are_not() -> None:
     """No loss, as fewer states would compare too well; but the residuals of those there are, and whole experiments."""
 
-    def short(robot: Robot, protocol: Protocol, *, sensitivities: Sequence[str] = (), snapshots: bool = False):
-        response = fake_simulate(robot, protocol, sensitivities=sensitivities, snapshots=snapshots)
+    def short(
+        robot: Robot,
+        protocol: Protocol,
+        theta: Mapping[str, float] | None = None,
+        *,
+        sensitivities: Sequence[str] = (),
+        snapshots: bool = False,
+    ):
+        response = fake_simulate(robot, protocol, theta, sensitivities=sensitivities, snapshots=snapshots)
         (command,) = protocol.commands.values()
         rows = np.flatnonzero((command.values < 0.016) | (command.values > 0.03) | (command.control == "tension"))
         if len(rows) == len(command.values):
@@ -116,14 +123,24 @@ def test_states_that_are_solved_are_compared_where_others_are_not() -> None:
 
 def test_a_response_that_is_not_finite_or_an_error_of_the_twin_is_a_failure_too() -> None:
     def odd(
-        robot: Robot, protocol: Protocol, *, sensitivities: Sequence[str] = (), snapshots: bool = False
+        robot: Robot,
+        protocol: Protocol,
+        theta: Mapping[str, float] | None = None,
+        *,
+        sensitivities: Sequence[str] = (),
+        snapshots: bool = False,
     ) -> Response:
-        response = fake_simulate(robot, protocol, sensitivities=sensitivities)
+        response = fake_simulate(robot, protocol, theta, sensitivities=sensitivities)
         channels = {**response.channels, "plate.pitch": np.full(41, np.nan)}
         return replace(response, channels=channels)
 
     def raising(
-        robot: Robot, protocol: Protocol, *, sensitivities: Sequence[str] = (), snapshots: bool = False
+        robot: Robot,
+        protocol: Protocol,
+        theta: Mapping[str, float] | None = None,
+        *,
+        sensitivities: Sequence[str] = (),
+        snapshots: bool = False,
     ) -> Response:
         raise SimulationError("The twin gave up.")
 

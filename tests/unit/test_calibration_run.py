@@ -9,7 +9,7 @@ import sqlite3
 import subprocess
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +49,12 @@ def problem_of(simulate: Simulate = fake_simulate, *, noise: float = 0.02) -> Pr
 
 
 def dying_twin(
-    robot: Robot, protocol: Protocol, *, sensitivities: Sequence[str] = (), snapshots: bool = False
+    robot: Robot,
+    protocol: Protocol,
+    theta: Mapping[str, float] | None = None,
+    *,
+    sensitivities: Sequence[str] = (),
+    snapshots: bool = False,
 ) -> Response:
     os._exit(9)
 
@@ -178,7 +183,12 @@ def test_a_finished_run_is_resumed_without_a_single_solve(method: Method, trials
     whole = calibrate(problem_of(), method=method, trials=trials, store=tmp_path / "run")
 
     def never(
-        robot: Robot, protocol: Protocol, *, sensitivities: Sequence[str] = (), snapshots: bool = False
+        robot: Robot,
+        protocol: Protocol,
+        theta: Mapping[str, float] | None = None,
+        *,
+        sensitivities: Sequence[str] = (),
+        snapshots: bool = False,
     ) -> Response:
         raise AssertionError("simulated again")
 

@@ -18,7 +18,7 @@ from softcal.geometry.primitives import box_mesh
 from softcal.geometry.write import write_mesh
 from softcal.mechanics.path import follow
 from softcal.project.project import load
-from softcal.twin.build import cached_twin
+from softcal.twin.build import twin_of
 from softcal.twin.contacts import fitting_contact
 from softcal.twin.crossings import span_in_words
 from softcal.twin.protocol import Command, Protocol
@@ -152,7 +152,7 @@ def test_of_several_cables_the_samples_are_told() -> None:
 
 def test_contact_that_is_on_needs_no_telling() -> None:
     robot = notched()
-    assert cached_twin(replace(robot, contact=fitting_contact(robot))).skins is None
+    assert twin_of(replace(robot, contact=fitting_contact(robot))).skins is None
 
 
 def column(name: str, x: float, *, free: bool = False) -> Body:
@@ -178,9 +178,9 @@ def test_two_bodies_that_cross_are_named() -> None:
 
 @pytest.mark.parametrize("apart", [0.0, 1e-9, -1e-9, 1e-5])
 def test_bodies_that_touch_do_not_cross(apart: float) -> None:
-    skins = cached_twin(two_columns(apart)).skins
+    skins = twin_of(two_columns(apart)).skins
     assert skins is not None
-    assert skins.crossings(cached_twin(two_columns(apart)).system.layout.X) == {}
+    assert skins.crossings(twin_of(two_columns(apart)).system.layout.X) == {}
 
 
 def test_bodies_that_overlap_at_rest_are_meant_to() -> None:
@@ -212,14 +212,14 @@ def test_nor_do_those_that_are_tied_and_bulge() -> None:
 
 @pytest.mark.parametrize("where", ["neck", "neck-bench", "beam"])
 def test_no_example_crosses_at_rest(where: str) -> None:
-    twin = cached_twin(load(ROOT / "examples" / where / "project.yaml").robot)
+    twin = twin_of(load(ROOT / "examples" / where / "project.yaml").robot)
     assert twin.skins is not None
     assert twin.skins.crossings(twin.system.layout.X) == {}
     assert simulate(twin.robot, Protocol({})).crossings == ""
 
 
 def test_no_template_crosses_at_rest(tmp_path: Path) -> None:
-    twin = cached_twin(load(write_template("neck", tmp_path / "neck")).robot)
+    twin = twin_of(load(write_template("neck", tmp_path / "neck")).robot)
     assert twin.skins is not None
     assert twin.skins.crossings(twin.system.layout.X) == {}
 

@@ -40,7 +40,7 @@ class Counting:
     def __init__(self) -> None:
         self.n = 0
 
-    def __call__(self, robot, protocol, *, sensitivities=(), snapshots=False) -> Response:
+    def __call__(self, robot, protocol, theta=None, *, sensitivities=(), snapshots=False) -> Response:
         self.n += 1 + len(sensitivities)
         return simulate(robot, protocol, sensitivities=sensitivities, snapshots=snapshots)
 

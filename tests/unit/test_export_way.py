@@ -10,7 +10,7 @@ from mechanics_cases import column_robot, elastic, pulled, side_cable, tensed
 
 from softcal.export import way as module
 from softcal.export.way import positions, shortenings, way_to
-from softcal.twin.build import cached_twin
+from softcal.twin.build import twin_of
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate
 
@@ -27,10 +27,10 @@ def test_the_steps_are_equal_parts_of_the_pull_of_some_15_degrees():
     end = end_of(ROBOT, pulled(0.04))
     way = way_to(ROBOT, end)
     turn = np.degrees(
-        module._largest_turn(cached_twin(ROBOT), simulate(ROBOT, pulled(0.0), snapshots=True).snapshots[0], end)
+        module._largest_turn(twin_of(ROBOT), simulate(ROBOT, pulled(0.0), snapshots=True).snapshots[0], end)
     )
     assert len(way.shapes) == np.ceil(turn / 15.0) > 2
-    twin = cached_twin(ROBOT)
+    twin = twin_of(ROBOT)
     pulls = [shortenings(twin, positions(twin, shape))["front"] for shape in way.shapes]
     np.testing.assert_allclose(pulls, np.linspace(0.0, 0.04, len(pulls) + 1)[1:], rtol=1e-6)
     assert way.shapes[-1] is end

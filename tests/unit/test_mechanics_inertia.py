@@ -23,7 +23,7 @@ from softcal.mechanics.term import Given, Sum, Term
 from softcal.mechanics.time_step import Instant, after, at_rest, in_step
 from softcal.twin.build import build_twin
 from softcal.twin.masses import robot_inertia
-from softcal.twin.parameters import robot_parameters
+from softcal.twin.parameters import parameter_values
 from softcal.twin.robot import Body, Disc, Plate, Robot, Rod, Tie
 
 LENGTHS = (0.03, 0.02, 0.05)
@@ -156,7 +156,7 @@ def test_tangent_of_a_step_is_the_derivative_of_its_forces(name, kind):
 
     robot = moving_robots()[name]
     twin = build_twin(robot)
-    theta = {key: info.value for key, info in robot_parameters(robot).items()}
+    theta = parameter_values(robot)
     system, layout = twin.system, twin.system.layout
     n = layout.first_tension_unknown
     random = np.random.default_rng(3)
@@ -240,7 +240,7 @@ def test_viscosity_of_a_small_motion_is_rayleighs():
     robot = column_robot("P1", cables=(), divisions=(1, 1, 2))
     twin = build_twin(robot)
     layout, (solid,) = twin.system.layout, twin.system.of(SolidTerm)
-    theta = {key: info.value for key, info in robot_parameters(robot).items()}
+    theta = parameter_values(robot)
     rest = rest_state(layout)
     begun = Given(rest, held(), theta, solid.kinematics(rest))
     _, viscous = solid.in_step(begun, TimeStep(layout, 0.1, Damping(stiffness=0.3)))

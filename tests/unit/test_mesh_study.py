@@ -80,11 +80,10 @@ def test_every_discretisation_is_there_and_its_size(study: MeshStudy):
 
 def test_the_change_is_that_of_the_twin_itself(problem: Problem, optimum: dict[str, float], study: MeshStudy):
     from softcal.twin.finer import halved
-    from softcal.twin.parameters import with_parameters
 
     d = problem.experiments[0].dataset.values("shortening")
     coarse, fine = (
-        simulate(with_parameters(r, optimum), Protocol({"front": Command("shortening", d)})).channels["front.tension"]
+        simulate(r, Protocol({"front": Command("shortening", d)}), optimum).channels["front.tension"]
         for r in (problem.robot, halved(problem.robot))
     )
     (change,) = named(study, "h/2").changes

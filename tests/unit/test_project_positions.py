@@ -18,7 +18,7 @@ from softcal.cli.app import app
 from softcal.errors import InputError, ProjectFileError
 from softcal.project.project import Project, load
 from softcal.report.all_tables import all_tables
-from softcal.twin.parameters import robot_parameters, with_parameters
+from softcal.twin.parameters import parameter_values
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate
 from softcal.workflows.calibration import calibrate, calibrated
@@ -92,7 +92,7 @@ def tables() -> tuple[str, str]:
             to_loads.writerow([label, cable, force])
             response = simulate(robot, Protocol({cable: Command("tension", np.array([force * 9.80665]))}))
         else:
-            response = simulate(with_parameters(robot, {"weight.force": 0.981}), Protocol({}))
+            response = simulate(robot, Protocol({}), {"weight.force": 0.981})
         cells: list[object] = []
         for m in ("marker1", "marker2"):
             p = rotation(np.array([0, 0, TURN])) @ [response.channels[f"{m}.{a}"][0] for a in "xyz"] + [SHIFT, 0, 0]
@@ -165,7 +165,7 @@ def test_a_calibration_finds_the_modulus_and_predicts_what_was_held_out(tmp_path
     }
     assert rows["cable1", "fitted", "marker2"][-2:] == (1, 1)
     robot = calibrated(run.project, found).robot
-    values = {name: info.value for name, info in robot_parameters(robot).items()}
+    values = parameter_values(robot)
     assert values["spring1.youngs_modulus"] == values["spring2.youngs_modulus"] == pytest.approx(MODULUS, rel=1e-3)
 
 

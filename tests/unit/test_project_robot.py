@@ -378,7 +378,7 @@ def test_fingerprints_tell_the_new_parts_apart(tmp_path: Path):
     assert fingerprint(load(write_robot(tmp_path / "again")).robot) == prints[0]
 
 
-def test_a_cached_twin_is_not_mistaken_for_another(tmp_path: Path):
+def test_a_twin_of_is_not_mistaken_for_another(tmp_path: Path):
     """Robots that differ in a clamp or a marker alone do not share a system."""
     command = Protocol({"front": Command("tension", np.array([0.0, 0.3]))})
     seen = [

@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mechanics_cases import ELEMENTS, column_robot, elastic, pulled, side_cable
+from mechanics_cases import ELEMENTS, column_robot, elastic, pulled
 
 from softcal.errors import MeshError, ParameterError
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.quadratic import to_quadratic
 from softcal.mechanics.state import moved, rest_state
-from softcal.twin.build import build_twin, cached_twin
+from softcal.twin.build import build_twin, twin_of
+from softcal.twin.cables import RoutingAxis
 from softcal.twin.parameters import with_parameters
 from softcal.twin.robot import Body, Cable, PointLoad, Robot, SurfaceLoad, ViaPoint
 from softcal.twin.simulate import simulate
@@ -126,18 +127,28 @@ def test_what_cannot_be_built_is_refused_by_name():
         build_twin(replace(robot, loads=(SurfaceLoad("push", "lid", np.array([[0, 1, 2]]), np.ones(3)),)))
 
 
-def test_twin_is_kept_for_other_parameters_and_not_for_another_robot():
+def test_twin_is_kept_for_a_robot_and_made_anew_for_another_shape():
     robot = column_robot("P1", mass=0.1, density=1000.0, gravity=(0, 0, -9.81))
-    kept = cached_twin(robot)
-    values = {"neck.youngs_modulus": 1e6, "neck.poissons_ratio": 0.3, "neck.density": 1.0, "plate.mass": 0.0}
-    assert cached_twin(with_parameters(robot, {**values, "front.friction_coefficient": 0.2})) is kept
-    others = [
-        replace(robot, gravity=np.array([0.0, 0.0, 9.81])),
-        replace(robot, cables=(side_cable("front", (0.05, 0.001)),)),
-        replace(robot, bodies=(replace(robot.bodies[0], element="P2"),)),
-        replace(robot, bodies=(replace(robot.bodies[0], law="neo-hooke-isochoric"),)),
-        replace(robot, plates=(replace(robot.plates[0], reference=np.array([0.0, 0.0, 0.11])),)),
-        replace(robot, loads=(PointLoad("pin", "plate", np.zeros(3), np.ones(3)),)),
-    ]
-    for other in others:
-        assert cached_twin(other) is not kept
+    kept = twin_of(robot)
+    assert twin_of(robot, {"neck.youngs_modulus": 1e6, "front.friction_coefficient": 0.2}) is kept
+    assert (
+        twin_of(with_parameters(robot, {"neck.youngs_modulus": robot.bodies[0].parameters["youngs_modulus"]})) is kept
+    )
+    assert twin_of(replace(robot, gravity=np.array([0.0, 0.0, 9.81]))) is not kept
+    cable = replace(robot.cables[0], routing_axis=RoutingAxis(np.zeros(3), np.array([0.0, 0.0, 1.0])))
+    routed = replace(robot, cables=(cable,))
+    offset = f"{cable.name}.routing_offset"
+    own, moved = twin_of(routed), twin_of(routed, {offset: 0.001})
+    assert twin_of(routed, {offset: 0.0}) is own
+    assert twin_of(routed, {offset: 0.001, "neck.density": 1.0}) is moved
+    assert moved is not own
+    assert moved.robot.cables[0].routing_offset == 0.001
+
+
+def test_robots_that_are_gone_are_not_mistaken_for_new_ones():
+    """A new robot may get the identity of one that was let go: the twins kept must keep their robots."""
+    heights = np.linspace(0.05, 0.15, 40)
+    for z in heights:
+        robot = column_robot("P1")
+        robot = replace(robot, plates=(replace(robot.plates[0], reference=np.array([0.0, 0.0, z])),))
+        assert twin_of(robot).robot.plates[0].reference[2] == z

@@ -22,7 +22,7 @@ from softcal.mechanics.state import rest_state
 from softcal.mechanics.statics import Statics
 from softcal.twin.build import build_twin
 from softcal.twin.in_time import simulate_in_time
-from softcal.twin.parameters import robot_parameters
+from softcal.twin.parameters import parameter_values
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Body, Cable, Plate, PointLoad, Robot, Rod, ViaPoint
 from softcal.twin.schedule import Schedule
@@ -202,7 +202,7 @@ def test_slopes_where_the_last_sample_is_the_one_that_it_falls_to() -> None:
 
 def test_a_node_that_is_put_in_beyond_a_fall_knows_of_it() -> None:
     twin = build_twin(column(cables=(axial(),)))
-    statics = Statics(twin.system, {name: info.value for name, info in robot_parameters(twin.robot).items()})
+    statics = Statics(twin.system, parameter_values(twin.robot))
     line = Line(np.array([False]), np.zeros(1), np.zeros(1), np.zeros(1), np.ones(1))
     start = node_at(statics, line, 0.0, rest_state(twin.system.layout), ())
     path = follow(statics, line, start, 2e-4, first_step=2e-5)
@@ -311,7 +311,7 @@ def test_three_tendons_pulled_alike_buckle_a_round_column_once(control: str) -> 
 def test_free_modes_are_found_where_there_are_some() -> None:
     for section, n_free in ((circular(0.006), 1), (rectangular(WIDTH, THICKNESS), 0), (rectangular(0.005, 0.0051), 0)):
         twin = build_twin(column(section, cables=(axial(),)))
-        statics = Statics(twin.system, {name: info.value for name, info in robot_parameters(twin.robot).items()})
+        statics = Statics(twin.system, parameter_values(twin.robot))
         line = Line(np.array([False]), np.zeros(1), np.zeros(1), np.zeros(1), np.ones(1))
         path = follow(
             statics, line, node_at(statics, line, 0.0, rest_state(twin.system.layout), ()), 1e-3, first_step=1e-5

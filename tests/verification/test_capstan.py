@@ -11,7 +11,6 @@ from softcal.experiments.pulleys import correct_pulley_friction
 from softcal.mechanics.cable_friction import friction_loss
 from softcal.mechanics.state import moved, rest_state
 from softcal.mechanics.term import Controls
-from softcal.twin.parameters import with_parameters
 from softcal.twin.robot import Cable, ViaPoint
 from softcal.twin.simulate import simulate
 
@@ -114,10 +113,7 @@ def test_sensitivity_to_friction_is_the_difference(drive, monkeypatch):
     got = simulate(robot, protocol, sensitivities=names, curve_tolerance=0.0).sensitivities
     for name, value in zip(names, (MU, 0.5e6, 0.4), strict=True):
         h = 3e-4 * value
-        ends = [
-            simulate(with_parameters(robot, {name: value + s * h}), protocol, curve_tolerance=0.0).channels
-            for s in (1, -1)
-        ]
+        ends = [simulate(robot, protocol, {name: value + s * h}, curve_tolerance=0.0).channels for s in (1, -1)]
         for channel in ("front.tension", "front.shortening", "plate.pitch", "plate.x"):
             want = (ends[0][channel] - ends[1][channel]) / (2 * h)
             np.testing.assert_allclose(
@@ -131,7 +127,7 @@ def test_sensitivity_to_friction_is_exact_where_there_is_none_yet(drive):
     robot, name, h = robot_over_a_drum(0.0, 5), "front.friction_coefficient", 1e-3
     command = drive(0.01) if drive is pulled else drive(1.0)
     exact = simulate(robot, command, sensitivities=(name,), curve_tolerance=0.0)
-    at = [simulate(with_parameters(robot, {name: k * h}), command, curve_tolerance=0.0).channels for k in range(3)]
+    at = [simulate(robot, command, {name: k * h}, curve_tolerance=0.0).channels for k in range(3)]
     for channel in ("front.shortening" if drive is tensed else "front.tension", "plate.x"):
         difference = (-3.0 * at[0][channel] + 4.0 * at[1][channel] - at[2][channel]) / (2.0 * h)
         scale = np.abs(at[0][channel])

@@ -20,7 +20,7 @@ from softcal.mechanics.term import Controls
 from softcal.twin.build import build_twin
 from softcal.twin.contacts import disc_skin, fitting_contact, wire_diameter
 from softcal.twin.in_time import simulate_in_time
-from softcal.twin.parameters import robot_parameters, with_parameters
+from softcal.twin.parameters import parameter_values
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Snapshot
 from softcal.twin.robot import Body, Cable, Contact, Disc, Marker, Plate, PointLoad, Robot, Rod, Tie, ViaPoint
@@ -177,7 +177,7 @@ def lowest_rim(shape: Snapshot, plate: Plate) -> float:
 def test_tangent_is_the_gradients_derivative_while_touching():
     robot = spring(contact=True)
     twin = build_twin(robot)
-    theta = {name: info.value for name, info in robot_parameters(robot).items()}
+    theta = parameter_values(robot)
     statics = Statics(twin.system, theta)
     none = np.zeros(1)
     pressed = Controls(np.array([True]), none + 9.0, none)
@@ -207,10 +207,7 @@ def test_sensitivities_through_contact_are_exact():
     exact = simulate(robot, lifted(0.02), sensitivities=(name,), curve_tolerance=0.0)
     assert exact.succeeded, exact.status
     step = 2e5
-    ends = [
-        simulate(with_parameters(robot, {name: 1e9 + s * step}), lifted(0.02), curve_tolerance=0.0).channels
-        for s in (1, -1)
-    ]
+    ends = [simulate(robot, lifted(0.02), {name: 1e9 + s * step}, curve_tolerance=0.0).channels for s in (1, -1)]
     for channel in ("pull.tension", "top.pitch", "top.z"):
         difference = (ends[0][channel] - ends[1][channel]) / (2 * step)
         np.testing.assert_allclose(exact.sensitivities[channel][name], difference, rtol=2e-5)

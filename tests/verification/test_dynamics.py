@@ -21,7 +21,7 @@ from softcal.mechanics.time_step import InertialTerm, Instant, after, at_rest, i
 from softcal.twin.build import build_twin
 from softcal.twin.in_time import simulate_in_time
 from softcal.twin.masses import robot_inertia
-from softcal.twin.parameters import robot_parameters
+from softcal.twin.parameters import parameter_values
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Body, Cable, Marker, Plate, Robot, Rod, ViaPoint
 from softcal.twin.schedule import Schedule, Settling, TimeSettings, ramp
@@ -36,7 +36,7 @@ def still(n_cables: int = 0) -> Drive:
 
 def dynamics_of(robot: Robot, damping: Damping, scheme: str = "converged") -> Dynamics:
     twin = build_twin(robot)
-    theta = {name: info.value for name, info in robot_parameters(robot).items()}
+    theta = parameter_values(robot)
     return Dynamics(twin.system, robot_inertia(twin, robot), theta, damping, scheme)
 
 

@@ -56,9 +56,7 @@ def routed(route: str, element: str = "P1", *, friction: float = 0.0, more: tupl
 
 
 def differences(robot, protocol, h=2e-6):
-    ends = [
-        simulate(with_parameters(robot, {OFFSET: s * h}), protocol, curve_tolerance=0.0).channels for s in (1.0, -1.0)
-    ]
+    ends = [simulate(robot, protocol, {OFFSET: s * h}, curve_tolerance=0.0).channels for s in (1.0, -1.0)]
     return {channel: (ends[0][channel] - ends[1][channel]) / (2.0 * h) for channel in ends[0]}
 
 

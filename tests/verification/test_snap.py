@@ -13,7 +13,7 @@ from softcal.mechanics.state import rest_state
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.term import Controls
 from softcal.twin.build import build_twin
-from softcal.twin.parameters import robot_parameters
+from softcal.twin.parameters import parameter_values
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Cable, Plate, PointLoad, Robot, Rod, ViaPoint
 from softcal.twin.simulate import simulate
@@ -85,7 +85,7 @@ def test_a_force_that_the_roof_cannot_bear_snaps_it_through(roof: Robot, by: str
         low = RISE - np.array([answer.channels["ridge.z"][0] for answer in answers])
     elif by == "fall":
         twin, none = build_twin(roof), np.zeros(1)
-        statics = Statics(twin.system, {name: info.value for name, info in robot_parameters(roof).items()})
+        statics = Statics(twin.system, parameter_values(roof))
         rest = rest_state(twin.system.layout)
         ends = [fall(statics, rest, Controls(np.array([True]), none + s * limit, none)) for s in shares]
         assert all(end.converged for end in ends), [end.status for end in ends]

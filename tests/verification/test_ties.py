@@ -14,7 +14,7 @@ from softcal.mechanics.state import moved, rest_state
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.term import Controls
 from softcal.twin.build import build_twin
-from softcal.twin.parameters import robot_parameters, with_parameters
+from softcal.twin.parameters import parameter_values
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Body, Cable, Marker, Plate, PointLoad, Robot, SurfaceLoad, Tie, ViaPoint
 from softcal.twin.simulate import simulate
@@ -72,7 +72,7 @@ def test_tied_bodies_move_rigidly_without_force(element):
     x, rotation = layout.X @ turn.T, turn[None].copy()
     layout.links.place(x, layout.references @ turn.T, rotation)
     turned = type(state)(x, layout.references @ turn.T, rotation, state.pressure, state.tension)
-    theta = {name: info.value for name, info in robot_parameters(robot).items()}
+    theta = parameter_values(robot)
     none = np.zeros(0)
     at = twin.system.linearise(turned, Controls(none.astype(bool), none, none), theta)
     assert np.abs(x - layout.X @ turn.T).max() < 1e-15
@@ -81,7 +81,7 @@ def test_tied_bodies_move_rigidly_without_force(element):
 
 def test_tied_tangent_is_the_gradients_derivative():
     twin = build_twin(two_bars("P2P1"))
-    theta = {name: info.value for name, info in robot_parameters(twin.robot).items()}
+    theta = parameter_values(twin.robot)
     statics = Statics(twin.system, theta)
     layout = twin.system.layout
     rng = np.random.default_rng(2)
@@ -135,9 +135,7 @@ def test_a_cable_across_a_seam_has_exact_sensitivities():
     protocol = Protocol({"pull": Command("shortening", np.array([0.004]))})
     name, step = "below.youngs_modulus", 1e3
     exact = simulate(robot, protocol, sensitivities=(name,), curve_tolerance=0.0)
-    ahead, back = (
-        simulate(with_parameters(robot, {name: 1e6 + h}), protocol, curve_tolerance=0.0) for h in (step, -step)
-    )
+    ahead, back = (simulate(robot, protocol, {name: 1e6 + h}, curve_tolerance=0.0) for h in (step, -step))
     for channel in ("pull.tension", "cap.pitch", "cap.z"):
         difference = (ahead.channels[channel] - back.channels[channel]) / (2 * step)
         scale = np.abs(exact.channels[channel]) / 1e6

@@ -18,7 +18,7 @@ from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.problem import Problem, Simulate
 from softcal.checks import Floats
 from softcal.errors import Fault, ParameterError
-from softcal.twin.parameters import robot_parameters
+from softcal.twin.parameters import parameter_values
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
 from softcal.twin.robot import Robot
@@ -95,7 +95,13 @@ class ProportionalTwin:
     solved: dict[str, tuple[float, Response]] = field(default_factory=dict[str, tuple[float, Response]])
 
     def __call__(
-        self, robot: Robot, protocol: Protocol, *, sensitivities: Sequence[str] = (), snapshots: bool = False
+        self,
+        robot: Robot,
+        protocol: Protocol,
+        theta: Mapping[str, float] | None = None,
+        *,
+        sensitivities: Sequence[str] = (),
+        snapshots: bool = False,
     ) -> Response:
         """As `softcal.twin.simulate.simulate`, for one cable driven by shortening, without sensitivities.
 
@@ -104,11 +110,12 @@ class ProportionalTwin:
         ParameterError
             For a protocol or sensitivities that cannot be read off.
         """
-        modulus = robot.bodies[0].parameters["youngs_modulus"]
+        values = parameter_values(robot, theta)
+        modulus = values[f"{robot.bodies[0].name}.youngs_modulus"]
         if sensitivities or snapshots or [c.control for c in protocol.commands.values()] != ["shortening"]:
             raise ParameterError(Fault("only the channels of one cable driven by shortening can be scaled"))
         ((cable, command),) = protocol.commands.items()
-        solved_at, response = self._shape(robot, cable, modulus)
+        solved_at, response = self._shape(robot, cable, values)
         if not response.succeeded:  # its samples are not those of the protocol
             return replace(response, channels={}, slopes={}, samples=())
         grid = response.channels[f"{cable}.shortening"]
@@ -121,14 +128,15 @@ class ProportionalTwin:
             channels[name] = read * (modulus / solved_at) if name.endswith(".tension") else read
         return replace(response, channels=channels, slopes={})
 
-    def _shape(self, robot: Robot, cable: str, modulus: float) -> tuple[float, Response]:
-        others = {
-            name: info.value for name, info in robot_parameters(robot).items() if not name.endswith("youngs_modulus")
-        }
+    def _shape(self, robot: Robot, cable: str, values: Mapping[str, float]) -> tuple[float, Response]:
+        others = {name: value for name, value in values.items() if not name.endswith("youngs_modulus")}
         key = fingerprint([cable, others])
         if key not in self.solved:
             command = Command("shortening", np.linspace(0.0, self.reach, SAMPLES))
-            self.solved[key] = modulus, self.solve(robot, Protocol({cable: command}))
+            self.solved[key] = (
+                values[f"{robot.bodies[0].name}.youngs_modulus"],
+                self.solve(robot, Protocol({cable: command}), values),
+            )
         return self.solved[key]
 
 

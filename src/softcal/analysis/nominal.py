@@ -9,7 +9,7 @@ from softcal.calibration.fit import experiment_fit
 from softcal.calibration.parameters import FreeParameter, SearchSpace
 from softcal.calibration.problem import Problem
 from softcal.calibration.result import ExperimentFit
-from softcal.twin.parameters import robot_parameters
+from softcal.twin.parameters import parameter_values
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ def nominal(problem: Problem) -> Nominal:
 
 def _as_it_is(problem: Problem) -> tuple[Problem, dict[str, float]]:
     """The problem in which one value of one experiment alone is free, and that value as it is."""
-    of_robot = {name: info.value for name, info in robot_parameters(problem.robot).items()}
+    of_robot = parameter_values(problem.robot)
     for p in problem.space.parameters:
         for experiment in problem.experiments:
             values = {**of_robot, **experiment.rig_values()}

@@ -23,7 +23,7 @@ from softcal.calibration.parameters import FreeParameter, SearchSpace, search_sp
 from softcal.calibration.trajectory import Member, Trajectory
 from softcal.checks import Floats
 from softcal.errors import Fault, InputError, ParameterError, SimulationError, nearest
-from softcal.twin.parameters import ParameterInfo, out_of_range, robot_parameters, unknown_name, with_parameters
+from softcal.twin.parameters import ParameterInfo, out_of_range, robot_parameters, unknown_name
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response
 from softcal.twin.robot import Robot
@@ -35,7 +35,13 @@ class Simulate(TypingProtocol):
     """The twin: `softcal.twin.simulate.simulate`, or a stand-in with its signature."""
 
     def __call__(
-        self, robot: Robot, protocol: Protocol, *, sensitivities: Sequence[str] = (), snapshots: bool = False
+        self,
+        robot: Robot,
+        protocol: Protocol,
+        theta: Mapping[str, float] | None = None,
+        *,
+        sensitivities: Sequence[str] = (),
+        snapshots: bool = False,
     ) -> Response: ...
 
 
@@ -232,16 +238,16 @@ class Problem:
     def _trajectories(self, theta: Mapping[str, float]) -> list[Trajectory]:
         known = robot_parameters(self.robot)
         groups: dict[tuple[object, ...], list[Member]] = {}
-        robots: dict[tuple[object, ...], dict[str, float]] = {}
+        thetas: dict[tuple[object, ...], dict[str, float]] = {}
         for experiment in self.experiments:
             values = {**experiment.settings, **self.space.values_for(experiment.name, theta)}
             of_robot = {name: value for name, value in values.items() if name in known}
             told = commands(experiment, self._rig(experiment, theta))
             driven = sorted((cable, command.control) for cable, command in told.items())
             key = (*driven, tuple(sorted(of_robot.items())))
-            robots[key] = of_robot
+            thetas[key] = of_robot
             groups.setdefault(key, []).append((experiment, told))
-        return [Trajectory(with_parameters(self.robot, robots[key]), tuple(members)) for key, members in groups.items()]
+        return [Trajectory(thetas[key], tuple(members)) for key, members in groups.items()]
 
     def n_simulations(self, *, jacobian: bool = False) -> int:
         """How many simulations an evaluation asks of an engine without derivatives of its own: one for each trajectory,
@@ -250,10 +256,10 @@ class Problem:
         groups = self._trajectories(self.space.start)
         return sum(1 + len(self._derived_by(group) if jacobian else ()) for group in groups)
 
-    def first_trajectory(self) -> tuple[Robot, Protocol]:
-        """The first simulation of an evaluation at the start values."""
+    def first_trajectory(self) -> tuple[Protocol, dict[str, float]]:
+        """The first simulation of an evaluation at the start values: what is driven, and the robot's values [SI]."""
         group = self._trajectories(self.space.start)[0]
-        return group.robot, group.protocol()
+        return group.protocol(), dict(group.theta)
 
     def _derived_by(self, group: Trajectory) -> list[str]:
         known = robot_parameters(self.robot)
@@ -263,7 +269,7 @@ class Problem:
         simulate = self.simulate or _real_simulate()
         names = self._derived_by(group) if jacobian else []
         try:
-            return simulate(group.robot, group.protocol(), sensitivities=names)
+            return simulate(self.robot, group.protocol(), group.theta, sensitivities=names)
         except SimulationError as error:
             return Response({}, {}, str(error), succeeded=False, n_factorisations=0)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,16 +11,15 @@ from softcal.calibration.experiment import Experiment
 from softcal.calibration.observation import Samples, control_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
-from softcal.twin.robot import Robot
 
 Member = tuple[Experiment, dict[str, Command]]
 
 
 @dataclass(frozen=True)
 class Trajectory:
-    """One forward solve that serves several experiments."""
+    """One forward solve that serves several experiments: the robot's values [SI] in it, by dotted name, and these."""
 
-    robot: Robot
+    theta: Mapping[str, float]
     members: tuple[Member, ...]
 
     def protocol(self) -> Protocol:

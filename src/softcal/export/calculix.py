@@ -24,7 +24,7 @@ from softcal.export.way import way_to
 from softcal.materials.catalogue import law_named
 from softcal.mechanics.layout import FIXED, Layout
 from softcal.twin.build import Twin, build_twin
-from softcal.twin.parameters import robot_parameters
+from softcal.twin.parameters import parameter_values
 from softcal.twin.response import Snapshot
 from softcal.twin.robot import Body, Robot
 
@@ -93,7 +93,7 @@ def calculix_deck(robot: Robot, shapes: Sequence[Snapshot]) -> Deck:
         *cables.equations,
         *(["*INITIAL CONDITIONS, TYPE=TEMPERATURE", "ALL, 0.0"] if cables.springs else []),
     ]
-    dead = twin.system.loads.total({name: info.value for name, info in robot_parameters(robot).items()})
+    dead = twin.system.loads.total(parameter_values(robot))
     for k, shape in enumerate(shapes, start=1):
         temperature = ["*TEMPERATURE", f"ALL, {number(k)}"] if cables.springs else []
         loads = _point_loads(layout, dead + dead_pulls(twin, shape))

@@ -24,7 +24,7 @@ from softcal.export.sofa_install import find_sofa
 from softcal.export.sofa_robot import linear_robot, scene_faults
 from softcal.export.sofa_settings import SofaSettings
 from softcal.export.way import Way, positions, shortenings, way_to
-from softcal.twin.build import cached_twin
+from softcal.twin.build import twin_of
 from softcal.twin.protocol import Protocol, furthest_state
 from softcal.twin.response import Response, Snapshot
 from softcal.twin.robot import Robot
@@ -213,7 +213,7 @@ def _of_response(response: Response) -> Outcome:
 
 def _moved(robot: Robot, outcome: Outcome) -> dict[str, Floats]:
     """Displacements of the nodes of bodies and rods [m]."""
-    rest = {name: mesh.points for name, mesh in cached_twin(robot).meshes.items()}
+    rest = {name: mesh.points for name, mesh in twin_of(robot).meshes.items()}
     rest |= {rod.name: rod.centreline.nodes for rod in robot.rods}
     return {name: x - rest[name] for name, x in outcome.points.items()}
 
@@ -277,7 +277,7 @@ def _missing_calculix() -> str:
 
 def _solve_calculix(robot: Robot, protocol: Protocol, shape: Snapshot, running: Running) -> Outcome:
     """Under the weight, the loads and the cables' pull at softcal's shape: it is given the tensions."""
-    twin, way = cached_twin(robot), way_to(robot, shape)
+    twin, way = twin_of(robot), way_to(robot, shape)
     deck = calculix_deck(robot, way.shapes)
     layout = twin.system.layout
     with tempfile.TemporaryDirectory() as folder:

@@ -19,7 +19,7 @@ from softcal.export.sofa_process import Outcome, run_states
 from softcal.export.sofa_response import Samples, along_one_cable, row_by_row, shapes
 from softcal.export.sofa_robot import LinearRobot, element_faults, linear_robot, scene_faults
 from softcal.export.sofa_settings import STATES, TIMEOUT, Resting, SofaSettings
-from softcal.twin.build import Twin, cached_twin
+from softcal.twin.build import Twin, twin_of
 from softcal.twin.parameters import robot_parameters, unknown_name, with_parameters
 from softcal.twin.protocol import Command, Protocol, command_faults
 from softcal.twin.response import Response
@@ -56,17 +56,25 @@ class SofaEngine:
             raise ParameterError(faults)
 
     def __call__(
-        self, robot: Robot, protocol: Protocol, *, sensitivities: Sequence[str] = (), snapshots: bool = False
+        self,
+        robot: Robot,
+        protocol: Protocol,
+        theta: Mapping[str, float] | None = None,
+        *,
+        sensitivities: Sequence[str] = (),
+        snapshots: bool = False,
     ) -> Response:
         """The response at rest, as that of `simulate`; `n_factorisations` counts SOFA's steps.
 
         Raises
         ------
         ParameterError
-            For a robot that SOFA cannot have, an unknown parameter or cable, or a command that no cable can follow.
+            For a robot or a value that SOFA cannot have, an unknown parameter or cable, or a command that no cable can
+            follow.
         MeshError
             For a robot that cannot be built.
         """
+        robot = with_parameters(robot, theta or {})
         known = robot_parameters(robot)
         commanded = {f"{cable}.{command.control}": cable for cable, command in protocol.commands.items()}
         self.require(robot)
@@ -105,7 +113,7 @@ class _Run:
         return [n for n, command in commands if command.control == "shortening" or np.any(command.values != 0.0)]
 
     def response(self, sensitivities: Sequence[str], snapshots: bool) -> Response:
-        twin = cached_twin(self.linear.robot)
+        twin = twin_of(self.linear.robot)
         outcome = self._outcome(self.linear, self.protocol, shapes=snapshots)
         seen = self._samples(twin, self.protocol, outcome)
         n_samples = self.protocol.n_samples
@@ -200,7 +208,7 @@ class _Run:
         outcome = self._outcome(linear, protocol)
         if outcome.failure:
             return np.zeros_like(seen.values), outcome.failure
-        there = self._samples(cached_twin(linear.robot), protocol, outcome)
+        there = self._samples(twin_of(linear.robot), protocol, outcome)
         if len(there.values) < len(seen.values):
             return np.zeros_like(seen.values), "not every sample was reached"
         return (there.values - seen.values) / step, ""

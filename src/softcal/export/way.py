@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.twin.build import Twin, cached_twin
-from softcal.twin.parameters import robot_parameters
+from softcal.twin.build import Twin, twin_of
+from softcal.twin.parameters import parameter_values
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Snapshot
 from softcal.twin.robot import Robot
@@ -35,7 +35,7 @@ def way_to(robot: Robot, end: Snapshot) -> Way:
 
     Where that does not lead to `end` (the robot snaps on the way, or snapped before), the way is `end` alone.
     """
-    twin = cached_twin(robot)
+    twin = twin_of(robot)
     cables = twin.system.cables
     taut = tuple(name for name in cables.names if end.tensions.get(name, 0.0) > 0.0)
     if not taut:
@@ -53,7 +53,7 @@ def way_to(robot: Robot, end: Snapshot) -> Way:
         return Way((end,), taut, None)
     rows = [response.sensitivities[f"{name}.tension"] for name in taut]
     stiffness = np.array([[float(row[name][-1]) for name in by] for row in rows])
-    theta = {name: info.value for name, info in robot_parameters(robot).items()}
+    theta = parameter_values(robot)
     is_loaded = bool(np.any(twin.system.loads.total(theta)))
     return Way((*((begin,) if is_loaded else ()), *found[:-1], end), taut, stiffness)
 

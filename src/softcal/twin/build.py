@@ -22,12 +22,12 @@ from softcal.mechanics.layout import FIXED, FREE, TIED, Layout
 from softcal.mechanics.rod import build_rod
 from softcal.mechanics.solid import SolidTerm, build_solid
 from softcal.mechanics.system import System, build_system
-from softcal.twin.cables import RoutingAxis
 from softcal.twin.contacts import build_contacts, disc_skin
 from softcal.twin.crossings import build_skins
 from softcal.twin.joints import join_ties, nodes_in_use, number_frames
 from softcal.twin.loads import PointForce, Weights, build_loads, surface_forces
-from softcal.twin.robot import Body, Cable, Disc, PointLoad, Robot
+from softcal.twin.parameters import robot_parameters, with_shape
+from softcal.twin.robot import Body, Cable, PointLoad, Robot
 from softcal.twin.routing import offset_rate
 
 
@@ -171,67 +171,36 @@ def build_twin(robot: Robot) -> Twin:
     return Twin(robot, system, builder.first, meshes, frames.of_plate, via, markers, pressure_nodes)
 
 
-def cached_twin(robot: Robot) -> Twin:
-    """`build_twin`, remembered for robots that differ only in parameters: what is built depends on none."""
-    key = _key(robot)
+def twin_of(robot: Robot, theta: Mapping[str, float] | None = None) -> Twin:
+    """`build_twin`, remembered for each robot: what is built depends on no parameter but those of its shape.
+
+    Parameters
+    ----------
+    theta
+        Values [SI] of parameters by dotted name; where one shapes the robot, the twin is that of the robot so shaped.
+
+    Raises
+    ------
+    MeshError, ParameterError
+        As `build_twin`, and for a shape that the robot cannot have.
+    """
+    shaped = with_shape(robot, theta or {})
+    key = (
+        id(robot),
+        None if shaped is robot else tuple(info.value for info in robot_parameters(shaped).values() if info.shapes),
+    )
     if key in _CACHE:
         _CACHE.move_to_end(key)
-        return _CACHE[key]
-    twin = build_twin(robot)
-    _CACHE[key] = twin
+        return _CACHE[key][1]
+    twin = build_twin(shaped)
+    _CACHE[key] = (robot, twin)
     while len(_CACHE) > CACHE_SIZE:
         _CACHE.popitem(last=False)
     return twin
 
 
 CACHE_SIZE = 8
-_CACHE: OrderedDict[Hashable, Twin] = OrderedDict()
-
-
-def _key(robot: Robot) -> Hashable:
-    # Meshes and centrelines by identity: a cached twin keeps its robot, and so these, alive.
-    bodies = tuple(
-        (
-            b.name,
-            id(b.mesh),
-            b.fixed.tobytes(),
-            b.law,
-            b.element,
-            tuple((m.name, m.tets.tobytes()) for m in b.inclusions),
-        )
-        for b in robot.bodies
-    )
-    rods = tuple((r.name, id(r.centreline), r.section, _arrays(r.clamped), r.fixed.tobytes()) for r in robot.rods)
-    plates = tuple(
-        (p.name, _arrays(p.nodes), p.reference.tobytes(), np.asarray(p.centre_of_mass).tobytes(), p.fixed)
-        for p in robot.plates
-    )
-    ties = tuple((t.name, t.body, t.nodes.tobytes(), t.on, t.tolerance) for t in robot.ties)
-    cables = tuple(
-        (c.name, tuple((v.on, v.at.tobytes(), v.radius) for v in c.via_points), c.pulled_end, _axis_key(c.routing_axis))
-        for c in robot.cables
-    )
-    loads = tuple(
-        (x.name, x.on, x.at.tobytes(), np.asarray(x.direction).tobytes())
-        if isinstance(x, PointLoad)
-        else (x.name, x.on, x.faces.tobytes(), x.traction.tobytes())
-        for x in robot.loads
-    )
-    markers = tuple((m.name, m.on, m.at.tobytes()) for m in robot.markers)
-    skins = None if robot.contact is None else (robot.contact, tuple(_skin_key(plate.disc) for plate in robot.plates))
-    return bodies, rods, plates, ties, cables, loads, markers, robot.gravity.tobytes(), skins
-
-
-def _axis_key(axis: RoutingAxis | None) -> Hashable:
-    return None if axis is None else (axis.point.tobytes(), axis.direction.tobytes())
-
-
-def _skin_key(disc: Disc | None) -> Hashable:
-    return None if disc is None else (disc.centre.tobytes(), disc.axis.tobytes(), disc.diameter, disc.thickness)
-
-
-def _arrays(nodes: Mapping[str, Ints]) -> Hashable:
-    return tuple((name, array.tobytes()) for name, array in nodes.items())
+_CACHE: OrderedDict[Hashable, tuple[Robot, Twin]] = OrderedDict()  # keeps the robot alive, and so its identity its own
 
 
 class _Points:

@@ -15,10 +15,10 @@ from softcal.mechanics.state import rest_state
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.term import Controls
 from softcal.mechanics.time_step import Instant, at_rest
-from softcal.twin.build import Twin, cached_twin
+from softcal.twin.build import Twin, twin_of
 from softcal.twin.crossings import crossed_at
 from softcal.twin.masses import robot_inertia
-from softcal.twin.parameters import robot_parameters
+from softcal.twin.parameters import parameter_values
 from softcal.twin.protocol import Protocol, command_faults, let_go_faults
 from softcal.twin.response import Response, Snapshot
 from softcal.twin.robot import Robot
@@ -74,8 +74,8 @@ def simulate_in_time(
     if settling is not None and settling.on not in ("", *watched):
         allowed = ", ".join(watched) or "none: leave it empty"
         raise InputError(Fault("there is no such plate or marker", "settling", settling.on, allowed))
-    twin = cached_twin(robot)
-    theta = {name: info.value for name, info in robot_parameters(robot).items()}
+    twin = twin_of(robot)
+    theta = parameter_values(robot)
     inertia = robot_inertia(twin, robot, settings.masses)
     if inertia.is_none:
         parts = ", ".join(part.name for part in (*robot.bodies, *robot.rods, *robot.plates))

@@ -20,11 +20,24 @@ Part = TypeVar("Part", Body, Rod, Material)
 
 @dataclass(frozen=True)
 class ParameterInfo:
-    """A parameter that exists: the kind of quantity it is, which has its unit and range, and its present value [SI]."""
+    """A parameter that exists.
+
+    Attributes
+    ----------
+    name : str
+        Dotted, such as `neck.youngs_modulus`.
+    quantity : Quantity
+        The kind of quantity it is, with unit and range.
+    value : float
+        The robot's own [SI].
+    shapes : bool
+        Whether the undeformed robot depends on it, so that another value needs another twin.
+    """
 
     name: str
     quantity: Quantity
     value: float
+    shapes: bool = False
 
     @property
     def unit(self) -> str:
@@ -62,9 +75,9 @@ def robot_parameters(robot: Robot) -> dict[str, ParameterInfo]:
     """Every parameter of the robot by dotted name, such as `neck.youngs_modulus`."""
     infos: dict[str, ParameterInfo] = {}
 
-    def add(owner: str, key: str, value: float, quantity: Quantity | None = None) -> None:
+    def add(owner: str, key: str, value: float, quantity: Quantity | None = None, *, shapes: bool = False) -> None:
         name = f"{owner}.{key}"
-        infos[name] = ParameterInfo(name, KINDS[key] if quantity is None else quantity, value)
+        infos[name] = ParameterInfo(name, KINDS[key] if quantity is None else quantity, value, shapes)
 
     for body in robot.bodies:
         for material in body.materials:
@@ -82,15 +95,31 @@ def robot_parameters(robot: Robot) -> dict[str, ParameterInfo]:
     for cable in robot.cables:
         if cable.routing_axis is not None:
             away = replace(KINDS["routing_offset"], lower=cable.least_offset, ends="(]")
-            add(cable.name, "routing_offset", cable.routing_offset, away)
+            add(cable.name, "routing_offset", cable.routing_offset, away, shapes=True)
     for load in robot.loads:
         if isinstance(load, PointLoad):
             add(load.name, "force", float(np.dot(load.force, np.asarray(load.direction))))
     return infos
 
 
+def parameter_values(robot: Robot, theta: Mapping[str, float] | None = None) -> dict[str, float]:
+    """The value [SI] of every parameter by dotted name: that in theta, or the robot's own. Not checked."""
+    return {**{name: info.value for name, info in robot_parameters(robot).items()}, **(theta or {})}
+
+
+def value_faults(known: Mapping[str, ParameterInfo], theta: Mapping[str, float]) -> list[Fault]:
+    """What is wrong with values given by name: an unknown name (with the nearest known one), a value out of range."""
+    return [
+        fault
+        for name, value in theta.items()
+        if (fault := unknown_name(name, known) if name not in known else out_of_range(known[name], value))
+    ]
+
+
 def with_parameters(robot: Robot, values: Mapping[str, float]) -> Robot:
-    """The same robot with some parameters changed.
+    """The same robot with some parameters changed; itself where none is.
+
+    For what keeps or writes a robot. To simulate one robot at many values, give `simulate` theta.
 
     Raises
     ------
@@ -98,13 +127,10 @@ def with_parameters(robot: Robot, values: Mapping[str, float]) -> Robot:
         For an unknown name (with the nearest known one) or a value outside its interval; all faults at once.
     """
     known = robot_parameters(robot)
-    faults = [
-        fault
-        for name, value in values.items()
-        if (fault := unknown_name(name, known) if name not in known else out_of_range(known[name], value))
-    ]
-    if faults:
+    if faults := value_faults(known, values):
         raise ParameterError(faults)
+    if all(value == known[name].value for name, value in values.items()):
+        return robot
     bodies = tuple(_with_materials(body, values) for body in robot.bodies)
     rods = tuple(_with_material(rod, values, rod.name) for rod in robot.rods)
     plates = tuple(replace(p, mass=values.get(f"{p.name}.mass", p.mass)) for p in robot.plates)
@@ -117,6 +143,18 @@ def with_parameters(robot: Robot, values: Mapping[str, float]) -> Robot:
     )
     loads = tuple(_with_force(x, values) if isinstance(x, PointLoad) else x for x in robot.loads)
     return replace(robot, bodies=bodies, rods=rods, plates=plates, cables=cables, loads=loads)
+
+
+def with_shape(robot: Robot, theta: Mapping[str, float]) -> Robot:
+    """The robot with those of the values that its undeformed shape depends on; itself where theta changes none.
+
+    Raises
+    ------
+    ParameterError
+        For a shape that it cannot have.
+    """
+    known = robot_parameters(robot)
+    return with_parameters(robot, {name: theta[name] for name, info in known.items() if info.shapes and name in theta})
 
 
 def _with_materials(body: Body, values: Mapping[str, float]) -> Body:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from softcal.errors import Fault, ParameterError
 from softcal.mechanics.statics import Statics
-from softcal.twin.build import cached_twin
+from softcal.twin.build import twin_of
 from softcal.twin.many import simulate_many
-from softcal.twin.parameters import out_of_range, robot_parameters, unknown_name
+from softcal.twin.parameters import parameter_values, robot_parameters, unknown_name, value_faults, with_shape
 from softcal.twin.protocol import Protocol, command_faults
 from softcal.twin.response import Response, Shown
 from softcal.twin.robot import Robot
@@ -23,6 +23,7 @@ CURVE_TOLERANCE = 1e-4  # interpolation error over a channel's largest value
 def simulate(
     robot: Robot,
     protocol: Protocol,
+    theta: Mapping[str, float] | None = None,
     *,
     sensitivities: Sequence[str] = (),
     snapshots: Shown = False,
@@ -38,6 +39,9 @@ def simulate(
 
     Parameters
     ----------
+    theta
+        Values [SI] of robot parameters by dotted name, in the place of the robot's own. One robot at many values is
+        built once; what `with_parameters` returns is another robot.
     sensitivities
         Dotted names of robot parameters, or commands of the protocol (`cable1.tension`); the response then holds exact
         derivatives of every channel by each.
@@ -63,11 +67,11 @@ def simulate(
     MeshError
         For a robot that cannot be built.
     """
-    known = robot_parameters(robot)
+    known, theta = robot_parameters(robot), theta or {}
     commands = {f"{cable}.{command.control}": cable for cable, command in protocol.commands.items()}
     faults = [unknown_name(name, {**known, **commands}) for name in sensitivities if name not in {**known, **commands}]
-    faults += [fault for info in known.values() if (fault := out_of_range(info, info.value))]
-    faults += command_faults(robot, protocol)
+    values = parameter_values(robot, theta)
+    faults += value_faults(known, values)
     if robot.contact is not None and robot.contact.friction_coefficient > 0.0:
         faults.append(
             Fault(
@@ -78,12 +82,13 @@ def simulate(
                 attempt="motion in time",
             )
         )
+    faults += command_faults(robot if faults else with_shape(robot, theta), protocol)
     if faults:
         raise ParameterError(faults)
+    twin = twin_of(robot, theta)
     names = tuple(name for name in sensitivities if name in known)
     commanded = tuple(commands[name] for name in sensitivities if name in commands)
-    twin = cached_twin(robot)
-    statics = Statics(twin.system, {name: info.value for name, info in known.items()})
+    statics = Statics(twin.system, values)
     try:
         driven = [
             name

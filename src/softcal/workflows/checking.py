@@ -17,7 +17,7 @@ from softcal.experiments.names import is_deviation
 from softcal.materials.catalogue import law_named
 from softcal.project.project import Project
 from softcal.twin.bores import bores
-from softcal.twin.build import cached_twin
+from softcal.twin.build import twin_of
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.response import Response
 from softcal.twin.robot import Body, Cable, Material, Plate, Rod
@@ -66,7 +66,7 @@ def check(
     StorageError
         Where the folder cannot be written.
     """
-    cached_twin(project.robot)
+    twin_of(project.robot)
     if out_dir is not None:
         require_writable(Path(out_dir))
     warnings = [str(fault) for fault in project.warnings]

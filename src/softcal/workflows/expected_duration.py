@@ -88,9 +88,9 @@ def _timed(problem: Problem) -> float:
     """How long one simulation takes [s]."""
     if problem.simulate is None:
         raise ValueError("softcal's own twin takes no time worth telling")
-    robot, protocol = problem.first_trajectory()
+    protocol, theta = problem.first_trajectory()
     began = time.perf_counter()
-    response = problem.simulate(robot, protocol)
+    response = problem.simulate(problem.robot, protocol, theta)
     if not response.succeeded:
         raise SimulationError(f"The twin at the start values: {response.status}")
     return time.perf_counter() - began

@@ -12,8 +12,8 @@ from softcal.checks import Ints
 from softcal.mechanics.state import rest_state
 from softcal.mechanics.statics import SLACK_TENSION
 from softcal.project.project import Project
-from softcal.twin.build import cached_twin
-from softcal.twin.parameters import robot_parameters, with_parameters
+from softcal.twin.build import twin_of
+from softcal.twin.parameters import parameter_values, robot_parameters, with_parameters
 from softcal.twin.protocol import Protocol, furthest_state
 from softcal.twin.response import Response, Snapshot
 from softcal.twin.start import snapshot
@@ -44,9 +44,9 @@ class StartStates:
 def start_states(project: Project, progress: Told = lambda stage: None) -> StartStates:
     """Solve the robot at rest under its loads, and the end of every experiment, at the start values."""
     project = at_start_values(project)
-    twin = cached_twin(project.robot)
+    twin = twin_of(project.robot)
     undeformed = snapshot(twin, rest_state(twin.system.layout), {}, 0.0, "")
-    theta = {name: info.value for name, info in robot_parameters(project.robot).items()}
+    theta = parameter_values(project.robot)
     rows: list[tuple[str, str]] = []
     warnings: list[str] = []
     shapes: dict[str, Snapshot] = {}
@@ -155,4 +155,4 @@ def _pulls(shape: Snapshot) -> str:
 
 
 def _tets(project: Project) -> dict[str, Ints]:
-    return {name: mesh.tets for name, mesh in cached_twin(project.robot).meshes.items()}
+    return {name: mesh.tets for name, mesh in twin_of(project.robot).meshes.items()}

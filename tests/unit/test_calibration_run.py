@@ -310,10 +310,10 @@ from softcal.calibration.run import calibrate
 
 AT_WORK = Path({at_work!r})  # holds a file for each worker that has started
 
-def slow(robot, protocol, **options):
+def slow(robot, protocol, theta=None, **options):
     (AT_WORK / str(os.getpid())).touch()
     time.sleep(0.05)
-    return fake_simulate(robot, protocol, **options)
+    return fake_simulate(robot, protocol, theta, **options)
 
 def tell(progress):
     if progress.done >= 5 and len(os.listdir(AT_WORK)) == 2:
@@ -396,9 +396,9 @@ from fake_twin import fake_simulate
 from test_calibration_run import problem_of
 from softcal.calibration.run import calibrate
 
-def slow(robot, protocol, **options):
+def slow(robot, protocol, theta=None, **options):
     time.sleep(0.02)
-    return fake_simulate(robot, protocol, **options)
+    return fake_simulate(robot, protocol, theta, **options)
 
 if __name__ == "__main__":
     tell = lambda progress: print(progress.done, flush=True)

@@ -42,7 +42,7 @@ class Counting:
 
     def __call__(self, robot, protocol, theta=None, *, sensitivities=(), snapshots=False) -> Response:
         self.n += 1 + len(sensitivities)
-        return simulate(robot, protocol, sensitivities=sensitivities, snapshots=snapshots)
+        return simulate(robot, protocol, theta, sensitivities=sensitivities, snapshots=snapshots)
 
 
 def problems_of(path: Path, engine, **options):
@@ -79,7 +79,7 @@ def test_predictions_run_in_one_process() -> None:
 
 
 def test_an_engine_that_fails_at_the_start_says_so_before_it_begins(tmp_path: Path) -> None:
-    def failing(robot, protocol, *, sensitivities=(), snapshots=False) -> Response:
+    def failing(robot, protocol, theta=None, *, sensitivities=(), snapshots=False) -> Response:
         return Response({}, {}, "It folds.", succeeded=False, n_factorisations=0)
 
     settings, problems = problems_of(write_project(tmp_path), failing)

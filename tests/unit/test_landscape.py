@@ -59,7 +59,7 @@ def test_what_cannot_be_scaled_is_refused():
 def test_a_shape_that_ends_short_has_no_loss(problem: Problem):
     """Whatever number of samples it was solved for: the failed response is none of the protocol's."""
 
-    def short(robot, protocol, *, sensitivities=(), snapshots=False):
+    def short(robot, protocol, theta=None, *, sensitivities=(), snapshots=False):
         response = simulate(robot, protocol)
         channels = {name: values[:-1] for name, values in response.channels.items()}
         return replace(response, succeeded=False, status="It folds.", channels=channels)

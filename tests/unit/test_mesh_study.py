@@ -146,10 +146,10 @@ def test_what_is_too_large_is_left_out_and_says_so(problem: Problem, optimum: di
 
 
 def test_a_finer_twin_that_cannot_be_simulated_says_why(problem: Problem, optimum: dict[str, float]):
-    def linear_alone(robot, protocol, *, sensitivities=(), snapshots=False) -> Response:
+    def linear_alone(robot, protocol, theta=None, *, sensitivities=(), snapshots=False) -> Response:
         if robot.bodies[0].element != "P1":
             return Response({}, {}, "No equilibrium beyond 1.0 mm.", succeeded=False, n_factorisations=3)
-        return simulate(robot, protocol, sensitivities=sensitivities, snapshots=snapshots)
+        return simulate(robot, protocol, theta, sensitivities=sensitivities, snapshots=snapshots)
 
     found = mesh_study(replace(problem, simulate=linear_alone), optimum, halvings=1)
     assert "No equilibrium beyond 1.0 mm" in named(found, "P2P1").failure
@@ -157,7 +157,7 @@ def test_a_finer_twin_that_cannot_be_simulated_says_why(problem: Problem, optimu
 
 
 def test_a_twin_that_cannot_be_simulated_as_it_is_cannot_be_studied(problem: Problem, optimum: dict[str, float]):
-    def never(robot, protocol, **options) -> Response:
+    def never(robot, protocol, theta=None, **options) -> Response:
         return Response({}, {}, "No equilibrium at all.", succeeded=False, n_factorisations=3)
 
     with pytest.raises(SimulationError, match="No equilibrium at all"):

@@ -21,6 +21,7 @@ from softcal.errors import CalibrationError, InputError, StorageError
 from softcal.project.project import Project, load
 from softcal.report.surfaces import error_surfaces
 from softcal.twin import simulate as simulating
+from softcal.twin.parameters import parameter_values
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
 from softcal.twin.simulate import simulate
@@ -57,10 +58,10 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def soft_springs_fail(robot, protocol, **options) -> Response:
-    if robot.rods[0].parameters["youngs_modulus"] < 0.5e9:
+def soft_springs_fail(robot, protocol, theta=None, **options) -> Response:
+    if parameter_values(robot, theta)["spring1.youngs_modulus"] < 0.5e9:
         return Response({}, {}, "No equilibrium beyond 3 mm.", succeeded=False, n_factorisations=0)
-    return simulate(robot, protocol, **options)
+    return simulate(robot, protocol, theta, **options)
 
 
 def test_the_project_says_what_is_swept_and_judged_by(swept: Swept):
@@ -173,7 +174,7 @@ def test_cells_that_fail_are_kept_with_their_reason_and_empty(
     assert surface.best[:2] == (0.8e9, 0.3)
 
 
-def no_robot_stands(robot, protocol, **options) -> Response:
+def no_robot_stands(robot, protocol, theta=None, **options) -> Response:
     return Response({}, {}, "No equilibrium beyond 1 mm.", succeeded=False, n_factorisations=0)
 
 
@@ -195,10 +196,10 @@ def test_where_every_cell_fails_the_table_is_written_and_named(
 
 
 def test_nominal_values_that_fail_leave_the_gain_open(project: Project, monkeypatch: pytest.MonkeyPatch):
-    def stiff_springs_fail(robot, protocol, **options) -> Response:
-        if robot.rods[0].parameters["youngs_modulus"] > 1.5e9:
+    def stiff_springs_fail(robot, protocol, theta=None, **options) -> Response:
+        if parameter_values(robot, theta)["spring1.youngs_modulus"] > 1.5e9:
             return Response({}, {}, "Unstable.", succeeded=False, n_factorisations=0)
-        return simulate(robot, protocol, **options)
+        return simulate(robot, protocol, theta, **options)
 
     monkeypatch.setattr(simulating, "simulate", stiff_springs_fail)
     found = sweep(project, over={E: "1.2GPa,0.8GPa"})

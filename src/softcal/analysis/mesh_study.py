@@ -231,10 +231,15 @@ def _evaluated(
     solve = problem.simulate or partial(simulate, curve_tolerance=TOLERANCE)
 
     def counted(
-        robot: Robot, protocol: Protocol, *, sensitivities: Sequence[str] = (), snapshots: bool = False
+        robot: Robot,
+        protocol: Protocol,
+        theta: Mapping[str, float] | None = None,
+        *,
+        sensitivities: Sequence[str] = (),
+        snapshots: bool = False,
     ) -> Response:
         nonlocal done
-        response = solve(robot, protocol, sensitivities=sensitivities, snapshots=snapshots)
+        response = solve(robot, protocol, theta, sensitivities=sensitivities, snapshots=snapshots)
         done += 1
         told(done, n_trajectories)
         return response

@@ -94,9 +94,9 @@ def _of_run(run: Run, calibration: str) -> StudySource:
 
 def _present(problem: Problem) -> dict[str, float]:
     """The present values of what is free, an experiment's own from its rig; of tied parameters the mean."""
-    from softcal.twin.parameters import robot_parameters
+    from softcal.twin.parameters import parameter_values
 
-    of_robot = {name: info.value for name, info in robot_parameters(problem.robot).items()}
+    of_robot = parameter_values(problem.robot)
     theta: dict[str, float] = {}
     faults: list[Fault] = []
     for p in problem.space.parameters:

@@ -176,6 +176,8 @@ def test_a_pull_that_is_let_go_is_simulated_without_friction_alone() -> None:
     rough = with_parameters(bar_robot(), {"front.friction_coefficient": 0.3})
     with pytest.raises(ParameterError, match="turns round where the cable is let go"):
         softcal.simulate(rough, protocol)
+    with pytest.raises(ParameterError, match="turns round where the cable is let go"):
+        softcal.simulate(bar_robot(), protocol, {"front.friction_coefficient": 0.3})
     assert softcal.simulate(rough, Protocol({"front": Command("shortening", there_and_back[:5])})).succeeded
 
 

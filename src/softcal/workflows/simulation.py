@@ -34,6 +34,7 @@ PULL_SAMPLES = 41
 def simulate(
     twin: Project | Robot,
     protocol: Protocol | None = None,
+    theta: Mapping[str, float] | None = None,
     *,
     experiment: str = "",
     sensitivities: Sequence[str] = (),
@@ -48,6 +49,8 @@ def simulate(
         A project, or a robot alone.
     protocol
         Tension [N] or shortening [m] of each cable, sample by sample; see `pull`.
+    theta
+        Values [SI] of robot parameters by dotted name, in the place of the robot's own.
     experiment
         In the place of a protocol: the name of an experiment of the project. Its cables are driven as on the bench,
         less the slack, and its settings hold. Where the project has only one, it need not be named.
@@ -67,20 +70,22 @@ def simulate(
     Raises
     ------
     ParameterError
-        For a cable, parameter or experiment that does not exist; for a protocol that lets a cable with friction go.
+        For a cable, parameter or experiment that does not exist, or a value that no part can have; for a protocol that
+        lets a cable with friction go.
     """
     robot = twin.robot if isinstance(twin, Project) else twin
-    if protocol is not None and (faults := let_go_faults(robot, protocol)):
+    if protocol is not None and (faults := let_go_faults(with_parameters(robot, theta or {}), protocol)):
         raise ParameterError(faults)
     if protocol is None:
         protocol = protocol_of(twin, experiment) if isinstance(twin, Project) else Protocol({})
         robot = robot_in(twin, experiment) if isinstance(twin, Project) else robot
-    return response_to(robot, protocol, sensitivities=sensitivities, snapshots=snapshots, engine=engine)
+    return response_to(robot, protocol, theta, sensitivities=sensitivities, snapshots=snapshots, engine=engine)
 
 
 def response_to(
     robot: Robot,
     protocol: Protocol,
+    theta: Mapping[str, float] | None = None,
     *,
     sensitivities: Sequence[str] = (),
     snapshots: Shown = False,
@@ -88,8 +93,8 @@ def response_to(
 ) -> Response:
     """As `simulate`, of samples that are states by themselves, whatever their order."""
     if engine is not None:
-        return engine(robot, protocol, sensitivities=sensitivities, snapshots=bool(snapshots))
-    return simulate_robot(robot, protocol, sensitivities=sensitivities, snapshots=snapshots)
+        return engine(robot, protocol, theta, sensitivities=sensitivities, snapshots=bool(snapshots))
+    return simulate_robot(robot, protocol, theta, sensitivities=sensitivities, snapshots=snapshots)
 
 
 def keep_silent(sentence: str) -> None:

@@ -252,6 +252,14 @@ def plain(number: float, digits: int = 4) -> str:
     return f"{float(text):.0f}" if "e+" in text and abs(number) < _PLAIN else text
 
 
+def digits_showing(step: float, size: float, least: int = 4) -> int:
+    """Significant digits by which numbers of a size show two digits of an error or a difference of them."""
+    if not 0.0 < step < abs(size) < math.inf:
+        return least
+    above = math.floor(math.log10(abs(size))) - math.floor(math.log10(step))
+    return min(max(least, above + 2), AS_WRITTEN)
+
+
 def readable_unit(value: float, si_unit: str) -> str:
     """The unit in which a person would read `value` [si_unit]."""
     if si_unit == "Pa":

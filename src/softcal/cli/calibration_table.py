@@ -120,22 +120,24 @@ def _count(result: CalibrationResult) -> str:
 
 def interval_text(estimate: Estimate) -> str:
     """The 95 % interval with its unit, "" where there is none."""
-    from softcal.units import format_quantity, readable_unit
+    from softcal.units import digits_showing, format_quantity, readable_unit
 
     if estimate.interval is None:
         return ""
-    unit = readable_unit(estimate.value, estimate.unit)
-    low, high = (format_quantity(edge, estimate.unit, unit, digits=3) for edge in estimate.interval)
+    unit, ends = readable_unit(estimate.value, estimate.unit), estimate.interval
+    digits = digits_showing(ends[1] - ends[0], max(map(abs, ends)), 3)
+    low, high = (format_quantity(end, estimate.unit, unit, digits=digits) for end in ends)
     within = ", within the bounds" if estimate.is_held else ""
     return f"{low.removesuffix(f' {unit}')} to {high}{within}"
 
 
 def value_text(estimate: Estimate) -> str:
     """A value with its standard error and unit, and whether it is at a bound."""
-    from softcal.units import AS_WRITTEN, format_quantity, readable_unit
+    from softcal.units import AS_WRITTEN, digits_showing, format_quantity, readable_unit
 
     unit = readable_unit(estimate.value, estimate.unit)
-    digits = AS_WRITTEN if estimate.value in (estimate.lower, estimate.upper) else 4
+    digits = digits_showing(estimate.standard_error or 0.0, estimate.value)
+    digits = AS_WRITTEN if estimate.value in (estimate.lower, estimate.upper) else digits
     text = format_quantity(estimate.value, estimate.unit, unit, digits=digits)
     if estimate.standard_error is not None:
         error = format_quantity(estimate.standard_error, estimate.unit, unit, digits=2)

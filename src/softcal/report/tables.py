@@ -31,7 +31,7 @@ from softcal.report.wording import (
     scale_of,
     with_error,
 )
-from softcal.units import AS_WRITTEN, plain
+from softcal.units import AS_WRITTEN, digits_showing, plain
 
 Cell = str | float | int | None
 
@@ -138,6 +138,11 @@ def importance_note(content: ReportContent) -> str:
     return "".join(f" {_IMPORTANCES[kind]}" for kind in kinds if kind in _IMPORTANCES)
 
 
+def _interval(ends: tuple[float, float], scale: Scale) -> str:
+    digits = digits_showing(ends[1] - ends[0], max(map(abs, ends)))
+    return " to ".join(plain(end / scale.factor, digits) for end in ends)
+
+
 def all_parameters_table(content: ReportContent) -> Table:
     """Every calibrated parameter of every calibration, with its bounds."""
     rows: list[tuple[Cell, ...]] = []
@@ -148,9 +153,8 @@ def all_parameters_table(content: ReportContent) -> Table:
             error = estimate.standard_error
             value = with_error(estimate.value / scale.factor, None if error is None else error / scale.factor)
             low, high = (plain(bound / scale.factor, AS_WRITTEN) for bound in (estimate.lower, estimate.upper))
-            ends = None if estimate.interval is None else (plain(end / scale.factor) for end in estimate.interval)
             within = ", within the bounds" if estimate.is_held else ""
-            interval = None if ends is None else " to ".join(ends) + within
+            interval = None if estimate.interval is None else _interval(estimate.interval, scale) + within
             at_bound = "yes" if estimate.at_bound else "no"
             rows.append(
                 (

@@ -8,9 +8,11 @@ from dataclasses import dataclass
 
 from softcal.calibration.result import CalibrationResult, Estimate
 from softcal.materials.catalogue import LAWS
-from softcal.units import readable_unit, unit_factor
+from softcal.units import digits_showing, readable_unit, unit_factor
 
 NORMAL_95 = 1.959964  # half width of a 95 % interval in standard errors
+
+_MOST_DECIMALS = 8
 
 _SYMBOLS = {"friction_coefficient": "μ", "density": "ρ"}
 _CHANNELS = {
@@ -67,7 +69,10 @@ def with_error(value: float, error: float | None) -> str:
     if error is None or not math.isfinite(error) or error <= 0:
         return number(value)
     exponent = math.floor(math.log10(float(f"{error:.1e}")))
-    decimals = min(max(1 - exponent, 0), 8)
+    decimals = max(1 - exponent, 0)
+    if decimals > _MOST_DECIMALS:
+        digits = digits_showing(error, value, 2)
+        return f"{value:.{digits - 1}e} ± {error:.1e}"
     return f"{value:.{decimals}f} ± {error:.{decimals}f}"
 
 

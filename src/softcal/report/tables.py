@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import re
 from collections import Counter
 from collections.abc import Mapping
@@ -12,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.calibration.result import CalibrationResult, ExperimentFit
+from softcal.csv_text import csv_text
 from softcal.experiments.dataset import Dataset, Step
 from softcal.materials.catalogue import LAWS
 from softcal.report.content import ReportContent
@@ -71,11 +70,7 @@ class Table:
 
     def as_csv(self) -> str:
         """The table as CSV, numbers in full, unit in every heading."""
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow([column.header for column in self.columns])
-        writer.writerows([["" if cell is None else cell for cell in row] for row in self.rows])
-        return text.getvalue()
+        return csv_text([column.header for column in self.columns], self.rows)
 
     def shown(self) -> list[list[str]]:
         """The cells as text: numbers to the column's digits, an en dash where there is nothing."""

@@ -16,9 +16,13 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from softcal.analysis.record import RecordFit as RecordFit
     from softcal.calibration.experiment import Experiment as Experiment
+    from softcal.calibration.optimiser import Optimiser as Optimiser
+    from softcal.calibration.optimiser import Proposal as Proposal
+    from softcal.calibration.optimiser import register_optimiser as register_optimiser
     from softcal.calibration.parameters import FreeParameter as FreeParameter
     from softcal.calibration.problem import make_problem as make_problem
     from softcal.calibration.result import CalibrationResult as CalibrationResult
+    from softcal.calibration.settings import SearchSettings as SearchSettings
     from softcal.errors import CalibrationError as CalibrationError
     from softcal.errors import DatasetError as DatasetError
     from softcal.errors import Fault as Fault
@@ -104,12 +108,14 @@ _HOMES = {
     "ManipulatorShape": "softcal.twin.manipulator",
     "Marker": "softcal.twin.robot",
     "MeshError": "softcal.errors",
+    "Optimiser": "softcal.calibration.optimiser",
     "Parameter": "softcal.materials.parameter",
     "ParameterError": "softcal.errors",
     "Plate": "softcal.twin.robot",
     "PointLoad": "softcal.twin.robot",
     "Project": "softcal.project.project",
     "ProjectFileError": "softcal.errors",
+    "Proposal": "softcal.calibration.optimiser",
     "Protocol": "softcal.twin.protocol",
     "Quantity": "softcal.quantities",
     "RecordFit": "softcal.analysis.record",
@@ -118,6 +124,7 @@ _HOMES = {
     "Rod": "softcal.twin.robot",
     "RoutingAxis": "softcal.twin.cables",
     "Schedule": "softcal.twin.schedule",
+    "SearchSettings": "softcal.calibration.settings",
     "Settling": "softcal.twin.schedule",
     "SimulationError": "softcal.errors",
     "SoftcalError": "softcal.errors",
@@ -146,6 +153,7 @@ _HOMES = {
     "read_mesh": "softcal.geometry.read",
     "rectangular": "softcal.geometry.section",
     "register_law": "softcal.materials.catalogue",
+    "register_optimiser": "softcal.calibration.optimiser",
     "robot_parameters": "softcal.twin.parameters",
     "simulate": "softcal.workflows.simulation",
     "simulate_in_time": "softcal.twin.in_time",
@@ -176,12 +184,14 @@ __all__ = [
     "ManipulatorShape",
     "Marker",
     "MeshError",
+    "Optimiser",
     "Parameter",
     "ParameterError",
     "Plate",
     "PointLoad",
     "Project",
     "ProjectFileError",
+    "Proposal",
     "Protocol",
     "Quantity",
     "RecordFit",
@@ -190,6 +200,7 @@ __all__ = [
     "Rod",
     "RoutingAxis",
     "Schedule",
+    "SearchSettings",
     "Settling",
     "SimulationError",
     "SoftcalError",
@@ -218,6 +229,7 @@ __all__ = [
     "read_mesh",
     "rectangular",
     "register_law",
+    "register_optimiser",
     "robot_parameters",
     "simulate",
     "simulate_in_time",

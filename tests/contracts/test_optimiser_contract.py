@@ -2,32 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import pytest
 from fake_twin import NU, E, all_necks_fail, fake_experiment, fake_robot, fake_simulate, soft_necks_fail
 
-from softcal.calibration.optimiser import Optimiser, Proposal
-from softcal.calibration.optimiser_grid import GridOptimiser
-from softcal.calibration.optimiser_least_squares import LeastSquaresOptimiser
-from softcal.calibration.optimiser_tpe import TpeOptimiser
+from softcal.calibration.optimiser import OPTIMISERS, Optimiser, Proposal
 from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import Evaluation, Problem, Simulate, make_problem
+from softcal.calibration.run import calibrate
+from softcal.calibration.settings import SearchSettings
+from softcal.report.wording import method_label
 
 Make = Callable[[Problem], Optimiser]
 
-OPTIMISERS: dict[str, Make] = {
-    "grid": lambda problem: GridOptimiser(problem.space, trials=36),
-    "grid over given values": lambda problem: GridOptimiser(
-        problem.space, axes={NU: (0.4999, 0.45, 0.4), E: (9e6, 6e6, 3e6, 2e6)}
-    ),
-    "tpe": lambda problem: TpeOptimiser(problem.space, trials=30, seed=5),
-    "tpe, four at once": lambda problem: TpeOptimiser(problem.space, trials=30, seed=5, batch=4),
-    "least-squares": lambda problem: LeastSquaresOptimiser(problem.space, problem.loss, trials=20, seed=5),
-    "least-squares, three starts": lambda problem: LeastSquaresOptimiser(
-        problem.space, problem.loss, trials=20, seed=5, starts=3
-    ),
+COMMON = SearchSettings(trials=36, seed=5, starts=1)
+# What an optimiser can be told besides: cases of their own, for those that heed it.
+TOLD: Mapping[str, Mapping[str, object]] = {
+    "starts": {"starts": 3},
+    "axes": {"axes": {NU: (0.4999, 0.45, 0.4), E: (9e6, 6e6, 3e6, 2e6)}},
 }
+
+
+def cases() -> dict[str, SearchSettings]:
+    found: dict[str, SearchSettings] = {}
+    for name, optimiser in OPTIMISERS.items():
+        found[name] = COMMON.changed(method=name)
+        found |= {f"{name}, {key}": COMMON.changed(method=name, **TOLD[key]) for key in sorted(optimiser.heeds)}
+        if optimiser.batch > 1:
+            found[f"{name}, one by one"] = COMMON.changed(method=name, batch=1)
+    return found
+
+
+CASES = cases()
 
 
 def problem_of(simulate: Simulate = fake_simulate) -> Problem:
@@ -46,13 +53,29 @@ def play(optimiser: Optimiser, problem: Problem, limit: int = 200) -> list[tuple
     return told
 
 
-@pytest.fixture(params=OPTIMISERS)
+@pytest.fixture(params=CASES)
 def make(request: pytest.FixtureRequest) -> Make:
-    return OPTIMISERS[request.param]
+    settings = CASES[request.param]
+    optimiser = OPTIMISERS[settings.method]
+    return lambda problem: optimiser.begin(problem, optimiser.settled(settings))
 
 
-def test_every_optimiser_is_in_this_list() -> None:
-    assert {type(make(problem_of())) for make in OPTIMISERS.values()} == set(Optimiser.__subclasses__())
+def test_every_optimiser_is_registered() -> None:
+    own = [one for one in Optimiser.__subclasses__() if one.__module__.startswith("softcal.")]
+    assert {one.name for one in own} <= {settings.method for settings in CASES.values()}
+    assert len(own) == 3
+
+
+@pytest.mark.parametrize("name", OPTIMISERS)
+def test_a_result_tells_what_the_optimiser_says_of_itself(name: str) -> None:
+    optimiser = OPTIMISERS[name]
+    result = calibrate(problem_of(), COMMON, method=name)
+    assert result.extra["importance_kind"] == optimiser.statistics
+    assert any(e.standard_error is not None for e in result.parameters.values()) == (
+        optimiser.statistics == "sensitivity" and result.converged is True
+    )
+    assert method_label(name) == optimiser.title != name
+    assert optimiser.default_trials > 0
 
 
 def test_numbers_count_up_and_points_lie_within_the_bounds(make: Make) -> None:

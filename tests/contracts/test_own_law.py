@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Generator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from own_module import imported
 from project_case import PROJECT, bar_robot, write_project
 
 from softcal import Law, Parameter, calibrate, load, quantity, register_law, robot_parameters
@@ -46,14 +46,7 @@ MU, LIMIT, KAPPA = 0.45e6, 0.4, 2e6
 @pytest.fixture
 def gent(tmp_path: Path) -> Generator[Law]:
     """Gent's law, as a module of the user's registers it."""
-    path = tmp_path / "gent_law.py"
-    path.write_text(GENT, encoding="utf-8")
-    spec = importlib.util.spec_from_file_location("gent_law", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    yield module.GENT
+    yield imported(tmp_path / "gent_law.py", GENT).GENT
     LAWS.remove("gent")
 
 

@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 from softcal.calibration.descent import Descent
 from softcal.calibration.local_model import LocalModel, Point
 from softcal.calibration.loss import Block, LikelihoodLoss, Loss, PapersLoss
-from softcal.calibration.optimiser_least_squares import LeastSquaresOptimiser
+from softcal.calibration.optimisers.least_squares import LeastSquaresOptimiser
 from softcal.calibration.parameters import FreeParameter, SearchSpace
 from softcal.calibration.problem import Evaluation, Problem, make_problem
 from softcal.calibration.sensitivity import local_statistics

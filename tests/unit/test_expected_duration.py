@@ -63,12 +63,12 @@ def test_the_count_is_what_an_evaluation_asks_for(tmp_path: Path) -> None:
 def test_searches_and_held_out_predictions_are_counted(tmp_path: Path) -> None:
     path = write_project(tmp_path, ("parameters:\n", SECOND))
     settings, problems = problems_of(path, Counting(), method="tpe", trials=50, fit="both")
-    every = expected_duration(problems, settings, workers=2)
+    every = expected_duration(problems, settings.search, workers=2)
     assert every.simulations == (50 + 50 + 100, 50 + 50 + 100)
     assert every.held_out == (0, 0)
     assert every.duration[0] == pytest.approx(every.seconds * 100)
     settings, problems = problems_of(path, Counting(), hold_out=["again"])
-    some = expected_duration(problems, settings)
+    some = expected_duration(problems, settings.search)
     assert some.simulations == (4 * 2, 12 * 2)
     assert some.held_out == (2, 6)  # it has a slack of its own
     assert some.seconds > 0.0
@@ -84,7 +84,7 @@ def test_an_engine_that_fails_at_the_start_says_so_before_it_begins(tmp_path: Pa
 
     settings, problems = problems_of(write_project(tmp_path), failing)
     with pytest.raises(SimulationError, match=r"The twin at the start values: It folds\."):
-        expected_duration(problems, settings)
+        expected_duration(problems, settings.search)
 
 
 def test_the_command_says_it_before_the_search(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,7 +21,7 @@ from test_calibration_run import problem_of, same
 
 from softcal.calibration import store as storing
 from softcal.calibration.interrupts import Stop, StopSignal, exit_code, interrupts_held, stop_signals_raised, stoppable
-from softcal.calibration.optimiser_tpe import OptunaJournal
+from softcal.calibration.optimisers.tpe import OptunaJournal
 from softcal.calibration.run import Progress, calibrate
 from softcal.calibration.store import RunStore
 from softcal.errors import CalibrationError

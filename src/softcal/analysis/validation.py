@@ -10,7 +10,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
-from typing import Any
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from softcal.calibration.parameters import split
 from softcal.calibration.problem import Problem
 from softcal.calibration.result import CalibrationResult, ExperimentFit, HeldOut
 from softcal.calibration.run import Progress, calibrate
+from softcal.calibration.settings import SearchSettings
 from softcal.errors import Fault, ParameterError
 
 
@@ -99,14 +99,15 @@ def folds_of(problem: Problem, wanted: Sequence[Sequence[str]] = ()) -> list[tup
 def leave_out(
     problem: Problem,
     folds: Sequence[Sequence[str]],
+    settings: SearchSettings | None = None,
     *,
+    workers: int = 1,
     progress: Callable[[str, Progress], None] | None = None,
     stopped: Callable[[], bool] = lambda: False,
-    **options: Any,
 ) -> tuple[Prediction, ...]:
     """Fit without each fold in turn, and predict it; ends before the first fold for which `stopped` says so.
 
-    Options as for `softcal.calibration.run.calibrate`.
+    Settings as for `softcal.calibration.run.calibrate`, but for what is held out.
 
     Raises
     ------
@@ -118,7 +119,7 @@ def leave_out(
         if stopped():
             break
         told = None if progress is None else _labelled(progress, ", ".join(fold))
-        result = calibrate(problem, hold_out=tuple(fold), progress=told, **options)
+        result = calibrate(problem, settings, workers=workers, progress=told, hold_out=tuple(fold))
         predictions.append(Prediction(tuple(fold), result))
     return tuple(predictions)
 

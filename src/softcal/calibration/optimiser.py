@@ -5,8 +5,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar, Literal, Protocol, TypeVar
 
-from softcal.calibration.problem import Evaluation
+from softcal.calibration.problem import Evaluation, Problem
+from softcal.calibration.result import Trial
+from softcal.calibration.settings import SearchSettings
+from softcal.catalogue import Catalogue
+from softcal.errors import Fault
 
 
 @dataclass(frozen=True)
@@ -17,16 +23,77 @@ class Proposal:
     theta: Mapping[str, float]
 
 
+class Journal(Protocol):
+    """A file of the search's own that follows the trials."""
+
+    def keep(self, trial: Trial) -> None:
+        """Add a trial that the file does not have yet."""
+        ...
+
+
 class Optimiser(ABC):
     """A search by ask and tell.
 
     The same seed and the same answers give the same questions, however many workers find the answers: `ask` gives a
     whole generation, and the generation is told in the order of its numbers before the next is asked for. So a search
     resumes by being told again what it was told before.
+
+    Attributes
+    ----------
+    name
+        The `method` of project files and options.
+    title
+        What reports call it.
+    default_trials
+        The budget where none is given.
+    needs_jacobian
+        Whether evaluations come with their derivatives.
+    statistics
+        What is told of the parameters at the end: "sensitivity", the standard errors, intervals and shares that follow
+        from the jacobian at the best point, or "fanova", each one's share in how the losses of all trials differ.
+    heeds
+        Those of the settings `starts` and `axes` that it goes by.
+    batch
+        Points that it is asked for before the first of them is told, where that decides its course: as many workers
+        can share it.
+    grows
+        Whether a run can be gone on with to another number of trials.
+    expected
+        Evaluations that it takes as a rule, fewest and most; None where it takes all of its budget.
+    in_parallel
+        Whether workers share its evaluations as a rule.
     """
 
-    name: str
-    needs_jacobian: bool
+    name: ClassVar[str]
+    title: ClassVar[str]
+    default_trials: ClassVar[int]
+    needs_jacobian: ClassVar[bool] = False
+    statistics: ClassVar[Literal["sensitivity", "fanova"]] = "fanova"
+    heeds: ClassVar[frozenset[str]] = frozenset()
+    batch: ClassVar[int] = 1
+    grows: ClassVar[bool] = True
+    expected: ClassVar[tuple[int, int] | None] = None
+    in_parallel: ClassVar[bool] = True
+
+    @classmethod
+    @abstractmethod
+    def begin(cls, problem: Problem, settings: SearchSettings) -> Optimiser:
+        """A search in the problem's space; the settings are complete: trials, starts and batch are numbers."""
+
+    @classmethod
+    def settled(cls, settings: SearchSettings) -> SearchSettings:
+        """The settings made complete.
+
+        Raises
+        ------
+        ParameterError
+            For a number that makes no sense, or axes that are not heeded.
+        """
+        return settings.complete(trials=cls.default_trials, batch=cls.batch, heeded=cls.heeds)
+
+    def journal(self, folder: Path) -> Journal | None:
+        """A file beside the run's own store that follows the trials, such as for another program's tools."""
+        return None
 
     @abstractmethod
     def ask(self) -> tuple[Proposal, ...]:
@@ -50,3 +117,48 @@ class Optimiser(ABC):
     def converged(self) -> bool | None:
         """Whether the best point is a minimum of the loss; None of a search that looks for none."""
         return None
+
+
+def _faults(optimiser: type[Optimiser], known: Mapping[str, type[Optimiser]]) -> list[Fault]:
+    """What a class that is to be registered lacks."""
+    if not (isinstance(optimiser, type) and issubclass(optimiser, Optimiser)):
+        return [Fault("this is no optimiser", "method", repr(optimiser)[:60], "a subclass of softcal.Optimiser")]
+    where = f"optimiser {optimiser.__name__}"
+    missing = [name for name in ("name", "title", "default_trials") if not hasattr(optimiser, name)]
+    missing += sorted(optimiser.__abstractmethods__)
+    faults = [Fault("the optimiser lacks something", where, allowed=f"'{name}' must be there") for name in missing]
+    if optimiser.statistics == "sensitivity" and not optimiser.needs_jacobian:
+        what = "statistics by sensitivity need the jacobian"
+        faults.append(Fault(what, where, attempt="needs_jacobian = True, or statistics = 'fanova'"))
+    return faults
+
+
+OPTIMISERS: Catalogue[type[Optimiser]] = Catalogue(
+    "method", "softcal.optimisers", _faults, home="softcal.calibration.optimisers"
+)
+
+O = TypeVar("O", bound=type[Optimiser])  # noqa: E741
+
+
+def register_optimiser(optimiser: O) -> O:
+    """Add an optimiser of one's own: project files, `--method`, results and reports know it by its name from then on.
+
+    A package does the same for every process by an entry point of the group `softcal.optimisers` that names the class.
+
+    Parameters
+    ----------
+    optimiser
+        The class; this decorates it.
+
+    Returns
+    -------
+    type[Optimiser]
+        The same class.
+
+    Raises
+    ------
+    ParameterError
+        Where another optimiser has the name, or the class lacks something.
+    """
+    OPTIMISERS.add(optimiser)
+    return optimiser

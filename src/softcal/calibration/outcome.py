@@ -6,14 +6,15 @@ import platform
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from importlib import metadata
-from typing import Any
 
 from softcal.calibration.experiment import PULLEY_FRICTION
+from softcal.calibration.fanova import fanova_importance
 from softcal.calibration.fit import experiment_fit, missing_rows
-from softcal.calibration.optimiser_tpe import fanova_importance
+from softcal.calibration.optimiser import OPTIMISERS
 from softcal.calibration.problem import Evaluation, Problem
 from softcal.calibration.result import CalibrationResult, Estimate, Trial
 from softcal.calibration.sensitivity import Statistics, local_statistics
+from softcal.calibration.settings import SearchSettings
 from softcal.units import AS_WRITTEN, format_quantity
 
 NOT_A_MINIMUM = (
@@ -36,7 +37,7 @@ class Account:
     converged: whether it came to a minimum; None where it looks for none.
     """
 
-    settings: Mapping[str, Any]
+    settings: SearchSettings
     status: str
     n_solves: int
     wall_s: float
@@ -49,15 +50,14 @@ def conclude(problem: Problem, best: Evaluation, trials: tuple[Trial, ...], acco
     if best.loss is None:
         raise ValueError("the best evaluation has no loss")
     space = problem.space
-    method, seed = str(account.settings["method"]), int(account.settings["seed"])
-    if method == "least-squares":
+    method, seed = account.settings.method, account.settings.seed
+    kind = OPTIMISERS[method].statistics
+    if kind == "sensitivity":
         local = local_statistics(space, problem.loss, best.theta, best.blocks)
         if account.converged is False:
             local = Statistics(dict.fromkeys(space.labels), local.importance, (NOT_A_MINIMUM,))
-        kind = "sensitivity"
     else:
         local = _global_statistics(problem, trials, seed)
-        kind = "fanova"
     parameters = local.estimates(space, best.theta)
     n_failed = sum(trial.state == "FAILED" for trial in trials)
     experiments = {e.name: experiment_fit(e, best.observations[e.name]) for e in problem.experiments}
@@ -78,7 +78,7 @@ def conclude(problem: Problem, best: Evaluation, trials: tuple[Trial, ...], acco
         hashes=account.hashes,
         versions=installed_versions(),
         notes=(*local.notes, *_notes(problem, parameters, trials, n_failed)),
-        extra={"importance_kind": kind, **account.settings},
+        extra={"importance_kind": kind, **account.settings.record()},
         converged=account.converged,
     )
     if not result.is_saturated:

@@ -3,36 +3,27 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from softcal.calibration.fingerprint import fingerprints
 from softcal.calibration.hold_out import fitted_part, predicted
 from softcal.calibration.interrupts import interrupts_held, stoppable
-from softcal.calibration.optimiser import Optimiser, Proposal
-from softcal.calibration.optimiser_grid import GridOptimiser
-from softcal.calibration.optimiser_least_squares import LeastSquaresOptimiser
-from softcal.calibration.optimiser_tpe import OptunaJournal, TpeOptimiser
+from softcal.calibration.optimiser import OPTIMISERS, Journal, Optimiser, Proposal
 from softcal.calibration.outcome import Account, conclude, installed_versions
 from softcal.calibration.payload import encode
 from softcal.calibration.problem import Evaluation, Problem
 from softcal.calibration.recall import recalled
 from softcal.calibration.result import CalibrationResult, Trial
 from softcal.calibration.result_files import write_result
-from softcal.calibration.store import JOURNAL, RunStore, StoredTrial
+from softcal.calibration.settings import SearchSettings
+from softcal.calibration.store import RunStore, StoredTrial
 from softcal.calibration.workers import Evaluator
 from softcal.errors import CalibrationError, Fault, ParameterError, StorageError
-
-Method = Literal["least-squares", "tpe", "grid"]
-# Trials that TPE asks for before the first of them is told: so many workers can share its search, which is the same for
-# any number of them.
-TPE_BATCH = 4
-DEFAULT_TRIALS: Mapping[Method, int] = {"least-squares": 40, "tpe": 1000, "grid": 400}
 
 
 @dataclass(frozen=True)
@@ -53,21 +44,17 @@ class Progress:
 Observer = Callable[[Progress], None]
 
 
-def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
+def calibrate(
     problem: Problem,
+    settings: SearchSettings | None = None,
     *,
-    method: Method = "least-squares",
-    trials: int | None = None,
-    axes: Mapping[str, Sequence[float]] | None = None,
-    seed: int = 0,
     workers: int = 1,
-    starts: int = 3,
-    hold_out: Sequence[str] = (),
     store: Path | None = None,
     resume: bool = False,
     hashes: Mapping[str, str] | None = None,
     files: Mapping[str, str] | None = None,
     progress: Observer | None = None,
+    **changes: Any,
 ) -> CalibrationResult:
     """Find the free parameters of a problem, all its experiments jointly.
 
@@ -79,24 +66,12 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
     ----------
     problem
         What is to be met by what.
-    method
-        "least-squares" (exact sensitivities), "tpe" (Optuna, as paper A) or "grid" (as paper B).
-    trials
-        Budget: trajectories of each start, trials, or grid points at most; 40, 1000 or 400 when None.
-    axes
-        Of "grid", in the place of trials: the values [SI] of every parameter, by label.
-    seed
-        Of the starts and of TPE. Everything else has no chance in it.
+    settings
+        How it is searched; `SearchSettings()` when None.
     workers
         Processes. Every method gives the same result for any number, up to the last digits, in which the linear
         solver's threads (cores over workers) round differently. `tpe` asks for four trials at a time, so more than
         four workers do not help it; a resumed run keeps the number that it began with.
-    starts
-        Local searches of "least-squares": the first from the parameters' start, the others from a Latin hypercube, in
-        case the first ends in a minimum that is not the lowest. Each costs one trajectory where it sees no minimum
-        that is lower by a hundredth, and none where the first has met the measurements exactly.
-    hold_out
-        Experiments that are not fitted but predicted afterwards; see `softcal.calibration.hold_out`.
     store
         Run folder: every trial is kept there as it comes, and the result at the end. None keeps nothing.
     resume
@@ -105,42 +80,33 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
         What else identifies the run (a resume with another is refused), and texts to keep with it.
     progress
         Called after every trial, and before what follows the search and takes long (its `stage` says what that is).
+    changes
+        Settings by their names, such as `method="tpe", trials=100`, in the place of those in `settings`.
 
     Raises
     ------
     ParameterError
-        For a method, budget, number or experiment to hold out that makes no sense.
+        For a setting that does not exist or makes no sense, or an experiment that cannot be held out.
     StorageError
         Where the folder cannot be used, or holds a run of something else.
     CalibrationError
         Where no trial could be simulated, or a worker died. The trials are kept.
     """
     began = time.perf_counter()
-    settings: dict[str, Any] = {
-        "method": method,
-        "trials": trials if trials is not None else DEFAULT_TRIALS.get(method, 0),
-        "seed": seed,
-        "starts": starts if method == "least-squares" else 1,
-        "batch": TPE_BATCH if method == "tpe" else 1,
-    }
-    if axes is not None:
-        settings |= {"trials": math.prod(map(len, axes.values())), "axes": {name: list(x) for name, x in axes.items()}}
-    if hold_out:
-        settings["hold_out"] = list(hold_out)
-    _check(settings, workers)
+    settings = _settled((settings or SearchSettings()).changed(**changes), workers)
     identity = {**fingerprints(problem), **(hashes or {})}
-    whole, problem = problem, fitted_part(problem, hold_out)
+    whole, problem = problem, fitted_part(problem, settings.hold_out)
     with contextlib.ExitStack() as stack:
         with interrupts_held():
             run = _open(store, resume, identity, settings, files)
             if run is not None:
                 stack.enter_context(run)
-                settings = run.settings
-        optimiser = _optimiser(problem, settings)
+                settings = replace(settings, batch=run.batch)
+        optimiser = OPTIMISERS[settings.method].begin(problem, settings)
         journal = None
-        if run is not None and method == "tpe":
+        if run is not None:
             with interrupts_held():
-                journal = OptunaJournal(run.folder / JOURNAL, problem.space)
+                journal = optimiser.journal(run.folder)
         tally = _Tally(problem, run, journal, began)
         evaluator = stack.enter_context(Evaluator(problem, workers=workers, jacobian=optimiser.needs_jacobian))
         stopped = _search(optimiser, evaluator, tally, progress)
@@ -149,13 +115,13 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
         status = _stopped_status(tally, optimiser, stopped) if stopped else optimiser.status
         converged = False if stopped and optimiser.converged is not None else optimiser.converged
         account = Account(settings, status, tally.n_solves, tally.elapsed(), identity, converged)
-        if method != "least-squares":
+        if optimiser.statistics == "fanova":
             _tell_stage(progress, tally, optimiser, "importances (fANOVA)")
         result = conclude(problem, tally.best, tuple(tally.trials), account)
-        if hold_out:
-            _tell_stage(progress, tally, optimiser, f"prediction of {', '.join(hold_out)}")
+        if settings.hold_out:
+            _tell_stage(progress, tally, optimiser, f"prediction of {', '.join(settings.hold_out)}")
             theta = {name: estimate.value for name, estimate in result.parameters.items()}
-            held_out, notes = predicted(whole, theta, hold_out)
+            held_out, notes = predicted(whole, theta, settings.hold_out)
             result = replace(result, held_out=held_out, notes=(*result.notes, *notes))
         if run is not None:
             write_result(result, run.folder)
@@ -190,7 +156,7 @@ class _Tally:
 
     problem: Problem
     run: RunStore | None
-    journal: OptunaJournal | None
+    journal: Journal | None
     began: float
     trials: list[Trial] = field(default_factory=list[Trial])
     best: Evaluation | None = None
@@ -279,11 +245,18 @@ def _tell_stage(progress: Observer | None, tally: _Tally, optimiser: Optimiser, 
             progress(_progress(tally, optimiser, stage))
 
 
+def _settled(settings: SearchSettings, workers: int) -> SearchSettings:
+    """The settings made complete by the optimiser that they name."""
+    if workers < 1:
+        raise ParameterError(Fault("there must be a worker", "workers", got=str(workers), allowed="1 or more"))
+    return OPTIMISERS.named(settings.method).settled(settings)
+
+
 def _open(
     folder: Path | None,
     resume: bool,
     identity: Mapping[str, str],
-    settings: Mapping[str, Any],
+    settings: SearchSettings,
     files: Mapping[str, str] | None,
 ) -> RunStore | None:
     if folder is None:
@@ -291,35 +264,10 @@ def _open(
             raise StorageError(Fault("there is no run to resume without its folder", "store"))
         return None
     if resume:
-        return RunStore.resume(folder, identity=identity, settings=settings)
-    return RunStore.create(folder, identity=identity, settings=settings, versions=installed_versions(), files=files)
-
-
-def _optimiser(problem: Problem, settings: Mapping[str, Any]) -> Optimiser:
-    space, trials, seed = problem.space, int(settings["trials"]), int(settings["seed"])
-    if settings["method"] == "tpe":
-        return TpeOptimiser(space, trials=trials, seed=seed, batch=int(settings["batch"]))
-    if settings["method"] == "grid":
-        return GridOptimiser(space, trials=trials, axes=settings.get("axes"))
-    return LeastSquaresOptimiser(space, problem.loss, trials=trials, seed=seed, starts=int(settings["starts"]))
-
-
-def _check(settings: Mapping[str, Any], workers: int) -> None:
-    faults: list[Fault] = []
-    if settings["method"] not in DEFAULT_TRIALS:
-        faults.append(
-            Fault("there is no such method", "method", got=str(settings["method"]), allowed=", ".join(DEFAULT_TRIALS))
-        )
-    elif settings["trials"] < 1:
-        faults.append(Fault("there must be a trial", "trials", got=str(settings["trials"]), allowed="1 or more"))
-    if settings["starts"] < 1:
-        faults.append(Fault("there must be a start", "starts", got=str(settings["starts"]), allowed="1 or more"))
-    if workers < 1:
-        faults.append(Fault("there must be a worker", "workers", got=str(workers), allowed="1 or more"))
-    if not 0 <= settings["seed"] < 2**32:
-        faults.append(Fault("the seed is out of range", "seed", got=str(settings["seed"]), allowed="0 to 4294967295"))
-    if faults:
-        raise ParameterError(faults)
+        grows = OPTIMISERS[settings.method].grows
+        return RunStore.resume(folder, identity=identity, settings=settings.record(), grows=grows)
+    versions = installed_versions()
+    return RunStore.create(folder, identity=identity, settings=settings.record(), versions=versions, files=files)
 
 
 def _no_result(tally: _Tally, stopped: str) -> str:

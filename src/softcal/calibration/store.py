@@ -85,11 +85,13 @@ class _Row(Record):
 
 
 class RunStore:
-    """An open run folder. Use `create` or `resume`, and close it (or use it in `with`)."""
+    """An open run folder. Use `create` or `resume`, and close it (or use it in `with`).
 
-    def __init__(self, folder: Path, settings: Mapping[str, Any]) -> None:
-        self.folder = folder
-        self.settings = dict(settings)
+    batch: the number of points that the search asks for at once, with which the run was begun.
+    """
+
+    def __init__(self, folder: Path, batch: int = 1) -> None:
+        self.folder, self.batch = folder, batch
         # One that was closed in order has its rows in the file itself; SQLite would begin an empty one in its place.
         lost = [name for name in (JOURNAL, RESULT) if (folder / name).is_file()]
         if lost and not (folder / TRIALS).is_file():
@@ -133,11 +135,13 @@ class RunStore:
             write_text(folder / name, text)
         about = {"format": _FORMAT, "identity": dict(identity), "settings": dict(settings), "versions": dict(versions)}
         write_text(folder / "run.json", json.dumps(about, indent=2))
-        return cls(folder, settings)
+        return cls(folder, settings.get("batch", 1))
 
     @classmethod
-    def resume(cls, folder: Path, *, identity: Mapping[str, str], settings: Mapping[str, Any]) -> RunStore:
-        """The run in a folder, to go on with; its settings are those it began with, but for the number of trials.
+    def resume(
+        cls, folder: Path, *, identity: Mapping[str, str], settings: Mapping[str, Any], grows: bool = True
+    ) -> RunStore:
+        """The run in a folder, to go on with, by the settings it began with; `grows`: but for the number of trials.
 
         Raises
         ------
@@ -153,16 +157,16 @@ class RunStore:
             *_other_things(path, held_identity, identity),
             *_differences("the run was begun otherwise", path, held_settings, settings, ignored=("batch", "trials")),
         ]
-        if held_settings.get("method") == "grid" and held_settings.get("trials") != settings.get("trials"):
+        if not grows and held_settings.get("trials") != settings.get("trials"):
             faults += _differences(
-                "another number of trials is another grid",
+                f"another number of trials is another {settings.get('method')}",
                 path,
                 {"trials": held_settings.get("trials")},
                 {"trials": settings.get("trials")},
             )
         if faults:
             raise StorageError(faults)
-        return cls(folder, {**held_settings, "trials": settings.get("trials")})
+        return cls(folder, held.settings.batch)
 
     def __enter__(self) -> RunStore:
         return self

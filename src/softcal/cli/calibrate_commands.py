@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from softcal.cli.app import ProjectFile, app, exit_on_error, resumable
+from softcal.cli.app import ProjectFile, app, resumable, told
 from softcal.cli.calibration_bars import calibration_progress
 from softcal.cli.calibration_table import print_results
 from softcal.cli.printing import print_warnings
@@ -22,11 +22,15 @@ if TYPE_CHECKING:
 
 
 @app.command()
-@exit_on_error
+@told
 def calibrate(  # noqa: PLR0913 (one argument for each option)
     project: ProjectFile,
     method: Annotated[
-        str | None, typer.Option(help="least-squares, tpe or grid; as the project says by default.", show_default=False)
+        str | None,
+        typer.Option(
+            help="least-squares, tpe, grid, or one that was registered; as the project says by default.",
+            show_default=False,
+        ),
     ] = None,
     fit: Annotated[
         str | None, typer.Option(help="each, joint or both; as the project says by default.", show_default=False)
@@ -65,36 +69,33 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
 
     print_warnings(loaded.warnings)
     folder = out if out is not None else project.parent / "run"
-    options: dict[str, str | int | list[str] | None] = {
-        "--method": method,
-        "--fit": fit,
-        "--trials": trials,
-        "--seed": seed,
-        "--hold-out": hold_out,
-        "--split": split,
-        "--set": values,
-        "--engine": None if engine == SOFTCAL else engine,
-        "--workers": None if workers == 1 else workers,
+    changes: dict[str, Any] = {
+        "method": method,
+        "fit": fit,
+        "trials": trials,
+        "seed": seed,
+        "hold_out": hold_out,
+        "split": split,
     }
-    again = f"{shlex.quote(str(project))} --out {shlex.quote(str(folder))}{as_typed(options)} --resume"
+    others = {
+        "set": values,
+        "engine": None if engine == SOFTCAL else engine,
+        "workers": None if workers == 1 else workers,
+    }
+    again = f"{shlex.quote(str(project))} --out {shlex.quote(str(folder))}{as_typed({**changes, **others})} --resume"
+    changes["hold_out"] = None if hold_out is None else names(hold_out)
     if engine != SOFTCAL and not resume:
-        plan = {"method": method, "fit": fit, "trials": trials, "seed": seed, "split": split}
-        _print_expected(loaded, engine, None if hold_out is None else names(hold_out), plan, workers)
+        _print_expected(loaded, engine, changes, workers)
     with resumable(folder, "Everything", f"softcal calibrate {again}"):
         with calibration_progress() as bars:
             found = calibrate_project(
                 loaded,
                 out=folder,
                 resume=resume,
-                method=method,
-                fit=fit,
-                trials=trials,
-                seed=seed,
-                hold_out=None if hold_out is None else names(hold_out),
-                split=split,
                 workers=workers,
                 engine=engine,
                 progress=bars.show,
+                **changes,
             )
         print_results(found.results, {name: e.dataset for name, e in loaded.experiments.items()})
         if found.stopped_by is not None:
@@ -106,18 +107,16 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
         report_run(folder, None, solved)
 
 
-def _print_expected(
-    project: Project, engine: str, hold_out: list[str] | None, options: dict[str, Any], workers: int
-) -> None:
+def _print_expected(project: Project, engine: str, changes: dict[str, Any], workers: int) -> None:
     """Say how long a calibration by another engine will take, before it begins."""
-    from softcal.report.format import duration
+    from softcal.report.wording import duration
     from softcal.workflows.calibration import plan
     from softcal.workflows.expected_duration import expected_duration
 
-    settings, problems = plan(project, engine, hold_out=hold_out, **options)
+    settings, problems = plan(project, engine, **changes)
     with clock() as show:
         show(f"Timing one simulation by {engine}")
-        expected = expected_duration(problems, settings, workers)
+        expected = expected_duration(problems, settings.search, workers)
     low, high = expected.duration
     span = duration(high) if duration(low) == duration(high) else f"{duration(low)} to {duration(high)}"
     count = " to ".join(dict.fromkeys(str(n) for n in expected.simulations))
@@ -128,7 +127,7 @@ def _print_expected(
 
 
 @app.command()
-@exit_on_error
+@told
 def report(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="A folder that calibrate wrote.", show_default=False)],
     out: Annotated[

@@ -66,9 +66,10 @@ def parsed_pairs(given: list[str] | None, option: str, what: str, allowed: str) 
 
 
 def as_typed(options: Mapping[str, str | int | list[str] | None]) -> str:
-    """Those options that were given as they are typed again, a blank before each."""
+    """Those options (by their names in Python) that were given as they are typed again, a blank before each."""
     pairs = [(name, one) for name, given in options.items() for one in (given if isinstance(given, list) else [given])]
-    return "".join(f" {name} {shlex.quote(str(one))}" for name, one in pairs if one is not None)
+    typed = [(name.replace("_", "-"), str(one)) for name, one in pairs if one is not None]
+    return "".join(f" --{name} {shlex.quote(one)}" for name, one in typed)
 
 
 def names(text: str) -> list[str]:

@@ -20,8 +20,8 @@ from softcal.checks import Floats
 from softcal.errors import Fault, ParameterError
 from softcal.export.calculix_cables import cable_lines, dead_pulls
 from softcal.export.calculix_format import listed, number, set_name, weighted_sum
-from softcal.export.load_path import load_path
-from softcal.materials.catalogue import law_named
+from softcal.export.way import way_to
+from softcal.materials.catalogue import LAWS
 from softcal.mechanics.layout import FIXED, Layout
 from softcal.twin.build import Twin, build_twin
 from softcal.twin.parameters import parameter_values
@@ -56,11 +56,11 @@ def in_its_law(robot: Robot) -> Robot:
 
 
 def _in_its_law(body: Body) -> Body:
-    law = law_named(body.law)
+    law = LAWS.named(body.law)
 
     def alike(parameters: Mapping[str, float]) -> Mapping[str, float]:
         """E and nu: the law's own, or those that it has at small strain."""
-        if law.names == law_named(ITS_LAW).names:
+        if law.names == LAWS.named(ITS_LAW).names:
             return parameters
         return {"youngs_modulus": law.youngs_modulus(parameters), "poissons_ratio": law.poissons_ratio(parameters)}
 
@@ -70,7 +70,7 @@ def _in_its_law(body: Body) -> Body:
 
 
 def calculix_deck(robot: Robot, shapes: Sequence[Snapshot]) -> Deck:
-    """The deck of a robot under the loads and cable tensions of its shapes, one after the other; see `load_path`.
+    """The deck of a robot under the loads and cable tensions of its shapes, one after the other; see `way_to`.
 
     Raises
     ------
@@ -134,7 +134,7 @@ def write_calculix(robot: Robot, shape: Snapshot, folder: Path, *, given: Robot 
         For what CalculiX cannot be given; see `calculix_deck`.
     """
     _require(robot)
-    deck = calculix_deck(robot, load_path(robot, shape).shapes)
+    deck = calculix_deck(robot, way_to(robot, shape).shapes)
     notes = _notes(given or robot)
     path, readme = folder / DECK, folder / "README.txt"
     path.write_text(deck.text, encoding="utf-8")
@@ -219,7 +219,7 @@ def _bonds(twin: Twin) -> Iterator[str]:
 
 
 def _materials(robot: Robot) -> Iterator[str]:
-    law = law_named(ITS_LAW)
+    law = LAWS.named(ITS_LAW)
     for material in (material for body in robot.bodies for material in body.materials):
         mu, kappa = law.shear_modulus(material.parameters), law.bulk_modulus(material.parameters)
         yield f"*MATERIAL, NAME={set_name(material.name)}"

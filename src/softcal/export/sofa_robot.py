@@ -10,7 +10,7 @@ from softcal.checks import Ints
 from softcal.errors import Fault, ParameterError
 from softcal.export.sofa_rods import linear_rod
 from softcal.geometry.mesh import TetMesh
-from softcal.materials.catalogue import law_named
+from softcal.materials.catalogue import LAWS
 from softcal.twin.bores import bores
 from softcal.twin.robot import Body, Robot, SurfaceLoad
 
@@ -57,7 +57,7 @@ def law_faults(robot: Robot) -> list[Fault]:
             "SOFA's scene cannot have this law",
             where=f"{body.name}.law",
             got=body.law,
-            allowed=f"{ITS_LAW}, or another by {' and '.join(law_named(ITS_LAW).names)}",
+            allowed=f"{ITS_LAW}, or another by {' and '.join(LAWS.named(ITS_LAW).names)}",
             attempt=f"a twin with law: {ITS_LAW}, calibrated on the same experiments",
         )
         for body in robot.bodies
@@ -66,7 +66,7 @@ def law_faults(robot: Robot) -> list[Fault]:
 
 
 def _can_stand_for(law: str) -> bool:
-    return set(law_named(law).names) == set(law_named(ITS_LAW).names)
+    return set(LAWS.named(law).names) == set(LAWS.named(ITS_LAW).names)
 
 
 def is_its_own(body: Body) -> bool:

@@ -6,7 +6,9 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field
 
-from softcal.project.section import Given, Modulus, PositiveRatio, Section, counted, listed, quantity
+from softcal.calibration.optimiser import OPTIMISERS
+from softcal.calibration.settings import SearchSettings
+from softcal.project.section import Given, Modulus, PositiveRatio, Section, counted, listed, member_of, quantity
 
 Exponent = Annotated[float, BeforeValidator(quantity("exponent"))]
 
@@ -35,13 +37,18 @@ class CalibrationSection(Section):
     loss: Literal["papers", "likelihood", "distance"] = "papers"
     alpha: PositiveRatio = 0.3
     beta: PositiveRatio = 1.0
-    method: Literal["least-squares", "tpe", "grid"] = "least-squares"
+    method: Annotated[str, member_of(OPTIMISERS)] = SearchSettings.method
     trials: Annotated[int, counted("trials")] | None = None
-    starts: Annotated[int, counted("starts")] = 3
+    starts: Annotated[int, counted("starts")] = SearchSettings.starts
     seed: Annotated[int, counted("seeds")] = 1
     fit: Literal["each", "joint", "both"] = "joint"
     hold_out: Annotated[list[str], BeforeValidator(listed)] = Field(default_factory=list)
     split: Annotated[list[str], BeforeValidator(listed)] = Field(default_factory=list)
+
+    @property
+    def search(self) -> SearchSettings:
+        """What decides the course of the search."""
+        return SearchSettings(self.method, self.trials, self.seed, self.starts, tuple(self.hold_out))
 
 
 class PrintSection(Section):

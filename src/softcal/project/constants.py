@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import Field, field_validator
+from pydantic import Field
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
-from softcal.errors import nearest
-from softcal.materials.catalogue import LAWS
+from softcal.materials.catalogue import LAWS, constants_of
 from softcal.materials.law import Law
 from softcal.materials.parameter import Parameter
-from softcal.project.section import Section, fault_error, reader
+from softcal.project.section import Section, member_of, reader
 
 
 class ConstantsSection(Section):
@@ -51,7 +50,7 @@ class ConstantsSection(Section):
     @classmethod
     def _of_law(cls, given: Mapping[str, Any]) -> Mapping[str, Parameter]:
         """The constants that may be given; those of every law where the law is not known here."""
-        return LAWS.constants()
+        return constants_of(LAWS)
 
     @classmethod
     def _required(cls, given: Mapping[str, Any]) -> tuple[str, ...]:
@@ -62,20 +61,12 @@ class ConstantsSection(Section):
 class LawSection(ConstantsSection):
     """The constants of the law that the mapping names."""
 
-    law: str = "neo-hooke"
-
-    @field_validator("law")
-    @classmethod
-    def _known_law(cls, law: str) -> str:
-        if law not in LAWS:
-            attempt = nearest(law, LAWS)
-            raise fault_error("there is no such law", got=f"'{law}'", allowed=", ".join(sorted(LAWS)), attempt=attempt)
-        return law
+    law: Annotated[str, member_of(LAWS)] = "neo-hooke"
 
     @classmethod
     def _of_law(cls, given: Mapping[str, Any]) -> Mapping[str, Parameter]:
         law = cls._named(given)
-        return LAWS.constants() if law is None else {parameter.name: parameter for parameter in law.parameters}
+        return constants_of(LAWS) if law is None else {parameter.name: parameter for parameter in law.parameters}
 
     @classmethod
     def _required(cls, given: Mapping[str, Any]) -> tuple[str, ...]:

@@ -17,6 +17,7 @@ from pydantic import (
 )
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
+from softcal.catalogue import Catalogue
 from softcal.errors import Fault, InputError, nearest
 from softcal.limits import LIMITS
 from softcal.project.document import Findings, KeyPath
@@ -128,6 +129,18 @@ def counted(kind: str) -> BeforeValidator:
         return value
 
     return BeforeValidator(check)
+
+
+def member_of(catalogue: Catalogue[Any]) -> AfterValidator:
+    """The name of a member of a family that others can add to."""
+
+    def check(name: str) -> str:
+        if name not in catalogue:
+            fault = catalogue.unknown(name)
+            raise fault_error(fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt)
+        return name
+
+    return AfterValidator(check)
 
 
 def at_most(kind: str) -> AfterValidator:

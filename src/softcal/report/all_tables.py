@@ -7,7 +7,7 @@ from softcal.report.content import ReportContent
 from softcal.report.mesh_section import mesh_tables
 from softcal.report.positions import distances_table
 from softcal.report.tables import (
-    ReportTable,
+    Table,
     all_parameters_table,
     errors_table,
     failures_table,
@@ -18,7 +18,7 @@ from softcal.report.tables import (
 )
 
 
-def all_tables(content: ReportContent) -> dict[str, ReportTable]:
+def all_tables(content: ReportContent) -> dict[str, Table]:
     """Every table of the report by key."""
     tables = (
         parameters_table(content),

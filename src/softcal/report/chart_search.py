@@ -7,17 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from softcal.calibration.result import CalibrationResult, Estimate
-from softcal.materials.catalogue import LAWS
+from softcal.materials.catalogue import LAWS, constants_of
 from softcal.report.content import Landscape
-from softcal.report.format import (
-    Scale,
-    estimate_scale,
-    estimate_text,
-    number,
-    parameter_label,
-    parameter_name,
-    scale_of,
-)
 from softcal.report.series import SearchHistory, searched_pair
 from softcal.report.style import (
     BLUE,
@@ -31,6 +22,15 @@ from softcal.report.style import (
     new_figure,
     plain_log_axis,
     plain_log_ticks,
+)
+from softcal.report.wording import (
+    Scale,
+    estimate_scale,
+    estimate_text,
+    number,
+    parameter_label,
+    parameter_name,
+    scale_of,
 )
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def _scale(result: CalibrationResult, name: str) -> Scale:
     estimate = result.parameters.get(name)
     if estimate is not None:
         return estimate_scale(estimate)
-    constant = LAWS.constants().get(parameter_name(name).kind)
+    constant = constants_of(LAWS).get(parameter_name(name).kind)
     return scale_of(constant.quantity.unit) if constant is not None else Scale("", 1.0)
 
 

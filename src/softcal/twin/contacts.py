@@ -13,7 +13,7 @@ from softcal.errors import Fault, MeshError
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.ring import across, ring_points
 from softcal.geometry.surface import boundary_faces, boundary_triangles
-from softcal.materials.catalogue import law_named
+from softcal.materials.catalogue import LAWS
 from softcal.mechanics.contact import ContactTerm, edges_of
 from softcal.mechanics.layout import FIXED, Layout
 from softcal.twin.robot import Contact, Disc, Plate, Robot, Rod
@@ -30,7 +30,7 @@ NO_PAIRS: Ints = np.zeros((0, 2), dtype=np.int64)
 def fitting_contact(robot: Robot) -> Contact:
     """A contact whose gap is small beside the robot's meshes and wires, and whose barrier is near its stiffness."""
     lengths = [mean_edge(body.mesh) for body in robot.bodies] + [wire_diameter(rod) for rod in robot.rods]
-    moduli = [law_named(body.law).youngs_modulus(body.parameters) for body in robot.bodies]
+    moduli = [LAWS.named(body.law).youngs_modulus(body.parameters) for body in robot.bodies]
     moduli += [rod.parameters["youngs_modulus"] for rod in robot.rods]
     return Contact(GAP * min(lengths), STIFFNESS * max(moduli))
 

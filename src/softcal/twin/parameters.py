@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from softcal.errors import Fault, ParameterError, nearest
-from softcal.materials.catalogue import LAWS
+from softcal.materials.catalogue import LAWS, constants_of
 from softcal.materials.elastic_constants import LINEAR_ELASTIC
 from softcal.quantities import QUANTITIES, Quantity
 from softcal.twin.robot import Body, Material, PointLoad, Robot, Rod
@@ -67,7 +67,7 @@ KINDS: Mapping[str, Quantity] = {
 def kind_by_name(name: str) -> Quantity | None:
     """The kind of quantity that a robot parameter of this dotted name is, as far as the name tells; None for others."""
     key = name.rsplit(".", 1)[-1]
-    constant = LAWS.constants().get(key)
+    constant = constants_of(LAWS).get(key)
     return constant.quantity if constant is not None else KINDS.get(key)
 
 

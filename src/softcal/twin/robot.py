@@ -13,7 +13,7 @@ from softcal.errors import Fault, InputError
 from softcal.geometry.centreline import Centreline
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.section import Section
-from softcal.materials.catalogue import law_named
+from softcal.materials.catalogue import LAWS
 from softcal.materials.elastic_constants import LINEAR_ELASTIC
 from softcal.materials.parameter import complete
 from softcal.twin.cables import Cable, ViaPoint
@@ -64,7 +64,7 @@ class Body:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "fixed", frozen_ints(self.fixed, name=f"fixed nodes of {self.name}", shape=(None,)))
-        constants = law_named(self.law, where=f"{self.name}.law").parameters
+        constants = LAWS.named(self.law, where=f"{self.name}.law").parameters
         own = complete(self.parameters, constants, owner=self.name)
         object.__setattr__(self, "parameters", own)
         inclusions = (

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from softcal.csv_text import csv_text
 from softcal.errors import DatasetError, Fault
 from softcal.vision.marker_pose import MarkerEstimate, MarkerPoses
 from softcal.vision.marker_scene import Glimpse, MarkerSet
@@ -38,11 +39,13 @@ class MarkerTable:
         For each marker its position and the standard deviations, its rotation vector and the standard deviations of
         turns about the base's axes, and the number of images that show it.
         """
-        rows: list[list[object]] = []
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(["group", "images [1]", *(h for name in self.names for h in _headers(name)), "notes"])
         for group in self.groups:
             cells = [cell for name in self.names for cell in _cells(self.cells.get((group, name)))]
-            rows.append([group, self.n_images[group], *cells, "; ".join(self.notes[group])])
-        return csv_text(["group", "images [1]", *(h for name in self.names for h in _headers(name)), "notes"], rows)
+            writer.writerow([group, self.n_images[group], *cells, "; ".join(self.notes[group])])
+        return text.getvalue()
 
 
 def marker_table(

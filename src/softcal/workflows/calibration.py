@@ -51,20 +51,15 @@ class Calibrations:
         return self.results[JOINT] if JOINT in self.results else next(iter(self.results.values()))
 
 
-def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
+def calibrate(
     project: Project,
     *,
     out: str | Path | None = None,
     resume: bool = False,
-    method: str | None = None,
-    fit: str | None = None,
-    trials: int | None = None,
-    seed: int | None = None,
-    hold_out: Sequence[str] | None = None,
-    split: Sequence[str] | None = None,
     workers: int = 1,
     engine: str = SOFTCAL,
     progress: Observer | None = None,
+    **changes: object,
 ) -> Calibrations:
     """Find a project's free parameters.
 
@@ -74,15 +69,16 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
         Run folder, new or empty; None keeps nothing on disk.
     resume
         Go on with the run in `out`.
-    method, fit, trials, seed, hold_out, split
-        In the place of what the project says: "least-squares", "tpe" or "grid"; "each", "joint" or "both"; experiments
-        that are not fitted but predicted; tied parameters that get a value for each of their parts.
     workers
         Processes.
     engine
         What computes the twin: "softcal" or "sofa", by the project's `engines`.
     progress
         Called after every trial, and before what takes long after them, with the calibration's label and its progress.
+    changes
+        Any of the project's `calibration` section, in the place of what it says: `method`, `fit` ("each", "joint" or
+        "both"), `trials`, `seed`, `starts`, `loss`, `hold_out` (experiments that are not fitted but predicted), `split`
+        (tied parameters that get a value for each of their parts). None leaves what it says.
 
     Raises
     ------
@@ -92,9 +88,7 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
     CalibrationError
         Where no trial could be simulated.
     """
-    settings, problems = plan(
-        project, engine, method=method, fit=fit, trials=trials, seed=seed, hold_out=hold_out, split=split
-    )
+    settings, problems = plan(project, engine, **changes)
     folder = None if out is None else Path(out)
     if folder is not None:
         if resume:
@@ -111,11 +105,7 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
             try:
                 results[label] = calibrate_problem(
                     one,
-                    method=settings.method,
-                    trials=settings.trials,
-                    seed=settings.seed,
-                    starts=settings.starts,
-                    hold_out=settings.hold_out,
+                    settings.search,
                     workers=workers,
                     store=store,
                     resume=resume and begun,
@@ -132,19 +122,17 @@ def calibrate(  # noqa: PLR0913 (one keyword for each choice of the user)
     return Calibrations(results, folder, stop.by)
 
 
-def plan(
-    project: Project, engine: str = SOFTCAL, *, hold_out: Sequence[str] | None = None, **options: object
-) -> tuple[CalibrationSection, dict[str, Problem]]:
-    """The settings of a calibration, and the problems that it solves by label; options as those of `calibrate`.
+def plan(project: Project, engine: str = SOFTCAL, **changes: object) -> tuple[CalibrationSection, dict[str, Problem]]:
+    """The settings of a calibration, and the problems that it solves by label; changes as those of `calibrate`.
 
     Raises
     ------
     InputError
         As `calibrate`.
     """
-    held_out = None if hold_out is None else experiments_named(hold_out, project.experiments)
-    given = {key: value for key, value in {**options, "hold_out": held_out}.items() if value is not None}
+    given = {key: value for key, value in changes.items() if value is not None}
     settings = changed(project.calibration, given, "--")
+    settings = changed(settings, {"hold_out": experiments_named(settings.hold_out, project.experiments)}, "--")
     problem = replace(make_problem(project, settings), simulate=engine_for(engine, project.robot, project.engines))
     return settings, _problems(problem, settings.fit, settings.hold_out)
 

@@ -14,7 +14,7 @@ from softcal.calibration.experiment import Experiment, rig_parameters
 from softcal.checks import Ints
 from softcal.errors import Fault
 from softcal.experiments.names import is_deviation
-from softcal.materials.catalogue import law_named
+from softcal.materials.catalogue import LAWS
 from softcal.project.project import Project
 from softcal.twin.bores import bores
 from softcal.twin.build import twin_of
@@ -125,7 +125,7 @@ def _body_rows(project: Project) -> list[tuple[str, str]]:
 def _constants(body: Body, material: Material) -> str:
     shown = [
         f"{one.label} {_as_written(material.parameters[one.name], one.quantity.unit)}"
-        for one in law_named(body.law).parameters
+        for one in LAWS.named(body.law).parameters
     ]
     return ", ".join([*shown, *([f"{material.density:.4g} kg/m³"] if material.density else [])])
 

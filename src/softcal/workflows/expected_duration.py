@@ -6,13 +6,12 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from softcal.calibration.optimiser import OPTIMISERS
 from softcal.calibration.problem import Problem
-from softcal.calibration.run import DEFAULT_TRIALS
+from softcal.calibration.settings import SearchSettings
 from softcal.errors import SimulationError
-from softcal.project.calibration_schema import CalibrationSection
 
-# Points at which least squares simulates in all, and fits an experiment's own rig values: fewest and most, as a rule.
-_POINTS = (4, 12)
+# Points at which an experiment's own rig values are fitted: fewest and most, as a rule.
 _POINTS_HELD_OUT = (2, 6)
 
 
@@ -47,7 +46,7 @@ class Expected:
         return low, high
 
 
-def expected_duration(problems: Mapping[str, Problem], settings: CalibrationSection, workers: int = 1) -> Expected:
+def expected_duration(problems: Mapping[str, Problem], settings: SearchSettings, workers: int = 1) -> Expected:
     """Time one simulation at the start values, and count those that the calibrations will ask for.
 
     Parameters
@@ -66,21 +65,21 @@ def expected_duration(problems: Mapping[str, Problem], settings: CalibrationSect
     """
     first = next(iter(problems.values()))
     seconds = _timed(first)
+    optimiser = OPTIMISERS.named(settings.method)
+    budget = optimiser.settled(settings).trials or 0
+    points = optimiser.expected or (budget, budget)
     search, held_out = [0, 0], [0, 0]
     for problem in problems.values():
         names = [e.name for e in problem.experiments]
         fitted = problem.only([name for name in names if name not in settings.hold_out])
         for end in (0, 1):
-            if settings.method == "least-squares":
-                search[end] += _POINTS[end] * fitted.n_simulations(jacobian=True)
-            else:
-                search[end] += (settings.trials or DEFAULT_TRIALS[settings.method]) * fitted.n_simulations()
+            search[end] += points[end] * fitted.n_simulations(jacobian=optimiser.needs_jacobian)
         for name in (name for name in names if name in settings.hold_out):
             alone = problem.alone(name)
             own = any(p.label not in fitted.space.labels for p in alone.space.parameters)
             for end in (0, 1):
                 held_out[end] += (_POINTS_HELD_OUT[end] if own else 1) * alone.n_simulations()
-    shared = 1 if settings.method == "least-squares" else workers
+    shared = workers if optimiser.in_parallel else 1
     return Expected(seconds, (search[0], search[1]), (held_out[0], held_out[1]), shared)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -9,9 +11,8 @@ from softcal.analysis.validation import Prediction, Validation, folds_of, leave_
 from softcal.calibration.interrupts import stoppable
 from softcal.calibration.problem import Problem
 from softcal.calibration.run import Progress
-from softcal.csv_text import csv_text
+from softcal.calibration.settings import SearchSettings
 from softcal.errors import Fault, ParameterError
-from softcal.project.calibration_schema import CalibrationSection
 from softcal.project.project import Project
 from softcal.workflows.calibration import make_problem
 from softcal.workflows.output import require_free_file, write_new_file
@@ -58,13 +59,10 @@ def validate(
             models[label] = leave_out(
                 problem,
                 folds,
+                settings,
+                workers=workers,
                 progress=_told(progress, label),
                 stopped=lambda: stop.by is not None,
-                method=settings.method,
-                trials=settings.trials,
-                seed=settings.seed,
-                starts=settings.starts,
-                workers=workers,
             )
     if stop.by is not None:
         raise stop.by
@@ -85,8 +83,10 @@ def write_validation(found: Validation, path: str | Path) -> None:
 
 def validation_csv(found: Validation) -> str:
     """The predictions as CSV text; errors in SI, an empty cell where one does not apply."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
     header = ["model", "left out", "experiment", "of", "unit", "RMSE", "mean", "largest", "RMSE [% of length]", "n [1]"]
-    rows: list[list[object]] = []
+    writer.writerow([*header, "parameters"])
     for model, predictions in found.models.items():
         for one in predictions:
             values = "; ".join(f"{name} = {e.value:.6g} {e.unit}" for name, e in one.result.parameters.items())
@@ -94,16 +94,16 @@ def validation_csv(found: Validation) -> str:
                 first = [model, ", ".join(one.left_out), experiment]
                 for point, d in held.fit.distances.items():
                     share = "" if held.fit.length is None else 100 * d.rms / held.fit.length
-                    rows.append([*first, point, "m", d.rms, d.mean, d.max, share, d.n, values])
+                    writer.writerow([*first, point, "m", d.rms, d.mean, d.max, share, d.n, values])
                 for channel, rmse in held.fit.rmse.items():
                     if channel.rpartition(".")[0] not in held.fit.distances:
                         n = len(held.fit.measured[channel])
-                        rows.append([*first, channel, held.fit.units[channel], rmse, "", "", "", n, values])
-    return csv_text([*header, "parameters"], rows)
+                        writer.writerow([*first, channel, held.fit.units[channel], rmse, "", "", "", n, values])
+    return text.getvalue()
 
 
-def _problems(projects: Mapping[str, Project], split: Sequence[str]) -> dict[str, tuple[Problem, CalibrationSection]]:
-    problems = {label: (make_problem(project), project.calibration) for label, project in projects.items()}
+def _problems(projects: Mapping[str, Project], split: Sequence[str]) -> dict[str, tuple[Problem, SearchSettings]]:
+    problems = {label: (make_problem(project), project.calibration.search) for label, project in projects.items()}
     names = {label: [e.name for e in problem.experiments] for label, (problem, _) in problems.items()}
     first, *others = names
     faults = [

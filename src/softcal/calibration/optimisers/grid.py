@@ -7,15 +7,17 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from softcal.calibration.optimiser import Optimiser, Proposal
+from softcal.calibration.optimiser import Optimiser, Proposal, register_optimiser
 from softcal.calibration.parameters import SearchSpace
-from softcal.calibration.problem import Evaluation
+from softcal.calibration.problem import Evaluation, Problem
+from softcal.calibration.settings import SearchSettings
 from softcal.errors import Fault, ParameterError
 
 # Small enough that an interrupted run has told nearly all it found, large enough to keep many workers busy.
 _GENERATION = 32
 
 
+@register_optimiser
 class GridOptimiser(Optimiser):
     """A full grid, the last axis fastest: over given values, or equally spaced between the bounds.
 
@@ -34,7 +36,14 @@ class GridOptimiser(Optimiser):
     """
 
     name = "grid"
-    needs_jacobian = False
+    title = "grid sweep"
+    default_trials = 400
+    heeds = frozenset({"axes"})
+    grows = False
+
+    @classmethod
+    def begin(cls, problem: Problem, settings: SearchSettings) -> GridOptimiser:
+        return cls(problem.space, trials=settings.trials or 0, axes=settings.axes)
 
     def __init__(
         self, space: SearchSpace, *, trials: int = 0, axes: Mapping[str, Sequence[float]] | None = None

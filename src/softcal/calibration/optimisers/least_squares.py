@@ -6,9 +6,10 @@ import numpy as np
 
 from softcal.calibration.descent import Descent, counted
 from softcal.calibration.loss import Loss, rms
-from softcal.calibration.optimiser import Optimiser, Proposal
+from softcal.calibration.optimiser import Optimiser, Proposal, register_optimiser
 from softcal.calibration.parameters import SearchSpace
-from softcal.calibration.problem import Evaluation
+from softcal.calibration.problem import Evaluation, Problem
+from softcal.calibration.settings import SearchSettings
 from softcal.checks import Floats
 
 # A start above this share of the range below a ceiling may lie where elements lock.
@@ -21,6 +22,7 @@ _WORTH = 0.01
 _MET = 1e-6
 
 
+@register_optimiser
 class LeastSquaresOptimiser(Optimiser):
     """Trust-region descents with exact jacobians; `trials` limits the trajectories of each start.
 
@@ -35,7 +37,18 @@ class LeastSquaresOptimiser(Optimiser):
     """
 
     name = "least-squares"
+    title = "least squares with exact derivatives"
+    default_trials = 40
     needs_jacobian = True
+    statistics = "sensitivity"
+    heeds = frozenset({"starts"})
+    expected = (4, 12)
+    in_parallel = False  # the first descent runs alone, and most often there is no other
+
+    @classmethod
+    def begin(cls, problem: Problem, settings: SearchSettings) -> LeastSquaresOptimiser:
+        trials, starts = settings.trials or 0, settings.starts
+        return cls(problem.space, problem.loss, trials=trials, seed=settings.seed, starts=starts)
 
     def __init__(self, space: SearchSpace, loss: Loss, *, trials: int, seed: int, starts: int = 1) -> None:
         self._space, self._loss = space, loss

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import contextlib
-import warnings
 from collections.abc import Generator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from softcal.calibration.optimiser import Optimiser, Proposal
+from softcal.calibration.fanova import distributions
+from softcal.calibration.optimiser import Optimiser, Proposal, register_optimiser
 from softcal.calibration.parameters import SearchSpace
-from softcal.calibration.problem import Evaluation
+from softcal.calibration.problem import Evaluation, Problem
 from softcal.calibration.result import Trial
-from softcal.calibration.store import TRIALS, storing
+from softcal.calibration.settings import SearchSettings
+from softcal.calibration.store import JOURNAL, TRIALS, storing
 from softcal.errors import Fault, StorageError
 
 if TYPE_CHECKING:
     import optuna
 
 
+@register_optimiser
 class TpeOptimiser(Optimiser):
     """TPE by Optuna. batch: points asked for before the first is told; it decides the course of the search.
 
@@ -26,7 +28,13 @@ class TpeOptimiser(Optimiser):
     """
 
     name = "tpe"
-    needs_jacobian = False
+    title = "sequential model-based search (TPE)"
+    default_trials = 1000
+    batch = 4  # so many workers can share the search, which is the same for any number of them
+
+    @classmethod
+    def begin(cls, problem: Problem, settings: SearchSettings) -> TpeOptimiser:
+        return cls(problem.space, trials=settings.trials or 0, seed=settings.seed, batch=settings.batch or 1)
 
     def __init__(self, space: SearchSpace, *, trials: int, seed: int, batch: int = 1) -> None:
         import optuna
@@ -41,11 +49,13 @@ class TpeOptimiser(Optimiser):
             seed=seed,
         )
         self._study = optuna.create_study(sampler=sampler, direction="minimize")
-        self._distributions = distributions(space)
-        self._trials = trials
-        self._batch = batch
+        self._space, self._distributions = space, distributions(space)
+        self._trials, self._batch = trials, batch
         self._asked: dict[int, optuna.trial.Trial] = {}
         self._told = 0
+
+    def journal(self, folder: Path) -> OptunaJournal:
+        return OptunaJournal(folder / JOURNAL, self._space)
 
     def ask(self) -> tuple[Proposal, ...]:
         proposals: list[Proposal] = []
@@ -74,39 +84,6 @@ class TpeOptimiser(Optimiser):
         if self._told < self._trials:
             return f"{self._told} of {self._trials} trials are done."
         return f"All {self._trials} trials were run."
-
-
-def distributions(space: SearchSpace) -> dict[str, optuna.distributions.BaseDistribution]:
-    """The search space as Optuna sees it."""
-    import optuna
-
-    return {
-        p.label: optuna.distributions.FloatDistribution(p.lower, p.upper, log=p.scale == "log")
-        for p in space.parameters
-    }
-
-
-def fanova_importance(space: SearchSpace, trials: list[tuple[dict[str, float], float]], seed: int) -> dict[str, float]:
-    """fANOVA importances by label from completed trials (theta, loss); empty where they cannot tell.
-
-    That is with fewer than two trials, or when all losses are equal.
-    """
-    import optuna
-
-    optuna.logging.set_verbosity(optuna.logging.WARNING)
-    if len(trials) < 2 or len({loss for _, loss in trials}) < 2:
-        return {}
-    study = optuna.create_study(direction="minimize")
-    known = distributions(space)
-    study.add_trials(
-        [optuna.trial.create_trial(params=theta, distributions=known, value=loss) for theta, loss in trials]
-    )
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
-        found = optuna.importance.get_param_importances(
-            study, evaluator=optuna.importance.FanovaImportanceEvaluator(seed=seed)
-        )
-    return {label: float(found[label]) for label in space.labels}
 
 
 class OptunaJournal:

@@ -6,8 +6,9 @@ import math
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
+from softcal.calibration.optimiser import OPTIMISERS
 from softcal.calibration.result import CalibrationResult, Estimate
-from softcal.materials.catalogue import LAWS
+from softcal.materials.catalogue import LAWS, constants_of
 from softcal.units import digits_showing, readable_unit, unit_factor
 
 NORMAL_95 = 1.959964  # half width of a 95 % interval in standard errors
@@ -24,11 +25,6 @@ _CHANNELS = {
     "time": "Time",
 }
 SI_UNITS_OF = {"tension": "N", "pitch": "rad", "roll": "rad", "yaw": "rad", "shortening": "m", "time": "s"}
-_METHODS = {
-    "tpe": "sequential model-based search (TPE)",
-    "grid": "grid sweep",
-    "least-squares": "least squares with exact derivatives",
-}
 
 
 @dataclass(frozen=True)
@@ -120,14 +116,14 @@ def parameter_label(name: str, others: Iterable[str] = ()) -> str:
 
 def _symbol(kind: str) -> str:
     """What a kind of parameter is written by, or "" where it has no letter."""
-    constant = LAWS.constants().get(kind)
+    constant = constants_of(LAWS).get(kind)
     return constant.label if constant is not None else _SYMBOLS.get(kind, "")
 
 
 def material_kinds(results: Iterable[CalibrationResult]) -> tuple[str, ...]:
     """The constants of materials that were calibrated, in their laws' order; E and nu where there is none."""
     kinds = {parameter_name(name).kind for result in results for name in result.parameters}
-    return tuple(kind for kind in LAWS.constants() if kind in kinds) or ("youngs_modulus", "poissons_ratio")
+    return tuple(kind for kind in constants_of(LAWS) if kind in kinds) or ("youngs_modulus", "poissons_ratio")
 
 
 def parameters_in_words(names: Iterable[str], experiments: Collection[str]) -> str:
@@ -162,7 +158,7 @@ def channel_label(channel: str) -> str:
 
 def method_label(method: str) -> str:
     """A calibration method in words."""
-    return _METHODS.get(method, method)
+    return OPTIMISERS[method].title if method in OPTIMISERS else method
 
 
 def result_label(label: str) -> str:
@@ -191,7 +187,7 @@ def joined(parts: Iterable[str]) -> str:
 def ordered_parameters(results: Mapping[str, CalibrationResult]) -> list[str]:
     """Every calibrated parameter once: the material's constants first, then in order of appearance."""
     names = list(dict.fromkeys(name for result in results.values() for name in result.parameters))
-    rank = {kind: place for place, kind in enumerate(LAWS.constants())}
+    rank = {kind: place for place, kind in enumerate(constants_of(LAWS))}
     return sorted(names, key=lambda name: rank.get(parameter_name(name).kind, len(rank)))
 
 

@@ -1,0 +1,135 @@
+"""Families that others can add to, such as laws: their members by name, softcal's own and those from outside."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from importlib.metadata import entry_points
+from typing import Generic, Protocol, TypeVar
+
+from softcal.errors import Fault, ParameterError, nearest
+
+
+class Named(Protocol):
+    """What a catalogue can hold."""
+
+    @property
+    def name(self) -> str:
+        """The name by which project files, options and results know it."""
+        ...
+
+
+T = TypeVar("T", bound=Named)
+
+
+class Catalogue(Mapping[str, T], Generic[T]):
+    """The members of a family by name.
+
+    softcal's own are given, or register themselves as the modules of a package are imported, which is when the
+    catalogue is first asked. So are packages that bring members by entry points.
+
+    Parameters
+    ----------
+    what
+        What a member is called, such as "law".
+    group
+        The group of entry points by which packages bring members, such as "softcal.laws".
+    faults
+        What is wrong with a new member, given those that there are. It is asked of what comes by an entry point too,
+        which may be anything.
+    own
+        softcal's own members.
+    home
+        The package whose modules register the other ones of softcal's own.
+    """
+
+    def __init__(
+        self,
+        what: str,
+        group: str,
+        faults: Callable[[T, Mapping[str, T]], Sequence[Fault]],
+        *,
+        own: Sequence[T] = (),
+        home: str = "",
+    ) -> None:
+        self.what, self._group, self._home = what, group, home
+        self._faults = faults
+        self._members: dict[str, T] = {}
+        self._own: set[str] = set()
+        self._asked = True
+        for member in own:
+            self.add(member)
+            self._own.add(member.name)
+        self._asked = False
+
+    def __getitem__(self, name: str) -> T:
+        return self._all()[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._all())
+
+    def __len__(self) -> int:
+        return len(self._all())
+
+    @property
+    def registered(self) -> tuple[T, ...]:
+        """The members that are not softcal's own, as another process would have to be told."""
+        return tuple(member for name, member in self._all().items() if name not in self._own)
+
+    def named(self, name: str, where: str = "") -> T:
+        """The member of a name; where: what the message begins with, or what a member is called.
+
+        Raises
+        ------
+        ParameterError
+            Where there is none.
+        """
+        if name not in self:
+            raise ParameterError(self.unknown(name, where or self.what))
+        return self[name]
+
+    def unknown(self, name: str, where: str = "") -> Fault:
+        """That there is no member of a name."""
+        return Fault(f"there is no such {self.what}", where, f"'{name}'", ", ".join(sorted(self)), nearest(name, self))
+
+    def add(self, member: T) -> None:
+        """Add a member.
+
+        Raises
+        ------
+        ParameterError
+            Where another one has its name, or something is wrong with it.
+        """
+        known = self._all()
+        if faults := self._faults(member, known):
+            raise ParameterError(faults)
+        if known.get(member.name, member) != member:
+            what = f"there is another {self.what} of this name"
+            raise ParameterError(Fault(what, self.what, member.name, attempt="another name"))
+        self._members[member.name] = member
+        if self._home and getattr(member, "__module__", "").startswith(f"{self._home}."):
+            self._own.add(member.name)
+
+    def remove(self, name: str) -> None:
+        """Forget a member that was registered from outside.
+
+        Raises
+        ------
+        ParameterError
+            For one of softcal's own.
+        """
+        known = self._all()
+        if name in self._own:
+            raise ParameterError(Fault(f"softcal's own {self.what} stays", where=self.what, got=name))
+        known.pop(name, None)
+
+    def _all(self) -> dict[str, T]:
+        if not self._asked:
+            self._asked = True
+            if self._home:
+                for module in pkgutil.iter_modules(importlib.import_module(self._home).__path__):
+                    importlib.import_module(f"{self._home}.{module.name}")
+            for plugin in entry_points(group=self._group):
+                self.add(plugin.load())
+        return self._members

@@ -20,7 +20,15 @@ from project_case import write_project
 from test_calibration_run import problem_of, same
 
 from softcal.calibration import store as storing
-from softcal.calibration.interrupts import Stop, StopSignal, exit_code, interrupts_held, stop_signals_raised, stoppable
+from softcal.calibration.interrupts import (
+    STOP_SIGNALS,
+    Stop,
+    StopSignal,
+    exit_code,
+    interrupts_held,
+    stop_signals_raised,
+    stoppable,
+)
 from softcal.calibration.optimisers.tpe import OptunaJournal
 from softcal.calibration.run import Progress, calibrate
 from softcal.calibration.store import RunStore
@@ -147,6 +155,38 @@ def test_a_signal_that_the_caller_has_set_to_be_ignored_stays_ignored(number: si
         assert signal.getsignal(number) is signal.SIG_IGN
     finally:
         signal.signal(number, before)
+
+
+@pytest.mark.parametrize("k", range(6))
+def test_a_stop_while_handlers_are_changed_leaves_them_as_they_were(k: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else one of them would go on noting signals for a work that has ended: they would be lost."""
+    real, calls = signal.signal, 0
+
+    def changed(number: int, handler: Any) -> Any:
+        nonlocal calls
+        before = real(number, handler)
+        calls += 1
+        if calls == k + 1:
+            signal.raise_signal(signal.SIGTERM)
+        return before
+
+    def hold() -> None:
+        with interrupts_held():
+            pass
+
+    before = real(signal.SIGTERM, signal.SIG_DFL), real(signal.SIGHUP, signal.SIG_DFL)
+    try:
+        with stop_signals_raised():
+            handlers = [signal.getsignal(number) for number in STOP_SIGNALS]
+            with monkeypatch.context() as patch:
+                patch.setattr(signal, "signal", changed)
+                with pytest.raises(StopSignal, match="SIGTERM"):
+                    hold()
+            assert calls >= k + 1
+            assert [signal.getsignal(number) for number in STOP_SIGNALS] == handlers
+    finally:
+        for number, handler in zip((signal.SIGTERM, signal.SIGHUP), before, strict=True):
+            real(number, handler)
 
 
 def test_in_other_threads_nothing_is_held() -> None:

@@ -10,7 +10,7 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Generator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from types import FrameType
 from typing import NoReturn
@@ -115,12 +115,13 @@ def _answered(answers: Mapping[int, _Handler]) -> Generator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.signal(number, answer) for number, answer in answers.items()}
-    try:
+    with ExitStack() as stack:
+        # Each is put back, also where a signal that still has, or has again, its own handler raises meanwhile.
+        for number in answers:
+            stack.callback(signal.signal, number, signal.getsignal(number))
+        for number, answer in answers.items():
+            signal.signal(number, answer)
         yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _leave_closed_terminals(numbers: list[int]) -> None:

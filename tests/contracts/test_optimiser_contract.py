@@ -12,7 +12,7 @@ from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import Evaluation, Problem, Simulate, make_problem
 from softcal.calibration.run import calibrate
 from softcal.calibration.settings import SearchSettings
-from softcal.report.wording import method_label
+from softcal.report.format import method_label
 
 Make = Callable[[Problem], Optimiser]
 

@@ -18,7 +18,7 @@ from softcal import calibrate, load, register_optimiser
 from softcal.calibration.optimiser import OPTIMISERS, Optimiser
 from softcal.cli import app
 from softcal.errors import InputError, ParameterError, ProjectFileError
-from softcal.report.wording import method_label
+from softcal.report.format import method_label
 from softcal.workflows.run_folder import load_run
 
 SECTION = """

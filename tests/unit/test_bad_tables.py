@@ -42,6 +42,7 @@ REFUSED: dict[str, tuple[bytes | str, str]] = {
     "a row that is cut off": (HEADER + ROWS + "0.6", r"line 8: .*; got nothing"),
     "a hexadecimal number": (HEADER + ROWS + "0.6,0x1F\n", r"line 8: .*; got '0x1F'"),
     "a number with an underscore": (HEADER + ROWS + "0.6,1_000\n", r"line 8: .*; got '1_000'"),
+    "digits of another script": (HEADER + ROWS + "0.6,\u0663\n", r"line 8: .*; got '\u0663'"),
     "a number with a NUL": ((HEADER + ROWS + "0.6,1\x002\n").encode(), r"line 8: .*; got '1\\x002'"),
     "NULs in the place of a row": ((HEADER + ROWS).encode() + bytes(64) + b"\n" + ROWS.encode(), "line 8"),
     "NULs in the place of a file": (bytes(5000), "bench.csv"),

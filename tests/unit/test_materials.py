@@ -10,14 +10,14 @@ from project_text import changed
 
 from softcal.errors import InputError
 from softcal.export.calculix import calculix_deck, in_its_law
+from softcal.export.load_path import load_path
 from softcal.export.sofa_robot import scene_faults
-from softcal.export.way import way_to
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.write import write_mesh
 from softcal.mechanics.stress import cauchy_stress
 from softcal.project.project import load
-from softcal.report.wording import parameter_label
+from softcal.report.format import parameter_label
 from softcal.twin.parameters import robot_parameters, with_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Body, Material
@@ -155,7 +155,7 @@ def test_calculix_gets_both_materials_and_sofa_refuses(tmp_path: Path):
     its = in_its_law(robot)
     pulled = Protocol({"front": Command("shortening", np.array([0.01]))})
     shape = simulate(its, pulled, snapshots="samples").snapshots[-1]
-    text = calculix_deck(its, way_to(its, shape).shapes).text
+    text = calculix_deck(its, load_path(its, shape).shapes).text
     assert "*MATERIAL, NAME=BAR\n" in text
     assert "*MATERIAL, NAME=BAR__SOFT\n" in text
     assert text.count("*SOLID SECTION") == 2

@@ -17,8 +17,8 @@ from softcal.calibration.result import Distance, Estimate
 from softcal.cli.calibration_table import interval_text, print_results, value_text
 from softcal.report.agreement import chance_text, range_text, size_text
 from softcal.report.closeness import Miss, miss_text
+from softcal.report.format import duration, file_stem, joined, number, with_error
 from softcal.report.tables import all_parameters_table
-from softcal.report.wording import duration, file_stem, joined, number, with_error
 from softcal.twin.crossings import span_in_words
 from softcal.units import format_quantity, plain, readable_unit
 from tests.strategies import numbers

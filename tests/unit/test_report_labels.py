@@ -8,7 +8,7 @@ import pytest
 from softcal.calibration.result import Distance, ExperimentFit
 from softcal.report.chart_comparison import draw_comparison
 from softcal.report.chart_positions import draw_distances
-from softcal.report.comparison import Comparison
+from softcal.report.comparison import NominalComparison
 from softcal.report.positions import Place
 from softcal.report.style import overlapping
 
@@ -46,7 +46,7 @@ def test_numbers_and_names_of_a_comparison_are_apart(names, n_states: int) -> No
     states = tuple(f"{0.5 * (k % n_states)} kgf" for k in range(len(experiments)))
     nominal = rng.uniform(0.011, 0.099, (2, len(experiments)))
     figure = draw_comparison(
-        Comparison(("marker1", "marker2"), experiments, states, nominal, 0.9 * nominal, "%", "calibrated")
+        NominalComparison(("marker1", "marker2"), experiments, states, nominal, 0.9 * nominal, "%", "calibrated")
     )
     figure.draw_without_rendering()
     for axes in figure.axes:

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from report_example import bench_experiment, example_content, fit_of, tpe_result
 
 from softcal.report.chart_bench import draw_overview, draw_record, draw_trajectory
-from softcal.report.series import Trajectory, trajectory
+from softcal.report.series import TrajectoryPanels, trajectory_panels
 
 
 def overview(n: int) -> Figure:
@@ -57,7 +57,7 @@ def test_a_record_of_force_shows_its_angles_too() -> None:
 
 def test_a_sample_without_neighbours_is_marked() -> None:
     experiment = bench_experiment("20 mm", 0.02, 2e6)
-    whole = trajectory(experiment, fit_of(experiment))
+    whole = trajectory_panels(experiment, fit_of(experiment))
     for pieces, marker in ((whole.pieces, ""), (tuple(slice(k, k + 1) for k in range(50)), "D")):
-        figure = draw_trajectory(Trajectory(whole.experiment, whole.abscissa, whole.panels, pieces))
+        figure = draw_trajectory(TrajectoryPanels(whole.experiment, whole.abscissa, whole.panels, pieces))
         assert {line.get_marker() for line in figure.axes[1].lines[1:]} == {marker}

@@ -12,8 +12,8 @@ from softcal.calibration.result import Distance, ExperimentFit
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.surface import boundary_triangles
 from softcal.report.chart_places import draw_places, markers_of
+from softcal.report.equilibrium_shapes import EquilibriumShapes
 from softcal.report.outline import outline, two_views
-from softcal.report.settled import SettledShapes
 from softcal.twin.response import Snapshot
 from softcal.twin.robot import Body, Robot
 
@@ -96,7 +96,7 @@ def test_shapes_and_markers_are_drawn_for_each_experiment_and_both_sides():
                   gravity=np.array([0.0, 0.0, -9.81]))  # fmt: skip
     rest = Snapshot("rest", {"beam": mesh.points}, {}, {}, {})
     sagging = mesh.points - np.column_stack([np.zeros((mesh.n_points, 2)), mesh.points[:, 0] ** 2])
-    settled = SettledShapes(robot, rest, {"load": replace(rest, points={"beam": sagging})}, {"beam": mesh.tets})
+    settled = EquilibriumShapes(robot, rest, {"load": replace(rest, points={"beam": sagging})}, {"beam": mesh.tets})
     one = markers_of(fit())
     assert one is not None
     figure = draw_places("All jointly", settled, {"load": one})

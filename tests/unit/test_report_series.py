@@ -12,13 +12,13 @@ from report_example import E_NAME, NU_NAME, bench_experiment, example_content, f
 
 from softcal.calibration.result import Trial
 from softcal.report.chart_parameters import forest_rows
-from softcal.report.series import grid_of_trials, search_history, trajectory
+from softcal.report.series import grid_of_trials, search_history, trajectory_panels
 
 
 def test_residual_is_simulated_minus_measured_in_shown_units() -> None:
     experiment = bench_experiment("a", 0.02, 2e6)
     fit = fit_of(experiment)
-    force, pitch = trajectory(experiment, fit).panels
+    force, pitch = trajectory_panels(experiment, fit).panels
     assert (force.channel, pitch.channel, pitch.scale.unit) == ("tension", "pitch", "deg")
     np.testing.assert_allclose(force.residual, fit.simulated["tension"] - fit.measured["tension"])
     np.testing.assert_allclose(pitch.residual, np.rad2deg(fit.simulated["pitch"] - fit.measured["pitch"]))
@@ -26,7 +26,7 @@ def test_residual_is_simulated_minus_measured_in_shown_units() -> None:
 
 def test_unmeasured_pitch_is_shown_alone() -> None:
     experiment = bench_experiment("a", 0.02, 2e6, pitch=False)
-    pitch = trajectory(experiment, fit_of(experiment)).panels[1]
+    pitch = trajectory_panels(experiment, fit_of(experiment)).panels[1]
     assert pitch.measured is None
     assert pitch.residual is None
     assert len(pitch.simulated) == 50
@@ -34,11 +34,11 @@ def test_unmeasured_pitch_is_shown_alone() -> None:
 
 def test_the_axis_is_the_drive_then_time_then_the_sample() -> None:
     experiment = bench_experiment("a", 0.02, 2e6)
-    path = trajectory(experiment, fit_of(experiment))
+    path = trajectory_panels(experiment, fit_of(experiment))
     assert path.abscissa.label == "Cable shortening [mm]"
     assert path.abscissa.values[-1] == pytest.approx(20.0)
     whole = replace(experiment, prepared=experiment.raw)
-    path = trajectory(whole, fit_of(whole))
+    path = trajectory_panels(whole, fit_of(whole))
     assert path.abscissa.label == "Time [s]"
     assert len(path.pieces) == 9
     assert path.pieces[-1].stop == whole.raw.n_samples
@@ -46,7 +46,7 @@ def test_the_axis_is_the_drive_then_time_then_the_sample() -> None:
 
 def test_a_mismatch_of_samples_is_said() -> None:
     experiment = bench_experiment("a", 0.02, 2e6)
-    path = trajectory(replace(experiment, prepared=experiment.raw), fit_of(experiment))
+    path = trajectory_panels(replace(experiment, prepared=experiment.raw), fit_of(experiment))
     assert "50 samples were compared, the prepared data has 1800" in path.abscissa.note
 
 

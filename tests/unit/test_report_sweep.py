@@ -16,12 +16,12 @@ from softcal.report.all_tables import all_tables
 from softcal.report.chart_comparison import draw_comparison
 from softcal.report.chart_surface import draw_curves, draw_surfaces
 from softcal.report.comparison import comparison, improvement_table, improvements
+from softcal.report.conclusions import conclusions, headline_sentence
 from softcal.report.content import ReportContent
 from softcal.report.figures import report_pictures
 from softcal.report.html import render_page
 from softcal.report.scene_render import Rendering
 from softcal.report.surfaces import error_curves, error_surfaces, swept_pair
-from softcal.report.verdict import headline_sentence, verdicts
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate
 from softcal.workflows.calibration import calibrate
@@ -122,7 +122,7 @@ def test_what_was_gained_is_told_and_flagged(content: ReportContent):
     table = improvement_table(content)
     assert [column.label for column in table.columns][-3:] == ["E", "ν", "At the end of its range"]
     assert table.rows[0][-1] == "ν at its highest, 0.3"
-    texts = [sentence.text for sentence in verdicts(content)]
+    texts = [sentence.text for sentence in conclusions(content)]
     assert any("stands at its upper bound of 0.3" in text for text in texts)
     assert any(text.startswith("The error of all sections fell from 1") for text in texts)
     assert headline_sentence(content).text.startswith("With the best of 6 cells, E = 800 MPa and ν = 0.300,")

@@ -18,7 +18,16 @@ from softcal.errors import InputError
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.materials.infill import PrintInfill
 from softcal.report.all_tables import all_tables
+from softcal.report.conclusions import conclusions, headline_sentence, interval_share
 from softcal.report.content import ExperimentContent, Landscape, ReportContent
+from softcal.report.format import (
+    joined,
+    number,
+    parameter_label,
+    parameter_name,
+    parameters_in_words,
+    with_error,
+)
 from softcal.report.html import render_page
 from softcal.report.tables import (
     errors_table,
@@ -26,15 +35,6 @@ from softcal.report.tables import (
     parameters_table,
     provenance_rows,
     share_of_peak,
-)
-from softcal.report.verdict import headline_sentence, interval_share, verdicts
-from softcal.report.wording import (
-    joined,
-    number,
-    parameter_label,
-    parameter_name,
-    parameters_in_words,
-    with_error,
 )
 
 
@@ -61,7 +61,7 @@ def small_content(**changes: object) -> ReportContent:
 
 
 def texts(content: ReportContent, tone: str) -> str:
-    return " ".join(sentence.text for sentence in verdicts(content) if sentence.tone == tone)
+    return " ".join(sentence.text for sentence in conclusions(content) if sentence.tone == tone)
 
 
 def test_table_one_is_in_megapascals() -> None:
@@ -292,7 +292,7 @@ def test_a_search_without_intervals_says_nothing_of_them() -> None:
     alone = replace(
         content, results={name: tpe_result([content.experiments[name]], 1.2e6, 0.45, n_trials=5)}, headline=name
     )
-    assert not any("interval" in sentence.text for sentence in verdicts(alone))
+    assert not any("interval" in sentence.text for sentence in conclusions(alone))
 
 
 def test_a_channel_that_no_fit_compares_has_no_columns() -> None:

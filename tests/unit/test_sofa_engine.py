@@ -196,7 +196,7 @@ def test_before_a_state_is_given_up_longer_steps_are_tried_too(engine, tmp_path)
     with scene_modules(tmp_path) as modules:
         module = importlib.import_module("run")
         parameters = modules.scene.read_parameters()
-        run = module.Run(parameters, parameters["rest"])
+        run = module.SofaRun(parameters, parameters["rest"])
 
         def approach(goal):
             tried.append(run.scene.dt)

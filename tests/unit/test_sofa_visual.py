@@ -250,7 +250,7 @@ def test_the_engines_run_has_nothing_to_see(tmp_path, monkeypatch):
 
         run = importlib.import_module("run")
         modules.scene.build = watched
-        run.Run(parameters, parameters["rest"])
+        run.SofaRun(parameters, parameters["rest"])
         plugins = [*modules.scene.PLUGINS, *run.PLUGINS]
         assert not any(word in plugin for plugin in plugins for word in ("GL", "Visual"))
         assert "robot.visuals" not in sys.modules

@@ -16,8 +16,8 @@ from softcal.calibration.experiment import Experiment, Pulleys, Rig
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.project.project import load
 from softcal.report.all_tables import all_tables
+from softcal.report.conclusions import conclusions
 from softcal.report.html import render_page
-from softcal.report.verdict import verdicts
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate
 from softcal.workflows.calibration import calibrate
@@ -229,7 +229,7 @@ def test_one_sentence_compares_the_record_with_the_fitted_samples() -> None:
             whole = replace(fits[name], rmse={channel: error}, measured=measured)
             records[name] = RecordFit(whole, record, ("shortening",), every)
         shown = replace(given, records={label: records} if records else {})
-        return " ".join(one.text for one in verdicts(shown))
+        return " ".join(one.text for one in conclusions(shown))
 
     name = next(iter(fits))
     peak = np.abs(given.experiments[name].raw.values("tension")).max()
@@ -248,4 +248,4 @@ def test_one_sentence_compares_the_record_with_the_fitted_samples() -> None:
         given,
         records={label: {name: RecordFit(None, given.experiments[name].raw, ("shortening",), failure="It folds.")}},
     )
-    assert not any("whole record" in one.text for one in verdicts(failed))
+    assert not any("whole record" in one.text for one in conclusions(failed))

@@ -21,15 +21,15 @@ from softcal.errors import SimulationError
 from softcal.export import crosscheck as module
 from softcal.export.crosscheck import (
     ENGINES,
-    Comparison,
     Difference,
     Engine,
-    Outcome,
+    EngineComparison,
+    EngineState,
     _fitted_pose,
     crosscheck,
 )
+from softcal.export.load_path import LoadPath, load_path
 from softcal.export.sofa_settings import SofaSettings
-from softcal.export.way import Way, way_to
 from softcal.geometry.centreline import straight
 from softcal.geometry.section import circular
 from softcal.twin.parameters import with_parameters
@@ -52,7 +52,7 @@ ROBOT = column_robot(
 def softer(factor: float, modulus: str = "neck.youngs_modulus", value: float = 1e6) -> Engine:
     """softcal itself with every modulus off by a factor."""
 
-    def solve(robot: Robot, protocol: Protocol, shape, running) -> Outcome:
+    def solve(robot: Robot, protocol: Protocol, shape, running) -> EngineState:
         off = with_parameters(robot, {modulus: factor * value})
         return module._of_response(simulate(off, protocol, snapshots=True, curve_tolerance=0.0))
 
@@ -133,7 +133,7 @@ def test_the_tension_that_a_shortening_needs_is_exact_to_first_order():
     longer = {n: Command("shortening", c.values + lacks[n]) for n, c in commands.items()}
     there = simulate(ROBOT, Protocol(longer)).channels
     ours = {n: float(c.values[0]) for n, c in commands.items()}
-    needed = module._needed(way_to(ROBOT, shape), shape, ours, {n: ours[n] - lacks[n] for n in ours})
+    needed = module._needed(load_path(ROBOT, shape), shape, ours, {n: ours[n] - lacks[n] for n in ours})
     for name, tension in needed.items():
         change = there[f"{name}.tension"][0] - shape.tensions[name]
         assert tension - shape.tensions[name] == pytest.approx(change, rel=1e-2)
@@ -143,7 +143,7 @@ def test_the_tension_that_a_shortening_needs_is_exact_to_first_order():
 
 def test_what_a_shortening_needs_is_not_told_where_its_slope_is_unknown():
     shape = simulate(ROBOT, pulled(0.01), snapshots=True).snapshots[-1]
-    assert module._needed(Way((shape,), ("front",), None), shape, {"front": 0.01}, {"front": 0.01}) == {}
+    assert module._needed(LoadPath((shape,), ("front",), None), shape, {"front": 0.01}, {"front": 0.01}) == {}
 
 
 def test_an_engine_is_run_as_it_is_asked_to_and_named_while_it_works(monkeypatch):
@@ -258,7 +258,7 @@ def test_the_table_has_all_its_columns_in_a_terminal_of_80(value, monkeypatch, c
     monkeypatch.setenv("COLUMNS", "80")
     names = ("front.tension (by slope)", "neck: largest displacement")
     rows = tuple(Difference(name, "rad", value, value, 1e-12, 1e-10) for name in names)
-    print_table(_table(Comparison("calculix", rows, ())))
+    print_table(_table(EngineComparison("calculix", rows, ())))
     lines = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", capsys.readouterr().out).splitlines()
     assert max(map(len, lines)) <= 80
     (row,) = [line for line in lines if "tension" in line]
@@ -270,11 +270,13 @@ def test_the_table_has_all_its_columns_in_a_terminal_of_80(value, monkeypatch, c
 def test_a_disagreement_where_the_robot_falls_says_so():
     falls = "Not stable at 12 mm of shortening of front, the robot buckles or snaps to another equilibrium."
     apart = (Difference("plate.x", "m", 0.01, -0.01, 0.02, 2.0),)
-    assert Comparison("sofa", apart, (), falls).verdict.endswith(
+    assert EngineComparison("sofa", apart, (), falls).verdict.endswith(
         f"{falls} Of several such, two engines may come to different ones"
     )
-    assert "stable" not in Comparison("sofa", apart, ()).verdict
-    assert "stable" not in Comparison("sofa", (Difference("plate.x", "m", 0.01, 0.01, 0.0, 0.0),), (), falls).verdict
+    assert "stable" not in EngineComparison("sofa", apart, ()).verdict
+    assert (
+        "stable" not in EngineComparison("sofa", (Difference("plate.x", "m", 0.01, 0.01, 0.0, 0.0),), (), falls).verdict
+    )
 
 
 def test_a_disagreement_ends_with_1_and_is_written(tmp_path, monkeypatch):

@@ -14,7 +14,7 @@ from mechanics_cases import column_robot, elastic, pulled, side_cable, tensed
 from softcal.errors import ParameterError, SimulationError
 from softcal.export.calculix import calculix_deck, in_its_law, write_calculix
 from softcal.export.calculix_run import run_calculix
-from softcal.export.way import way_to
+from softcal.export.load_path import load_path
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
 from softcal.twin.build import build_twin
@@ -36,7 +36,7 @@ def differences(robot: Robot, protocol: Protocol, folder, timeout: float = 60.0)
     """
     response = simulate(robot, protocol, snapshots=True)
     assert response.succeeded, response.status
-    shapes, meshes = way_to(robot, response.snapshots[-1]).shapes, build_twin(robot).meshes
+    shapes, meshes = load_path(robot, response.snapshots[-1]).shapes, build_twin(robot).meshes
     deck = calculix_deck(robot, shapes)
     errors, largest = [], 0.0
     for shape, theirs in zip(shapes, run_calculix(deck, folder, timeout=timeout), strict=True):

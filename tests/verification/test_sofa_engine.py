@@ -105,7 +105,7 @@ def test_a_scene_goes_back_to_where_everything_was(monkeypatch, tmp_path):
     write_scene(linear, scene_parameters(linear, protocol), tmp_path)
     with scene_modules(tmp_path) as modules:
         parameters = modules.scene.read_parameters()
-        run = importlib.import_module("run").Run(parameters, parameters["rest"])
+        run = importlib.import_module("run").SofaRun(parameters, parameters["rest"])
         for state in ({}, {"between": 0.002}):
             run.reach(state)
         there, time = run.scene.positions(), run.time
@@ -290,7 +290,7 @@ def test_sofa_itself_goes_on_from_where_it_settled_as_if_nothing_had_been(tmp_pa
 GO_BACK = """
 import contextlib
 import json
-from run import Lost, Run
+from run import Lost, SofaRun
 from scene import read_parameters
 
 parameters = read_parameters()
@@ -301,7 +301,7 @@ def told(run, shortening):
     print(json.dumps({"steps": record["steps"], "tension": record["cables"]["front"]["tension"]}))
 
 def settled(dt):
-    run = Run(parameters, {**rest, "time_steps": [dt]})
+    run = SofaRun(parameters, {**rest, "time_steps": [dt]})
     for state in ({}, {"front": 0.004}):
         run.reach(state)
     return run

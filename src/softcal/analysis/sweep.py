@@ -23,7 +23,7 @@ Counts = Mapping[tuple[str, str], int]
 
 
 @dataclass(frozen=True)
-class Section:
+class ErrorSection:
     """What is told apart in a sweep: its name, the unit [SI] of its error, and the length [m] that is 100 %, or None.
 
     ALL stands for everything together, whose error is the loss; its unit is "%" for the loss `distance`, else "1".
@@ -51,7 +51,7 @@ class BestCell:
     notes: parameters that stand at the end of their range, in words.
     """
 
-    section: Section
+    section: ErrorSection
     trial: Trial
     error: float
     nominal: float | None
@@ -80,15 +80,15 @@ def improvement(nominal: float, tuned: float) -> float:
     return 100 * (nominal / tuned - 1)
 
 
-def sections(result: CalibrationResult) -> tuple[Section, ...]:
+def sections(result: CalibrationResult) -> tuple[ErrorSection, ...]:
     """Every marker, plate and other channel that the result's experiments compare, in their order."""
-    found: dict[str, Section] = {}
+    found: dict[str, ErrorSection] = {}
     for fit in result.experiments.values():
         for point in fit.distances:
-            found.setdefault(point, Section(point, "m", fit.length))
+            found.setdefault(point, ErrorSection(point, "m", fit.length))
         for channel in fit.rmse:
             if channel.rpartition(".")[0] not in fit.distances:
-                found.setdefault(channel, Section(channel, fit.units[channel]))
+                found.setdefault(channel, ErrorSection(channel, fit.units[channel]))
     return tuple(found.values())
 
 
@@ -115,7 +115,7 @@ def best_cells(result: CalibrationResult, nominal: Nominal) -> tuple[BestCell, .
         return ()
     known = section_errors(result, nominal.errors)
     by_cell = {trial.number: section_errors(result, trial.errors) for trial in done}
-    whole = Section(ALL, "%" if result.loss_name == "distance" else "1")
+    whole = ErrorSection(ALL, "%" if result.loss_name == "distance" else "1")
     best, error = least_cell(done, [float(trial.loss or 0.0) for trial in done])
     found = [BestCell(whole, best, error, nominal.loss, _at_ends(result, best))]
     for section in sections(result):

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -15,6 +12,7 @@ import numpy as np
 from softcal.calibration.result import CalibrationResult, Distance, ExperimentFit, HeldOut
 from softcal.calibration.store import RESULT, write_text
 from softcal.checks import Floats
+from softcal.csv_text import csv_text
 
 FORMAT = 1
 TRIALS = "trials.csv"
@@ -125,7 +123,7 @@ def _response_csv(fit: ExperimentFit) -> str:
         columns |= {f"{family}.{name} [{fit.units[name]}]": values for name, values in channels.items()}
     # A value that was not measured is an empty cell.
     cells = ([float(value) if np.isfinite(value) else "" for value in values] for values in columns.values())
-    return _csv(list(columns), zip(*cells, strict=True))
+    return csv_text(list(columns), zip(*cells, strict=True))
 
 
 def _trials_csv(result: CalibrationResult) -> str:
@@ -147,18 +145,10 @@ def _trials_csv(result: CalibrationResult) -> str:
         ]
         for t in result.trials
     ]
-    return _csv([*TRIAL_COLUMNS, *parameters, *experiments, *errors], rows)
+    return csv_text([*TRIAL_COLUMNS, *parameters, *experiments, *errors], rows)
 
 
 def _told(fit: ExperimentFit) -> dict[str, str]:
     """The unit of every error of an experiment: of markers and plates, and of the channels that are none of them."""
     others = {c: fit.units[c] for c in fit.rmse if c.rpartition(".")[0] not in fit.distances}
     return {**dict.fromkeys(fit.distances, "m"), **others}
-
-
-def _csv(header: Sequence[str], rows: Any) -> str:
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows(rows)
-    return buffer.getvalue()

@@ -46,7 +46,7 @@ def root(
 ProjectFile = Annotated[Path, typer.Argument(metavar="PROJECT", help="The project file.", show_default=False)]
 
 
-def told(command: Callable[P, None]) -> Callable[P, None]:
+def exit_on_error(command: Callable[P, None]) -> Callable[P, None]:
     """A command whose errors on purpose end as a message and an exit code, without a traceback."""
 
     @functools.wraps(command)

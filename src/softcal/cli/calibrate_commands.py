@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from softcal.cli.app import ProjectFile, app, resumable, told
+from softcal.cli.app import ProjectFile, app, exit_on_error, resumable
 from softcal.cli.calibration_bars import calibration_progress
 from softcal.cli.calibration_table import print_results
 from softcal.cli.printing import print_warnings
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @app.command()
-@told
+@exit_on_error
 def calibrate(  # noqa: PLR0913 (one argument for each option)
     project: ProjectFile,
     method: Annotated[
@@ -109,7 +109,7 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
 
 def _print_expected(project: Project, engine: str, changes: dict[str, Any], workers: int) -> None:
     """Say how long a calibration by another engine will take, before it begins."""
-    from softcal.report.wording import duration
+    from softcal.report.format import duration
     from softcal.workflows.calibration import plan
     from softcal.workflows.expected_duration import expected_duration
 
@@ -127,7 +127,7 @@ def _print_expected(project: Project, engine: str, changes: dict[str, Any], work
 
 
 @app.command()
-@told
+@exit_on_error
 def report(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="A folder that calibrate wrote.", show_default=False)],
     out: Annotated[

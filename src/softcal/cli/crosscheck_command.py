@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from softcal.cli.app import FAILED, app, told
+from softcal.cli.app import FAILED, app, exit_on_error
 from softcal.cli.export_commands import Pull, Source
 from softcal.cli.printing import print_table
 from softcal.cli.running import clock
@@ -16,13 +16,13 @@ from softcal.cli.values import Values, names, parsed_values
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from softcal.export.crosscheck import Comparison, Crosscheck
+    from softcal.export.crosscheck import Crosscheck, EngineComparison
 
 AT_REST = "at rest"
 
 
 @app.command()
-@told
+@exit_on_error
 def crosscheck(
     source: Source,
     engines: Annotated[
@@ -103,7 +103,7 @@ def _print_crosscheck(found: dict[str, Crosscheck]) -> None:
         typer.echo(f"{name} was left out, it is not installed: {why}", err=True)
 
 
-def _table(comparison: Comparison) -> Table:
+def _table(comparison: EngineComparison) -> Table:
     from rich.table import Table
 
     table = Table("", "unit", "softcal", comparison.engine, "differ by", "relative")

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from softcal.cli.app import app, told
+from softcal.cli.app import app, exit_on_error
 from softcal.cli.printing import print_warnings
 from softcal.cli.running import clock, motion_bars
 from softcal.cli.values import Values, names, parsed_values
@@ -35,7 +35,7 @@ Pull = Annotated[
 
 
 @export.command()
-@told
+@exit_on_error
 def vtk(
     source: Source,
     out: Out,
@@ -73,7 +73,7 @@ def vtk(
 
 
 @export.command()
-@told
+@exit_on_error
 def calculix(source: Source, out: Out, pull: Pull = None, values: Values = None) -> None:
     """For CalculiX: a deck of the robot at the end of each experiment or pull, with the cables as springs."""
     from softcal.workflows.source import load_calibrated
@@ -90,7 +90,7 @@ def calculix(source: Source, out: Out, pull: Pull = None, values: Values = None)
 
 
 @export.command()
-@told
+@exit_on_error
 def sofa(source: Source, out: Out, pull: Pull = None, values: Values = None) -> None:
     """For SOFA: a scene for SofaPython3 and SoftRobots, with its meshes, every number as JSON, keys and a schedule."""
     from softcal.workflows.source import load_calibrated
@@ -106,7 +106,7 @@ def sofa(source: Source, out: Out, pull: Pull = None, values: Values = None) -> 
 
 
 @export.command()
-@told
+@exit_on_error
 def reduced(
     source: Source,
     out: Out,

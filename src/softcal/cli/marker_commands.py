@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from softcal.cli.app import app, told
+from softcal.cli.app import app, exit_on_error
 from softcal.errors import Fault, InputError
 
 Images = Annotated[list[str], typer.Argument(metavar="IMAGES", help="Files, folders or patterns.", show_default=False)]
@@ -22,7 +22,7 @@ Legacy = Annotated[bool, typer.Option("--legacy", help="The board was made with 
 
 
 @app.command()
-@told
+@exit_on_error
 def board(
     out: Annotated[Path, typer.Option(metavar="FILE.svg", help="A file that does not exist.", show_default=False)],
     dictionary: Dictionary = "DICT_4X4_50",
@@ -50,7 +50,7 @@ def board(
 
 
 @app.command()
-@told
+@exit_on_error
 def camera(
     images: Images,
     out: Annotated[Path, typer.Option(metavar="FILE", help="A file that does not exist.")] = Path("camera.yaml"),
@@ -80,7 +80,7 @@ def camera(
 
 
 @app.command()
-@told
+@exit_on_error
 def markers(  # noqa: PLR0913 (one argument for each option)
     images: Images,
     camera: Annotated[Path, typer.Option(metavar="FILE", help="What softcal camera wrote.", show_default=False)],

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from softcal.cli.app import app, told
+from softcal.cli.app import app, exit_on_error
 from softcal.cli.export_commands import Source
 from softcal.cli.printing import print_table, print_warnings
 from softcal.cli.values import Values, parsed_values
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 @app.command("mesh-study")
-@told
+@exit_on_error
 def mesh_study(
     source: Source,
     calibration: Annotated[

@@ -7,14 +7,14 @@ from typing import Annotated
 
 import typer
 
-from softcal.cli.app import ProjectFile, app, told
+from softcal.cli.app import ProjectFile, app, exit_on_error
 from softcal.cli.printing import print_warnings
 from softcal.cli.running import clock
 from softcal.errors import Fault, InputError
 
 
 @app.command()
-@told
+@exit_on_error
 def init(
     template: Annotated[str, typer.Argument(help="What to start from: finger, neck, manipulator.", show_default=False)],
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that is new or empty.", show_default=False)],
@@ -27,7 +27,7 @@ def init(
 
 
 @app.command()
-@told
+@exit_on_error
 def check(
     project: ProjectFile,
     out: Annotated[

@@ -7,14 +7,14 @@ from typing import Annotated
 
 import typer
 
-from softcal.cli.app import ProjectFile, app, told
+from softcal.cli.app import ProjectFile, app, exit_on_error
 from softcal.cli.running import clock, motion_bars
 from softcal.cli.values import Engine, Values, parsed_values
 from softcal.errors import Fault, InputError
 
 
 @app.command()
-@told
+@exit_on_error
 def simulate(
     project: ProjectFile,
     out: Annotated[Path, typer.Option(metavar="DIR", help="A folder that is new or empty.", show_default=False)],

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from softcal.cli.app import ProjectFile, app, resumable, told
+from softcal.cli.app import ProjectFile, app, exit_on_error, resumable
 from softcal.cli.calibrate_commands import report_run
 from softcal.cli.calibration_bars import calibration_progress
 from softcal.cli.printing import print_table, print_warnings
@@ -23,7 +23,7 @@ OVER = "NAME=VALUES, such as springs.youngs_modulus=10GPa:1GPa:1GPa"
 
 
 @app.command()
-@told
+@exit_on_error
 def sweep(
     project: ProjectFile,
     over: Annotated[

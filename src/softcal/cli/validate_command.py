@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from softcal.cli.app import app, told
+from softcal.cli.app import app, exit_on_error
 from softcal.cli.printing import print_table, print_warnings
 from softcal.cli.values import Values, Workers, names, parsed_values
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @app.command()
-@told
+@exit_on_error
 def validate(
     projects: Annotated[
         list[Path],

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -166,12 +168,26 @@ def _same(cell: str, wanted: str) -> bool:
         return False
 
 
-def _numbers(cells: list[str], lines: list[int], decimal: str, odd: Odd, may_miss: bool) -> Floats:
-    import pandas as pd
+def _floats(cells: list[str]) -> Floats:
+    """The cells as numbers, NaN for what is none: as Python reads them, without its underscores and other digits."""
+    text = "".join(cells)
+    if text.isascii() and "_" not in text:
+        with contextlib.suppress(ValueError):
+            return np.array(cells, dtype=np.float64)
+    return np.array([_float(cell) for cell in cells], dtype=np.float64)
 
+
+def _float(cell: str) -> float:
+    try:
+        return float(cell) if cell.isascii() and "_" not in cell else math.nan
+    except ValueError:
+        return math.nan
+
+
+def _numbers(cells: list[str], lines: list[int], decimal: str, odd: Odd, may_miss: bool) -> Floats:
     # With a decimal comma a point would be a thousands separator or a slip; either way the number is not certain.
     plain = cells if decimal == "." else ["" if "." in cell else cell.replace(",", ".") for cell in cells]
-    numbers = np.asarray(pd.to_numeric(pd.Series(plain, dtype="object"), errors="coerce"), dtype=np.float64)
+    numbers = _floats(plain)
     strange = [
         i for i in np.flatnonzero(~np.isfinite(numbers)) if not (may_miss and cells[i].casefold() in ("", "nan"))
     ]

@@ -31,7 +31,7 @@ class ColumnSpec:
 
 
 @dataclass
-class Layout:
+class ColumnLayout:
     """Where the channels stand in a table.
 
     columns: those that are there or must be; places: the number of each that was found; units: as they are written;
@@ -62,7 +62,7 @@ def read_layout(  # noqa: PLR0913 (one keyword for each thing in which files dif
     where: Mapping[str, object] | None = None,
     optional: Collection[str] = (),
     label: str | None = None,
-) -> Layout:
+) -> ColumnLayout:
     """Find the columns of a file, without its rows; for what is given see `softcal.experiments.read.read_table`.
 
     Raises
@@ -82,7 +82,7 @@ def read_layout(  # noqa: PLR0913 (one keyword for each thing in which files dif
         skip_rows=skip_rows,
         skip_footer=skip_footer,
     )
-    layout = Layout(table, {k: spec for k, spec in columns.items() if k not in optional or table.find(spec.name)})
+    layout = ColumnLayout(table, {k: spec for k, spec in columns.items() if k not in optional or table.find(spec.name)})
     for key, spec in layout.columns.items():
         place = _find_column(table, spec.name, layout.faults)
         if place is not None:

@@ -20,7 +20,7 @@ from softcal.checks import Floats
 from softcal.errors import Fault, ParameterError
 from softcal.export.calculix_cables import cable_lines, dead_pulls
 from softcal.export.calculix_format import listed, number, set_name, weighted_sum
-from softcal.export.way import way_to
+from softcal.export.load_path import load_path
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.layout import FIXED, Layout
 from softcal.twin.build import Twin, build_twin
@@ -70,7 +70,7 @@ def _in_its_law(body: Body) -> Body:
 
 
 def calculix_deck(robot: Robot, shapes: Sequence[Snapshot]) -> Deck:
-    """The deck of a robot under the loads and cable tensions of its shapes, one after the other; see `way_to`.
+    """The deck of a robot under the loads and cable tensions of its shapes, one after the other; see `load_path`.
 
     Raises
     ------
@@ -134,7 +134,7 @@ def write_calculix(robot: Robot, shape: Snapshot, folder: Path, *, given: Robot 
         For what CalculiX cannot be given; see `calculix_deck`.
     """
     _require(robot)
-    deck = calculix_deck(robot, way_to(robot, shape).shapes)
+    deck = calculix_deck(robot, load_path(robot, shape).shapes)
     notes = _notes(given or robot)
     path, readme = folder / DECK, folder / "README.txt"
     path.write_text(deck.text, encoding="utf-8")

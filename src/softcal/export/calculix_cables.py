@@ -19,7 +19,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.export.calculix_format import number, set_name, weighted_sum
-from softcal.export.way import positions
+from softcal.export.load_path import positions
 from softcal.twin.build import Twin
 from softcal.twin.loads import Weights
 from softcal.twin.response import Snapshot

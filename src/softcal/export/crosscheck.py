@@ -19,11 +19,11 @@ from softcal.checks import Floats
 from softcal.errors import Fault, InputError, SimulationError
 from softcal.export.calculix import calculix_deck, deck_faults, in_its_law
 from softcal.export.calculix_run import HOW_TO_GET, TIMEOUT, find_calculix, run_calculix
+from softcal.export.load_path import LoadPath, load_path, positions, shortenings
 from softcal.export.sofa_engine import sofa_engine
 from softcal.export.sofa_install import find_sofa
 from softcal.export.sofa_robot import linear_robot, scene_faults
 from softcal.export.sofa_settings import SofaSettings
-from softcal.export.way import Way, positions, shortenings, way_to
 from softcal.twin.build import twin_of
 from softcal.twin.protocol import Protocol, furthest_state
 from softcal.twin.response import Response, Snapshot
@@ -32,11 +32,11 @@ from softcal.twin.simulate import simulate
 
 AGREES = 1e-4  # relative; of angles [rad]
 STILL = 1e-12  # [m]
-NEEDED = "tension (by slope)"  # that an engine would need for softcal's shortening; see `Outcome`
+NEEDED = "tension (by slope)"  # that an engine would need for softcal's shortening; see `EngineState`
 
 
 @dataclass(frozen=True)
-class Outcome:
+class EngineState:
     """What an engine finds: tensions [N] and shortenings [m] of cables, unless it was given them; poses of plates
     (position [m], rotation); positions of the nodes of bodies and rods (n, 3) [m].
 
@@ -71,7 +71,7 @@ class Engine:
 
     own: Callable[[Robot], Robot]
     missing: Callable[[], str]
-    solve: Callable[[Robot, Protocol, Snapshot, Running], Outcome]
+    solve: Callable[[Robot, Protocol, Snapshot, Running], EngineState]
     lacks: Callable[[Robot], list[Fault]] = lambda robot: []
     leaves_out: Callable[[Snapshot], tuple[float, str]] = lambda shape: (0.0, "")
 
@@ -89,9 +89,9 @@ class Difference:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class EngineComparison:
     """One engine at one state; changed: in what the robot differs there from the project's, for both; falls: where the
-    robot buckles or snaps on the way, by softcal, or "". left_out: as `Engine.leaves_out` at this state.
+    robot buckles or snaps on the path, by softcal, or "". left_out: as `Engine.leaves_out` at this state.
     """
 
     engine: str
@@ -138,7 +138,7 @@ class Crosscheck:
     have been asked, but nothing moves the robot, so that there is nothing to compare.
     """
 
-    comparisons: tuple[Comparison, ...]
+    comparisons: tuple[EngineComparison, ...]
     absent: Mapping[str, str] = field(default_factory=dict)
     refused: Mapping[str, str] = field(default_factory=dict)
     failed: Mapping[str, str] = field(default_factory=dict)
@@ -164,7 +164,7 @@ def crosscheck(
     engine that is put to work.
     """
     end = furthest_state(protocol)
-    comparisons: list[Comparison] = []
+    comparisons: list[EngineComparison] = []
     absent: dict[str, str] = {}
     refused: dict[str, str] = {}
     failed: dict[str, str] = {}
@@ -194,16 +194,16 @@ def crosscheck(
             continue
         differences = tuple(_differences(own, ours, theirs))
         left_out = engine.leaves_out(response.snapshots[-1])
-        comparisons.append(Comparison(name, differences, tuple(_changes(robot, own)), response.falls, left_out))
+        comparisons.append(EngineComparison(name, differences, tuple(_changes(robot, own)), response.falls, left_out))
     return Crosscheck(tuple(comparisons), absent, refused, failed, tuple(still))
 
 
-def _of_response(response: Response) -> Outcome:
+def _of_response(response: Response) -> EngineState:
     if not response.succeeded:
         raise SimulationError(response.status)
     shape = response.snapshots[-1]
     names = list(shape.tensions)
-    return Outcome(
+    return EngineState(
         tensions={name: float(response.channels[f"{name}.tension"][-1]) for name in names},
         shortenings={name: float(response.channels[f"{name}.shortening"][-1]) for name in names},
         plates=shape.plates,
@@ -211,18 +211,18 @@ def _of_response(response: Response) -> Outcome:
     )
 
 
-def _moved(robot: Robot, outcome: Outcome) -> dict[str, Floats]:
+def _moved(robot: Robot, outcome: EngineState) -> dict[str, Floats]:
     """Displacements of the nodes of bodies and rods [m]."""
     rest = {name: mesh.points for name, mesh in twin_of(robot).meshes.items()}
     rest |= {rod.name: rod.centreline.nodes for rod in robot.rods}
     return {name: x - rest[name] for name, x in outcome.points.items()}
 
 
-def _is_still(robot: Robot, ours: Outcome) -> bool:
+def _is_still(robot: Robot, ours: EngineState) -> bool:
     return all(np.abs(u).max() < STILL for u in _moved(robot, ours).values())
 
 
-def _differences(robot: Robot, ours: Outcome, theirs: Outcome) -> list[Difference]:
+def _differences(robot: Robot, ours: EngineState, theirs: EngineState) -> list[Difference]:
     moved, there = _moved(robot, ours), _moved(robot, theirs)
     tip = max(float(np.linalg.norm(u, axis=1).max()) for u in moved.values())
     strongest = max((abs(value) for value in ours.tensions.values()), default=0.0)
@@ -275,10 +275,10 @@ def _missing_calculix() -> str:
     return "" if find_calculix() else HOW_TO_GET
 
 
-def _solve_calculix(robot: Robot, protocol: Protocol, shape: Snapshot, running: Running) -> Outcome:
+def _solve_calculix(robot: Robot, protocol: Protocol, shape: Snapshot, running: Running) -> EngineState:
     """Under the weight, the loads and the cables' pull at softcal's shape: it is given the tensions."""
-    twin, way = twin_of(robot), way_to(robot, shape)
-    deck = calculix_deck(robot, way.shapes)
+    twin, path = twin_of(robot), load_path(robot, shape)
+    deck = calculix_deck(robot, path.shapes)
     layout = twin.system.layout
     with tempfile.TemporaryDirectory() as folder:
         x = layout.X + run_calculix(deck, Path(folder), timeout=running.timeout or TIMEOUT)[-1, : layout.n_points]
@@ -288,22 +288,24 @@ def _solve_calculix(robot: Robot, protocol: Protocol, shape: Snapshot, running: 
         riders = np.flatnonzero(layout.rider == k)
         if k < layout.n_moving_frames and len(riders) >= 3:
             plates[name] = _fitted_pose(layout.X[riders], x[riders], layout.references[k])
-    return Outcome(
+    return EngineState(
         tensions={},
         shortenings=shortening,
         plates=plates,
         points={name: x[deck.first[name] :][: mesh.n_points] for name, mesh in twin.meshes.items()},
-        needed=_needed(way, shape, shortenings(twin, positions(twin, shape)), shortening),
+        needed=_needed(path, shape, shortenings(twin, positions(twin, shape)), shortening),
     )
 
 
-def _needed(way: Way, shape: Snapshot, ours: Mapping[str, float], theirs: Mapping[str, float]) -> dict[str, float]:
+def _needed(
+    path: LoadPath, shape: Snapshot, ours: Mapping[str, float], theirs: Mapping[str, float]
+) -> dict[str, float]:
     """The tensions [N] that another engine would need for our shortenings, from what it has under our tensions."""
-    if way.stiffness is None:
+    if path.stiffness is None:
         return {}
-    lacks = np.array([ours[name] - theirs[name] for name in way.taut])
-    more = way.stiffness @ lacks
-    return {name: shape.tensions[name] + float(dT) for name, dT in zip(way.taut, more, strict=True)}
+    lacks = np.array([ours[name] - theirs[name] for name in path.taut])
+    more = path.stiffness @ lacks
+    return {name: shape.tensions[name] + float(dT) for name, dT in zip(path.taut, more, strict=True)}
 
 
 def _fitted_pose(X: Floats, x: Floats, reference: Floats) -> tuple[Floats, Floats]:
@@ -322,7 +324,7 @@ def _missing_sofa() -> str:
     return ""
 
 
-def _solve_sofa(robot: Robot, protocol: Protocol, shape: Snapshot, running: Running) -> Outcome:
+def _solve_sofa(robot: Robot, protocol: Protocol, shape: Snapshot, running: Running) -> EngineState:
     """Run to rest under the commands themselves."""
     engine = sofa_engine(replace(running.sofa, timeout=running.timeout or running.sofa.timeout))
     found = _of_response(engine(robot, protocol, snapshots=True))

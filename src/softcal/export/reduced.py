@@ -55,7 +55,7 @@ class ChannelError:
 
 
 @dataclass(frozen=True)
-class Reduced:
+class ReducedModelFit:
     """The model as it is written (`model.json`), and its measured error by channel."""
 
     model: Mapping[str, Any]
@@ -69,7 +69,7 @@ def reduced(
     *,
     held_out: int = HELD_OUT,
     tell: Callable[[str], None] = lambda sentence: None,
-) -> Reduced:
+) -> ReducedModelFit:
     """The cable-space model of a robot.
 
     Parameters
@@ -124,10 +124,10 @@ def reduced(
             for name, e in error.items()
         },
     }
-    return Reduced(model, error)
+    return ReducedModelFit(model, error)
 
 
-def write_reduced(model: Reduced, folder: Path) -> list[Path]:
+def write_reduced(model: ReducedModelFit, folder: Path) -> list[Path]:
     """Write the model, its evaluator and what to know about both into an existing folder."""
     path, readme = folder / MODEL, folder / "README.txt"
     path.write_text(json.dumps(model.model, separators=(",", ":")), encoding="utf-8")

@@ -15,7 +15,7 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.errors import ParameterError
 from softcal.export.sofa_install import Sofa, find_sofa
-from softcal.export.sofa_process import Outcome, run_states
+from softcal.export.sofa_process import ProcessOutcome, run_states
 from softcal.export.sofa_response import Samples, along_one_cable, row_by_row, shapes
 from softcal.export.sofa_robot import LinearRobot, element_faults, linear_robot, scene_faults
 from softcal.export.sofa_settings import STATES, TIMEOUT, Resting, SofaSettings
@@ -82,7 +82,7 @@ class SofaEngine:
         faults += [unknown_name(n, {**known, **commanded}) for n in sensitivities if n not in {**known, **commanded}]
         if faults:
             raise ParameterError(faults)
-        run = _Run(self, protocol, linear_robot(robot))
+        run = _EngineRun(self, protocol, linear_robot(robot))
         return run.response(sensitivities, snapshots)
 
 
@@ -99,7 +99,7 @@ def sofa_engine(settings: SofaSettings | None = None) -> SofaEngine:
 
 
 @dataclass
-class _Run:
+class _EngineRun:
     """One protocol on one robot, and on robots that differ from it by a parameter."""
 
     engine: SofaEngine
@@ -142,7 +142,7 @@ class _Run:
             tets={name: mesh.tets for name, mesh in twin.meshes.items()} if snapshots else {},
         )
 
-    def _status(self, outcome: Outcome, seen: Samples) -> str:
+    def _status(self, outcome: ProcessOutcome, seen: Samples) -> str:
         n_states, shortest = len(outcome.records), min(record["dt"] for record in outcome.records)
         text = f"Solved by SOFA: {n_states} states at rest, {self.steps} steps, the shortest of {shortest:g} s."
         if seen.error > 0.0:
@@ -169,7 +169,7 @@ class _Run:
             {name: float(protocol.commands[name].values[i]) for name in self.driven} for i in range(protocol.n_samples)
         ]
 
-    def _outcome(self, linear: LinearRobot, protocol: Protocol, *, shapes: bool = False) -> Outcome:
+    def _outcome(self, linear: LinearRobot, protocol: Protocol, *, shapes: bool = False) -> ProcessOutcome:
         engine = self.engine
         outcome = run_states(
             engine.sofa, linear, protocol, self._states(protocol), engine.resting, timeout=engine.timeout, shapes=shapes
@@ -177,7 +177,7 @@ class _Run:
         self.steps += outcome.steps
         return outcome
 
-    def _samples(self, twin: Twin, protocol: Protocol, outcome: Outcome) -> Samples:
+    def _samples(self, twin: Twin, protocol: Protocol, outcome: ProcessOutcome) -> Samples:
         if not outcome.records:
             return Samples(np.zeros((0, len(channel_units(twin)))), None)
         if not self.driven:

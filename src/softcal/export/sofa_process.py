@@ -22,7 +22,7 @@ JOB, ANSWER, LOG = "job.json", "answer.jsonl", "sofa.log"
 
 
 @dataclass(frozen=True)
-class Outcome:
+class ProcessOutcome:
     """What SOFA answered: a record of each state that came to rest, the slack one first.
 
     failure: why it ended before the last, "" where it did not. steps: in all, with those of states begun again.
@@ -42,7 +42,7 @@ def run_states(
     *,
     timeout: float,
     shapes: bool = False,
-) -> Outcome:
+) -> ProcessOutcome:
     """Run every state to rest, in one process of at most `timeout` [s]."""
     job = {"states": [dict(state) for state in states], "rest": asdict(resting), "shapes": shapes, "out": ANSWER}
     with tempfile.TemporaryDirectory(prefix="softcal-sofa-") as name:
@@ -60,13 +60,13 @@ def run_states(
     last = answers[-1] if answers else {}
     steps = int(last.get("steps", 0)) if "state" not in last else sum(int(record["steps"]) for record in records)
     if last.get("done"):
-        return Outcome(records, "", steps)
+        return ProcessOutcome(records, "", steps)
     where = f"State {len(records)} of {len(states)}: " if records else "The rest state with slack cables: "
     if "failed" in last:
-        return Outcome(records, f"{where}{last['failed']}", steps)
+        return ProcessOutcome(records, f"{where}{last['failed']}", steps)
     good = f"; the last good time is {float(records[-1]['time']):.6g} s" if records else ""
     error = _last_error(said)
-    return Outcome(records, f"{where}SOFA {ended}{good}" + (f": {error}" if error else ""), steps)
+    return ProcessOutcome(records, f"{where}SOFA {ended}{good}" + (f": {error}" if error else ""), steps)
 
 
 def _ended(sofa: Sofa, folder: Path, timeout: float) -> str:

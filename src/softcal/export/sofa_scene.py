@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import keyword
 import re
@@ -15,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from softcal.csv_text import csv_text
 from softcal.export.sofa_robot import LinearRobot
 from softcal.export.sofa_rods import SEGMENTS, finer, node_volumes, rod_parameters
 from softcal.export.sofa_settings import Resting
@@ -138,13 +137,10 @@ def schedule_csv(protocol: Protocol) -> str:
     rates = np.array([_rate(protocol.commands[name].control, table[:, k]) for k, name in enumerate(names)])
     steps = np.abs(np.diff(table, axis=0)) / rates
     times = np.append(0.0, np.cumsum(np.maximum(steps.max(axis=1, initial=0.0), 1e-2)))
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
     unit = {"tension": "N", "shortening": "m"}
     headers = [f"{name}.{c} [{unit[c]}]" for name in names for c in [protocol.commands[name].control]]
-    writer.writerow(["time [s]", *headers])
-    writer.writerows([[f"{t:.6g}", *(f"{v:.12g}" for v in row)] for t, row in zip(times, table, strict=True)])
-    return text.getvalue()
+    rows = [[f"{t:.6g}", *(f"{v:.12g}" for v in row)] for t, row in zip(times, table, strict=True)]
+    return csv_text(["time [s]", *headers], rows)
 
 
 def _rate(control: Control, values: np.ndarray) -> float:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from softcal.analysis.agreement import Agreement, agreements
 from softcal.calibration.result import CalibrationResult, Estimate
-from softcal.report.wording import estimate_scale, estimate_text, joined, number, parameter_label, result_label
+from softcal.report.format import estimate_scale, estimate_text, joined, number, parameter_label, result_label
 
 _TINY = 1e-10  # probabilities below it are not told by their size
 

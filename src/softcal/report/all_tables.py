@@ -7,7 +7,7 @@ from softcal.report.content import ReportContent
 from softcal.report.mesh_section import mesh_tables
 from softcal.report.positions import distances_table
 from softcal.report.tables import (
-    Table,
+    ReportTable,
     all_parameters_table,
     errors_table,
     failures_table,
@@ -18,7 +18,7 @@ from softcal.report.tables import (
 )
 
 
-def all_tables(content: ReportContent) -> dict[str, Table]:
+def all_tables(content: ReportContent) -> dict[str, ReportTable]:
     """Every table of the report by key."""
     tables = (
         parameters_table(content),

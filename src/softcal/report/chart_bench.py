@@ -15,7 +15,8 @@ from softcal.checks import Floats
 from softcal.experiments.dataset import Dataset
 from softcal.experiments.names import is_deviation
 from softcal.report.content import ExperimentContent, ReportContent
-from softcal.report.series import Trajectory, TrajectoryPanel
+from softcal.report.format import channel_label, scale_of
+from softcal.report.series import TrajectoryPanel, TrajectoryPanels
 from softcal.report.style import (
     BLUE,
     INK,
@@ -28,7 +29,6 @@ from softcal.report.style import (
     house_style,
     new_figure,
 )
-from softcal.report.wording import channel_label, scale_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -137,7 +137,7 @@ def _force_displacement_axes(axes: Axes, title: str) -> None:
     axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
 
 
-def draw_trajectory(path: Trajectory, width: float = 5.2) -> Figure:
+def draw_trajectory(path: TrajectoryPanels, width: float = 5.2) -> Figure:
     """Paper A's Fig. 6: measured and simulated channels over the trajectory, the residual beneath each.
 
     width: of the figure [in].
@@ -164,7 +164,7 @@ def draw_trajectory(path: Trajectory, width: float = 5.2) -> Figure:
         return figure
 
 
-def _draw_values(axes: Axes, path: Trajectory, panel: TrajectoryPanel) -> None:
+def _draw_values(axes: Axes, path: TrajectoryPanels, panel: TrajectoryPanel) -> None:
     few = len(panel.simulated) <= 60
     for piece in path.pieces:
         named = piece.start == 0
@@ -185,7 +185,7 @@ def _draw_values(axes: Axes, path: Trajectory, panel: TrajectoryPanel) -> None:
         axes.text(0.02, 0.95, text, transform=axes.transAxes, va="top", fontsize=8.5, color=MUTED)
 
 
-def _draw_residual(axes: Axes, path: Trajectory, panel: TrajectoryPanel) -> None:
+def _draw_residual(axes: Axes, path: TrajectoryPanels, panel: TrajectoryPanel) -> None:
     assert panel.residual is not None  # noqa: S101 - the caller lists residual rows only where there is one
     axes.axhline(0.0, color=INK, linewidth=0.8)
     for piece in path.pieces:

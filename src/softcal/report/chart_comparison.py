@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.report.comparison import Comparison
+from softcal.report.comparison import NominalComparison
 from softcal.report.style import (
     BLUE,
     FAINT,
@@ -33,7 +33,7 @@ _LABELLED = 60  # states; of more, only the experiments are named
 _BAR = 0.4
 
 
-def draw_comparison(found: Comparison) -> Figure:
+def draw_comparison(found: NominalComparison) -> Figure:
     """Bars of the distance from where each marker was measured: a row for each marker, or one row for one state."""
     n = len(found.states)
     with house_style():
@@ -108,7 +108,7 @@ def _short(value: float) -> str:
     return f"{value:.1f}" if value < 9.95 else f"{value:.0f}"
 
 
-def _name_states(axes: Axes, found: Comparison) -> None:
+def _name_states(axes: Axes, found: NominalComparison) -> None:
     """The states along the axis, and beneath them the experiment that they belong to."""
     groups = [
         (name, [i for i, _ in held]) for name, held in groupby(enumerate(found.experiments), lambda item: item[1])

@@ -8,11 +8,11 @@ import numpy as np
 
 from softcal.report.chart_twin import ScenePicture, draw_side_by_side
 from softcal.report.compared import Compared, Configuration
+from softcal.report.format import number, parameter_label, scale_of
 from softcal.report.robot_view import robot_points
 from softcal.report.scene import Ball, Part, Scene, Tube, bending_camera, extent_points, length_scale
 from softcal.report.scene_render import render_scenes
 from softcal.report.scene_twin import displacements, twin_parts
-from softcal.report.wording import number, parameter_label, scale_of
 from softcal.twin.facing import up_direction
 
 if TYPE_CHECKING:

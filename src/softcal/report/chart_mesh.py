@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from softcal.analysis.mesh_study import MeshStudy
+from softcal.report.format import estimate_scale, number, parameter_label
 from softcal.report.style import BLUE, FAINT, INK, MUTED, RED, house_style, new_figure
-from softcal.report.wording import estimate_scale, number, parameter_label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 from softcal.calibration.result import CalibrationResult, Estimate
 from softcal.materials.infill import PrintInfill
-from softcal.report.style import BLUE, FAINT, GREEN, INK, MUTED, RED, house_style, new_figure, plain_log_axis
-from softcal.report.wording import (
+from softcal.report.format import (
     NORMAL_95,
     Scale,
     estimate_scale,
@@ -20,6 +19,7 @@ from softcal.report.wording import (
     result_label,
     scale_of,
 )
+from softcal.report.style import BLUE, FAINT, GREEN, INK, MUTED, RED, house_style, new_figure, plain_log_axis
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

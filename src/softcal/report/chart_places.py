@@ -11,9 +11,9 @@ import numpy as np
 from softcal.calibration.result import ExperimentFit
 from softcal.checks import Floats, Ints
 from softcal.geometry.surface import boundary_triangles
+from softcal.report.equilibrium_shapes import EquilibriumShapes
 from softcal.report.outline import View, outline, two_views
 from softcal.report.robot_view import robot_points
-from softcal.report.settled import SettledShapes
 from softcal.report.style import FAINT, INK, MUTED, SERIES, house_style, new_figure
 from softcal.twin.facing import up_direction
 from softcal.twin.response import Snapshot
@@ -58,14 +58,14 @@ def markers_of(fit: ExperimentFit) -> Markers | None:
     return Markers((measured - simulated.mean(axis=0)) @ R.T + own.mean(axis=0), own)
 
 
-def draw_places(title: str, settled: SettledShapes, markers: Mapping[str, Markers]) -> Figure:
+def draw_places(title: str, equilibria: EquilibriumShapes, markers: Mapping[str, Markers]) -> Figure:
     """Open circles: measured; crosses: the twin's; its shape in each experiment, and undeformed in grey."""
     from matplotlib.lines import Line2D
 
     places = np.concatenate([part for one in markers.values() for part in (one.measured, one.simulated)])
-    bodies = [points for shape in settled.shapes.values() for points in shape.points.values()]
-    extent = np.concatenate([robot_points(settled.robot), places, *bodies])
-    views = two_views(extent, up_direction(settled.robot))
+    bodies = [points for shape in equilibria.shapes.values() for points in shape.points.values()]
+    extent = np.concatenate([robot_points(equilibria.robot), places, *bodies])
+    views = two_views(extent, up_direction(equilibria.robot))
     frames = [_frame(view.flat(extent)) for view in views]
     shares = [(right - left) / (top - bottom) for left, right, bottom, top in frames]
     high = min(_PANEL, _WIDEST / sum(shares))
@@ -83,13 +83,15 @@ def draw_places(title: str, settled: SettledShapes, markers: Mapping[str, Marker
             else:
                 axes.set_ylabel(f"{view.up_name} [mm]")
                 axes.set_title(title)
-            _draw_shape(axes, view, settled.undeformed, settled.tets, FAINT, MUTED)
-            for i, (name, shape) in enumerate(settled.shapes.items()):
+            _draw_shape(axes, view, equilibria.undeformed, equilibria.tets, FAINT, MUTED)
+            for i, (name, shape) in enumerate(equilibria.shapes.items()):
                 colour = SERIES[i % len(SERIES)]
-                _draw_shape(axes, view, shape, settled.tets, None, colour)
+                _draw_shape(axes, view, shape, equilibria.tets, None, colour)
                 if name in markers:
                     _draw_markers(axes, view, markers[name], colour)
-        entries = [Line2D([], [], color=SERIES[i % len(SERIES)], label=name) for i, name in enumerate(settled.shapes)]
+        entries = [
+            Line2D([], [], color=SERIES[i % len(SERIES)], label=name) for i, name in enumerate(equilibria.shapes)
+        ]
         entries += [
             Line2D([], [], color=MUTED, label="undeformed"),
             Line2D([], [], color=INK, marker="o", fillstyle="none", linestyle="none", label="measured"),

@@ -9,6 +9,15 @@ import numpy as np
 from softcal.calibration.result import CalibrationResult, Estimate
 from softcal.materials.catalogue import LAWS, constants_of
 from softcal.report.content import Landscape
+from softcal.report.format import (
+    Scale,
+    estimate_scale,
+    estimate_text,
+    number,
+    parameter_label,
+    parameter_name,
+    scale_of,
+)
 from softcal.report.series import SearchHistory, searched_pair
 from softcal.report.style import (
     BLUE,
@@ -22,15 +31,6 @@ from softcal.report.style import (
     new_figure,
     plain_log_axis,
     plain_log_ticks,
-)
-from softcal.report.wording import (
-    Scale,
-    estimate_scale,
-    estimate_text,
-    number,
-    parameter_label,
-    parameter_name,
-    scale_of,
 )
 
 if TYPE_CHECKING:

@@ -11,6 +11,7 @@ import numpy as np
 from softcal.analysis.sweep import ALL
 from softcal.calibration.result import CalibrationResult
 from softcal.checks import Floats
+from softcal.report.format import Scale, number, parameter_label, scale_of
 from softcal.report.style import (
     FAINT,
     INK,
@@ -23,8 +24,7 @@ from softcal.report.style import (
     plain_log_axis,
     plain_log_ticks,
 )
-from softcal.report.surfaces import Curve, Surface
-from softcal.report.wording import Scale, number, parameter_label, scale_of
+from softcal.report.surfaces import ErrorCurve, ErrorSurface
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,7 +37,7 @@ _SHOWN = 0.95
 
 
 def draw_surfaces(
-    result: CalibrationResult, pair: tuple[str, str], surfaces: Sequence[Surface], nominal: Mapping[str, float]
+    result: CalibrationResult, pair: tuple[str, str], surfaces: Sequence[ErrorSurface], nominal: Mapping[str, float]
 ) -> Figure:
     """A panel for each surface: every cell in the colour of its error, the failed ones empty, the best one marked.
 
@@ -81,7 +81,7 @@ def _legend(figure: Figure, drawn: Sequence[Axes], empty: Sequence[Axes]) -> Non
         figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=3)
 
 
-def draw_curves(result: CalibrationResult, curves: Sequence[Curve]) -> Figure:
+def draw_curves(result: CalibrationResult, curves: Sequence[ErrorCurve]) -> Figure:
     """The error of every section over one parameter, the best values marked, failed ones left out."""
     (name,) = result.parameters
     scale = scale_of(result.parameters[name].unit, result.parameters[name].upper)
@@ -118,7 +118,7 @@ def draw_curves(result: CalibrationResult, curves: Sequence[Curve]) -> Figure:
         return figure
 
 
-def _draw_cells(figure: Figure, axes: Axes, surface: Surface, x_scale: Scale, y_scale: Scale) -> None:
+def _draw_cells(figure: Figure, axes: Axes, surface: ErrorSurface, x_scale: Scale, y_scale: Scale) -> None:
     x, y = surface.x / x_scale.factor, surface.y / y_scale.factor
     known = surface.error[np.isfinite(surface.error)]
     norm = _norm(known)

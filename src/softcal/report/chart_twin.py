@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.report.scene import Camera, Scene, Surface
+from softcal.report.scene import Projection, Scene, Surface
 from softcal.report.scene_render import Rendering, draw_flat, panel_size, render_scenes
 from softcal.report.scene_twin import twin_scenes
 from softcal.report.style import DISPLACEMENT, FAINT, INK, MUTED, house_style, new_figure
@@ -41,7 +41,7 @@ def draw_twin(view: TwinView) -> ScenePicture:
 
 def draw_side_by_side(
     scenes: tuple[Scene, ...],
-    cameras: tuple[Camera, ...],
+    cameras: tuple[Projection, ...],
     rendering: Rendering,
     *,
     largest: float | None = None,
@@ -87,19 +87,19 @@ def draw_side_by_side(
         return ScenePicture(figure, rendering.note)
 
 
-def _millimetres(camera: Camera) -> tuple[float, float, float, float]:
+def _millimetres(camera: Projection) -> tuple[float, float, float, float]:
     left, right, bottom, top = camera.window
     return 1e3 * left, 1e3 * right, 1e3 * bottom, 1e3 * top
 
 
-def _frame(axes: Axes, camera: Camera) -> None:
+def _frame(axes: Axes, camera: Projection) -> None:
     left, right, bottom, top = _millimetres(camera)
     axes.set_xlim(left, right)
     axes.set_ylim(bottom, top)
     axes.set_axis_off()
 
 
-def _name_parts(axes: Axes, scene: Scene, camera: Camera) -> None:
+def _name_parts(axes: Axes, scene: Scene, camera: Projection) -> None:
     """Names in the free margin on the nearer side, kept apart in height, each with a thin line to its part."""
     left, right, bottom, top = _millimetres(camera)
     if not scene.labels:
@@ -136,7 +136,7 @@ def _clearest(candidates: Floats, crowd: Floats, *, left: bool) -> Floats:
     return clear[np.argmin(clear[:, 0] if left else -clear[:, 0])]
 
 
-def _scale_bar(axes: Axes, camera: Camera) -> None:
+def _scale_bar(axes: Axes, camera: Projection) -> None:
     left, right, bottom, _ = _millimetres(camera)
     wanted = 0.25 * (right - left)
     power = 10 ** np.floor(np.log10(wanted))

@@ -15,13 +15,14 @@ from softcal.geometry.ring import across
 from softcal.geometry.surface import boundary_triangles
 from softcal.report.chart_bench import draw_record
 from softcal.report.chart_twin import draw_side_by_side
+from softcal.report.format import file_stem, number
 from softcal.report.robot_view import plate_rim, plate_surface, robot_points
 from softcal.report.scene import (
     Arrow,
     Ball,
-    Camera,
     Label,
     Part,
+    Projection,
     Scene,
     Surface,
     Tube,
@@ -36,7 +37,6 @@ from softcal.report.scene_twin import cable_radius
 from softcal.report.shapes import rod_surface
 from softcal.report.start_scenes import StartScenes
 from softcal.report.style import BLUE, GREEN, INK, ORANGE, PURPLE, RED, SKY, encode
-from softcal.report.wording import file_stem, number
 from softcal.report.write import write_files
 from softcal.twin.facing import up_direction
 from softcal.twin.robot import Body, PointLoad, Robot, Rod, SurfaceLoad
@@ -88,7 +88,7 @@ def draw_check(
     return CheckPaths(pairs["robot"], by_name, pairs.get("states"), (drawn.note,) if drawn.note else ())
 
 
-def robot_scenes(robot: Robot) -> tuple[tuple[Scene, ...], tuple[Camera, ...]]:
+def robot_scenes(robot: Robot) -> tuple[tuple[Scene, ...], tuple[Projection, ...]]:
     """The robot at rest from the side and, turned by a quarter and seen from higher up, once more."""
     points = robot_points(robot)
     size = length_scale(points)

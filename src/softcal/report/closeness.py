@@ -15,8 +15,8 @@ import numpy as np
 from softcal.calibration.result import CalibrationResult
 from softcal.experiments.dataset import Dataset
 from softcal.experiments.names import deviation_channel
+from softcal.report.format import joined, number, scale_of
 from softcal.report.tables import share_of_range
-from softcal.report.wording import joined, number, scale_of
 
 Tone = Literal["good", "note", "warning"]
 # An RMS error below this share of the measurement's range is called close; above the second one, poor.

@@ -7,20 +7,29 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.analysis.nominal import Nominal
-from softcal.analysis.sweep import ALL, BestCell, Section, best_cells, improvement, reduction, section_errors, sections
+from softcal.analysis.sweep import (
+    ALL,
+    BestCell,
+    ErrorSection,
+    best_cells,
+    improvement,
+    reduction,
+    section_errors,
+    sections,
+)
 from softcal.calibration.experiment import AXES
 from softcal.calibration.result import CalibrationResult, ExperimentFit
 from softcal.calibration.result_files import fits_of
 from softcal.checks import Floats
 from softcal.report.content import ReportContent
+from softcal.report.format import Scale, estimate_scale, joined, number, parameter_label, scale_of
 from softcal.report.surfaces import section_scale
-from softcal.report.tables import Cell, Column, Table
-from softcal.report.wording import Scale, estimate_scale, joined, number, parameter_label, scale_of
+from softcal.report.tables import Cell, Column, ReportTable
 from softcal.units import format_quantity
 
 
 @dataclass(frozen=True)
-class Comparison:
+class NominalComparison:
     """Distances in `unit` of every marker or plate (rows) in every state (columns): nominal, tuned; NaN where not seen.
 
     experiments, states: of every column; what was found is called `tuned_name`.
@@ -35,7 +44,7 @@ class Comparison:
     tuned_name: str
 
 
-def comparison(content: ReportContent) -> Comparison | None:
+def comparison(content: ReportContent) -> NominalComparison | None:
     """The headline's result against the nominal values; None where these are unknown or have no positions."""
     result, compared = content.headline_result, content.compared
     if compared is None or compared.nominal is None or compared.nominal.loss is None:
@@ -57,7 +66,7 @@ def comparison(content: ReportContent) -> Comparison | None:
         columns.append(pair)
     nominal, tuned = (np.concatenate([pair[k] for pair in columns], axis=1) / scale.factor for k in (0, 1))
     called = "best cell" if result.is_sweep else "calibrated"
-    return Comparison(tuple(markers), tuple(experiments), tuple(states), nominal, tuned, scale.unit, called)
+    return NominalComparison(tuple(markers), tuple(experiments), tuple(states), nominal, tuned, scale.unit, called)
 
 
 def state_distances(fit: ExperimentFit, markers: list[str]) -> Floats:
@@ -111,7 +120,7 @@ def improvements(content: ReportContent) -> list[Improvement]:
     return [_improvement(section, before, after) for section, before, after in _calibrated(result, known)]
 
 
-def improvement_table(content: ReportContent) -> Table:
+def improvement_table(content: ReportContent) -> ReportTable:
     """Error of every section at the nominal values and tuned, and what was gained; of a sweep with the best cells."""
     result = content.headline_result
     swept = result.is_sweep
@@ -136,10 +145,12 @@ def improvement_table(content: ReportContent) -> Table:
         "- 1, which is also called the improvement, is then 100 %."
     )
     title = "The best cell for each section" if swept else "Nominal and calibrated"
-    return Table("improvement", title, tuple(columns), tuple(rows), note)
+    return ReportTable("improvement", title, tuple(columns), tuple(rows), note)
 
 
-def _improvement(section: Section, nominal: float | None, tuned: float, best: BestCell | None = None) -> Improvement:
+def _improvement(
+    section: ErrorSection, nominal: float | None, tuned: float, best: BestCell | None = None
+) -> Improvement:
     scale = section_scale(section)
     before = None if nominal is None else nominal / scale.factor
     return Improvement(
@@ -147,7 +158,7 @@ def _improvement(section: Section, nominal: float | None, tuned: float, best: Be
     )
 
 
-def _calibrated(result: CalibrationResult, known: Nominal) -> list[tuple[Section, float | None, float]]:
+def _calibrated(result: CalibrationResult, known: Nominal) -> list[tuple[ErrorSection, float | None, float]]:
     """(section, nominal, calibrated) of all markers together and of each."""
     found = {
         name: {point: distance.rms for point, distance in fit.distances.items()}
@@ -156,11 +167,11 @@ def _calibrated(result: CalibrationResult, known: Nominal) -> list[tuple[Section
     before = section_errors(result, {name: known.errors[name] for name in found if name in known.errors})
     after = section_errors(result, found)
     placed = [section for section in sections(result) if section.name in after]
-    rows: list[tuple[Section, float | None, float]] = [(s, before.get(s.name), after[s.name]) for s in placed]
+    rows: list[tuple[ErrorSection, float | None, float]] = [(s, before.get(s.name), after[s.name]) for s in placed]
     nominal = [fit for name, fit in known.fits.items() if name in found]
     whole = [_pooled(fits) for fits in (nominal, list(result.experiments.values()))]
     if len(placed) > 1 and whole[1] is not None:
-        rows.insert(0, (Section(ALL, "m", placed[0].length), whole[0], whole[1]))
+        rows.insert(0, (ErrorSection(ALL, "m", placed[0].length), whole[0], whole[1]))
     return rows
 
 

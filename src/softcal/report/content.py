@@ -13,7 +13,7 @@ from softcal.errors import Fault, InputError
 from softcal.experiments.dataset import Dataset
 from softcal.materials.infill import PrintInfill
 from softcal.report.compared import Compared
-from softcal.report.settled import SettledShapes
+from softcal.report.equilibrium_shapes import EquilibriumShapes
 from softcal.report.twin_view import TwinView
 
 
@@ -69,7 +69,7 @@ class ReportContent:
     landscapes: label of a calibration -> loss over two parameters; where absent, the trials are drawn.
     compared: what the headline is compared with. mesh_study: what the mesh contributes to one of the results; or
     mesh_note says why one that there is is not told.
-    settled: the shapes of the headline's calibration, where positions were compared.
+    equilibria: the shapes of the headline's calibration, where positions were compared.
     records: label of a calibration -> experiment -> its twin over the whole record, where there is one.
     A simulated channel without a measured one (pitch where no IMU was used) belongs in `ExperimentFit.simulated`.
     """
@@ -78,7 +78,7 @@ class ReportContent:
     results: Mapping[str, CalibrationResult]
     experiments: Mapping[str, ExperimentContent]
     twin: TwinView | None = None
-    settled: SettledShapes | None = None
+    equilibria: EquilibriumShapes | None = None
     landscapes: Mapping[str, Landscape] = field(default_factory=dict)
     records: Mapping[str, Mapping[str, RecordFit]] = field(default_factory=dict[str, Mapping[str, RecordFit]])
     compared: Compared | None = None

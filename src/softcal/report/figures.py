@@ -12,8 +12,7 @@ from softcal.experiments.branches import PULLEY_STEP
 from softcal.experiments.dataset import Dataset
 from softcal.experiments.noise import NOISE_STEPS
 from softcal.report.content import ExperimentContent, ReportContent
-from softcal.report.style import encode
-from softcal.report.wording import (
+from softcal.report.format import (
     file_stem,
     joined,
     number,
@@ -22,6 +21,7 @@ from softcal.report.wording import (
     parameter_name,
     result_label,
 )
+from softcal.report.style import encode
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -129,7 +129,7 @@ def _twin(content: ReportContent) -> Iterator[Picture]:
         return
     drawn = draw_twin(content.twin)
     robot = content.twin.robot
-    states = "at rest and at its largest pitch" if robot.cables else "undeformed and as it settled"
+    states = "at rest and at its largest pitch" if robot.cables else "undeformed and in equilibrium"
     drawn_as = ["colour is the displacement"]
     drawn_as += ["what is fixed is grey"] if any(len(body.fixed) for body in robot.bodies) else []
     drawn_as += ["the tubes are cables"] if robot.cables else []
@@ -177,10 +177,10 @@ def _record_caption(experiment: ExperimentContent) -> str:
 def _places(content: ReportContent) -> Iterator[Picture]:
     from softcal.report.chart_places import draw_places, markers_of
 
-    if content.settled is None:
+    if content.equilibria is None:
         return
     fits = content.headline_result.experiments
-    found = {name: markers_of(fits[name]) for name in content.settled.shapes if name in fits}
+    found = {name: markers_of(fits[name]) for name in content.equilibria.shapes if name in fits}
     markers = {name: one for name, one in found.items() if one is not None}
     if not markers:
         return
@@ -188,9 +188,9 @@ def _places(content: ReportContent) -> Iterator[Picture]:
         f"{result_label(content.headline)}: where the markers were measured and where the calibrated twin has them, in "
         "the robot's frame, with the twin's shapes."
     )
-    left = len(fits) - len(content.settled.shapes)
+    left = len(fits) - len(content.equilibria.shapes)
     caption += f" {left} further experiments are left out." if left > 0 else ""
-    figure = draw_places(result_label(content.headline), content.settled, markers)
+    figure = draw_places(result_label(content.headline), content.equilibria, markers)
     yield _picture(figure, "places", "fit", caption)
 
 
@@ -198,7 +198,7 @@ def _fits(content: ReportContent) -> Iterator[Picture]:
     from softcal.report.chart_bench import draw_trajectory
     from softcal.report.chart_positions import draw_distances
     from softcal.report.positions import places
-    from softcal.report.series import trajectory
+    from softcal.report.series import trajectory_panels
 
     for label, result in content.results.items():
         found = places(result)
@@ -211,7 +211,7 @@ def _fits(content: ReportContent) -> Iterator[Picture]:
             )
             yield _picture(draw_distances(result_label(label), found), f"distances-{file_stem(label)}", "fit", caption)
         for name, fit in result.experiments.items():
-            path = trajectory(content.experiments[name], fit)
+            path = trajectory_panels(content.experiments[name], fit)
             if not path.panels:
                 continue
             alone = file_stem(label) == file_stem(name)
@@ -239,9 +239,9 @@ def _records(content: ReportContent) -> Iterator[Picture]:
 
 def _record(content: ReportContent, label: str, name: str, found: RecordFit, fit: ExperimentFit) -> Picture:
     from softcal.report.chart_bench import draw_trajectory
-    from softcal.report.series import trajectory
+    from softcal.report.series import trajectory_panels
 
-    path = trajectory(replace(content.experiments[name], prepared=found.record, drive="time"), fit)
+    path = trajectory_panels(replace(content.experiments[name], prepared=found.record, drive="time"), fit)
     caption = (
         f"{name}: the whole record and the twin ({result_label(label)}), driven by {joined(found.drives)} as measured. "
         "The twin was fitted to part of these samples, or to what was averaged from them. It is elastic: the loop "

@@ -10,12 +10,10 @@ from pathlib import Path
 from softcal.analysis.mesh_verdict import mesh_verdicts
 from softcal.calibration.result import CalibrationResult
 from softcal.report.comparison import improvements
+from softcal.report.conclusions import conclusions, headline_sentence
 from softcal.report.content import ReportContent
 from softcal.report.figures import Picture
-from softcal.report.positions import MM, places, pooled
-from softcal.report.tables import Table, provenance_rows, share_of_peak
-from softcal.report.verdict import headline_sentence, verdicts
-from softcal.report.wording import (
+from softcal.report.format import (
     SI_UNITS_OF,
     channel_label,
     estimate_scale,
@@ -31,6 +29,8 @@ from softcal.report.wording import (
     scale_of,
     with_error,
 )
+from softcal.report.positions import MM, places, pooled
+from softcal.report.tables import ReportTable, provenance_rows, share_of_peak
 from softcal.units import format_range
 
 _FEW = 4  # numbers that fit the first screen
@@ -46,7 +46,7 @@ class KeyNumber:
     remark: str
 
 
-def render_page(content: ReportContent, pictures: Sequence[Picture], tables: Mapping[str, Table]) -> str:
+def render_page(content: ReportContent, pictures: Sequence[Picture], tables: Mapping[str, ReportTable]) -> str:
     """The page as text."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
@@ -67,7 +67,7 @@ def render_page(content: ReportContent, pictures: Sequence[Picture], tables: Map
         subject=_subject(content),
         key_numbers=key_numbers(content),
         headline=headline_sentence(content),
-        verdicts=verdicts(content),
+        conclusions=conclusions(content),
         sections=sections,
         tables=tables,
         record_failures=[

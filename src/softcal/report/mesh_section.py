@@ -6,17 +6,17 @@ from softcal.analysis.mesh_changes import pooled
 from softcal.analysis.mesh_study import MeshStudy
 from softcal.analysis.mesh_verdict import shift_text
 from softcal.report.content import ReportContent
-from softcal.report.tables import Cell, Column, Table
-from softcal.report.wording import estimate_scale, estimate_text, number, scale_of
+from softcal.report.format import estimate_scale, estimate_text, number, scale_of
+from softcal.report.tables import Cell, Column, ReportTable
 
 
-def mesh_tables(content: ReportContent) -> tuple[Table, Table]:
+def mesh_tables(content: ReportContent) -> tuple[ReportTable, ReportTable]:
     """What each discretisation would find, and what it changes in each channel; empty without a study."""
     study = content.mesh_study
     return (_parameters(study), _changes(study))
 
 
-def _parameters(study: MeshStudy | None) -> Table:
+def _parameters(study: MeshStudy | None) -> ReportTable:
     rows: list[tuple[Cell, ...]] = []
     for label, estimate in study.parameters.items() if study is not None else ():
         scale = estimate_scale(estimate)
@@ -32,12 +32,12 @@ def _parameters(study: MeshStudy | None) -> Table:
         "h/2: every element halved, h/4: halved twice; limit: extrapolated from both to elements of no size; s.e.: "
         "standard errors of the noise. The shifts are first order, by the exact derivatives on the finer mesh."
     )
-    return Table(
+    return ReportTable(
         "mesh-study", "What would be found on finer meshes", tuple(Column(h) for h in heads), tuple(rows), note
     )
 
 
-def _changes(study: MeshStudy | None) -> Table:
+def _changes(study: MeshStudy | None) -> ReportTable:
     rows: list[tuple[Cell, ...]] = []
     for one in study.finer if study is not None else ():
         for name, change in pooled(one.changes).items():
@@ -64,4 +64,4 @@ def _changes(study: MeshStudy | None) -> Table:
         Column("over its noise"),
         Column("Order", digits=2),
     )
-    return Table("mesh-study-channels", "What finer meshes change at the values found", columns, tuple(rows))
+    return ReportTable("mesh-study-channels", "What finer meshes change at the values found", columns, tuple(rows))

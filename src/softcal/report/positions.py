@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from softcal.calibration.result import CalibrationResult, Distance, ExperimentFit
 from softcal.report.content import ReportContent
-from softcal.report.tables import Cell, Column, Table
-from softcal.report.wording import joined, number, result_label
+from softcal.report.format import joined, number, result_label
+from softcal.report.tables import Cell, Column, ReportTable
 
 MM = 1e3
 # A prediction this many times worse than the fit is as hoped; beyond the second, the twin does not carry over.
@@ -31,7 +31,7 @@ def places(result: CalibrationResult) -> list[Place]:
     return sorted(found, key=lambda place: place.experiment)
 
 
-def distances_table(content: ReportContent) -> Table:
+def distances_table(content: ReportContent) -> ReportTable:
     """The distance of every marker in every experiment, of every calibration (paper B, Eq. 1)."""
     rows: list[tuple[Cell, ...]] = []
     for label, result in content.results.items():
@@ -44,7 +44,7 @@ def distances_table(content: ReportContent) -> Table:
     columns = [Column(text) for text in headings] + [Column(text, unit) for text, unit in numbers]
     note = "Predicted: the experiment was held out of the fit. Not seen: states in which the marker was not measured."
     columns += [Column("States"), Column("Not seen")]
-    return Table(
+    return ReportTable(
         "distances", "How far the markers are from where they were measured", tuple(columns), tuple(rows), note
     )
 

@@ -10,8 +10,8 @@ from softcal.analysis.record import RecordFit
 from softcal.calibration.result import ExperimentFit
 from softcal.report.closeness import KINDS
 from softcal.report.content import ReportContent
+from softcal.report.format import number, scale_of
 from softcal.report.tables import share_of_peak
-from softcal.report.wording import number, scale_of
 
 
 @dataclass(frozen=True)

@@ -81,7 +81,7 @@ class Scene:
 
 
 @dataclass(frozen=True)
-class Camera:
+class Projection:
     """A parallel projection: orthonormal `right` and `up` in the picture, `back` towards the eye.
 
     window: (left, right, bottom, top) [m] in the picture's plane, measured from the frame's origin.
@@ -108,7 +108,7 @@ def refined(path: Floats) -> Floats:
     return np.concatenate([*(a + share * (b - a) for a, b in pairwise(path)), path[-1:]])
 
 
-def bending_camera(points: Floats, up: Floats, towards: Floats) -> Camera:
+def bending_camera(points: Floats, up: Floats, towards: Floats) -> Projection:
     """A camera that sees `up` [-] upright and `towards` [-] to the right, a little from the side and above.
 
     points (n, 3) [m]: all that must fit into the picture.
@@ -124,25 +124,25 @@ def bending_camera(points: Floats, up: Floats, towards: Floats) -> Camera:
     right = np.asarray(np.cross(up, back), dtype=np.float64)
     right /= np.linalg.norm(right)
     frame_up: Floats = np.asarray(np.cross(back, right), dtype=np.float64)
-    return fitted(Camera(right, frame_up, back, (0.0, 1.0, 0.0, 1.0)), points)
+    return fitted(Projection(right, frame_up, back, (0.0, 1.0, 0.0, 1.0)), points)
 
 
-def fitted(camera: Camera, points: Floats) -> Camera:
+def fitted(camera: Projection, points: Floats) -> Projection:
     """The same view with a window that holds all points and a margin."""
     flat = camera.project(points)[:, :2]
     low, high = flat.min(axis=0), flat.max(axis=0)
     margin = np.array([0.13, 0.05]) * float(np.max(high - low))
     (left, bottom), (right, top) = low - margin, high + margin
-    return Camera(camera.right, camera.up, camera.back, (float(left), float(right), float(bottom), float(top)))
+    return Projection(camera.right, camera.up, camera.back, (float(left), float(right), float(bottom), float(top)))
 
 
-def alike(cameras: tuple[Camera, ...]) -> tuple[Camera, ...]:
+def alike(cameras: tuple[Projection, ...]) -> tuple[Projection, ...]:
     """The same views with windows of one size, so that pictures side by side have one scale."""
     windows = np.array([camera.window for camera in cameras])
     middles = 0.5 * (windows[:, 0::2] + windows[:, 1::2])
     half = 0.5 * (windows[:, 1::2] - windows[:, 0::2]).max(axis=0)
     return tuple(
-        Camera(camera.right, camera.up, camera.back, (x - half[0], x + half[0], y - half[1], y + half[1]))
+        Projection(camera.right, camera.up, camera.back, (x - half[0], x + half[0], y - half[1], y + half[1]))
         for camera, (x, y) in zip(cameras, middles.tolist(), strict=True)
     )
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.processes import run
-from softcal.report.scene import Arrow, Ball, Camera, Part, Scene, Surface, Tube, refined
+from softcal.report.scene import Arrow, Ball, Part, Projection, Scene, Surface, Tube, refined
 from softcal.report.style import DPI
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ class Rendering:
     note: str = ""
 
 
-def render_scenes(scenes: tuple[Scene, ...], cameras: tuple[Camera, ...]) -> Rendering:
+def render_scenes(scenes: tuple[Scene, ...], cameras: tuple[Projection, ...]) -> Rendering:
     """Render each scene by its camera, by PyVista in a process of its own; where that fails, the note says why."""
     problem = ""
     with tempfile.TemporaryDirectory(prefix="softcal-scene-") as folder:
@@ -61,7 +61,7 @@ def render_scenes(scenes: tuple[Scene, ...], cameras: tuple[Camera, ...]) -> Ren
     return Rendering((), note)
 
 
-def panel_size(camera: Camera) -> tuple[float, float]:
+def panel_size(camera: Projection) -> tuple[float, float]:
     """Width and height [in] at which a camera's picture is shown."""
     left, right, bottom, top = camera.window
     width = min(max(3.4 * (right - left) / (top - bottom), 2.4), 3.6)
@@ -83,7 +83,7 @@ def _reason(code: int, errors: str) -> str:
     return lines[-1].rstrip(".") if lines else f"it ended with code {code}"
 
 
-def draw_flat(axes: Axes, scene: Scene, camera: Camera) -> None:
+def draw_flat(axes: Axes, scene: Scene, camera: Projection) -> None:
     """Draw a scene on axes in picture coordinates [mm], far parts first; shading by the angle to the eye."""
     from matplotlib.collections import PolyCollection
 
@@ -100,7 +100,7 @@ def draw_flat(axes: Axes, scene: Scene, camera: Camera) -> None:
     )
 
 
-def _flat(part: Part, camera: Camera) -> tuple[Floats, Floats]:
+def _flat(part: Part, camera: Projection) -> tuple[Floats, Floats]:
     """Quadrilaterals in picture coordinates and depth (n, 4, 3) [m], and their RGBA (n, 4)."""
     if isinstance(part, Surface):
         corners = camera.project(part.points)[part.triangles]
@@ -138,7 +138,7 @@ def _round(at: Floats, radius: float, colour: str) -> tuple[Floats, Floats]:
     return corners, np.tile(to_rgba(colour), (16, 1))
 
 
-def _flat_arrow(part: Arrow, camera: Camera) -> tuple[Floats, Floats]:
+def _flat_arrow(part: Arrow, camera: Projection) -> tuple[Floats, Floats]:
     tail, tip = camera.project(np.stack([part.tail, part.tip]))
     neck = tip - (tip - tail) * min(0.4, 5 * part.radius / max(float(np.linalg.norm(tip - tail)), 1e-12))
     shaft, colours = _ribbon(refined(np.stack([tail, neck])), part.radius, part.colour)

@@ -12,9 +12,9 @@ from softcal.geometry.surface import boundary_triangles
 from softcal.report.robot_view import plate_rim, plate_surface, robot_points
 from softcal.report.scene import (
     Ball,
-    Camera,
     Label,
     Part,
+    Projection,
     Scene,
     Surface,
     Tube,
@@ -38,7 +38,7 @@ class TwinScenes:
     """Rest and bent in one camera; largest: the largest displacement [m], the top of the colour scale."""
 
     scenes: tuple[Scene, Scene]
-    camera: Camera
+    camera: Projection
     largest: float
 
 

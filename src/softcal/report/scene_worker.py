@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from softcal.report.scene import Arrow, Ball, Camera, Part, Scene, Surface, Tube
+from softcal.report.scene import Arrow, Ball, Part, Projection, Scene, Surface, Tube
 
 
-def render(scene: Scene, camera: Camera, height: int) -> np.ndarray[Any, Any]:
+def render(scene: Scene, camera: Projection, height: int) -> np.ndarray[Any, Any]:
     """One scene as RGBA, shape (height, width, 4), the background transparent."""
     import pyvista as pv
 
@@ -40,7 +40,7 @@ def render(scene: Scene, camera: Camera, height: int) -> np.ndarray[Any, Any]:
         plotter.close()
 
 
-def _add(plotter: Any, part: Part, camera: Camera) -> None:
+def _add(plotter: Any, part: Part, camera: Projection) -> None:
     import pyvista as pv
 
     if isinstance(part, Surface):
@@ -62,7 +62,7 @@ def _add(plotter: Any, part: Part, camera: Camera) -> None:
         plotter.add_mesh(_arrow(part), color=part.colour, ambient=0.35)
 
 
-def from_behind(part: Surface, camera: Camera) -> Surface:
+def from_behind(part: Surface, camera: Projection) -> Surface:
     """The furthest triangles first: depth peeling does not sort them on every machine's OpenGL."""
     depth = camera.project(part.points)[part.triangles][..., 2].mean(axis=1)
     order = np.argsort(depth)

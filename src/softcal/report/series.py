@@ -12,7 +12,7 @@ from softcal.calibration.result import CalibrationResult, ExperimentFit, Trial
 from softcal.checks import Floats, Ints
 from softcal.experiments.dataset import Dataset
 from softcal.report.content import ExperimentContent, Landscape
-from softcal.report.wording import SI_UNITS_OF, Scale, channel_label, find_parameter, scale_of
+from softcal.report.format import SI_UNITS_OF, Scale, channel_label, find_parameter, scale_of
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class TrajectoryPanel:
 
 
 @dataclass(frozen=True)
-class Trajectory:
+class TrajectoryPanels:
     """One experiment, measured and simulated. pieces: slices within which neighbouring samples belong together."""
 
     experiment: str
@@ -46,7 +46,7 @@ class Trajectory:
     pieces: tuple[slice, ...]
 
 
-def trajectory(experiment: ExperimentContent, fit: ExperimentFit) -> Trajectory:
+def trajectory_panels(experiment: ExperimentContent, fit: ExperimentFit) -> TrajectoryPanels:
     """What is compared in one experiment: force first, then pitch, then what else there is but positions."""
     order = ("tension", "pitch", "shortening")
     names = [name for name in order if name in fit.simulated]
@@ -62,7 +62,7 @@ def trajectory(experiment: ExperimentContent, fit: ExperimentFit) -> Trajectory:
         panels.append(TrajectoryPanel(name, channel_label(name), scale, shown, simulated, residual))
     n_samples = len(panels[0].simulated) if panels else 0
     abscissa = _abscissa(experiment, n_samples)
-    return Trajectory(experiment.name, abscissa, tuple(panels), _pieces(experiment.prepared, n_samples))
+    return TrajectoryPanels(experiment.name, abscissa, tuple(panels), _pieces(experiment.prepared, n_samples))
 
 
 def _abscissa(experiment: ExperimentContent, n_samples: int) -> Abscissa:

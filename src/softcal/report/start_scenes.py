@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from softcal.checks import Ints
-from softcal.report.scene import Camera, Scene, bending_camera, extent_points
+from softcal.report.scene import Projection, Scene, bending_camera, extent_points
 from softcal.report.scene_twin import bending_axes, displacements, twin_parts
 from softcal.report.twin_view import TwinView
 from softcal.twin.response import Snapshot
@@ -20,7 +20,7 @@ class StartScenes:
     """Scenes in one camera; largest: the largest displacement [m], the top of the colour scale."""
 
     scenes: tuple[Scene, ...]
-    cameras: tuple[Camera, ...]
+    cameras: tuple[Projection, ...]
     largest: float
 
 

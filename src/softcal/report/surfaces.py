@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softcal.analysis.sweep import ALL, Section, least_cell, section_errors, sections
+from softcal.analysis.sweep import ALL, ErrorSection, least_cell, section_errors, sections
 from softcal.calibration.result import CalibrationResult, Trial
 from softcal.checks import Floats
+from softcal.report.format import Scale, scale_of
 from softcal.report.series import searched_pair
-from softcal.report.wording import Scale, scale_of
 
 
 @dataclass(frozen=True)
-class Surface:
+class ErrorSurface:
     """The error of a section over two parameters: x, y [SI, ascending], error (len(y), len(x)) in `unit`.
 
     error is NaN where there is no cell or it could not be simulated, which `failed` (k, 2) lists by its x and y.
@@ -32,7 +32,7 @@ class Surface:
 
 
 @dataclass(frozen=True)
-class Curve:
+class ErrorCurve:
     """The error of a section over one parameter [SI, ascending], in `unit`; NaN where it could not be simulated."""
 
     section: str
@@ -46,7 +46,7 @@ def swept_pair(result: CalibrationResult) -> tuple[str, str] | None:
     return None if not result.is_sweep else searched_pair(result)
 
 
-def error_surfaces(result: CalibrationResult) -> list[Surface]:
+def error_surfaces(result: CalibrationResult) -> list[ErrorSurface]:
     """A surface of all together, where there are several sections, and of each; none where there is no grid of two.
 
     With more than two parameters, the cells are those in which the others are as in the best cell.
@@ -58,7 +58,7 @@ def error_surfaces(result: CalibrationResult) -> list[Surface]:
     trials = [t for t in result.trials if all(t.theta[n] == best[n] for n in best if n not in pair)]
     x, y = (np.unique([trial.theta[name] for trial in trials]) for name in pair)
     failed = np.array([[t.theta[name] for name in pair] for t in trials if t.loss is None], dtype=np.float64)
-    found: list[Surface] = []
+    found: list[ErrorSurface] = []
     for name, unit, errors in _told(result, trials):
         error = np.full((len(y), len(x)), np.nan)
         for trial in trials:
@@ -67,11 +67,11 @@ def error_surfaces(result: CalibrationResult) -> list[Surface]:
         known = [trial for trial in trials if trial.number in errors]
         least, value = least_cell(known, [errors[trial.number] for trial in known])
         best_at = (least.theta[pair[0]], least.theta[pair[1]], value)
-        found.append(Surface(name, unit, x, y, error, failed.reshape(-1, 2), best_at))
+        found.append(ErrorSurface(name, unit, x, y, error, failed.reshape(-1, 2), best_at))
     return found
 
 
-def error_curves(result: CalibrationResult) -> list[Curve]:
+def error_curves(result: CalibrationResult) -> list[ErrorCurve]:
     """The error of every section over the only parameter of a grid; none where there is no such grid."""
     if not result.is_sweep or len(result.parameters) != 1:
         return []
@@ -79,12 +79,12 @@ def error_curves(result: CalibrationResult) -> list[Curve]:
     trials = sorted(result.trials, key=lambda trial: trial.theta[name])
     x = np.array([trial.theta[name] for trial in trials])
     return [
-        Curve(section, unit, x, np.array([errors.get(trial.number, np.nan) for trial in trials]))
+        ErrorCurve(section, unit, x, np.array([errors.get(trial.number, np.nan) for trial in trials]))
         for section, unit, errors in _told(result, trials)
     ]
 
 
-def section_scale(section: Section) -> Scale:
+def section_scale(section: ErrorSection) -> Scale:
     """How the error of a section is told: in % of the length where there is one, else as people read its unit."""
     if section.length is not None:
         return Scale("%", 0.01 * section.length)

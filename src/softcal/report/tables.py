@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import re
 from collections import Counter
 from collections.abc import Mapping
@@ -12,10 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.calibration.result import CalibrationResult, ExperimentFit
+from softcal.csv_text import csv_text
 from softcal.experiments.dataset import Dataset, Step
 from softcal.materials.catalogue import LAWS, constants_of
 from softcal.report.content import ReportContent
-from softcal.report.wording import (
+from softcal.report.format import (
     Scale,
     duration,
     estimate_scale,
@@ -60,8 +59,8 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Table:
-    """A table in the units that people read; None is an empty cell. key: its file's name."""
+class ReportTable:
+    """A table in display units; None is an empty cell. key: its file's name."""
 
     key: str
     title: str
@@ -70,12 +69,8 @@ class Table:
     note: str = ""
 
     def as_csv(self) -> str:
-        """The table as CSV, numbers in full, unit in every heading."""
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow([column.header for column in self.columns])
-        writer.writerows([["" if cell is None else cell for cell in row] for row in self.rows])
-        return text.getvalue()
+        """The table as CSV, numbers in full precision, unit in every heading."""
+        return csv_text([column.header for column in self.columns], self.rows)
 
     def shown(self) -> list[list[str]]:
         """The cells as text: numbers to the column's digits, an en dash where there is nothing."""
@@ -88,9 +83,9 @@ def _text(cell: Cell, column: Column) -> str:
     return cell if isinstance(cell, str) else str(cell) if isinstance(cell, int) else number(cell, column.digits)
 
 
-def parameters_table(content: ReportContent) -> Table:
-    """Paper A's Table I: the law's constants, such as E and nu, with standard errors and importances, and the others
-    that were fitted, by calibration.
+def parameters_table(content: ReportContent) -> ReportTable:
+    """Paper A's Table I: the law's constants, such as E and nu, with standard errors and importances, and the other
+    fitted parameters, by calibration.
     """
     kinds = material_kinds(content.results.values())
     scales = [_scale_of_kind(content, kind) for kind in kinds]
@@ -124,16 +119,16 @@ def parameters_table(content: ReportContent) -> Table:
         Column("Other fitted values"),
     )
     note = (
-        "± is one standard error; an empty cell means that there is none or that the parameter was held fixed."
+        "± is one standard error; an empty cell means that there is none or that the parameter was fixed."
         f"{importance_note(content)}"
     )
-    return Table(
+    return ReportTable(
         "table-1-parameters", "Table I. Calibrated parameters and their importance", columns, tuple(rows), note
     )
 
 
 def importance_note(content: ReportContent) -> str:
-    """What the importances are, by how they were computed; "" where nothing says so."""
+    """Definition of the importances by their kind; "" if the kind is unknown."""
     kinds = dict.fromkeys(one.extra.get("importance_kind") for one in content.results.values() if one.importance)
     return "".join(f" {_IMPORTANCES[kind]}" for kind in kinds if kind in _IMPORTANCES)
 
@@ -143,7 +138,7 @@ def _interval(ends: tuple[float, float], scale: Scale) -> str:
     return " to ".join(plain(end / scale.factor, digits) for end in ends)
 
 
-def all_parameters_table(content: ReportContent) -> Table:
+def all_parameters_table(content: ReportContent) -> ReportTable:
     """Every calibrated parameter of every calibration, with its bounds."""
     rows: list[tuple[Cell, ...]] = []
     for label, result in content.results.items():
@@ -182,10 +177,10 @@ def all_parameters_table(content: ReportContent) -> Table:
     )
     columns = tuple(Column(label) for label in labels)
     note = f"± is one standard error.{importance_note(content)}"
-    return Table("parameters", "Every calibrated parameter", columns, tuple(rows), note)
+    return ReportTable("parameters", "Every calibrated parameter", columns, tuple(rows), note)
 
 
-def errors_table(content: ReportContent) -> Table:
+def errors_table(content: ReportContent) -> ReportTable:
     """Table II of paper A: RMSE and detrended RMSE of force and pitch; of shortening where it was compared."""
     every: list[tuple[str, str, str, ExperimentFit]] = []
     for label, result in content.results.items():
@@ -228,14 +223,14 @@ def errors_table(content: ReportContent) -> Table:
     )
     if any(samples == "whole record" for _, _, samples, _ in fits):
         note += (
-            " The whole record is every sample after the corrections, loading and unloading; the fit knew the fitted "
-            "samples alone."
+            " The whole record is every sample after the corrections, loading and unloading; the fit used the fitted "
+            "samples only."
         )
-    return Table("table-2-errors", "Table II. How well the twin follows the bench", tuple(columns), tuple(rows), note)
+    return ReportTable("table-2-errors", "Table II. Errors of the twin", tuple(columns), tuple(rows), note)
 
 
 def share_of_peak(fit: ExperimentFit, channel: str = "tension") -> float | None:
-    """RMSE over the largest measured magnitude of a channel [-], None where it was not compared."""
+    """RMSE over the largest measured magnitude of a channel [-]; None if it was not compared."""
     error, measured = fit.rmse.get(channel), fit.measured.get(channel)
     if error is None or measured is None:
         return None
@@ -244,7 +239,7 @@ def share_of_peak(fit: ExperimentFit, channel: str = "tension") -> float | None:
 
 
 def share_of_range(fit: ExperimentFit, channel: str = "tension") -> float | None:
-    """RMSE over the largest less the smallest measured value [-], None where it was not compared or does not change."""
+    """RMSE over the measured range of a channel [-]; None if it was not compared or is constant."""
     error, measured = fit.rmse.get(channel), fit.measured.get(channel)
     if error is None or measured is None:
         return None
@@ -252,8 +247,8 @@ def share_of_range(fit: ExperimentFit, channel: str = "tension") -> float | None
     return error / span if span > 0 else None
 
 
-def run_table(content: ReportContent) -> Table:
-    """How each calibration ran."""
+def run_table(content: ReportContent) -> ReportTable:
+    """Cost and status of each calibration."""
     columns = tuple(
         Column(label)
         for label in (
@@ -269,11 +264,11 @@ def run_table(content: ReportContent) -> Table:
         for label, result in content.results.items()
     )  # fmt: skip
     note = "A solve is one forward trajectory of the twin; a factorisation is one linear system factored within it."
-    return Table("run-facts", "How each calibration ran", columns, rows, note)
+    return ReportTable("run-facts", "How each calibration ran", columns, rows, note)
 
 
-def stamps_table(content: ReportContent) -> Table:
-    """Versions and hashes by which the run can be repeated; those of the results are added to the content's."""
+def stamps_table(content: ReportContent) -> ReportTable:
+    """Versions and hashes that identify the run; those of the results are added to the content's."""
     versions: dict[str, str] = {}
     hashes: dict[str, str] = {}
     for result in content.results.values():
@@ -284,11 +279,11 @@ def stamps_table(content: ReportContent) -> Table:
     rows = [("version", name, value) for name, value in versions.items()]
     rows += [("hash", name, value) for name, value in hashes.items()]
     columns = (Column("Kind"), Column("Of"), Column("Value"))
-    return Table("versions-and-hashes", "Versions and hashes", columns, tuple(rows))
+    return ReportTable("versions-and-hashes", "Versions and hashes", columns, tuple(rows))
 
 
-def failures_table(content: ReportContent) -> Table:
-    """Failed trials grouped by reason, the numbers in the reasons left out of the comparison."""
+def failures_table(content: ReportContent) -> ReportTable:
+    """Failed trials grouped by reason; numbers in the reasons are ignored in the grouping."""
     rows: list[tuple[Cell, ...]] = []
     for label, result in content.results.items():
         rows += [
@@ -296,11 +291,11 @@ def failures_table(content: ReportContent) -> Table:
             for reason, count, number_of_first in grouped_failures(result)
         ]
     columns = (Column("Calibration"), Column("Trials"), Column("Reason (first of its kind)"), Column("First trial"))
-    return Table("failed-trials", "Trials that could not be simulated", columns, tuple(rows))
+    return ReportTable("failed-trials", "Trials that could not be simulated", columns, tuple(rows))
 
 
 def grouped_failures(result: CalibrationResult) -> list[tuple[str, int, int]]:
-    """(reason of the first, how many alike, number of the first), most frequent first."""
+    """(reason of the first trial, count, number of the first trial), most frequent first."""
     failed = [trial for trial in result.trials if trial.state == "FAILED"]
     kinds = [re.sub(r"[-+]?\d+(\.\d+)?([eE][-+]?\d+)?", "#", trial.reason) for trial in failed]
     first = {kind: trial for kind, trial in reversed(list(zip(kinds, failed, strict=True)))}
@@ -308,19 +303,19 @@ def grouped_failures(result: CalibrationResult) -> list[tuple[str, int, int]]:
 
 
 def provenance_rows(dataset: Dataset) -> list[tuple[str, str, str]]:
-    """(what was done, with which settings in SI, what came of it), in order."""
+    """(step, its settings in SI, its outcome), in order."""
     return [(step.name, _settings(step), step.outcome) for step in dataset.provenance]
 
 
-def provenance_table(content: ReportContent) -> Table:
-    """Every step that made each prepared dataset, in order."""
+def provenance_table(content: ReportContent) -> ReportTable:
+    """All preparation steps of each dataset, in order."""
     rows: list[tuple[Cell, ...]] = [
         (name, index, *row)
         for name, experiment in content.experiments.items()
         for index, row in enumerate(provenance_rows(experiment.prepared), start=1)
     ]
     columns = tuple(Column(label) for label in ("Experiment", "Step", "What", "Settings (SI)", "Outcome"))
-    return Table("provenance", "From the bench file to the compared data", columns, tuple(rows))
+    return ReportTable("provenance", "From the bench file to the compared data", columns, tuple(rows))
 
 
 def _settings(step: Step) -> str:
@@ -342,7 +337,7 @@ def _setting(value: object) -> str:
 
 
 def _scale_of_kind(content: ReportContent, kind: str) -> Scale:
-    """The scale in which a constant is shown in all calibrations: that of the first that has it."""
+    """Display scale of a constant in all calibrations: that of the first one that has it."""
     for result in content.results.values():
         name = find_parameter(result.parameters, kind)
         if name:

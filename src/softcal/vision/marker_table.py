@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from softcal.csv_text import csv_text
 from softcal.errors import DatasetError, Fault
 from softcal.vision.marker_pose import MarkerEstimate, MarkerPoses
 from softcal.vision.marker_scene import Glimpse, MarkerSet
@@ -39,13 +38,11 @@ class MarkerTable:
         For each marker its position and the standard deviations, its rotation vector and the standard deviations of
         turns about the base's axes, and the number of images that show it.
         """
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(["group", "images [1]", *(h for name in self.names for h in _headers(name)), "notes"])
+        rows: list[list[object]] = []
         for group in self.groups:
             cells = [cell for name in self.names for cell in _cells(self.cells.get((group, name)))]
-            writer.writerow([group, self.n_images[group], *cells, "; ".join(self.notes[group])])
-        return text.getvalue()
+            rows.append([group, self.n_images[group], *cells, "; ".join(self.notes[group])])
+        return csv_text(["group", "images [1]", *(h for name in self.names for h in _headers(name)), "notes"], rows)
 
 
 def marker_table(

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from softcal.calibration.outcome import installed_versions
 from softcal.calibration.problem import SOFTCAL
+from softcal.csv_text import csv_text
 from softcal.errors import Fault, InputError, nearest
 from softcal.export.crosscheck import AGREES, ENGINES, Crosscheck, Running, crosscheck
 from softcal.project.project import Project
@@ -88,15 +88,20 @@ def write_crosscheck(project: Project, found: Mapping[str, Crosscheck], folder: 
         "versions": installed_versions(),
     }
     with new_folder(folder) as part:
-        with (part / TABLE).open("w", newline="", encoding="utf-8") as file:
-            table = csv.writer(file)
-            table.writerow(["state", "engine", "quantity", "unit", "in_softcal", "in_engine", "difference", "relative"])
-            for state, result in found.items():
-                for comparison in result.comparisons:
-                    for one in comparison.differences:
-                        numbers = (one.softcal, one.engine, one.absolute, one.relative)
-                        of = (state or "at rest", comparison.engine, one.quantity, one.unit)
-                        table.writerow([*of, *(f"{number:.9g}" for number in numbers)])
+        header = ["state", "engine", "quantity", "unit", "in_softcal", "in_engine", "difference", "relative"]
+        rows = [
+            [
+                state or "at rest",
+                comparison.engine,
+                one.quantity,
+                one.unit,
+                *(f"{number:.9g}" for number in (one.softcal, one.engine, one.absolute, one.relative)),
+            ]
+            for state, result in found.items()
+            for comparison in result.comparisons
+            for one in comparison.differences
+        ]
+        (part / TABLE).write_text(csv_text(header, rows), encoding="utf-8", newline="")
         (part / RECORD).write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -15,6 +13,7 @@ from softcal.calibration.outcome import installed_versions
 from softcal.calibration.result import CalibrationResult
 from softcal.calibration.store import write_text
 from softcal.calibration.stored import Record, read_record
+from softcal.csv_text import csv_text
 from softcal.project.project import Project
 from softcal.workflows.output import new_folder
 
@@ -84,31 +83,25 @@ def read_study(folder: Path) -> StoredStudy | None:
 def parameters_csv(found: MeshStudy) -> str:
     """A row for every discretisation and parameter: what was found, its standard error, what is expected there [SI]."""
     header = ["discretisation", "unknowns", "parameter", "unit", "found", "standard_error", "expected", "shift"]
-    rows: list[list[object]] = [[*header, "shift over standard error [1]", "at_bound", "status"]]
+    rows: list[list[object]] = []
     for one in found.finer:
-        first = [one.name, "" if one.size is None else one.size.unknowns]
+        first = [one.name, None if one.size is None else one.size.unknowns]
         if one.failure:
-            rows.append([*first, *[""] * 8, one.failure])
+            rows.append([*first, *[None] * 8, one.failure])
         for label, value in one.values.items():
             estimate = found.parameters[label]
             shift, error = value - estimate.value, estimate.standard_error
-            told = [label, estimate.unit, estimate.value, "" if error is None else error, value, shift]
-            rows.append([*first, *told, shift / error if error else "", label in one.at_bound, "simulated"])
-    return _csv(rows)
+            told = [label, estimate.unit, estimate.value, error, value, shift]
+            rows.append([*first, *told, shift / error if error else None, label in one.at_bound, "simulated"])
+    return csv_text([*header, "shift over standard error [1]", "at_bound", "status"], rows)
 
 
 def changes_csv(found: MeshStudy) -> str:
     """A row for every discretisation, experiment and channel: how much it changes, beside noise and residual [SI]."""
     header = ["discretisation", "experiment", "of", "unit", "RMS change", "relative [1]", "noise sd", "RMSE of the fit"]
-    rows: list[list[object]] = [[*header, "n [1]", "order [1]"]]
+    rows: list[list[object]] = []
     for one in found.finer:
         for c in one.changes:
             numbers = [c.rms, c.share, c.noise, c.residual, c.n, c.order]
-            rows.append([one.name, c.experiment, c.name, c.unit, *("" if x is None else x for x in numbers)])
-    return _csv(rows)
-
-
-def _csv(rows: list[list[object]]) -> str:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    return text.getvalue()
+            rows.append([one.name, c.experiment, c.name, c.unit, *numbers])
+    return csv_text([*header, "n [1]", "order [1]"], rows)

@@ -19,12 +19,12 @@ from softcal.report.twin_view import TwinView
 from softcal.report.write import Observer, ReportPaths
 from softcal.report.write import write_report as write_content
 from softcal.twin.response import Response
+from softcal.workflows.calibrated_shapes import calibrated_shapes, from_undeformed
 from softcal.workflows.calibration import JOINT, calibrated, make_problem
 from softcal.workflows.comparing import compared
 from softcal.workflows.furthest import furthest_response
 from softcal.workflows.mesh_study_files import FOLDER, read_study
 from softcal.workflows.run_folder import Run, load_run
-from softcal.workflows.settled import from_undeformed, settled_shapes
 from softcal.workflows.simulation import twin_view
 from softcal.workflows.whole_record import compare_records
 
@@ -70,15 +70,15 @@ def report_content(run: Run, solved: Mapping[str, Response] | None = None) -> Re
     """Everything that the report of a run needs; solved: furthest responses that need not be solved again."""
     project = run.project
     headline = JOINT if JOINT in run.results else next(iter(run.results))
-    settled = settled_shapes(project, run.results[headline])
+    equilibria = calibrated_shapes(project, run.results[headline])
     furthest = (solved or {}).get(headline) or furthest_response(project, run.results[headline])
     mesh, mesh_note = _mesh_study(run)
     return ReportContent(
         project_name=project.name,
         results=run.results,
         experiments={name: _experiment(project, name) for name in _shown(run)},
-        twin=_twin(project, run.results[headline], furthest) or from_undeformed(settled),
-        settled=settled,
+        twin=_twin(project, run.results[headline], furthest) or from_undeformed(equilibria),
+        equilibria=equilibria,
         landscapes=_landscapes(project, run.results, run.settings),
         records={
             label: compare_records(project, result) for label, result in run.results.items() if not result.is_sweep

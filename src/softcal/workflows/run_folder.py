@@ -7,8 +7,6 @@ result.json, trials.csv, response-<experiment>.csv      the headline result, and
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import shutil
 from collections.abc import Mapping
@@ -25,6 +23,7 @@ from softcal.calibration.result_files import fits_of, response_file, result_json
 from softcal.calibration.result_reading import load_result
 from softcal.calibration.store import write_text
 from softcal.calibration.stored import Record, read_record
+from softcal.csv_text import csv_text
 from softcal.errors import Fault, StorageError
 from softcal.geometry.write import write_mesh
 from softcal.project.calibration_schema import CalibrationSection
@@ -323,13 +322,10 @@ def _summary(result: CalibrationResult) -> dict[str, Any]:
 
 def _trials_csv(results: Mapping[str, CalibrationResult]) -> str:
     units = {name: e.unit for result in results.values() for name, e in result.parameters.items()}
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
     fixed = ["calibration", "number", "state", "loss", "seconds [s]", "n_factorisations", "reason"]
-    writer.writerow([*fixed, *(f"{name} [{unit}]" for name, unit in units.items())])
-    for label, result in results.items():
-        for t in result.trials:
-            loss = "" if t.loss is None else t.loss
-            told = [label, t.number, t.state, loss, t.seconds, t.n_factorisations, t.reason]
-            writer.writerow([*told, *(t.theta.get(name, "") for name in units)])
-    return text.getvalue()
+    rows = [
+        [label, t.number, t.state, t.loss, t.seconds, t.n_factorisations, t.reason, *(t.theta.get(n) for n in units)]
+        for label, result in results.items()
+        for t in result.trials
+    ]
+    return csv_text([*fixed, *(f"{name} [{unit}]" for name, unit in units.items())], rows)

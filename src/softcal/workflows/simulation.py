@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, TypeVar
@@ -13,6 +11,7 @@ import numpy as np
 from softcal.calibration.experiment import Experiment
 from softcal.calibration.observation import commands
 from softcal.calibration.problem import Simulate
+from softcal.csv_text import csv_text
 from softcal.errors import Fault, ParameterError, SimulationError
 from softcal.project.project import Project
 from softcal.twin.parameters import robot_parameters, with_parameters
@@ -228,8 +227,5 @@ def response_csv(response: Response) -> str:
 
 def channels_csv(channels: Mapping[str, np.ndarray], units: Mapping[str, str]) -> str:
     """Channels of one length as CSV text in SI, with the unit in every header; an angle is in rad, a flag in 1."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([f"{name} [{units[name]}]" for name in channels])
-    writer.writerows([[f"{value:.10g}" for value in row] for row in zip(*channels.values(), strict=True)])
-    return text.getvalue()
+    rows = ([f"{value:.10g}" for value in row] for row in zip(*channels.values(), strict=True))
+    return csv_text([f"{name} [{units[name]}]" for name in channels], rows)

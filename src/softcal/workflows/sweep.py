@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,6 +17,7 @@ from softcal.calibration.result import CalibrationResult, Trial
 from softcal.calibration.run import Progress
 from softcal.calibration.run import calibrate as calibrate_problem
 from softcal.calibration.store import RunStore, write_text
+from softcal.csv_text import csv_text
 from softcal.errors import CalibrationError, Fault, InputError, ParameterError
 from softcal.project.axes import Axis, cells_fault, doubled, parse_axis, shown_configurations
 from softcal.project.bench_names import experiments_named
@@ -184,13 +183,13 @@ def sweep_csv(result: CalibrationResult) -> str:
         for errors in (joint, *(trial.errors.get(e, {}) for e in several)):
             row += [s.shown(errors[s.name]) if s.name in errors else "" for s in told]
         rows.append(row)
-    return _csv(header, rows)
+    return csv_text(header, rows)
 
 
 def failed_csv(problem: Problem, trials: Sequence[Trial]) -> str:
     """As `sweep_csv` where no cell could be simulated, and it is not known which errors there would have been."""
     units = {p.label: p.unit for p in problem.space.parameters}
-    return _csv(_header(units, problem.loss.name), [_row(trial, list(units)) for trial in trials])
+    return csv_text(_header(units, problem.loss.name), [_row(trial, list(units)) for trial in trials])
 
 
 def sweep_json(found: Swept) -> dict[str, Any]:
@@ -221,12 +220,6 @@ def _header(units: Mapping[str, str], loss: str) -> list[str]:
 def _row(trial: Trial, parameters: Sequence[str]) -> list[object]:
     loss = "" if trial.loss is None else trial.loss
     return [trial.number, trial.state, trial.reason, *(trial.theta[name] for name in parameters), loss]
-
-
-def _csv(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([header, *rows])
-    return text.getvalue()
 
 
 def _all_failed(store: Path) -> list[Trial]:

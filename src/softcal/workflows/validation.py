@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -12,6 +10,7 @@ from softcal.calibration.interrupts import stoppable
 from softcal.calibration.problem import Problem
 from softcal.calibration.run import Progress
 from softcal.calibration.settings import SearchSettings
+from softcal.csv_text import csv_text
 from softcal.errors import Fault, ParameterError
 from softcal.project.project import Project
 from softcal.workflows.calibration import make_problem
@@ -83,10 +82,8 @@ def write_validation(found: Validation, path: str | Path) -> None:
 
 def validation_csv(found: Validation) -> str:
     """The predictions as CSV text; errors in SI, an empty cell where one does not apply."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
     header = ["model", "left out", "experiment", "of", "unit", "RMSE", "mean", "largest", "RMSE [% of length]", "n [1]"]
-    writer.writerow([*header, "parameters"])
+    rows: list[list[object]] = []
     for model, predictions in found.models.items():
         for one in predictions:
             values = "; ".join(f"{name} = {e.value:.6g} {e.unit}" for name, e in one.result.parameters.items())
@@ -94,12 +91,12 @@ def validation_csv(found: Validation) -> str:
                 first = [model, ", ".join(one.left_out), experiment]
                 for point, d in held.fit.distances.items():
                     share = "" if held.fit.length is None else 100 * d.rms / held.fit.length
-                    writer.writerow([*first, point, "m", d.rms, d.mean, d.max, share, d.n, values])
+                    rows.append([*first, point, "m", d.rms, d.mean, d.max, share, d.n, values])
                 for channel, rmse in held.fit.rmse.items():
                     if channel.rpartition(".")[0] not in held.fit.distances:
                         n = len(held.fit.measured[channel])
-                        writer.writerow([*first, channel, held.fit.units[channel], rmse, "", "", "", n, values])
-    return text.getvalue()
+                        rows.append([*first, channel, held.fit.units[channel], rmse, "", "", "", n, values])
+    return csv_text([*header, "parameters"], rows)
 
 
 def _problems(projects: Mapping[str, Project], split: Sequence[str]) -> dict[str, tuple[Problem, SearchSettings]]:

@@ -43,7 +43,7 @@ class Lost(Exception):
     """The motion cannot be followed further."""
 
 
-class Scene:
+class SofaScene:
     """The scene with one time step [s].
 
     Each step has a scene of its own: SOFA keeps the matrix of masses that plates carry with the factor, of the step and
@@ -74,7 +74,7 @@ class Scene:
         Sofa.Simulation.reset(self.root)
 
 
-class Run:
+class SofaRun:
     """The scene from state to state: where it settled last, and what it then was told."""
 
     def __init__(self, parameters, rest):
@@ -90,7 +90,7 @@ class Run:
 
     def scene_of(self, dt):
         if dt not in self.scenes:
-            self.scenes[dt] = Scene(self.parameters, dt)
+            self.scenes[dt] = SofaScene(self.parameters, dt)
         return self.scenes[dt]
 
     def go_back(self, dt):
@@ -201,7 +201,7 @@ def below(node):
 def run(states, parameters, rest, tell, shapes=False):
     """The rest state with all cables slack, then every state; `tell` takes each record. Whether all were reached."""
     began = time.time()
-    it = Run(parameters, rest)
+    it = SofaRun(parameters, rest)
     try:
         for number, state in enumerate([{}] + states):
             record = it.reach(state)

@@ -15,10 +15,10 @@ from softcal.cli.calibration_table import print_results
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.materials.infill import PrintInfill
 from softcal.report.chart_parameters import forest_caption
+from softcal.report.conclusions import conclusions, headline_sentence
 from softcal.report.content import ExperimentContent, ReportContent
 from softcal.report.figures import steps_between
 from softcal.report.tables import all_parameters_table, parameters_table
-from softcal.report.verdict import headline_sentence, verdicts
 
 D = np.linspace(0.0, 0.02, 41)
 DEG = np.pi / 180
@@ -56,7 +56,7 @@ def content(results: dict[str, CalibrationResult], sigma: float = 0.0, **more: o
 
 
 def told(of: ReportContent, tone: str | None = None) -> str:
-    return " ".join(s.text for s in verdicts(of) if tone is None or s.tone == tone)
+    return " ".join(s.text for s in conclusions(of) if tone is None or s.tone == tone)
 
 
 def separate(*values: tuple[float, float | None]) -> dict[str, CalibrationResult]:
@@ -177,8 +177,8 @@ def test_every_separate_modulus_is_held_against_the_infill() -> None:
 
 def test_a_search_that_did_not_converge_comes_first() -> None:
     report = content({"a": result("a", converged=False, status="Stopped after 40 trajectories.")})
-    assert "The search did not converge" in verdicts(report)[0].text
-    assert verdicts(report)[0].tone == "warning"
+    assert "The search did not converge" in conclusions(report)[0].text
+    assert conclusions(report)[0].tone == "warning"
     assert "The search did not converge" in headline_sentence(report).text
     assert "How the search ended" not in told(report)
 

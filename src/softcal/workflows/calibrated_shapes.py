@@ -1,4 +1,4 @@
-"""A calibrated project simulated once more for its pictures: the shapes in which the robot settled."""
+"""A calibrated project simulated once more for its pictures: the shapes in which the robot equilibria."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from softcal.calibration.result import CalibrationResult
 from softcal.project.project import Project
-from softcal.report.settled import SettledShapes
+from softcal.report.equilibrium_shapes import EquilibriumShapes
 from softcal.report.twin_view import TwinView
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Snapshot
@@ -21,7 +21,7 @@ from softcal.workflows.simulation import simulate
 MANY = 6
 
 
-def settled_shapes(project: Project, result: CalibrationResult) -> SettledShapes | None:
+def calibrated_shapes(project: Project, result: CalibrationResult) -> EquilibriumShapes | None:
     """The twin at the result's values at the end of experiments with positions; None where there are none."""
     at_values = calibrated(project, result)
     placed = [name for name, fit in result.experiments.items() if fit.distances]
@@ -35,17 +35,20 @@ def settled_shapes(project: Project, result: CalibrationResult) -> SettledShapes
     rest = simulate_robot(_unloaded(at_values.robot), Protocol({}), snapshots=True)
     if not rest.succeeded:
         return None
-    return SettledShapes(at_values.robot, rest.snapshots[0], shapes, rest.tets)
+    return EquilibriumShapes(at_values.robot, rest.snapshots[0], shapes, rest.tets)
 
 
-def from_undeformed(settled: SettledShapes | None) -> TwinView | None:
+def from_undeformed(equilibria: EquilibriumShapes | None) -> TwinView | None:
     """The twin undeformed and where it settled furthest from that, for a robot that nothing drives."""
-    if settled is None:
+    if equilibria is None:
         return None
-    moved = {name: _moved(settled.undeformed, shape) for name, shape in settled.shapes.items()}
+    moved = {name: _moved(equilibria.undeformed, shape) for name, shape in equilibria.shapes.items()}
     furthest = max(moved, key=lambda name: moved[name])
-    rest, bent = replace(settled.undeformed, label="Undeformed"), replace(settled.shapes[furthest], label=furthest)
-    return TwinView(settled.robot, rest, bent, settled.tets)
+    rest, bent = (
+        replace(equilibria.undeformed, label="Undeformed"),
+        replace(equilibria.shapes[furthest], label=furthest),
+    )
+    return TwinView(equilibria.robot, rest, bent, equilibria.tets)
 
 
 def _moved(rest: Snapshot, shape: Snapshot) -> float:

@@ -11,7 +11,7 @@ from softcal.twin.robot import Robot
 
 
 @dataclass(frozen=True)
-class SettledShapes:
+class EquilibriumShapes:
     """The calibrated twin undeformed, and at the last state of experiments in which positions were compared.
 
     shapes: by experiment. tets: body -> connectivity of `Snapshot.points`.

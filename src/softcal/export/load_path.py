@@ -1,4 +1,4 @@
-"""How a robot comes to a shape of its own: in steps that another engine can follow."""
+"""Load path from rest to a given equilibrium, in increments that another solver can follow."""
 
 from __future__ import annotations
 
@@ -19,9 +19,17 @@ SAME = 1e-6  # of the largest displacement
 
 
 @dataclass(frozen=True)
-class Way:
-    """shapes: on the way, the last one where it leads. taut: the cables that pull there. stiffness: d tension of each /
-    d shortening of each at the end (n_taut, n_taut) [N/m], or None where it is not known.
+class LoadPath:
+    """Equilibria from rest to a given state, and the cable stiffness at that state.
+
+    Attributes
+    ----------
+    shapes
+        Equilibria along the path; the last one is the given state.
+    taut
+        Names of the cables that are taut at the given state.
+    stiffness
+        d tension / d shortening of the taut cables there (n_taut, n_taut) [N/m], or None if unknown.
     """
 
     shapes: tuple[Snapshot, ...]
@@ -29,17 +37,18 @@ class Way:
     stiffness: Floats | None
 
 
-def way_to(robot: Robot, end: Snapshot) -> Way:
-    """The robot under its loads alone, if it has any; then its taut cables pulled in by equal parts of what they are at
-    the end, as many as the element that turns most has 15 degrees in its turn.
+def load_path(robot: Robot, end: Snapshot) -> LoadPath:
+    """Load path to the equilibrium `end`: first the loads alone, if there are any, then the taut cables shortened in
+    equal increments.
 
-    Where that does not lead to `end` (the robot snaps on the way, or snapped before), the way is `end` alone.
+    The number of increments is the largest rotation of an element over 15 degrees. If this path does not reach `end`
+    (snap-through along the path, or before it), the path consists of `end` alone.
     """
     twin = twin_of(robot)
     cables = twin.system.cables
     taut = tuple(name for name in cables.names if end.tensions.get(name, 0.0) > 0.0)
     if not taut:
-        return Way((end,), (), np.zeros((0, 0)))
+        return LoadPath((end,), (), np.zeros((0, 0)))
     begin = simulate(robot, Protocol({}), snapshots=True).snapshots[0]
     n = max(1, int(np.ceil(_largest_turn(twin, begin, end) / TURN)))
     share = np.arange(1, n + 1) / n
@@ -50,12 +59,12 @@ def way_to(robot: Robot, end: Snapshot) -> Way:
     pulls = [{name: float(command.values[i]) for name, command in commands.items()} for i in range(n)]
     found = [shape for pull in pulls for shape in response.snapshots if _is_at(shape, pull)]
     if not response.succeeded or len(found) != n or not _are_same(twin, found[-1], end):
-        return Way((end,), taut, None)
+        return LoadPath((end,), taut, None)
     rows = [response.sensitivities[f"{name}.tension"] for name in taut]
     stiffness = np.array([[float(row[name][-1]) for name in by] for row in rows])
     theta = parameter_values(robot)
     is_loaded = bool(np.any(twin.system.loads.total(theta)))
-    return Way((*((begin,) if is_loaded else ()), *found[:-1], end), taut, stiffness)
+    return LoadPath((*((begin,) if is_loaded else ()), *found[:-1], end), taut, stiffness)
 
 
 def positions(twin: Twin, shape: Snapshot) -> Floats:

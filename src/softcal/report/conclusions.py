@@ -13,10 +13,7 @@ from softcal.report.agreement import agreement_sentences, chance_text, range_tex
 from softcal.report.closeness import Tone, closeness, closeness_by_experiment, misses_of, worst_of
 from softcal.report.comparison import improvements
 from softcal.report.content import ReportContent
-from softcal.report.positions import fit_sentence, fitted_distance, prediction_sentence
-from softcal.report.record import record_sentence
-from softcal.report.tables import grouped_failures
-from softcal.report.wording import (
+from softcal.report.format import (
     NORMAL_95,
     estimate_scale,
     estimate_text,
@@ -28,6 +25,9 @@ from softcal.report.wording import (
     parameter_name,
     result_label,
 )
+from softcal.report.positions import fit_sentence, fitted_distance, prediction_sentence
+from softcal.report.record import record_sentence
+from softcal.report.tables import grouped_failures
 from softcal.units import AS_WRITTEN, format_quantity
 
 # An estimate is called identified while its 95 % interval covers less than this share of what was allowed.
@@ -67,7 +67,7 @@ def headline_sentence(content: ReportContent) -> Sentence:
     return Sentence(text, "warning" if doubts or poor else "good")
 
 
-def verdicts(content: ReportContent) -> list[Sentence]:
+def conclusions(content: ReportContent) -> list[Sentence]:
     """Every finding on what is judged and on how the separate fits agree; warnings first."""
     results = content.judged
     found = [

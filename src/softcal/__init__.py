@@ -72,9 +72,9 @@ if TYPE_CHECKING:
     from softcal.twin.robot import Tie as Tie
     from softcal.twin.robot import ViaPoint as ViaPoint
     from softcal.twin.schedule import Schedule as Schedule
-    from softcal.twin.schedule import Settling as Settling
-    from softcal.twin.schedule import TimeSettings as TimeSettings
     from softcal.twin.schedule import ramp as ramp
+    from softcal.twin.time_settings import Settling as Settling
+    from softcal.twin.time_settings import TimeSettings as TimeSettings
     from softcal.workflows.calibration import Calibrations as Calibrations
     from softcal.workflows.calibration import calibrate as calibrate
     from softcal.workflows.checking import check as check
@@ -125,7 +125,7 @@ _HOMES = {
     "RoutingAxis": "softcal.twin.cables",
     "Schedule": "softcal.twin.schedule",
     "SearchSettings": "softcal.calibration.settings",
-    "Settling": "softcal.twin.schedule",
+    "Settling": "softcal.twin.time_settings",
     "SimulationError": "softcal.errors",
     "SoftcalError": "softcal.errors",
     "StorageError": "softcal.errors",
@@ -133,7 +133,7 @@ _HOMES = {
     "Swept": "softcal.workflows.sweep",
     "TetMesh": "softcal.geometry.mesh",
     "Tie": "softcal.twin.robot",
-    "TimeSettings": "softcal.twin.schedule",
+    "TimeSettings": "softcal.twin.time_settings",
     "UnitError": "softcal.errors",
     "ViaPoint": "softcal.twin.robot",
     "box_mesh": "softcal.geometry.primitives",

@@ -5,15 +5,26 @@ A limit lies far above what is useful, and below what this machine would try for
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sized
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeVar
 
+from softcal.declare import Reading, shown
 from softcal.errors import Fault, InputError
+
+if TYPE_CHECKING:
+    from pydantic_core import CoreSchema
+
+T = TypeVar("T", bound=Sized)
 
 
 @dataclass(frozen=True)
 class Limit:
-    """Of what there may be how many; attempt: what to try instead of more."""
+    """Of what there may be how many; attempt: what to try instead of more.
+
+    It annotates counts, and lists and mappings that have no more entries, in what a project file can state:
+    `Annotated[int, LIMITS["tets"]]`.
+    """
 
     of: str
     most: int
@@ -45,6 +56,21 @@ class Limit:
         """
         if fault := self.fault(count, where):
             raise InputError(fault)
+
+    def __get_pydantic_core_schema__(self, source: object, handler: Callable[[object], CoreSchema]) -> CoreSchema:
+        reading = Reading(self._count) if source is int else Reading(self._entries, "after")
+        return reading.__get_pydantic_core_schema__(source, handler)
+
+    def _count(self, value: object) -> object:
+        if isinstance(value, bool) or not isinstance(value, int):
+            raise InputError(Fault("this is of the wrong kind", got=shown(value), allowed="a whole number"))
+        self.check(value)
+        return value
+
+    def _entries(self, value: T) -> T:
+        if value:
+            self.check(len(value))
+        return value
 
 
 LIMITS: Mapping[str, Limit] = {

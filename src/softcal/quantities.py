@@ -7,17 +7,23 @@ could be, so that a number outside is a slip of unit or sign.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
+from softcal.declare import Reading
 from softcal.errors import Fault, ParameterError
 from softcal.units import parse_quantity
+
+if TYPE_CHECKING:
+    from pydantic_core import CoreSchema
 
 
 @dataclass(frozen=True)
 class Quantity:
     """A kind of quantity: the unit it is held in, and the range [unit] in which it must lie.
+
+    It annotates the fields of what a project file can state: `Annotated[float, QUANTITIES["speed"]]`, or `Speed` below.
 
     ends: which ends of the range belong to it, as intervals are written. least [unit]: what its size must reach, for a
     factor that must not be zero. attempt, attempt_below: what to try for a value above, or below, the range or at
@@ -82,6 +88,9 @@ class Quantity:
             Where the number lies outside the range.
         """
         return self.checked(parse_quantity(value, self.unit, where=where), where=where)
+
+    def __get_pydantic_core_schema__(self, source: object, handler: Callable[[object], CoreSchema]) -> CoreSchema:
+        return Reading(self.read, "instead").__get_pydantic_core_schema__(source, handler)
 
 
 def noise_in(unit: str) -> Quantity:
@@ -154,3 +163,49 @@ def quantity(kind: str) -> Quantity:
             Fault("there is no such kind of quantity", got=f"'{kind}'", allowed=", ".join(sorted(QUANTITIES)))
         )
     return QUANTITIES[kind]
+
+
+# Fields of what a project file can state; in Python they are floats in SI.
+Length = Annotated[float, QUANTITIES["length"]]
+Size = Annotated[float, QUANTITIES["size"]]
+Clearance = Annotated[float, QUANTITIES["clearance"]]
+Slack = Annotated[float, QUANTITIES["slack"]]
+Area = Annotated[float, QUANTITIES["area"]]
+SecondMoment = Annotated[float, QUANTITIES["second moment"]]
+Angle = Annotated[float, QUANTITIES["angle"]]
+Force = Annotated[float, QUANTITIES["force"]]
+TensionOffset = Annotated[float, QUANTITIES["tension offset"]]
+Pressure = Annotated[float, QUANTITIES["pressure"]]
+Modulus = Annotated[float, QUANTITIES["modulus"]]
+PoissonsRatio = Annotated[float, QUANTITIES["Poisson's ratio"]]
+Wrap = Annotated[float, QUANTITIES["wrap angle"]]
+Friction = Annotated[float, QUANTITIES["friction coefficient"]]
+Mass = Annotated[float, QUANTITIES["mass"]]
+Density = Annotated[float, QUANTITIES["density"]]
+MomentOfInertia = Annotated[float, QUANTITIES["moment of inertia"]]
+Acceleration = Annotated[float, QUANTITIES["acceleration"]]
+Time = Annotated[float, QUANTITIES["time"]]
+Duration = Annotated[float, QUANTITIES["duration"]]
+Speed = Annotated[float, QUANTITIES["speed"]]
+Rate = Annotated[float, QUANTITIES["rate"]]
+Ratio = Annotated[float, QUANTITIES["ratio"]]
+PositiveRatio = Annotated[float, QUANTITIES["positive ratio"]]
+Share = Annotated[float, QUANTITIES["share"]]
+Infill = Annotated[float, QUANTITIES["infill"]]
+Exponent = Annotated[float, QUANTITIES["exponent"]]
+Turns = Annotated[float, QUANTITIES["number of turns"]]
+Refinement = Annotated[float, QUANTITIES["refinement"]]
+Factor = Annotated[float, QUANTITIES["scale factor"]]
+Point = tuple[Length, Length, Length]
+ForceVector = tuple[Force, Force, Force]
+Traction = tuple[Pressure, Pressure, Pressure]
+Gravity = tuple[Acceleration, Acceleration, Acceleration]
+
+
+def _pointing(value: tuple[float, float, float]) -> tuple[float, float, float]:
+    if not any(value):
+        raise ParameterError(Fault("the direction has no length", got="[0, 0, 0]", allowed="such as [0, 0, 1]"))
+    return value
+
+
+Direction = Annotated[tuple[Ratio, Ratio, Ratio], Reading(_pointing, "after")]

@@ -20,8 +20,9 @@ from softcal.twin.in_time import simulate_in_time
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
 from softcal.twin.robot import Marker
-from softcal.twin.schedule import Schedule, Settling, TimeSettings, ramp
+from softcal.twin.schedule import Schedule, ramp
 from softcal.twin.simulate import simulate
+from softcal.twin.time_settings import Settling, TimeSettings
 from softcal.workflows.cases import cases
 from softcal.workflows.motion import schedule_of, simulate_each_in_time
 from softcal.workflows.simulation import simulate as simulate_project
@@ -86,7 +87,7 @@ def test_channels_have_one_value_per_step_and_a_time():
 
 @pytest.mark.parametrize("on", ["", "plate", "dot"])
 def test_what_is_watched_comes_to_rest(on):
-    settings = TimeSettings(0.05, until_settled=Settling(speed=1e-6, hold=0.2, on=on))
+    settings = TimeSettings(0.05, settle=Settling(speed=1e-6, hold=0.2, on=on))
     response = simulate_in_time(column(), ramp(TENSION, 0.2), settings)
     assert response.succeeded
     t = response.channels["time"]
@@ -99,7 +100,7 @@ def test_what_is_watched_comes_to_rest(on):
 
 
 def test_one_that_does_not_settle_says_how_fast_it_still_is():
-    settings = TimeSettings(0.005, 0.0, 0.0, until_settled=Settling(speed=1e-9, longest=0.1))
+    settings = TimeSettings(0.005, 0.0, 0.0, settle=Settling(speed=1e-9, longest=0.1))
     response = simulate_in_time(column(), ramp(TENSION, 0.02), settings)
     assert not response.succeeded
     assert response.status.startswith("Not settled after 0.12 s, 24 steps: every point still at ")
@@ -137,7 +138,7 @@ def test_shapes_are_kept_over_the_run():
 @pytest.mark.parametrize("settling", [None, Settling(speed=1e-6)])
 def test_an_observer_is_told_of_every_step_in_order_and_to_the_end(settling: Settling | None):
     told: list[tuple[float, float]] = []
-    settings = TimeSettings(0.03, until_settled=settling)
+    settings = TimeSettings(0.03, settle=settling)
     response = simulate_in_time(
         column(), ramp(TENSION, 0.1), settings, progress=lambda time, over: told.append((time, over))
     )
@@ -153,7 +154,7 @@ def test_what_the_robot_has_not_is_refused():
     with pytest.raises(ParameterError, match="a cable cannot push"):
         simulate_in_time(column(), ramp({"front": ("tension", -1.0)}, 1.0))
     with pytest.raises(InputError, match="no such plate or marker; got nose; allowed: plate, dot"):
-        simulate_in_time(column(), ramp(TENSION, 1.0), TimeSettings(until_settled=Settling(on="nose")))
+        simulate_in_time(column(), ramp(TENSION, 1.0), TimeSettings(settle=Settling(on="nose")))
     with pytest.raises(ParameterError, match="nothing that moves has mass"):
         simulate_in_time(column_robot("P1", divisions=(1, 1, 2)), ramp(TENSION, 1.0))
 
@@ -176,10 +177,10 @@ def test_the_project_says_how_motion_is_computed(tmp_path: Path):
         "time_step: 20 ms, rayleigh_stiffness: 50 ms, rayleigh_mass: 0.2 1/s, scheme: one-solve, settle: {on: plate}"
     )
     project = load(write_project(tmp_path, DENSE, with_dynamics(given)))
-    assert project.dynamics.settings == TimeSettings(0.02, 0.05, 0.2, "one-solve", until_settled=Settling(on="plate"))
-    assert load(write_project(tmp_path / "other")).dynamics.settings == TimeSettings(until_settled=Settling())
+    assert project.dynamics == TimeSettings(0.02, 0.05, 0.2, "one-solve", settle=Settling(on="plate"))
+    assert load(write_project(tmp_path / "other")).dynamics == TimeSettings(settle=Settling())
     held = load(write_project(tmp_path / "held", with_dynamics("hold: 2 s")))
-    assert held.dynamics.settings.until_settled is None
+    assert held.dynamics.settle is None
 
 
 @pytest.mark.parametrize(
@@ -253,6 +254,8 @@ def test_cycles_are_replayed_where_the_samples_have_lost_their_times(tmp_path: P
     project = load(path)
     assert "time" not in project.experiments["pull"].dataset.channels
     schedule = schedule_of(project, cases(project)["pull"])
+    assert schedule.times[-1] == pytest.approx(6.0)
+    schedule = schedule.held(project.dynamics.hold)
     assert schedule.times[-1] == pytest.approx(7.0)
     np.testing.assert_allclose(
         [schedule.at(t)["front"] for t in (0.5, 1.0, 1.5, 2.0, 5.0, 6.5)],

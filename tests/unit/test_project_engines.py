@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,7 +15,7 @@ from typer.testing import CliRunner
 from softcal.cli import app
 from softcal.errors import ProjectFileError, StorageError
 from softcal.export import sofa_engine as sofa_engine_module
-from softcal.export.sofa_settings import Resting, SofaSettings
+from softcal.export.sofa_settings import Rest, SofaSettings
 from softcal.project.project import load
 from softcal.workflows.calibration import calibrate
 from softcal.workflows.cases import Case
@@ -31,7 +32,7 @@ engines:
     ramp: 20 ms
     settle: {speed: 2 um/s, hold: 50 ms, longest: 8 s}
 """
-SETTINGS = SofaSettings(Resting((0.02, 0.004), 0.01, 3.0, 0.02, 2e-6, 0.05, 8.0), states=6, timeout=600.0)
+SETTINGS = SofaSettings(600.0, 6, (0.02, 0.004), 0.01, 3.0, 0.02, Rest(2e-6, 0.05, 8.0))
 QUICK = "engines: {sofa: {ramp: 20 ms, settle: {longest: 6 s}}}\n"
 ONE_FREE = ("  front.slack: {bounds: [0 mm, 5 mm], per: experiment}\n", "")
 CLOSE = ("[0.1 MPa, 40 MPa], scale: log", "[1 MPa, 3 MPa]")
@@ -42,10 +43,10 @@ def project_with(folder: Path, text: str, *changes: tuple[str, str]) -> Path:
 
 
 def test_every_setting_and_its_default(tmp_path: Path):
-    assert load(project_with(tmp_path / "all", ALL)).engines.sofa.settings == SETTINGS
-    assert load(write_project(tmp_path / "none")).engines.sofa.settings == SofaSettings()
-    one = load(project_with(tmp_path / "one", "engines: {sofa: {time_steps: 1 ms}}\n")).engines.sofa.settings
-    assert one == SofaSettings(Resting(time_steps=(0.001,)))
+    assert load(project_with(tmp_path / "all", ALL)).engines.sofa == SETTINGS
+    assert load(write_project(tmp_path / "none")).engines.sofa == SofaSettings()
+    one = load(project_with(tmp_path / "one", "engines: {sofa: {time_steps: 1 ms}}\n")).engines.sofa
+    assert one == SofaSettings(time_steps=(0.001,))
 
 
 @pytest.mark.parametrize(
@@ -97,9 +98,9 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[SofaSettings]:
     seen: list[SofaSettings] = []
     real = sofa_engine_module.run_states
 
-    def noted(sofa, linear, protocol, states, resting, *, timeout, shapes=False):
-        seen.append(SofaSettings(resting, len(states), timeout))
-        return real(sofa, linear, protocol, states, resting, timeout=timeout, shapes=shapes)
+    def noted(sofa, linear, protocol, states, settings, *, shapes=False):
+        seen.append(replace(settings, states=len(states)))
+        return real(sofa, linear, protocol, states, settings, shapes=shapes)
 
     monkeypatch.setattr(sofa_engine_module, "run_states", noted)
     return seen
@@ -145,7 +146,7 @@ def test_a_run_goes_on_only_with_the_settings_it_began_with(tmp_path: Path, aske
     run = tmp_path / "run"
     options = {"out": run, "method": "grid", "trials": 2, "engine": "sofa"}
     begun = calibrate(load(project_with(tmp_path / "a", QUICK, ONE_FREE, CLOSE)), **options)
-    assert {one.resting for one in asked} == {Resting(ramp=0.02, longest=6.0)}
+    assert {(one.ramp, one.settle) for one in asked} == {(0.02, Rest(longest=6.0))}
     assert begun.headline.hashes["engine"] == "sofa"
     assert begun.headline.hashes["engines.sofa.time_steps"] == "0.05, 0.01, 0.005, 0.002"
     n = len(asked)

@@ -22,13 +22,13 @@ from softcal.export.sofa_install import find_sofa
 from softcal.export.sofa_process import _last_error, run_states
 from softcal.export.sofa_robot import linear_robot
 from softcal.export.sofa_scene import scene_parameters, write_scene
-from softcal.export.sofa_settings import Resting
+from softcal.export.sofa_settings import Rest, SofaSettings
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Command, Protocol
 
 E_MODULUS, RATIO = 2.6e5, 0.3  # a shear modulus of 1e5 Pa
 A, B, PITCH = 100.0, 2000.0, 20.0  # of fake_mechanics/spring.py
-QUICK = Resting(time_steps=(0.01, 0.005, 0.002), ramp=0.02, longest=6.0)
+QUICK = SofaSettings(time_steps=(0.01, 0.005, 0.002), ramp=0.02, settle=Rest(longest=6.0))
 
 
 def tension(d, scale=1.0):
@@ -38,7 +38,7 @@ def tension(d, scale=1.0):
 @pytest.fixture
 def engine(monkeypatch: pytest.MonkeyPatch) -> SofaEngine:
     use_fake(monkeypatch)
-    return replace(sofa_engine(), resting=QUICK)
+    return replace(sofa_engine(), settings=QUICK)
 
 
 def column(**more):
@@ -67,7 +67,7 @@ def test_every_sample_of_a_pull(engine):
 def test_tension_goes_to_sofa_as_an_impulse_and_comes_back_as_a_force(engine):
     T = np.array([0.0, 0.5, 1.5])
     for dt in (0.01, 0.005):
-        response = replace(engine, resting=replace(QUICK, time_steps=(dt,)))(column(), tensed(*T))
+        response = replace(engine, settings=replace(QUICK, time_steps=(dt,)))(column(), tensed(*T))
         np.testing.assert_allclose(response.channels["front.tension"], T)
         expected = (-A + np.sqrt(A**2 + 4 * B * T)) / (2 * B)
         np.testing.assert_allclose(response.channels["front.shortening"], expected, atol=1e-12)
@@ -124,7 +124,7 @@ def test_nothing_driven_is_one_state(engine):
 )
 def test_a_run_that_fails_says_why_and_keeps_what_was_reached(engine, monkeypatch, fault, reason):
     use_fake(monkeypatch, fault=fault)
-    once = replace(engine, resting=replace(QUICK, time_steps=(0.01,)))
+    once = replace(engine, settings=replace(QUICK, time_steps=(0.01,)))
     response = once(column(), pulled(0.01, 0.02, 0.03))
     assert not response.succeeded
     assert response.status.startswith("SOFA: ")
@@ -154,7 +154,7 @@ NAN, DANCE = 1, 2 + 400  # in which a state with 0.01 s is given up
 
 def resting_steps(robot, protocol, states):
     """What SOFA answers for states, one by one."""
-    outcome = run_states(find_sofa(), linear_robot(robot), protocol, states, QUICK, timeout=60.0)
+    outcome = run_states(find_sofa(), linear_robot(robot), protocol, states, replace(QUICK, timeout=60.0))
     return outcome, [(record["steps"], record["dt"]) for record in outcome.records]
 
 
@@ -191,7 +191,7 @@ def test_a_longer_step_comes_back_where_it_served(engine, monkeypatch):
 
 def test_before_a_state_is_given_up_longer_steps_are_tried_too(engine, tmp_path):
     linear = linear_robot(column())
-    write_scene(linear, scene_parameters(linear, pulled(0.01), resting=QUICK), tmp_path)
+    write_scene(linear, scene_parameters(linear, pulled(0.01), settings=QUICK), tmp_path)
     tried = []
     with scene_modules(tmp_path) as modules:
         module = importlib.import_module("run")
@@ -211,7 +211,7 @@ def test_before_a_state_is_given_up_longer_steps_are_tried_too(engine, tmp_path)
 
 def test_where_no_step_serves_all_reasons_are_told(engine, monkeypatch):
     use_fake(monkeypatch, fault="far-nan@0.015")
-    twice = replace(engine, resting=replace(QUICK, time_steps=(0.01, 0.008)))
+    twice = replace(engine, settings=replace(QUICK, time_steps=(0.01, 0.008)))
     status = twice(column(), pulled(0.01, 0.02, 0.03)).status
     assert re.fullmatch(
         r"SOFA: State 2 of 3: positions or velocities are no numbers any more; the last good ones are those at 0\.23 s "
@@ -222,7 +222,7 @@ def test_where_no_step_serves_all_reasons_are_told(engine, monkeypatch):
 
 def test_a_hang_is_ended(engine, monkeypatch):
     use_fake(monkeypatch, fault="hang@12")
-    response = replace(engine, timeout=3.0)(column(), pulled(0.01))
+    response = replace(engine, settings=replace(QUICK, timeout=3.0))(column(), pulled(0.01))
     assert not response.succeeded
     assert response.status.endswith("was ended after 3 s without an answer; the last good time is 0.1 s.")
 

@@ -13,7 +13,8 @@ from softcal.twin.contacts import fitting_contact
 from softcal.twin.in_time import simulate_in_time
 from softcal.twin.protocol import Command
 from softcal.twin.robot import Body, Cable, Marker, Robot, ViaPoint
-from softcal.twin.schedule import Schedule, TimeSettings
+from softcal.twin.schedule import Schedule
+from softcal.twin.time_settings import TimeSettings
 
 G, DENSITY, EDGE, FLOOR = 9.81, 1200.0, 0.02, 0.01
 WEIGHT = DENSITY * EDGE**3 * G

@@ -24,9 +24,10 @@ from softcal.twin.parameters import parameter_values
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Snapshot
 from softcal.twin.robot import Body, Cable, Contact, Disc, Marker, Plate, PointLoad, Robot, Rod, Tie, ViaPoint
-from softcal.twin.schedule import Schedule, TimeSettings
+from softcal.twin.schedule import Schedule
 from softcal.twin.simulate import simulate
 from softcal.twin.start import loaded
+from softcal.twin.time_settings import TimeSettings
 
 E, SIDE, APART = 1e6, 0.02, 1e-3
 E_Z = np.array([0.0, 0.0, 1.0])

@@ -24,8 +24,9 @@ from softcal.twin.masses import robot_inertia
 from softcal.twin.parameters import parameter_values
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Body, Cable, Marker, Plate, Robot, Rod, ViaPoint
-from softcal.twin.schedule import Schedule, Settling, TimeSettings, ramp
+from softcal.twin.schedule import Schedule, ramp
 from softcal.twin.simulate import simulate
+from softcal.twin.time_settings import Settling, TimeSettings
 
 SCHEMES = ("converged", "one-solve")
 
@@ -195,7 +196,7 @@ def test_one_solve_and_converged_steps_agree_as_the_step_shrinks(damping):
 def test_damping_of_strains_lets_a_beam_settle_beyond_its_own_buckling_load():
     """SOFA's does not (tension about twice the load at which the beam alone buckles): it gives energy there."""
     robot, target = beam(), {"tendon": ("tension", 0.4)}
-    settings = TimeSettings(time_step=0.02, until_settled=Settling(speed=1e-6, longest=3.0))
+    settings = TimeSettings(time_step=0.02, settle=Settling(speed=1e-6, longest=3.0))
     expected = simulate(robot, Protocol({"tendon": Command("tension", np.array([0.4]))}), curve_tolerance=0.0)
     settled = simulate_in_time(robot, ramp(target, 0.5), settings)
     assert settled.succeeded, settled.status
@@ -265,7 +266,7 @@ SETTLED = {
 def test_a_slow_ramp_settles_where_statics_says(name):
     robot, cable, control, value = SETTLED[name]
     settling = Settling(speed=1e-8, hold=0.2, longest=60.0)
-    settings = TimeSettings(time_step=0.05, rayleigh_stiffness=0.05, until_settled=settling)
+    settings = TimeSettings(time_step=0.05, rayleigh_stiffness=0.05, settle=settling)
     response = simulate_in_time(robot, ramp({cable: (control, value)}, 0.5), settings)
     expected = simulate(robot, Protocol({cable: Command(control, np.array([value]))}), curve_tolerance=0.0)
 
@@ -278,7 +279,7 @@ def test_a_slow_ramp_settles_where_statics_says(name):
 
 
 def test_one_solve_settles_there_too():
-    settings = TimeSettings(time_step=0.02, scheme="one-solve", until_settled=Settling(speed=1e-9, hold=0.2))
+    settings = TimeSettings(time_step=0.02, scheme="one-solve", settle=Settling(speed=1e-9, hold=0.2))
     for control, value in (("tension", 0.05), ("shortening", 0.4e-3)):
         response = simulate_in_time(beam(), ramp({"tendon": (control, value)}, 0.5), settings)
         expected = simulate(beam(), Protocol({"tendon": Command(control, np.array([value]))}), curve_tolerance=0.0)
@@ -307,7 +308,7 @@ def test_several_cables_of_given_length_are_taut_or_slack_in_every_step():
     sides = (side_cable("front", (0.05, 0.0)), side_cable("back", (-0.05, 0.0)), side_cable("left", (0.0, 0.05)))
     robot = column_robot("P1", density=1200.0, mass=0.02, cables=sides)
     targets = {"front": ("shortening", 0.006), "back": ("shortening", -0.008), "left": ("shortening", 0.002)}
-    settings = TimeSettings(0.05, 0.05, until_settled=Settling(speed=1e-8))
+    settings = TimeSettings(0.05, 0.05, settle=Settling(speed=1e-8))
     for scheme in SCHEMES:
         response = simulate_in_time(robot, ramp(targets, 0.5), replace(settings, scheme=scheme))
         commands = {name: Command(control, np.array([value])) for name, (control, value) in targets.items()}

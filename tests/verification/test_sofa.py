@@ -10,8 +10,9 @@ from sofa_case import assert_neck_as_measured, assert_tip_as_measured, beam_robo
 from softcal.twin.in_time import simulate_in_time
 from softcal.twin.protocol import Command
 from softcal.twin.robot import Marker
-from softcal.twin.schedule import Schedule, TimeSettings
+from softcal.twin.schedule import Schedule
 from softcal.twin.simulate import simulate
+from softcal.twin.time_settings import TimeSettings
 
 
 @pytest.mark.parametrize("name", ["neck-shortening.json", "neck-tension.json"])

@@ -89,7 +89,8 @@ def test_a_state_begun_again_ends_where_it_would_have(engine, monkeypatch):
     """After numbers that are none, from the positions at rest before: plates, ties and cables follow."""
     robot, d = many_parts(), [0.001, 0.002, 0.003]
     protocol = Protocol({"between": Command("shortening", d), "through": Command("tension", [0.4, 0.8, 1.0])})
-    engine = replace(engine, resting=replace(engine.resting, time_steps=(0.02, 0.006), speed=1e-8))
+    settings = replace(engine.settings, time_steps=(0.02, 0.006), settle=replace(engine.settings.settle, speed=1e-8))
+    engine = replace(engine, settings=settings)
     expected = engine(robot, protocol)
     monkeypatch.setenv("FAKE_SOFA_FAULT", "far-nan@0.0025")
     found = engine(robot, protocol)

@@ -18,7 +18,7 @@ from softcal.export.sofa_install import Sofa, find_sofa
 from softcal.export.sofa_process import ProcessOutcome, run_states
 from softcal.export.sofa_response import Samples, along_one_cable, row_by_row, shapes
 from softcal.export.sofa_robot import LinearRobot, element_faults, linear_robot, scene_faults
-from softcal.export.sofa_settings import STATES, TIMEOUT, Resting, SofaSettings
+from softcal.export.sofa_settings import SofaSettings
 from softcal.twin.build import Twin, twin_of
 from softcal.twin.parameters import robot_parameters, unknown_name, with_parameters
 from softcal.twin.protocol import Command, Protocol, command_faults
@@ -35,14 +35,12 @@ COMMAND_STEPS = {"tension": 1e-2, "shortening": 1e-4}  # [N], [m]
 class SofaEngine:
     """SOFA as a simulator.
 
-    states: of one driven cable, at most that many shortenings or tensions are run to rest, and the samples read off a
-    cubic spline between them; with several driven cables every sample is a state. timeout [s]: of one process.
+    Of one driven cable, at most `states` shortenings or tensions are run to rest, and the samples read off a cubic
+    spline between them; with several driven cables every sample is a state.
     """
 
     sofa: Sofa
-    resting: Resting = field(default_factory=Resting)
-    states: int = STATES
-    timeout: float = TIMEOUT
+    settings: SofaSettings = field(default_factory=SofaSettings)
 
     def require(self, robot: Robot) -> None:
         """Check that SOFA can have a robot.
@@ -94,8 +92,7 @@ def sofa_engine(settings: SofaSettings | None = None) -> SofaEngine:
     InputError
         Where there is none, or it has no SoftRobots.
     """
-    settings = settings or SofaSettings()
-    return SofaEngine(find_sofa(), settings.resting, settings.states, settings.timeout)
+    return SofaEngine(find_sofa(), settings or SofaSettings())
 
 
 @dataclass
@@ -156,9 +153,9 @@ class _EngineRun:
         command = protocol.commands[self.driven[0]]
         # No tension is the first state of all; no shortening need not be slack.
         unique = np.unique(command.values if command.control == "shortening" else command.values[command.values > 0.0])
-        if len(unique) <= self.engine.states:
+        if len(unique) <= self.engine.settings.states:
             return unique
-        return np.linspace(unique[0], unique[-1], self.engine.states)
+        return np.linspace(unique[0], unique[-1], self.engine.settings.states)
 
     def _states(self, protocol: Protocol) -> list[Mapping[str, float]]:
         if not self.driven:
@@ -171,9 +168,7 @@ class _EngineRun:
 
     def _outcome(self, linear: LinearRobot, protocol: Protocol, *, shapes: bool = False) -> ProcessOutcome:
         engine = self.engine
-        outcome = run_states(
-            engine.sofa, linear, protocol, self._states(protocol), engine.resting, timeout=engine.timeout, shapes=shapes
-        )
+        outcome = run_states(engine.sofa, linear, protocol, self._states(protocol), engine.settings, shapes=shapes)
         self.steps += outcome.steps
         return outcome
 

@@ -16,16 +16,16 @@ from softcal.export.sofa_scene import (
     ASSUMED_DENSITY,
     PARAMETERS,
     SCHEDULE,
-    Stepping,
     package_name,
     scene_parameters,
     schedule_csv,
     write_scene,
 )
-from softcal.export.sofa_settings import Resting
+from softcal.export.sofa_settings import SofaSettings
 from softcal.export.sofa_visual import visual_parameters, write_surfaces
 from softcal.twin.protocol import Protocol, command_faults
 from softcal.twin.robot import Control, Robot
+from softcal.twin.time_settings import TimeSettings
 from softcal.units import format_quantity
 
 README = "README.md"
@@ -39,14 +39,15 @@ def write_sofa(
     *,
     experiment: str = "",
     slack: Mapping[str, float] | None = None,
-    stepping: Stepping | None = None,
-    resting: Resting | None = None,
+    motion: TimeSettings | None = None,
+    settings: SofaSettings | None = None,
 ) -> list[Path]:
     """Write the robot's scene, with a schedule that pulls its cables as the protocol does, into an existing folder.
 
     Bodies that SOFA cannot have as they are become linear tets with parameters of their own; see `identify`.
     experiment: whose protocol this is, where it was chosen among several; slack [m]: by cable, what the protocol's
-    shortening is less than the bench's travel; both for the README.
+    shortening is less than the bench's travel; both for the README. motion: of the scene, its time step and damping;
+    settings: by which run.py runs to rest.
 
     Raises
     ------
@@ -61,7 +62,7 @@ def write_sofa(
     found = identify(robot, linear_robot(robot), protocol)
     parameters = {
         "name": name,
-        **scene_parameters(found.linear, protocol, stepping, resting),
+        **scene_parameters(found.linear, protocol, motion, settings),
         "visual": visual_parameters(found.linear),
         "re_identified": {key: {"twin": old, "scene": new} for key, (old, new) in found.values.items()},
         "differences_left": {

@@ -7,14 +7,14 @@ import json
 import signal
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from softcal.export.sofa_install import Sofa
 from softcal.export.sofa_robot import LinearRobot
 from softcal.export.sofa_scene import scene_parameters, write_scene
-from softcal.export.sofa_settings import Resting
+from softcal.export.sofa_settings import SofaSettings
 from softcal.processes import exit_code
 from softcal.twin.protocol import Protocol
 
@@ -38,18 +38,17 @@ def run_states(
     linear: LinearRobot,
     protocol: Protocol,
     states: Sequence[Mapping[str, float]],
-    resting: Resting,
+    settings: SofaSettings,
     *,
-    timeout: float,
     shapes: bool = False,
 ) -> ProcessOutcome:
-    """Run every state to rest, in one process of at most `timeout` [s]."""
-    job = {"states": [dict(state) for state in states], "rest": asdict(resting), "shapes": shapes, "out": ANSWER}
+    """Run every state to rest, in one process of at most `timeout`."""
+    job = {"states": [dict(state) for state in states], "rest": settings.rest, "shapes": shapes, "out": ANSWER}
     with tempfile.TemporaryDirectory(prefix="softcal-sofa-") as name:
         folder = Path(name)
-        write_scene(linear, scene_parameters(linear, protocol, resting=resting), folder)
+        write_scene(linear, scene_parameters(linear, protocol, settings=settings), folder)
         (folder / JOB).write_text(json.dumps(job), encoding="utf-8")
-        ended = _ended(sofa, folder, timeout)
+        ended = _ended(sofa, folder, settings.timeout)
         lines = [] if not (folder / ANSWER).is_file() else (folder / ANSWER).read_text(encoding="utf-8").splitlines()
         said = (folder / LOG).read_text(encoding="utf-8", errors="replace").strip().splitlines()
     answers: list[dict[str, Any]] = []

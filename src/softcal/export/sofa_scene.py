@@ -7,7 +7,6 @@ import keyword
 import re
 import unicodedata
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ import numpy as np
 from softcal.csv_text import csv_text
 from softcal.export.sofa_robot import LinearRobot
 from softcal.export.sofa_rods import SEGMENTS, finer, node_volumes, rod_parameters
-from softcal.export.sofa_settings import Resting
+from softcal.export.sofa_settings import SofaSettings
 from softcal.geometry.mesh import TetMesh
 from softcal.mechanics.attachment import attach
 from softcal.mechanics.element import nodal_volumes
@@ -24,6 +23,7 @@ from softcal.twin.loads import surface_forces
 from softcal.twin.masses import plate_inertia
 from softcal.twin.protocol import Protocol
 from softcal.twin.robot import Body, Cable, Control, Marker, Plate, PointLoad, Robot, Rod
+from softcal.twin.time_settings import TimeSettings
 
 FORMAT = 1
 SOURCE = Path(__file__).parent / "sofa_files"
@@ -40,25 +40,18 @@ PULL_TIME = 20.0  # [s], for the largest tension
 SCHEDULE_ROWS = 41
 
 
-@dataclass(frozen=True)
-class Stepping:
-    """How the scene moves: time step dt [s], Rayleigh damping by stiffness [s] and mass [1/s]; paper A's by default."""
-
-    dt: float = 0.01
-    rayleigh_stiffness: float = 0.2
-    rayleigh_mass: float = 0.1
-
-
 def scene_parameters(
     linear: LinearRobot,
     protocol: Protocol,
-    stepping: Stepping | None = None,
-    resting: Resting | None = None,
+    motion: TimeSettings | None = None,
+    settings: SofaSettings | None = None,
 ) -> dict[str, Any]:
     """What parameters.json holds: the robot's every number, in SI.
 
-    protocol: which cables are pulled by tension and which by shortening; the others are slack.
+    protocol: which cables are pulled by tension and which by shortening; the others are slack. motion: the time step
+    and damping of the scene, paper A's by default; settings: by which run.py runs to rest.
     """
+    motion = motion or TimeSettings()
     robot = linear.robot
     meshes = {body.name: body.mesh for body in robot.bodies}
     controls: dict[str, Control] = {name: command.control for name, command in protocol.commands.items()}
@@ -67,9 +60,13 @@ def scene_parameters(
         "format": FORMAT,
         "units": "m, kg, s, N, Pa, rad",
         "gravity": robot.gravity.tolist(),
-        "time": asdict(stepping or Stepping()),
+        "time": {
+            "dt": motion.time_step,
+            "rayleigh_stiffness": motion.rayleigh_stiffness,
+            "rayleigh_mass": motion.rayleigh_mass,
+        },
         "constraint_solver": {"iterations": 500, "tolerance": 1e-9},
-        "rest": asdict(resting or Resting()),
+        "rest": (settings or SofaSettings()).rest,
         "bodies": {body.name: _body(body) for body in robot.bodies},
         "rods": {rod.name: rod_parameters(rod, density_in_motion(rod)) for rod in robot.rods},
         "plates": {plate.name: _plate(plate) for plate in robot.plates},

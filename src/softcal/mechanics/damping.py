@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-from softcal.mechanics.layout import Layout
+if TYPE_CHECKING:
+    from softcal.mechanics.layout import Layout
 
+# How a step is solved: by Newton's method, or by its first iteration.
+Scheme = Literal["converged", "one-solve"]
 # Of bodies: on strains, which never gives energy; or with the tangent of their forces, as in SOFA.
 DampingKind = Literal["strain", "tangent"]
 

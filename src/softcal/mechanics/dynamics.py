@@ -11,13 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
-from softcal.mechanics.damping import Damping
+from softcal.mechanics.damping import Damping, Scheme
 from softcal.mechanics.inertia import Inertia
 from softcal.mechanics.path import pushing
 from softcal.mechanics.state import State, moved
@@ -26,7 +25,6 @@ from softcal.mechanics.system import System
 from softcal.mechanics.term import Controls
 from softcal.mechanics.time_step import Instant, after, coasting, in_step
 
-Scheme = Literal["converged", "one-solve"]
 # Controls by time: `is_held` says which cables have their tension given, all others their length.
 Drive = Callable[[float], Controls]
 

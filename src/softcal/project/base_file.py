@@ -10,8 +10,9 @@ from softcal.checks import is_number
 from softcal.errors import Fault, InputError, ProjectFileError
 from softcal.geometry.pose import Pose
 from softcal.project.document import Document, Findings
-from softcal.project.section import Angle, Length, Section, Size, validated
+from softcal.project.section import Section, validated
 from softcal.project.yaml_file import read_document
+from softcal.quantities import Angle, Length, Size
 
 FORMAT = 1
 

@@ -7,24 +7,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, PlainValidator, Tag, model_validator
 
-from softcal.project.section import (
-    Angle,
-    Duration,
-    Factor,
-    Friction,
-    Given,
-    Length,
-    Section,
-    Share,
-    Size,
-    Slack,
-    TensionOffset,
-    Wrap,
-    at_most,
-    counted,
-    fault_error,
-    numbered,
-)
+from softcal.limits import LIMITS
+from softcal.project.section import Given, Section, fault_error, numbered
+from softcal.quantities import Angle, Duration, Factor, Friction, Length, Share, Size, Slack, TensionOffset, Wrap
 
 ONE_CLOCK = "one clock"
 MOTION_CAPTURE = ".c3d"
@@ -34,7 +19,7 @@ Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 class PulleysSection(Section):
     """The pulleys between the testing machine and the neck (Euler-Eytelwein)."""
 
-    count: Annotated[int, counted("pulleys")] = 2
+    count: Annotated[int, LIMITS["pulleys"]] = 2
     wrap: Wrap
     friction_coefficient: Friction = 0.0
 
@@ -82,12 +67,12 @@ class FileSection(Section):
     )
     delimiter: Annotated[str, AfterValidator(_separating)] | None = None
     decimal: Literal[".", ","] | None = None
-    header_row: Annotated[int, counted("lines before the data")] | None = None
-    units_row: Annotated[int, counted("lines before the data")] | None = None
-    skip_rows: Annotated[int, counted("rows to skip")] = 0
-    skip_footer: Annotated[int, counted("rows to skip")] = 0
+    header_row: Annotated[int, LIMITS["lines before the data"]] | None = None
+    units_row: Annotated[int, LIMITS["lines before the data"]] | None = None
+    skip_rows: Annotated[int, LIMITS["rows to skip"]] = 0
+    skip_footer: Annotated[int, LIMITS["rows to skip"]] = 0
     axes: tuple[Axis, Axis, Axis] = ("x", "y", "z")
-    rest_samples: Annotated[int, counted("samples")] = 10
+    rest_samples: Annotated[int, LIMITS["samples"]] = 10
 
     @model_validator(mode="after")
     def _something_read(self) -> FileSection:
@@ -157,7 +142,7 @@ class ExperimentSection(Section):
     drive: Annotated[Literal["shortening", "tension"] | list[str] | None, PlainValidator(_drive)] = None
     compare: Annotated[list[str], Field(min_length=1)] | None = None
     set_up: str = ""
-    files: Annotated[list[FileSection], Field(min_length=1), at_most("files of an experiment")]
+    files: Annotated[list[FileSection], Field(min_length=1), LIMITS["files of an experiment"]]
     label: str | None = None
     synchronise: Synchronise | None = None
     prepare: list[Annotated[str | Mapping[str, Any], PlainValidator(_step)]] = Field(default_factory=list)

@@ -14,7 +14,6 @@ from softcal.project.bench_fit import check_test, held_rig, held_robot
 from softcal.project.bench_names import experiments_named
 from softcal.project.bench_schema import RigSection
 from softcal.project.document import Document, Findings
-from softcal.project.dynamics_schema import DynamicsSection
 from softcal.project.files import InputFiles, sha256
 from softcal.project.meshes import is_generated, mesh_maker
 from softcal.project.project import Project
@@ -23,6 +22,7 @@ from softcal.project.search import build_search, held_values, names_held, rig_va
 from softcal.project.sections import Sections
 from softcal.project.sweep_schema import SweepSection
 from softcal.twin.parameters import ParameterInfo, robot_parameters
+from softcal.twin.time_settings import TimeSettings
 
 
 def build_project(
@@ -111,13 +111,13 @@ def _with_held_friction(rig: RigSection, given: Mapping[str, str | float]) -> Ri
     return rig.model_copy(update={"pulleys": rig.pulleys.model_copy(update={"friction_coefficient": friction})})
 
 
-def _check_settling(section: DynamicsSection | None, built: BuiltRobot | None, findings: Findings) -> None:
+def _check_settling(settings: TimeSettings, built: BuiltRobot | None, findings: Findings) -> None:
     """What is watched for rest must be there."""
-    if section is None or section.settle is None or built is None:
+    if settings.settle is None or built is None:
         return
     watched = [part.name for part in (*built.robot.plates, *built.robot.markers)]
-    if section.settle.on not in ("", *watched):
-        findings.unknown(("dynamics", "settle", "on"), "plate or marker", section.settle.on, watched)
+    if settings.settle.on not in ("", *watched):
+        findings.unknown(("dynamics", "settle", "on"), "plate or marker", settings.settle.on, watched)
 
 
 def _check_sweep(

@@ -8,9 +8,10 @@ from pydantic import BeforeValidator, Field
 
 from softcal.calibration.optimiser import OPTIMISERS
 from softcal.calibration.settings import SearchSettings
-from softcal.project.section import Given, Modulus, PositiveRatio, Section, counted, listed, member_of, quantity
-
-Exponent = Annotated[float, BeforeValidator(quantity("exponent"))]
+from softcal.declare import listed
+from softcal.limits import LIMITS
+from softcal.project.section import Given, Section, member_of
+from softcal.quantities import Exponent, Infill, Modulus, PositiveRatio
 
 
 class PriorSection(Section):
@@ -38,9 +39,9 @@ class CalibrationSection(Section):
     alpha: PositiveRatio = 0.3
     beta: PositiveRatio = 1.0
     method: Annotated[str, member_of(OPTIMISERS)] = SearchSettings.method
-    trials: Annotated[int, counted("trials")] | None = None
-    starts: Annotated[int, counted("starts")] = SearchSettings.starts
-    seed: Annotated[int, counted("seeds")] = 1
+    trials: Annotated[int, LIMITS["trials"]] | None = None
+    starts: Annotated[int, LIMITS["starts"]] = SearchSettings.starts
+    seed: Annotated[int, LIMITS["seeds"]] = 1
     fit: Literal["each", "joint", "both"] = "joint"
     hold_out: Annotated[list[str], BeforeValidator(listed)] = Field(default_factory=list)
     split: Annotated[list[str], BeforeValidator(listed)] = Field(default_factory=list)
@@ -55,5 +56,5 @@ class PrintSection(Section):
     """What is known of the print, for the plausibility band E_bulk * infill**exponent."""
 
     bulk_youngs_modulus: tuple[Modulus, Modulus]
-    infill: Annotated[float, BeforeValidator(quantity("infill"))]
+    infill: Infill
     exponent: tuple[Exponent, Exponent]

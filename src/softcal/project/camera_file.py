@@ -9,21 +9,21 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BeforeValidator
 
 from softcal.errors import Fault, ProjectFileError
 from softcal.project.document import Findings
-from softcal.project.section import Section, quantity, validated
+from softcal.project.section import Section, validated
 from softcal.project.yaml_file import read_document
+from softcal.quantities import QUANTITIES
 from softcal.vision.camera import Camera
 from softcal.vision.charuco import Calibration
 
 FORMAT = 1
 
-Pixels = Annotated[float, BeforeValidator(quantity("pixel"))]
-Focal = Annotated[float, BeforeValidator(quantity("focal length"))]
-Width = Annotated[float, BeforeValidator(quantity("width in pixels"))]
-Distortion = Annotated[float, BeforeValidator(quantity("distortion coefficient"))]
+Pixels = Annotated[float, QUANTITIES["pixel"]]
+Focal = Annotated[float, QUANTITIES["focal length"]]
+Width = Annotated[float, QUANTITIES["width in pixels"]]
+Distortion = Annotated[float, QUANTITIES["distortion coefficient"]]
 
 
 class MatrixSection(Section):
@@ -52,7 +52,7 @@ class CameraSection(Section):
     resolution: tuple[Width, Width]
     matrix: MatrixSection
     distortion: DistortionSection = DistortionSection()
-    reprojection_error: Annotated[float, BeforeValidator(quantity("reprojection error"))] | None = None
+    reprojection_error: Annotated[float, QUANTITIES["reprojection error"]] | None = None
     calibration: dict[str, Any] | None = None
 
 

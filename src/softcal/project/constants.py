@@ -6,12 +6,14 @@ from collections.abc import Mapping
 from typing import Annotated, Any
 
 from pydantic import Field
-from pydantic_core import InitErrorDetails, PydanticCustomError
+from pydantic_core import InitErrorDetails
 
+from softcal.declare import as_pydantic
+from softcal.errors import InputError
 from softcal.materials.catalogue import LAWS, constants_of
 from softcal.materials.law import Law
 from softcal.materials.parameter import Parameter
-from softcal.project.section import Section, member_of, reader
+from softcal.project.section import Section, member_of
 
 
 class ConstantsSection(Section):
@@ -40,9 +42,9 @@ class ConstantsSection(Section):
             if name not in given:
                 continue
             try:
-                constants[name] = reader(constant.quantity)(given[name])
-            except PydanticCustomError as error:
-                errors.append(InitErrorDetails(type=error, loc=(name,), input=given[name]))
+                constants[name] = constant.quantity.read(given[name])
+            except InputError as error:
+                errors.append(InitErrorDetails(type=as_pydantic(error.faults[0]), loc=(name,), input=given[name]))
         missing = (name for name in cls._required(given) if name not in given)
         errors += [InitErrorDetails(type="missing", loc=(name,), input=dict(given)) for name in missing]
         return {**own, "constants": constants}, errors

@@ -6,22 +6,12 @@ import re
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, PlainValidator
+from pydantic import BeforeValidator
 
-from softcal.project.section import (
-    Angle,
-    Clearance,
-    Density,
-    Friction,
-    Mass,
-    PoissonsRatio,
-    Section,
-    Size,
-    Turns,
-    counted,
-    fault_error,
-    quantity,
-)
+from softcal.declare import Reading
+from softcal.limits import LIMITS
+from softcal.project.section import Section, fault_error
+from softcal.quantities import QUANTITIES, Angle, Clearance, Density, Friction, Mass, PoissonsRatio, Size, Turns
 from softcal.twin.manipulator import BASE, ManipulatorShape
 from softcal.twin.robot import ElementKind
 
@@ -66,7 +56,7 @@ class DiscsSection(Section):
 
 
 def _moduli(value: object) -> float | dict[str, float]:
-    read = quantity("modulus")
+    read = QUANTITIES["modulus"].read
     if not isinstance(value, dict):
         return read(value)
     given: dict[str, object] = value
@@ -85,11 +75,11 @@ class SpringsSection(Section):
     turns: Turns | None = None
     left_handed: bool | None = None
     azimuth: Angle | None = None
-    elements_per_turn: Annotated[int, counted("elements in a turn")] = 12
-    rings: Annotated[int, counted("rings of elements")] = 1
-    layers_per_turn: Annotated[int, counted("elements in a turn")] | None = None
+    elements_per_turn: Annotated[int, LIMITS["elements in a turn"]] = 12
+    rings: Annotated[int, LIMITS["rings of elements"]] = 1
+    layers_per_turn: Annotated[int, LIMITS["elements in a turn"]] | None = None
     element: ElementKind = "P2P1"
-    youngs_modulus: Annotated[float | dict[str, float], PlainValidator(_moduli)]
+    youngs_modulus: Annotated[float | dict[str, float], Reading(_moduli, "instead")]
     poissons_ratio: PoissonsRatio
     density: Density = 0.0
 
@@ -116,7 +106,7 @@ class CablesSection(Section):
     """The cables: at which discs they end, with the azimuth of the first of each end's."""
 
     radius: Clearance | None = None
-    per_end: Annotated[int, counted("cables at an end")] | None = None
+    per_end: Annotated[int, LIMITS["cables at an end"]] | None = None
     ends: Annotated[dict[int, Angle] | None, BeforeValidator(_by_disc)] = None
     exit: Clearance | None = None
     friction_coefficient: Friction = 0.0
@@ -133,7 +123,7 @@ class ManipulatorSection(Section):
     """Discs joined by helical springs, and cables that end at some of them (paper B)."""
 
     total_length: Size | None = None
-    sections: Annotated[int, counted("sections of a manipulator")] | None = None
+    sections: Annotated[int, LIMITS["sections of a manipulator"]] | None = None
     hanging: bool | None = None
     base: BaseSection = BaseSection()
     discs: DiscsSection = DiscsSection()

@@ -8,20 +8,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Tag, model_validator
 
+from softcal.limits import LIMITS
 from softcal.project.rod_schema import require_climb
-from softcal.project.section import (
-    Angle,
-    Clearance,
-    Direction,
-    Point,
-    Section,
-    Size,
-    Turns,
-    counted,
-    fault_error,
-    quantity,
-    require_one,
-)
+from softcal.project.section import Section, fault_error, require_one
+from softcal.quantities import Angle, Clearance, Direction, Point, Refinement, Size, Turns
 
 TO_FILL = (".stl", ".step", ".stp")
 CARRIES_UNIT = (".step", ".stp")
@@ -34,9 +24,9 @@ class MeshFile(Section):
     file: str
     unit: str | None = None
     size: Size | None = None
-    tets: Annotated[int, counted("tets")] | None = None
+    tets: Annotated[int, LIMITS["tets"]] | None = None
     order: Literal[1, 2] | None = None
-    edges_around: Annotated[int, counted("edges around a bore")] | None = None
+    edges_around: Annotated[int, LIMITS["edges around a bore"]] | None = None
 
     @model_validator(mode="after")
     def _complete(self) -> MeshFile:
@@ -62,7 +52,7 @@ class MeshNeck(Section):
 
     primitive: Literal["neck"]
     outer_diameter: Size = 0.038
-    n_bells: Annotated[int, counted("bells")] | None = None
+    n_bells: Annotated[int, LIMITS["bells"]] | None = None
     bottom_link_height: Size | None = None
     link_pitch: Size | None = None
     dome_height: Size | None = None
@@ -71,10 +61,10 @@ class MeshNeck(Section):
     collar_height: Size | None = None
     clamp_depth: Size | None = None
     size: Size | None = None
-    tets: Annotated[int, counted("tets")] | None = None
+    tets: Annotated[int, LIMITS["tets"]] | None = None
     order: Literal[1, 2] = 2
-    waist_refinement: Annotated[float, BeforeValidator(quantity("refinement"))] = 1.0
-    sectors: Annotated[int, counted("sectors")] | None = None
+    waist_refinement: Refinement = 1.0
+    sectors: Annotated[int, LIMITS["sectors"]] | None = None
 
     @model_validator(mode="after")
     def _one_target(self) -> MeshNeck:
@@ -88,8 +78,8 @@ class MeshRod(Section):
     primitive: Literal["rod"]
     length: Size
     diameter: Size
-    layers: Annotated[int, counted("layers of elements")] | None = None
-    rings: Annotated[int, counted("rings of elements")] = 1
+    layers: Annotated[int, LIMITS["layers of elements"]] | None = None
+    rings: Annotated[int, LIMITS["rings of elements"]] = 1
     order: Literal[1, 2] = 2
 
 
@@ -103,8 +93,8 @@ class MeshSpring(Section):
     pitch: Size | None = None
     height: Size | None = None
     left_handed: bool = False
-    layers_per_turn: Annotated[int, counted("elements in a turn")] | None = None
-    rings: Annotated[int, counted("rings of elements")] = 1
+    layers_per_turn: Annotated[int, LIMITS["elements in a turn"]] | None = None
+    rings: Annotated[int, LIMITS["rings of elements"]] = 1
     order: Literal[1, 2] = 2
 
     @model_validator(mode="after")
@@ -116,7 +106,7 @@ class MeshSpring(Section):
 class DiscHolesSection(Section):
     """The guide holes of a disc, evenly spaced on a circle of `radius`; angles count about +z from +x."""
 
-    count: Annotated[int, counted("holes on a ring")]
+    count: Annotated[int, LIMITS["holes on a ring"]]
     diameter: Size
     radius: Size
     first_angle: Angle = 0.0
@@ -131,7 +121,7 @@ class MeshDisc(Section):
     centre_hole: Clearance = 0.0
     holes: DiscHolesSection | None = None
     size: Size | None = None
-    tets: Annotated[int, counted("tets")] | None = None
+    tets: Annotated[int, LIMITS["tets"]] | None = None
     order: Literal[1, 2] = 2
 
     @model_validator(mode="after")

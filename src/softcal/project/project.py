@@ -17,15 +17,15 @@ if TYPE_CHECKING:
     from softcal.checks import Ints
     from softcal.errors import Fault
     from softcal.experiments.dataset import Dataset
+    from softcal.export.sofa_settings import Engines
     from softcal.geometry.mesh import TetMesh
     from softcal.geometry.quality import MeshReport
     from softcal.materials.infill import PrintInfill
     from softcal.project.calibration_schema import CalibrationSection
-    from softcal.project.dynamics_schema import DynamicsSection
-    from softcal.project.engines_schema import EnginesSection
     from softcal.project.sweep_schema import SweepSection
     from softcal.twin.parameters import ParameterInfo
     from softcal.twin.robot import Robot
+    from softcal.twin.time_settings import TimeSettings
 
 
 @dataclass(frozen=True)
@@ -51,8 +51,8 @@ class Project:
     tied: Mapping[str, tuple[str, ...]]
     calibration: CalibrationSection
     sweep: SweepSection | None
-    dynamics: DynamicsSection
-    engines: EnginesSection
+    dynamics: TimeSettings
+    engines: Engines
     print_infill: PrintInfill | None
     held: Mapping[str, float]
     hashes: Mapping[str, str]

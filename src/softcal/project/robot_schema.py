@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Discriminator, Field, PlainValidator, Tag, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
+from softcal.declare import Reading, listed
+from softcal.limits import LIMITS
 from softcal.project.constants import ConstantsSection, LawSection
 from softcal.project.manipulator_schema import ManipulatorSection
 from softcal.project.mesh_schema import Mesh, RegionSection
 from softcal.project.rod_schema import PlacementSection, RodSection
-from softcal.project.section import (
+from softcal.project.section import Section, fault_error, require_one
+from softcal.quantities import (
+    QUANTITIES,
     Acceleration,
     Angle,
     Clearance,
@@ -22,16 +26,9 @@ from softcal.project.section import (
     Modulus,
     MomentOfInertia,
     Point,
-    Section,
     Size,
     Speed,
     Traction,
-    at_most,
-    counted,
-    fault_error,
-    listed,
-    quantity,
-    require_one,
 )
 
 Element = Literal["P1", "P2", "P2P1"]
@@ -69,7 +66,7 @@ class DiscSection(Section):
 class RingSection(Section):
     """Holes evenly spaced on a circle; angles count about `axis` from `zero`."""
 
-    count: Annotated[int, counted("holes on a ring")]
+    count: Annotated[int, LIMITS["holes on a ring"]]
     radius: Size
     first_angle: Angle = 0.0
     names: list[str] | None = None
@@ -215,7 +212,7 @@ class CableSection(Section):
     routing_axis: what the cable's routing offset moves its via points away from; without it there is none.
     """
 
-    via: Annotated[list[ViaSection], Field(min_length=2), at_most("points of a line")]
+    via: Annotated[list[ViaSection], Field(min_length=2), LIMITS["points of a line"]]
     friction_coefficient: Friction = 0.0
     pulled_end: Literal["first", "last"] = "last"
     route: Literal["bore", "straight"] = "bore"
@@ -223,7 +220,7 @@ class CableSection(Section):
 
 
 def _force(value: object) -> float | tuple[float, float, float]:
-    read = quantity("force")
+    read = QUANTITIES["force"].read
     if not isinstance(value, list):
         return read(value)
     parts: list[Any] = value
@@ -243,7 +240,7 @@ class LoadSection(Section):
     on: str
     at: Point | None = None
     hole: str | None = None
-    force: Annotated[float | tuple[float, float, float] | None, PlainValidator(_force)] = None
+    force: Annotated[float | tuple[float, float, float] | None, Reading(_force, "instead")] = None
     direction: Direction | None = None
     mass: Mass | None = None
     region: str | None = None

@@ -5,9 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated
 
-from pydantic import BeforeValidator, Field, PlainValidator, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
-from softcal.project.section import (
+from softcal.declare import Reading, listed
+from softcal.limits import LIMITS
+from softcal.project.section import Section, fault_error, require_one
+from softcal.quantities import (
+    QUANTITIES,
     Angle,
     Area,
     Density,
@@ -17,15 +21,8 @@ from softcal.project.section import (
     PoissonsRatio,
     PositiveRatio,
     SecondMoment,
-    Section,
     Size,
     Turns,
-    at_most,
-    counted,
-    fault_error,
-    listed,
-    quantity,
-    require_one,
 )
 
 if TYPE_CHECKING:
@@ -93,7 +90,7 @@ def require_climb(section: Section, what: str) -> None:
 class PolylineSection(Section):
     """A smooth curve through points."""
 
-    points: Annotated[list[Point], Field(min_length=2), at_most("points of a line")]
+    points: Annotated[list[Point], Field(min_length=2), LIMITS["points of a line"]]
     first: Direction | None = None
 
 
@@ -133,14 +130,14 @@ class CrossSection(Section):
 def _station(value: object) -> float | str:
     if value in ("start", "end"):
         return str(value)
-    length = quantity("length")(value)
+    length = QUANTITIES["length"].read(value)
     if length < 0.0:
         raise fault_error("the station lies off the rod", got=str(value), allowed="start, end, or an arc length")
     return length
 
 
 # A place on a rod: "start", "end", or an arc length from its start [m].
-Station = Annotated[float | str, PlainValidator(_station)]
+Station = Annotated[float | str, Reading(_station, "instead")]
 Stations = Annotated[list[Station], BeforeValidator(lambda value: value if isinstance(value, list) else [value])]
 
 
@@ -150,7 +147,7 @@ class RodSection(Section):
     straight: StraightSection | None = None
     helix: HelixSection | None = None
     polyline: PolylineSection | None = None
-    elements: Annotated[int, counted("elements of a rod")] | None = None
+    elements: Annotated[int, LIMITS["elements of a rod"]] | None = None
     section: CrossSection
     youngs_modulus: Modulus
     poissons_ratio: PoissonsRatio

@@ -1,35 +1,33 @@
-"""The base of every section of the project file, and the quantities in it: text with a unit in, SI out."""
+"""How a section of the project file is read: a model of pydantic's, or what is declared in Python; and its faults."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence, Sized
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cache
 from typing import Annotated, Any, TypeVar
 
 from pydantic import (
     AfterValidator,
     BaseModel,
-    BeforeValidator,
     ConfigDict,
     ModelWrapValidatorHandler,
     PlainValidator,
+    TypeAdapter,
     ValidationError,
     model_validator,
 )
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from softcal.catalogue import Catalogue
-from softcal.errors import Fault, InputError, nearest
-from softcal.limits import LIMITS
+from softcal.declare import FAULT, as_pydantic, listed, read_mapping, shown
+from softcal.errors import Fault, InputError
 from softcal.project.document import Findings, KeyPath
-from softcal.quantities import QUANTITIES, Quantity
-
-# The kind of error that carries a whole `Fault`: its context has got, allowed and attempt.
-FAULT = "softcal_fault"
 
 
 def fault_error(what: str, *, got: str = "", allowed: str = "", attempt: str = "") -> PydanticCustomError:
     """An error to raise in a validator, which ends as a `Fault` at the key that was being read."""
-    return PydanticCustomError(FAULT, "{what}", {"what": what, "got": got, "allowed": allowed, "attempt": attempt})
+    return as_pydantic(Fault(what, "", got, allowed, attempt))
 
 
 def require_one(section: BaseModel, keys: Sequence[str], what: str, *, nothing: str = "neither", allowed: str) -> None:
@@ -49,40 +47,9 @@ class Section(BaseModel):
     def _known_keys(cls, data: Any, handler: ModelWrapValidatorHandler[Any]) -> Any:
         if not isinstance(data, dict):
             return handler(data)
-        given: dict[str, Any] = data
-        known = cls._allowed(given)
-        unknown = [key for key in given if key not in known]
-        errors = [
-            InitErrorDetails(
-                type=fault_error(
-                    "unknown key",
-                    got=f"'{key}'",
-                    allowed=", ".join(sorted(known)),
-                    attempt=nearest(key, known),
-                ),
-                loc=(key,),
-                input=given[key],
-            )
-            for key in unknown
-        ]
-        # A required key that was only mistyped is one mistake, told once.
-        meant = {(nearest(key, known).strip("'"),) for key in unknown}
-        read, faults = cls._read({key: value for key, value in given.items() if key in known})
-        errors += [fault for fault in faults if not (fault["type"] == "missing" and fault.get("loc") in meant)]
-        try:
-            section = handler(read)
-        except ValidationError as error:
-            if not errors and not faults:
-                raise
-            errors += [
-                _details(found)
-                for found in error.errors()
-                if not (found["type"] == "missing" and found["loc"] in meant)
-            ]
-        else:
-            if not errors:
-                return section
-        raise ValidationError.from_exception_data(cls.__name__, errors)
+        known = cls._allowed(data)
+        read, faults = cls._read({key: value for key, value in data.items() if key in known})
+        return read_mapping(cls.__name__, data, known, lambda _: handler(read), faults)
 
     @classmethod
     def _allowed(cls, given: Mapping[str, Any]) -> set[str]:
@@ -96,39 +63,7 @@ class Section(BaseModel):
 
 
 S = TypeVar("S", bound=Section)
-T = TypeVar("T", bound=Sized)
-
-
-def quantity(kind: str) -> Callable[[object], float]:
-    """A reader of a kind of quantity, by the kind's name; see `reader`."""
-    return reader(QUANTITIES[kind])
-
-
-def reader(kind: Quantity) -> Callable[[object], float]:
-    """A reader of a kind of quantity: text with a unit in, a number in SI out, in the range of its kind."""
-
-    def read(value: object) -> float:
-        try:
-            return kind.read(value)
-        except InputError as error:
-            fault = error.faults[0]
-            raise fault_error(fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt) from error
-
-    return read
-
-
-def counted(kind: str) -> BeforeValidator:
-    """A whole number of something there is a limit of."""
-    limit = LIMITS[kind]
-
-    def check(value: object) -> object:
-        if isinstance(value, bool) or not isinstance(value, int):
-            raise fault_error("this is of the wrong kind", got=_shown(value), allowed="a whole number")
-        if fault := limit.fault(value):
-            raise fault_error(fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt)
-        return value
-
-    return BeforeValidator(check)
+T = TypeVar("T")
 
 
 def member_of(catalogue: Catalogue[Any]) -> AfterValidator:
@@ -136,70 +71,15 @@ def member_of(catalogue: Catalogue[Any]) -> AfterValidator:
 
     def check(name: str) -> str:
         if name not in catalogue:
-            fault = catalogue.unknown(name)
-            raise fault_error(fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt)
+            raise as_pydantic(catalogue.unknown(name))
         return name
 
     return AfterValidator(check)
 
 
-def at_most(kind: str) -> AfterValidator:
-    """A check that a list or mapping has no more entries than there may be."""
-    limit = LIMITS[kind]
-
-    def check(value: T) -> T:
-        if value and (fault := limit.fault(len(value))):
-            raise fault_error(fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt)
-        return value
-
-    return AfterValidator(check)
-
-
-Length = Annotated[float, BeforeValidator(quantity("length"))]
-Size = Annotated[float, BeforeValidator(quantity("size"))]
-Clearance = Annotated[float, BeforeValidator(quantity("clearance"))]
-Slack = Annotated[float, BeforeValidator(quantity("slack"))]
-Area = Annotated[float, BeforeValidator(quantity("area"))]
-SecondMoment = Annotated[float, BeforeValidator(quantity("second moment"))]
-Angle = Annotated[float, BeforeValidator(quantity("angle"))]
-Force = Annotated[float, BeforeValidator(quantity("force"))]
-TensionOffset = Annotated[float, BeforeValidator(quantity("tension offset"))]
-Pressure = Annotated[float, BeforeValidator(quantity("pressure"))]
-Modulus = Annotated[float, BeforeValidator(quantity("modulus"))]
-PoissonsRatio = Annotated[float, BeforeValidator(quantity("Poisson's ratio"))]
-Wrap = Annotated[float, BeforeValidator(quantity("wrap angle"))]
-Friction = Annotated[float, BeforeValidator(quantity("friction coefficient"))]
-Mass = Annotated[float, BeforeValidator(quantity("mass"))]
-Density = Annotated[float, BeforeValidator(quantity("density"))]
-MomentOfInertia = Annotated[float, BeforeValidator(quantity("moment of inertia"))]
-Acceleration = Annotated[float, BeforeValidator(quantity("acceleration"))]
-Time = Annotated[float, BeforeValidator(quantity("time"))]
-Duration = Annotated[float, BeforeValidator(quantity("duration"))]
-Speed = Annotated[float, BeforeValidator(quantity("speed"))]
-Rate = Annotated[float, BeforeValidator(quantity("rate"))]
-Ratio = Annotated[float, BeforeValidator(quantity("ratio"))]
-PositiveRatio = Annotated[float, BeforeValidator(quantity("positive ratio"))]
-Share = Annotated[float, BeforeValidator(quantity("share"))]
-Turns = Annotated[float, BeforeValidator(quantity("number of turns"))]
-Factor = Annotated[float, BeforeValidator(quantity("scale factor"))]
-Point = tuple[Length, Length, Length]
-ForceVector = tuple[Force, Force, Force]
-Traction = tuple[Pressure, Pressure, Pressure]
-Gravity = tuple[Acceleration, Acceleration, Acceleration]
-
-
-def _pointing(value: tuple[float, float, float]) -> tuple[float, float, float]:
-    if not any(value):
-        raise fault_error("the direction has no length", got="[0, 0, 0]", allowed="such as [0, 0, 1]")
-    return value
-
-
-Direction = Annotated[tuple[Ratio, Ratio, Ratio], AfterValidator(_pointing)]
-
-
 def _given(value: object) -> str | float:
     if isinstance(value, bool) or not isinstance(value, (str, int, float)):
-        raise fault_error("this is of the wrong kind", got=_shown(value), allowed="a number, or text with a unit")
+        raise fault_error("this is of the wrong kind", got=shown(value), allowed="a number, or text with a unit")
     return value
 
 
@@ -207,20 +87,20 @@ def _given(value: object) -> str | float:
 Given = Annotated[str | float, PlainValidator(_given)]
 
 
-def listed(value: object) -> object:
-    """One entry as a list of it."""
-    return [value] if isinstance(value, str | dict) else value
-
-
 def numbered(value: object) -> object:
     """As `listed`, and a bare number as a list of it too."""
     return [value] if isinstance(value, int | float) and not isinstance(value, bool) else listed(value)
 
 
-def validated(model: type[S], data: object, path: KeyPath, findings: Findings) -> S | None:
-    """`data` as a section, or None with every fault of it recorded."""
+@cache
+def _reader(model: type[T]) -> TypeAdapter[T]:
+    return TypeAdapter(model)
+
+
+def validated(model: type[T], data: object, path: KeyPath, findings: Findings) -> T | None:
+    """`data` as a section or as what is declared in Python, or None with every fault of it recorded."""
     try:
-        return model.model_validate(data)
+        return _reader(model).validate_python(data)
     except ValidationError as error:
         for found in error.errors():
             _record(found, data, path, findings)
@@ -244,15 +124,6 @@ def changed(section: S, changes: Mapping[str, object], where: str) -> S:
         raise InputError(faults) from error
 
 
-def _details(found: Any) -> InitErrorDetails:
-    if found["type"] == FAULT:
-        kind = PydanticCustomError(FAULT, "{what}", found["ctx"])
-    else:
-        what, got, allowed = _wording(found)
-        kind = fault_error(what, got=got, allowed=allowed)
-    return InitErrorDetails(type=kind, loc=found["loc"], input=found["input"])
-
-
 def _record(found: Any, data: object, path: KeyPath, findings: Findings) -> None:
     place = (*path, *_keys(found["loc"], data))
     findings.faults.append(_fault(found, findings.document.where(place)))
@@ -261,8 +132,8 @@ def _record(found: Any, data: object, path: KeyPath, findings: Findings) -> None
 def _fault(found: Any, where: str) -> Fault:
     """An error of pydantic's, or one of ours that it carried, as a fault."""
     if found["type"] == FAULT:
-        told = found["ctx"]
-        return Fault(told["what"], where, told["got"], told["allowed"], told["attempt"])
+        told = Fault(**found["ctx"])
+        return replace(told, where=f"{where}: {told.where}" if told.where else where)
     what, got, allowed = _wording(found)
     return Fault(what, where, got, allowed)
 
@@ -285,6 +156,7 @@ def _keys(location: tuple[str | int, ...], data: object) -> tuple[str | int, ...
 _KINDS = {
     "dict_type": "a mapping of keys",
     "model_type": "a mapping of keys",
+    "dataclass_type": "a mapping of keys",
     "model_attributes_type": "a mapping of keys",
     "list_type": "a list: [a, b, …]",
     "tuple_type": "a list: [a, b, …]",
@@ -301,7 +173,7 @@ _KINDS = {
 
 def _wording(found: Any) -> tuple[str, str, str]:
     """What, got and allowed for one of pydantic's own errors."""
-    kind, context, got = found["type"], found.get("ctx", {}), _shown(found["input"])
+    kind, context, got = found["type"], found.get("ctx", {}), shown(found["input"])
     if kind == "missing" and isinstance(found["loc"][-1], int):
         return "the list is too short", "", f"an entry number {found['loc'][-1] + 1}"
     if kind == "missing":
@@ -315,8 +187,3 @@ def _wording(found: Any) -> tuple[str, str, str]:
         least = "at least" if kind == "too_short" else "at most"
         return "the list has the wrong length", str(context["actual_length"]), f"{least} {wanted}"
     return "the value is not allowed", got, str(found["msg"]).removeprefix("Input should be ")
-
-
-def _shown(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "…"

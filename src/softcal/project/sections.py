@@ -3,29 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from softcal.errors import Fault, ProjectFileError, nearest
 from softcal.experiments.prepare import PlannedStep
+from softcal.export.sofa_settings import Engines
 from softcal.limits import LIMITS
 from softcal.materials.infill import PrintInfill
 from softcal.project.bench_plan import check_headers, plan_bench
 from softcal.project.bench_schema import ExperimentSection, RigSection
 from softcal.project.calibration_schema import CalibrationSection, ParameterSection, PrintSection
 from softcal.project.document import Document, Findings
-from softcal.project.dynamics_schema import DynamicsSection
-from softcal.project.engines_schema import EnginesSection
 from softcal.project.files import InputFiles, stored_mesh
 from softcal.project.mesh_schema import MeshFile
 from softcal.project.names import RESERVED_OF_TESTS, check_names
 from softcal.project.robot_names import check_part_names
 from softcal.project.robot_schema import BodySection, RobotSection
 from softcal.project.search import build_search
-from softcal.project.section import Section, validated
+from softcal.project.section import validated
 from softcal.project.sweep_schema import SweepSection
+from softcal.twin.time_settings import Settling, TimeSettings
 
-S = TypeVar("S", bound=Section)
+S = TypeVar("S")
 
 SECTIONS = (
     "softcal",
@@ -53,8 +53,8 @@ class Sections:
     steps: Mapping[str, tuple[PlannedStep, ...]]
     parameters: Mapping[str, ParameterSection]
     calibration: CalibrationSection
-    dynamics: DynamicsSection
-    engines: EnginesSection
+    dynamics: TimeSettings
+    engines: Engines
     sweep: SweepSection | None
     print_infill: PrintInfill | None
 
@@ -75,8 +75,8 @@ def read_sections(document: Document, files: InputFiles) -> Sections:
     _check_names(document, experiments, findings)
     parameters = _entries(ParameterSection, "parameters", document, findings)
     calibration = _section(CalibrationSection, "calibration", document, findings, {})
-    dynamics = _section(DynamicsSection, "dynamics", document, findings, {})
-    engines = _section(EnginesSection, "engines", document, findings, {})
+    dynamics = _dynamics(document, findings)
+    engines = _section(Engines, "engines", document, findings, {})
     swept = _section(SweepSection, "sweep", document, findings)
     print_infill = _print_infill(document, findings)
     if robot is not None:
@@ -207,3 +207,15 @@ def _print_infill(document: Document, findings: Findings) -> PrintInfill | None:
     with findings.at(("print",)):
         return PrintInfill(section.bulk_youngs_modulus, section.infill, section.exponent)
     return None
+
+
+def _dynamics(document: Document, findings: Findings) -> TimeSettings | None:
+    """A project's motion goes on until nothing moves, unless it is said how it ends."""
+    given = _section(TimeSettings, "dynamics", document, findings, {})
+    if given is None:
+        return None
+    settings = given if given.hold is not None or given.settle else replace(given, settle=Settling())
+    after = settings.settle.longest if settings.settle else settings.hold or 0.0
+    with findings.at(("dynamics",)):
+        LIMITS["time steps"].check(1 + (settings.ramp + after) / settings.time_step)
+    return settings

@@ -7,7 +7,8 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from softcal.project.section import Given, Section, fault_error, listed, numbered
+from softcal.declare import listed
+from softcal.project.section import Given, Section, fault_error, numbered
 
 
 class SweepSection(Section):

@@ -22,9 +22,10 @@ from softcal.twin.parameters import parameter_values
 from softcal.twin.protocol import Protocol, command_faults, let_go_faults
 from softcal.twin.response import Response, Snapshot
 from softcal.twin.robot import Robot
-from softcal.twin.schedule import Schedule, Settling, TimeSettings
+from softcal.twin.schedule import Schedule
 from softcal.twin.sensors import channel_units, sense
 from softcal.twin.start import UNDER_LOADS, Start, fallen, loaded, snapshot
+from softcal.twin.time_settings import Settling, TimeSettings
 
 DEFAULT = TimeSettings()
 # Told at the beginning and after each step: the time, and when the schedule is over, both [s]; later, it settles.
@@ -69,7 +70,8 @@ def simulate_in_time(
     faults = [*command_faults(robot, protocol := Protocol(schedule.commands)), *let_go_faults(robot, protocol)]
     if faults:
         raise ParameterError(faults)
-    settling = settings.until_settled
+    schedule = schedule.held(settings.hold) if settings.hold else schedule
+    settling = settings.settle
     watched = [part.name for part in (*robot.plates, *robot.markers)]
     if settling is not None and settling.on not in ("", *watched):
         allowed = ", ".join(watched) or "none: leave it empty"
@@ -123,7 +125,7 @@ class _Run:
 
     def to_the_end(self, dynamics: Dynamics, now: Instant) -> None:
         """Step until the schedule is over, and then until nothing moves where that is asked for."""
-        h, settling = self.settings.time_step, self.settings.until_settled
+        h, settling = self.settings.time_step, self.settings.settle
         n_steps = self._n_steps
         longest = n_steps + (0 if settling is None else int(np.ceil(settling.longest / h)))
         self._keep(now, n_steps)
@@ -182,7 +184,7 @@ class _Run:
 
     @property
     def _watched(self) -> str:
-        settling = self.settings.until_settled
+        settling = self.settings.settle
         return settling.on if settling is not None and settling.on else "every point"
 
     def _end_without(self, now: Instant, settling: Settling | None, n_steps: int) -> None:
@@ -227,7 +229,7 @@ class _Run:
 
     def _speed(self, now: Instant) -> float:
         """Of what is watched [m/s]."""
-        settling, velocities = self.settings.until_settled, now.velocities
+        settling, velocities = self.settings.settle, now.velocities
         on = "" if settling is None else settling.on
         if on in self.twin.frame:
             return float(np.linalg.norm(velocities.frames[self.twin.frame[on]]))

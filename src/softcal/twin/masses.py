@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 
 from softcal.checks import Floats, Ints
@@ -19,8 +17,7 @@ from softcal.mechanics.inertia import (
 from softcal.mechanics.layout import FREE, TIED
 from softcal.twin.build import Twin
 from softcal.twin.robot import Plate, Robot, Rod
-
-MassMatrix = Literal["consistent", "lumped"]
+from softcal.twin.time_settings import MassMatrix
 
 
 def robot_inertia(twin: Twin, robot: Robot, masses: MassMatrix = "consistent") -> Inertia:

@@ -56,7 +56,7 @@ def crosscheck_project(
         faults.append(Fault("no engine can end in no time", "--timeout", f"{timeout:g} s", "> 0 s, such as 10min"))
     if faults:
         raise InputError(faults)
-    running = Running(timeout, project.engines.sofa.settings)
+    running = Running(timeout, project.engines.sofa)
 
     def one(name: str, case: Case) -> Crosscheck:
         return crosscheck(

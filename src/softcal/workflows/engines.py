@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 from softcal.calibration.problem import SOFTCAL, Simulate
 from softcal.errors import Fault, ParameterError
-from softcal.project.engines_schema import EnginesSection
+from softcal.export.sofa_settings import Engines
 from softcal.twin.robot import Robot
 
 SOFA = "sofa"
@@ -16,7 +17,7 @@ ENGINES = (SOFTCAL, SOFA)
 OF_THE_MACHINE = ("timeout",)
 
 
-def engine_for(name: str, robot: Robot, settings: EnginesSection) -> Simulate | None:
+def engine_for(name: str, robot: Robot, settings: Engines) -> Simulate | None:
     """The simulator of an engine by its name, for a robot and others that differ from it by parameters alone; None is
     softcal's own.
 
@@ -32,17 +33,17 @@ def engine_for(name: str, robot: Robot, settings: EnginesSection) -> Simulate | 
     if name == SOFA:
         from softcal.export.sofa_engine import sofa_engine
 
-        engine = sofa_engine(settings.sofa.settings)
+        engine = sofa_engine(settings.sofa)
         engine.require(robot)
         return engine
     raise ParameterError(Fault("there is no such engine", "--engine", f"'{name}'", ", ".join(ENGINES)))
 
 
-def engine_identity(name: str, settings: EnginesSection) -> dict[str, str]:
+def engine_identity(name: str, settings: Engines) -> dict[str, str]:
     """What a run's results owe to its engine, by key of the project file, SI; nothing where that is softcal itself."""
     if name == SOFTCAL:
         return {}
-    own = {key: value for key, value in settings.model_dump()[name].items() if key not in OF_THE_MACHINE}
+    own = {key: value for key, value in asdict(settings)[name].items() if key not in OF_THE_MACHINE}
     return {"engine": name, **_flat(f"engines.{name}", own)}
 
 

@@ -130,13 +130,10 @@ def export_sofa(project: Project, cases: Mapping[str, Case], folder: Path) -> li
         Where parameters for linear tets are to be identified, and the twin cannot follow the protocol.
     """
     from softcal.export.sofa_export import furthest, write_sofa
-    from softcal.export.sofa_scene import Stepping
 
     require_free_folder(folder)
     chosen = furthest(protocols_of(cases))
     experiment = chosen if len(cases) > 1 else ""
-    motion, resting = project.dynamics, project.engines.sofa.settings.resting
-    stepping = Stepping(motion.time_step, motion.rayleigh_stiffness, motion.rayleigh_mass)
     return write_folder(
         folder,
         lambda part: write_sofa(
@@ -146,8 +143,8 @@ def export_sofa(project: Project, cases: Mapping[str, Case], folder: Path) -> li
             project.name,
             experiment=experiment,
             slack=_slack(project, cases[chosen]),
-            stepping=stepping,
-            resting=resting,
+            motion=project.dynamics,
+            settings=project.engines.sofa,
         ),
     )
 

@@ -50,7 +50,7 @@ def simulate_each_in_time(
             faults.extend(error.faults)
     if faults:
         raise InputError(faults)
-    settings = project.dynamics.settings
+    settings = project.dynamics
 
     def moved(name: str) -> Response:
         told = None if progress is None else partial(progress, name)
@@ -61,23 +61,16 @@ def simulate_each_in_time(
 
 def schedule_of(project: Project, case: Case) -> Schedule:
     """A pull evenly over the `ramp` of the project's `dynamics`; an experiment by the times of its samples, from the
-    first on, and after a ramp where that one pulls already. The last commands are then held for its `hold`.
+    first on, and after a ramp where that one pulls already.
 
     Raises
     ------
     InputError
         For an experiment that drives nothing, or whose samples have no times that ascend.
     """
-    dynamics = project.dynamics
     if case.experiment:
-        schedule = _replayed(project, project.experiments[case.experiment])
-    else:
-        schedule = Schedule(np.linspace(0.0, dynamics.ramp, case.protocol.n_samples), case.protocol.commands)
-    if not dynamics.hold:
-        return schedule
-    times = np.append(schedule.times, schedule.times[-1] + dynamics.hold)
-    held = {n: Command(c.control, np.append(c.values, c.values[-1])) for n, c in schedule.commands.items()}
-    return Schedule(times, held)
+        return _replayed(project, project.experiments[case.experiment])
+    return Schedule(np.linspace(0.0, project.dynamics.ramp, case.protocol.n_samples), case.protocol.commands)
 
 
 def _replayed(project: Project, experiment: Experiment) -> Schedule:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
+from dataclasses import asdict
 from pathlib import Path
 
 from softcal.calibration.outcome import installed_versions
@@ -71,8 +72,8 @@ def simulate_to_folder(
                 }
                 for name, response in responses.items()
             },
-            **({"dynamics": project.dynamics.model_dump()} if in_time else {"engine": engine}),
-            **({"engines": project.engines.model_dump()} if engine == SOFA else {}),
+            **({"dynamics": asdict(project.dynamics)} if in_time else {"engine": engine}),
+            **({"engines": asdict(project.engines)} if engine == SOFA else {}),
             "hashes": dict(project.hashes),
             "versions": installed_versions(),
         }

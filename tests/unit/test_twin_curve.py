@@ -85,6 +85,18 @@ def test_passage_snaps_past_a_maximum():
     assert np.isnan(never)
 
 
+def test_what_is_passed_first_lies_in_intervals_that_are_known() -> None:
+    """sin passes 0.9 in its second interval at first, and comes that high again on the way down, which is not read."""
+    curve = curve_of(np.sin, np.cos, np.linspace(0.0, 3.0, 4))
+    np.testing.assert_array_equal(curve.may_pass(0, np.array([0.9])), [False, True, False])
+    np.testing.assert_array_equal(curve.may_pass(0, np.array([0.2, 0.9])), [True, True, False])
+    np.testing.assert_array_equal(curve.may_pass(0, np.array([2.0])), [False, False, False])
+    # One that its error may hide counts: the first piece errs by some 0.002.
+    just_above = np.array([np.sin(1.0) + 1e-4])
+    np.testing.assert_array_equal(curve.may_pass(0, just_above), [True, True, False])
+    assert curve_of(np.sin, np.cos, [0.0, 1.0]).may_pass(0, np.array([5.0])).all()  # nothing is known of its error
+
+
 def test_what_is_passed_at_the_start_is_the_start():
     curve = curve_of(np.exp, np.exp, np.linspace(0.0, 2.0, 5))
     np.testing.assert_array_equal(curve.first_passage(0, np.array([0.5, 1.0])), [0.0, 0.0])

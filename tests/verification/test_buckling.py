@@ -192,6 +192,16 @@ def test_a_drive_by_tension_falls_once_too(share: float) -> None:
     assert "," not in response.status.split("Not stable at")[1].split(" mm of")[0]
 
 
+def test_a_curve_is_refined_where_it_is_read() -> None:
+    """The column's knee is sharp, and no sample of the few is at it."""
+    few, many = PINNED * np.array([0.5, 1.4356]), PINNED * np.linspace(0.5, 1.4356, 200)
+    one, other = (simulate(column(cables=(axial(),)), Protocol({"front": Command("tension", T)})) for T in (few, many))
+    assert one.succeeded, one.status
+    for name, values in other.channels.items():
+        np.testing.assert_allclose(one.channels[name], values[[0, -1]], rtol=1e-4, atol=1e-4 * np.abs(values).max())
+    assert one.n_factorisations < 0.8 * other.n_factorisations
+
+
 def test_slopes_where_the_last_sample_is_the_one_that_it_falls_to() -> None:
     """The line across the fall is some thousand times as steep."""
     d = 1.0015e-3 * PINNED * LENGTH / (E * WIDTH * THICKNESS) * 1e3

@@ -9,6 +9,8 @@ from scipy.interpolate import CubicHermiteSpline
 
 from softcal.checks import Floats
 
+FINE = 65  # points of an interval at which its cubic is looked at
+
 
 @dataclass(frozen=True)
 class Curve:
@@ -85,13 +87,21 @@ class Curve:
         error[self.is_jump] = 0.0
         return error
 
+    def may_pass(self, channel: int, targets: Floats) -> np.ndarray:
+        """In which intervals (n - 1,) a channel may reach one of the targets for the first time, its error granted."""
+        fine = self.c[:-1] + np.linspace(0.0, 1.0, FINE)[:, None] * np.diff(self.c)
+        top = self.spline()(fine)[:, :, channel].max(axis=0)
+        before = np.maximum.accumulate(np.append(self.values[0, channel], top))[:-1]
+        return ((before < targets[:, None]) & (targets[:, None] <= top + self.error()[:, channel])).any(axis=0)
+
     def first_passage(self, channel: int, targets: Floats) -> Floats:
         """The smallest c at which a channel reaches each target (m,); NaN where it never does.
 
         What a machine sees that prescribes the channel and lets c go: past a maximum it snaps to the next branch.
         """
         spline = self.spline()
-        fine = np.unique(np.concatenate([np.linspace(a, b, 65) for a, b in zip(self.c[:-1], self.c[1:], strict=True)]))
+        pieces = zip(self.c[:-1], self.c[1:], strict=True)
+        fine = np.unique(np.concatenate([np.linspace(a, b, FINE) for a, b in pieces]))
         values = spline(fine)[:, channel]
         reached = np.maximum.accumulate(values)
         i = np.searchsorted(reached, targets)

@@ -112,15 +112,16 @@ class Sweep:
             self.readings[node] = read(self.twin, self.statics, node, self.names)
         return self.readings[node]
 
-    def _refined(self, path: Path) -> tuple[Path, Curve]:
-        """The path with nodes added until the curve between them is as exact as asked for."""
+    def _refined(self, path: Path, tensions: Floats | None = None) -> tuple[Path, Curve]:
+        """The path with nodes added until the curve is as exact as asked for, or where these tensions are read."""
         curve = self._curve(path.nodes)
         most = np.inf  # nodes; known once the values are exact enough
         for _ in range(MAX_REFINEMENTS):
             if len(path.nodes) < 2 or self.tolerance <= 0.0:
                 break
             scale = self._scale(np.abs(curve.values).max(axis=0)[:, None], self._least)
-            is_coarse = (curve.error() > self.tolerance * scale[:, 0]).any(axis=1)
+            is_read = True if tensions is None else curve.may_pass(2 * self._i_cable + 1, tensions)
+            is_coarse = is_read & (curve.error() > self.tolerance * scale[:, 0]).any(axis=1)
             if not is_coarse.any():
                 most = min(most, FEW_NODES + NODES_FOR_DERIVATIVES * len(path.nodes))
             if self.names and not is_coarse.any() and len(path.nodes) < most:
@@ -128,7 +129,7 @@ class Sweep:
                 least = LEAST_SENSITIVITY * scale * (by_parameter / scale).max(axis=0)
                 of_derivatives = self._scale(by_parameter, least)
                 tolerance = DERIVATIVES * self.tolerance
-                is_coarse |= (curve.error_by_parameter() > tolerance * of_derivatives).any(axis=(1, 2))
+                is_coarse |= is_read & (curve.error_by_parameter() > tolerance * of_derivatives).any(axis=(1, 2))
             coarse = np.flatnonzero(is_coarse)
             if len(coarse) == 0:
                 break
@@ -203,7 +204,7 @@ class Sweep:
         path = Path((start,), True, names=self.names)
         if largest > 0.0:
             path = self._follow(start, wound, until=largest)
-        path, curve = self._refined(path)
+        path, curve = self._refined(path, T)
         if len(path.nodes) == 1:
             at = np.full(len(T), start.c)
             shapes = self._shapes(path, at, np.zeros(len(T)), "N")

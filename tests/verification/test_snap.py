@@ -1,19 +1,22 @@
 """A shallow roof that snaps through: the cable that pulls its ridge down would have to push it up in between."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from mechanics_cases import elastic, pulled
 
+import softcal
 from softcal.geometry.centreline import straight
 from softcal.geometry.section import rectangular
 from softcal.mechanics.stability import fall
 from softcal.mechanics.state import rest_state
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.term import Controls
+from softcal.project.project import load
 from softcal.twin.build import build_twin
-from softcal.twin.parameters import parameter_values
+from softcal.twin.parameters import parameter_values, with_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Cable, Plate, PointLoad, Robot, Rod, ViaPoint
 from softcal.twin.simulate import simulate
@@ -100,3 +103,13 @@ def test_a_force_that_the_roof_cannot_bear_snaps_it_through(roof: Robot, by: str
     assert low[0] == pytest.approx(d[np.argmax(force(d) > shares[0] * limit)], rel=0.02)
     assert low[1] > 2.0 * RISE
     assert low[1] == pytest.approx(d[np.flatnonzero(force(d) < shares[1] * limit)[-1]], rel=0.02)
+
+
+def test_a_slender_robot_falls_along_a_narrow_curved_valley() -> None:
+    """The manipulator with soft springs snaps back: what bends it takes a billionth of what stretches it."""
+    robot = load(Path(softcal.__file__).parent / "templates" / "manipulator" / "project.yaml").robot
+    soft = with_parameters(robot, {f"spring{k}.youngs_modulus": 0.2236e9 for k in range(1, 5)})
+    response = simulate(soft, Protocol({"cable1": Command("tension", np.array([9.81, 19.62]))}), curve_tolerance=0.0)
+    assert response.succeeded, response.status
+    assert response.falls.count(" mm of") == 1
+    assert response.n_factorisations < 900

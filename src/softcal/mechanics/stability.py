@@ -10,20 +10,20 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.errors import SimulationError
 from softcal.mechanics.free_modes import exclude_free_modes
-from softcal.mechanics.state import State
+from softcal.mechanics.state import State, difference
 from softcal.mechanics.statics import FREE, NO_MODES, TOLERANCE, TORN, Equilibrium, Statics
 from softcal.mechanics.system import Controls, Linearisation
 
 NUDGE = 1e-3  # of the robot's extent: how far it is pushed off at first
 LEAST_DRAG, MOST_DRAG = 1e-11, 1e6  # of the tangent's usual diagonal entry; what rounding makes is below
-MORE, LESS, MUCH_LESS = 4.0, 0.5, 0.1  # drag after steps that went wrong, well, and as far as they may
+MORE, LESS, MUCH_LESS = 4.0, 0.3, 0.1  # drag after steps that went wrong, well, and as far as they may
 INVERSE_ITERATIONS = 12
 MAX_STEPS = 120
 ASK_AGAIN = 10  # steps after which it may stand, though the residual is no smaller
-CHORDS = 12  # steps with one factorisation, at most
-ASIDE = 3  # of them that may lead up the side of a valley before one leads down it
-BACK = 0.5  # of the step before, and cosine of the angle to it: more of it taken back is too far
-WORSE = 10.0  # times the residual before: the factors do not serve any more
+SOLVES = 12  # with one factorisation, about
+ITERATIONS = 6  # of Newton's method in a step
+SERVES = 0.5  # of the correction before: larger ones ask for a new factorisation, or for more drag
+CLOSE = 0.3  # of a step: it ends with corrections as small, the next one makes up for what is left
 
 Switched = Callable[[State, Controls], Controls]
 
@@ -34,15 +34,16 @@ def fall(
     """The stable equilibrium that an overdamped robot comes to from a state under these controls.
 
     From an unstable equilibrium it is pushed off in the direction in which it falls fastest, always to the same side:
-    of a symmetric robot's two ways one is taken. Implicit Euler steps with drag, (K + drag) dz = -g, go down in energy;
-    the drag is as small as the steps allow, but never so small that a step would go up. Never raises: the status says
-    why where none is found. switched: the controls to go on with from a state, cables taut or slack as they are there.
+    of a symmetric robot's two ways one is taken. Implicit Euler steps with drag, g(z) + drag (z - z before) = 0, go
+    down in energy; the drag is as small as Newton's method allows. Never raises: the status says why where none is
+    found. switched: the controls to go on with from a state, cables taut or slack as they are there.
     """
     statics.free_modes = NO_MODES
-    residual, drag, less, tried, work = np.inf, LEAST_DRAG, LESS, np.inf, 0.0
+    residual, tried, work = np.inf, np.inf, 0.0
     state = replace(state, tension=np.where(controls.is_held, controls.tension, state.tension))
     try:
         at = statics.system.linearise(state, controls, statics.theta)
+        least = drag = LEAST_DRAG * statics.stiffness(at)
         for step in range(MAX_STEPS):
             if (now := switched(state, controls)) is not controls:
                 controls, tried = now, np.inf
@@ -55,13 +56,16 @@ def fall(
                 if stays and statics.n_unstable() == 0:
                     return replace(ended, n_iterations=step + ended.n_iterations, work=work)
                 if stays:
-                    drag, tried = _holding(statics, statics.tangent_at(ended.state, controls), LEAST_DRAG), np.inf
+                    drag = _holding(statics, statics.tangent_at(ended.state, controls), least)
                     state = statics.reachable(ended.state, _push(statics))
                     at = statics.system.linearise(state, controls, statics.theta)
-            way, drag = _down(statics, state, controls, at, max(less * drag, LEAST_DRAG))
+                    tried = statics.norm(at)  # that it stands is no news before it has gone on
+                elif not ended.converged and residual < TOLERANCE:
+                    return replace(ended, n_iterations=step)
+            way = _down(statics, state, controls, at, drag)
+            drag = max(way.drag * (1.0 if way.drag > drag else MUCH_LESS if way.is_easy else LESS), least)
             state, work = way.state, work + way.work
             at = statics.system.linearise(state, controls, statics.theta)
-            less = MUCH_LESS if way.is_easy else LESS
     except SimulationError as error:
         return Equilibrium(state, False, 0, residual, str(error).rstrip("."))
     return Equilibrium(state, False, MAX_STEPS, residual, f"it does not come to rest within {MAX_STEPS} steps")
@@ -78,7 +82,7 @@ def is_stable(statics: Statics, at: Linearisation) -> bool:
     """
     if statics.n_unstable() == 0:
         return True
-    statics.factorise(at, LEAST_DRAG)
+    statics.factorise(at, LEAST_DRAG * statics.stiffness(at))
     held = statics.n_unstable() == 0
     statics.factorise(at)
     return held
@@ -102,7 +106,8 @@ def _at_rest(statics: Statics, state: State, controls: Controls) -> Equilibrium:
 
 def _holding(statics: Statics, at: Linearisation, drag: float) -> float:
     """Factorise with the least drag, of those from `drag` on, with which no direction is left to fall in."""
-    while drag < MOST_DRAG:
+    most = MOST_DRAG * statics.stiffness(at)
+    while drag < most:
         statics.factorise(at, drag)
         if statics.n_unstable() == 0:
             return drag
@@ -111,81 +116,107 @@ def _holding(statics: Statics, at: Linearisation, drag: float) -> float:
 
 
 def _push(statics: Statics) -> Floats:
-    """A small step in the direction that the drag factorised last barely holds (inverse iteration)."""
+    """A small step in the direction that the drag factorised last barely holds: (K + drag) dz = least * drag dz
+    (inverse iteration, in the units in which the drag is the same for all).
+    """
     layout = statics.system.layout
     moving = layout.first_pressure_unknown
-    seed = np.zeros(layout.n_unknowns)
-    seed[:moving] = np.random.default_rng(1).standard_normal(moving)
-    mode = seed
+    unit = statics.unit[:moving]
+    seed = np.random.default_rng(1).standard_normal(moving)
+    mode, dz = seed, np.zeros(layout.n_unknowns)
     for _ in range(INVERSE_ITERATIONS):
-        pushed = np.zeros_like(mode)
-        pushed[:moving] = mode[:moving] / np.linalg.norm(mode[:moving])
-        mode = statics.solve(pushed)
-    mode = mode * np.sign(mode[:moving] @ seed[:moving])
-    mode[layout.first_tension_unknown :] = 0.0
-    return (NUDGE * statics.length / statics.reach(mode)) * mode
+        load = np.zeros_like(dz)
+        load[:moving] = mode / np.linalg.norm(mode) / unit
+        dz = statics.solve(load)
+        mode = dz[:moving] / unit
+    dz *= np.sign(mode @ seed)
+    dz[layout.first_tension_unknown :] = 0.0
+    return (NUDGE * statics.length / statics.reach(dz)) * dz
 
 
 @dataclass(frozen=True)
 class _Way:
-    """A way down: where it leads, the energy that it gives off [J], and whether less drag would have held it."""
+    """A way down: where it leads, the energy that it gives off [J], the drag that it took, and whether less will do."""
 
     state: State
     work: float
+    drag: float
     is_easy: bool
 
 
-def _down(statics: Statics, state: State, controls: Controls, at: Linearisation, drag: float) -> tuple[_Way, float]:
-    """Down with one factorisation, of as much drag as it takes, also given."""
-    while drag < MOST_DRAG:
-        drag = _holding(statics, at, drag)
-        way = _with_factors(statics, state, controls, at)
-        if way.state is not state:
-            return way, drag
-        drag *= MORE
-    raise SimulationError("No drag holds it.")
+def _down(statics: Statics, state: State, controls: Controls, at: Linearisation, drag: float) -> _Way:
+    """Down in as many steps as one factorisation serves for, two where the first step needs it, with as much drag as it
+    takes.
 
-
-def _with_factors(statics: Statics, state: State, controls: Controls, at: Linearisation) -> _Way:
-    """Step after step with the factors at hand, as long as they serve; the state itself where they lead up. A step
-    along a curved valley leads up its side first, and the next ones down again.
+    Raises
+    ------
+    SimulationError
+        Where no drag is enough, or the robot is torn.
     """
-    moving = slice(statics.system.layout.first_pressure_unknown)
-    tensions = slice(statics.system.layout.first_tension_unknown, None)
-    here, best, given_off, climbed, aside, residual = state, state, 0.0, 0.0, 0, np.inf
-    dz = np.zeros(0)
-    for _ in range(CHORDS):
-        before, dz = dz, -statics.solve(at.reduced)
-        if before.size and (statics.limited(dz) < 1.0 or _turns_back(statics, before, dz)):
+    while True:
+        drag = _holding(statics, at, drag)
+        step = _step(statics, state, controls, at, drag, may_factorise=True)
+        if step is not None:
             break
-        dz = statics.limited(dz) * dz  # lengths that are given lead far whatever the drag
-        here = statics.reachable(here, dz)
+        drag *= MORE
+    work, solves = step.work, step.solves
+    while solves < SOLVES and statics.norm(step.at) >= TOLERANCE:
+        after = _step(statics, step.state, controls, step.at, drag, may_factorise=False)
+        if after is None:
+            return _Way(step.state, work, drag, False)
+        step, work, solves = after, work + after.work, solves + after.solves
+    return _Way(step.state, work, drag, True)
+
+
+@dataclass(frozen=True)
+class _Step:
+    """A step's end, linearised, the energy that it gives off [J], and the solves that it took."""
+
+    state: State
+    at: Linearisation
+    work: float
+    solves: int
+
+
+def _step(
+    statics: Statics, begin: State, controls: Controls, start: Linearisation, drag: float, *, may_factorise: bool
+) -> _Step | None:
+    """One implicit Euler step with the factors at hand; None where it is not found.
+
+    may_factorise: the factors are those of the beginning, and new ones may be made where they do not serve.
+    """
+    layout = statics.system.layout
+    moving, tensions = slice(layout.first_pressure_unknown), slice(layout.first_tension_unknown, None)
+    unit = statics.unit[moving]
+    at, here, r, before, is_fresh = start, begin, start.reduced, np.inf, may_factorise
+    for n in range(1, ITERATIONS + 1):
+        dz = -statics.solve(r)
+        size = float(np.linalg.norm(dz[moving] / unit))
+        if not is_fresh and (statics.limited(dz) < 1.0 or size > SERVES * before):
+            if not may_factorise:
+                return None
+            statics.factorise(statics.system.linearise(here, controls, statics.theta), drag)
+            if statics.n_unstable() != 0:
+                return None
+            dz = -statics.solve(r)
+            size = float(np.linalg.norm(dz[moving] / unit))
+        part = statics.limited(dz)  # lengths that are given lead far whatever the drag
+        if part == 1.0 and size > SERVES * before:
+            return None
+        here, is_fresh = statics.reachable(here, part * dz), False
         if statics.is_torn(here):
             raise SimulationError(TORN)
-        there = statics.system.linearise(here, controls, statics.theta, tangent=False)
-        if not there.is_admissible:
-            break
-        # Energies compare among states with the lengths that are given: to these, first.
-        if float(np.abs(at.reduced[tensions]).max(initial=0.0)) < FREE * statics.length:
-            climbed += 0.5 * float(dz[moving] @ (at.reduced + there.reduced)[moving])
-        at = there
-        aside = aside + 1 if climbed > 0.0 else 0
-        if aside == ASIDE:
-            break
-        if aside:
-            continue
-        best, given_off, climbed = here, given_off - climbed, 0.0
-        worse, residual = WORSE * max(residual, FREE), statics.norm(at)
-        if residual < TOLERANCE or residual > worse:
-            break
-    else:
-        return _Way(best, given_off, aside == 0)
-    return _Way(best, given_off, False)
-
-
-def _turns_back(statics: Statics, before: Floats, dz: Floats) -> bool:
-    """Whether a step takes much of the one before back, which led too far: across a hill, at worst."""
-    moving = slice(statics.system.layout.first_pressure_unknown)
-    one, other = before[moving] / statics.unit[moving], dz[moving] / statics.unit[moving]
-    lengths = float(np.linalg.norm(one)), float(np.linalg.norm(other))
-    return lengths[1] > BACK * lengths[0] and float(one @ other) < -BACK * lengths[0] * lengths[1]
+        at = statics.system.linearise(here, controls, statics.theta, tangent=False)
+        if not at.is_admissible:
+            return None
+        way = difference(layout, here, begin)[moving]
+        r = at.reduced.copy()
+        r[moving] += drag * way / unit**2
+        is_close = n > 1 and size < CLOSE * float(np.linalg.norm(way / unit))
+        if part == 1.0 and (is_close or statics.measured(r, statics.force_scale(at)) < TOLERANCE):
+            work = -0.5 * float(way @ (start.reduced + at.reduced)[moving])
+            # Energies compare among states with the lengths that are given: to these, first.
+            has_lengths = float(np.abs(start.reduced[tensions]).max(initial=0.0)) < FREE * statics.length
+            return None if work < 0.0 and has_lengths else _Step(here, at, work, n)
+        before = size if part == 1.0 else np.inf
+    return None

@@ -106,10 +106,24 @@ class Statics:
         """The force [N] that residual forces are measured by."""
         return max(at.forces, self._force_floor, self._rounding / TOLERANCE)
 
+    def stiffness(self, at: Linearisation) -> float:
+        """The usual diagonal entry of a tangent [N/m], by its points and frames in their units.
+
+        Raises
+        ------
+        SimulationError
+            Where no tangent was asked for.
+        """
+        if at.data is None:
+            raise SimulationError("There is no tangent.")
+        moving = slice(self.system.layout.first_pressure_unknown)
+        diagonal = at.data[self.system.pattern.indptr[:-1][moving]]
+        return float(np.abs(diagonal * self.unit[moving] ** 2).mean())
+
     def factorise(self, at: Linearisation, drag: float = 0.0, free: Floats = NO_MODES) -> None:
         """Factorise the tangent of a linearisation, for the solves to come.
 
-        drag: of every point and frame against its motion, per step, as a part of the tangent's usual diagonal entry.
+        drag: of every point and frame against its motion [N/m], see `stiffness`.
         free: modes that solutions do not move along, see `exclude`.
 
         Raises
@@ -124,8 +138,7 @@ class Statics:
         data = at.data.copy()
         if drag > 0.0:
             moving = slice(self.system.layout.first_pressure_unknown)
-            diagonal, unit = self.system.pattern.indptr[:-1][moving], self.unit[moving]
-            data[diagonal] += drag * float(np.abs(data[diagonal] * unit**2).mean()) / unit**2
+            data[self.system.pattern.indptr[:-1][moving]] += drag / self.unit[moving] ** 2
         if at.touch is None:
             data[self._unit_places] *= self._unit_entries
             self._factors.factorise(data)

@@ -1,4 +1,4 @@
-"""Checks at the door: arrays of the right shape, finite, in range; frozen once they are in."""
+"""Validation of input arrays: shape, finite values; the copies are read-only."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ Ints = NDArray[np.int64]
 
 
 def is_number(text: str) -> bool:
-    """Whether text is a whole number such as a marker's: decimal digits alone, nine at most."""
+    """Whether text is a non-negative integer such as a marker's number: at most nine decimal digits."""
     return text.isascii() and text.isdecimal() and len(text) <= 9
 
 
 def frozen_floats(
     values: ArrayLike, *, name: str, shape: tuple[int | None, ...] | None = None, missing: bool = False
 ) -> Floats:
-    """A read-only float64 copy of `values`; None in `shape` lets an axis be of any length.
+    """A read-only float64 copy of `values`; None in `shape` allows any length of an axis.
 
-    missing: whether NaN may stand for a value that is not there.
+    missing: whether NaN is allowed for missing values.
 
     Raises
     ------
     InputError
-        Where the shape differs or a value is not finite.
+        If the shape differs or a value is not finite.
     """
     array = np.array(values, dtype=np.float64)
     _check_shape(array.shape, shape, name)

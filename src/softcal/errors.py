@@ -1,15 +1,15 @@
-"""Everything softcal raises.
+"""The exceptions that softcal raises.
 
 SoftcalError
-├─ InputError            something the user gave is wrong; exit code 2
+├─ InputError            invalid user input; exit code 2
 │  ├─ ProjectFileError   a project file (all its faults at once)
 │  ├─ MeshError          a mesh, a region, a cable point
-│  ├─ DatasetError       a bench file or what is asked of it
+│  ├─ DatasetError       a bench file or its preparation
 │  ├─ UnitError          a missing or wrong unit
 │  ├─ ParameterError     a parameter name, value or bound
 │  └─ StorageError       a folder or file that cannot be read or written
-├─ SimulationError       the twin has no equilibrium that could be found; carries its status
-└─ CalibrationError      a calibration that cannot give a result
+├─ SimulationError       no equilibrium was found; carries the solver's status
+└─ CalibrationError      a calibration without a result
 """
 
 from __future__ import annotations
@@ -21,10 +21,20 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Fault:
-    """One thing that is wrong, told so that it can be mended.
+    """One fault of the input, with the information needed to correct it.
 
-    what: what is wrong; where: file, line, key or column; got: what was found;
-    allowed: what may stand there; attempt: what to try next.
+    Attributes
+    ----------
+    what
+        The fault.
+    where
+        File, line, key or column.
+    got
+        The value found.
+    allowed
+        Allowed values.
+    attempt
+        Suggested correction.
     """
 
     what: str
@@ -47,18 +57,18 @@ class Fault:
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """The known name most like `name`, quoted, for a fault's `attempt`; "" where none is alike."""
+    """The known name most similar to `name`, quoted, for a fault's `attempt`; "" if none is similar."""
     folded = {candidate.casefold(): candidate for candidate in known}
     match = difflib.get_close_matches(name.casefold(), folded, n=1, cutoff=0.5)
     return f"'{folded[match[0]]}'" if match else ""
 
 
 class SoftcalError(Exception):
-    """The root of every error that softcal raises on purpose."""
+    """Base class of all errors that softcal raises deliberately."""
 
 
 class InputError(SoftcalError):
-    """Something the user gave is wrong. Holds every fault found, not only the first."""
+    """Invalid user input; holds all faults found, not only the first."""
 
     def __init__(self, faults: Fault | str | Iterable[Fault]) -> None:
         if isinstance(faults, str):
@@ -71,15 +81,15 @@ class InputError(SoftcalError):
 
 
 class ProjectFileError(InputError):
-    """A project file that does not describe a project."""
+    """An invalid project file."""
 
 
 class MeshError(InputError):
-    """A mesh, a region of it, or a point that should lie in it."""
+    """An invalid mesh, region, or point relative to a mesh."""
 
 
 class DatasetError(InputError):
-    """A bench file, or a preparation step that the data does not allow."""
+    """An invalid bench file, or a preparation step that the data do not allow."""
 
 
 class UnitError(InputError):
@@ -87,7 +97,7 @@ class UnitError(InputError):
 
 
 class ParameterError(InputError):
-    """A parameter that does not exist, or a value or bound outside what is allowed."""
+    """An unknown parameter, or a value or bound out of range."""
 
 
 class StorageError(InputError):
@@ -99,4 +109,4 @@ class SimulationError(SoftcalError):
 
 
 class CalibrationError(SoftcalError):
-    """A calibration that cannot give a result, for instance because every trial failed."""
+    """A calibration without a result, for instance because all trials failed."""

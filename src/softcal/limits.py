@@ -1,6 +1,6 @@
-"""How many there may be of everything that is counted: one table, so that nothing exhausts time or memory by a slip.
+"""Limits of all counted inputs in one table, so that a typing error cannot exhaust time or memory.
 
-A limit lies far above what is useful, and below what this machine would try for hours or fail to hold.
+Each limit is far above useful values, and below values that take hours or exceed the memory.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ T = TypeVar("T", bound=Sized)
 
 @dataclass(frozen=True)
 class Limit:
-    """Of what there may be how many; attempt: what to try instead of more.
+    """Allowed range of a count: least to most of `of`; attempt: suggestion if there are more.
 
-    It annotates counts, and lists and mappings that have no more entries, in what a project file can state:
+    It annotates counts, and lists and mappings with at most that many entries, in the project file's schema:
     `Annotated[int, LIMITS["tets"]]`.
     """
 
@@ -37,7 +37,7 @@ class Limit:
         return f"{self.least} to {self.most} {self.of}"
 
     def fault(self, count: float, where: str = "") -> Fault | None:
-        """What is wrong with a count, or None."""
+        """The fault of a count, or None."""
         if self.least <= count <= self.most:
             return None
         few = count < self.least
@@ -47,7 +47,7 @@ class Limit:
         )
 
     def check(self, count: float, *, where: str = "") -> None:
-        """Raise where there are too many or too few.
+        """Raise if there are too many or too few.
 
         Raises
         ------

@@ -1,6 +1,4 @@
-"""Programs that are run as processes of their own, and ended with all that they started: when they take too long, when
-softcal is stopped, and when it is killed.
-"""
+"""External programs in separate process groups, terminated on timeout, and when softcal is stopped or killed."""
 
 from __future__ import annotations
 
@@ -13,7 +11,7 @@ from collections.abc import Generator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-# It reads the group that it is to end, and then to the end of its pipe, which the system closes with its writer.
+# Reads the process group to terminate, then blocks on its pipe until the system closes it when the parent ends.
 _WATCH = """
 import os, signal, sys
 group = sys.stdin.readline()
@@ -26,13 +24,13 @@ if group:
 def exit_code(
     command: Sequence[str], folder: Path, log: Path, *, timeout: float, environment: Mapping[str, str] | None = None
 ) -> int | None:
-    """Run a program in a folder, what it says going to a file: its exit code, or None where it was ended after
-    `timeout` [s]; below zero for a signal.
+    """Run a program in a folder with its output in a file: its exit code (negative for a signal), or None on timeout
+    after `timeout` [s].
 
     Raises
     ------
     OSError
-        Where it cannot be started.
+        If it cannot be started.
     """
     with (
         log.open("wb") as said,
@@ -59,14 +57,14 @@ def run(
     folder: Path | None = None,
     environment: Mapping[str, str] | None = None,
 ) -> subprocess.CompletedProcess[str]:
-    """Run a program that is told something on its standard input: its exit code and what it says.
+    """Run a program with text on its standard input: its exit code and output.
 
     Raises
     ------
     OSError
-        Where it cannot be started.
+        If it cannot be started.
     TimeoutExpired
-        Where it was ended after `timeout` [s].
+        If it was terminated after `timeout` [s].
     """
     pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
     with _guarded(command, cwd=folder, env=environment, text=True, **pipes) as process:
@@ -76,8 +74,8 @@ def run(
 
 @contextlib.contextmanager
 def _guarded(command: Sequence[str], **options: Any) -> Generator[subprocess.Popen[Any]]:
-    """A program at work, which ends with this block, and with this process even where that is killed."""
-    # The watch has the whole of the pipe's life: it is there before the program, and it is ended first.
+    """A running program, terminated at the end of this block, and with this process even if that is killed."""
+    # The watchdog is started before the program and stopped first, so that it covers the program's whole life.
     with subprocess.Popen(
         [sys.executable, "-I", "-S", "-c", _WATCH], bufsize=0, stdin=subprocess.PIPE, start_new_session=True
     ) as watch:

@@ -1,4 +1,4 @@
-"""The only place that knows millimetres: text with a unit in, SI out, and back for people."""
+"""Unit conversion: text with a unit to SI, and SI to text for display. The only module that knows millimetres."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from softcal.errors import Fault, UnitError
 if TYPE_CHECKING:
     import pint
 
-# The unit in which each kind of quantity is held inside, and the one in which people read it.
+# SI unit of each kind of quantity -> display unit.
 SI_UNITS = {
     "length": "m",
     "force": "N",
@@ -28,8 +28,7 @@ SI_UNITS = {
     "pixel": "px",
 }
 
-# Every unit there is, in Pint's language. An angle and a pixel have a dimension of their own, so that neither passes
-# for a ratio or a length.
+# All known units, in Pint's syntax. Angle and pixel are dimensions of their own, distinct from a ratio or a length.
 _DEFINITIONS = """\
 nano- = 1e-9 = n-
 micro- = 1e-6 = µ- = μ- = u-
@@ -78,7 +77,7 @@ ksi = 1000 * psi
 joule = newton * metre = J
 """
 
-# What people write for it -> what Pint reads.
+# Common notation -> Pint's notation.
 _SPELLINGS = {
     "": "dimensionless",
     "1": "dimensionless",
@@ -92,7 +91,7 @@ _SPELLINGS = {
     "’": "foot",
 }
 _SIGNS = str.maketrans({"·": "*", "⋅": "*", "×": "*", "²": "^2", "³": "^3", "⁴": "^4", "−": "-"})
-# A unit is names with small whole powers, multiplied and divided: no other numbers.
+# A unit consists of names with small integer powers, multiplied and divided: no other numbers.
 _NAME = r"[^\W\d]+|[%°º]"
 _FACTOR = rf"\(*(?:{_NAME})(?:(?:\^|\*\*)-?\d)?\)*"
 _UNIT = re.compile(rf"(?:1 ?/ ?)?{_FACTOR}(?: ?[*/. ] ?{_FACTOR})*")
@@ -102,7 +101,7 @@ _BARE_POWER = re.compile(r"(?<=[^\W\d_])([2-4])(?!\w)")
 _NUMBER = re.compile(r"\s*([-+−]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+−]?[0-9]+)?)\s*(.*?)\s*", re.DOTALL)
 _DECIMAL_COMMA = re.compile(r"\s*[-+]?[0-9]+,[0-9]+\s*")
 
-# What a person may have meant by a unit that is spelt otherwise, by what is wanted.
+# Wanted SI unit -> likely intended spelling of an unknown unit.
 _USUAL = {
     "m": ("m", "mm", "cm", "um", "km", "in", "ft"),
     "N": ("N", "mN", "kN", "kgf", "gf", "lbf"),
@@ -113,7 +112,7 @@ _USUAL = {
     "px": ("px",),
     "1": ("%",),
 }
-# A mass, written where the force is wanted by which it pulls.
+# A mass unit given where a force is wanted -> the corresponding force unit.
 _WEIGHTS = {"kg": "kgf", "g": "gf", "lb": "lbf", "lbs": "lbf", "oz": "ozf"}
 
 
@@ -128,7 +127,7 @@ def _registry() -> pint.UnitRegistry[Any]:
 
 
 def _pint_errors() -> tuple[type[Exception], ...]:
-    """What pint raises for text that is no unit; its parser adds Python's own."""
+    """Exceptions of pint for text that is no unit; its parser adds Python's own."""
     import pint
 
     return (
@@ -144,7 +143,7 @@ def _pint_errors() -> tuple[type[Exception], ...]:
 
 @functools.lru_cache(maxsize=1000)
 def _base(unit: str) -> tuple[float, str] | None:
-    """Factor to base units, and the dimension; None where the text is no unit."""
+    """Factor to base units, and the dimension; None if the text is no unit."""
     text = re.sub(r" ?(\^|\*\*) ?", r"\1", " ".join(unit.split()))
     text = _SPELLINGS.get(text, _BARE_POWER.sub(r"^\1", text.translate(_SIGNS)))
     if len(text) > _LONGEST or _UNIT.fullmatch(text) is None:
@@ -158,12 +157,12 @@ def _base(unit: str) -> tuple[float, str] | None:
 
 
 def unit_factor(unit: str, si_unit: str, *, where: str = "") -> float:
-    """Factor that turns a number in `unit` into one in `si_unit`.
+    """Conversion factor from `unit` to `si_unit`.
 
     Raises
     ------
     UnitError
-        Where the unit is unknown or measures something else.
+        If the unit is unknown or has another dimension.
     """
     given, wanted = _base(unit), _base(si_unit)
     if wanted is None:
@@ -176,7 +175,7 @@ def unit_factor(unit: str, si_unit: str, *, where: str = "") -> float:
 
 
 def _meant(unit: str, si_unit: str) -> str:
-    """What to write instead of a unit that does not fit, where that can be told."""
+    """Suggested replacement of an unsuitable unit, or ""."""
     if si_unit == "N" and unit in _WEIGHTS:
         return f"{_WEIGHTS[unit]} for a weight; a mass may hang only where a key says that it is one"
     if si_unit == "Pa" and (match := re.fullmatch(r"(kg|g|lbs?)(/.*)", unit)):
@@ -186,17 +185,17 @@ def _meant(unit: str, si_unit: str) -> str:
 
 
 AS_WRITTEN = 10
-"""Significant digits that show a number as it was written, not what it rounds to, but none of its rounding."""
+"""Significant digits that show a number as written, without floating-point rounding."""
 _PLAIN = 999_999.5
 
 
 def parse_quantity(value: object, si_unit: str, *, where: str = "") -> float:
-    """A number in `si_unit` from text such as "2.3 MPa"; a plain number only where `si_unit` is "1", or it is 0.
+    """A number in `si_unit` from text such as "2.3 MPa"; a plain number only if `si_unit` is "1" or it is 0.
 
     Raises
     ------
     UnitError
-        Where the unit is missing, unknown or of another dimension, or the number is not finite.
+        If the unit is missing, unknown or of another dimension, or the number is not finite.
     """
     if isinstance(value, bool) or not isinstance(value, (str, int, float)):
         raise _unreadable(value, si_unit, where)
@@ -232,14 +231,14 @@ def _as_float(value: float) -> float:
 
 
 def format_quantity(value: float, si_unit: str, unit: str | None = None, *, digits: int = 4) -> str:
-    """Text such as "2.3 MPa" for a number held in `si_unit`."""
+    """Text such as "2.3 MPa" for a number in `si_unit`."""
     shown = unit or readable_unit(value, si_unit)
     text = plain(value / unit_factor(shown, si_unit), digits)
     return text if shown == "1" else f"{text} {shown}"
 
 
 def format_range(low: float, high: float, si_unit: str, *, digits: int = AS_WRITTEN) -> str:
-    """Text such as "50 kPa to 10 MPa" or "0 to 3 mm" for a range held in `si_unit`."""
+    """Text such as "50 kPa to 10 MPa" or "0 to 3 mm" for a range in `si_unit`."""
     above = readable_unit(high, si_unit)
     below = readable_unit(low, si_unit) if low else above
     first = format_quantity(low, si_unit, below, digits=digits)
@@ -247,13 +246,13 @@ def format_range(low: float, high: float, si_unit: str, *, digits: int = AS_WRIT
 
 
 def plain(number: float, digits: int = 4) -> str:
-    """A number to so many significant digits, with an exponent only below 0.0001 and from a million on."""
+    """A number to `digits` significant digits, with an exponent only below 0.0001 and from a million on."""
     text = f"{number:.{digits}g}"
     return f"{float(text):.0f}" if "e+" in text and abs(number) < _PLAIN else text
 
 
 def digits_showing(step: float, size: float, least: int = 4) -> int:
-    """Significant digits by which numbers of a size show two digits of an error or a difference of them."""
+    """Significant digits at which numbers of magnitude `size` show two digits of an error or difference `step`."""
     if not 0.0 < step < abs(size) < math.inf:
         return least
     above = math.floor(math.log10(abs(size))) - math.floor(math.log10(step))
@@ -261,7 +260,7 @@ def digits_showing(step: float, size: float, least: int = 4) -> int:
 
 
 def readable_unit(value: float, si_unit: str) -> str:
-    """The unit in which a person would read `value` [si_unit]."""
+    """Display unit of `value` [si_unit]."""
     if si_unit == "Pa":
         for unit in ("GPa", "MPa", "kPa"):
             if abs(value) >= 0.999 * unit_factor(unit, "Pa"):
@@ -283,5 +282,5 @@ def _shown(value: object) -> str:
 
 
 def _digits(value: int) -> str:
-    """A whole number; Python writes out no more than some thousand digits of one."""
+    """An integer as text; Python refuses to write more than some thousand digits."""
     return str(value) if abs(value) < 10**30 else "a whole number of more than 30 digits"

@@ -345,7 +345,7 @@ def test_force_in_kilonewtons_by_mistake_is_warned_of(
     assert code == 0
     assert "Warning: project.yaml:22: experiments.pull: the stiffness dT/dd is" in err
     assert "kN" in err
-    assert "implausible beside the twin's" in err
+    assert "implausible compared with the twin's" in err
 
 
 def test_a_value_outside_the_bounds_of_its_search_is_warned_of(tmp_path: Path):
@@ -388,7 +388,7 @@ def test_a_set_that_sets_nothing(capsys: pytest.CaptureFixture[str], tmp_path: P
         (("--experiment", "push"), "allowed: pull"),
         (("--pull", "left=4mm"), "--pull: the robot has no such cable; got 'left'; allowed: front"),
         (("--pull", "front=4"), "a cable and a length or force"),
-        (("--pull", "front=-4 mm"), "above zero"),
+        (("--pull", "front=-4 mm"), "must be positive"),
         (("--pull", "front=4mm", "--experiment", "pull"), "exclude each other"),
     ],
 )

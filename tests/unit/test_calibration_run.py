@@ -109,7 +109,7 @@ def test_a_result_says_how_sure_it_is_and_what_stands_at_a_bound() -> None:
     assert bound.parameters[E].standard_error is None
     low, high = bound.parameters[E].interval
     assert low == bound.parameters[E].value < high
-    assert any("stands at its lower bound of 3 MPa" in note for note in bound.notes)
+    assert any("is at its lower bound of 3 MPa" in note for note in bound.notes)
 
 
 def test_tpe_has_fanova_importances_and_a_failed_trial_its_reason() -> None:

@@ -50,8 +50,8 @@ def test_what_is_poor_or_decided_by_a_bound_is_a_warning_before_the_status(capsy
     bad = replace(good, experiments={**good.experiments, "30mm": poor}, notes=(*good.notes, note))
     print_results({"joint": bad}, samples(experiments))
     told = capsys.readouterr()
-    assert "Warning: joint, 30mm: the twin meets" in told.err
-    assert "that is poor (the pitch beyond 10 % of its range)" in told.err
+    assert "Warning: joint, 30mm: the twin reproduces" in told.err
+    assert "that is poor (the pitch above 10 % of its range)" in told.err
     assert "20mm" not in told.err
     assert f"Warning: joint: {note}" in told.err
     assert note not in told.out
@@ -71,4 +71,4 @@ def test_numbers_of_the_table_are_as_people_write_them(capsys):
     (line,) = [line for line in told.out.splitlines() if "RMSE of pitch" in line]
     assert "28.6 deg" in line
     assert "rad" not in line
-    assert "Warning: 20mm: the twin meets" in told.err  # its experiment has the calibration's name
+    assert "Warning: 20mm: the twin reproduces" in told.err  # its experiment has the calibration's name

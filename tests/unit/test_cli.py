@@ -221,7 +221,7 @@ def test_a_run_whose_inputs_were_changed_is_not_told_of(
         code, _, err = run(capsys, *command)
         assert code == 2
         sentence = "a file of the run is missing" if missing else "the file was changed after the calibration"
-        assert f"Error: {path}: {sentence}. Try: put it back as it was" in err
+        assert f"Error: {path}: {sentence}. Try: restore it" in err
     assert sorted(home.rglob("*")) == before
 
 
@@ -304,7 +304,7 @@ def test_a_run_is_not_resumed_with_other_values(capsys: pytest.CaptureFixture[st
     arguments = ("--out", finished / "run", "--resume", "--set", "bar.poissons_ratio=0.3")
     code, _, err = run(capsys, "calibrate", finished / "p" / "project.yaml", *arguments)
     assert code == 2
-    assert "other parameters" in err
+    assert "other fixed parameters" in err
 
 
 def test_a_held_parameter_is_not_searched(capsys: pytest.CaptureFixture[str], tmp_path: Path):

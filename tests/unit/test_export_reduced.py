@@ -166,4 +166,4 @@ def test_the_command_writes_it(tmp_path):
     assert "plate.rotation: at most" in done.output
     bad = CliRunner().invoke(app, [*arguments[:4], str(tmp_path / "b"), "--reach", "front=8N,10mm"])
     assert bad.exit_code == 2
-    assert "how far each cable goes" in bad.output
+    assert "the reach is not defined for each cable" in bad.output

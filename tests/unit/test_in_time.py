@@ -270,7 +270,7 @@ def test_cycles_are_replayed_where_the_samples_have_lost_their_times(tmp_path: P
         (
             (("          time: {name: Time}\n", ""),),
             None,
-            "pull: the samples have no times to move by; got no column `time`",
+            "pull: a transient simulation needs ascending sample times; got no column `time`",
         ),
         (
             (with_steps("find_cycles", "take_branch: loading", "zero: {channel: shortening, by: 1 mm}"),),

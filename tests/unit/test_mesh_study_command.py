@@ -154,7 +154,7 @@ def test_a_study_of_other_values_is_not_told_as_this_runs(
     content = report_content(load_run(copied))
     assert content.mesh_study is None
     page = render_page(content, [], all_tables(content))
-    assert "is of other values than those found" in page
+    assert "is not of the calibrated values" in page
     shutil.rmtree(copied / FOLDER)
     assert "What the mesh contributes" not in render_page(
         report_content(load_run(copied)), [], all_tables(report_content(load_run(copied)))
@@ -190,7 +190,7 @@ def test_another_engine_is_noted(calibrated: Path, tmp_path: Path):
     record["hashes"]["engine"] = "sofa"
     path.write_text(json.dumps(record), encoding="utf-8")
     (note,) = study(study_source(copied), halvings=1, max_unknowns=100).notes
-    assert note == "The calibration was computed by sofa, the study is by softcal itself."
+    assert note == "The calibration was computed by sofa, the study by softcal."
 
 
 def test_the_present_values_are_those_of_each_experiment(tmp_path: Path):
@@ -202,10 +202,10 @@ def test_the_present_values_are_those_of_each_experiment(tmp_path: Path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--element", "P3"], "this is no higher element; got 'P3'; allowed: P2, P2P1"),
-        (["--element", "P1"], "this is no higher element"),
-        (["--halvings", "4"], "elements cannot be halved so often"),
-        (["--unknowns", "0"], "there must be room for unknowns"),
+        (["--element", "P3"], "this is no higher-order element; got 'P3'; allowed: P2, P2P1"),
+        (["--element", "P1"], "this is no higher-order element"),
+        (["--halvings", "4"], "this number of halvings is not allowed"),
+        (["--unknowns", "0"], "the limit of unknowns must be positive"),
         (["--calibration", "joint"], "a project file holds no calibrations"),
         (["--set", "bar.youngs_modulus=50MPa", "--set", "front.slack=1mm"], "there is no free parameter"),
     ],
@@ -220,14 +220,14 @@ def test_values_outside_their_bounds_are_refused(tmp_path: Path, capsys: pytest.
     path = write_project(tmp_path, ("bounds: [0 mm, 5 mm]", "bounds: [1 mm, 5 mm]"))
     code, _, told = run(capsys, "mesh-study", path)
     assert code == 2
-    assert "front.slack[pull]: the present value lies outside its bounds; got 0 m" in told
+    assert "front.slack[pull]: the present value is outside its bounds; got 0 m" in told
 
 
 def test_nothing_finer_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     path = write_project(tmp_path, ("element: P1", "element: P2P1"))
     code, _, told = run(capsys, "mesh-study", path, "--halvings", 0)
     assert code == 2
-    assert "nothing finer is asked for" in told
+    assert "no refinement is requested" in told
 
 
 def test_what_is_no_calibration_is_refused(calibrated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
@@ -235,7 +235,7 @@ def test_what_is_no_calibration_is_refused(calibrated: Path, tmp_path: Path, cap
         ((calibrated, "--calibration", "joint", "--out", tmp_path / "a"), "the run has no such calibration"),
         (
             (calibrated, "--set", "bar.youngs_modulus=2MPa", "--out", tmp_path / "b"),
-            "a run is studied at what it found",
+            "a run has its calibrated values",
         ),
         ((tmp_path,), "there is no run here"),
     ):

@@ -308,7 +308,7 @@ def test_the_template_checks_and_pulls(tmp_path: Path):
 
     project = load(write_template("manipulator", tmp_path / "m"))
     rows = dict(check(project).rows)
-    assert rows["rod spring1"].startswith("298.5 mm long, 36 elements, 9 mm thick, held: base at 0 mm")
+    assert rows["rod spring1"].startswith("298.5 mm long, 36 elements, 9 mm thick, attached: base at 0 mm")
     assert rows["marker marker4"] == "on S4"
     text = (tmp_path / "m" / "project.yaml").read_text()
     assert text.count("assumption") >= 15
@@ -355,7 +355,7 @@ def test_a_run_whose_generated_mesh_is_not_known_to_be_the_same_is_refused(
     del record["hashes"]["mesh of upper"]
     (folder / RECORD).write_text(json.dumps(record))
     for read in (load_run, lambda folder: reopen_run(project, folder)):
-        with pytest.raises(StorageError, match=r"^\S*upper\.vtu: the run does not say what the file was"):
+        with pytest.raises(StorageError, match=r"^\S*upper\.vtu: the run has no hash of the file"):
             read(folder)
 
 

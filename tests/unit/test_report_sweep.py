@@ -123,7 +123,7 @@ def test_what_was_gained_is_told_and_flagged(content: ReportContent):
     assert [column.label for column in table.columns][-3:] == ["E", "ν", "At the end of its range"]
     assert table.rows[0][-1] == "ν at its highest, 0.3"
     texts = [sentence.text for sentence in conclusions(content)]
-    assert any("stands at its upper bound of 0.3" in text for text in texts)
+    assert any("is at its upper bound of 0.3" in text for text in texts)
     assert any(text.startswith("The error of all sections fell from 1") for text in texts)
     assert headline_sentence(content).text.startswith("With the best of 6 cells, E = 800 MPa and ν = 0.300,")
 

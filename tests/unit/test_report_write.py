@@ -162,7 +162,7 @@ def test_a_record_without_force_is_captioned_as_it_is_drawn() -> None:
     hung = replace(experiment, raw=still, prepared=averaged, corrected=None)
     content = replace(content, experiments={**content.experiments, name: hung})
     (caption,) = [p.caption for p in report_pictures(content) if p.section == "bench" and p.caption.startswith(name)]
-    assert caption == f"{name}: the record; the fit uses what average made of it."
+    assert caption == f"{name}: the record; the fit uses it after average."
 
 
 def test_check_pictures_are_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

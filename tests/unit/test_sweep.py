@@ -85,7 +85,7 @@ def test_the_best_cell_is_the_truth_and_its_end_of_range_is_told(swept: Swept):
         assert dict(best.trial.theta) == {E: 0.8e9, NU: 0.3}
         assert best.error < 1e-3
         (note,) = best.notes
-        assert note.startswith(f"{NU} stands at its upper bound of 0.3")
+        assert note.startswith(f"{NU} is at its upper bound of 0.3")
 
 
 def test_the_nominal_values_are_those_of_the_project(swept: Swept):
@@ -345,7 +345,7 @@ def test_the_command_prints_the_best_cells(run: Run, project: Project, tmp_path:
     assert code == 0, err
     assert "marker2" in printed
     assert "800 MPa" in printed
-    assert f"{E} stands at its lower bound" in printed
+    assert f"{E} is at its lower bound" in printed
     assert (out / "sweep.csv").is_file()
     code, _, err = run("sweep", project.path, *options)
     assert code == 2

@@ -211,7 +211,7 @@ def test_the_report_holds_record_and_fit_apart() -> None:
     assert "every sample after the corrections" in page
     assert "every sample after the corrections" not in render_page(given, [], all_tables(given))
     failed = replace(given, records={label: {name: RecordFit(None, record, ("shortening",), failure="It folds.")}})
-    assert f"{name}: not compared with its whole record: It folds." in render_page(failed, [], all_tables(failed))
+    assert f"{name}: comparison with the whole record failed: It folds." in render_page(failed, [], all_tables(failed))
 
 
 def test_one_sentence_compares_the_record_with_the_fitted_samples() -> None:

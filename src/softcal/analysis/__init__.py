@@ -1,1 +1,1 @@
-"""What a result is worth: importance, identifiability, the mesh's share, validation."""
+"""Assessment of a result: loss landscape, agreement of fits, mesh study, validation."""

@@ -1,8 +1,8 @@
-"""Whether separate fits of one robot agree: is what they find farther apart than their standard errors allow?
+"""Agreement of separate fits of one robot: do their estimates differ by more than their standard errors allow?
 
 Cochran's Q (Biometrics 10, 1954) of the fits' values y (logarithms, where all are positive) with standard errors s is
-sum (y - mean)^2 / s^2, the mean weighted by 1 / s^2. Where one value describes all fits it is distributed as chi^2 with
-one degree of freedom less than there are fits.
+sum (y - mean)^2 / s^2, the mean weighted by 1 / s^2. If one value describes all fits, Q is distributed as chi^2 with
+one degree of freedom less than the number of fits.
 """
 
 from __future__ import annotations
@@ -15,15 +15,21 @@ import numpy as np
 from softcal.calibration.experiment import rig_kind
 from softcal.calibration.result import CalibrationResult, Estimate
 
-LIMIT = 0.05  # the probability by chance below which fits count as different
+LIMIT = 0.05  # p-value below which fits count as different
 
 
 @dataclass(frozen=True)
 class Agreement:
     """One parameter of the robot in several separate fits.
 
-    estimates: by the label of the fit. q, dof, chance: Cochran's Q, its degrees of freedom, and the probability of one
-    so large where one value describes all; None where fewer than two fits have a standard error.
+    Attributes
+    ----------
+    name
+        Name of the parameter.
+    estimates
+        Label of the fit -> estimate.
+    q, dof, chance
+        Cochran's Q, its degrees of freedom and p-value; Q and p are None if fewer than two fits have a standard error.
     """
 
     name: str
@@ -54,7 +60,7 @@ class Agreement:
 
 
 def agreements(results: Mapping[str, CalibrationResult]) -> tuple[Agreement, ...]:
-    """The parameters of the robot that several fits of one experiment each have found, by name."""
+    """Agreement of each robot parameter that was estimated by several fits of one experiment each."""
     found: dict[str, dict[str, Estimate]] = {}
     for label, result in results.items():
         if len(result.experiments) == 1 and not result.is_sweep:

@@ -1,4 +1,4 @@
-"""The loss over two parameters, the others held: where it is flat, two parameters cannot be told apart.
+"""Loss landscape over two parameters, the others fixed: along a flat valley the two cannot be distinguished.
 
 With a hyperelastic law whose energy is proportional to Young's modulus, neither dead load nor contact, and every cable
 driven by its shortening, the shape does not depend on the modulus and every tension is proportional to it. Then one
@@ -26,13 +26,13 @@ from softcal.twin.simulate import simulate as simulate_robot
 
 # Laws whose energy is proportional to Young's modulus at constant Poisson's ratio.
 PROPORTIONAL_LAWS = ("neo-hooke",)
-# Samples of a trajectory that others are read off.
+# Samples of the trajectory that is scaled.
 SAMPLES = 81
 
 
 @dataclass(frozen=True)
 class LossGrid:
-    """The loss over a grid: x and y are the axes [SI], loss (len(y), len(x)) is NaN where the twin failed."""
+    """The loss over a grid: axes x and y [SI], loss (len(y), len(x)), NaN where the simulation failed."""
 
     x: Floats
     y: Floats
@@ -40,7 +40,7 @@ class LossGrid:
 
 
 def scales_with_modulus(problem: Problem) -> bool:
-    """Whether tensions are proportional to the one Young's modulus, and all else does not depend on it."""
+    """Whether tensions are proportional to the single Young's modulus and all other channels independent of it."""
     robot = problem.robot
     dead = bool(robot.loads) or (bool(np.any(robot.gravity)) and _has_weight(robot))
     return (
@@ -54,7 +54,7 @@ def scales_with_modulus(problem: Problem) -> bool:
 
 
 def _is_pulled_in(experiment: Experiment) -> bool:
-    """Whether one cable alone is driven, by its shortening."""
+    """Whether a single cable is driven, by its shortening."""
     return [experiment.twin_channel(c).rsplit(".", 1)[1] for c in experiment.drives] == ["shortening"]
 
 
@@ -64,14 +64,14 @@ def loss_over(problem: Problem, theta: Mapping[str, float], x: str, y: str, shap
     Parameters
     ----------
     x, y
-        Labels of the two.
+        Labels of the two parameters.
     shape
         Number of values of x and of y.
 
     Raises
     ------
     KeyError
-        For a label that is not free.
+        For a label that is no free parameter.
     """
     xs, ys = (_axis(problem.space, label, n) for label, n in ((x, shape[0]), (y, shape[1])))
     loss = np.full((len(ys), len(xs)), np.nan)
@@ -84,10 +84,10 @@ def loss_over(problem: Problem, theta: Mapping[str, float], x: str, y: str, shap
 
 @dataclass
 class ProportionalTwin:
-    """A stand-in for `simulate` where `scales_with_modulus`: one trajectory for each shape, scaled by the modulus.
+    """Replacement of `simulate` if `scales_with_modulus`: one trajectory per Poisson's ratio, scaled by the modulus.
 
-    reach: the largest shortening [m] that will be asked for. Each shape is solved once up to it, and read off between
-    the samples by cubic Hermite pieces with the exact slopes.
+    reach: the largest shortening [m] that will be requested. Each trajectory is solved once up to it, and interpolated
+    by cubic Hermite polynomials with the exact slopes.
     """
 
     reach: float
@@ -108,7 +108,7 @@ class ProportionalTwin:
         Raises
         ------
         ParameterError
-            For a protocol or sensitivities that cannot be read off.
+            For a protocol or sensitivities that cannot be obtained by scaling.
         """
         values = parameter_values(robot, theta)
         modulus = values[f"{robot.bodies[0].name}.youngs_modulus"]

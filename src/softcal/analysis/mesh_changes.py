@@ -1,4 +1,4 @@
-"""How a discretisation of the twin changes what the bench would read, beside noise and residuals."""
+"""Changes of the predicted measurements by another discretisation, compared with noise and residuals."""
 
 from __future__ import annotations
 
@@ -15,12 +15,30 @@ from softcal.checks import Floats
 
 @dataclass(frozen=True)
 class Change:
-    """How a discretisation changes one channel of one experiment, or the place of one marker or plate.
+    """Change of one channel, or of one marker's or plate's position, by a discretisation.
 
-    rms: root mean square of the change [unit]; share: of the channel itself, with sign (None for places); noise: the
-    stated standard deviation, None where there is none; residual: how well the calibrated twin meets it (RMSE);
-    magnitude: root mean square of the channel; n: samples; order: at which it converges, of the limit alone.
-    experiment is "" where several are taken together.
+    Attributes
+    ----------
+    experiment
+        Name of the experiment; "" for several pooled ones.
+    name
+        Channel, marker or plate.
+    unit
+        SI unit of the values below.
+    rms
+        Root mean square of the change [unit].
+    share
+        Change over the channel's magnitude, signed; None for positions.
+    noise
+        Stated standard deviation [unit]; None if not stated.
+    residual
+        RMSE of the calibrated twin [unit].
+    magnitude
+        Root mean square of the channel [unit].
+    n
+        Number of samples.
+    order
+        Order of convergence; only for the extrapolated limit.
     """
 
     experiment: str
@@ -36,7 +54,7 @@ class Change:
 
 
 def grouped(blocks: Sequence[Block]) -> dict[tuple[str, str], list[int]]:
-    """(experiment, channel or marker) -> numbers of its blocks; those of a place belong together."""
+    """(experiment, channel or marker) -> numbers of its blocks; the coordinates of a position are grouped."""
     groups: dict[tuple[str, str], list[int]] = {}
     for i, block in enumerate(blocks):
         if block.experiment:
@@ -47,7 +65,7 @@ def grouped(blocks: Sequence[Block]) -> dict[tuple[str, str], list[int]]:
 def changes_between(
     problem: Problem, old: Sequence[Block], new: Sequence[Block], orders: Mapping[tuple[str, str], float]
 ) -> tuple[Change, ...]:
-    """What another discretisation's blocks change; orders: of convergence, by experiment and channel."""
+    """Changes by another discretisation's blocks; orders: orders of convergence by experiment and channel."""
     units = {(e.name, channel): e.dataset.channels[channel].unit for e in problem.experiments for channel in e.compared}
     found: list[Change] = []
     for (experiment, name), members in grouped(old).items():
@@ -75,7 +93,7 @@ def changes_between(
 
 
 def pooled(changes: Sequence[Change]) -> dict[str, Change]:
-    """The changes of each channel or place over all experiments, by its name."""
+    """Channel or position -> change pooled over all experiments."""
     groups: dict[str, list[Change]] = {}
     for change in changes:
         groups.setdefault(change.name, []).append(change)
@@ -105,5 +123,5 @@ def _together(held: Sequence[Change]) -> Change:
 
 
 def _distance(parts: Floats) -> float:
-    """The root mean square over the samples of parts (k, n), taken together as those of a vector."""
+    """Root mean square over the samples of a vector with components (k, n)."""
     return rms(np.sqrt(np.sum(parts**2, axis=0)))

@@ -1,15 +1,15 @@
-"""What the mesh contributes to a calibration: the twin at its optimum once more on better discretisations.
+"""Mesh study of a calibration: the influence of the discretisation on the calibrated values.
 
-Standard errors hold for noise alone. A coarse mesh is too stiff, linear tets lock, and what is identified absorbs it.
-Here the twin is simulated at the values found with its elements halved, and with higher elements on the same tets. From
-the residuals r there and their exact jacobian J follows what a calibration on the better discretisation would find,
+Standard errors cover noise only. A coarse mesh is too stiff and linear tets lock; the calibrated parameters absorb
+this error. The twin is simulated at the calibrated values with halved elements, and with higher-order elements on the
+same tets. The residuals r there and their exact jacobian J give the estimate expected on that discretisation,
 
     dz = argmin loss(r(z) + J dz)   within the bounds,
 
-Gauss-Newton's step in the search's own variables by the model that the search itself goes by (`LocalModel`: tensions as
-powers of E). The same step on the mesh as it is is taken off, so that values that are not at the optimum, and what the
-search left, do not count as the mesh's. With two halvings the channels are extrapolated to elements of no size, where
-they go there at a sensible order (Richardson).
+a Gauss-Newton step in the variables of the search, with its local model (`LocalModel`: tensions as powers of E). The
+same step on the original mesh is subtracted, so that a distance from the optimum does not count as a mesh error. With
+two halvings the channels are extrapolated to zero element size (Richardson), if their order of convergence is
+plausible.
 """
 
 from __future__ import annotations
@@ -39,20 +39,42 @@ from softcal.twin.robot import ElementKind, Robot
 from softcal.twin.simulate import simulate
 
 LIMIT = "limit"
-UNKNOWNS = 150_000  # a minute or two for a curve
-TOLERANCE = 1e-5  # of a curve between its nodes, over a channel's largest value: what the mesh changes must stand out
-ORDERS = (0.5, 6.0)  # of convergence, that are believed
-_OFF = 2e-3  # of the search range: values that far from the optimum are not at it
-# Told at the beginning and after each trajectory: the discretisation, and how many of how many (None: not known yet).
+UNKNOWNS = 150_000  # a minute or two per trajectory
+TOLERANCE = 1e-5  # of the interpolation over a channel's largest value: well below the changes by the mesh
+ORDERS = (0.5, 6.0)  # plausible orders of convergence
+_OFF = 2e-3  # of the search range: a larger distance from the optimum is reported
+# Called at the start and after each trajectory: the discretisation, trajectories done, and their total (None: unknown).
 Observer = Callable[[str, int, int | None], None]
 
 
 @dataclass(frozen=True)
 class Finer:
-    """A better discretisation: what it is, and what came of it at the values that were found; or why nothing did.
+    """One finer discretisation and its results at the calibrated values, or why there are none.
 
-    size: None of the limit. loss: there; reachable: after what a calibration on it would change, by the model; values:
-    what it would find [SI by label]; at_bound: labels of those that then stand at a bound.
+    Attributes
+    ----------
+    name
+        Short name, such as "h/2".
+    what
+        Description in words.
+    size
+        Numbers of tets, rod elements and unknowns; None for the extrapolated limit.
+    failure
+        Why it was not simulated, or "".
+    loss
+        Loss at the calibrated values.
+    reachable
+        Loss after the expected shifts, by the local model.
+    changes
+        Changes of the channels.
+    values
+        Label -> value expected from a calibration on it [SI].
+    at_bound
+        Labels of the expected values at a bound.
+    n_factorisations
+        Cost: matrix factorisations.
+    seconds
+        Cost: time [s].
     """
 
     name: str
@@ -70,11 +92,28 @@ class Finer:
 
 @dataclass(frozen=True)
 class MeshStudy:
-    """What the mesh contributes.
+    """Result of a mesh study.
 
-    parameters: what was found, with the noise's standard errors and intervals; of_robot: labels of those that are the
-    robot's own, not the rig's. elements: in the robot's bodies; element: what they were raised to. reference: name of
-    the discretisation to judge by, "" where none could be simulated.
+    Attributes
+    ----------
+    parameters
+        Label -> calibrated estimate, with standard error and interval from noise.
+    of_robot
+        Labels of the robot's parameters, without the rig's.
+    loss, loss_name
+        Loss on the original mesh, and its name.
+    elements
+        Element kinds of the robot's bodies.
+    element
+        Element kind to which they were raised.
+    size
+        Size of the original discretisation.
+    finer
+        The finer discretisations.
+    reference
+        Name of the discretisation to judge by; "" if none could be simulated.
+    notes
+        Remarks for the reader.
     """
 
     parameters: Mapping[str, Estimate]
@@ -103,23 +142,23 @@ def mesh_study(
     max_unknowns: int = UNKNOWNS,
     progress: Observer | None = None,
 ) -> MeshStudy:
-    """Simulate a problem at theta [SI by label] on better discretisations, and tell what they would change.
+    """Simulate a problem at theta [SI by label] on finer discretisations, and predict the shift of its estimates.
 
     Parameters
     ----------
     element
-        What bodies of lower elements are raised to, on the tets as they are and on those halved once.
+        Element to which bodies of lower order are raised, on the original tets and on those halved once.
     halvings
-        How often elements are halved, each tet then being eight.
+        Number of refinements by halving; each divides a tet into eight.
     max_unknowns
-        Larger discretisations are left out, and say so.
+        Limit of unknowns; larger discretisations are skipped with a reason.
 
     Raises
     ------
     SimulationError
-        Where the twin cannot be simulated at theta as it is.
+        If the twin cannot be simulated at theta on its own mesh.
     InputError
-        Where a value is outside what its parameter may be.
+        If a value is outside its parameter's range.
     """
     told = progress or (lambda name, done, of: None)
     base = _evaluated(problem, problem.robot, theta, partial(told, "as it is"), None)
@@ -161,13 +200,13 @@ def mesh_study(
 
 
 class _Model:
-    """The problem around the values found: what its own mesh gives there, and what other blocks would shift."""
+    """Local model of the problem at the calibrated values, from the original mesh; predicts shifts by other blocks."""
 
     def __init__(self, problem: Problem, base: Evaluation) -> None:
         space = problem.space
         self.problem, self.base = problem, base
         self.z = np.clip(space.to_search(base.theta), 0.0, 1.0)
-        # What is left to gain on the mesh as it is: nothing, where the values are the optimum.
+        # Step to the optimum on the original mesh: zero if the values are optimal.
         self.own_step = self._minimum(base.blocks)[0] - self.z
         statistics = local_statistics(space, problem.loss, base.theta, base.blocks)
         self.parameters = statistics.estimates(space, base.theta)
@@ -177,7 +216,7 @@ class _Model:
         return self.problem.space
 
     def judged(self, blocks: Sequence[Block], one: Finer, orders: Mapping[tuple[str, str], float]) -> Finer:
-        """A discretisation with what its blocks change and would shift."""
+        """A discretisation with the changes and shifts by its blocks."""
         z, reachable = self._minimum(blocks)
         values = self.space.to_model(np.clip(z - self.own_step, 0.0, 1.0))
         bound = self.space.at_bound(values)
@@ -249,9 +288,9 @@ def _evaluated(
 
 
 def _limit(model: _Model, once: Evaluation, twice: Evaluation) -> Finer | None:
-    """Elements of no size, extrapolated from the twin as it is and halved once and twice; None where nothing can be.
+    """Limit of zero element size, extrapolated from the original mesh, halved once and twice; None if impossible.
 
-    A channel that does not go there at a sensible order stays as it is on the finest mesh.
+    A channel without a plausible order of convergence keeps its values of the finest mesh.
     """
     groups = grouped(model.base.blocks)
     blocks = list(twice.blocks)
@@ -269,12 +308,12 @@ def _limit(model: _Model, once: Evaluation, twice: Evaluation) -> Finer | None:
             blocks[i] = _extrapolated(once.blocks[i], blocks[i], left / (1.0 - left))
     if not orders:
         return None
-    what = "extrapolated to elements of no size"
+    what = "extrapolated to zero element size"
     return model.judged(blocks, Finer(LIMIT, what, None), orders)
 
 
 def _extrapolated(before: Block, after: Block, share: float) -> Block:
-    """A block that goes on from the last by a share of the last change, and its derivatives with it."""
+    """The last block plus a share of the last change; the same for its derivatives."""
     jacobian = after.jacobian
     if jacobian is not None and before.jacobian is not None:
         jacobian = jacobian + share * (jacobian - before.jacobian)
@@ -282,7 +321,7 @@ def _extrapolated(before: Block, after: Block, share: float) -> Block:
 
 
 def _convergence(first: Floats, second: Floats, third: Floats) -> float | None:
-    """What a halving leaves of a channel's change by the one before it; None where that gives no sensible order."""
+    """Ratio of a channel's successive changes by halving; None if it gives no plausible order of convergence."""
     before, after = second - first, third - second
     if rms(after) <= 2.0 * TOLERANCE * float(np.abs(third).max(initial=0.0)):
         return None
@@ -308,14 +347,14 @@ def _notes(model: _Model, reference: str) -> list[str]:
     ]
     if off:
         notes.append(
-            f"The values studied are not those of least loss on the mesh as it is ({', '.join(off)}): shifts are those "
-            "of the optimum, told from the values studied."
+            f"The studied values do not minimise the loss on the original mesh ({', '.join(off)}): shifts are those of "
+            "the optimum, given from the studied values."
         )
     if reference.endswith("h/2"):
         notes.append(
-            "What further halvings would change is not in what is expected: some third of what the last one did, where "
-            "the error falls with the square of the elements' size; more at notches and clamped edges."
+            "The expected values do not include further halvings: about a third of the last change, if the error "
+            "decreases with the square of the element size; more at notches and clamped edges."
         )
     elif reference in ELEMENT_RANK:
-        notes.append(f"The error of {reference} elements themselves on these tets is not in what is expected.")
+        notes.append(f"The expected values do not include the error of {reference} elements on these tets.")
     return notes

@@ -1,4 +1,4 @@
-"""What a mesh study says, in words: by how much the mesh puts each parameter off, beside what noise does."""
+"""Conclusions of a mesh study: shift of each parameter by the mesh, compared with its standard error."""
 
 from __future__ import annotations
 
@@ -11,41 +11,41 @@ from softcal.units import format_quantity, readable_unit
 
 Tone = Literal["good", "note", "warning"]
 _COUNTS = "which counts independent noise alone"
-# Shifts in standard errors up to which noise hides them, and from which they are a warning.
+# Shifts in standard errors: hidden by noise up to the first, a warning from the second on.
 HIDDEN, DECIDES = 1.0, 3.0
-# Of a parameter's range: a shift below the one is none, and beyond the other no matter for derivatives in one place.
+# Shifts over a parameter's range: negligible below the first; beyond the second, local derivatives are not valid.
 _NEAR, _FAR = 1e-3, 0.3
 
 
 @dataclass(frozen=True)
 class MeshVerdict:
-    """A sentence, and whether it is good news."""
+    """A sentence and its tone."""
 
     text: str
     tone: Tone
 
 
 def mesh_verdicts(study: MeshStudy) -> tuple[MeshVerdict, ...]:
-    """A sentence for each parameter of the robot, and what to do, where something is to be done."""
+    """One sentence per robot parameter, and advice if a refinement is needed."""
     best = study.best
     if best is None:
         why = " ".join(f"{one.name}: {one.failure}" for one in study.finer)
-        return (MeshVerdict(f"What the mesh contributes is not known, nothing finer was simulated. {why}", "warning"),)
+        return (MeshVerdict(f"The influence of the mesh is unknown: no finer mesh was simulated. {why}", "warning"),)
     found = [_verdict(label, study, best) for label in study.of_robot]
     if not found:
-        found = [MeshVerdict("No parameter of the robot was free that could have absorbed the mesh.", "note")]
+        found = [MeshVerdict("No robot parameter was free that could absorb the error of the mesh.", "note")]
     if any(one.tone == "warning" for one in found):
         found.append(MeshVerdict(_advice(study), "warning"))
     return tuple(found)
 
 
 def shift_in_errors(estimate: Estimate, value: float) -> float | None:
-    """How far another value is from an estimate, over its standard error; None where it has none."""
+    """Distance of another value from an estimate over its standard error; None if it has none."""
     return (value - estimate.value) / estimate.standard_error if estimate.standard_error else None
 
 
 def shift_text(estimate: Estimate, value: float) -> str:
-    """How far another value is from an estimate, also in standard errors: "+1.4 MPa (12 s.e.)"."""
+    """Distance of another value from an estimate, also in standard errors: "+1.4 MPa (12 s.e.)"."""
     unit, errors = readable_unit(estimate.value, estimate.unit), shift_in_errors(estimate, value)
     text = format_quantity(value - estimate.value, estimate.unit, unit, digits=2)
     text = text if value <= estimate.value else f"+{text}"
@@ -53,17 +53,17 @@ def shift_text(estimate: Estimate, value: float) -> str:
 
 
 def times_text(times: float) -> str:
-    """How many times something is, without sign: "0.3", "12", "540"."""
+    """A ratio without sign: "0.3", "12", "540"."""
     size = abs(times)
     return f"{size:.2g}" if size < 100.0 else f"{size:.0f}"
 
 
 def reference_text(study: MeshStudy) -> str:
-    """The discretisation that is judged by, in words."""
+    """The reference discretisation in words."""
     best = study.best
     if best is None:
         return "nothing finer"
-    return "with elements of no size (extrapolated)" if best.name == LIMIT else f"with {best.what}"
+    return "at zero element size (extrapolated)" if best.name == LIMIT else f"with {best.what}"
 
 
 def _verdict(label: str, study: MeshStudy, best: Finer) -> MeshVerdict:
@@ -72,28 +72,28 @@ def _verdict(label: str, study: MeshStudy, best: Finer) -> MeshVerdict:
     here, there = (format_quantity(v, estimate.unit, unit) for v in (estimate.value, value))
     errors = shift_in_errors(estimate, value)
     if estimate.at_bound and abs(value - estimate.value) <= _NEAR * (estimate.upper - estimate.lower):
-        text = f"{label} stands at a bound of its range, {here}, and would on a finer mesh."
+        text = f"{label} is at a bound of its range, {here}, and would on a finer mesh."
         return MeshVerdict(text, "note")
     side = "low" if value > estimate.value else "high"
     change = abs(value - estimate.value)
     if change == 0.0:
-        return MeshVerdict(f"The mesh does not move {label}.", "good")
+        return MeshVerdict(f"The mesh does not shift {label}.", "good")
     if estimate.unit == "1" or value == 0.0:
         by = format_quantity(change, estimate.unit, unit, digits=2)
     else:
         by = f"{100.0 * change / abs(value):.2g} %"
     least = " or more" if label in best.at_bound and not estimate.at_bound else ""
     if errors is not None and abs(errors) <= HIDDEN:
-        hidden = f"{times_text(errors)} times its standard error: noise hides it."
+        hidden = f"{times_text(errors)} times its standard error: hidden by noise."
         return MeshVerdict(f"The mesh makes {label} too {side} by {by}{least}, {hidden}", "good")
     text = f"The mesh makes {label} too {side} by {by}{least}: {here}, where {there} is expected"
     text += f" {reference_text(study)}."
     if label in best.at_bound:
-        text += " There it stands at a bound of its range."
+        text += " There it is at a bound of its range."
     if estimate.unit == "1" and change > _FAR * (estimate.upper - estimate.lower):
-        text += " That is far for what derivatives at the values found can tell: take it for a direction."
+        text += " This is beyond the validity of local derivatives: only the direction is reliable."
     if errors is None:
-        return MeshVerdict(f"{text} Noise gives it no standard error to compare with.", "note")
+        return MeshVerdict(f"{text} It has no standard error to compare with.", "note")
     size = abs(errors)
     tone: Tone = "warning" if size > DECIDES else "note"
     return MeshVerdict(f"{text} That is {times_text(size)} times its standard error, {_COUNTS}.", tone)

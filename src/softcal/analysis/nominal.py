@@ -1,4 +1,4 @@
-"""The twin as it was before anything was tuned, judged like any other: what a calibration is an improvement on."""
+"""Errors of the twin at its nominal values: the reference of a calibration's improvement."""
 
 from __future__ import annotations
 
@@ -14,10 +14,20 @@ from softcal.twin.parameters import parameter_values
 
 @dataclass(frozen=True)
 class Nominal:
-    """What came of the present values: the loss and every experiment's fit; or none, and a sentence why.
+    """Loss and fits at the nominal values, or why there are none.
 
-    parameters [SI]: the present values of what is free, by label; none where tied parameters differ. errors: as those
-    of a `Trial`.
+    Attributes
+    ----------
+    parameters
+        Label -> nominal value of the free parameters [SI]; without tied parameters whose values differ.
+    loss
+        The loss; None if the simulation failed.
+    fits
+        Experiment -> fit.
+    errors
+        Errors by experiment and channel [SI], as in `Trial.errors`.
+    failure
+        Why the simulation failed, or "".
     """
 
     loss: float | None
@@ -28,12 +38,12 @@ class Nominal:
 
 
 def nominal(problem: Problem) -> Nominal:
-    """Simulate every experiment of a problem with the robot and the rig as they are.
+    """Simulate every experiment of a problem at the present values of robot and rig.
 
     Raises
     ------
     InputError
-        Where a command cannot be followed.
+        For a command that the robot cannot follow.
     """
     held, theta = _as_it_is(problem)
     found = held.evaluate(theta)
@@ -45,7 +55,7 @@ def nominal(problem: Problem) -> Nominal:
 
 
 def _as_it_is(problem: Problem) -> tuple[Problem, dict[str, float]]:
-    """The problem in which one value of one experiment alone is free, and that value as it is."""
+    """The problem with a single free parameter of one experiment, and its present value."""
     of_robot = parameter_values(problem.robot)
     for p in problem.space.parameters:
         for experiment in problem.experiments:

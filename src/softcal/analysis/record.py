@@ -1,8 +1,7 @@
-"""The calibrated twin over a whole record, loading and unloading, as paper A judges its own (Fig. 6, Table II).
+"""Errors of the calibrated twin over a whole record, loading and unloading, as in paper A (Fig. 6, Table II).
 
-The fit compares chosen samples: a branch, some cycles, a window. Here the twin is driven by every sample of the
-corrected record. It is elastic: one value of force and pitch for each travel. So what differs between loading and
-unloading, and from cycle to cycle, remains as error.
+The fit uses selected samples: a branch, some cycles, a window. Here the twin is driven by every sample of the
+corrected record. The twin is elastic: hysteresis and changes from cycle to cycle remain as error.
 """
 
 from __future__ import annotations
@@ -22,26 +21,26 @@ from softcal.twin.protocol import Protocol, command_faults, let_go_faults
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
 
-# Every sample is a solve of its own where several cables are driven.
+# With several driven cables every sample is a separate solve.
 MAX_SOLVED_SAMPLES = 200
 
 
 @dataclass(frozen=True)
 class RecordFit:
-    """The twin over a whole record, or why it could not be computed.
+    """Comparison of the twin with a whole record, or why it failed.
 
     Attributes
     ----------
     fit
-        Errors and values of the compared channels over the samples [SI]; None where the twin could not follow.
+        Errors and values of the compared channels over the samples [SI]; None if the simulation failed.
     record
         The samples that were compared, with `time` [s].
     drives
         The channels of the record that drove the twin.
     every
-        1 where each sample of the record was compared; k where only every k-th was, as several cables are driven.
+        Stride: 1 if every sample was compared; k if only every k-th, as with several driven cables.
     failure
-        Why there is no fit; "" where there is one.
+        Why there is no fit, or "".
     """
 
     fit: ExperimentFit | None
@@ -57,14 +56,14 @@ def record_fit(robot: Robot, experiment: Experiment, rig: Mapping[str, float], r
     Parameters
     ----------
     robot
-        The twin, with the values that were found.
+        The robot at the calibrated values.
     experiment
-        What drives the twin and what is compared. Its own samples are not used.
+        Defines the driving and the compared channels; its own samples are not used.
     rig
-        The rig's parameters as they were found [SI], by name.
+        Name -> calibrated parameter of the rig [SI].
     record
         The record, corrected as the experiment's samples were, with `time` [s] and the channels that drive the twin.
-        Samples at which a driving channel has no value are left out.
+        Samples without a value of a driving channel are omitted.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""What a sweep over a grid found: the error of every section in every cell, the best cells, and what was gained.
+"""Evaluation of a grid sweep: error of every section in every cell, best cells, and improvement.
 
 A section is a marker or plate whose position is compared (paper B's S1 to S4), or any other channel. Its error is the
-root mean square over all states of all experiments; with one state it is paper B's d_k itself.
+root mean square over all states of all experiments; for a single state it is paper B's d_k.
 """
 
 from __future__ import annotations
@@ -17,16 +17,24 @@ from softcal.calibration.outcome import bound_note
 from softcal.calibration.result import CalibrationResult, ExperimentFit, Trial
 
 ALL = "all"
-# Errors that differ by less of themselves are equal: what does not depend on a parameter differs in the last digits.
+# Relative difference up to which errors are equal: rounding changes the last digits of an error that a parameter does
+# not affect.
 _ROUNDING = 1e-9
 Counts = Mapping[tuple[str, str], int]
 
 
 @dataclass(frozen=True)
 class ErrorSection:
-    """What is told apart in a sweep: its name, the unit [SI] of its error, and the length [m] that is 100 %, or None.
+    """A section of a sweep.
 
-    ALL stands for everything together, whose error is the loss; its unit is "%" for the loss `distance`, else "1".
+    Attributes
+    ----------
+    name
+        Marker, plate or channel; ALL for all together, whose error is the loss.
+    unit
+        SI unit of its error; for ALL "%" with the loss `distance`, else "1".
+    length
+        Length [m] of 100 %, or None.
     """
 
     name: str
@@ -35,20 +43,30 @@ class ErrorSection:
 
     @property
     def shown_unit(self) -> str:
-        """The unit that the error is told in: "%" of the length where there is one."""
+        """Display unit of the error: "%" of the length if there is one."""
         return "%" if self.length is not None else self.unit
 
     def shown(self, error: float) -> float:
-        """An error [unit] in the unit that it is told in."""
+        """An error [unit] in the display unit."""
         return error if self.length is None else 100 * error / self.length
 
 
 @dataclass(frozen=True)
 class BestCell:
-    """The cell of the grid in which a section's error is least.
+    """The cell of the grid with the least error of a section.
 
-    error, nominal [the section's unit]: there, and at the nominal values (None where they could not be simulated).
-    notes: parameters that stand at the end of their range, in words.
+    Attributes
+    ----------
+    section
+        The section.
+    trial
+        The cell.
+    error
+        Its error [the section's unit].
+    nominal
+        Error at the nominal values [the section's unit]; None if they could not be simulated.
+    notes
+        Sentences on parameters at the end of their range.
     """
 
     section: ErrorSection
@@ -59,29 +77,29 @@ class BestCell:
 
     @property
     def reduction(self) -> float | None:
-        """By how much the error is below the nominal one [%]; None where that is not known or zero."""
+        """Reduction of the error from the nominal one [%]; None if that is unknown or zero."""
         return None if not self.nominal else reduction(self.nominal, self.error)
 
     @property
     def improvement(self) -> float | None:
-        """Nominal / best - 1 [%], which paper B calls a reduction: 100 % where the error was halved."""
+        """Nominal / best - 1 [%], called a reduction in paper B: 100 % for a halved error."""
         if self.nominal is None or not self.error > 0:
             return None
         return improvement(self.nominal, self.error)
 
 
 def reduction(nominal: float, tuned: float) -> float:
-    """1 - tuned / nominal [%]: 50 % where the error was halved, below zero where it grew."""
+    """1 - tuned / nominal [%]: 50 % for a halved error, negative for a larger one."""
     return 100 * (1 - tuned / nominal)
 
 
 def improvement(nominal: float, tuned: float) -> float:
-    """nominal / tuned - 1 [%]: 100 % where the error was halved, below zero where it grew."""
+    """nominal / tuned - 1 [%]: 100 % for a halved error, negative for a larger one."""
     return 100 * (nominal / tuned - 1)
 
 
 def sections(result: CalibrationResult) -> tuple[ErrorSection, ...]:
-    """Every marker, plate and other channel that the result's experiments compare, in their order."""
+    """All compared markers, plates and other channels of the result's experiments, in their order."""
     found: dict[str, ErrorSection] = {}
     for fit in result.experiments.values():
         for point in fit.distances:
@@ -93,7 +111,7 @@ def sections(result: CalibrationResult) -> tuple[ErrorSection, ...]:
 
 
 def section_errors(result: CalibrationResult, errors: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
-    """The error [SI] of every section over all experiments, from that of each (`Trial.errors`)."""
+    """Error [SI] of every section over all experiments, from those of each (`Trial.errors`)."""
     counts = {(e, name): n for e, fit in result.experiments.items() for name, n in _counts(fit).items()}
     squares: dict[str, float] = {}
     totals: dict[str, int] = {}
@@ -106,9 +124,9 @@ def section_errors(result: CalibrationResult, errors: Mapping[str, Mapping[str, 
 
 
 def best_cells(result: CalibrationResult, nominal: Nominal) -> tuple[BestCell, ...]:
-    """The best cell of every section, and before them that of all together, whose error is the loss.
+    """The best cell of all sections together, whose error is the loss, then that of each section.
 
-    Empty where no cell could be simulated. Of equal cells the first is taken.
+    Empty if no cell could be simulated. Among equal cells the first is taken.
     """
     done = [trial for trial in result.trials if trial.loss is not None]
     if not done:
@@ -125,7 +143,7 @@ def best_cells(result: CalibrationResult, nominal: Nominal) -> tuple[BestCell, .
 
 
 def least_cell(cells: Sequence[Trial], errors: Sequence[float]) -> tuple[Trial, float]:
-    """The first of the cells whose errors are the least but for rounding, and that error."""
+    """The first cell whose error equals the least one up to rounding, and its error."""
     limit = min(errors) * (1 + _ROUNDING)
     return next((cell, error) for cell, error in zip(cells, errors, strict=True) if error <= limit)
 
@@ -136,7 +154,7 @@ def _counts(fit: ExperimentFit) -> dict[str, int]:
 
 
 def _at_ends(result: CalibrationResult, trial: Trial) -> tuple[str, ...]:
-    """The parameters of a cell that stand at the least or the largest value of the sweep, in words."""
+    """Sentences on the parameters of a cell at the smallest or largest value of the sweep."""
     return tuple(
         bound_note(name, replace(p, value=trial.theta[name], beyond=None))
         for name, p in result.parameters.items()

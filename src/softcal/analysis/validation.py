@@ -1,7 +1,7 @@
-"""What a calibrated twin is worth where it was not calibrated: experiments left out in turn, and predicted.
+"""Cross-validation: experiments are left out of the fit in turn, and predicted.
 
-Of two models of one robot (one modulus for all springs, or one for each), the one that predicts better is the better
-one; the one with more parameters always fits better.
+It compares models of one robot (one modulus for all springs, or one for each) by their predictions; by the fit alone,
+the model with more parameters is always better.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from softcal.errors import Fault, ParameterError
 
 @dataclass(frozen=True)
 class Prediction:
-    """One fold: the experiments left out, the fit without them, and what it predicts of them, by experiment."""
+    """One fold: the experiments left out, the fit without them, and its predictions of them by experiment."""
 
     left_out: tuple[str, ...]
     result: CalibrationResult
@@ -35,21 +35,27 @@ class Prediction:
 
 @dataclass(frozen=True)
 class Validation:
-    """The predictions of each model, by its label, fold by fold."""
+    """Result of a cross-validation.
+
+    Attributes
+    ----------
+    models
+        Label of a model -> its predictions (n_folds).
+    """
 
     models: Mapping[str, tuple[Prediction, ...]]
 
     def errors(self, model: str) -> dict[str, float]:
-        """The error of a model over everything it predicted: the RMS of all distances [m], or of each channel [SI].
+        """Error of a model over all its predictions: RMS of all distances [m], or of each channel [SI].
 
-        Empty where it could predict nothing.
+        Empty if it has no prediction.
         """
         fits = [held.fit for prediction in self.models[model] for held in prediction.held_out.values()]
         return pooled_errors(fits)
 
 
 def pooled_errors(fits: Sequence[ExperimentFit]) -> dict[str, float]:
-    """RMS errors over several experiments [SI]: `distance` of all markers, and of every other channel by its name."""
+    """RMS errors over several experiments [SI]: `distance` of all markers, and each other channel by name."""
     squares: dict[str, float] = {}
     counts: dict[str, int] = {}
     for fit in fits:
@@ -66,12 +72,12 @@ def pooled_errors(fits: Sequence[ExperimentFit]) -> dict[str, float]:
 
 
 def folds_of(problem: Problem, wanted: Sequence[Sequence[str]] = ()) -> list[tuple[str, ...]]:
-    """The experiments to leave out together, fold by fold; each by itself where none are named. Names may be patterns.
+    """The folds: experiments to leave out together; by default each experiment by itself. Names may be patterns.
 
     Raises
     ------
     ParameterError
-        For a name that fits no experiment, a fold that leaves nothing to fit, or a single experiment.
+        For a name that matches no experiment, a fold that leaves nothing to fit, or a single experiment.
     """
     names = [experiment.name for experiment in problem.experiments]
     folds = [tuple(n for n in names if any(fnmatchcase(n, w) for w in fold)) for fold in wanted]
@@ -105,7 +111,7 @@ def leave_out(
     progress: Callable[[str, Progress], None] | None = None,
     stopped: Callable[[], bool] = lambda: False,
 ) -> tuple[Prediction, ...]:
-    """Fit without each fold in turn, and predict it; ends before the first fold for which `stopped` says so.
+    """Fit without each fold in turn, and predict it; ends before the first fold for which `stopped` is true.
 
     Settings as for `softcal.calibration.run.calibrate`, but for what is held out.
 
@@ -125,12 +131,12 @@ def leave_out(
 
 
 def with_split(problem: Problem, label: str) -> Problem:
-    """The problem in which each of the parameters tied under a label is free by itself.
+    """The problem with the parameters tied under a label freed individually.
 
     Raises
     ------
     ParameterError
-        Where nothing is tied under that label.
+        If nothing is tied under that label.
     """
     return replace(problem, space=split(problem.space, label, problem.known))
 

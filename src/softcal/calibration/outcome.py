@@ -131,18 +131,18 @@ def _notes(problem: Problem, parameters: Mapping[str, Estimate], trials: tuple[T
 
 
 def bound_note(label: str, estimate: Estimate) -> str:
-    """That a parameter stands at the nearer of its bounds, in words, and what the data want."""
+    """Sentence on a parameter at the nearer of its bounds, and on the value that the data want."""
     lower, upper, value = estimate.lower, estimate.upper, estimate.value
     above = abs(value - upper) <= abs(value - lower)
     side, nearer = ("upper", upper) if above else ("lower", lower)
-    text = f"{label} stands at its {side} bound of {format_quantity(nearer, estimate.unit, digits=AS_WRITTEN)}"
+    text = f"{label} is at its {side} bound of {format_quantity(nearer, estimate.unit, digits=AS_WRITTEN)}"
     if not estimate.is_held:
         return f"{text}: {BY_THE_BOUNDS}."
     return f"{text}: {BEYOND_THE_BOUNDS}, by some {estimate.beyond:.0f} standard errors; {WITHIN_THE_BOUNDS}."
 
 
 def is_warning(note: str) -> bool:
-    """Whether a note is a warning: that a parameter stands at a bound, or that there are too many of them."""
+    """Whether a note is a warning: that a parameter is at a bound, or that there are too many of them."""
     return any(words in note for words in (BY_THE_BOUNDS, BEYOND_THE_BOUNDS, SATURATED))
 
 

@@ -1,1 +1,1 @@
-"""Tables, figures and pages. Only this package draws."""
+"""Reports: tables, figures and HTML pages. The only package that draws."""

@@ -1,4 +1,4 @@
-"""Whether separate fits agree, in words, for the report and the command line."""
+"""Sentences on the agreement of separate fits (Cochran's Q test), for the report and the command line."""
 
 from __future__ import annotations
 
@@ -8,27 +8,27 @@ from softcal.analysis.agreement import Agreement, agreements
 from softcal.calibration.result import CalibrationResult, Estimate
 from softcal.report.format import estimate_scale, estimate_text, joined, number, parameter_label, result_label
 
-_TINY = 1e-10  # probabilities below it are not told by their size
+_TINY = 1e-10  # smaller probabilities are shown as "p < 1e-10"
 
 
 def agreement_sentences(results: Mapping[str, CalibrationResult]) -> list[tuple[str, Agreement]]:
-    """A sentence for each parameter of the robot that several separate fits have found."""
+    """One sentence per robot parameter that was estimated by several separate fits."""
     found = agreements(results)
     return [(agreement_text(one, parameter_label(one.name, [other.name for other in found])), one) for one in found]
 
 
 def agreement_text(one: Agreement, name: str) -> str:
-    """How far apart the fits are, and whether that is more than their standard errors allow."""
+    """The spread of the fits, and whether it exceeds what their standard errors allow."""
     low, high = one.least[1], one.largest[1]
     if low.value == high.value:
         return f"{name} is the same in all {len(one.estimates)} separate fits, {_plain(low)}."
     lowest, highest = (f"{estimate_text(e)} ({result_label(label)})" for label, e in (one.least, one.largest))
     text = f"{name} differs between the separate fits by {size_text(one)}, from {lowest} to {highest}"
     if one.q is None or one.chance is None:
-        return f"{text}; without standard errors nothing tells whether that is more than noise."
+        return f"{text}; without standard errors this cannot be compared with noise."
     freedom = f"{one.dof} degree{'s' * (one.dof > 1)} of freedom"
     test = f"(Cochran's Q = {number(one.q)} with {freedom}, {chance_text(one)})"
-    left = f" Not counted, for want of a standard error: {joined(map(result_label, one.uncounted))}."
+    left = f" Excluded, having no standard error: {joined(map(result_label, one.uncounted))}."
     left = left if one.uncounted else ""
     if one.differs:
         return f"{text}: more than their standard errors allow {test}. One value does not describe all tests.{left}"
@@ -36,14 +36,14 @@ def agreement_text(one: Agreement, name: str) -> str:
 
 
 def chance_text(one: Agreement) -> str:
-    """The probability by chance: "p = 0.31", "p < 1e-10"."""
+    """The p-value: "p = 0.31", "p < 1e-10"."""
     if one.chance is None:
         return "p unknown"
     return f"p < {_TINY:.0e}" if one.chance < _TINY else f"p = {number(one.chance, 2)}"
 
 
 def size_text(one: Agreement) -> str:
-    """The distance between the largest and the smallest value: in per cent of their mean, or as a number."""
+    """Largest minus smallest value: in per cent of their mean, or as a number."""
     low, high = one.least[1], one.largest[1]
     if low.unit == "1" or low.value <= 0:
         scale = estimate_scale(high)

@@ -1,4 +1,4 @@
-"""Charts of what the bench saw and what the twin answers: cycles, trajectories, the overview."""
+"""Charts of measurements and the twin's response: cycles, trajectories, the overview."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ _ANGLES = ("pitch", "roll", "yaw")
 
 
 def has_force_displacement(data: Dataset) -> bool:
-    """Whether a dataset has what a force–displacement chart needs."""
+    """Whether a dataset has the channels of a force–displacement chart."""
     return "shortening" in data.channels and "tension" in data.channels
 
 
 def draw_force_displacement(experiment: ExperimentContent) -> Figure:
-    """Paper A's Fig. 3: every cycle in light tones, the first told apart, the branch that is used on top."""
+    """Paper A's Fig. 3: all cycles in light tones, the first one distinct, the fitted branch on top."""
     with house_style():
         figure = new_figure()
         axes = figure.add_subplot()
@@ -65,7 +65,7 @@ def draw_force_displacement(experiment: ExperimentContent) -> Figure:
 
 
 def draw_record(data: Dataset) -> Figure:
-    """A dataset as it came: force and angles over displacement where it has that, otherwise each channel over time."""
+    """A dataset as recorded: force and angles over displacement if measured, otherwise each channel over time."""
     with house_style():
         if has_force_displacement(data):
             angles = [name for name in _ANGLES if name in data.channels]
@@ -95,7 +95,7 @@ def draw_record(data: Dataset) -> Figure:
 
 
 def draw_cycles(axes: Axes, data: Dataset, channel: str = "tension") -> None:
-    """Cycles of force, or another channel, over displacement: what lies outside any, the first, the later ones."""
+    """Cycles of force, or another channel, over displacement: samples outside cycles, the first cycle, later ones."""
     if data.cycle is None:
         axes.plot(*_over_displacement(data, slice(None), channel), color=MUTED, linewidth=1.0, label="as measured")
         return
@@ -198,12 +198,12 @@ def _draw_residual(axes: Axes, path: TrajectoryPanels, panel: TrajectoryPanel) -
 
 
 def _lone(piece: slice) -> str:
-    """A marker for a sample without neighbours, which no line shows."""
+    """Plot marker for a piece of one sample, which a line does not show."""
     return "D" if piece.stop - piece.start == 1 else ""
 
 
 def draw_overview(content: ReportContent, result: CalibrationResult) -> Figure:
-    """Every experiment of one calibration: measured force as points, the twin as lines, over the cable's travel."""
+    """All experiments of one calibration: measured force as points, the twin as lines, over the cable's travel."""
     from matplotlib.lines import Line2D
 
     found = {name: overview_curves(content.experiments[name], result) for name in result.experiments}
@@ -238,13 +238,13 @@ class _Look:
 
 
 def _look(index: int) -> _Look:
-    """How one of many tests is drawn: a colour and a marker each, other markers and lines once the colours are used."""
+    """Style of test number `index`: a colour and a marker; markers and line styles change when the colours repeat."""
     turn, place = divmod(index, len(SERIES))
     return _Look(SERIES[place], "osD^vP"[(place + turn) % 6], ("-", "--", ":", "-.")[turn % 4])
 
 
 def _legend_columns(names: Collection[str]) -> int:
-    """As many columns as the longest name leaves room for, and no more than make the rows even."""
+    """Number of legend columns that fit the longest name, reduced to make the rows even."""
     widest = 0.6 + 0.065 * max(map(len, names), default=0)  # [in], with the handle
     most = max(1, min(3, int(5.0 / widest)))
     return math.ceil(len(names) / math.ceil(len(names) / most)) if names else 1

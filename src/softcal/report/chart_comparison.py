@@ -27,14 +27,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Up to this many bars in a row carry their number.
+# Bars are labelled with their value up to this many in a row.
 _NUMBERED = 24
 _LABELLED = 60  # states; of more, only the experiments are named
 _BAR = 0.4
 
 
 def draw_comparison(found: NominalComparison) -> Figure:
-    """Bars of the distance from where each marker was measured: a row for each marker, or one row for one state."""
+    """Bars of each marker's distance from its measured position: a row per marker, or one row for a single state."""
     n = len(found.states)
     with house_style():
         if n == 1:
@@ -60,7 +60,7 @@ def draw_comparison(found: NominalComparison) -> Figure:
         for axes in stack[:-1]:
             axes.tick_params(axis="x", length=0)
         unit = " [% of length]" if found.unit == "%" else f" [{found.unit}]"
-        figure.supylabel(f"Distance from where it was measured{unit}", fontsize=9)
+        figure.supylabel(f"Distance from measured position{unit}", fontsize=9)
         for axes in stack:
             axes.set_ylabel("")
         _keep_numbers_apart(list(stack))
@@ -84,7 +84,7 @@ def _draw_bars(axes: Axes, nominal: Floats, tuned: Floats, tuned_name: str) -> N
 
 
 def _keep_numbers_apart(stack: Sequence[Axes]) -> None:
-    """Smaller numbers on the bars where they would cover each other, and none where that does not help."""
+    """Shrink the bars' labels if they overlap; remove them if they still overlap."""
     rows = [[text for text in axes.texts if _is_number(text.get_text())] for axes in stack]
     for size in (7.0, 6.0, 5.0):
         for text in (text for row in rows for text in row):
@@ -109,7 +109,7 @@ def _short(value: float) -> str:
 
 
 def _name_states(axes: Axes, found: NominalComparison) -> None:
-    """The states along the axis, and beneath them the experiment that they belong to."""
+    """Label the axis with the states and, below them, their experiments."""
     groups = [
         (name, [i for i, _ in held]) for name, held in groupby(enumerate(found.experiments), lambda item: item[1])
     ]

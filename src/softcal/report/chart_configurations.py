@@ -1,4 +1,4 @@
-"""Paper B's Fig. 5: chosen configurations of the twin in one state, and where its markers were measured."""
+"""Paper B's Fig. 5: selected configurations of the twin in one state, with the measured marker positions."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from softcal.twin.facing import up_direction
 if TYPE_CHECKING:
     from softcal.report.twin_view import TwinView
 
-_LONGEST = 30  # letters of parameters above a shape
+_LONGEST = 30  # characters of parameters above a shape
 
 
 def draw_configurations(compared: Compared) -> ScenePicture:
-    """The shapes side by side in one camera; measured markers as balls, a line from each to where the twin has it."""
+    """Shapes side by side in one projection; measured markers as balls, joined by a line to the simulated position."""
     from softcal.report.style import RED, SKY
 
     views = compared.configurations
@@ -52,7 +52,7 @@ def _scene(view: Configuration, compared: Compared, largest: float) -> Scene:
 
 
 def _title(view: Configuration, compared: Compared) -> str:
-    """The name with its error, and beneath it the parameters."""
+    """Name and error, with the parameters below."""
     if compared.length is None:
         error = f"{number(1e3 * view.distance)} mm"
     else:

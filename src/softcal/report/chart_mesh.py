@@ -1,4 +1,4 @@
-"""What the mesh contributes, drawn: for each parameter what noise leaves open, and what the mesh adds."""
+"""Chart of the mesh study: each parameter's interval from noise, and its shift by mesh refinement."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MOST = 6  # parameters that are drawn, the robot's own first
+MOST = 6  # parameters in the chart, the robot's first
 _MARKERS = ("s", "^", "v", "P", "X", "*")
 
 
 def drawn_parameters(study: MeshStudy) -> list[str]:
-    """Labels of what is drawn: not what stands at a bound, on the finer meshes too."""
+    """Labels of the parameters in the chart; parameters at a bound on every mesh are omitted."""
     rig = [label for label in study.parameters if label not in study.of_robot]
     still = {
         label
@@ -28,7 +28,7 @@ def drawn_parameters(study: MeshStudy) -> list[str]:
 
 
 def draw_mesh_study(study: MeshStudy) -> Figure | None:
-    """A panel for each parameter, in its own unit; None where nothing finer was simulated."""
+    """A panel per parameter, in its own unit; None if no finer mesh was simulated."""
     best, labels = study.best, drawn_parameters(study)
     if best is None or not labels:
         return None

@@ -1,4 +1,4 @@
-"""Charts of the estimates: intervals per calibration, and the plausible range of Eq. (5)."""
+"""Charts of the estimates: intervals by calibration, and the plausible range of Eq. (5)."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def forest_rows(base: str, results: Mapping[str, CalibrationResult]) -> dict[str, Estimate]:
-    """Row label -> estimate, for one parameter (its name without experiment) over all calibrations and experiments."""
+    """Row label -> estimate of one parameter (name without experiment) over all calibrations and experiments."""
     rows: dict[str, Estimate] = {}
     for label, result in results.items():
         for name, estimate in result.parameters.items():
@@ -39,7 +39,7 @@ def forest_rows(base: str, results: Mapping[str, CalibrationResult]) -> dict[str
 
 
 def draw_forest(name: str, results: Mapping[str, CalibrationResult]) -> Figure:
-    """One parameter over the calibrations that have it: value, 95 % interval where known, bounds."""
+    """Forest plot of one parameter over the calibrations that have it: value, 95 % interval if known, bounds."""
     rows = forest_rows(name, results)
     with house_style():
         figure = new_figure(5.2, 1.3 + 0.42 * len(rows))
@@ -68,7 +68,7 @@ def draw_forest(name: str, results: Mapping[str, CalibrationResult]) -> Figure:
 
 
 def forest_caption(name: str, results: Mapping[str, CalibrationResult]) -> str:
-    """What the chart of a parameter shows."""
+    """Caption of a parameter's chart."""
     having = forest_rows(name, results).values()
     drawn = [estimate for estimate in having if estimate.interval is not None or estimate.standard_error]
     bars = "bars are 95 % intervals" if drawn else "no intervals are known"
@@ -78,7 +78,7 @@ def forest_caption(name: str, results: Mapping[str, CalibrationResult]) -> str:
 
 
 def draw_plausible_modulus(infill: PrintInfill, results: Mapping[str, CalibrationResult]) -> Figure | None:
-    """Eq. (5): the plausible range of E for this print, with the estimates on it; None where no E was calibrated."""
+    """Eq. (5): plausible range of E for this print, with the estimates; None if no E was calibrated."""
     rows: dict[str, Estimate] = {}
     for label, result in results.items():
         name = find_parameter(result.parameters, "youngs_modulus")
@@ -134,7 +134,7 @@ def _draw_rows(axes: Axes, rows: Mapping[str, Estimate], scale: Scale) -> None:
 
 
 def _interval(estimate: Estimate) -> tuple[float, float]:
-    """The 95 % interval, the value twice where there is no standard error."""
+    """The 95 % interval; the value twice if there is no standard error."""
     if estimate.interval is not None:
         return estimate.interval
     reach = NORMAL_95 * (estimate.standard_error or 0.0)

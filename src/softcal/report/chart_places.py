@@ -1,4 +1,4 @@
-"""Where markers were measured and where the twin has them, with the twin's shapes, from two sides."""
+"""Chart of measured and simulated marker positions with the twin's shapes, in two views."""
 
 from __future__ import annotations
 
@@ -22,25 +22,26 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# All in inches: height of the pictures, width of both at most, and what is around them.
+# In inches: height of the pictures, greatest width of both, and margins.
 _PANEL, _WIDEST = 3.4, 9.0
 _LEFT, _GAP, _HEAD, _FOOT = 0.6, 0.25, 0.35, 0.85
 _COLUMNS = 6
-_THIN = 1e-6  # of the largest extent of the markers: less, and they lie on a line
+_THIN = 1e-6  # of the markers' largest extent: a smaller second extent means that they are collinear
 
 
 @dataclass(frozen=True)
 class Markers:
-    """Markers in the robot's frame [m], shape (n, 3): every state of every marker that was seen."""
+    """Marker positions in the robot's frame [m], shape (n, 3): every state of every measured marker."""
 
     measured: Floats
     simulated: Floats
 
 
 def markers_of(fit: ExperimentFit) -> Markers | None:
-    """The markers of one experiment, both brought from the bench's frame to the robot's; None where that cannot be.
+    """Measured and simulated markers of one experiment in the robot's frame; None if the frame is undetermined.
 
-    The bench's frame is told by the twin's markers, whose places are known in both; three are needed off one line.
+    The transform from the bench's frame is fitted to the twin's markers, known in both frames; it needs three
+    markers that are not collinear.
     """
     measured, simulated, own = (_stacked(values, fit) for values in (fit.measured, fit.simulated, fit.response))
     if not len(own):
@@ -59,7 +60,7 @@ def markers_of(fit: ExperimentFit) -> Markers | None:
 
 
 def draw_places(title: str, equilibria: EquilibriumShapes, markers: Mapping[str, Markers]) -> Figure:
-    """Open circles: measured; crosses: the twin's; its shape in each experiment, and undeformed in grey."""
+    """Open circles: measured; crosses: simulated; the twin's shape in each experiment, undeformed in grey."""
     from matplotlib.lines import Line2D
 
     places = np.concatenate([part for one in markers.values() for part in (one.measured, one.simulated)])
@@ -72,7 +73,7 @@ def draw_places(title: str, equilibria: EquilibriumShapes, markers: Mapping[str,
     width, height = _LEFT + sum(shares) * high + _GAP + 0.1, _FOOT + high + _HEAD
     with house_style():
         figure = new_figure(width, height)
-        figure.set_layout_engine("none")  # both pictures are to one scale, so their places are given rather than found
+        figure.set_layout_engine("none")  # both pictures have one scale, so their axes are placed explicitly
         at = _LEFT
         for k, (view, (left, right, bottom, top)) in enumerate(zip(views, frames, strict=True)):
             axes = figure.add_axes((at / width, _FOOT / height, shares[k] * high / width, high / height))
@@ -127,7 +128,7 @@ def _draw_markers(axes: Axes, view: View, markers: Markers, colour: str) -> None
 
 
 def _frame(flat: Floats) -> tuple[float, float, float, float]:
-    """Left, right, bottom and top of a picture [mm], with a margin; none is thinner than a third of its height."""
+    """Left, right, bottom and top of a picture [mm], with a margin; its width is at least a third of its height."""
     low, high = flat.min(axis=0), flat.max(axis=0)
     margin = 0.08 * float(high[1] - low[1])
     middle, half = 0.5 * (low[0] + high[0]), 0.5 * (high[0] - low[0]) + margin
@@ -136,7 +137,7 @@ def _frame(flat: Floats) -> tuple[float, float, float, float]:
 
 
 def _stacked(values: Mapping[str, Floats], fit: ExperimentFit) -> Floats:
-    """Every state of the markers of `fit`, marker by marker, shape (n, 3); empty where one is not among the values."""
+    """All states of the markers of `fit`, marker by marker, shape (n, 3); empty if a marker has no values."""
     found: list[Floats] = []
     for marker in fit.distances:
         columns = [values.get(f"{marker}.{axis}") for axis in "xyz"]

@@ -12,12 +12,12 @@ from softcal.report.style import INK, SERIES, house_style, keep_tick_labels_apar
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Markers beyond the colours are told apart by hatching.
+# Hatching distinguishes markers once the colours repeat.
 _HATCHES = ("", "////", "....", "xxxx")
 
 
 def draw_distances(title: str, found: Sequence[Place]) -> Figure:
-    """Bars are means, lines go to the largest; pale bars were held out of the fit and predicted."""
+    """Bars: mean distance; lines: largest; pale bars: held out of the fit and predicted."""
     markers = list(dict.fromkeys(marker for place in found for marker in place.fit.distances))
     length = found[0].fit.length
     factor = MM if length is None else 100 / length

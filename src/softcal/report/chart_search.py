@@ -37,14 +37,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Above this many points a scatter is stored as an image inside the SVG: small files that still zoom well.
+# Above this many points a scatter is rasterised inside the SVG, which keeps the file small.
 _MANY_POINTS = 300
 
 
 def draw_loss_map(title: str, result: CalibrationResult, landscape: Landscape | None) -> Figure | None:
-    """Paper A's Fig. 5: the loss over E (log) and nu, as contours where there is a grid, else as trials.
+    """Paper A's Fig. 5: the loss over E (log) and nu, as contours of a grid if there is one, else as trials.
 
-    None where fewer than two parameters were searched and no landscape is given; see `draw_loss_profile`.
+    None if fewer than two parameters were searched and no landscape is given; see `draw_loss_profile`.
     """
     pair = (landscape.x_name, landscape.y_name) if landscape else searched_pair(result)
     if pair is None:
@@ -73,7 +73,7 @@ def draw_loss_map(title: str, result: CalibrationResult, landscape: Landscape | 
 
 
 def draw_loss_profile(title: str, result: CalibrationResult) -> Figure | None:
-    """The loss over the only parameter that was searched; None where there is none."""
+    """The loss over the only searched parameter; None if there are no trials to draw."""
     name = next(iter(result.parameters), None)
     if name is None:
         return None
@@ -143,7 +143,7 @@ def _draw_trials(axes: Axes, result: CalibrationResult, pair: tuple[str, str], s
 
 
 def _loss_norm(loss: np.ndarray[Any, Any]) -> tuple[Any, np.ndarray[Any, Any] | None]:
-    """Logarithmic colours over the lower nine tenths of the losses, and contour levels; none where all are alike."""
+    """Logarithmic colours over the lower nine tenths of the losses, and contour levels; none if all are equal."""
     from matplotlib.colors import LogNorm, Normalize
 
     if not len(loss) or loss.min() <= 0 or loss.max() / loss.min() < 1.0001:
@@ -194,13 +194,13 @@ def _value(estimate: Estimate) -> str:
 
 
 def _half(axes: Axes, x: float, y: float) -> tuple[bool, bool]:
-    """Whether a point lies in the right and in the upper half of the axes."""
+    """Whether a point is in the right half and in the upper half of the axes."""
     across, up = axes.transAxes.inverted().transform(axes.transData.transform((x, y)))
     return bool(across > 0.5), bool(up > 0.5)
 
 
 def draw_history(title: str, history: SearchHistory) -> Figure:
-    """Each trial's loss, the best so far, and where trials failed."""
+    """Each trial's loss, the best so far, and the failed trials."""
     with house_style():
         figure = new_figure(5.2, 3.2)
         axes = figure.add_subplot()

@@ -1,4 +1,4 @@
-"""Paper B's Fig. 3: the error of every section over the grid, cell by cell."""
+"""Paper B's Fig. 3: the error of each section over the grid, cell by cell."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# From the largest over the smallest step on, an axis is drawn on a logarithmic scale.
+# An axis is logarithmic if the ratio of its largest to its smallest step is at least this.
 _UNEVEN = 4.0
-# Colours reach over the lower part of the errors; the few largest share the last one.
+# The colour scale covers the lower part of the errors; the few largest share the last colour.
 _SHOWN = 0.95
 
 
 def draw_surfaces(
     result: CalibrationResult, pair: tuple[str, str], surfaces: Sequence[ErrorSurface], nominal: Mapping[str, float]
 ) -> Figure:
-    """A panel for each surface: every cell in the colour of its error, the failed ones empty, the best one marked.
+    """A panel per surface: cells coloured by error, failed cells empty, the best one marked.
 
     nominal [SI]: the nominal values by parameter, marked where they lie within the grid.
     """
@@ -69,7 +69,7 @@ def draw_surfaces(
 
 
 def _legend(figure: Figure, drawn: Sequence[Axes], empty: Sequence[Axes]) -> None:
-    """One legend for all panels, in the place of an empty one where there is any."""
+    """One legend for all panels, in an unused panel if there is one."""
     handles: dict[str, Any] = {}
     for axes in drawn:
         handles.update({label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)})

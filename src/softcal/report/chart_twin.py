@@ -1,4 +1,4 @@
-"""Scenes side by side with titles, labels, a scale bar and, where it applies, a colour bar."""
+"""Scenes side by side with titles, labels, a scale bar and, for displacements, a colour bar."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _SCALE_BAR = 0.14  # [in], beneath the pictures
-_WIDE = 5.8  # [in], of a figure with room for three columns of its legend
+_WIDE = 5.8  # [in], a figure that fits three legend columns
 
 
 @dataclass(frozen=True)
 class ScenePicture:
-    """A drawn figure; note: what the reader must know about how it was drawn, or ""."""
+    """A drawn figure; note: a remark on how it was drawn (fallback renderer), or ""."""
 
     figure: Figure
     note: str
@@ -62,7 +62,7 @@ def draw_side_by_side(
     height = title + tall + foot
     with house_style():
         figure = new_figure(width, height)
-        figure.set_layout_engine("none")  # pictures keep their aspect, so the places are given rather than found
+        figure.set_layout_engine("none")  # pictures keep their aspect ratio, so their axes are placed explicitly
         for index, (scene, camera) in enumerate(zip(scenes, cameras, strict=True)):
             place = ((0.08 + index * panel) / width, foot / height, panel / width, tall / height)
             axes = figure.add_axes(place)
@@ -100,7 +100,7 @@ def _frame(axes: Axes, camera: Projection) -> None:
 
 
 def _name_parts(axes: Axes, scene: Scene, camera: Projection) -> None:
-    """Names in the free margin on the nearer side, kept apart in height, each with a thin line to its part."""
+    """Labels in the margin on the nearer side, spread in height, each with a thin line to its part."""
     left, right, bottom, top = _millimetres(camera)
     if not scene.labels:
         return
@@ -128,7 +128,7 @@ def _name_parts(axes: Axes, scene: Scene, camera: Projection) -> None:
 
 
 def _clearest(candidates: Floats, crowd: Floats, *, left: bool) -> Floats:
-    """Of the candidates that are nearly as far from the crowd as can be, the one furthest to the label's side."""
+    """Anchor of a label's line: among the candidates nearly furthest from the crowd, the one nearest to the label."""
     from scipy.spatial import KDTree
 
     distance = KDTree(crowd).query(candidates)[0]

@@ -1,4 +1,4 @@
-"""Pictures to check a project by eye: mesh with regions, cables, loads; the curves of every experiment."""
+"""Pictures for the visual check of a project: mesh with regions, cables, loads; curves of every experiment."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ from softcal.twin.facing import up_direction
 from softcal.twin.robot import Body, PointLoad, Robot, Rod, SurfaceLoad
 
 _BODY = "#d6d3cd"
-_SEEN_THROUGH = 0.6  # a body with cables inside
+_SEEN_THROUGH = 0.6  # opacity of a body with cables inside
 
 
 @dataclass(frozen=True)
 class CheckPaths:
-    """What was drawn: the robot, each dataset by name, its solved states; notes: how, where not as usual."""
+    """Files written: the robot, each dataset by name, the solved states; notes: remarks on a fallback renderer."""
 
     robot: tuple[Path, Path]
     datasets: Mapping[str, tuple[Path, Path]]
@@ -58,7 +58,7 @@ class CheckPaths:
 def draw_check(
     robot: Robot, datasets: Mapping[str, Dataset], out_dir: str | Path, states: StartScenes | None = None
 ) -> CheckPaths:
-    """Draw `robot.png|svg`, `data-<name>.png|svg` and, where it is given, `states.png|svg`, replacing older ones.
+    """Draw `robot.png|svg`, `data-<name>.png|svg` and, if states are given, `states.png|svg`; older files are replaced.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def draw_check(
     scenes, cameras = robot_scenes(robot)
     n = len(scenes)
     more = ((), ()) if states is None else (states.scenes, states.cameras)
-    # In one go: to start the renderer takes longer than to render.
+    # One call for all scenes: starting the renderer takes longer than rendering.
     rendered = render_scenes((*scenes, *more[0]), (*cameras, *more[1]))
     own, others = (replace(rendered, pictures=part) for part in (rendered.pictures[:n], rendered.pictures[n:]))
     drawn = draw_side_by_side(scenes, cameras, own, colours=_legend(robot))
@@ -89,7 +89,7 @@ def draw_check(
 
 
 def robot_scenes(robot: Robot) -> tuple[tuple[Scene, ...], tuple[Projection, ...]]:
-    """The robot at rest from the side and, turned by a quarter and seen from higher up, once more."""
+    """Two views of the robot at rest: from the side, and turned by 90 degrees from a higher viewpoint."""
     points = robot_points(robot)
     size = length_scale(points)
     parts: list[Part] = [_surface(robot, body) for body in robot.bodies]
@@ -125,7 +125,7 @@ def robot_scenes(robot: Robot) -> tuple[tuple[Scene, ...], tuple[Projection, ...
 
 
 def region_colours(robot: Robot, body: Body) -> Floats:
-    """RGB of each boundary triangle: held where all its nodes are fixed, tied where all ride on a plate."""
+    """RGB of each boundary triangle: fixed if all its nodes are fixed, tied if all belong to a plate."""
     from matplotlib.colors import to_rgb
 
     triangles = boundary_triangles(body.mesh.tets)
@@ -158,7 +158,7 @@ def _wire(rod: Rod) -> Surface:
 
 
 def _plates(robot: Robot) -> tuple[list[Part], list[Label]]:
-    """Plates of known shape, and those that no body's mesh shows, with their names."""
+    """Plates of known shape, and plates that no body's mesh shows, with their names."""
     parts: list[Part] = []
     labels: list[Label] = []
     for plate in robot.plates:
@@ -179,7 +179,7 @@ def _carrier_colour(robot: Robot, carrier: str) -> str:
 
 
 def _legend(robot: Robot) -> dict[str, str]:
-    """What each colour that occurs means."""
+    """Legend: the meaning of each colour in the picture."""
     carriers = {_carrier_colour(robot, via.on) for cable in robot.cables for via in cable.via_points}
     bends = " and ".join(kind for kind, parts in (("body", robot.bodies), ("rod", robot.rods)) if parts)
     legend = {bends: _BODY}
@@ -202,7 +202,7 @@ def _legend(robot: Robot) -> dict[str, str]:
 
 
 def _load_arrows(robot: Robot, size: float) -> tuple[list[Part], list[Label]]:
-    """Arrows of one length for every load, so that small ones are seen; their size stands in the label."""
+    """Arrows of equal length for all loads, so that small ones are visible; the label gives the magnitude."""
     arrows: list[Part] = []
     labels: list[Label] = []
     for load in robot.loads:
@@ -220,7 +220,7 @@ def _load_arrows(robot: Robot, size: float) -> tuple[list[Part], list[Label]]:
 
 
 def _gravity_arrow(robot: Robot, points: Floats, up: Floats, towards: Floats) -> tuple[list[Part], list[Label]]:
-    """An arrow beside the robot, where neither view has something in front of it."""
+    """An arrow beside the robot, visible in both views."""
     strength = float(np.linalg.norm(robot.gravity))
     if strength == 0:
         return [], []
@@ -235,7 +235,7 @@ def _gravity_arrow(robot: Robot, points: Floats, up: Floats, towards: Floats) ->
 
 
 def _first_cable_side(robot: Robot, points: Floats, up: Floats) -> Floats:
-    """The direction across `up` in which the first cable lies, else any."""
+    """The direction across `up` from the axis to the first cable; any direction if there is no cable."""
     if robot.cables:
         offset = np.mean([via.at for via in robot.cables[0].via_points], axis=0) - points.mean(axis=0)
         aside = offset - (offset @ up) * up

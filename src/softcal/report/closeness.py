@@ -1,7 +1,7 @@
-"""How close the twin comes to a measurement, channel by channel, and what that is called.
+"""Rating of the fit, channel by channel: good, fair or poor.
 
-An error is judged by the noise that the data states, where it does, and else by what the measurement ranges over: the
-largest less the smallest value, so that an offset which all samples share cannot make an error look small.
+An error is compared with the noise stated in the data if there is any, otherwise with the range of the measurement:
+largest minus smallest value, so that an offset common to all samples does not hide an error.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from softcal.report.format import joined, number, scale_of
 from softcal.report.tables import share_of_range
 
 Tone = Literal["good", "note", "warning"]
-# An RMS error below this share of the measurement's range is called close; above the second one, poor.
+# RMS error over the measurement's range: close below the first share, poor above the second.
 CLOSE, POOR = 0.03, 0.10
-# An RMS error up to this many times the stated noise is noise.
+# An RMS error up to this many times the stated noise counts as noise.
 _NOISE = 1.2
 # Channels with an error of their own: channel, word, SI unit.
 KINDS = (("tension", "force", "N"), ("pitch", "pitch", "rad"), ("shortening", "travel", "m"))
@@ -29,7 +29,7 @@ KINDS = (("tension", "force", "N"), ("pitch", "pitch", "rad"), ("shortening", "t
 
 @dataclass(frozen=True)
 class Miss:
-    """By how much a channel of an experiment is missed: RMSE [SI], and over its range and its stated noise if known."""
+    """Error of a channel in an experiment: RMSE [SI], and its ratio to the range and to the stated noise if known."""
 
     experiment: str
     word: str
@@ -45,7 +45,7 @@ class Miss:
 
 
 def misses_of(data: Mapping[str, Dataset], result: CalibrationResult) -> Iterable[Miss]:
-    """Every channel of every experiment of a result that has an error of its own; data: the samples by experiment."""
+    """Errors of all channels in all experiments of a result; data: the samples by experiment."""
     for name, fit in result.experiments.items():
         for channel, word, unit in KINDS:
             error = fit.rmse.get(channel)
@@ -55,7 +55,7 @@ def misses_of(data: Mapping[str, Dataset], result: CalibrationResult) -> Iterabl
 
 
 def _noise(data: Dataset, channel: str) -> float | None:
-    """The stated noise of a channel [SI], the root mean square of that of its samples; None where there is none."""
+    """Stated noise of a channel [SI]: root mean square over its samples; None if not stated."""
     channels = data.channels
     own = channels.get(deviation_channel(channel))
     if own is not None:
@@ -64,17 +64,17 @@ def _noise(data: Dataset, channel: str) -> float | None:
 
 
 def closeness_by_experiment(misses: Iterable[Miss]) -> Iterable[tuple[str, Tone]]:
-    """A sentence on each experiment: by how much its channels are missed, and what that is called."""
+    """One sentence per experiment: the errors of its channels, and their rating."""
     own: dict[str, list[Miss]] = {}
     for miss in misses:
         own.setdefault(miss.experiment, []).append(miss)
     for name, missed in own.items():
         word, tone = closeness(missed)
-        yield f"{name}: the twin meets {joined(map(miss_text, missed))}; {word}.", tone
+        yield f"{name}: the twin reproduces {joined(map(miss_text, missed))}; {word}.", tone
 
 
 def worst_of(misses: Iterable[Miss], word: str) -> str:
-    """The largest error of one channel over all experiments, and where it is: "the measured force within 2 % …"."""
+    """The largest error of one channel over all experiments, and its experiment: "the measured force within 2 % …"."""
     found = [miss for miss in misses if miss.word == word]
     if not found:
         return ""
@@ -99,17 +99,17 @@ def miss_text(miss: Miss) -> str:
 
 
 def closeness(misses: Iterable[Miss]) -> tuple[str, Tone]:
-    """The judgement on the channel that is met worst, and by what it is judged."""
+    """Rating of the channel with the largest error, and the measure that it is rated by."""
     beyond = [miss for miss in misses if not (miss.in_noise is not None and miss.in_noise <= _NOISE)]
     if not beyond:
-        return "that is as close as the noise allows", "good"
+        return "that is within the stated noise", "good"
     shares = [(miss.share, miss.word) for miss in beyond if miss.share is not None]
     if not shares:
-        return "what that is of its range is not known, for it does not change", "note"
+        return "the measurement is constant, so the error has no share of its range", "note"
     share, word = max(shares)
     close, poor = number(100 * CLOSE, 1), number(100 * POOR, 2)
     if share <= CLOSE:
         return f"that is close (at most {close} % of the range)", "good"
     if share <= POOR:
         return f"that is fair (the {word} between {close} and {poor} % of its range)", "note"
-    return f"that is poor (the {word} beyond {poor} % of its range)", "warning"
+    return f"that is poor (the {word} above {poor} % of its range)", "warning"

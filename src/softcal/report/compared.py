@@ -1,4 +1,4 @@
-"""What a result is compared with: the nominal values, and configurations of the twin in one state. Frozen; SI."""
+"""Reference values and configurations that a result is compared with. Frozen; SI."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from softcal.report.twin_view import TwinView
 
 @dataclass(frozen=True)
 class Configuration:
-    """One configuration of the twin: its name, its parameters [SI] by label, its shape, and what was measured.
+    """One configuration of the twin: name, parameters [SI] by label, shape, and measured positions.
 
-    measured: marker or plate -> where it was measured (3,) [m], in the robot's frame, in the state of `twin.bent`.
+    measured: marker or plate -> measured position (3,) [m] in the robot's frame, in the state of `twin.bent`.
     """
 
     name: str
@@ -26,24 +26,34 @@ class Configuration:
 
     @property
     def simulated(self) -> dict[str, Floats]:
-        """Where the twin has what was measured (3,) [m]."""
+        """Simulated position of each measured marker or plate (3,) [m]."""
         shape = self.twin.bent
         there = {**{name: at for name, (at, _) in shape.plates.items()}, **shape.markers}
         return {name: there[name] for name in self.measured if name in there}
 
     @property
     def distance(self) -> float:
-        """The root mean square of the distances of all markers and plates from where they were measured [m]."""
+        """Root mean square distance of all markers and plates from their measured positions [m]."""
         squares = [float(np.sum((at - self.measured[name]) ** 2)) for name, at in self.simulated.items()]
         return float(np.sqrt(np.mean(squares)))
 
 
 @dataclass(frozen=True)
 class Compared:
-    """What a result is compared with; None and none where it cannot be.
+    """Reference values and configurations; None or empty if unavailable.
 
-    configurations: in one state, that of the strongest pull, to be drawn side by side. units: of their parameters.
-    length [m]: what distances are told in per cent of, or None. state: what is done to the robot in it.
+    Attributes
+    ----------
+    nominal
+        Errors at the nominal values, or None.
+    configurations
+        Configurations in one state, that of the strongest pull, drawn side by side.
+    units
+        Units of their parameters.
+    length
+        Reference length [m] of distances in per cent, or None.
+    state
+        Loads and pulls of that state, in words.
     """
 
     nominal: Nominal | None

@@ -1,4 +1,4 @@
-"""Nominal against tuned: the distance of every marker in every state, and what was gained, as numbers."""
+"""Nominal against tuned values: distance of every marker in every state, and the improvement."""
 
 from __future__ import annotations
 
@@ -30,9 +30,20 @@ from softcal.units import format_quantity
 
 @dataclass(frozen=True)
 class NominalComparison:
-    """Distances in `unit` of every marker or plate (rows) in every state (columns): nominal, tuned; NaN where not seen.
+    """Distances of every marker or plate (rows) in every state (columns), nominal and tuned.
 
-    experiments, states: of every column; what was found is called `tuned_name`.
+    Attributes
+    ----------
+    markers
+        Names of the rows (n_markers).
+    experiments, states
+        Experiment and state of each column (n_columns).
+    nominal, tuned
+        Distances in `unit` (n_markers, n_columns); NaN where not measured.
+    unit
+        Unit of the distances.
+    tuned_name
+        Label of the tuned values: "calibrated" or "best cell".
     """
 
     markers: tuple[str, ...]
@@ -45,7 +56,7 @@ class NominalComparison:
 
 
 def comparison(content: ReportContent) -> NominalComparison | None:
-    """The headline's result against the nominal values; None where these are unknown or have no positions."""
+    """The headline's result against the nominal values; None if these are unknown or have no positions."""
     result, compared = content.headline_result, content.compared
     if compared is None or compared.nominal is None or compared.nominal.loss is None:
         return None
@@ -70,7 +81,7 @@ def comparison(content: ReportContent) -> NominalComparison | None:
 
 
 def state_distances(fit: ExperimentFit, markers: list[str]) -> Floats:
-    """Distance [m] of each marker (rows) in each state (columns), NaN where it was not measured or compared."""
+    """Distance [m] of each marker (rows) in each state (columns); NaN where not measured or not compared."""
     n = len(next(iter(fit.simulated.values())))
     found = np.full((len(markers), n), np.nan)
     for row, marker in enumerate(markers):
@@ -83,9 +94,9 @@ def state_distances(fit: ExperimentFit, markers: list[str]) -> Floats:
 
 @dataclass(frozen=True)
 class Improvement:
-    """The error of a section at the nominal values (None where they could not be simulated) and tuned, in `unit`.
+    """Error of a section in `unit`, at the nominal values (None if they could not be simulated) and tuned.
 
-    best: of a sweep, the cell in which it is least.
+    best: for a sweep, the cell with the least error.
     """
 
     name: str
@@ -96,7 +107,7 @@ class Improvement:
 
     @property
     def reduction(self) -> float | None:
-        """By how much the error is below the nominal one [%]; None where that is not known or zero."""
+        """Reduction of the error from the nominal one [%]; None if that is unknown or zero."""
         return None if not self.nominal else reduction(self.nominal, self.tuned)
 
     @property
@@ -110,7 +121,7 @@ class Improvement:
 
 
 def improvements(content: ReportContent) -> list[Improvement]:
-    """What was gained, over all sections and in each; none where the nominal values are not known."""
+    """Improvement over all sections and in each; empty if the nominal values are unknown."""
     result = content.headline_result
     known = None if content.compared is None else content.compared.nominal
     if known is None:
@@ -121,7 +132,7 @@ def improvements(content: ReportContent) -> list[Improvement]:
 
 
 def improvement_table(content: ReportContent) -> ReportTable:
-    """Error of every section at the nominal values and tuned, and what was gained; of a sweep with the best cells."""
+    """Error of each section at the nominal and tuned values, and the improvement; for a sweep with the best cells."""
     result = content.headline_result
     swept = result.is_sweep
     scales = {name: estimate_scale(e) for name, e in result.parameters.items()} if swept else {}
@@ -159,7 +170,7 @@ def _improvement(
 
 
 def _calibrated(result: CalibrationResult, known: Nominal) -> list[tuple[ErrorSection, float | None, float]]:
-    """(section, nominal, calibrated) of all markers together and of each."""
+    """(section, nominal, calibrated) for all markers together and for each."""
     found = {
         name: {point: distance.rms for point, distance in fit.distances.items()}
         for name, fit in result.experiments.items()
@@ -176,14 +187,14 @@ def _calibrated(result: CalibrationResult, known: Nominal) -> list[tuple[ErrorSe
 
 
 def _pooled(fits: list[ExperimentFit]) -> float | None:
-    """The root mean square of the distances of all markers in all experiments [m]."""
+    """Root mean square distance of all markers in all experiments [m]."""
     parts = [distance for fit in fits for distance in fit.distances.values()]
     n = sum(part.n for part in parts)
     return float(np.sqrt(sum(part.n * part.rms**2 for part in parts) / n)) if n else None
 
 
 def _ends(result: CalibrationResult, best: BestCell) -> list[str]:
-    """The parameters of a cell that stand at the first or last of their values, in words."""
+    """The parameters of a cell that are at the first or last of their values, in words."""
     found: list[str] = []
     for name, p in result.parameters.items():
         value = best.trial.theta[name]
@@ -194,7 +205,7 @@ def _ends(result: CalibrationResult, best: BestCell) -> list[str]:
 
 
 def _state_labels(content: ReportContent, name: str, n: int) -> list[str]:
-    """What people call the states of an experiment: their labels, the pull that drives them, or nothing for one."""
+    """Names of an experiment's states: their labels, else the value of the driving pull, "" for a single state."""
     experiment = content.experiments[name]
     data = experiment.prepared
     if data.n_samples == n and data.labels:

@@ -1,4 +1,4 @@
-"""What the numbers mean, in sentences: bounds, failures, identifiability, residuals, agreement, plausibility."""
+"""Conclusions of a report as sentences: bounds, failures, identifiability, residuals, agreement, plausibility."""
 
 from __future__ import annotations
 
@@ -30,34 +30,34 @@ from softcal.report.record import record_sentence
 from softcal.report.tables import grouped_failures
 from softcal.units import AS_WRITTEN, format_quantity
 
-# An estimate is called identified while its 95 % interval covers less than this share of what was allowed.
+# An estimate is identified if its 95 % interval covers less than this share of the allowed range.
 _IDENTIFIED = 0.25
-# From here on the interval is all that was allowed.
+# From this share on the interval covers the whole allowed range.
 _ALL = 0.999
-# Without a standard error: below this importance a parameter hardly moves the loss.
+# Without a standard error: below this importance a parameter hardly affects the loss.
 _UNIMPORTANT = 0.10
 _FORCE_AND_TRAVEL = ("tension", "shortening")
 
 
 @dataclass(frozen=True)
 class Sentence:
-    """One finding; the tone says whether it is as hoped, worth knowing, or a warning."""
+    """One conclusion; tone: good, note or warning."""
 
     text: str
     tone: Tone
 
 
 def headline_sentence(content: ReportContent) -> Sentence:
-    """The whole report in one sentence: the estimates, how close the fits are, and the gravest doubts."""
+    """Summary of the report: the estimates, the quality of the fit, and the most serious warnings."""
     results = content.judged
     misses = [miss for result in results.values() for miss in misses_of(content.samples, result)]
     estimates = _estimates(content)
     fit = joined(filter(None, (worst_of(misses, word) for word in ("force", "pitch"))))
-    fit = f"the twin follows {fit}" if fit else ""
+    fit = f"the twin reproduces {fit}" if fit else ""
     near = [(label, text) for label, one in results.items() if (text := fitted_distance(one))]
     if near:
-        met = joined(f"{text}{f' in {label}' if len(results) > 1 else ''}" for label, text in near)
-        fit = f"{fit} and the markers to {met}" if fit else f"the twin meets the markers to {met}"
+        distance = joined(f"{text}{f' in {label}' if len(results) > 1 else ''}" for label, text in near)
+        fit = f"{fit} and the markers to {distance}" if fit else f"the twin reproduces the markers to {distance}"
     lead = f"With {estimates}, {fit}." if estimates and fit else f"{(fit or estimates).capitalize()}."
     grave = [*_unconverged(results), *_saturated(results), *_bounds(results, held=True), *_differences(content)]
     others = [s for s in (*_bounds(results), *_identified(results)) if s.tone == "warning"]
@@ -68,7 +68,7 @@ def headline_sentence(content: ReportContent) -> Sentence:
 
 
 def conclusions(content: ReportContent) -> list[Sentence]:
-    """Every finding on what is judged and on how the separate fits agree; warnings first."""
+    """All conclusions on the judged results and on the agreement of separate fits; warnings first."""
     results = content.judged
     found = [
         *_unconverged(results),
@@ -95,7 +95,7 @@ def conclusions(content: ReportContent) -> list[Sentence]:
 
 
 def _of(label: str, results: Mapping[str, CalibrationResult], text: str) -> str:
-    """A sentence with the label of its calibration before it, where there are several."""
+    """A sentence, preceded by the label of its calibration if there are several."""
     return f"{result_label(label)}: {text}" if len(results) > 1 else text
 
 
@@ -105,7 +105,7 @@ def _material(result: CalibrationResult) -> list[tuple[str, Estimate]]:
 
 
 def _estimates(content: ReportContent) -> str:
-    """The material's parameters in words; where the separate fits differ, their range in the place of an error."""
+    """The material's parameters in words; if separate fits differ, their range instead of a standard error."""
     results, first = content.judged, content.headline_result
     material = _material(first)
     names = [name for name, _ in material]
@@ -128,7 +128,7 @@ def _estimates(content: ReportContent) -> str:
 def _unconverged(results: Mapping[str, CalibrationResult]) -> Iterable[Sentence]:
     for label, result in results.items():
         if result.converged is False:
-            text = f"The search did not converge, so the values are not those of least loss: {_sentence(result.status)}"
+            text = f"The search did not converge, so the values do not minimise the loss: {_sentence(result.status)}"
             yield Sentence(_of(label, results, text), "warning")
 
 
@@ -140,7 +140,7 @@ def _saturated(results: Mapping[str, CalibrationResult]) -> Iterable[Sentence]:
 
 
 def _differences(content: ReportContent) -> Iterable[Sentence]:
-    """That separate fits differ by more than chance, short enough for the first line."""
+    """Significant differences between separate fits, short enough for the summary."""
     found = [one for one in agreements(content.results) if one.differs]
     names = [one.name for one in found]
     for one in found:
@@ -179,7 +179,7 @@ def _positions(results: Mapping[str, CalibrationResult]) -> Iterable[Sentence]:
 
 
 def _gain(content: ReportContent) -> Iterable[Sentence]:
-    """What was gained on the nominal values, over all sections and at most and least."""
+    """Improvement over the nominal values: over all sections, and the least and greatest of a section."""
     gains = [gain for gain in improvements(content) if gain.reduction is not None]
     if not gains or content.headline_result.is_saturated:
         return
@@ -195,7 +195,7 @@ def _gain(content: ReportContent) -> Iterable[Sentence]:
 
 
 def _bounds(results: Mapping[str, CalibrationResult], *, held: bool = False) -> Iterable[Sentence]:
-    """What stands at a bound, and why; held: only what its bound keeps from the value that the data want."""
+    """Parameters at a bound, and why; held: only those whose optimum lies beyond the bound."""
     found = [(label, *pair) for label, one in results.items() for pair in one.parameters.items() if pair[1].at_bound]
     if held:
         found = [one for one in found if one[2].is_held]
@@ -204,10 +204,10 @@ def _bounds(results: Mapping[str, CalibrationResult], *, held: bool = False) -> 
         bound = format_quantity(estimate.upper if upper else estimate.lower, estimate.unit, digits=AS_WRITTEN)
         name = parameter_label(name, results[label].parameters)
         at = f"{'upper' if upper else 'lower'} bound of {bound}"
-        text = f"{name} stands at its {at}: {_why_at_bound(estimate)}"
+        text = f"{name} is at its {at}: {_why_at_bound(estimate)}"
         yield Sentence(_of(label, results, text), "warning")
     if not found and not held:
-        yield Sentence("No parameter stands at a bound.", "good")
+        yield Sentence("No parameter is at a bound.", "good")
 
 
 def _why_at_bound(estimate: Estimate) -> str:
@@ -215,11 +215,11 @@ def _why_at_bound(estimate: Estimate) -> str:
     if estimate.is_held:
         return f"{BEYOND_THE_BOUNDS}, by some {estimate.beyond:.0f} standard errors; {WITHIN_THE_BOUNDS}."
     if share is None:
-        return "the data would take it further, or do not determine it."
+        return "the loss decreases beyond the bound, or the data do not determine it."
     if share < _IDENTIFIED:
-        agree = "the data agree with that value within their noise, and may with one beyond it."
-        return "the data would take it further." if estimate.beyond is None else agree
-    return f"the data hardly determine it, its 95 % interval covers {_percent(share)} of the range that was allowed."
+        agree = "within noise the data agree with that value, and possibly with values beyond it."
+        return "the loss decreases beyond the bound." if estimate.beyond is None else agree
+    return f"the data hardly determine it, its 95 % interval covers {_percent(share)} of the allowed range."
 
 
 def _identified(results: Mapping[str, CalibrationResult]) -> Iterable[Sentence]:
@@ -236,11 +236,11 @@ def _identified(results: Mapping[str, CalibrationResult]) -> Iterable[Sentence]:
                 sure.append(f"{label}{own}: {_percent(share)}")
             elif share is not None:
                 text = f"{label} is not identified by these data: its 95 % interval covers {_percent(share)} of the "
-                yield Sentence(_of(of, results, f"{text}range that was allowed."), "warning")
+                yield Sentence(_of(of, results, f"{text}allowed range."), "warning")
             elif (part := result.importance.get(name)) is not None and part < _UNIMPORTANT and _by_trials(result):
                 text = (
-                    f"{label} explains {number(100 * part, 2)} % of the loss's variation over the search; how well it "
-                    "is determined that does not tell."
+                    f"{label} explains {number(100 * part, 2)} % of the loss's variation over the search; this does "
+                    "not measure how well it is determined."
                 )
                 yield Sentence(_of(of, results, text), "note")
     if sure:
@@ -256,7 +256,7 @@ def _percent(share: float) -> str:
 
 
 def interval_share(estimate: Estimate) -> float | None:
-    """The 95 % interval over the allowed range, both on the scale of the search; None where unknown."""
+    """Ratio of the 95 % interval to the allowed range, both on the scale of the search; None if unknown."""
     error = estimate.standard_error
     if (error is None and estimate.interval is None) or estimate.upper <= estimate.lower:
         return None
@@ -286,7 +286,7 @@ def _unmeasured_pitch(results: Mapping[str, CalibrationResult]) -> Iterable[Sent
     silent = [name for name, fit in fits.items() if fit.rmse and not _sees_shape(fit)]
     if silent:
         where = joined(silent)
-        text = f"Neither angles nor positions were compared in {where}; there the cable's force and travel decide."
+        text = f"Neither angles nor positions were compared in {where}; the fit there rests on cable force and travel."
         yield Sentence(text, "note")
 
 
@@ -304,20 +304,20 @@ def _plausible(content: ReportContent) -> Iterable[Sentence]:
             continue
         inside = least <= result.parameters[name].value <= most
         text = (
-            f"E lies {'inside' if inside else 'outside'} the {number(least / 1e6)} to {number(most / 1e6)} MPa "
-            f"that the print's infill makes plausible ({100 * content.print_infill.infill:.3g} % infill)."
+            f"E is {'inside' if inside else 'outside'} the range that is plausible for the print's infill, "
+            f"{number(least / 1e6)} to {number(most / 1e6)} MPa ({100 * content.print_infill.infill:.3g} % infill)."
         )
         yield Sentence(_of(label, content.judged, text), "good" if inside else "warning")
 
 
 def _stability(content: ReportContent) -> Iterable[Sentence]:
     if content.twin is not None and content.twin.falls:
-        text = f"In the test that drives the twin furthest: {content.twin.falls} The bench should have seen it too."
+        text = f"In the test with the largest drive: {content.twin.falls} The bench should show it too."
         yield Sentence(text, "warning")
     if content.twin is not None and content.twin.crossings:
-        yield Sentence(f"In the test that drives the twin furthest, {content.twin.crossings}", "warning")
+        yield Sentence(f"In the test with the largest drive, {content.twin.crossings}", "warning")
     if content.twin is not None and content.twin.drawn_out:
-        yield Sentence(f"In the test that drives the twin furthest: {content.twin.drawn_out}", "warning")
+        yield Sentence(f"In the test with the largest drive: {content.twin.drawn_out}", "warning")
 
 
 def _notes(results: Mapping[str, CalibrationResult]) -> Iterable[Sentence]:

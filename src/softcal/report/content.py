@@ -1,4 +1,4 @@
-"""What a report is made of: results, data, shapes, landscapes. Frozen; numbers in SI; nothing here draws."""
+"""Content of a report: results, data, shapes, loss landscapes. Frozen; numbers in SI; nothing here draws."""
 
 from __future__ import annotations
 
@@ -19,12 +19,19 @@ from softcal.report.twin_view import TwinView
 
 @dataclass(frozen=True)
 class ExperimentContent:
-    """One experiment: what the bench wrote, and what was compared.
+    """One experiment: the record, and the samples that were compared.
 
-    raw: the record as read. corrected: every sample after the corrections (pulleys, zero), with its cycle where
-    cycles were looked for, before any were chosen; None where there is none, then `raw` is drawn beneath the branch.
-    prepared: the samples that were compared. drive: which measured channel drove the twin, the first where
-    several did, "" where none did.
+    Attributes
+    ----------
+    raw
+        The record as read.
+    corrected
+        All samples after the corrections (pulleys, zero), with their cycles if cycles were searched, before any
+        selection; None if not available, then `raw` is drawn beneath the branch.
+    prepared
+        The samples that were compared.
+    drive
+        The measured channel that drove the twin, the first of several; "" if none did.
     """
 
     name: str
@@ -38,8 +45,14 @@ class ExperimentContent:
 class Landscape:
     """A loss over a rectangular grid of two parameters.
 
-    x, y: the axes [units of the parameters, SI], ascending; loss [of the calibration], shape (len(y), len(x));
-    failed: True where the twin could not be simulated (loss there is ignored), None where all were.
+    Attributes
+    ----------
+    x, y
+        The axes [SI units of the parameters], ascending.
+    loss
+        The calibration's loss (len(y), len(x)).
+    failed
+        1 where the twin could not be simulated (loss ignored), same shape; None if all cells were simulated.
     """
 
     x_name: str
@@ -61,17 +74,31 @@ class Landscape:
 
 @dataclass(frozen=True)
 class ReportContent:
-    """Everything `write_report` needs.
+    """Input of `write_report`.
 
-    results: label of a calibration -> its result, one per experiment as paper A does and/or "joint"; the label is
-    what people read, and `CalibrationResult.experiments` says which experiments it was fitted to.
-    experiments: name -> data. headline: label of the result to show first; "" takes "joint", else the first.
-    landscapes: label of a calibration -> loss over two parameters; where absent, the trials are drawn.
-    compared: what the headline is compared with. mesh_study: what the mesh contributes to one of the results; or
-    mesh_note says why one that there is is not told.
-    equilibria: the shapes of the headline's calibration, where positions were compared.
-    records: label of a calibration -> experiment -> its twin over the whole record, where there is one.
-    A simulated channel without a measured one (pitch where no IMU was used) belongs in `ExperimentFit.simulated`.
+    A simulated channel without a measured one (pitch without an IMU) belongs in `ExperimentFit.simulated`.
+
+    Attributes
+    ----------
+    results
+        Label of a calibration -> its result: one per experiment as in paper A, and/or "joint". The label is shown;
+        `CalibrationResult.experiments` lists the fitted experiments.
+    experiments
+        Name -> data.
+    headline
+        Label of the result shown first; "" takes "joint", else the first.
+    landscapes
+        Label of a calibration -> loss over two parameters; without one, the trials are drawn.
+    compared
+        Reference values that the headline is compared with.
+    mesh_study
+        Mesh study of one of the results.
+    mesh_note
+        Why an existing mesh study is not shown.
+    equilibria
+        Shapes of the headline's calibration, if positions were compared.
+    records
+        Label of a calibration -> experiment -> its twin over the whole record, if compared.
     """
 
     project_name: str
@@ -121,7 +148,7 @@ class ReportContent:
 
     @property
     def samples(self) -> dict[str, Dataset]:
-        """The samples that were compared, by experiment."""
+        """The compared samples by experiment."""
         return {name: experiment.prepared for name, experiment in self.experiments.items()}
 
     @property
@@ -131,7 +158,7 @@ class ReportContent:
 
     @property
     def judged(self) -> Mapping[str, CalibrationResult]:
-        """What is judged: the headline, or every fit where each experiment was fitted by itself."""
+        """The results that are judged: the headline, or all fits if each experiment was fitted by itself."""
         first = self.headline_result
         if first.is_sweep or len(first.experiments) > 1:
             return {self.headline: first}

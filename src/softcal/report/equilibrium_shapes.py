@@ -1,4 +1,4 @@
-"""The shapes in which a robot settled, experiment by experiment. Frozen; lengths in m."""
+"""Equilibrium shapes of the calibrated twin by experiment. Frozen; lengths in m."""
 
 from __future__ import annotations
 
@@ -12,9 +12,18 @@ from softcal.twin.robot import Robot
 
 @dataclass(frozen=True)
 class EquilibriumShapes:
-    """The calibrated twin undeformed, and at the last state of experiments in which positions were compared.
+    """The calibrated twin undeformed, and in the last state of experiments with positions.
 
-    shapes: by experiment. tets: body -> connectivity of `Snapshot.points`.
+    Attributes
+    ----------
+    robot
+        The robot at the calibrated values.
+    undeformed
+        Its shape without loads.
+    shapes
+        Experiment -> equilibrium shape of its last state.
+    tets
+        Body -> connectivity of `Snapshot.points` (n_tets, 4 or 10).
     """
 
     robot: Robot

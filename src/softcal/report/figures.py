@@ -1,4 +1,4 @@
-"""Every picture of a report: which there are, their captions, and the calls that draw them."""
+"""The pictures of a report: selection, captions, and the calls that draw them."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ Section = Literal[
 
 @dataclass(frozen=True)
 class Picture:
-    """One picture as files: its file stem, where it belongs, what it shows, and its bytes.
+    """One picture: file stem, section of the page, caption, and bytes as PNG and SVG.
 
-    shown: which of both the page embeds, SVG for charts and PNG for what is an image anyway. note: a loud remark on
+    shown: the format embedded in the page, SVG for charts and PNG for rendered scenes. note: an emphasised remark on
     how it was drawn, or "".
     """
 
@@ -49,7 +49,7 @@ class Picture:
 
 
 def report_pictures(content: ReportContent) -> list[Picture]:
-    """Draw everything that the content allows."""
+    """Draw all pictures for which the content has data."""
     return [
         *_overview(content),
         *_compared(content),
@@ -98,25 +98,25 @@ def _compared(content: ReportContent) -> Iterator[Picture]:
         others = [name for name in result.parameters if name not in pair]
         held = f", {joined(parameter_label(n) for n in others)} as in the best cell" if others else ""
         caption = (
-            f"The error in every cell of the sweep, section by section{held}; dark is better, each panel has its own "
-            "scale; star: the best cell; empty: could not be simulated."
+            f"Error in every cell of the sweep, section by section{held}; dark is better, each panel has its own "
+            "scale; star: best cell; empty: not simulated."
         )
         figure = draw_surfaces(result, pair, surfaces, nominal)
         yield _picture(figure, "error-surfaces", "compared", caption)
     if curves := error_curves(result):
-        caption = "The error over the sweep, section by section; star: the best value."
+        caption = "Error over the sweep, section by section; star: best value."
         yield _picture(draw_curves(result, curves), "error-curves", "compared", caption)
     found = comparison(content)
     if found is not None:
         caption = (
-            f"Distance of every marker from where it was measured, nominal against {found.tuned_name}, in every state."
+            f"Distance of every marker from its measured position, nominal and {found.tuned_name}, in every state."
         )
         yield _picture(draw_comparison(found), "nominal-and-tuned", "compared", caption)
     if compared is not None and len(compared.configurations) > 1:
         drawn = draw_configurations(compared)
         caption = (
-            f"{compared.state}: the twin at chosen values, with the distance of its markers (blue) from where they "
-            "were measured (red), root mean square. Colour is the displacement from rest, one scale for all."
+            f"{compared.state}: the twin at selected values, with the root mean square distance of its markers (blue) "
+            "from their measured positions (red). Colour: displacement from rest, one scale for all."
         )
         section: Section = "compared" if _has_curves(content) else "overview"
         yield Picture("configurations", section, caption, *encode(drawn.figure), "png", drawn.note)
@@ -131,7 +131,7 @@ def _twin(content: ReportContent) -> Iterator[Picture]:
     robot = content.twin.robot
     states = "at rest and at its largest pitch" if robot.cables else "undeformed and in equilibrium"
     drawn_as = ["colour is the displacement"]
-    drawn_as += ["what is fixed is grey"] if any(len(body.fixed) for body in robot.bodies) else []
+    drawn_as += ["fixed regions are grey"] if any(len(body.fixed) for body in robot.bodies) else []
     drawn_as += ["the tubes are cables"] if robot.cables else []
     drawn_as += ["the discs are rigid plates"] if robot.plates else []
     caption = f"The calibrated twin {states}, to one scale: {joined(drawn_as)}."
@@ -151,7 +151,7 @@ def _bench(content: ReportContent) -> Iterator[Picture]:
 
 
 def _is_of_states(experiment: ExperimentContent) -> bool:
-    """Whether the rows are states with positions, which no chart over the samples shows."""
+    """Whether the rows are states with positions, for which a chart over the samples is of no use."""
     return any(name.rpartition(".")[2] in ("x", "y", "z") and "." in name for name in experiment.raw.channels)
 
 
@@ -165,13 +165,13 @@ def _bench_caption(experiment: ExperimentContent) -> str:
 
 
 def steps_between(data: Dataset, after: int) -> list[str]:
-    """The steps that changed samples after the first so many, each once; to state their noise changes none."""
+    """Steps after the first `after` that changed samples, each once; stating noise changes none."""
     return list(dict.fromkeys(step.name for step in data.provenance[after:] if step.name not in NOISE_STEPS))
 
 
 def _record_caption(experiment: ExperimentContent) -> str:
     later = steps_between(experiment.prepared, len(experiment.raw.provenance))
-    return f"{experiment.name}: the record" + (f"; the fit uses what {joined(later)} made of it." if later else ".")
+    return f"{experiment.name}: the record" + (f"; the fit uses it after {joined(later)}." if later else ".")
 
 
 def _places(content: ReportContent) -> Iterator[Picture]:
@@ -185,11 +185,11 @@ def _places(content: ReportContent) -> Iterator[Picture]:
     if not markers:
         return
     caption = (
-        f"{result_label(content.headline)}: where the markers were measured and where the calibrated twin has them, in "
-        "the robot's frame, with the twin's shapes."
+        f"{result_label(content.headline)}: measured and simulated marker positions in the robot's frame, with the "
+        "shapes of the calibrated twin."
     )
     left = len(fits) - len(content.equilibria.shapes)
-    caption += f" {left} further experiments are left out." if left > 0 else ""
+    caption += f" {left} further experiments are omitted." if left > 0 else ""
     figure = draw_places(result_label(content.headline), content.equilibria, markers)
     yield _picture(figure, "places", "fit", caption)
 
@@ -204,7 +204,7 @@ def _fits(content: ReportContent) -> Iterator[Picture]:
         found = places(result)
         if found:
             caption = (
-                f"{result_label(label)}: distance of every marker from where it was measured; bars are means over "
+                f"{result_label(label)}: distance of every marker from its measured position; bars are means over "
             )
             caption += "the states, lines go to the largest" + (
                 "; pale: held out of the fit and predicted." if any(place.held_out for place in found) else "."
@@ -219,7 +219,7 @@ def _fits(content: ReportContent) -> Iterator[Picture]:
             caption = f"{who}: measured and simulated; the residual is simulated minus measured."
             silent = [panel.label.lower() for panel in path.panels if panel.measured is None]
             if silent:
-                caption += f" The {joined(silent)} was not measured; the twin's alone is shown."
+                caption += f" The {joined(silent)} was not measured; only the simulated one is shown."
             if path.abscissa.note:
                 caption += f" {path.abscissa.note}"
             stem = f"trajectory-{file_stem(name)}" + ("" if alone else f"-by-{file_stem(label)}")
@@ -227,7 +227,7 @@ def _fits(content: ReportContent) -> Iterator[Picture]:
 
 
 def _records(content: ReportContent) -> Iterator[Picture]:
-    # Of every experiment once: the headline's calibration where it holds it, else the first that does.
+    # Each experiment once: from the headline's calibration if it includes it, else from the first that does.
     drawn: set[str] = set()
     for label in dict.fromkeys([content.headline, *content.records]):
         fresh = {n: found for n, found in content.records.get(label, {}).items() if n not in drawn}
@@ -244,11 +244,11 @@ def _record(content: ReportContent, label: str, name: str, found: RecordFit, fit
     path = trajectory_panels(replace(content.experiments[name], prepared=found.record, drive="time"), fit)
     caption = (
         f"{name}: the whole record and the twin ({result_label(label)}), driven by {joined(found.drives)} as measured. "
-        "The twin was fitted to part of these samples, or to what was averaged from them. It is elastic: the loop "
-        "between loading and unloading remains in the residual."
+        "The twin was fitted to part of these samples, or to averages of them. It is elastic: the hysteresis loop "
+        "remains in the residual."
     )
     if any(step.name == PULLEY_STEP for step in found.record.provenance) and "tension" in fit.measured:
-        caption += " The pulleys' friction is taken off every sample as on the fitted branch."
+        caption += " Pulley friction is subtracted from every sample as on the fitted branch."
     if found.every > 1:
         caption += f" One sample in {found.every} is compared."
     return Picture(f"record-{file_stem(name)}", "record", caption, *encode(draw_trajectory(path, 9.0)), "png")
@@ -303,7 +303,7 @@ def _mesh(content: ReportContent) -> Iterator[Picture]:
     figure = None if content.mesh_study is None else draw_mesh_study(content.mesh_study)
     if figure is not None:
         caption = (
-            "What noise leaves open (blue: 95 % interval) and what the mesh adds (orange: to what would be found on "
-            "the best of the finer ones); open markers: each of them."
+            "Uncertainty from noise (blue: 95 % interval) and shift by the mesh (orange: to the value expected on the "
+            "best of the finer meshes); open markers: the value expected on each of them."
         )
         yield _picture(figure, "mesh-study", "mesh", caption)

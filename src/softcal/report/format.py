@@ -1,4 +1,4 @@
-"""Names, units and rounded numbers as people read them; SI in, text out."""
+"""Formatting: names, units and rounded numbers for display; SI in, text out."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SI_UNITS_OF = {"tension": "N", "pitch": "rad", "roll": "rad", "yaw": "rad", "sho
 
 @dataclass(frozen=True)
 class Scale:
-    """How a quantity held in SI is shown: shown = SI / factor, in `unit` ("" where it has none)."""
+    """Display scale of an SI quantity: shown = SI / factor, in `unit` ("" if dimensionless)."""
 
     unit: str
     factor: float
@@ -40,18 +40,18 @@ class Scale:
 
 
 def scale_of(si_unit: str, value: float = 1e6) -> Scale:
-    """The scale in which people read a quantity of this unit and size."""
+    """Display scale of a quantity with this SI unit and magnitude."""
     unit = readable_unit(value, si_unit)
     return Scale("" if unit == "1" else unit, unit_factor(unit, si_unit))
 
 
 def estimate_scale(estimate: Estimate) -> Scale:
-    """The scale in which people read an estimate: MPa for a modulus of 2.3e6 Pa."""
+    """Display scale of an estimate: MPa for a modulus of 2.3e6 Pa."""
     return scale_of(estimate.unit, estimate.value)
 
 
 def number(value: float, digits: int = 3) -> str:
-    """A number to some significant digits, without needless exponents."""
+    """A number to `digits` significant digits, without needless exponents."""
     if value == 0 or not math.isfinite(value):
         return "0" if value == 0 else str(value)
     exponent = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
@@ -94,7 +94,7 @@ class ParameterName:
 
 
 def parameter_name(name: str) -> ParameterName:
-    """Take a parameter's name apart."""
+    """Parse a parameter's name."""
     base, _, experiment = name.partition("[")
     owner, _, kind = base.rpartition(".")
     return ParameterName(owner, kind, experiment.removesuffix("]"))
@@ -103,7 +103,7 @@ def parameter_name(name: str) -> ParameterName:
 def parameter_label(name: str, others: Iterable[str] = ()) -> str:
     """A short label of a parameter: "E", "ν", "slack (front)", "slack (front, 20mm)".
 
-    The owner is added for what has no symbol, and where another owner has one of the same kind among `others`.
+    The owner is added if the kind has no symbol, or if `others` contains the same kind of another owner.
     """
     parts = parameter_name(name)
     symbol = _symbol(parts.kind)
@@ -115,21 +115,21 @@ def parameter_label(name: str, others: Iterable[str] = ()) -> str:
 
 
 def _symbol(kind: str) -> str:
-    """What a kind of parameter is written by, or "" where it has no letter."""
+    """Symbol of a kind of parameter, or ""."""
     constant = constants_of(LAWS).get(kind)
     return constant.label if constant is not None else _SYMBOLS.get(kind, "")
 
 
 def material_kinds(results: Iterable[CalibrationResult]) -> tuple[str, ...]:
-    """The constants of materials that were calibrated, in their laws' order; E and nu where there is none."""
+    """Calibrated material constants, in the order of their laws; E and nu if there are none."""
     kinds = {parameter_name(name).kind for result in results for name in result.parameters}
     return tuple(kind for kind in constants_of(LAWS) if kind in kinds) or ("youngs_modulus", "poissons_ratio")
 
 
 def parameters_in_words(names: Iterable[str], experiments: Collection[str]) -> str:
-    """Several parameters in words, those of every experiment or set-up named once: "E and slack (front) per set-up".
+    """Several parameters in words, with those per experiment or set-up listed once: "E and slack (front) per set-up".
 
-    experiments: their names; what a parameter is per and is none of them is a set-up.
+    experiments: their names; any other suffix of a parameter is a set-up.
     """
     given = list(names)
     owners: dict[str, set[str]] = {}
@@ -152,7 +152,7 @@ def find_parameter(names: Iterable[str], kind: str) -> str | None:
 
 
 def channel_label(channel: str) -> str:
-    """A channel as people call it: "Cable force" for "tension"."""
+    """Display name of a channel: "Cable force" for "tension"."""
     return _CHANNELS.get(channel, channel)
 
 
@@ -162,12 +162,12 @@ def method_label(method: str) -> str:
 
 
 def result_label(label: str) -> str:
-    """The label of a calibration, capitalised where it is the joint one."""
+    """The label of a calibration, capitalised if it is the joint one."""
     return "All jointly" if label == "joint" else label
 
 
 def duration(seconds: float) -> str:
-    """A time span as people read it."""
+    """A time span in words."""
     if seconds < 90:
         return f"{number(seconds)} s"
     if seconds < 5400:

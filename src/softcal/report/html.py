@@ -1,4 +1,4 @@
-"""The report as one self-contained HTML page: style and pictures inside, no script, nothing loaded from elsewhere."""
+"""The report as one self-contained HTML page: embedded style and pictures, no scripts, no external resources."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from softcal.report.positions import MM, places, pooled
 from softcal.report.tables import ReportTable, provenance_rows, share_of_peak
 from softcal.units import format_range
 
-_FEW = 4  # numbers that fit the first screen
+_FEW = 4  # numbers on the first screen
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ def render_page(content: ReportContent, pictures: Sequence[Picture], tables: Map
         sections=sections,
         tables=tables,
         record_failures=[
-            f"{name}: not compared with its whole record: {found.failure}"
+            f"{name}: comparison with the whole record failed: {found.failure}"
             for records in content.records.values()
             for name, found in records.items()
             if found.failure
@@ -85,19 +85,19 @@ def render_page(content: ReportContent, pictures: Sequence[Picture], tables: Map
 
 
 def _fits_table_1(content: ReportContent) -> bool:
-    """Whether paper A's Table I holds all that was found of the material: each of its constants once at most."""
+    """Whether paper A's Table I can show the material's estimates: each of its constants at most once."""
     kinds = [[parameter_name(name).kind for name in result.parameters] for result in content.results.values()]
     return all(held.count(kind) <= 1 for held in kinds for kind in material_kinds(content.results.values()))
 
 
 def embedded(picture: Picture) -> str:
-    """The picture as a data address."""
+    """The picture as a data URL."""
     data, kind = (picture.svg, "svg+xml") if picture.shown == "svg" else (picture.png, "png")
     return f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"
 
 
 def key_numbers(content: ReportContent) -> list[KeyNumber]:
-    """The estimates of the headline calibration, material parameters first; those of single experiments if few."""
+    """The estimates of the headline calibration, material parameters first; per-experiment ones only if few."""
     result = content.headline_result
     found: list[KeyNumber] = []
     names = ordered_parameters({content.headline: result})
@@ -122,7 +122,7 @@ def key_numbers(content: ReportContent) -> list[KeyNumber]:
 
 
 def _key_errors(result: CalibrationResult) -> list[KeyNumber]:
-    """The largest RMS error of each compared channel, and that of all markers."""
+    """The largest RMS error of each compared channel, and the RMS distance of all markers."""
     found: list[KeyNumber] = []
     fitted = [place for place in places(result) if not place.held_out]
     distance = pooled(fitted)

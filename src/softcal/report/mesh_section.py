@@ -1,4 +1,4 @@
-"""The numbers of a mesh study as tables of a report."""
+"""Tables of the mesh study."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from softcal.report.tables import Cell, Column, ReportTable
 
 
 def mesh_tables(content: ReportContent) -> tuple[ReportTable, ReportTable]:
-    """What each discretisation would find, and what it changes in each channel; empty without a study."""
+    """Expected estimates on each discretisation, and changes of each channel; empty without a study."""
     study = content.mesh_study
     return (_parameters(study), _changes(study))
 
@@ -29,11 +29,11 @@ def _parameters(study: MeshStudy | None) -> ReportTable:
             rows.append((label, *told, "yes" if label in one.at_bound else "no"))
     heads = ("Parameter", "Found", "Discretisation", "Unknowns", "Expected on it", "Shift", "At a bound there")
     note = (
-        "h/2: every element halved, h/4: halved twice; limit: extrapolated from both to elements of no size; s.e.: "
-        "standard errors of the noise. The shifts are first order, by the exact derivatives on the finer mesh."
+        "h/2: every element halved, h/4: halved twice; limit: extrapolated from both to zero element size; s.e.: "
+        "standard errors from noise. The shifts are first order, by the exact derivatives on the finer mesh."
     )
     return ReportTable(
-        "mesh-study", "What would be found on finer meshes", tuple(Column(h) for h in heads), tuple(rows), note
+        "mesh-study", "Estimates expected on finer meshes", tuple(Column(h) for h in heads), tuple(rows), note
     )
 
 
@@ -64,4 +64,4 @@ def _changes(study: MeshStudy | None) -> ReportTable:
         Column("over its noise"),
         Column("Order", digits=2),
     )
-    return ReportTable("mesh-study-channels", "What finer meshes change at the values found", columns, tuple(rows))
+    return ReportTable("mesh-study-channels", "Changes by finer meshes at the calibrated values", columns, tuple(rows))

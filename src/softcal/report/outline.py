@@ -1,4 +1,4 @@
-"""Shapes seen from one side: which way to look, and the lines and faces that a body shows from there."""
+"""Orthographic views of shapes: view directions, and a body's visible outline and faces."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _ALONG = 0.999  # cosine from which a direction counts as that of an axis
 
 @dataclass(frozen=True)
 class View:
-    """A look along the third of three directions: right and up in the picture, with what to call them."""
+    """A view along the third of three directions: right and up in the picture, with their names."""
 
     right: Floats
     up: Floats
@@ -27,7 +27,7 @@ class View:
 
 
 def two_views(points: Floats, up: Floats) -> tuple[View, View]:
-    """A robot of these points (n, 3) seen so that it is widest, and turned by 90 degrees, `up` being up in both."""
+    """Two views of points (n, 3): the widest one, and the one turned by 90 degrees about `up`."""
     vertical, name = _named(up, "up")
     others: list[Floats] = [axis for axis in np.eye(3) if abs(axis @ vertical) < 1.0 - _ALONG]
     if len(others) < 2:
@@ -41,7 +41,7 @@ def two_views(points: Floats, up: Floats) -> tuple[View, View]:
 
 
 def outline(flat: Floats, triangles: Ints) -> Ints:
-    """The edges (k, 2) of a closed surface behind which it turns away, in a picture of its points `flat` (n, 2)."""
+    """Silhouette edges (k, 2) of a closed surface in a picture of its points `flat` (n, 2)."""
     a, b, c = (flat[triangles[:, k]] for k in range(3))
     area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
     facing = area > 0.0

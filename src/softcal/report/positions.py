@@ -1,4 +1,4 @@
-"""Positions in the report: how far each marker of the twin is from where it was measured, fitted and predicted."""
+"""Positions in the report: distance of each simulated marker from its measured position, fitted and predicted."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from softcal.report.format import joined, number, result_label
 from softcal.report.tables import Cell, Column, ReportTable
 
 MM = 1e3
-# A prediction this many times worse than the fit is as hoped; beyond the second, the twin does not carry over.
+# Ratio of prediction error to fit error: good up to the first; above the second the fit does not generalise.
 _CARRIES_OVER, _DOUBTFUL = 1.5, 3.0
 
 
 @dataclass(frozen=True)
 class Place:
-    """The distances of one experiment by marker, and whether it was held out of the fit."""
+    """Distances of one experiment by marker, and whether it was held out of the fit."""
 
     experiment: str
     fit: ExperimentFit
@@ -25,14 +25,14 @@ class Place:
 
 
 def places(result: CalibrationResult) -> list[Place]:
-    """Every experiment of a result in which positions were compared, in the order of their names."""
+    """Experiments of a result with compared positions, sorted by name."""
     found = [Place(name, fit, held_out=False) for name, fit in result.experiments.items() if fit.distances]
     found += [Place(name, one.fit, held_out=True) for name, one in result.held_out.items() if one.fit.distances]
     return sorted(found, key=lambda place: place.experiment)
 
 
 def distances_table(content: ReportContent) -> ReportTable:
-    """The distance of every marker in every experiment, of every calibration (paper B, Eq. 1)."""
+    """Distance of every marker in every experiment and calibration (paper B, Eq. 1)."""
     rows: list[tuple[Cell, ...]] = []
     for label, result in content.results.items():
         for place in places(result):
@@ -42,10 +42,10 @@ def distances_table(content: ReportContent) -> ReportTable:
     headings = ("Calibration", "Experiment", "", "Marker")
     numbers = (("Mean", "mm"), ("Largest", "mm"), ("RMS", "mm"), ("Mean", "% of length"), ("Largest", "% of length"))
     columns = [Column(text) for text in headings] + [Column(text, unit) for text, unit in numbers]
-    note = "Predicted: the experiment was held out of the fit. Not seen: states in which the marker was not measured."
+    note = "Predicted: the experiment was held out of the fit. Not seen: states without a measurement of the marker."
     columns += [Column("States"), Column("Not seen")]
     return ReportTable(
-        "distances", "How far the markers are from where they were measured", tuple(columns), tuple(rows), note
+        "distances", "Distance of the markers from their measured positions", tuple(columns), tuple(rows), note
     )
 
 
@@ -57,7 +57,7 @@ def _cells(distance: Distance, fit: ExperimentFit) -> tuple[Cell, ...]:
 
 
 def pooled(found: Iterable[Place]) -> Distance | None:
-    """The distance over all markers of several experiments, None where there are none."""
+    """Distance over all markers of several experiments; None if there are none."""
     parts = [distance for place in found for distance in place.fit.distances.values()]
     every = {str(i): distance for i, distance in enumerate(parts)}
     return ExperimentFit({}, {}, {}, {}, {}, distances=every).distance
@@ -70,14 +70,14 @@ def distance_text(distance: Distance, length: float | None) -> str:
 
 
 def fitted_distance(result: CalibrationResult) -> str:
-    """How near the markers are in what was fitted, in words; "" where no positions were."""
+    """Distance of the markers over the fitted experiments, in words; "" if no positions were fitted."""
     fitted = [place for place in places(result) if not place.held_out]
     distance = pooled(fitted)
     return "" if distance is None else distance_text(distance, fitted[0].fit.length)
 
 
 def fit_sentence(result: CalibrationResult) -> str:
-    """Where the markers are met, and where they are furthest off; "" where no positions were fitted."""
+    """Overall distance of the markers and the largest one; "" if no positions were fitted."""
     fitted = [place for place in places(result) if not place.held_out]
     if not fitted:
         return ""
@@ -85,12 +85,12 @@ def fit_sentence(result: CalibrationResult) -> str:
         (place.experiment, marker): distance.max for place in fitted for marker, distance in place.fit.distances.items()
     }
     (experiment, marker), worst = max(furthest.items(), key=lambda item: item[1])
-    off = f"{marker} in {experiment}, {number(MM * worst)} mm"
-    return f"The markers are met to {fitted_distance(result)}; furthest off is {off}."
+    largest = f"{marker} in {experiment}, {number(MM * worst)} mm"
+    return f"The twin reproduces the markers to {fitted_distance(result)}; the largest distance is {largest}."
 
 
 def prediction_sentence(result: CalibrationResult) -> tuple[str, bool | None]:
-    """What the experiments that were held out say, and whether the fit carries over (None: in part); "" without any."""
+    """Prediction errors of held-out experiments, and whether the fit generalises (None: in part); "" without any."""
     held = [place for place in places(result) if place.held_out]
     ahead, fitted = pooled(held), pooled(place for place in places(result) if not place.held_out)
     if ahead is None:
@@ -100,7 +100,7 @@ def prediction_sentence(result: CalibrationResult) -> tuple[str, bool | None]:
     if fitted is None or fitted.rms <= 0:
         return f"{text}.", None
     ratio = ahead.rms / fitted.rms
-    return f"{text}; {number(ratio, 2)} times as far off as what was fitted.", _judged(ratio)
+    return f"{text}; {number(ratio, 2)} times the distance in the fitted experiments.", _judged(ratio)
 
 
 def _own(place: Place) -> str:

@@ -1,4 +1,4 @@
-"""How the twin follows a whole record, beside the samples that it was fitted to: one sentence."""
+"""One sentence on the twin's error over the whole record, compared with the fitted samples."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from softcal.report.tables import share_of_peak
 
 @dataclass(frozen=True)
 class _Whole:
-    """A channel over a record: its word and SI unit, its error [SI], that over its peak, and that of the fit [SI]."""
+    """A channel over a record: display word and SI unit, RMSE [SI], RMSE over peak, RMSE of the fit [SI]."""
 
     experiment: str
     word: str
@@ -28,7 +28,7 @@ class _Whole:
 
 
 def record_sentence(content: ReportContent, label: str) -> str:
-    """The error over the whole record of a calibration, of its worst experiment; "" where no record was compared."""
+    """Error over the whole record, for the worst experiment of a calibration; "" if no record was compared."""
     result = content.results[label]
     wholes = [
         whole
@@ -51,7 +51,7 @@ def record_sentence(content: ReportContent, label: str) -> str:
 
 
 def _whole(name: str, found: RecordFit, fitted: ExperimentFit) -> _Whole | None:
-    """The force where it was compared, else the pitch, else the travel; None where none was."""
+    """The force if it was compared, else the pitch, else the travel; None if none was."""
     if found.fit is None:
         return None
     for channel, word, unit in KINDS:
@@ -62,7 +62,7 @@ def _whole(name: str, found: RecordFit, fitted: ExperimentFit) -> _Whole | None:
 
 
 def _returns(found: RecordFit) -> bool:
-    """Whether a drive of the record comes back, after its peak, by more than half of what it ranges over."""
+    """Whether a drive returns after its peak by more than half of its range."""
     for drive in found.drives:
         values = found.record.values(drive)
         after = values[int(np.argmax(values)) :]

@@ -1,4 +1,4 @@
-"""How the parts of a robot look: its extent, its plates. Lengths in m."""
+"""Drawing data of a robot: extent and plate surfaces. Lengths in m."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def robot_points(robot: Robot) -> Floats:
 
 
 def plate_surface(robot: Robot, plate: Plate, pose: Pose, colour: str, *, opacity: float) -> Surface | None:
-    """A plate where it is now, its own shape or a flat disc in its place; None where it has no extent.
+    """A plate at a pose: its own shape, or a flat disc if unknown; None if it has no extent.
 
     pose: of the plate's reference point.
     """
@@ -39,7 +39,7 @@ def plate_surface(robot: Robot, plate: Plate, pose: Pose, colour: str, *, opacit
 
 
 def plate_rim(robot: Robot, plate: Plate, pose: Pose) -> Floats:
-    """Points around a plate where it is now (n, 3), for the line from its name."""
+    """Points around a plate at a pose (n, 3), for the line from its label."""
     centre = plate.reference if plate.disc is None else plate.disc.centre
     normal = plate_normal(robot, plate)
     shape = plate.disc or Disc(centre, normal, 2 * max(plate_radius(robot, plate), 1e-9), 1.0)

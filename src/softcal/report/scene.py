@@ -1,4 +1,4 @@
-"""Three-dimensional pictures as plain data: coloured surfaces, tubes, discs, arrows, seen from somewhere."""
+"""Three-dimensional scenes as plain data: coloured surfaces, tubes, balls, arrows, and parallel projections."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ Part = Surface | Tube | Ball | Arrow
 
 @dataclass(frozen=True)
 class Label:
-    """A word for a part; at: points (n, 3) [m] that may carry the line from the word, the clearest is taken."""
+    """Label of a part; at: candidate anchors (n, 3) [m] of the label's line, the clearest one is used."""
 
     text: str
     at: Floats
@@ -82,7 +82,7 @@ class Scene:
 
 @dataclass(frozen=True)
 class Projection:
-    """A parallel projection: orthonormal `right` and `up` in the picture, `back` towards the eye.
+    """A parallel projection: orthonormal `right` and `up` in the picture, `back` towards the viewer.
 
     window: (left, right, bottom, top) [m] in the picture's plane, measured from the frame's origin.
     """
@@ -93,7 +93,7 @@ class Projection:
     window: tuple[float, float, float, float]
 
     def project(self, points: Floats) -> Floats:
-        """Picture coordinates and depth (towards the eye) of points, shape (n, 3) [m]."""
+        """Picture coordinates and depth (towards the viewer) of points, shape (n, 3) [m]."""
         return np.asarray(points, dtype=np.float64) @ np.stack([self.right, self.up, self.back], axis=1)
 
 
@@ -103,13 +103,13 @@ def length_scale(points: Floats) -> float:
 
 
 def refined(path: Floats) -> Floats:
-    """A polyline (k, 3) with 32 steps between its points."""
+    """A polyline (k, 3) with each segment divided into 32."""
     share = np.linspace(0, 1, 33)[:-1, None]
     return np.concatenate([*(a + share * (b - a) for a, b in pairwise(path)), path[-1:]])
 
 
 def bending_camera(points: Floats, up: Floats, towards: Floats) -> Projection:
-    """A camera that sees `up` [-] upright and `towards` [-] to the right, a little from the side and above.
+    """A projection with `up` [-] upright and `towards` [-] to the right, slightly from the side and above.
 
     points (n, 3) [m]: all that must fit into the picture.
     """
@@ -128,7 +128,7 @@ def bending_camera(points: Floats, up: Floats, towards: Floats) -> Projection:
 
 
 def fitted(camera: Projection, points: Floats) -> Projection:
-    """The same view with a window that holds all points and a margin."""
+    """The same view with a window that contains all points and a margin."""
     flat = camera.project(points)[:, :2]
     low, high = flat.min(axis=0), flat.max(axis=0)
     margin = np.array([0.13, 0.05]) * float(np.max(high - low))
@@ -137,7 +137,7 @@ def fitted(camera: Projection, points: Floats) -> Projection:
 
 
 def alike(cameras: tuple[Projection, ...]) -> tuple[Projection, ...]:
-    """The same views with windows of one size, so that pictures side by side have one scale."""
+    """The same views with windows of equal size, so that pictures side by side have one scale."""
     windows = np.array([camera.window for camera in cameras])
     middles = 0.5 * (windows[:, 0::2] + windows[:, 1::2])
     half = 0.5 * (windows[:, 1::2] - windows[:, 0::2]).max(axis=0)
@@ -154,7 +154,7 @@ def _turned(vector: Floats, axis: Floats, angle: float) -> Floats:
 
 
 def extent_points(scenes: tuple[Scene, ...]) -> Floats:
-    """Every point (n, 3) [m] that the scenes touch."""
+    """All points (n, 3) [m] of the scenes."""
     found: list[Floats] = []
     for scene in scenes:
         for part in scene.parts:

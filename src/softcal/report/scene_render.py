@@ -1,4 +1,4 @@
-"""Pictures of scenes: by PyVista where OpenGL works, else a plain drawing that says so."""
+"""Rendering of scenes: by PyVista if OpenGL works, else by matplotlib with a note."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ from softcal.report.style import DPI
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# How long one attempt of the renderer may take [s]; a software renderer on a loaded machine needs some ten.
+# Timeout of one rendering attempt [s]; a software renderer on a loaded machine needs some ten.
 _PATIENCE = 120.0
-_MOST_PIXELS = 1300  # from bottom to top
+_MOST_PIXELS = 1300  # picture height
 
 
 @dataclass(frozen=True)
 class Rendering:
-    """RGBA pictures, one per scene, or none where the renderer failed; note: what was done instead and why."""
+    """RGBA pictures, one per scene, or none if the renderer failed; note: the fallback and its reason."""
 
     pictures: tuple[np.ndarray[Any, Any], ...]
     note: str = ""
 
 
 def render_scenes(scenes: tuple[Scene, ...], cameras: tuple[Projection, ...]) -> Rendering:
-    """Render each scene by its camera, by PyVista in a process of its own; where that fails, the note says why."""
+    """Render each scene by PyVista in a separate process; on failure the note gives the reason."""
     problem = ""
     with tempfile.TemporaryDirectory(prefix="softcal-scene-") as folder:
         request, answer = Path(folder, "request.pickle"), Path(folder, "answer.npz")
-        # As large as they are shown: more would cost as much again in every later step, and be scaled away.
+        # At display size: more pixels cost time in every later step and are scaled down.
         heights = [min(round(DPI * panel_size(camera)[1]), _MOST_PIXELS) for camera in cameras]
         request.write_bytes(pickle.dumps((scenes, cameras, heights)))
         for window in _windows():
@@ -62,7 +62,7 @@ def render_scenes(scenes: tuple[Scene, ...], cameras: tuple[Projection, ...]) ->
 
 
 def panel_size(camera: Projection) -> tuple[float, float]:
-    """Width and height [in] at which a camera's picture is shown."""
+    """Display width and height [in] of a projection's picture."""
     left, right, bottom, top = camera.window
     width = min(max(3.4 * (right - left) / (top - bottom), 2.4), 3.6)
     return width, width * (top - bottom) / (right - left)
@@ -84,7 +84,7 @@ def _reason(code: int, errors: str) -> str:
 
 
 def draw_flat(axes: Axes, scene: Scene, camera: Projection) -> None:
-    """Draw a scene on axes in picture coordinates [mm], far parts first; shading by the angle to the eye."""
+    """Draw a scene on axes in picture coordinates [mm], far parts first; shading by the angle to the viewer."""
     from matplotlib.collections import PolyCollection
 
     pieces = [_flat(part, camera) for part in scene.parts]

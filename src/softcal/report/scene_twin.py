@@ -1,4 +1,4 @@
-"""The twin at rest and bent as scenes: bodies and rods coloured by displacement, cables, plates, markers."""
+"""Scenes of the twin at rest and bent: bodies and rods coloured by displacement, cables, plates, markers."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ MANY_CABLES = 3  # more than these are drawn thinner
 
 @dataclass(frozen=True)
 class TwinScenes:
-    """Rest and bent in one camera; largest: the largest displacement [m], the top of the colour scale."""
+    """Rest and bent shape in one projection; largest: the largest displacement [m], top of the colour scale."""
 
     scenes: tuple[Scene, Scene]
     camera: Projection
@@ -45,7 +45,7 @@ class TwinScenes:
 def twin_scenes(view: TwinView) -> TwinScenes:
     """The twin at rest and bent: bodies and rods coloured by displacement from rest, cables as tubes, plates as discs.
 
-    Where some cable is pulled, the slack ones are grey.
+    Slack cables are grey if any cable is taut.
     """
     moved = displacements(view)
     largest = max(float(values.max()) for values in moved.values())
@@ -59,20 +59,20 @@ def twin_scenes(view: TwinView) -> TwinScenes:
 
 
 def displacements(view: TwinView) -> dict[str, Floats]:
-    """How far every node of each body and rod has moved from rest [m]."""
+    """Displacement magnitude of every node of each body and rod from rest [m]."""
     moved = {body: np.linalg.norm(view.bent.points[body] - view.rest.points[body], axis=1) for body in view.tets}
     return moved | {rod: np.linalg.norm(nodes - view.rest.rods[rod], axis=1) for rod, nodes in view.bent.rods.items()}
 
 
 def cable_radius(robot: Robot, size: float) -> float:
-    """The radius [m] at which cables are drawn in a picture of a robot of that size [m]."""
+    """Drawn radius [m] of cables for a robot of that size [m]."""
     return (0.007 if len(robot.cables) <= MANY_CABLES else 0.0035) * size
 
 
 def twin_parts(
     view: TwinView, snapshot: Snapshot, moved: dict[str, Floats], largest: float
 ) -> tuple[tuple[Part, ...], tuple[Label, ...]]:
-    """A shape of the twin and the names of its parts; moved [m]: what colours it, up to `largest`."""
+    """A shape of the twin and the labels of its parts; moved [m]: displacements that colour it, up to `largest`."""
     from matplotlib import colormaps
 
     from softcal.report.style import BLUE, DISPLACEMENT, LOOP, MUTED, ORANGE, SKY
@@ -127,7 +127,7 @@ def _body_surfaces(view: TwinView, snapshot: Snapshot, name: str, shades: Floats
 
 
 def bending_axes(view: TwinView) -> tuple[Floats, Floats]:
-    """What is up, and the direction in which the twin bends."""
+    """The upward direction, and the direction in which the twin bends."""
     rest, bent = (
         np.concatenate([*(shape.points[body] for body in view.tets), *shape.rods.values()])
         for shape in (view.rest, view.bent)

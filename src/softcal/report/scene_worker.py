@@ -1,4 +1,4 @@
-"""Renders scenes by PyVista in a process of its own, since VTK ends the process where it finds no OpenGL.
+"""Renders scenes by PyVista in a separate process, since VTK aborts the process if OpenGL is missing.
 
 Run as `python -m softcal.report.scene_worker REQUEST ANSWER`: REQUEST is a pickle of (scenes, cameras, heights
 in pixels) that the parent wrote, ANSWER the .npz of one RGBA picture per scene.
@@ -63,7 +63,7 @@ def _add(plotter: Any, part: Part, camera: Projection) -> None:
 
 
 def from_behind(part: Surface, camera: Projection) -> Surface:
-    """The furthest triangles first: depth peeling does not sort them on every machine's OpenGL."""
+    """Triangles sorted back to front: depth peeling does not sort them with every OpenGL."""
     depth = camera.project(part.points)[part.triangles][..., 2].mean(axis=1)
     order = np.argsort(depth)
     colours = part.colours if part.per_point else part.colours[order]

@@ -1,4 +1,4 @@
-"""The numbers behind the charts: trajectories with residuals, best-so-far, grids. Nothing here draws."""
+"""Data of the charts: trajectories with residuals, best loss so far, grids. Nothing here draws."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from softcal.report.format import SI_UNITS_OF, Scale, channel_label, find_parame
 
 @dataclass(frozen=True)
 class Abscissa:
-    """The horizontal axis of a trajectory, in the unit people read; note: why it is not the one expected, or ""."""
+    """The horizontal axis of a trajectory in display units; note: why it is not the expected one, or ""."""
 
     values: Floats
     label: str
@@ -26,7 +26,7 @@ class Abscissa:
 
 @dataclass(frozen=True)
 class TrajectoryPanel:
-    """One channel over the trajectory in the unit people read; measured and residual are None where not measured."""
+    """One channel over the trajectory in display units; measured and residual are None if not measured."""
 
     channel: str
     label: str
@@ -38,7 +38,7 @@ class TrajectoryPanel:
 
 @dataclass(frozen=True)
 class TrajectoryPanels:
-    """One experiment, measured and simulated. pieces: slices within which neighbouring samples belong together."""
+    """One experiment, measured and simulated. pieces: slices of consecutive samples that a line joins."""
 
     experiment: str
     abscissa: Abscissa
@@ -47,7 +47,7 @@ class TrajectoryPanels:
 
 
 def trajectory_panels(experiment: ExperimentContent, fit: ExperimentFit) -> TrajectoryPanels:
-    """What is compared in one experiment: force first, then pitch, then what else there is but positions."""
+    """Panels in order: force, pitch, shortening, other non-position channels."""
     order = ("tension", "pitch", "shortening")
     names = [name for name in order if name in fit.simulated]
     placed = {name for name in fit.simulated if name.rpartition(".")[0] in fit.distances}
@@ -68,7 +68,7 @@ def trajectory_panels(experiment: ExperimentContent, fit: ExperimentFit) -> Traj
 def _abscissa(experiment: ExperimentContent, n_samples: int) -> Abscissa:
     data = experiment.prepared
     if data.n_samples != n_samples:
-        note = f"{n_samples} samples were compared, the prepared data has {data.n_samples}; numbered in order."
+        note = f"{n_samples} samples were compared, the prepared data has {data.n_samples}; the axis is their number."
         return Abscissa(np.arange(n_samples, dtype=np.float64), "Sample", note)
     for name in (experiment.drive, "time"):
         if name in data.channels and np.all(np.diff(data.values(name)) >= 0):
@@ -95,7 +95,7 @@ class SearchHistory:
 
 
 def search_history(trials: Sequence[Trial]) -> SearchHistory:
-    """Best loss so far over the complete trials, and which trials failed."""
+    """Best loss so far over the completed trials, and the failed trials."""
     done = [(trial.number, trial.loss) for trial in trials if trial.state == "COMPLETE" and trial.loss is not None]
     losses = np.array([loss for _, loss in done], dtype=np.float64)
     return SearchHistory(
@@ -107,7 +107,7 @@ def search_history(trials: Sequence[Trial]) -> SearchHistory:
 
 
 def searched_pair(result: CalibrationResult) -> tuple[str, str] | None:
-    """The modulus and Poisson's ratio of a result, or the first two parameters; None where there is only one."""
+    """The modulus and Poisson's ratio of a result, or the first two parameters; None if there is only one."""
     modulus = find_parameter(result.parameters, "youngs_modulus")
     ratio = find_parameter(result.parameters, "poissons_ratio")
     rest = [name for name in result.parameters if name not in (modulus, ratio)]
@@ -116,7 +116,7 @@ def searched_pair(result: CalibrationResult) -> tuple[str, str] | None:
 
 
 def grid_of_trials(result: CalibrationResult) -> Landscape | None:
-    """The trials as a grid over both parameters, where they fill one; None where they do not."""
+    """The trials as a grid over both parameters; None if they do not fill a grid."""
     pair = searched_pair(result)
     if pair is None or len(result.parameters) != 2:
         return None

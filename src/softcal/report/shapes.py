@@ -1,4 +1,4 @@
-"""Surfaces to draw: wires as tubes, discs as flat cylinders with their holes. Lengths in m."""
+"""Surface meshes for drawing: wires as tubes, discs as flat cylinders with holes. Lengths in m."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ RIM, HOLE = 96, 16  # points on the rim of a disc, and on that of a hole
 
 
 def rod_surface(rod: Rod, nodes: Floats, colours: Floats) -> Surface:
-    """A rod whose nodes (n, 3) are where they are now, as a tube of its section's outer diameter.
+    """A rod with current node positions (n, 3), as a tube of its section's outer diameter.
 
     colours: RGB of each node (n, 3).
     """
@@ -36,7 +36,7 @@ def tube(path: Floats, diameter: float, colours: Floats) -> Surface:
     rings: list[Floats] = []
     angle = np.linspace(0.0, 2.0 * np.pi, SIDES, endpoint=False)
     for point, tangent in zip(path, along, strict=True):
-        side = side - (side @ tangent) * tangent  # carried along without a twist
+        side = side - (side @ tangent) * tangent  # parallel transport, no twist
         side /= np.linalg.norm(side)
         around = np.outer(np.cos(angle), side) + np.outer(np.sin(angle), np.cross(tangent, side))
         rings.append(point + 0.5 * diameter * around)
@@ -56,7 +56,7 @@ def tube(path: Floats, diameter: float, colours: Floats) -> Surface:
 
 
 def disc_surface(plate: Plate, shape: Disc, colour: str, *, opacity: float = 1.0) -> Surface:
-    """A plate of known shape at rest, its guide holes open."""
+    """A plate of known shape at rest, with open guide holes."""
     from matplotlib.colors import to_rgb
     from scipy.spatial import Delaunay  # pyright: ignore[reportUnknownVariableType, reportAttributeAccessIssue]
 
@@ -90,7 +90,7 @@ def disc_surface(plate: Plate, shape: Disc, colour: str, *, opacity: float = 1.0
 
 
 def flat_disc(centre: Floats, normal: Floats, radius: float, colour: str, *, opacity: float) -> Surface:
-    """A flat cylinder in the place of a plate of unknown shape, its thickness a twentieth of its radius."""
+    """A flat cylinder for a plate of unknown shape; its thickness is a twentieth of its radius."""
     from matplotlib.colors import to_rgb
 
     ring = radius * unit_circle(normal)

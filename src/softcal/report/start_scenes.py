@@ -1,4 +1,4 @@
-"""The robot undeformed, under its loads and at the ends of experiments, side by side, before anything is fitted."""
+"""Scenes before the fit: the robot undeformed, under its loads and at the ends of experiments, side by side."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MOST = 4  # side by side
 
 @dataclass(frozen=True)
 class StartScenes:
-    """Scenes in one camera; largest: the largest displacement [m], the top of the colour scale."""
+    """Scenes in one projection; largest: the largest displacement [m], top of the colour scale."""
 
     scenes: tuple[Scene, ...]
     cameras: tuple[Projection, ...]
@@ -27,7 +27,7 @@ class StartScenes:
 def start_scenes(
     robot: Robot, undeformed: Snapshot, shapes: Mapping[str, Snapshot], tets: Mapping[str, Ints]
 ) -> StartScenes | None:
-    """Undeformed, and those of the shapes that moved furthest, coloured by how far; None where nothing moved."""
+    """The undeformed shape and the most displaced ones, coloured by displacement; None if nothing moved."""
     views = {name: TwinView(robot, undeformed, shape, tets) for name, shape in shapes.items()}
     moved = {name: displacements(view) for name, view in views.items()}
     furthest = {name: max(float(d.max()) for d in parts.values()) for name, parts in moved.items()}

@@ -1,4 +1,4 @@
-"""How charts look: a palette for colour-blind readers, sizes, and figures without global state."""
+"""Style of charts: a palette for colour-blind readers, sizes, and figures without global state."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.text import Text
 
-# Okabe and Ito's colours, told apart with any common colour vision; text and lines in a dark grey.
+# Okabe and Ito's colours, distinguishable with any common colour vision; text and lines in dark grey.
 INK, MUTED, FAINT = "#1f2937", "#6b7280", "#c4c9d1"
 LOOP = "#a3abb8"  # later cycles: lighter than text, darker than the grid
 BLUE, ORANGE, GREEN, RED, SKY, PURPLE = "#0072b2", "#e69f00", "#009e73", "#d55e00", "#56b4e9", "#cc79a7"
@@ -55,7 +55,7 @@ _STYLE: Any = {
 
 @contextmanager
 def house_style() -> Generator[None]:
-    """The house's matplotlib settings, for as long as the block lasts."""
+    """Context manager: softcal's matplotlib settings."""
     import matplotlib as mpl
 
     with mpl.rc_context(_STYLE):
@@ -63,7 +63,7 @@ def house_style() -> Generator[None]:
 
 
 def new_figure(width: float = 5.2, height: float = 3.6) -> Figure:
-    """An empty figure of a size in inches, on the Agg canvas, known to no global registry."""
+    """An empty figure of a size in inches, on the Agg canvas, in no global registry."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
@@ -74,7 +74,7 @@ def new_figure(width: float = 5.2, height: float = 3.6) -> Figure:
 
 
 def encode(figure: Figure) -> tuple[bytes, bytes]:
-    """The figure as the bytes of a PNG and of an SVG file, the same bytes for the same figure."""
+    """The figure as bytes of a PNG and an SVG file, reproducible for the same figure."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.layout_engine import ConstrainedLayoutEngine
@@ -83,9 +83,9 @@ def encode(figure: Figure) -> tuple[bytes, bytes]:
     with house_style():
         if isinstance(figure.get_layout_engine(), ConstrainedLayoutEngine):
             figure.draw_without_rendering()
-        figure.set_layout_engine("none")  # the layout stands; it is most of the time of a drawing
+        figure.set_layout_engine("none")  # the layout is final; computing it is most of the drawing time
         figure.set_dpi(DPI)
-        # By the canvases themselves, since `savefig` draws everything twice.
+        # By the canvases, since `savefig` draws everything twice.
         for write, metadata in (
             (FigureCanvasAgg(figure).print_png, {"Software": None}),
             (FigureCanvasSVG(figure).print_svg, {"Date": None}),
@@ -97,18 +97,18 @@ def encode(figure: Figure) -> tuple[bytes, bytes]:
 
 
 def lay_out(axes: Axes) -> None:
-    """Place everything in the figure of some axes, so that the extents of its texts are known."""
+    """Lay out the figure of some axes, so that the extents of its texts are known."""
     axes.figure.draw_without_rendering()  # type: ignore[union-attr]
 
 
 def overlapping(texts: Sequence[Text]) -> bool:
-    """Whether any two of some texts of a figure, as they are drawn, cover each other."""
+    """Whether any two texts of a figure overlap as drawn."""
     boxes = [text.get_window_extent() for text in texts if text.get_text() and text.get_visible()]
     return any(one.overlaps(other) for i, one in enumerate(boxes) for other in boxes[:i])
 
 
 def keep_tick_labels_apart(axes: Axes) -> None:
-    """Turn the labels along the x axis where they would cover each other."""
+    """Rotate the labels of the x axis if they overlap."""
     for angle in (0, 35, 90):
         axes.tick_params(axis="x", labelrotation=angle)
         for label in axes.get_xticklabels():

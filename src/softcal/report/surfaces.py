@@ -1,4 +1,4 @@
-"""The error of every section over a grid of two parameters, or of one: paper B's Fig. 3 as numbers."""
+"""Error of every section over a grid of one or two parameters: the data of paper B's Fig. 3."""
 
 from __future__ import annotations
 
@@ -16,10 +16,22 @@ from softcal.report.series import searched_pair
 
 @dataclass(frozen=True)
 class ErrorSurface:
-    """The error of a section over two parameters: x, y [SI, ascending], error (len(y), len(x)) in `unit`.
+    """Error of a section over two parameters.
 
-    error is NaN where there is no cell or it could not be simulated, which `failed` (k, 2) lists by its x and y.
-    best: x, y and error of the least.
+    Attributes
+    ----------
+    section
+        Name of the section.
+    unit
+        Unit of the error.
+    x, y
+        Values of the parameters [SI], ascending.
+    error
+        Error (len(y), len(x)) in `unit`; NaN where there is no cell or it could not be simulated.
+    failed
+        x and y (k, 2) of the cells that could not be simulated.
+    best
+        x, y and error of the cell with the least error.
     """
 
     section: str
@@ -33,7 +45,7 @@ class ErrorSurface:
 
 @dataclass(frozen=True)
 class ErrorCurve:
-    """The error of a section over one parameter [SI, ascending], in `unit`; NaN where it could not be simulated."""
+    """Error of a section over one parameter [SI, ascending], in `unit`; NaN where it could not be simulated."""
 
     section: str
     unit: str
@@ -42,14 +54,14 @@ class ErrorCurve:
 
 
 def swept_pair(result: CalibrationResult) -> tuple[str, str] | None:
-    """The two parameters of the grid that are drawn; None where the trials are no grid over two or more."""
+    """The two parameters of the grid that are drawn; None if the trials are no grid over two or more."""
     return None if not result.is_sweep else searched_pair(result)
 
 
 def error_surfaces(result: CalibrationResult) -> list[ErrorSurface]:
-    """A surface of all together, where there are several sections, and of each; none where there is no grid of two.
+    """A surface of each section, preceded by that of all together if there are several; empty without a grid.
 
-    With more than two parameters, the cells are those in which the others are as in the best cell.
+    With more than two parameters, the others have their values of the best cell.
     """
     pair = swept_pair(result)
     if pair is None:
@@ -72,7 +84,7 @@ def error_surfaces(result: CalibrationResult) -> list[ErrorSurface]:
 
 
 def error_curves(result: CalibrationResult) -> list[ErrorCurve]:
-    """The error of every section over the only parameter of a grid; none where there is no such grid."""
+    """Error of every section over the only parameter of a grid; empty if there is no such grid."""
     if not result.is_sweep or len(result.parameters) != 1:
         return []
     (name,) = result.parameters
@@ -85,14 +97,14 @@ def error_curves(result: CalibrationResult) -> list[ErrorCurve]:
 
 
 def section_scale(section: ErrorSection) -> Scale:
-    """How the error of a section is told: in % of the length where there is one, else as people read its unit."""
+    """Display scale of a section's error: in % of the length if there is one, else in its display unit."""
     if section.length is not None:
         return Scale("%", 0.01 * section.length)
     return Scale("%", 1.0) if section.unit == "%" else scale_of(section.unit)
 
 
 def _told(result: CalibrationResult, trials: Sequence[Trial]) -> list[tuple[str, str, Mapping[int, float]]]:
-    """(section, unit, error by the number of the cell): all together first where there are several sections."""
+    """(section, unit, error by cell number): all sections together first if there are several."""
     done = [trial for trial in trials if trial.loss is not None]
     if not done:
         return []

@@ -1,4 +1,4 @@
-"""The calibrated twin at rest and pulled, as pictures show it. Frozen; SI."""
+"""The calibrated twin at rest and pulled, for drawing. Frozen; SI."""
 
 from __future__ import annotations
 
@@ -13,12 +13,22 @@ from softcal.twin.robot import Robot
 
 @dataclass(frozen=True)
 class TwinView:
-    """The calibrated twin in two states, to be drawn side by side.
+    """The calibrated twin in two states, drawn side by side.
 
-    tets: body -> connectivity of `Snapshot.points` (`Response.tets`), of order one or two.
-    falls: where it is not stable on the way (`Response.falls`), or ""; crossings: where bodies pass through themselves
-    or each other (`Response.crossings`), or ""; drawn_out: which cables with friction slide the other way than it is
-    modelled for (`Response.drawn_out`), or "".
+    Attributes
+    ----------
+    robot
+        The robot at the calibrated values.
+    rest, bent
+        The two states.
+    tets
+        Body -> connectivity of `Snapshot.points` (`Response.tets`), of order one or two.
+    falls
+        Sentence on instabilities along the load path (`Response.falls`), or "".
+    crossings
+        Sentence on bodies that penetrate themselves or each other (`Response.crossings`), or "".
+    drawn_out
+        Sentence on cables with friction that slide against the modelled direction (`Response.drawn_out`), or "".
     """
 
     robot: Robot

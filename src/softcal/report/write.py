@@ -13,12 +13,12 @@ from softcal.report.content import ReportContent
 from softcal.report.figures import report_pictures
 from softcal.report.html import render_page
 
-Observer = Callable[[str], None]  # told what is begun
+Observer = Callable[[str], None]  # called with the name of each stage
 
 
 @dataclass(frozen=True)
 class ReportPaths:
-    """What was written. notes: what the reader must know, such as a renderer that did not work."""
+    """Files written. notes: remarks for the reader, such as a renderer that failed."""
 
     page: Path
     figures: tuple[Path, ...]
@@ -29,8 +29,8 @@ class ReportPaths:
 def write_report(content: ReportContent, out_dir: str | Path, *, progress: Observer | None = None) -> ReportPaths:
     """Write `report.html`, `figures/*.png`, `figures/*.svg` and `tables/*.csv` into a folder.
 
-    An older report in the folder is replaced, file by file; nothing else there is touched. Everything is drawn
-    before anything is written. progress: is told when either begins.
+    An older report in the folder is replaced file by file; other files are kept. All figures are drawn before any file
+    is written. progress: called with the name of each stage.
 
     Raises
     ------
@@ -56,12 +56,12 @@ def write_report(content: ReportContent, out_dir: str | Path, *, progress: Obser
 
 
 def write_files(files: Mapping[Path, bytes]) -> None:
-    """Write files whole or not at all, each by way of a temporary neighbour.
+    """Write files completely or not at all, each through a temporary file in the same folder.
 
     Raises
     ------
     StorageError
-        Where a file cannot be written; its temporary neighbour is removed.
+        Where a file cannot be written; its temporary file is removed.
     """
     for path, data in files.items():
         part = path.with_name(f".{path.name}.part")
@@ -85,4 +85,4 @@ def _forget(path: Path) -> None:
     try:
         path.unlink(missing_ok=True)
     except OSError:
-        return  # the first failure is the one to tell
+        return  # report only the first failure

@@ -1,1 +1,1 @@
-"""What a command does with a project: simulate, calibrate, sweep, validate, check, export, report; run folders."""
+"""The library's commands on a project: simulate, calibrate, sweep, validate, check, export, report; run folders."""

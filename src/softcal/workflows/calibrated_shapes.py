@@ -1,4 +1,4 @@
-"""A calibrated project simulated once more for its pictures: the shapes in which the robot equilibria."""
+"""Equilibrium shapes of the calibrated twin, simulated for the report's pictures."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from softcal.twin.simulate import simulate as simulate_robot
 from softcal.workflows.calibration import calibrated
 from softcal.workflows.simulation import simulate
 
-# Experiments whose shapes are drawn over each other.
+# Greatest number of experiments whose shapes are drawn over each other.
 MANY = 6
 
 
 def calibrated_shapes(project: Project, result: CalibrationResult) -> EquilibriumShapes | None:
-    """The twin at the result's values at the end of experiments with positions; None where there are none."""
+    """The calibrated twin's shapes at the end of experiments with positions; None if there are none."""
     at_values = calibrated(project, result)
     placed = [name for name, fit in result.experiments.items() if fit.distances]
     shapes: dict[str, Snapshot] = {}
@@ -39,7 +39,7 @@ def calibrated_shapes(project: Project, result: CalibrationResult) -> Equilibriu
 
 
 def from_undeformed(equilibria: EquilibriumShapes | None) -> TwinView | None:
-    """The twin undeformed and where it settled furthest from that, for a robot that nothing drives."""
+    """The twin undeformed and in its most displaced equilibrium, for a robot without cables."""
     if equilibria is None:
         return None
     moved = {name: _moved(equilibria.undeformed, shape) for name, shape in equilibria.shapes.items()}
@@ -59,5 +59,5 @@ def _moved(rest: Snapshot, shape: Snapshot) -> float:
 
 
 def _unloaded(robot: Robot) -> Robot:
-    """The robot without weight or loads, which is its undeformed shape."""
+    """The robot without gravity or loads, for its undeformed shape."""
     return replace(robot, gravity=np.zeros(3), loads=())

@@ -1,4 +1,4 @@
-"""What a project's commands simulate: pulls, or the experiments with the robot as each of them sets it."""
+"""Cases to simulate: pulls given by the user, or experiments with the robot's settings in each."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PULL = "pull"
 
 @dataclass(frozen=True)
 class Case:
-    """A robot and what is done to it. experiment: whose samples these are; "" for a pull."""
+    """A robot and its protocol. experiment: name of the experiment, "" for a pull."""
 
     robot: Robot
     protocol: Protocol
@@ -24,12 +24,12 @@ class Case:
 
 
 def cases(project: Project, pulls: Sequence[str] = (), experiment: str = "") -> dict[str, Case]:
-    """By name: the pulls, all at once; or the experiment that is named, or each one.
+    """Name -> case: all pulls together, else the named experiment, else every experiment.
 
     Raises
     ------
     InputError
-        For a text that is no pull, or an experiment that does not exist; where there is none and no pull.
+        For a text that is no pull, or an unknown experiment; if there is neither an experiment nor a pull.
     """
     if pulls:
         return {PULL: Case(project.robot, parse_pulls(project.robot, pulls))}
@@ -38,5 +38,5 @@ def cases(project: Project, pulls: Sequence[str] = (), experiment: str = "") -> 
 
 
 def protocols_of(chosen: Mapping[str, Case]) -> dict[str, Protocol]:
-    """What is done to the robot in each case, by name."""
+    """Name -> protocol of each case."""
     return {name: case.protocol for name, case in chosen.items()}

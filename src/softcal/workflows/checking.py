@@ -1,4 +1,4 @@
-"""What a project looks like before anything is fitted: rows for a short table, warnings, pictures."""
+"""Check of a project before calibration: a summary table, warnings, pictures."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from softcal.units import AS_WRITTEN, format_quantity, format_range, plain
 from softcal.workflows.output import require_writable
 from softcal.workflows.start_states import start_states
 
-# The twin at its bounds may be this much too soft or too stiff before the data are called implausible.
+# The measured stiffness is implausible beyond this factor of the twin's stiffness at the bounds of its moduli.
 STIFFNESS_MARGIN = 2.0
 
 
 @dataclass(frozen=True)
 class CheckReport:
-    """What was found: rows of (part, what it is), warnings as sentences, pictures where they were asked for."""
+    """Result of a check: rows of (part, description), warnings as sentences, paths of the pictures if drawn."""
 
     rows: tuple[tuple[str, str], ...]
     warnings: tuple[str, ...]
@@ -46,8 +46,8 @@ def check(
     solve: bool = True,
     progress: Callable[[str], None] = lambda stage: None,
 ) -> CheckReport:
-    """Look a loaded project over: build the twin, solve its rest and the end of each experiment at the start values,
-    compare it with the data, draw what there is.
+    """Check a loaded project: build the twin, solve it at rest and at the end of each experiment at the start values,
+    compare it with the data, draw the pictures.
 
     Parameters
     ----------
@@ -55,9 +55,9 @@ def check(
         Folder for `robot.png|svg`, `states.png|svg` and `data-<experiment>.png|svg`; older ones there are replaced.
         None draws nothing.
     solve
-        Whether states are solved, and so drawn and compared with the data.
+        Whether states are solved, drawn and compared with the data.
     progress
-        Called with what is begun.
+        Called with the name of each stage.
 
     Raises
     ------
@@ -87,7 +87,7 @@ def check(
     from softcal.report.start_scenes import start_scenes
 
     progress("Drawing")
-    # With the cycles where they were found: that is what a person wants to see.
+    # With the cycles if they were searched, so that the picture shows them.
     records = {name: project.corrected[name] or project.records[name] for name in project.experiments}
     shown = None if states is None else start_scenes(project.robot, states.undeformed, states.shapes, states.tets)
     drawn = draw_check(project.robot, records, out_dir, shown)
@@ -109,7 +109,7 @@ def _body_rows(project: Project) -> list[tuple[str, str]]:
             (
                 "  mesh quality",
                 f"least dihedral angle {math.degrees(quality.min_dihedral):.3g} deg, "
-                f"mean ratio {quality.min_quality:.2g} at least, {quality.median_quality:.2g} in the middle",
+                f"mean ratio: minimum {quality.min_quality:.2g}, median {quality.median_quality:.2g}",
             ),
             ("  material", f"{body.law}, {body.element}, {_constants(body, body.materials[0])}"),
         ]
@@ -157,7 +157,7 @@ def _part_rows(project: Project) -> list[tuple[str, str]]:
         if cable.name in bored:
             widest = format_quantity(max(bored[cable.name].values()), "m", digits=3)
             held = f"{len(bored[cable.name])} of {len(cable.via_points)} via points lie in bores, up to {widest} across"
-            rows.append(("  bores", f"{held}: their walls hold them"))
+            rows.append(("  bores", f"{held}: guided by the walls"))
     rows += [(f"tie {tie.name}", f"{len(tie.nodes)} nodes of {tie.body} on {tie.on}") for tie in robot.ties]
     rows += [(f"marker {marker.name}", f"on {marker.on}") for marker in robot.markers]
     if np.any(robot.gravity):
@@ -167,14 +167,14 @@ def _part_rows(project: Project) -> list[tuple[str, str]]:
 
 
 def _radii(cable: Cable) -> tuple[float, float]:
-    """The least and the greatest distance [m] of a cable's via points from its routing axis."""
+    """Smallest and largest distance [m] of a cable's via points from its routing axis."""
     assert cable.routing_axis is not None  # noqa: S101
     _, distances = cable.routing_axis.away(np.array([via.at for via in cable.via_points]))
     return float(distances.min()), float(distances.max())
 
 
 def _stations(cable: Cable) -> list[str]:
-    """What a cable's via points are on, those that follow one another on one part together."""
+    """The parts that carry a cable's via points; consecutive points on one part are grouped."""
     runs = [(on or "space", len(list(run))) for on, run in groupby(via.on for via in cable.via_points)]
     return [on if count == 1 else f"{on} ({count} points)" for on, count in runs]
 
@@ -188,7 +188,7 @@ def _rod_rows(project: Project) -> list[tuple[str, str]]:
             (
                 f"rod {rod.name}",
                 f"{format_quantity(float(line.stations[-1]), 'm')} long, {len(line.lengths)} elements, "
-                f"{format_quantity(rod.section.outer_diameter, 'm')} thick, held: {', '.join(held)}",
+                f"{format_quantity(rod.section.outer_diameter, 'm')} thick, attached: {', '.join(held)}",
             ),
             (
                 "  material",
@@ -236,7 +236,7 @@ def _bench_rows(project: Project) -> list[tuple[str, str]]:
 
 
 def _driven(project: Project, experiment: Experiment) -> str:
-    """What drives the twin, in words."""
+    """The driving channels, in words."""
     known = {**robot_parameters(project.robot), **rig_parameters([experiment])}
     names = [experiment.twin_channel(channel).rsplit(".", 1) for channel in experiment.drives]
     driven = " and ".join(f"{cable} by {control}" for cable, control in names) or "no cable is driven"
@@ -246,7 +246,7 @@ def _driven(project: Project, experiment: Experiment) -> str:
 
 
 def _compared(experiment: Experiment) -> str:
-    """What is compared, positions by the name of their marker or plate."""
+    """The compared channels; positions by the name of their marker or plate."""
     return ", ".join(dict.fromkeys(experiment.point_of(channel) or channel for channel in experiment.compared))
 
 
@@ -270,7 +270,7 @@ def _search_rows(project: Project) -> list[tuple[str, str]]:
 
 
 def _beyond_bounds(project: Project) -> list[str]:
-    """Free parameters whose value in the project is outside their bounds: a search does not begin there."""
+    """Faults of free parameters whose value in the project is outside their bounds and cannot be a start."""
     faults: list[Fault] = []
     known = project.parameters
     for p in project.space.parameters if project.space else ():
@@ -284,7 +284,7 @@ def _beyond_bounds(project: Project) -> list[str]:
 
 
 def _against_twin(project: Project, name: str, response: Response) -> str:
-    """A warning where no modulus within the bounds can meet the measured stiffness, as with kN taken for N."""
+    """A warning if no modulus within the bounds can reproduce the measured stiffness, as with kN taken for N."""
     experiment = project.experiments[name]
     data = experiment.dataset
     if not {"tension", "shortening"} <= data.channels.keys() or data.n_samples < 3 or not response.succeeded:
@@ -303,7 +303,7 @@ def _against_twin(project: Project, name: str, response: Response) -> str:
         return ""
     return str(
         Fault(
-            f"{name}: the stiffness measured is implausible beside the twin's",
+            f"{name}: the measured stiffness is implausible compared with the twin's",
             got=f"{measured / 1e3:.4g} N/mm, {ratio:.3g} times the twin's {simulated / 1e3:.4g} N/mm",
             allowed=f"{low / STIFFNESS_MARGIN:.3g} to {high * STIFFNESS_MARGIN:.3g} times, by the bounds of the moduli",
             attempt="check the units of force and displacement (kN, cm), and the size of the mesh",
@@ -312,7 +312,7 @@ def _against_twin(project: Project, name: str, response: Response) -> str:
 
 
 def _modulus_reach(project: Project) -> tuple[float, float]:
-    """By what factors the free moduli can soften and stiffen the twin."""
+    """Factors by which the free moduli can soften and stiffen the twin."""
     values: Mapping[str, float] = {name: info.value for name, info in project.parameters.items()}
     factors = [
         (p.lower / values[target], p.upper / values[target])

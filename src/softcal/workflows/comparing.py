@@ -1,4 +1,4 @@
-"""What a result is compared with in its report: the nominal values, and the shapes of chosen configurations."""
+"""Reference values of a report: errors at the nominal values, and shapes of selected configurations."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ from softcal.workflows.simulation import robot_in
 
 
 def compared(project: Project, settings: CalibrationSection, result: CalibrationResult) -> Compared | None:
-    """The nominal values' errors and the configurations to draw; None for a calibration without positions.
+    """Errors at the nominal values and the configurations to draw; None for a calibration without positions.
 
-    Nominal is the robot as the project gives it; the rig is as the project gives it in a sweep, and as it was found in
-    a calibration: a robot is no worse for a camera whose place was not known.
+    The nominal robot has the project's values. The rig has the project's values in a sweep and the calibrated ones in
+    a calibration, so that an unknown camera pose does not count as an error of the nominal robot.
     """
     if not result.is_sweep and not any(fit.distances for fit in result.experiments.values()):
         return None
@@ -48,7 +48,7 @@ def compared(project: Project, settings: CalibrationSection, result: Calibration
 
 
 def _nominal(project: Project, settings: CalibrationSection, result: CalibrationResult) -> Nominal | None:
-    """What the project as it is makes of a result's experiments; None where nothing of the robot was found."""
+    """Errors of the project's own values in a result's experiments; None if no robot parameter was calibrated."""
     of_robot = robot_parameters(project.robot)
     free = [
         FreeParameter(name, e.unit, e.lower, e.upper, of=e.of)
@@ -66,7 +66,7 @@ def _nominal(project: Project, settings: CalibrationSection, result: Calibration
 def _configurations(
     project: Project, at_nominal: Project, result: CalibrationResult, state: tuple[str, int]
 ) -> list[Configuration]:
-    """The twin in one state at the nominal values, at the best and, of a sweep, at the worst; or as the sweep shows."""
+    """The twin in one state at the nominal, best and (for a sweep) worst values, or those listed under `sweep.show`."""
     present = {name: _present(at_nominal, e.of or (name,)) for name, e in result.parameters.items()}
     if result.is_sweep and project.sweep is not None and project.sweep.show:
         shown = shown_configurations(project.sweep.show, project.parameters, project.tied)
@@ -92,7 +92,7 @@ def _shown(
     values: Mapping[str, float],
     present: Mapping[str, float | None],
 ) -> Configuration | None:
-    """A configuration that the sweep shows; its other parameters are nominal."""
+    """A configuration listed by the sweep; its other parameters are nominal."""
     there = {n: replace(e, value=values[n]) for n, e in result.parameters.items() if n in values}
     theta = {n: v for n in result.parameters if (v := values.get(n, present[n])) is not None}
     return _configuration(name, calibrated(project, replace(result, parameters=there)), state, theta)
@@ -115,14 +115,14 @@ def _nominal_project(project: Project, result: CalibrationResult) -> Project:
 
 
 def _present(project: Project, targets: Sequence[str]) -> float | None:
-    """The value that all the targets have; None where they differ, or an experiment has its own."""
+    """The common value of all targets; None if they differ, or if the value is per experiment."""
     known = project.parameters
     values = {known[target].value for target in targets if target in known}
     return values.pop() if len(values) == 1 else None
 
 
 def _furthest_state(project: Project, result: CalibrationResult) -> tuple[str, int] | None:
-    """The experiment and the row of it with the strongest pull; of equal ones, where the markers are worst met."""
+    """Experiment and row with the strongest pull; among equal ones, that with the largest marker error."""
     states: dict[tuple[str, int], tuple[float, float]] = {}
     for name, fit in result.experiments.items():
         experiment = project.experiments[name]
@@ -137,7 +137,7 @@ def _furthest_state(project: Project, result: CalibrationResult) -> tuple[str, i
 
 
 def _state_text(project: Project, state: tuple[str, int]) -> str:
-    """What is done to the robot in a state: "cable6 (cable6.tension 19.62 N)"."""
+    """Description of a state: "cable6 (cable6.tension 19.62 N)"."""
     experiment = project.experiments[state[0]]
     data = experiment.dataset
     drives = [
@@ -150,7 +150,7 @@ def _state_text(project: Project, state: tuple[str, int]) -> str:
 def _configuration(
     name: str, project: Project, state: tuple[str, int], theta: Mapping[str, float]
 ) -> Configuration | None:
-    """The twin in one state of one experiment; None where it cannot be simulated or has not moved."""
+    """The twin in one state of one experiment; None if it cannot be simulated or does not move."""
     experiment, row = project.experiments[state[0]], state[1]
     rig = experiment.rig_values()
     told = {
@@ -166,7 +166,7 @@ def _configuration(
 
 
 def _measured(experiment: Experiment, rig: Mapping[str, float], row: int) -> dict[str, Floats]:
-    """Where every marker and plate was measured [m], in the robot's frame."""
+    """Measured position of every marker and plate [m], in the robot's frame."""
     frame = np.array([rig.get(name, 0.0) for name in FRAME])
     found: dict[str, Floats] = {}
     for point in experiment.points:

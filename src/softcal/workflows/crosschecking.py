@@ -1,4 +1,4 @@
-"""A project in several engines: which are asked for, each experiment or pull put through them, and the files of it."""
+"""Cross-check of a project: selected engines, the final state of each experiment or pull, and the result files."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ def crosscheck_project(
     timeout: float | None = None,
     progress: Callable[[str, str], None] = lambda state, engine: None,
 ) -> dict[str, Crosscheck]:
-    """Each case's furthest state, by name, in the engines (by default all); see `softcal.export.crosscheck`.
+    """Case name -> cross-check of its furthest state in the engines (default: all); see `softcal.export.crosscheck`.
 
-    timeout [s]: of each engine's process, by default its own. progress: is told the state and the engine at work.
+    timeout [s]: limit of each engine's process, by default the engine's own. progress: called with state and engine.
 
     Raises
     ------
     InputError
-        For an engine that does not exist, or none but softcal itself, or a timeout that is none; where nothing moves
-        the robot in any state that an engine could be asked for.
+        For an unknown engine, no engine besides softcal, or a timeout that is not positive; if nothing moves the robot
+        in any state that an engine can solve.
     """
     known = [SOFTCAL, *ENGINES]
     chosen = list(dict.fromkeys(engines)) or known
@@ -53,7 +53,7 @@ def crosscheck_project(
     if not faults and chosen == [SOFTCAL]:
         faults.append(Fault("there is nothing to compare softcal with", "--engines", SOFTCAL, ", ".join(known)))
     if timeout is not None and not timeout > 0.0:
-        faults.append(Fault("no engine can end in no time", "--timeout", f"{timeout:g} s", "> 0 s, such as 10min"))
+        faults.append(Fault("the timeout must be positive", "--timeout", f"{timeout:g} s", "> 0 s, such as 10min"))
     if faults:
         raise InputError(faults)
     running = Running(timeout, project.engines.sofa)
@@ -71,8 +71,8 @@ def crosscheck_project(
 
 
 def write_crosscheck(project: Project, found: Mapping[str, Crosscheck], folder: Path) -> None:
-    """Write every difference (`differences.csv`), and the verdicts with what they hold for (`crosscheck.json`), into a
-    new folder, whole or not at all.
+    """Write all differences (`differences.csv`), and the verdicts with their settings (`crosscheck.json`), into a new
+    folder, completely or not at all.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def write_crosscheck(project: Project, found: Mapping[str, Crosscheck], folder: 
 
 
 def _told(result: Crosscheck) -> dict[str, object]:
-    """By engine: whether it agrees and the verdict, or why there is none."""
+    """Engine -> agreement and verdict, or why there is none."""
     compared = {
         one.engine: {"agrees": one.agrees, "verdict": one.verdict, "limit": one.limit, "changed": list(one.changed)}
         for one in result.comparisons

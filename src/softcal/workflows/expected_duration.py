@@ -1,4 +1,4 @@
-"""How long a calibration by another engine will take, from one simulation that is timed before it begins."""
+"""Expected duration of a calibration by another engine, estimated from one timed simulation."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from softcal.calibration.problem import Problem
 from softcal.calibration.settings import SearchSettings
 from softcal.errors import SimulationError
 
-# Points at which an experiment's own rig values are fitted: fewest and most, as a rule.
+# Typical fewest and most points at which an experiment's own rig values are fitted.
 _POINTS_HELD_OUT = (2, 6)
 
 
 @dataclass(frozen=True)
 class Expected:
-    """What a calibration is expected to take.
+    """Expected cost of a calibration.
 
     Attributes
     ----------
     seconds
-        Of the one simulation that was timed [s].
+        Duration of one simulation [s].
     simulations
-        Fewest and most of the search.
+        Fewest and most simulations of the search.
     held_out
-        Fewest and most of the predictions of what is held out.
+        Fewest and most simulations for predictions of held-out experiments.
     workers
-        Processes that share the search.
+        Number of processes of the search.
     """
 
     seconds: float
@@ -47,16 +47,16 @@ class Expected:
 
 
 def expected_duration(problems: Mapping[str, Problem], settings: SearchSettings, workers: int = 1) -> Expected:
-    """Time one simulation at the start values, and count those that the calibrations will ask for.
+    """Time one simulation at the start values, and estimate the number of simulations of the calibrations.
 
     Parameters
     ----------
     problems
-        What is to be fitted, by label, with the engine that simulates; see `softcal.workflows.calibration.plan`.
+        Label -> problem, with the engine that simulates; see `softcal.workflows.calibration.plan`.
     settings
-        Of the calibration.
+        Settings of the calibration.
     workers
-        Processes.
+        Number of processes.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def expected_duration(problems: Mapping[str, Problem], settings: SearchSettings,
 
 
 def _timed(problem: Problem) -> float:
-    """How long one simulation takes [s]."""
+    """Duration of one simulation [s]."""
     if problem.simulate is None:
         raise ValueError("softcal's own twin takes no time worth telling")
     protocol, theta = problem.first_trajectory()

@@ -1,4 +1,4 @@
-"""A project, or a calibrated run of one, as files for other programs."""
+"""Export of a project, or of a calibrated run, to files for other programs."""
 
 from __future__ import annotations
 
@@ -40,21 +40,21 @@ def export_vtk(
     tell: Tell = keep_silent,
     stage: Tell = keep_silent,
 ) -> list[Path]:
-    """Shapes of each case, by name, as .vtu files for ParaView in a new folder; see `softcal.export.vtk`.
+    """Shapes of each case as .vtu files for ParaView in a new folder; see `softcal.export.vtk`.
 
-    shapes: how many, evenly from no pull to the furthest, each solved; by default those at which the pull was solved.
-    in_time: shapes of the motion, by the project's `dynamics`; `shapes` of them, by default 40, until the schedule is
-    over, and as often after that. progress: is told of each motion how far it is; tell: of bodies that
-    cross and cables that are drawn out in what was solved; stage: of what is begun.
+    shapes: their number, evenly spaced from no pull to the furthest, each solved; by default the solved load steps.
+    in_time: shapes of the motion by the project's `dynamics`; `shapes` of them (default 40) over the schedule, and at
+    the same rate afterwards. progress: called with the progress of each motion; tell: called with warnings on bodies
+    that penetrate and cables that are drawn out; stage: called with the name of each stage.
 
     Raises
     ------
     ParameterError
-        For a number of shapes of what is no pull; see `softcal.workflows.film`.
+        For a number of shapes of a case that is no pull; see `softcal.workflows.film`.
     StorageError
         Where the folder holds files, or cannot be written.
     SimulationError
-        Where the twin could not follow a protocol; nothing is then written.
+        If a protocol has no solution; nothing is then written.
     """
     from softcal.export.vtk import write_vtk
 
@@ -78,7 +78,7 @@ def _simulated(cases: Mapping[str, Case], snapshots: Shown, stage: Tell) -> dict
 
 
 def _tell_of_shapes(responses: Mapping[str, Response], tell: Tell) -> None:
-    """Tell of each response what must be known of its shapes."""
+    """Report the warnings of each response."""
     for name, response in responses.items():
         for told in response.warnings:
             tell(f"{name}: {told}")
@@ -87,18 +87,18 @@ def _tell_of_shapes(responses: Mapping[str, Response], tell: Tell) -> None:
 def export_calculix(
     cases: Mapping[str, Case], folder: Path, *, tell: Tell = keep_silent, stage: Tell = keep_silent
 ) -> list[Path]:
-    """The last shape of each case, by name, as a CalculiX deck in a new folder; see `softcal.export.calculix`.
+    """The last shape of each case as a CalculiX deck in a new folder; see `softcal.export.calculix`.
 
-    It is the shape of the robot with CalculiX's own law and elements, so that the cables' forces balance in them.
+    The shape is solved with CalculiX's material law and elements, so that it is in equilibrium there.
 
     Raises
     ------
     ParameterError
-        For what CalculiX cannot be given: rods, contact, friction along cables.
+        For features that a deck cannot represent: rods, contact, friction along cables.
     StorageError
         Where the folder holds files, or cannot be written.
     SimulationError
-        Where the twin could not follow a protocol; nothing is then written.
+        If a protocol has no solution; nothing is then written.
     """
     from softcal.export.calculix import in_its_law, write_calculix
 
@@ -116,18 +116,18 @@ def export_calculix(
 
 
 def export_sofa(project: Project, cases: Mapping[str, Case], folder: Path) -> list[Path]:
-    """The robot as a SOFA scene in a new folder: that case which pulls most, with its protocol as schedule.
+    """The robot as a SOFA scene in a new folder, with the protocol of the case with the largest pull as schedule.
 
-    It moves by the project's `dynamics`; `run.py` runs it to rest by its `engines`. See `softcal.export.sofa_export`.
+    The scene uses the project's `dynamics`, `run.py` its `engines`. See `softcal.export.sofa_export`.
 
     Raises
     ------
     InputError
-        For what no scene can hold: contact, friction along cables; for a pull that no cable can follow.
+        For features that a scene cannot represent: contact, friction along cables; for a pull that no cable can follow.
     StorageError
         Where the folder holds files, or cannot be written.
     SimulationError
-        Where parameters for linear tets are to be identified, and the twin cannot follow the protocol.
+        If parameters for linear tets are to be identified, and the protocol has no solution.
     """
     from softcal.export.sofa_export import furthest, write_sofa
 
@@ -150,7 +150,7 @@ def export_sofa(project: Project, cases: Mapping[str, Case], folder: Path) -> li
 
 
 def _slack(project: Project, case: Case) -> dict[str, float]:
-    """By cable the slack [m] that a case's shortening is less than the travel on the bench; none for a plain pull."""
+    """Cable -> slack [m]: travel on the bench minus the case's shortening; empty for a pull given by the user."""
     if not case.experiment:
         return {}
     experiment = project.experiments[case.experiment]
@@ -176,7 +176,7 @@ def export_reduced(
     Raises
     ------
     InputError
-        For cables, a reach or samples that make no model, or a folder that holds files or cannot be written.
+        For invalid cables, reach or samples, or a folder that holds files or cannot be written.
     SimulationError
         Where a state within reach has no equilibrium; nothing is then written.
     """
@@ -195,7 +195,7 @@ def _reaches(robot: Robot, text: str, cables: Sequence[str]) -> dict[str, Reach]
         of_each = dict.fromkeys(cables or [cable.name for cable in robot.cables], parts[0])
     elif len(of_each) != len(parts) or (cables and set(cables) != set(of_each)):
         allowed = "one reach for all the cables (8N), or one for each of them (front=8N,left=40mm)"
-        raise ParameterError(Fault("this does not say how far each cable goes", "--reach", f"'{text}'", allowed))
+        raise ParameterError(Fault("the reach is not defined for each cable", "--reach", f"'{text}'", allowed))
     return {name: _reach(value) for name, value in of_each.items()}
 
 
@@ -209,14 +209,14 @@ def _reach(text: str) -> Reach:
 
 
 def _write_each(names: Collection[str], folder: Path, write: Callable[[str, Path], list[Path]]) -> list[Path]:
-    """Let `write` fill a new folder with what each name stands for, several ones in folders of their names in it."""
+    """Let `write` fill a new folder; several names get a subfolder each."""
     return write_folder(
         folder, lambda part: [path for name in names for path in write(name, _subfolder(part, name, len(names)))]
     )
 
 
 def write_folder(folder: Path, write: Callable[[Path], list[Path]]) -> list[Path]:
-    """Let `write` fill a new folder, whole or not at all; the files as they lie there then.
+    """Let `write` fill a new folder, completely or not at all; returns the final paths.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Even steps of a pull, for shapes that play as a film."""
+"""Evenly spaced steps of a pull, for an animation."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ SAME = 1e-9  # of the furthest command
 
 
 def films(protocols: Mapping[str, Protocol], n: int) -> dict[str, Protocol]:
-    """Each protocol, by name, as n even steps from no pull to its furthest sample; one state where nothing is pulled.
+    """Each protocol as n even steps from no pull to its furthest sample; one state if nothing is pulled.
 
     Raises
     ------
     InputError
         For too few steps or too many.
     ParameterError
-        Where nothing at all is pulled; for samples that pull the cables by different shares.
+        If no protocol pulls a cable; for samples whose commands are not proportional to each other.
     """
     LIMITS["shapes of a film"].check(n, where="--shapes")
     found: dict[str, Protocol] = {}
@@ -32,7 +32,7 @@ def films(protocols: Mapping[str, Protocol], n: int) -> dict[str, Protocol]:
         if not end.any():
             found[name] = Protocol({})
         elif np.abs(commands - np.outer(end, end @ commands / (end @ end))).max() > SAME * np.abs(end).max():
-            problem = "the samples pull the cables by different shares: they are states, not one pull"
+            problem = "the cables' commands are not proportional: the samples are states, not one pull"
             faults.append(Fault(problem, name, attempt="--pull, or without --shapes, which writes every state"))
         else:
             share = np.linspace(0.0, 1.0, n)

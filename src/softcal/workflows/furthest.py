@@ -1,4 +1,4 @@
-"""The calibrated twin in the test that drives it furthest: what is drawn of a run, and what is said of its shape."""
+"""The calibrated twin in the experiment with the largest drive: its response for pictures, and its warnings."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from softcal.workflows.simulation import simulate
 
 
 def furthest_response(project: Project, result: CalibrationResult) -> Response:
-    """The response at the result's values in the one of its experiments that drives the robot furthest, with shapes."""
+    """Response of the calibrated twin, with shapes, in the result's experiment with the largest drive."""
     at_values = calibrated(project, result)
 
     def reach(name: str) -> float:
@@ -25,11 +25,11 @@ def furthest_response(project: Project, result: CalibrationResult) -> Response:
 
 
 def furthest_responses(project: Project, results: Mapping[str, CalibrationResult]) -> dict[str, Response]:
-    """The furthest response of the joint calibration, or of each where there is none."""
+    """The furthest response of the joint calibration, or of each calibration if there is no joint one."""
     chosen = {JOINT: results[JOINT]} if JOINT in results else results
     return {label: furthest_response(project, result) for label, result in chosen.items()}
 
 
 def shape_warnings(responses: Mapping[str, Response]) -> list[str]:
-    """What must be known of the shapes of each calibration, a sentence each."""
+    """Warnings on the shapes of each calibration, one sentence each."""
     return [f"{label}: {told}" for label, response in responses.items() for told in response.warnings]

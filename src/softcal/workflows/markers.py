@@ -1,4 +1,4 @@
-"""From image files to a camera file, and from image files to a table of markers."""
+"""Camera calibration and marker measurement from image files."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class CameraRun:
-    """A calibration, and the images in which the board was not found."""
+    """A camera calibration, and the images in which the board was not found."""
 
     calibration: Calibration
     skipped: tuple[str, ...]
@@ -36,7 +36,7 @@ class CameraRun:
 
 @dataclass(frozen=True)
 class MarkerRun:
-    """The table of markers, and the poses it was made of."""
+    """The table of markers, and the poses it was computed from."""
 
     table: MarkerTable
     poses: MarkerPoses
@@ -88,7 +88,7 @@ def make_camera_file(
             Fault(
                 f"the board was found in {len(views)} of {len(shots)} images",
                 got=f"not in {_shortened(skipped)}" if skipped else "",
-                allowed=f"{FEWEST_IMAGES} or more, better 16, with the board tilted this way and that",
+                allowed=f"{FEWEST_IMAGES} or more, better 16, with the board tilted in different directions",
                 attempt=f"check that the board is {board}, as it was printed (--legacy for boards made with OpenCV "
                 "before 4.6), whole, flat and sharp",
             )
@@ -127,28 +127,26 @@ def measure_markers(  # noqa: PLR0913 (one keyword for each option)
     size
         Side of the black square of every marker that is not in `sizes`, with its unit.
     base
-        What the positions are relative to: `0`, `0,5,6` or a base file.
+        Reference frame of the positions: `0`, `0,5,6` or a base file.
     out
         The table, which must not exist.
     names
-        `1=S1,2=S2`; every marker in the images where empty.
+        `1=S1,2=S2`; empty: every marker in the images.
     sizes
         `0=40mm,3=15mm`.
     group_by
-        Which images show one state: those with one `name` but for a number at its end, those in one `folder`, or each
-        `image` alone.
+        Grouping of images into states: by `name` without a final number, by `folder`, or each `image` alone.
     viewpoints
-        Whether the camera stood elsewhere in `each` image, at the same place in all images `numbered` alike, or at
-        `one` place.
+        Camera poses: one for `each` image, one for all images `numbered` alike, or `one` for all.
     progress
-        Called with the number of images that are done, and of all.
+        Called with the number of processed images, and of all.
 
     Raises
     ------
     DatasetError
-        With all that is wrong with the images: no marker, a marker twice, another resolution than the camera's.
+        With all faults of the images: no marker, a marker twice, another resolution than the camera's.
     InputError
-        For what is wrong with the other arguments.
+        With all faults of the other arguments.
     StorageError
         Where a file cannot be read, or `out` exists or cannot be written.
     """
@@ -188,9 +186,7 @@ def _marker_set(base: str, dictionary: str, size: str, sizes: str, names: str) -
     }
     given_names = _by_number(names, "--names", "1=S1,2=S2")
     faults = [
-        Fault(
-            "a name cannot be the head of a column", f"--names, marker {number}", f"'{name}'", "letters, digits, _ - ."
-        )
+        Fault("the name is no valid column header", f"--names, marker {number}", f"'{name}'", "letters, digits, _ - .")
         for number, name in given_names.items()
         if not re.fullmatch(r"[\w.-]+", name)
     ]
@@ -219,7 +215,7 @@ def _by_number(text: str, option: str, example: str) -> dict[int, str]:
     for part in filter(None, (part.strip() for part in text.split(","))):
         number, _, value = (piece.strip() for piece in part.partition("="))
         if not (is_number(number) and value):
-            faults.append(Fault("this says nothing about a marker", option, f"'{part}'", example))
+            faults.append(Fault("this is no marker assignment", option, f"'{part}'", example))
         elif int(number) in found:
             faults.append(Fault(f"marker {number} is named twice", option, f"'{text}'"))
         else:
@@ -230,11 +226,11 @@ def _by_number(text: str, option: str, example: str) -> dict[int, str]:
 
 
 def _viewpoints(shots: Sequence[Shot], viewpoints: Viewpoints) -> list[str]:
-    """What tells the camera's places apart, image by image."""
+    """Identifier of the camera pose of each image."""
     if viewpoints not in get_args(Viewpoints):
         raise InputError(
             Fault(
-                "there is no such choice of viewpoints",
+                "unknown choice of viewpoints",
                 "--viewpoints",
                 f"'{viewpoints}'",
                 "each (image its own), numbered (images of one number share one), one (for all images)",

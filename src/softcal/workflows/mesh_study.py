@@ -1,4 +1,4 @@
-"""A calibrated run, or a project at its parameters, studied for what the mesh contributes."""
+"""Mesh study of a calibrated run, or of a project at its present parameters."""
 
 from __future__ import annotations
 
@@ -27,26 +27,27 @@ def study(
     max_unknowns: int = UNKNOWNS,
     progress: Observer | None = None,
 ) -> MeshStudy:
-    """What the mesh contributes; see `softcal.analysis.mesh_study`.
+    """Mesh study of a source; see `softcal.analysis.mesh_study`.
 
     Raises
     ------
     InputError
-        For an element that there is not, or a number that makes no sense.
+        For an unknown element, or a number out of range.
     SimulationError
-        Where the twin cannot be simulated as it is.
+        If the twin cannot be simulated on its own mesh.
     """
     faults: list[Fault] = []
     kind: ElementKind | None = next((known for known in ELEMENT_RANK if known == element), None)
     if kind is None or ELEMENT_RANK[kind] == 0:
-        faults.append(Fault("this is no higher element", "--element", f"'{element}'", "P2, P2P1"))
+        faults.append(Fault("this is no higher-order element", "--element", f"'{element}'", "P2, P2P1"))
     if not 0 <= halvings <= MOST_HALVINGS:
-        faults.append(Fault("elements cannot be halved so often", "--halvings", str(halvings), f"0 to {MOST_HALVINGS}"))
+        allowed = f"0 to {MOST_HALVINGS}"
+        faults.append(Fault("this number of halvings is not allowed", "--halvings", str(halvings), allowed))
     if max_unknowns < 1:
-        faults.append(Fault("there must be room for unknowns", "--unknowns", str(max_unknowns), "1 or more"))
+        faults.append(Fault("the limit of unknowns must be positive", "--unknowns", str(max_unknowns), "1 or more"))
     if kind is not None and not faults and halvings == 0 and not _has_lower(source.problem, kind):
         got = f"no halving, and no body with an element below {element}"
-        faults.append(Fault("nothing finer is asked for", "--halvings", got, attempt="--halvings 1"))
+        faults.append(Fault("no refinement is requested", "--halvings", got, attempt="--halvings 1"))
     if faults or kind is None:
         raise InputError(faults)
     found = study_problem(
@@ -66,33 +67,33 @@ def mesh_study(
     out: str | Path | None = None,
     progress: Observer | None = None,
 ) -> MeshStudy:
-    """What the mesh contributes to what a run found, or to a project's twin at its present parameters.
+    """Influence of the mesh on a run's calibrated values, or on a project's twin at its present parameters.
 
     Parameters
     ----------
     path
         A run folder, or a project file.
     calibration
-        Of a run: which; the joint one by default, else the first.
+        Label of a run's calibration; by default the joint one, else the first.
     values
-        Of a project: parameters to hold, such as `{"neck.poissons_ratio": "0.45"}`.
+        Parameters of a project to fix, such as `{"neck.poissons_ratio": "0.45"}`.
     element
-        What bodies of lower elements are raised to.
+        Element to which bodies of lower order are raised.
     halvings
-        How often elements are halved.
+        Number of refinements by halving.
     max_unknowns
-        Discretisations with more are left out, and say so.
+        Limit of unknowns; larger discretisations are skipped with a note.
     out
-        A new folder for the study as JSON and CSV; a run's report tells the one in its `mesh-study`.
+        A new folder for the study as JSON and CSV; a run's report shows the one in its `mesh-study`.
     progress
-        Told of every discretisation and trajectory.
+        Called for every discretisation and trajectory.
 
     Raises
     ------
     InputError
-        For what cannot be studied, an option that makes no sense, or a folder that holds files.
+        For an invalid source or option, or a folder that holds files.
     SimulationError
-        Where the twin cannot be simulated as it is.
+        If the twin cannot be simulated on its own mesh.
     """
     if out is not None:
         require_free_folder(Path(out))

@@ -1,4 +1,4 @@
-"""A mesh study as files, and read back: `mesh-study.json`, with tables of parameters and channels."""
+"""Files of a mesh study, written and read: `mesh-study.json`, with tables of parameters and channels."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ FORMAT = 1
 def write_study(found: MeshStudy, project: Project, calibration: str, folder: Path) -> None:
     """Write the study (`mesh-study.json`) and its tables (`parameters.csv`, `changes.csv`) into a new folder.
 
-    calibration: the one of a run that was studied, or "".
+    calibration: label of the studied calibration of a run, or "".
 
     Raises
     ------
     StorageError
-        Where the folder holds files, or cannot be written; nothing is then left behind.
+        If the folder holds files, or cannot be written; nothing is then written.
     """
     record = {
         "format": FORMAT,
@@ -53,20 +53,20 @@ class _StudyRecord(Record):
 
 @dataclass(frozen=True)
 class StoredStudy:
-    """A study read back, and the calibration that it is of, "" for a project's."""
+    """A stored study and the label of its calibration, "" for a project's study."""
 
     study: MeshStudy
     calibration: str
 
     def is_of(self, results: Mapping[str, CalibrationResult]) -> bool:
-        """Whether the run still has the values that were studied."""
+        """Whether the run's values are still the studied ones."""
         result = results.get(self.calibration)
         found = {label: e.value for label, e in self.study.parameters.items()}
         return result is not None and found == {label: e.value for label, e in result.parameters.items()}
 
 
 def read_study(folder: Path) -> StoredStudy | None:
-    """The study in a folder, or None where there is none.
+    """The study in a folder, or None.
 
     Raises
     ------
@@ -81,7 +81,7 @@ def read_study(folder: Path) -> StoredStudy | None:
 
 
 def parameters_csv(found: MeshStudy) -> str:
-    """A row for every discretisation and parameter: what was found, its standard error, what is expected there [SI]."""
+    """A row per discretisation and parameter: calibrated value, standard error, value expected there [SI]."""
     header = ["discretisation", "unknowns", "parameter", "unit", "found", "standard_error", "expected", "shift"]
     rows: list[list[object]] = []
     for one in found.finer:
@@ -97,7 +97,7 @@ def parameters_csv(found: MeshStudy) -> str:
 
 
 def changes_csv(found: MeshStudy) -> str:
-    """A row for every discretisation, experiment and channel: how much it changes, beside noise and residual [SI]."""
+    """A row per discretisation, experiment and channel: its change, noise and residual [SI]."""
     header = ["discretisation", "experiment", "of", "unit", "RMS change", "relative [1]", "noise sd", "RMSE of the fit"]
     rows: list[list[object]] = []
     for one in found.finer:

@@ -1,4 +1,4 @@
-"""The twin of a project in time: pulls that grow evenly, and experiments by the times of their samples; then rest."""
+"""Transient simulation of a project: linear ramps, or experiments by the times of their samples; then rest."""
 
 from __future__ import annotations
 
@@ -23,23 +23,23 @@ from softcal.workflows.simulation import simulate_each
 from softcal.workflows.whole_record import TIME, ascends, whole_record
 
 SNAPSHOTS = 40
-# Told as `simulate_in_time` tells it, after the name of the case: the time, and when its schedule is over, both [s].
+# Called with the name of the case, then as by `simulate_in_time`: the time, and the end of its schedule, both [s].
 Observer = Callable[[str, float, float], None]
 
 
 def simulate_each_in_time(
     project: Project, cases: Mapping[str, Case], shapes: int = SNAPSHOTS, *, progress: Observer | None = None
 ) -> dict[str, Response]:
-    """The motion in each case, by name, as the project's `dynamics` say; see `schedule_of`.
+    """Case name -> transient response by the project's `dynamics`; see `schedule_of`.
 
-    shapes: how many to keep. progress: is told of each case how far it is.
+    shapes: number of shapes to keep. progress: called with the progress of each case.
 
     Raises
     ------
     InputError
-        For what is no schedule, all cases at once; for a command that the robot cannot follow, or one without mass.
+        For invalid schedules, all cases at once; for a command that the robot cannot follow, or a robot without mass.
     SimulationError
-        Where no motion was found, or a robot did not settle.
+        If a time step did not converge, or a robot did not come to rest.
     """
     schedules: dict[str, Schedule] = {}
     faults: list[Fault] = []
@@ -60,13 +60,13 @@ def simulate_each_in_time(
 
 
 def schedule_of(project: Project, case: Case) -> Schedule:
-    """A pull evenly over the `ramp` of the project's `dynamics`; an experiment by the times of its samples, from the
-    first on, and after a ramp where that one pulls already.
+    """A pull as a linear ramp over the `ramp` of the project's `dynamics`; an experiment by the times of its samples,
+    after a ramp if the first sample pulls already.
 
     Raises
     ------
     InputError
-        For an experiment that drives nothing, or whose samples have no times that ascend.
+        For an experiment without a driving channel, or whose sample times do not ascend.
     """
     if case.experiment:
         return _replayed(project, project.experiments[case.experiment])
@@ -75,7 +75,7 @@ def schedule_of(project: Project, case: Case) -> Schedule:
 
 def _replayed(project: Project, experiment: Experiment) -> Schedule:
     if not experiment.drives:
-        fault = Fault("nothing is driven, so nothing moves", experiment.name, attempt="--pull, or --experiment")
+        fault = Fault("the experiment has no driving channel", experiment.name, attempt="--pull, or --experiment")
         raise InputError(fault)
     data = _timed(project, experiment)
     if any(channel.rsplit(".", 1)[-1] == "tension" for channel in experiment.drives):
@@ -93,19 +93,19 @@ def _replayed(project: Project, experiment: Experiment) -> Schedule:
 
 
 def _timed(project: Project, experiment: Experiment) -> Dataset:
-    """The samples that the twin is compared with where they have times, else all cycles that they were taken from.
+    """The compared samples if they have times, else all cycles that they were selected from.
 
     Raises
     ------
     InputError
-        Where neither has times that ascend, or the cycles lack a correction that the samples have.
+        If neither has ascending times, or the cycles lack a correction that the samples have.
     """
     name = experiment.name
     if ascends(experiment.dataset):
         return experiment.dataset
     record = whole_record(project, name)
     if record is None:
-        got = "times that fall" if TIME in experiment.dataset.channels else "no column `time`"
-        allowed = "a column `time` in every file, and no step that takes the order of the samples away"
-        raise InputError(Fault("the samples have no times to move by", name, got, allowed, "--pull"))
+        got = "descending times" if TIME in experiment.dataset.channels else "no column `time`"
+        allowed = "a column `time` in every file, and no step that changes the order of the samples"
+        raise InputError(Fault("a transient simulation needs ascending sample times", name, got, allowed, "--pull"))
     return record

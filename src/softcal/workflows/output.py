@@ -1,4 +1,4 @@
-"""Result folders and files: refused where something would be overwritten, written whole or not at all."""
+"""Result folders and files: nothing is overwritten, and files are written completely or not at all."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ ANOTHER = "another --out"
 
 
 def require_free_folder(folder: Path) -> None:
-    """Check, before what takes long, that nothing stands where a folder is to be written, and that it can be written.
+    """Check before a long computation that a folder is new or empty, and that it can be written.
 
     Raises
     ------
     StorageError
-        Where something does, or it cannot.
+        If it holds files, or cannot be written.
     """
     _require_empty(folder, ANOTHER)
     require_writable(folder)
@@ -45,7 +45,7 @@ def require_writable(folder: Path) -> None:
 
 @contextmanager
 def new_folder(folder: Path, attempt: str = ANOTHER) -> Generator[Path]:
-    """A folder to write into, which becomes `folder` when all is written and vanishes when anything fails.
+    """A temporary folder, renamed to `folder` on success and removed on failure.
 
     Raises
     ------
@@ -71,12 +71,12 @@ def new_folder(folder: Path, attempt: str = ANOTHER) -> Generator[Path]:
 
 
 def require_free_file(path: Path) -> None:
-    """Check that nothing stands where a file is to be written, and that it can be written.
+    """Check that a file does not exist and can be written.
 
     Raises
     ------
     StorageError
-        Where something does, or it cannot.
+        If it holds files, or cannot be written.
     """
     try:
         standing = path.exists()
@@ -89,7 +89,7 @@ def require_free_file(path: Path) -> None:
 
 
 def write_new_file(path: Path, text: str) -> None:
-    """Write a file that does not exist yet, whole or not at all.
+    """Write a new file, completely or not at all.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Pulls as people write them: `front=40mm`, `cable6=2kgf`, `cable6.mass=2kg`; several together are one protocol."""
+"""Pulls on the command line: `front=40mm`, `cable6=2kgf`, `cable6.mass=2kg`; several together are one protocol."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from softcal.twin.protocol import Protocol
 from softcal.twin.robot import Control, Robot
 from softcal.workflows.simulation import pull
 
-HANGING = ".mass"  # after a cable's name: the value is a mass that hangs from it
+HANGING = ".mass"  # suffix of a cable's name: the value is a hanging mass
 
 
 def parse_pulls(robot: Robot, texts: Sequence[str]) -> Protocol:
-    """Cables pulled together, each evenly from zero to its value: a shortening, a tension, or a mass that hangs.
+    """Cables pulled together, each evenly from zero to its value: a shortening, a tension, or a hanging mass.
 
     Raises
     ------
@@ -55,13 +55,13 @@ def _parsed(robot: Robot, text: str) -> tuple[str, Control, float]:
 
 
 def _weight(robot: Robot, text: str, value: str) -> float:
-    """The tension [N] by which a mass pulls its cable, under the robot's gravity."""
+    """Weight [N] of a mass under the robot's gravity."""
     mass = QUANTITIES["mass"].read(value, where=f"--pull {text}")
     gravity = float(np.linalg.norm(robot.gravity))
     if gravity == 0.0:
         raise InputError(
             Fault(
-                "a mass hangs, but the robot has no gravity",
+                "a hanging mass needs gravity",
                 "--pull",
                 f"'{text}'",
                 "gravity in the robot, or a force",

@@ -1,4 +1,4 @@
-"""From a run to its report: the calibrated twin simulated once more, the loss looked over, everything handed on."""
+"""Report of a run: simulates the calibrated twin, computes loss landscapes, collects the content."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from softcal.workflows.run_folder import Run, load_run
 from softcal.workflows.simulation import twin_view
 from softcal.workflows.whole_record import compare_records
 
-# Columns and rows of a landscape that is computed; with this many trials, the trials themselves show it.
+# Columns and rows of a computed landscape; with this many trials, the trials are drawn instead.
 LANDSCAPE_SHAPE = (41, 9)
 ENOUGH_TRIALS = 100
 
@@ -49,9 +49,9 @@ def write_report(
     out
         Where the report goes; by default into the run folder.
     solved
-        Furthest responses (see `softcal.workflows.furthest`) that are solved already, by calibration.
+        Calibration -> furthest response (see `softcal.workflows.furthest`), if already solved.
     progress
-        Called with what is begun: reading the run, simulating, drawing, writing.
+        Called with the name of each stage: reading the run, simulating, drawing, writing.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def write_report(
 
 
 def report_content(run: Run, solved: Mapping[str, Response] | None = None) -> ReportContent:
-    """Everything that the report of a run needs; solved: furthest responses that need not be solved again."""
+    """Content of a run's report; solved: furthest responses that need not be solved again."""
     project = run.project
     headline = JOINT if JOINT in run.results else next(iter(run.results))
     equilibria = calibrated_shapes(project, run.results[headline])
@@ -95,17 +95,17 @@ def report_content(run: Run, solved: Mapping[str, Response] | None = None) -> Re
 
 
 def _mesh_study(run: Run) -> tuple[MeshStudy | None, str]:
-    """The mesh study that lies in a run, if it is of the values there are now; else why it is not told."""
+    """The run's mesh study if it belongs to the present values, else None and why it is not shown."""
     stored = read_study(run.folder / FOLDER)
     if stored is None:
         return None, ""
     if stored.is_of(run.results):
         return stored.study, f"Of the calibration '{stored.calibration}'." if len(run.results) > 1 else ""
-    return None, f"The mesh study in {FOLDER} is of other values than those found: take it away, and make it anew."
+    return None, f"The mesh study in {FOLDER} is not of the calibrated values: delete it and repeat it."
 
 
 def _shown(run: Run) -> list[str]:
-    """The experiments to tell of: of a sweep those that it was judged by, else all."""
+    """The experiments to show: for a sweep those that it was judged by, else all."""
     if any(not result.is_sweep for result in run.results.values()):
         return list(run.project.experiments)
     return [name for result in run.results.values() for name in result.experiments]
@@ -123,14 +123,14 @@ def _experiment(project: Project, name: str) -> ExperimentContent:
 
 
 def _twin(project: Project, result: CalibrationResult, furthest: Response) -> TwinView | None:
-    """The twin at the result's values, in the experiment of the result that drives it furthest."""
+    """The calibrated twin in the result's experiment with the largest drive."""
     return twin_view(calibrated(project, result).robot, furthest) if furthest.succeeded else None
 
 
 def _landscapes(
     project: Project, results: Mapping[str, CalibrationResult], settings: CalibrationSection
 ) -> dict[str, Landscape]:
-    """The loss over modulus and ratio of each calibration, where it is cheap and its trials do not show it already."""
+    """Loss over modulus and ratio of each calibration, if it is cheap and the trials do not already show it."""
     results = {label: result for label, result in results.items() if not result.is_sweep}
     if not results:
         return {}
@@ -156,7 +156,7 @@ def _landscapes(
 
 
 def _reach(problem: Problem) -> float:
-    """The largest shortening [m] that any slack within its bounds lets the twin see."""
+    """The largest shortening [m] of the twin for any slack within its bounds."""
     slacks = [p.lower for p in problem.space.parameters if p.name.endswith(".slack")]
     nominal = [v for e in problem.experiments for name, v in e.rig_values().items() if name.endswith(".slack")]
     lowest = min([0.0, *slacks, *nominal])

@@ -1,6 +1,6 @@
 """A run folder: the project as used with copies of all its inputs, every calibration, and the headline's files.
 
-project.yaml, inputs/…, run.json      what was asked; enough to load the project again wherever the folder goes
+project.yaml, inputs/…, run.json      the input; sufficient to load the project from any location of the folder
 calibrations/<label>/…                each calibration with every trial (see `softcal.calibration.store`)
 result.json, trials.csv, response-<experiment>.csv      the headline result, and the trials of all calibrations
 """
@@ -36,14 +36,14 @@ PROJECT, RECORD, INPUTS, CALIBRATIONS = "project.yaml", "run.json", "inputs", "c
 
 
 def _inside(place: str) -> str:
-    """A place below the run's folder, and nowhere else."""
+    """Validate that a path is inside the run's folder."""
     if not place or PurePath(place).is_absolute() or ".." in PurePath(place).parts or "\0" in place:
         raise ValueError("a place in the run's folder is needed")
     return place
 
 
 def _as_written(value: dict[str, Any], handler: ValidatorFunctionWrapHandler) -> CalibrationSection:
-    """Settings as a run writes them: those of a project file may say the same in several ways."""
+    """Settings in the form that a run writes; project files allow several spellings."""
     section: CalibrationSection = handler(value)
     written = section.model_dump()
     if json.dumps(value, sort_keys=True) != json.dumps({key: written[key] for key in value}, sort_keys=True):
@@ -66,9 +66,9 @@ class _RunRecord(Record):
 
 @dataclass(frozen=True)
 class Run:
-    """A run read back: the project as it was, and the result of every calibration that has one, by label.
+    """A stored run: the project at the time of the run, and label -> result of every finished calibration.
 
-    settings: how the calibrations were run; versions, hashes, created: of the run.
+    settings: settings of the calibrations; versions, hashes, created: of the run.
     """
 
     folder: Path
@@ -81,12 +81,12 @@ class Run:
 
 
 def calibration_folder(folder: Path, label: str) -> Path:
-    """Where a run keeps one of its calibrations."""
+    """Folder of one of a run's calibrations."""
     return folder / CALIBRATIONS / label
 
 
 def begin_run(project: Project, settings: CalibrationSection, labels: list[str], folder: Path) -> None:
-    """Write a new run folder with all that the run needs; whole or not at all.
+    """Write a new run folder with all inputs of the run, completely or not at all.
 
     Raises
     ------
@@ -115,13 +115,13 @@ def begin_run(project: Project, settings: CalibrationSection, labels: list[str],
 
 
 def reopen_run(project: Project, folder: Path) -> None:
-    """Check that a run can be gone on with.
+    """Check that a run can be resumed.
 
     Raises
     ------
     StorageError
-        Where the folder holds no run of this project, the project's files are others than when the run began, or the
-        folder cannot be written.
+        If the folder holds no run of this project, the project's files have changed since the run began, or the folder
+        cannot be written.
     """
     record = _record(folder)
     _require_unchanged(folder, record)
@@ -129,7 +129,7 @@ def reopen_run(project: Project, folder: Path) -> None:
         Fault(
             "the file was changed after the run began",
             str(project.inputs[written]),
-            attempt="put it back as it was, or another --out, without --resume",
+            attempt="restore it, or use another --out without --resume",
         )
         for written, digest in project.hashes.items()
         if written in project.inputs and record.hashes.get(written, digest) != digest
@@ -138,7 +138,7 @@ def reopen_run(project: Project, folder: Path) -> None:
         raise StorageError(faults)
     if record.values != dict(project.held):
         raise StorageError(
-            Fault("the run holds other parameters", str(folder), str(dict(project.held)), str(record.values))
+            Fault("the run has other fixed parameters", str(folder), str(dict(project.held)), str(record.values))
         )
     require_writable(folder)
 
@@ -173,12 +173,12 @@ def finish_run(
 
 
 def load_run(folder: str | Path) -> Run:
-    """Read a run back, wherever its folder lies now and whatever became of the original project.
+    """Read a run, independent of its folder's location and of the original project.
 
     Raises
     ------
     StorageError
-        Where there is no run, no result yet, a file of it is missing or broken, or what was calibrated has changed.
+        If there is no run or no result yet, a file is missing or damaged, or an input has changed.
     ProjectFileError
         Where the project in it cannot be loaded.
     """
@@ -206,7 +206,7 @@ def load_run(folder: str | Path) -> Run:
 
 
 def refuse_project_folder(folder: Path) -> None:
-    """Check that a folder is not that of a project, whose file would have done as well as a run.
+    """Check that a folder is a run and not a project's, of which the project file is the valid argument.
 
     Raises
     ------
@@ -219,7 +219,7 @@ def refuse_project_folder(folder: Path) -> None:
 
 
 def headline_of(results: Mapping[str, CalibrationResult]) -> tuple[str, CalibrationResult]:
-    """The result to show first with its label: the joint one, the only one, or "" and all put side by side."""
+    """Label and result to show first: the joint one, the only one, or "" and all combined by `side_by_side`."""
     if "joint" in results:
         return "joint", results["joint"]
     if len(results) == 1:
@@ -228,7 +228,7 @@ def headline_of(results: Mapping[str, CalibrationResult]) -> tuple[str, Calibrat
 
 
 def side_by_side(results: Mapping[str, CalibrationResult]) -> CalibrationResult:
-    """Separate results as one: each parameter with its experiment in brackets, losses averaged, counts added."""
+    """Separate results combined: each parameter with its experiment in brackets, losses averaged, counts added."""
     parameters: dict[str, Estimate] = {}
     importance: dict[str, float] = {}
     for label, result in results.items():
@@ -266,7 +266,7 @@ def _record(folder: Path) -> _RunRecord:
 
 
 def _require_unchanged(folder: Path, record: _RunRecord) -> None:
-    """What the results are of must still be there: a report would draw other data beside them."""
+    """Check that the run's inputs are unchanged, so that a report shows the data of its results."""
     faults: list[Fault] = []
     for number, (written, before) in enumerate(record.hashes.items()):
         # First comes the project's file, which is called otherwise here than it may have been.
@@ -274,12 +274,12 @@ def _require_unchanged(folder: Path, record: _RunRecord) -> None:
         missing = not_a_file(path)
         what = "a file of the run is missing" if missing else "the file was changed after the calibration"
         if missing or _sha256(path) != before:
-            attempt = "put it back as it was, or softcal calibrate the changed project with another --out"
+            attempt = "restore it, or softcal calibrate the changed project with another --out"
             faults.append(Fault(what, str(path), attempt=attempt))
     # As of meshes that were generated before runs kept their hashes.
     faults += [
         Fault(
-            "the run does not say what the file was when it was calibrated",
+            "the run has no hash of the file at the time of the calibration",
             str(folder / place),
             f"no hash of it in {RECORD}",
             attempt="softcal calibrate the project again, with another --out",
@@ -299,7 +299,7 @@ def _sha256(path: Path) -> str:
 
 
 def _copy_inputs(project: Project, folder: Path) -> dict[str, str]:
-    """Copy what the project names; a file outside its folder gets a numbered place of its own."""
+    """Copy the project's input files; files outside its folder get a numbered folder each."""
     copies: dict[str, str] = {}
     for number, (written, path) in enumerate(project.inputs.items()):
         inside = not PurePath(written).is_absolute() and not {"..", "~"} & set(PurePath(written).parts)

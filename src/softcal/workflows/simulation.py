@@ -1,4 +1,4 @@
-"""The twin of a project put through its experiments or a plain pull: responses, a table of them, a picture."""
+"""Simulation of a project's experiments or of a pull: responses, their table, a picture."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 Of = TypeVar("Of")
 
-# Samples of a pull that is asked for by its end alone.
+# Samples of a pull that is given by its end alone.
 PULL_SAMPLES = 41
 
 
@@ -40,7 +40,7 @@ def simulate(
     snapshots: Shown = False,
     engine: Simulate | None = None,
 ) -> Response:
-    """The twin's response to a protocol, or to what one of a project's experiments did to the robot.
+    """The twin's response to a protocol, or to the protocol of one of a project's experiments.
 
     Parameters
     ----------
@@ -49,28 +49,28 @@ def simulate(
     protocol
         Tension [N] or shortening [m] of each cable, sample by sample; see `pull`.
     theta
-        Values [SI] of robot parameters by dotted name, in the place of the robot's own.
+        Values [SI] of robot parameters by dotted name, replacing the robot's own.
     experiment
-        In the place of a protocol: the name of an experiment of the project. Its cables are driven as on the bench,
-        less the slack, and its settings hold. Where the project has only one, it need not be named.
+        Instead of a protocol: the name of an experiment. Its cables are driven as on the bench, less the slack, with
+        its settings. Optional if the project has only one.
     sensitivities
-        Parameters by which every channel is derived too.
+        Parameters by which the derivative of every channel is computed.
     snapshots
-        Whether shapes to draw are kept: those that were solved, or with "samples" those of the samples, every one of
-        which is then solved; of another engine, those at which it came to rest.
+        Whether shapes are kept: True keeps those of the solved load steps, "samples" solves and keeps every sample;
+        another engine keeps those at rest.
     engine
-        What computes it, softcal itself by default; see `softcal.workflows.engines`.
+        Engine, by default softcal itself; see `softcal.workflows.engines`.
 
     Returns
     -------
     Response
-        With `succeeded` False and a sentence in `status` where a state could not be reached.
+        With `succeeded` False and a sentence in `status` if a state could not be reached.
 
     Raises
     ------
     ParameterError
-        For a cable, parameter or experiment that does not exist, or a value that no part can have; for a protocol that
-        lets a cable with friction go.
+        For an unknown cable, parameter or experiment, or a value out of range; for a protocol that releases a cable
+        with friction.
     """
     robot = twin.robot if isinstance(twin, Project) else twin
     if protocol is not None and (faults := let_go_faults(with_parameters(robot, theta or {}), protocol)):
@@ -90,14 +90,14 @@ def response_to(
     snapshots: Shown = False,
     engine: Simulate | None = None,
 ) -> Response:
-    """As `simulate`, of samples that are states by themselves, whatever their order."""
+    """As `simulate`, for samples that are independent states in any order."""
     if engine is not None:
         return engine(robot, protocol, theta, sensitivities=sensitivities, snapshots=bool(snapshots))
     return simulate_robot(robot, protocol, theta, sensitivities=sensitivities, snapshots=snapshots)
 
 
 def keep_silent(sentence: str) -> None:
-    """Nobody is told."""
+    """Ignore progress messages."""
 
 
 def simulate_each(
@@ -107,13 +107,13 @@ def simulate_each(
     partly: bool = False,
     stage: Callable[[str], None] = keep_silent,
 ) -> dict[str, Response]:
-    """The response to each of several cases, by name. partly: also where only some samples of a case were reached;
-    stage: is told of each case that begins.
+    """Case name -> response. partly: accept a case of which only some samples were reached; stage: called at the start
+    of each case.
 
     Raises
     ------
     SimulationError
-        Where the twin could not follow one of them.
+        If one of them has no solution.
     """
     responses: dict[str, Response] = {}
     for i, (name, case) in enumerate(cases.items(), start=1):
@@ -127,7 +127,7 @@ def simulate_each(
 
 
 def protocol_of(project: Project, experiment: str = "") -> Protocol:
-    """What an experiment does to the robot: its cables driven as on the bench, read through the nominal rig.
+    """Protocol of an experiment: its cables driven as on the bench, through the nominal rig.
 
     Raises
     ------
@@ -139,7 +139,7 @@ def protocol_of(project: Project, experiment: str = "") -> Protocol:
 
 
 def robot_in(project: Project, experiment: str = "") -> Robot:
-    """The robot as an experiment sets it.
+    """The robot with an experiment's settings.
 
     Raises
     ------
@@ -156,7 +156,7 @@ def _chosen(project: Project, experiment: str) -> Experiment:
     if name not in project.experiments:
         raise ParameterError(
             Fault(
-                "there is no such experiment" if experiment else "it is not said which experiment",
+                "there is no such experiment" if experiment else "the experiment is not specified",
                 where=str(project.path),
                 got=f"'{experiment}'" if experiment else "",
                 allowed=", ".join(known) or "none is defined in this project: give a pull instead",
@@ -178,12 +178,12 @@ def pull(robot: Robot, cable: str, control: Control, end: float, samples: int = 
         raise ParameterError(Fault("the robot has no such cable", got=f"'{cable}'", allowed=", ".join(known)))
     if not end > 0 or samples < 2:
         got = format_quantity(end, "m" if control == "shortening" else "N") if samples >= 2 else f"{samples} samples"
-        raise ParameterError(Fault("a pull goes from zero to a number above zero", f"{cable}.{control}", got))
+        raise ParameterError(Fault("the end of a pull must be positive", f"{cable}.{control}", got))
     return Protocol({cable: Command(control, np.linspace(0.0, end, samples))})
 
 
 def twin_view(robot: Robot, response: Response) -> TwinView | None:
-    """The robot at rest and at its largest pitch, to draw; None where there are no two shapes."""
+    """The robot at rest and at its largest pitch; None if there are not two shapes."""
     from softcal.report.twin_view import TwinView
 
     if len(response.snapshots) < 2:
@@ -205,7 +205,7 @@ def twin_view(robot: Robot, response: Response) -> TwinView | None:
 
 
 def _title(shape: Snapshot) -> str:
-    """What is done to the robot in a shape: the cables that pull, with their tensions."""
+    """Title of a shape: the taut cables with their tensions."""
     largest = max(shape.tensions.values(), default=0.0)
     pulled = [name for name, tension in shape.tensions.items() if tension > 1e-6 * largest]
     if largest <= 0.0:

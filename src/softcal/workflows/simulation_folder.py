@@ -1,4 +1,4 @@
-"""A simulation as files: response-<name>.csv, a picture of the twin, and a record of how it came about."""
+"""Files of a simulation: response-<name>.csv, a picture of the twin, and a record of its settings."""
 
 from __future__ import annotations
 
@@ -29,20 +29,20 @@ def simulate_to_folder(
     progress: Observer | None = None,
     stage: Callable[[str], None] = keep_silent,
 ) -> dict[str, Response]:
-    """Simulate each case by name and write what came of it into a new folder, whole or not at all.
+    """Simulate each case and write the results into a new folder, completely or not at all.
 
-    in_time: as motion, by the project's `dynamics`, and not as equilibria. engine: what computes equilibria.
-    progress: is told of each motion how far it is; stage: of what is begun.
+    in_time: transient by the project's `dynamics` instead of equilibria. engine: computes the equilibria.
+    progress: called with the progress of each motion; stage: called with the name of each stage.
 
     Raises
     ------
     InputError
-        For an engine that does not exist, is not installed, or cannot have the robot.
+        For an engine that is unknown, not installed, or does not support the robot.
     StorageError
         Where the folder holds files, or cannot be written.
     SimulationError
-        Where no sample of a protocol could be reached; nothing is then written. Where only some could, those are
-        written, and the response's status says which could not.
+        If no sample of a protocol could be reached; nothing is then written. If only some could, those are written and
+        the response's status lists the others.
     """
     require_free_folder(folder)
     simulator = engine_for(engine, project.robot, project.engines)
@@ -82,7 +82,7 @@ def simulate_to_folder(
 
 
 def _settings(project: Project, case: Case) -> dict[str, dict[str, float]]:
-    """What the experiment sets the robot and the rig to, SI, where it sets anything."""
+    """Settings of the robot and the rig by the experiment, SI; empty if it has none."""
     settings = project.experiments[case.experiment].settings if case.experiment else {}
     return {"settings": dict(settings)} if settings else {}
 

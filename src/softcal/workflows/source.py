@@ -1,4 +1,4 @@
-"""What commands take a twin from: a project file as it stands, or a run folder at the values it found."""
+"""Source of a twin: a project file, or a run folder with its calibrated values."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from softcal.project.project import Project, load
 
 
 def load_calibrated(path: Path, values: Mapping[str, str] | None = None) -> Project:
-    """The project of a file, or that of a run folder at the values it found; then with `values` set on top.
+    """The project of a file, or that of a run folder at the calibrated values; then `values` are set.
 
     Raises
     ------
     InputError
-        For a project that cannot be loaded, or a value that it does not take.
+        For a project that cannot be loaded, or an invalid value.
     StorageError
         For a folder that holds no run.
     """

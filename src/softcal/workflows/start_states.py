@@ -1,4 +1,4 @@
-"""What the robot does where a search begins: under its loads alone, and at the end of each experiment."""
+"""Equilibria at the start values: under the loads alone, and at the end of each experiment."""
 
 from __future__ import annotations
 
@@ -20,17 +20,31 @@ from softcal.twin.start import snapshot
 from softcal.units import format_quantity
 from softcal.workflows.simulation import protocol_of, response_to, robot_in, turning_angle
 
-# Under its loads alone, a robot that turns further, or moves by more of its size, may be mounted otherwise.
+# Larger rotations, or displacements over the robot's size, under the loads alone suggest another orientation.
 TURNED, MOVED = np.deg2rad(30.0), 0.25
-SLACK = 0.2  # of an experiment's travel: a cable is slack for no longer unless something is wrong
+SLACK = 0.2  # of an experiment's travel: a longer slack phase is suspicious
 
 Told = Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class StartStates:
-    """rows: (what, text) to print; warnings: sentences; responses: by experiment; undeformed: the shape without loads;
-    shapes: those that were found, by their titles; tets: of their bodies.
+    """Equilibria at the start values.
+
+    Attributes
+    ----------
+    rows
+        (state, description) to print.
+    warnings
+        Sentences.
+    responses
+        Experiment -> response.
+    undeformed
+        The shape without loads.
+    shapes
+        Title -> equilibrium shape.
+    tets
+        Body -> connectivity of the shapes.
     """
 
     rows: tuple[tuple[str, str], ...]
@@ -42,7 +56,7 @@ class StartStates:
 
 
 def start_states(project: Project, progress: Told = lambda stage: None) -> StartStates:
-    """Solve the robot at rest under its loads, and the end of every experiment, at the start values."""
+    """Solve the equilibria under the loads alone and at the end of every experiment, at the start values."""
     project = at_start_values(project)
     twin = twin_of(project.robot)
     undeformed = snapshot(twin, rest_state(twin.system.layout), {}, 0.0, "")
@@ -78,7 +92,7 @@ def start_states(project: Project, progress: Told = lambda stage: None) -> Start
 
 
 def at_start_values(project: Project) -> Project:
-    """The project with every free parameter that has a start at it."""
+    """The project with every free parameter at its start value, if it has one."""
     of_robot = robot_parameters(project.robot)
     free = [p for p in (project.space.parameters if project.space else ()) if p.start is not None]
     shared = {t: float(p.start or 0.0) for p in free for t in p.targets if t in of_robot and not p.experiment}
@@ -93,7 +107,7 @@ def at_start_values(project: Project) -> Project:
 
 
 def _end_of(project: Project, name: str) -> Response:
-    """One driven cable is followed to its end; of states by themselves, the one that pulls most is solved."""
+    """Response to a driven cable up to its end; for independent states, that with the largest pull."""
     protocol = protocol_of(project, name)
     if len(protocol.commands) > 1:
         protocol = furthest_state(protocol)
@@ -101,7 +115,7 @@ def _end_of(project: Project, name: str) -> Response:
 
 
 def _told(experiment: Experiment, response: Response, undeformed: Snapshot) -> tuple[str, list[str]]:
-    """What is at the end of an experiment, and what of it may be wrong."""
+    """Description of the end of an experiment, and warnings."""
     if not response.succeeded:
         return response.status, [f"the twin at the start values cannot follow this test. {response.status}"]
     warnings = list(response.warnings)
@@ -116,12 +130,12 @@ def _told(experiment: Experiment, response: Response, undeformed: Snapshot) -> t
         slack = tension <= SLACK_TENSION * tension.max()
         if channel.rpartition(".")[2] == "shortening" and np.count_nonzero(slack) > 1:
             begin = float(pulled.min())
-            way = f"{1e3 * (pulled[slack].max() - begin):.3g} of {1e3 * np.ptp(pulled):.3g} mm"
-            parts.append(f"slack for the first {way}")
+            travel = f"{1e3 * (pulled[slack].max() - begin):.3g} of {1e3 * np.ptp(pulled):.3g} mm"
+            parts.append(f"slack for the first {travel}")
             if pulled[slack].max() > SLACK * pulled.max():
                 warnings.append(
-                    f"{cable} is slack for the first {way} of the test: the loads bring the robot towards it, and the "
-                    "test says little about the rest; look at gravity and at the slack of the rig"
+                    f"{cable} is slack for the first {travel} of the test: the loads bend the robot towards it, so "
+                    "that the test has little information on the rest; check gravity and the slack of the rig"
                 )
     if response.snapshots:
         parts.append(_moved(undeformed, response.snapshots[-1])[0])
@@ -129,7 +143,7 @@ def _told(experiment: Experiment, response: Response, undeformed: Snapshot) -> t
 
 
 def _moved(before: Snapshot, after: Snapshot) -> tuple[str, bool]:
-    """How far what moves most does, in words; and whether that is far."""
+    """The largest displacement, in words, and whether it is suspicious."""
     size = float(np.ptp(np.concatenate([*before.points.values(), *before.rods.values()]), axis=0).max())
     plates = {
         name: (float(np.linalg.norm(at - before.plates[name][0])), turning_angle(turn))
@@ -148,7 +162,7 @@ def _moved(before: Snapshot, after: Snapshot) -> tuple[str, bool]:
 
 
 def _pulls(shape: Snapshot) -> str:
-    """The strongest cables with their tensions, two at most."""
+    """The cables with the largest tensions, at most two."""
     taut = sorted((name for name, tension in shape.tensions.items() if tension > 0.0), key=lambda n: -shape.tensions[n])
     told = ", ".join(f"{name} {format_quantity(shape.tensions[name], 'N')}" for name in taut[:2])
     return told + (" …" if len(taut) > 2 else "")

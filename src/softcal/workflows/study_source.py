@@ -1,6 +1,6 @@
-"""What a mesh study is of: a calibrated run at what it found, or a project at its present parameters.
+"""Source of a mesh study: a calibrated run at its calibrated values, or a project at its present parameters.
 
-Nothing is imported before the project is read that only a study needs: a slip in its file is told at once.
+Modules that only a study needs are imported after the project is read, so that its faults are reported at once.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class StudySource:
-    """What is studied: a problem at values [SI by label], and the calibration of a run that found them, or "".
+    """A problem with the values to study [SI by label], and the label of the run's calibration, or "".
 
-    notes: what the reader of the study must know.
+    notes: remarks for the reader of the study.
     """
 
     problem: Problem
@@ -34,13 +34,13 @@ class StudySource:
 
 
 def study_source(path: Path, values: Mapping[str, str] | None = None, calibration: str = "") -> StudySource:
-    """What a run folder found, by its joint calibration or the one that is named; or a project file as it stands.
+    """The values of a run's joint or named calibration, or those of a project file.
 
     Raises
     ------
     InputError
-        For what is neither, a calibration that the run does not have or a sweep, values for a run, or a project with
-        nothing measured or free.
+        For any other path, an unknown calibration or a sweep, values for a run, or a project without measurements or
+        free parameters.
     StorageError
         For a folder that holds no run.
     """
@@ -50,7 +50,7 @@ def study_source(path: Path, values: Mapping[str, str] | None = None, calibratio
         refuse_project_folder(path)
         if values:
             raise InputError(
-                Fault("a run is studied at what it found", "--set", ", ".join(values), "a project file with --set")
+                Fault("a run has its calibrated values", "--set", ", ".join(values), "a project file with --set")
             )
         return _of_run(load_run(path), calibration)
     if calibration:
@@ -63,7 +63,7 @@ def study_source(path: Path, values: Mapping[str, str] | None = None, calibratio
 
 
 def default_folder(path: Path) -> Path | None:
-    """Where the study of a run goes if nobody says: into the run. That of a project is printed only."""
+    """Default folder of a study: in the run; None for a project, whose study is only printed."""
     if not path.is_dir():
         return None
     from softcal.workflows.mesh_study_files import FOLDER
@@ -86,14 +86,12 @@ def _of_run(run: Run, calibration: str) -> StudySource:
         raise InputError(Fault("a sweep has no optimum to study", str(run.folder), attempt=attempt))
     problem = make_problem(run.project, run.settings).only(list(result.experiments))
     engine = result.hashes.get("engine", SOFTCAL)
-    notes = (
-        () if engine == SOFTCAL else (f"The calibration was computed by {engine}, the study is by {SOFTCAL} itself.",)
-    )
+    notes = () if engine == SOFTCAL else (f"The calibration was computed by {engine}, the study by {SOFTCAL}.",)
     return StudySource(problem, {name: e.value for name, e in result.parameters.items()}, label, run.project, notes)
 
 
 def _present(problem: Problem) -> dict[str, float]:
-    """The present values of what is free, an experiment's own from its rig; of tied parameters the mean."""
+    """Present values of the free parameters, per-experiment ones from the rig; tied parameters take the mean."""
     from softcal.twin.parameters import parameter_values
 
     of_robot = parameter_values(problem.robot)
@@ -105,12 +103,12 @@ def _present(problem: Problem) -> dict[str, float]:
         theta[p.label] = sum(values[target] for target in p.targets) / len(p.targets)
         if not p.lower <= theta[p.label] <= p.upper:
             got, allowed = f"{theta[p.label]:.6g} {p.unit}", f"{p.lower:.6g} to {p.upper:.6g} {p.unit}"
-            faults.append(Fault("the present value lies outside its bounds", p.label, got, allowed, "--set, or a run"))
+            faults.append(Fault("the present value is outside its bounds", p.label, got, allowed, "--set, or a run"))
     if faults:
         raise ParameterError(faults)
     return theta
 
 
 def _rig(problem: Problem) -> dict[str, float]:
-    """The rig's present values, those of the first experiment that has them."""
+    """Present values of the rig, from the first experiment that has them."""
     return {name: value for e in reversed(problem.experiments) for name, value in e.rig_values().items()}

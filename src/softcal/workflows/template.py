@@ -1,4 +1,4 @@
-"""Projects to start from: copied whole into a new folder."""
+"""Project templates, copied into a new folder."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from softcal.workflows.output import new_folder
 
 
 def templates() -> list[str]:
-    """The names of the templates there are."""
+    """Names of the available templates."""
     return sorted(entry.name for entry in _home().iterdir() if entry.is_dir())
 
 

@@ -1,4 +1,4 @@
-"""Projects validated: every experiment left out in turn and predicted, for one model of the robot or for several."""
+"""Cross-validation of projects: each experiment is left out and predicted, for one or several models of the robot."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from softcal.project.project import Project
 from softcal.workflows.calibration import make_problem
 from softcal.workflows.output import require_free_file, write_new_file
 
-# Told after every trial: the model, what is left out, and how far the fit is.
+# Called after every trial with the model, the left-out experiments, and the progress of the fit.
 Observer = Callable[[str, str, Progress], None]
 
 
@@ -33,7 +33,7 @@ def validate(
     Parameters
     ----------
     projects
-        Models of one robot by the label that they are told by; they must have the same experiments.
+        Label -> model of one robot; all must have the same experiments.
     hold_out
         Experiments to leave out together, fold by fold; names may be patterns. None: each by itself, in turn.
     split

@@ -1,4 +1,4 @@
-"""The whole corrected record of an experiment, and a calibrated twin compared with all of it."""
+"""The whole corrected record of an experiment, and its comparison with the calibrated twin."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from softcal.workflows.calibration import calibrated
 from softcal.workflows.simulation import robot_in
 
 TIME = "time"
-# These steps change what a channel reads. A record without one of them is not on the scale of the compared samples.
+# Steps that change a channel's values. A record that lacks one of them is not comparable with the fitted samples.
 CORRECTIONS = ("zero", "detrend", "remove_slack", "correct_pulley_friction")
 
 
 def whole_record(project: Project, name: str) -> Dataset | None:
-    """Every sample of an experiment after the corrections, before cycles, a branch or a window were chosen.
+    """Every sample of an experiment after the corrections, before the selection of cycles, a branch or a window.
 
     Returns
     -------
     Dataset or None
-        With `time` [s], ascending; None where the experiment has no such record.
+        With ascending `time` [s]; None if the experiment has no such record.
 
     Raises
     ------
     InputError
-        Where the compared samples went through a correction that the record did not.
+        If the compared samples have a correction that the record lacks.
     """
     samples, record = project.experiments[name].dataset, project.corrected[name]
     if record is None or not ascends(record):
@@ -48,15 +48,14 @@ def whole_record(project: Project, name: str) -> Dataset | None:
 
 
 def compare_records(project: Project, result: CalibrationResult) -> dict[str, RecordFit]:
-    """The calibrated twin over the whole record of every experiment of a result that has one, by experiment.
+    """Experiment -> comparison of the calibrated twin with its whole record, if it has one.
 
-    Quasi-static, driven by every sample; paper A's Fig. 6 and Table II. What cannot be compared has no fit and says
-    why.
+    Quasi-static, driven by every sample; paper A's Fig. 6 and Table II. A failed comparison gives its reason.
 
     Raises
     ------
     ParameterError
-        Where the result is not of this project.
+        If the result belongs to another project.
     """
     found: dict[str, RecordFit] = {}
     at_values = calibrated(project, result)
@@ -80,7 +79,7 @@ def compare_records(project: Project, result: CalibrationResult) -> dict[str, Re
 
 
 def ascends(data: Dataset) -> bool:
-    """Whether a dataset has times that never fall and are not all the same."""
+    """Whether a dataset's times never descend and are not all equal."""
     if TIME not in data.channels:
         return False
     steps = np.diff(data.values(TIME))

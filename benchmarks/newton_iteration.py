@@ -15,7 +15,8 @@ from benchmarks.timing import interleaved, milliseconds, mkl_threads
 from softcal.checks import Floats, Ints
 from softcal.mechanics import statics as statics_module
 from softcal.mechanics.linear_solve import Pardiso
-from softcal.mechanics.path import Line, follow, node_at
+from softcal.mechanics.node import Line, node_at
+from softcal.mechanics.path import follow
 from softcal.mechanics.solid import SolidTerm
 from softcal.mechanics.state import State, moved, rest_state
 from softcal.mechanics.statics import Statics

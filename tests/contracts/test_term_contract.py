@@ -23,7 +23,7 @@ from softcal.mechanics.contact import ContactTerm
 from softcal.mechanics.damping import Damping
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.loads import Loads
-from softcal.mechanics.path import Line, node_at
+from softcal.mechanics.node import Line, node_at
 from softcal.mechanics.pattern import Pattern
 from softcal.mechanics.rod import RodTerm
 from softcal.mechanics.solid import SolidTerm

@@ -8,7 +8,8 @@ from mechanics_cases import column_robot, elastic, pulled, twin_and_theta
 
 from softcal.errors import SimulationError
 from softcal.mechanics import path as path_module
-from softcal.mechanics.path import Line, between, follow, node_at
+from softcal.mechanics.node import Line, node_at
+from softcal.mechanics.path import between, follow
 from softcal.mechanics.stability import is_stable
 from softcal.mechanics.state import rest_state
 from softcal.mechanics.statics import Statics

@@ -17,7 +17,8 @@ from softcal.geometry.primitives import box_mesh
 from softcal.geometry.quadratic import to_quadratic
 from softcal.geometry.section import circular, rectangular
 from softcal.mechanics import path as path_module
-from softcal.mechanics.path import Line, between, follow, node_at
+from softcal.mechanics.node import Line, node_at, pushing
+from softcal.mechanics.path import between, follow
 from softcal.mechanics.state import rest_state
 from softcal.mechanics.statics import Statics
 from softcal.twin.build import build_twin
@@ -224,8 +225,8 @@ def test_a_node_that_is_put_in_beyond_a_fall_knows_of_it() -> None:
     # A tension that rounding makes negative is no push: it must not hide that the straight column is not stable.
     twice = replace(upright, tension=np.array([*upright.tension, -1e-12]))
     assert not node_at(statics, line, 2e-4, upright, ()).is_stable
-    assert not path_module.pushing(twice).any()
-    assert path_module.pushing(replace(upright, tension=-upright.tension)).any()
+    assert not pushing(twice).any()
+    assert pushing(replace(upright, tension=-upright.tension)).any()
     statics.release()
 
 

@@ -7,7 +7,8 @@ import pytest
 from mechanics_cases import column_robot, elastic, pulled, tensed, twin_and_theta
 
 from softcal.errors import InputError, MeshError
-from softcal.mechanics.path import Line, follow, node_at
+from softcal.mechanics.node import Line, node_at
+from softcal.mechanics.path import follow
 from softcal.mechanics.state import rest_state
 from softcal.mechanics.statics import Statics
 from softcal.twin.build import build_twin

@@ -8,7 +8,8 @@ from mechanics_cases import column_robot, elastic, pulled, side_cable, tensed, t
 
 from softcal.geometry.centreline import straight
 from softcal.geometry.section import circular
-from softcal.mechanics.path import Line, follow, node_at
+from softcal.mechanics.node import Line, node_at
+from softcal.mechanics.path import follow
 from softcal.mechanics.state import rest_state
 from softcal.mechanics.statics import Statics
 from softcal.twin.parameters import robot_parameters, with_parameters

@@ -18,7 +18,7 @@ from softcal.checks import Floats
 from softcal.errors import SimulationError
 from softcal.mechanics.damping import Damping, Scheme
 from softcal.mechanics.inertia import Inertia
-from softcal.mechanics.path import pushing
+from softcal.mechanics.node import pushing
 from softcal.mechanics.state import State, moved
 from softcal.mechanics.statics import SLACK_LENGTH, Statics
 from softcal.mechanics.system import System

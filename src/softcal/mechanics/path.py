@@ -9,66 +9,20 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
-from softcal.mechanics.free_modes import exclude_free_modes
 from softcal.mechanics.layout import Layout
-from softcal.mechanics.mixed import mixed_derivatives
-from softcal.mechanics.stability import fall
+from softcal.mechanics.node import Line, Node, node_at, pushing
+from softcal.mechanics.snap_through import fallen, is_nearly_free, is_no_fall, settled
 from softcal.mechanics.state import State, difference, distance, moved
-from softcal.mechanics.statics import FREE, NO_MODES, SLACK_TENSION, Statics
-from softcal.mechanics.system import Controls
+from softcal.mechanics.statics import Statics
 
 SMALLEST_STEP = 1e-4  # of the whole range: where equilibria end
 CLOSE = 1e-3  # of the way so far: where they cease to be stable
 SAME = 1e-6  # of the robot's extent: states as near as this are one
-NO_FALL = 1e-4  # of the robot's extent: what moves it no farther, a tenth of the nudge, is no fall
 MOST_FALLS = 20  # of a path: beyond it is not a robot's, and every one takes as long as many steps
-GROWTH = 2.0
+GROWTH, CUT = 2.0, 0.4  # of a step, where it was easy, and where it failed
 CUTS = 1  # of a step, before the robot is let settle: Newton's method may find its way in a shorter one
 SHORTER, SHORTEST = 0.7, 0.05  # of a predicted step: where branches turn as roots do less of it serves better
 EASY, HARD = 7, 12  # iterations (with kept factorisations) below which steps grow, above which they shrink
-
-
-@dataclass(frozen=True)
-class Line:
-    """Controls that move along a straight line: at(c) = start + c * rate, cables held or not throughout."""
-
-    is_held: np.ndarray
-    tension: Floats
-    shortening: Floats
-    tension_rate: Floats
-    shortening_rate: Floats
-    load: float = 1.0
-    load_rate: float = 0.0
-
-    def at(self, c: float) -> Controls:
-        """Controls at the line's parameter c."""
-        return Controls(
-            self.is_held,
-            self.tension + c * self.tension_rate,
-            self.shortening + c * self.shortening_rate,
-            self.load + c * self.load_rate,
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Node:
-    """An equilibrium on the path; no two are equal. slope: dz/dc (n_unknowns,); by_parameter: dz/dtheta at fixed c
-    (n_unknowns, k); mixed: d2z/dc dtheta (n_unknowns, k);
-    is_stable: whether it is one of least energy, or one that a cable would have to push for, which is none anyway;
-    is_fallen: whether the robot fell to it from an unstable one (it buckled, or snapped); has_fallen: whether it did so
-    before; free: the modes (n_unknowns - n_cables, k) along which the robot moves without force, and slope
-    and by_parameter do not.
-    """
-
-    c: float
-    state: State
-    slope: Floats
-    by_parameter: Floats
-    mixed: Floats
-    is_stable: bool = True
-    is_fallen: bool = False
-    has_fallen: bool = False
-    free: Floats = field(default_factory=lambda: NO_MODES)
 
 
 @dataclass(frozen=True)
@@ -83,56 +37,127 @@ class Path:
 
 @dataclass(frozen=True)
 class _Attempt:
-    """A step to c: the state that is predicted there, and the one to solve from."""
+    """A step to c: its length, the state that is predicted there, and the one to solve from."""
 
     c: float
+    step: float
     guess: State
     begin: State
 
 
-def node_at(
-    statics: Statics, line: Line, c: float, state: State, names: tuple[str, ...], *, mixed: bool = True
-) -> Node:
-    """The node of an equilibrium: one factorisation, then a substitution for the slope and two per parameter.
+@dataclass
+class _Continuation:
+    """A path as it grows: its nodes, how far the next step goes, and what failed since the last node.
 
-    mixed: whether the mixed derivatives are wanted, to read between this node and the next; zero otherwise.
-
-    Raises
-    ------
-    SimulationError
-        Where the tangent is singular.
+    before: nodes that tell how the path turns; unstable: the nearest equilibrium ahead that was found unstable.
     """
-    controls = line.at(c)
-    at = statics.tangent_at(state, controls)
-    by_control = _rate_of_gradient(statics, line, state)
-    sought = statics.seeks_free_modes or statics.n_unstable() != 0
-    free = exclude_free_modes(statics, at) if sought else NO_MODES
-    stable = bool(pushing(state).any()) or statics.n_unstable() == 0
-    by_theta = statics.system.gradient_by_parameters(state, at, statics.theta, names)
-    dz = -statics.solve(np.column_stack([by_control, by_theta]))
-    # A held cable's tension is given: its rate is the line's.
-    tensions = dz[statics.system.layout.first_tension_unknown :]
-    tensions[line.is_held, 0] = line.tension_rate[line.is_held]
-    slope, by_parameter = dz[:, 0], dz[:, 1:]
-    of_both = mixed_derivatives(statics, controls, state, slope, by_parameter, names if mixed else ())
-    return Node(c, state, slope, by_parameter, of_both, stable, free=free)
 
+    statics: Statics
+    line: Line
+    names: tuple[str, ...]
+    before: tuple[Node, ...]
+    nodes: list[Node]
+    end: float
+    first_step: float
+    largest_step: float
+    length: float = field(init=False)
+    tried: list[_Attempt] = field(default_factory=list[_Attempt])
+    unstable: Node | None = None
 
-def pushing(state: State) -> np.ndarray:
-    """Which cables push (n_cables,), as none can: such a state is on the way to another at most."""
-    return state.tension < -SLACK_TENSION * np.abs(state.tension).max(initial=0.0)
+    def __post_init__(self) -> None:
+        self.length = min(self.first_step, self.largest_step, self.end - self.last.c)
 
+    @property
+    def last(self) -> Node:
+        return self.nodes[-1]
 
-def stable_node_at(statics: Statics, line: Line, c: float, state: State, names: tuple[str, ...]) -> Node:
-    """The node of an equilibrium, or of the stable one that the robot falls to from there.
+    @property
+    def whole(self) -> float:
+        return max(self.end - self.nodes[0].c, 1e-300)
 
-    Raises
-    ------
-    SimulationError
-        Where the tangent is singular, or the robot falls to no other equilibrium.
-    """
-    node = node_at(statics, line, c, state, names, mixed=False)
-    return node if node.is_stable else _fallen(statics, line, c, state, names)
+    @property
+    def goes_on(self) -> bool:
+        return self.last.c < self.end - 1e-12 * self.whole
+
+    def advance(self) -> str:
+        """Attempt a step, and find a way past where it fails; returned is why there is none, or nothing."""
+        attempt, last = self._attempt(), self.last
+        solved = self.statics.equilibrium(attempt.begin, self.line.at(attempt.c))
+        node = None
+        if solved.converged:
+            is_long = CUT * attempt.step >= SMALLEST_STEP * self.whole
+            if is_long and _strays(self.statics, last.state, attempt.guess, solved.state):
+                self.length = CUT * attempt.step
+                return ""
+            node = node_at(self.statics, self.line, attempt.c, solved.state, self.names)
+            if node.is_stable:
+                self._add(node, _next_length(attempt.step, solved.n_iterations))
+                return ""
+        self.tried.append(attempt if node is None else replace(attempt, begin=node.state))
+        return "" if self._settle() or self._shorten(attempt, node) else self._snap(attempt, node, solved.status)
+
+    def _attempt(self) -> _Attempt:
+        """The next step, such that steps fill what is left evenly, and its prediction."""
+        last, remaining = self.last, self.end - self.last.c
+        step = min(remaining / max(1, int(np.ceil(remaining / self.length - 1e-9))), self.largest_step)
+        if self.unstable is not None:
+            step = min(step, 0.5 * (self.unstable.c - last.c))
+        c = self.end if abs(last.c + step - self.end) < 1e-12 * self.whole else last.c + step
+        go_on_from(self.statics, last)
+        ahead = _predicted_step(self.statics.system.layout, [*self.before, *self.nodes], c)
+        guess = self.statics.reachable(last.state, ahead)
+        return _Attempt(c, step, guess, _nearer(self.statics, self.line, c, last, guess))
+
+    def _settle(self) -> bool:
+        """Let the robot settle where modes are nearly free, once for a few steps that failed, at the first of them."""
+        if len(self.tried) % (CUTS + 1) != 0:
+            return False
+        first = self.tried[-1 - CUTS]
+        node = settled(self.statics, self.line, self.last, first.c, first.begin, first.guess, self.names)
+        if node is not None:
+            self._add(node, max(self.first_step, GROWTH * (node.c - self.last.c)))
+        return node is not None
+
+    def _shorten(self, attempt: _Attempt, unstable: Node | None) -> bool:
+        """Make the step shorter, down to where the limit point or the loss of stability is close enough."""
+        close = self._close(attempt.c)
+        if unstable is None:  # a branch's first steps are shorter yet
+            close = min(SMALLEST_STEP * self.whole, close)
+        if CUT * attempt.step < close or (unstable is not None and not self.last.is_stable):
+            return False
+        self.length, self.unstable = CUT * attempt.step, unstable or self.unstable
+        return True
+
+    def _snap(self, attempt: _Attempt, unstable: Node | None, why: str) -> str:
+        """Fall to another equilibrium from a limit point, or from where stability is lost; or why it is none."""
+        if unstable is None and pushing(self.last.state).any():
+            return why
+        if sum(node.is_fallen for node in self.nodes) == MOST_FALLS:
+            return f"it buckles or snaps more than {MOST_FALLS} times"
+        # Not from the nearest unstable one: a branch's first steps are hard.
+        begin = self.unstable or unstable
+        c, state = (begin.c, begin.state) if begin else (attempt.c, self.last.state)
+        try:
+            node = fallen(self.statics, self.line, c, state, self.names)
+        except SimulationError as error:
+            return why or str(error)
+        if is_no_fall(self.statics, self.last.state, attempt.guess, node.state):
+            node = replace(node, is_fallen=False)
+        # Where many branches begin at once they are told apart further on.
+        is_among_many = node.is_fallen and is_nearly_free(node)
+        self._add(node, max(attempt.step, self.first_step) if is_among_many else attempt.step)
+        return ""
+
+    def _add(self, node: Node, length: float) -> None:
+        """The next node, and the length of the step from there."""
+        self.nodes.append(replace(node, has_fallen=self.last.has_fallen or self.last.is_fallen))
+        self.length = length
+        self.tried.clear()
+        if self.unstable is not None and self.unstable.c - node.c < self._close(node.c):
+            self.unstable = None
+
+    def _close(self, c: float) -> float:
+        return CLOSE * max(c - self.nodes[0].c, SMALLEST_STEP * self.whole)
 
 
 def follow(
@@ -151,72 +176,19 @@ def follow(
     start: the node, or several of which it is the last: the others tell how the path turns.
     Where they cease to be stable the robot falls: the next node is the stable equilibrium that it comes to.
     """
-    layout = statics.system.layout
     before, start = (start[:-1], start[-1]) if isinstance(start, tuple) else ((), start)
-    nodes = [start]
-    h = min(first_step, largest_step, end - start.c)
-    scale = max(end - start.c, 1e-300)
-    tried: list[_Attempt] = []  # from the last node on, without success
-    beyond: Node | None = None  # the nearest equilibrium ahead that was found unstable
-    while nodes[-1].c < end - 1e-12 * scale:
-        last = nodes[-1]
-        # Steps that fill what is left evenly.
-        remaining = end - last.c
-        step = min(remaining / max(1, int(np.ceil(remaining / h - 1e-9))), largest_step)
-        if beyond is not None:
-            step = min(step, 0.5 * (beyond.c - last.c))
-        c = end if abs(last.c + step - end) < 1e-12 * scale else last.c + step
-        go_on_from(statics, last)
-        guess = statics.reachable(last.state, _predicted_step(layout, [*before, *nodes], c))
-        attempt = _Attempt(c, guess, _nearer(statics, line, c, last, guess))
-        solved = statics.equilibrium(attempt.begin, line.at(c))
-        if (
-            solved.converged
-            and 0.4 * step >= SMALLEST_STEP * scale
-            and _strays(statics, last.state, guess, solved.state)
-        ):
-            h = 0.4 * step
-            continue
-        node = node_at(statics, line, c, solved.state, names) if solved.converged else None
-        if node is None or not node.is_stable:
-            tried.append(attempt if node is None else replace(attempt, begin=node.state))
-        # Once for a few steps that failed, and over the first of them.
-        settles = len(tried) > 0 and len(tried) % (CUTS + 1) == 0
-        if settles and (settled := _settled(statics, line, last, tried[-1 - CUTS], names)):
-            node, h = settled, max(first_step, GROWTH * (settled.c - last.c))
-        elif node is None or not node.is_stable:
-            close = CLOSE * max(c - start.c, SMALLEST_STEP * scale)
-            if node is None:  # a branch's first steps are shorter yet
-                close = min(SMALLEST_STEP * scale, close)
-            if 0.4 * step >= close and (node is None or last.is_stable):
-                h, beyond = 0.4 * step, node or beyond
-                continue
-            if node is None and pushing(last.state).any():
-                return _ended(statics, nodes, solved.status, names)
-            if sum(one.is_fallen for one in nodes) == MOST_FALLS:
-                return _ended(statics, nodes, f"it buckles or snaps more than {MOST_FALLS} times", names)
-            # Not from the nearest unstable one: a branch's first steps are hard.
-            unstable = beyond or node
-            c, state = (unstable.c, unstable.state) if unstable else (c, last.state)
-            try:
-                node = _fallen(statics, line, c, state, names)
-            except SimulationError as error:
-                return _ended(statics, nodes, solved.status or str(error), names)
-            if _is_no_fall(statics, last.state, guess, node.state):
-                node = replace(node, is_fallen=False)
-            # Where many branches begin at once they are told apart further on.
-            h = max(step, first_step) if node.is_fallen and _is_nearly_free(node) else step
-        elif solved.n_iterations <= EASY:
-            h = GROWTH * step
-        elif solved.n_iterations >= HARD:
-            h = 0.5 * step
-        tried.clear()
-        nodes.append(replace(node, has_fallen=last.has_fallen or last.is_fallen))
-        if beyond is not None and beyond.c - node.c < CLOSE * max(c - start.c, SMALLEST_STEP * scale):
-            beyond = None
-        if stop(node):
-            break
-    return Path(tuple(nodes), True, names=names)
+    way = _Continuation(statics, line, names, before, [start], end, first_step, largest_step)
+    while way.goes_on and not (way.last is not start and stop(way.last)):
+        if status := way.advance():
+            return _ended(statics, way.nodes, status, names)
+    return Path(tuple(way.nodes), True, names=names)
+
+
+def _next_length(step: float, n_iterations: int) -> float:
+    """How far the next step goes after one that took so many iterations."""
+    if n_iterations <= EASY:
+        return GROWTH * step
+    return 0.5 * step if n_iterations >= HARD else step
 
 
 def go_on_from(statics: Statics, node: Node) -> None:
@@ -241,51 +213,6 @@ def _strays(statics: Statics, before: State, guess: State, found: State) -> bool
         return False
     layout = statics.system.layout
     return distance(layout, found, guess) > distance(layout, guess, before) + SAME * statics.length
-
-
-def _is_nearly_free(node: Node) -> bool:
-    """Whether the robot has buckled in many ways at once: it then moves in several ways that take hardly any force."""
-    return (node.has_fallen or node.is_fallen) and node.free.shape[1] > 1
-
-
-def _settled(statics: Statics, line: Line, last: Node, attempt: _Attempt, names: tuple[str, ...]) -> Node | None:
-    """The stable node that the robot settles to where Newton's method finds no way along modes that are nearly free.
-
-    None where it has none, or where it settles to none that is close, or that so little force leads to.
-    """
-    if not _is_nearly_free(last) or pushing(last.state).any():
-        return None
-    fallen = fall(statics, attempt.begin, line.at(attempt.c))
-    if not fallen.converged:
-        return None
-    way = statics.reach(difference(statics.system.layout, fallen.state, last.state))
-    at = statics.system.linearise(fallen.state, line.at(attempt.c), statics.theta, tangent=False)
-    is_driven = fallen.work >= FREE * statics.force_scale(at) * way
-    if is_driven and not _is_no_fall(statics, last.state, attempt.guess, fallen.state):
-        return None
-    return node_at(statics, line, attempt.c, fallen.state, names)
-
-
-def _is_no_fall(statics: Statics, before: State, guess: State, found: State) -> bool:
-    """Whether a fall ends where it began, or where a step would have led: it was none."""
-    layout = statics.system.layout
-    ahead, way = (statics.reach(difference(layout, state, before)) for state in (guess, found))
-    return way <= NO_FALL * statics.length + 2.0 * ahead
-
-
-def _fallen(statics: Statics, line: Line, c: float, state: State, names: tuple[str, ...]) -> Node:
-    """The stable node at c that the robot falls to from a state.
-
-    Raises
-    ------
-    SimulationError
-        Where it comes to none.
-    """
-    fallen = fall(statics, state, line.at(c))
-    if not fallen.converged:
-        raise SimulationError(f"the robot is not stable there, and falls to no other equilibrium: {fallen.status}")
-    statics.seeks_free_modes = True
-    return replace(node_at(statics, line, c, fallen.state, names), is_fallen=True)
 
 
 def between(statics: Statics, line: Line, path: Path, c: float) -> Node:
@@ -330,7 +257,7 @@ def interpolated(layout: Layout, before: Node, after: Node, c: float) -> State:
 
 def _nearer(statics: Statics, line: Line, c: float, last: Node, guess: State) -> State:
     """The state on the way to a predicted one with the least residual."""
-    if not _is_nearly_free(last):
+    if not is_nearly_free(last):
         return guess
     layout = statics.system.layout
     way = difference(layout, guess, last.state)
@@ -358,19 +285,3 @@ def _predicted_step(layout: Layout, nodes: list[Node], c: float) -> Floats:
         curvature = 2.0 * (back + width * last.slope) / width**2
         dz = dz + 0.5 * h**2 * curvature
     return dz
-
-
-def _rate_of_gradient(statics: Statics, line: Line, state: State) -> Floats:
-    """d reduced gradient / dc at fixed z."""
-    system = statics.system
-    layout = system.layout
-    rate = np.zeros(layout.n_unknowns)
-    rate[layout.first_tension_unknown :] = np.where(line.is_held, 0.0, line.shortening_rate)
-    inner = rate[: layout.first_tension_unknown]
-    if line.load_rate != 0.0:
-        full = np.zeros(3 * layout.n_points + layout.n_pressures)
-        full[: 3 * layout.n_points] = -line.load_rate * system.loads.total(statics.theta).ravel()
-        inner += system.motion.reduce_gradient(state, full)
-    for i in np.flatnonzero(line.is_held & (line.tension_rate != 0.0)):
-        inner += line.tension_rate[i] * system.pull(state, int(i), statics.theta)
-    return rate

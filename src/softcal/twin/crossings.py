@@ -10,7 +10,8 @@ from softcal.geometry.mesh import TetMesh
 from softcal.geometry.surface import boundary_triangles
 from softcal.mechanics.crossing import Skins
 from softcal.mechanics.layout import Layout
-from softcal.mechanics.path import Node, interpolated
+from softcal.mechanics.node import Node
+from softcal.mechanics.path import interpolated
 from softcal.twin.contacts import across_seams, mean_edge, moving_together
 from softcal.twin.robot import Robot
 from softcal.units import format_quantity

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from softcal.checks import Floats
 from softcal.mechanics.mixed import neighbours_along
-from softcal.mechanics.path import Node
+from softcal.mechanics.node import Node
 from softcal.mechanics.statics import Statics
 from softcal.twin.build import Twin
 from softcal.twin.sensors import sense, sense_by_parameters, sense_rates

@@ -8,7 +8,8 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
-from softcal.mechanics.path import Line, Node, follow, node_at
+from softcal.mechanics.node import Line, Node, node_at
+from softcal.mechanics.path import follow
 from softcal.mechanics.rod import RodTerm
 from softcal.mechanics.stability import is_stable
 from softcal.mechanics.state import State, rest_state

@@ -8,7 +8,8 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
-from softcal.mechanics.path import Line, Node, Path, between, follow, go_on_from, interpolated, neighbours, node_at
+from softcal.mechanics.node import Line, Node, node_at
+from softcal.mechanics.path import Path, between, follow, go_on_from, interpolated, neighbours
 from softcal.mechanics.state import State
 from softcal.mechanics.statics import Statics
 from softcal.twin.build import Twin

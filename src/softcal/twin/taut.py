@@ -8,8 +8,10 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
-from softcal.mechanics.path import Line, Node, follow, node_at, pushing, stable_node_at
+from softcal.mechanics.node import Line, Node, node_at, pushing
+from softcal.mechanics.path import follow
 from softcal.mechanics.redundancy import DEPENDENT
+from softcal.mechanics.snap_through import stable_node_at
 from softcal.mechanics.stability import fall
 from softcal.mechanics.state import State
 from softcal.mechanics.statics import SLACK_LENGTH, Statics

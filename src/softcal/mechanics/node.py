@@ -1,0 +1,106 @@
+"""An equilibrium on a line of controls, with its exact slope."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.mechanics.free_modes import exclude_free_modes
+from softcal.mechanics.mixed import mixed_derivatives
+from softcal.mechanics.state import State
+from softcal.mechanics.statics import NO_MODES, SLACK_TENSION, Statics
+from softcal.mechanics.system import Controls
+
+
+@dataclass(frozen=True)
+class Line:
+    """Controls that move along a straight line: at(c) = start + c * rate, cables held or not throughout."""
+
+    is_held: np.ndarray
+    tension: Floats
+    shortening: Floats
+    tension_rate: Floats
+    shortening_rate: Floats
+    load: float = 1.0
+    load_rate: float = 0.0
+
+    def at(self, c: float) -> Controls:
+        """Controls at the line's parameter c."""
+        return Controls(
+            self.is_held,
+            self.tension + c * self.tension_rate,
+            self.shortening + c * self.shortening_rate,
+            self.load + c * self.load_rate,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Node:
+    """An equilibrium on the path; no two are equal. slope: dz/dc (n_unknowns,); by_parameter: dz/dtheta at fixed c
+    (n_unknowns, k); mixed: d2z/dc dtheta (n_unknowns, k);
+    is_stable: whether it is one of least energy, or one that a cable would have to push for, which is none anyway;
+    is_fallen: whether the robot fell to it from an unstable one (it buckled, or snapped); has_fallen: whether it did so
+    before; free: the modes (n_unknowns - n_cables, k) along which the robot moves without force, and slope
+    and by_parameter do not.
+    """
+
+    c: float
+    state: State
+    slope: Floats
+    by_parameter: Floats
+    mixed: Floats
+    is_stable: bool = True
+    is_fallen: bool = False
+    has_fallen: bool = False
+    free: Floats = field(default_factory=lambda: NO_MODES)
+
+
+def node_at(
+    statics: Statics, line: Line, c: float, state: State, names: tuple[str, ...], *, mixed: bool = True
+) -> Node:
+    """The node of an equilibrium: one factorisation, then a substitution for the slope and two per parameter.
+
+    mixed: whether the mixed derivatives are wanted, to read between this node and the next; zero otherwise.
+
+    Raises
+    ------
+    SimulationError
+        Where the tangent is singular.
+    """
+    controls = line.at(c)
+    at = statics.tangent_at(state, controls)
+    by_control = _rate_of_gradient(statics, line, state)
+    sought = statics.seeks_free_modes or statics.n_unstable() != 0
+    free = exclude_free_modes(statics, at) if sought else NO_MODES
+    stable = bool(pushing(state).any()) or statics.n_unstable() == 0
+    by_theta = statics.system.gradient_by_parameters(state, at, statics.theta, names)
+    dz = -statics.solve(np.column_stack([by_control, by_theta]))
+    # A held cable's tension is given: its rate is the line's.
+    tensions = dz[statics.system.layout.first_tension_unknown :]
+    tensions[line.is_held, 0] = line.tension_rate[line.is_held]
+    slope, by_parameter = dz[:, 0], dz[:, 1:]
+    of_both = mixed_derivatives(statics, controls, state, slope, by_parameter, names if mixed else ())
+    return Node(c, state, slope, by_parameter, of_both, stable, free=free)
+
+
+def pushing(state: State) -> np.ndarray:
+    """Which cables push (n_cables,), as none can: such a state is on the way to another at most."""
+    return state.tension < -SLACK_TENSION * np.abs(state.tension).max(initial=0.0)
+
+
+def _rate_of_gradient(statics: Statics, line: Line, state: State) -> Floats:
+    """d reduced gradient / dc at fixed z."""
+    system = statics.system
+    layout = system.layout
+    rate = np.zeros(layout.n_unknowns)
+    rate[layout.first_tension_unknown :] = np.where(line.is_held, 0.0, line.shortening_rate)
+    inner = rate[: layout.first_tension_unknown]
+    if line.load_rate != 0.0:
+        full = np.zeros(3 * layout.n_points + layout.n_pressures)
+        full[: 3 * layout.n_points] = -line.load_rate * system.loads.total(statics.theta).ravel()
+        inner += system.motion.reduce_gradient(state, full)
+    for i in np.flatnonzero(line.is_held & (line.tension_rate != 0.0)):
+        inner += line.tension_rate[i] * system.pull(state, int(i), statics.theta)
+    return rate

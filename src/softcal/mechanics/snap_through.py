@@ -1,0 +1,73 @@
+"""Snap-through: the robot falls from where its branch ends, or is stable no longer, to another equilibrium."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from softcal.errors import SimulationError
+from softcal.mechanics.node import Line, Node, node_at, pushing
+from softcal.mechanics.stability import fall
+from softcal.mechanics.state import State, difference
+from softcal.mechanics.statics import FREE, Statics
+
+NO_FALL = 1e-4  # of the robot's extent: what moves it no farther, a tenth of the nudge, is no fall
+
+
+def stable_node_at(statics: Statics, line: Line, c: float, state: State, names: tuple[str, ...]) -> Node:
+    """The node of an equilibrium, or of the stable one that the robot falls to from there.
+
+    Raises
+    ------
+    SimulationError
+        Where the tangent is singular, or the robot falls to no other equilibrium.
+    """
+    node = node_at(statics, line, c, state, names, mixed=False)
+    return node if node.is_stable else fallen(statics, line, c, state, names)
+
+
+def is_nearly_free(node: Node) -> bool:
+    """Whether the robot has buckled in many ways at once: it then moves in several ways that take hardly any force."""
+    return (node.has_fallen or node.is_fallen) and node.free.shape[1] > 1
+
+
+def settled(
+    statics: Statics, line: Line, last: Node, c: float, begin: State, guess: State, names: tuple[str, ...]
+) -> Node | None:
+    """The stable node at c that the robot settles to where Newton's method finds no way along modes that are nearly
+    free. begin: where from; guess: what was predicted.
+
+    None where it has none, or where it settles to none that is close, or that so little force leads to.
+    """
+    if not is_nearly_free(last) or pushing(last.state).any():
+        return None
+    ended = fall(statics, begin, line.at(c))
+    if not ended.converged:
+        return None
+    way = statics.reach(difference(statics.system.layout, ended.state, last.state))
+    at = statics.system.linearise(ended.state, line.at(c), statics.theta, tangent=False)
+    is_driven = ended.work >= FREE * statics.force_scale(at) * way
+    if is_driven and not is_no_fall(statics, last.state, guess, ended.state):
+        return None
+    return node_at(statics, line, c, ended.state, names)
+
+
+def is_no_fall(statics: Statics, before: State, guess: State, found: State) -> bool:
+    """Whether a fall ends where it began, or where a step would have led: it was none."""
+    layout = statics.system.layout
+    ahead, way = (statics.reach(difference(layout, state, before)) for state in (guess, found))
+    return way <= NO_FALL * statics.length + 2.0 * ahead
+
+
+def fallen(statics: Statics, line: Line, c: float, state: State, names: tuple[str, ...]) -> Node:
+    """The stable node at c that the robot falls to from a state.
+
+    Raises
+    ------
+    SimulationError
+        Where it comes to none.
+    """
+    ended = fall(statics, state, line.at(c))
+    if not ended.converged:
+        raise SimulationError(f"the robot is not stable there, and falls to no other equilibrium: {ended.status}")
+    statics.seeks_free_modes = True
+    return replace(node_at(statics, line, c, ended.state, names), is_fallen=True)

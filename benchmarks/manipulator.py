@@ -20,7 +20,7 @@ from softcal.experiments.dataset import Channel, Dataset
 from softcal.project.project import load
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
-from softcal.twin.robot import ElementKind, Robot
+from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
 
 TEMPLATE = Path(softcal.__file__).parent / "templates" / "manipulator" / "project.yaml"
@@ -83,7 +83,7 @@ def _sweep(robot: Robot, quick: bool, rows: list[list[str]]) -> Goal:
 
 def _single_runs(robot: Robot, quick: bool, rows: list[list[str]]) -> None:
     """One run of cable 6 to 19.62 N at the nominal values, rods and solids side by side."""
-    element: ElementKind = "P1" if quick else "P2P1"
+    element: str = "P1" if quick else "P2P1"
     solid = _with_solid_springs(element)
     n_tets = sum(len(body.mesh.tets) for body in solid.bodies)
     runs = {"rods": robot, f"solids, {n_tets} {element} tets": solid}
@@ -99,7 +99,7 @@ def _single_runs(robot: Robot, quick: bool, rows: list[list[str]]) -> None:
     rows.append(["the two apart at marker4", f"{100 * np.linalg.norm(tips[1] - tips[0]) / LENGTH:.2f} % of the length"])
 
 
-def _with_solid_springs(element: ElementKind) -> Robot:
+def _with_solid_springs(element: str) -> Robot:
     text = TEMPLATE.read_text(encoding="utf-8")
     rods, solids = "    springs:\n", f"    springs:\n      model: solid\n      element: {element}\n"
     if text.count(rods) != 1:

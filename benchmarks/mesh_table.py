@@ -20,7 +20,6 @@ from benchmarks.neck_case import PITCH, PULL, TENSION, neck_robot, pull
 from benchmarks.section import table
 from softcal.geometry.neck import neck_mesh
 from softcal.twin.build import build_twin
-from softcal.twin.robot import ElementKind
 from softcal.twin.simulate import simulate
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
@@ -41,7 +40,7 @@ class Kind:
     """
 
     name: str
-    element: ElementKind
+    element: str
     waist_refinement: float = 1.0
     sectors: tuple[int, int] | None = None
 

@@ -8,7 +8,7 @@ from softcal.checks import Floats
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.neck import NeckShape, neck_mesh
 from softcal.twin.protocol import Command, Protocol
-from softcal.twin.robot import Body, Cable, ElementKind, Plate, Robot, ViaPoint
+from softcal.twin.robot import Body, Cable, Plate, Robot, ViaPoint
 
 YOUNGS_MODULUS, POISSONS_RATIO = 2.3e6, 0.43  # [Pa], [-]: what the neck's authors found
 CABLE_RADIUS = 0.05  # [m]
@@ -17,7 +17,7 @@ P1_TETS, P2P1_TETS = 3700, 1700
 TENSION, PITCH = "front.tension", "plate.pitch"
 
 
-def neck_robot(mesh: TetMesh, element: ElementKind, E: float = YOUNGS_MODULUS, nu: float = POISSONS_RATIO) -> Robot:
+def neck_robot(mesh: TetMesh, element: str, E: float = YOUNGS_MODULUS, nu: float = POISSONS_RATIO) -> Robot:
     """Clamped in its socket, a rigid plate on its collar, a cable straight down from the plate; no gravity."""
     shape = NeckShape()
     body = Body(
@@ -32,7 +32,7 @@ def neck_robot(mesh: TetMesh, element: ElementKind, E: float = YOUNGS_MODULUS, n
     return Robot((body,), (plate,), (Cable("front", (ViaPoint(top, "plate"), ViaPoint(foot))),))
 
 
-def standard_robot(element: ElementKind, E: float = YOUNGS_MODULUS, nu: float = POISSONS_RATIO) -> Robot:
+def standard_robot(element: str, E: float = YOUNGS_MODULUS, nu: float = POISSONS_RATIO) -> Robot:
     """P1 on some 3.7k tets, P2P1 on some 1.7k curved ones."""
     mesh = neck_mesh(count=P1_TETS) if element == "P1" else neck_mesh(count=P2P1_TETS, order=2)
     return neck_robot(mesh, element, E, nu)

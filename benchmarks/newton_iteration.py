@@ -23,10 +23,9 @@ from softcal.mechanics.statics import Statics
 from softcal.mechanics.term import Controls
 from softcal.twin.build import Twin, build_twin
 from softcal.twin.parameters import parameter_values
-from softcal.twin.robot import ElementKind
 
 LIMIT = 1.8
-ELEMENTS: tuple[ElementKind, ...] = ("P1", "P2P1")
+ELEMENTS: tuple[str, ...] = ("P1", "P2P1")
 
 
 @dataclass
@@ -73,7 +72,7 @@ class Midway:
         return linearised - start, time.perf_counter() - start
 
 
-def midway(element: ElementKind) -> Midway:
+def midway(element: str) -> Midway:
     robot = standard_robot(element)
     twin = build_twin(robot)
     theta = parameter_values(robot)

@@ -14,10 +14,12 @@ import numpy as np
 import scipy.sparse as sp
 
 from softcal.checks import Floats
-from softcal.geometry.mesh import TET_EDGES, TetMesh
-from softcal.mechanics.element import quadrature
+from softcal.geometry.cell import TET_EDGES
+from softcal.geometry.mesh import TetMesh
+from softcal.mechanics.elements import P1, P2
 
 Common = tuple[Floats, sp.csr_matrix]
+PLAIN = {element.cell.order: element for element in (P1, P2)}
 
 
 @dataclass(frozen=True)
@@ -47,7 +49,7 @@ def softcal_assembler(task: Task) -> Assembler:
     from softcal.mechanics.term import Controls
 
     X, none = task.mesh.points, np.zeros(0)
-    solid, _ = build_solid("body", LAWS["neo-hooke"], X, task.mesh.tets, first_point=0, first_pressure=None)
+    solid, _ = build_solid("body", LAWS["neo-hooke"], PLAIN[task.mesh.order], X, task.mesh.tets, first_point=0)
     layout = Layout(X, np.full(len(X), FREE), np.zeros((0, 3)), 0, 0)
     system = build_system(layout, (solid,))
     nu = 0.5 * task.lmbda / (task.lmbda + task.mu)
@@ -71,9 +73,9 @@ def felupe_assembler(task: Task) -> Assembler:
         ("tetra", felupe.RegionTetra) if task.mesh.order == 1 else ("tetra10", felupe.RegionQuadraticTetra)
     )
     # FElupe's own points of its quadratic tet have eight digits.
-    barycentric, weights = quadrature(task.mesh.order)
-    rule = felupe.quadrature.Scheme(barycentric[:, 1:], weights)
-    region = region_of(felupe.Mesh(task.mesh.points, task.mesh.tets, kind), quadrature=rule)
+    rule = PLAIN[task.mesh.order].quadrature
+    scheme = felupe.quadrature.Scheme(rule.points[:, 1:], rule.weights)
+    region = region_of(felupe.Mesh(task.mesh.points, task.mesh.tets, kind), quadrature=scheme)
     fields = felupe.FieldContainer([felupe.Field(region, dim=3, values=task.u)])
     body = felupe.SolidBody(felupe.NeoHookeCompressible(mu=task.mu, lmbda=task.lmbda), fields)
     return Assembler(
@@ -89,8 +91,8 @@ def scikit_fem_assembler(task: Task) -> Assembler:
     corners = int(task.mesh.tets[:, :4].max()) + 1
     mesh = skfem.MeshTet(task.mesh.points[:corners].T.copy(), task.mesh.tets[:, :4].T.copy())
     scalar = skfem.ElementTetP1() if task.mesh.order == 1 else skfem.ElementTetP2()
-    barycentric, weights = quadrature(task.mesh.order)
-    basis = skfem.Basis(mesh, skfem.ElementVector(scalar), quadrature=(barycentric[:, 1:].T.copy(), weights))
+    rule = PLAIN[task.mesh.order].quadrature
+    basis = skfem.Basis(mesh, skfem.ElementVector(scalar), quadrature=(rule.points[:, 1:].T.copy(), rule.weights))
     to_node = _nodes_at(task.mesh, basis.doflocs[:, ::3].T)
     order = (3 * to_node[:, None] + np.arange(3)).ravel()
     values = np.empty(task.u.size)
@@ -134,15 +136,15 @@ def ngsolve_assembler(task: Task) -> Assembler:
     scalar = ng.H1(mesh, order=task.mesh.order)
     space = ng.VectorH1(mesh, order=task.mesh.order)
     to_own = _hierarchical(task.mesh, scalar, mesh)
-    barycentric, weights = quadrature(task.mesh.order)
+    rule = PLAIN[task.mesh.order].quadrature
     # NGSolve's reference tet has its corners in another order; the points are symmetric, so their order is free.
-    rule = ng.IntegrationRule([tuple(map(float, p[:3])) for p in barycentric], [float(w) for w in weights])
+    points = ng.IntegrationRule([tuple(map(float, p[:3])) for p in rule.points], [float(w) for w in rule.weights])
     u = space.TrialFunction()
     F = ng.Id(3) + ng.Grad(u)
     J = ng.Det(F)
     energy = 0.5 * task.mu * (ng.InnerProduct(F, F) - 3) - task.mu * ng.log(J) + 0.5 * task.lmbda * ng.log(J) ** 2
     form = ng.BilinearForm(space, symmetric=False)
-    form += ng.Variation(energy.Compile() * ng.dx(intrules={ng.TET: rule}))
+    form += ng.Variation(energy.Compile() * ng.dx(intrules={ng.TET: points}))
     at, out = ng.GridFunction(space), ng.GridFunction(space)
     # VectorH1 numbers one component after the other.
     own = [sp.linalg.spsolve(to_own.tocsc(), task.u[:, i]) for i in range(3)]

@@ -21,10 +21,9 @@ from benchmarks.neck_case import neck_robot
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.neck import neck_mesh
 from softcal.twin.protocol import Command, Protocol
-from softcal.twin.robot import ElementKind
 from softcal.twin.simulate import simulate
 
-ELEMENTS: tuple[ElementKind, ...] = ("P1", "P2P1")
+ELEMENTS: tuple[str, ...] = ("P1", "P2P1")
 PROTOCOLS = {
     "40 mm by shortening": Protocol({"front": Command("shortening", np.linspace(0.002, 0.04, 20))}),
     "8 N by tension": Protocol({"front": Command("tension", np.linspace(0.4, 8.0, 20))}),
@@ -59,9 +58,7 @@ def parameter_draws(n: int, seed: int = 1) -> list[tuple[float, float]]:
     return list(zip(E.tolist(), nu.tolist(), strict=True))
 
 
-def outcomes(
-    mesh: TetMesh, element: ElementKind, protocol: Protocol, draws: Iterable[tuple[float, float]]
-) -> list[Outcome]:
+def outcomes(mesh: TetMesh, element: str, protocol: Protocol, draws: Iterable[tuple[float, float]]) -> list[Outcome]:
     """Simulate every draw."""
     found: list[Outcome] = []
     for E, nu in draws:

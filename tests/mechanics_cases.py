@@ -12,9 +12,9 @@ import pytest
 
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
-from softcal.geometry.quadratic import to_quadratic
 from softcal.geometry.surface import boundary_faces
 from softcal.materials.law import Law
+from softcal.mechanics.elements import ELEMENTS
 from softcal.mechanics.loads import Loads
 from softcal.mechanics.state import State, rest_state
 from softcal.mechanics.system import Linearisation, System
@@ -25,7 +25,6 @@ from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Body, Cable, Plate, Robot, ViaPoint
 
 SHARED = Path(__file__).resolve().parents[1] / ".." / "shared"
-ELEMENTS = ("P1", "P2", "P2P1")
 
 
 def shared_json(name: str) -> dict:
@@ -46,7 +45,7 @@ def irregular_box(
     points = mesh.points.copy()
     points[inner] += shift * edges * np.random.default_rng(seed).uniform(-1.0, 1.0, (len(inner), 3))
     mesh = TetMesh(points, mesh.tets, dict(mesh.node_sets), dict(mesh.face_sets))
-    return mesh if element == "P1" else to_quadratic(mesh)
+    return ELEMENTS[element].mesh(mesh)
 
 
 def elastic(E: float = 1.0e6, nu: float = 0.3) -> dict[str, float]:

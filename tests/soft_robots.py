@@ -18,7 +18,7 @@ from softcal.geometry.primitives import box_mesh
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
-from softcal.twin.robot import Body, Cable, ElementKind, Marker, Plate, Robot, ViaPoint
+from softcal.twin.robot import Body, Cable, Marker, Plate, Robot, ViaPoint
 from softcal.twin.simulate import simulate
 
 TENTACLE_E, TENTACLE_NU = 140e3, 0.49
@@ -28,7 +28,7 @@ CAMERA = (0.004, -0.006, 0.4, 0.03, -0.05, 0.08)  # t [m], rotation vector [rad]
 FINGER_E, FINGER_NU = 550e3, 0.45
 
 
-def tentacle(element: ElementKind = "P2P1") -> Robot:
+def tentacle(element: str = "P2P1") -> Robot:
     """Of silicone, square, hanging from its base, with three tendons and four markers."""
     divisions = (2, 2, 6)
     mesh = box_mesh((WIDTH, WIDTH, LENGTH), divisions, origin=(-WIDTH / 2, -WIDTH / 2, -LENGTH))
@@ -56,7 +56,7 @@ def tentacle(element: ElementKind = "P2P1") -> Robot:
 
 
 @functools.cache
-def _pulled(element: ElementKind, cable: str, forces: tuple[float, ...]) -> Response:
+def _pulled(element: str, cable: str, forces: tuple[float, ...]) -> Response:
     seen = simulate(tentacle(element), Protocol({cable: Command("tension", np.array(forces))}), curve_tolerance=0.0)
     assert seen.succeeded, seen.status
     return seen
@@ -65,7 +65,7 @@ def _pulled(element: ElementKind, cable: str, forces: tuple[float, ...]) -> Resp
 def tentacle_problem(
     loss: Loss,
     *,
-    element: ElementKind = "P2P1",
+    element: str = "P2P1",
     bounds: tuple[float, float] = (20e3, 1e6),
     scale: str = "log",
     frame_z: tuple[float, float] = (0.3, 0.5),
@@ -117,7 +117,7 @@ def notched_mesh() -> TetMesh:
     return TetMesh(points, number[kept], node_sets=ends)
 
 
-def finger(element: ElementKind = "P2P1") -> Robot:
+def finger(element: str = "P2P1") -> Robot:
     """Hanging, with a tendon along the notched side that a testing machine pulls."""
     mesh = notched_mesh()
     body = Body(
@@ -137,7 +137,7 @@ def finger(element: ElementKind = "P2P1") -> Robot:
 
 
 @functools.cache
-def _flexed(element: ElementKind, slack: float) -> tuple[np.ndarray, Response]:
+def _flexed(element: str, slack: float) -> tuple[np.ndarray, Response]:
     shortening = np.linspace(0.0, 0.006, 61)
     command = Command("shortening", np.maximum(shortening - slack, 0.0))
     seen = simulate(finger(element), Protocol({"tendon": command}))
@@ -148,7 +148,7 @@ def _flexed(element: ElementKind, slack: float) -> tuple[np.ndarray, Response]:
 def finger_problem(
     loss: Loss,
     *,
-    element: ElementKind = "P2P1",
+    element: str = "P2P1",
     bounds: tuple[float, float] = (50e3, 10e6),
     scale: str = "log",
     tension_offset: tuple[float, float] = (0.001, 0.5),

@@ -16,7 +16,7 @@ from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.result import CalibrationResult
 from softcal.geometry.primitives import box_mesh
 from softcal.project.project import Project, load
-from softcal.twin.robot import ElementKind, Marker, PointLoad, Robot
+from softcal.twin.robot import Marker, PointLoad, Robot
 from softcal.workflows.calibration import calibrate
 
 HERE = Path(__file__).parent
@@ -28,7 +28,7 @@ def of_robot(change: Callable[[Robot], Robot]) -> Callable[[Project], Project]:
     return lambda project: replace(project, robot=change(project.robot))
 
 
-def meshed(*divisions: int, element: ElementKind = "P2P1", held: float = 0.0) -> Callable[[Robot], Robot]:
+def meshed(*divisions: int, element: str = "P2P1", held: float = 0.0) -> Callable[[Robot], Robot]:
     """Another mesh or element; held: length [m] of the beam that the clamp holds, which is left out."""
 
     def change(robot: Robot) -> Robot:

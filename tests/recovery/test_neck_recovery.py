@@ -17,7 +17,7 @@ from softcal.geometry.quadratic import to_linear
 from softcal.geometry.read import read_mesh
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Command, Protocol
-from softcal.twin.robot import Body, Cable, ElementKind, Plate, Robot, ViaPoint
+from softcal.twin.robot import Body, Cable, Plate, Robot, ViaPoint
 from softcal.twin.simulate import simulate
 
 E, NU = "neck.youngs_modulus", "neck.poissons_ratio"
@@ -27,12 +27,12 @@ CORNERS = [(e, nu) for e in E_BOUNDS for nu in NU_BOUNDS]
 D = np.linspace(0.0, 0.03, 31)
 
 
-def shipped_mesh(element: ElementKind) -> TetMesh:
+def shipped_mesh(element: str) -> TetMesh:
     mesh = read_mesh(Path(__file__).parents[2] / "examples" / "neck-bench" / "neck.msh", unit="mm")
     return to_linear(mesh) if element == "P1" else mesh
 
 
-def neck(element: ElementKind, mesh: TetMesh) -> Robot:
+def neck(element: str, mesh: TetMesh) -> Robot:
     top = (0.0, 0.0, 0.106704)
     return Robot(
         bodies=(
@@ -49,7 +49,7 @@ def neck(element: ElementKind, mesh: TetMesh) -> Robot:
     )
 
 
-def problem(element: ElementKind, start: tuple[float, float]) -> Problem:
+def problem(element: str, start: tuple[float, float]) -> Problem:
     return problem_of(neck(element, shipped_mesh(element)), D, start)
 
 

@@ -12,8 +12,8 @@ import pytest
 
 from softcal.errors import MeshError
 from softcal.geometry import generate
+from softcal.geometry.cell import TET_EDGES
 from softcal.geometry.generate import mesh_file
-from softcal.geometry.mesh import TET_EDGES
 from softcal.geometry.neck import NeckShape, neck_mesh
 from softcal.geometry.quality import check_quality, require_sound
 from softcal.geometry.read import read_mesh

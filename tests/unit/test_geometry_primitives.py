@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from softcal.errors import MeshError
-from softcal.geometry.mesh import TET_EDGES, TET_FACE_EDGES, TET_FACES, TetMesh
+from softcal.geometry.cell import TET_EDGES, TET_FACE_EDGES, TET_FACES
+from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.quadratic import to_linear, to_quadratic
 from softcal.geometry.quality import check_quality

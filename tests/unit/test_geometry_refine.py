@@ -6,8 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mechanics_cases import irregular_box
 
+from softcal.geometry.cell import TET_EDGES
 from softcal.geometry.centreline import helix, polyline, straight
-from softcal.geometry.mesh import TET_EDGES, TetMesh
+from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.quadratic import to_linear, to_quadratic
 from softcal.geometry.quality import check_quality

@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from softcal.errors import MeshError
+from softcal.geometry.cell import TET_EDGES
 from softcal.geometry.centreline import helix, polyline, straight
-from softcal.geometry.mesh import TET_EDGES, TetMesh
+from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quality import check_quality, require_sound
 from softcal.geometry.surface import boundary_faces
 from softcal.geometry.wire import SpringShape, rod_mesh, spring_mesh, wire_mesh

@@ -15,6 +15,7 @@ from softcal.export.sofa_robot import scene_faults
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.write import write_mesh
+from softcal.mechanics.elements import ELEMENTS
 from softcal.mechanics.stress import cauchy_stress
 from softcal.project.project import load
 from softcal.report.format import parameter_label
@@ -137,8 +138,8 @@ def test_stresses_are_each_materials_own(tmp_path: Path):
     body, x = robot.bodies[0], shape.points["bar"]
     (part,) = body.inclusions
     stress = np.asarray(grid.cell_data["stress"]).reshape(-1, 3, 3)[: body.mesh.n_tets]
-    own = cauchy_stress(body.mesh, _law(), part.parameters, x)
-    rest = cauchy_stress(body.mesh, _law(), body.parameters, x)
+    own = cauchy_stress(ELEMENTS[body.element], body.mesh, _law(), part.parameters, x)
+    rest = cauchy_stress(ELEMENTS[body.element], body.mesh, _law(), body.parameters, x)
     others = np.setdiff1d(np.arange(body.mesh.n_tets), part.tets)
     np.testing.assert_allclose(stress[part.tets], own[part.tets], rtol=1e-12, atol=1e-9)
     np.testing.assert_allclose(stress[others], rest[others], rtol=1e-12, atol=1e-9)

@@ -4,8 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from mechanics_cases import body_theta, constants, elastic, held, irregular_box, placed, solid_system
 
 from softcal.errors import MeshError
@@ -13,57 +11,15 @@ from softcal.geometry.primitives import box_mesh
 from softcal.materials.catalogue import LAWS
 from softcal.materials.law import compile_law
 from softcal.materials.neo_hooke import NEO_HOOKE
-from softcal.mechanics.element import quadrature, reference_gradients, shape_functions, shape_gradients
+from softcal.mechanics.elements import ELEMENTS, P1
 from softcal.mechanics.solid import SolidTerm
 from softcal.mechanics.term import Given
 
-CORNERS = np.eye(4)
-EDGES = 0.5 * (CORNERS[[0, 1, 0, 0, 1, 2]] + CORNERS[[1, 2, 2, 3, 3, 3]])
-barycentric = st.lists(st.floats(0.01, 1.0), min_size=4, max_size=4).map(lambda v: np.array([v]) / sum(v))
 
-
-@pytest.mark.parametrize("order", [1, 2])
-def test_shape_functions_are_one_at_their_node_and_zero_at_the_others(order):
-    nodes = CORNERS if order == 1 else np.vstack([CORNERS, EDGES])
-    np.testing.assert_allclose(shape_functions(nodes, order), np.eye(len(nodes)), atol=1e-15)
-
-
-@settings(deadline=None)
-@given(barycentric, st.sampled_from([1, 2]))
-def test_shape_functions_sum_to_one(at, order):
-    assert shape_functions(at, order).sum() == pytest.approx(1.0)
-
-
-@settings(deadline=None)
-@given(barycentric, st.sampled_from([1, 2]))
-def test_gradients_are_those_of_the_functions(at, order):
-    h = 1e-6
-    for k in range(4):
-        d = np.zeros((1, 4))
-        d[0, k] = h
-        slope = (shape_functions(at + d, order) - shape_functions(at - d, order)) / (2 * h)
-        np.testing.assert_allclose(shape_gradients(at, order)[:, :, k], slope, atol=1e-9)
-
-
-@pytest.mark.parametrize(("order", "degree"), [(1, 1), (2, 2)])
-def test_quadrature_is_exact_to_its_degree(order, degree):
-    """Integral of x^i y^j z^k over the unit tet: i! j! k! / (i + j + k + 3)!."""
-    from math import factorial
-
-    at, w = quadrature(order)
-    for i, j, k in np.ndindex(4, 4, 4):
-        got = np.sum(w * at[:, 1] ** i * at[:, 2] ** j * at[:, 3] ** k)
-        exact = factorial(i) * factorial(j) * factorial(k) / factorial(i + j + k + 3)
-        if i + j + k <= degree:
-            assert got == pytest.approx(exact, rel=1e-13)
-    cubic = np.sum(w * at[:, 1] ** (degree + 1))
-    assert cubic != pytest.approx(factorial(degree + 1) / factorial(degree + 4), rel=1e-6)
-
-
-@pytest.mark.parametrize("element", ["P1", "P2"])
+@pytest.mark.parametrize("element", ELEMENTS)
 def test_weights_sum_to_the_volume_and_gradients_are_exact_for_affine_maps(element):
     mesh = irregular_box((2.0, 3.0, 1.5), (2, 3, 2), element)
-    dN, w = reference_gradients(mesh.points, mesh.tets)
+    dN, w = ELEMENTS[element].gradients(mesh.points, mesh.tets)
     assert w.sum() == pytest.approx(9.0)
     A = np.array([[1.0, 2.0, 3.0], [0.5, -1.0, 2.0], [0.0, 1.0, 1.0]])
     F = np.einsum("eai,eqaj->eqij", (mesh.points @ A.T)[mesh.tets], dN)
@@ -75,7 +31,7 @@ def test_inverted_element_is_refused_by_number():
     tets = mesh.tets.copy()
     tets[3] = tets[3][[1, 0, 2, 3]]
     with pytest.raises(MeshError, match=r"neck: 1 element\(s\) are inverted; got tets \[3\]"):
-        reference_gradients(mesh.points, tets, where="neck")
+        P1.gradients(mesh.points, tets, where="neck")
 
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=lambda law: law.name)
@@ -97,7 +53,7 @@ def test_a_law_that_gives_way_under_compression_is_reported(law, nu):
     assert any(given_way) == (law is NEO_HOOKE and nu < 0.0)
 
 
-@pytest.mark.parametrize("element", ["P1", "P2", "P2P1"])
+@pytest.mark.parametrize("element", ELEMENTS)
 def test_energy_of_a_homogeneous_stretch_is_psi_times_volume(element):
     mesh = irregular_box((2.0, 3.0, 1.5), (2, 2, 2), element)
     system = solid_system(mesh, element, NEO_HOOKE, np.array([0]))

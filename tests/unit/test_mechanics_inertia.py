@@ -7,6 +7,7 @@ import pytest
 from mechanics_cases import body_theta, column_robot, constants, elastic, held, irregular_box
 
 from softcal.errors import InputError
+from softcal.geometry.cell import LINEAR
 from softcal.geometry.centreline import straight
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
@@ -16,6 +17,7 @@ from softcal.materials.catalogue import LAWS
 from softcal.materials.law import Law
 from softcal.mechanics.damping import Damping, TimeStep
 from softcal.mechanics.dynamics import pulls_without_push
+from softcal.mechanics.elements import P1
 from softcal.mechanics.inertia import Rates, element_masses, second_moments
 from softcal.mechanics.solid import SolidTerm, build_solid
 from softcal.mechanics.state import exponential, moved, rest_state
@@ -220,8 +222,8 @@ def test_viscosity_has_the_moduli_of_the_undeformed_body(law):
     E, nu = 2.0e6, 0.37
     lame, shear = E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), 0.5 * E / (1.0 + nu)
     mesh = box_mesh((1.0, 1.0, 1.0), (1, 1, 1))
-    for first_pressure, bulk in ((None, lame + 2.0 * shear / 3.0), (0, None)):
-        solid, _ = build_solid("body", law, mesh.points, mesh.tets, first_point=0, first_pressure=first_pressure)
+    for element, bulk in ((P1, lame + 2.0 * shear / 3.0), (replace(P1, pressure=LINEAR), None)):
+        solid, _ = build_solid("body", law, element, mesh.points, mesh.tets, first_point=0)
         lmbda, mu = solid.rest_moduli(body_theta(constants(law, E, nu)))
         assert mu == pytest.approx(shear, rel=1e-12)
         if bulk is not None:

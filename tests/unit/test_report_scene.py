@@ -10,7 +10,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.text import Text
 from report_example import column_mesh, neck_robot, twin_view
 
-from softcal.geometry.mesh import TET_EDGES
+from softcal.geometry.cell import TET_EDGES
 from softcal.geometry.surface import boundary_triangles
 from softcal.report import scene_render
 from softcal.report.chart_twin import draw_side_by_side, draw_twin

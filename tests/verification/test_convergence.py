@@ -11,7 +11,7 @@ from mechanics_cases import body_theta, elastic, held, placed, solid_system
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.surface import boundary_faces
 from softcal.materials.neo_hooke import NEO_HOOKE
-from softcal.mechanics.element import shape_functions, shape_gradients
+from softcal.mechanics.elements import ELEMENTS
 from softcal.mechanics.statics import Statics
 
 A, B, K = 0.15, 0.1, 2.0
@@ -57,11 +57,11 @@ def fine_quadrature(n=4):
 
 def errors(element, nu, n):
     """L2 errors of position and of its gradient, relative."""
-    order = 1 if element == "P1" else 2
-    mesh = box_mesh((1.0, 1.0, 1.0), (n, n, n), order=order)
+    cell = ELEMENTS[element].cell
+    mesh = box_mesh((1.0, 1.0, 1.0), (n, n, n), order=cell.order)
     at, weights = fine_quadrature()
-    N = shape_functions(at, order)
-    dN = shape_gradients(at, order)[:, :, 1:] - shape_gradients(at, order)[:, :, :1]
+    N = cell.functions(at)
+    dN = cell.gradients(at)[:, :, 1:] - cell.gradients(at)[:, :, :1]
     X = np.einsum("qa,eai->eqi", N, mesh.points[mesh.tets])
     A = np.einsum("qak,eai->eqik", dN, mesh.points[mesh.tets])
     w = np.linalg.det(A) * weights

@@ -8,10 +8,11 @@ reaction at the corners.
 
 import numpy as np
 import pytest
-from mechanics_cases import ELEMENTS, elastic, held, irregular_box, placed, solid_system
+from mechanics_cases import elastic, held, irregular_box, placed, solid_system
 from scipy.optimize import brentq
 
 from softcal.materials.neo_hooke import NEO_HOOKE
+from softcal.mechanics.elements import ELEMENTS
 from softcal.mechanics.statics import Statics
 from softcal.twin.build import build_twin
 from softcal.twin.robot import Body, Robot, SurfaceLoad

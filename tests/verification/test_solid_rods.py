@@ -13,7 +13,7 @@ from softcal.geometry.centreline import Centreline, helix, straight
 from softcal.geometry.section import circular
 from softcal.twin.manipulator import ManipulatorShape, manipulator
 from softcal.twin.protocol import Command, Protocol
-from softcal.twin.robot import ElementKind, Plate, PointLoad, Robot, Rod
+from softcal.twin.robot import Plate, PointLoad, Robot, Rod
 from softcal.twin.simulate import simulate
 from softcal.twin.solid_rods import elements_for_solid, with_solid_rods
 
@@ -65,7 +65,7 @@ CASES = {
         5,
     ),
 }
-MESHES: dict[str, tuple[int, ElementKind, int]] = {
+MESHES: dict[str, tuple[int, str, int]] = {
     "one ring, P2P1": (1, "P2P1", 40),
     "two rings, P2P1": (2, "P2P1", 20),
     "two rings, P2": (2, "P2", 20),

@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mechanics_cases import (
-    ELEMENTS,
     body_theta,
     column_robot,
     constants,
@@ -24,6 +23,7 @@ from softcal.geometry.mesh import TetMesh
 from softcal.materials.catalogue import LAWS
 from softcal.materials.law import compile_law
 from softcal.materials.neo_hooke import NEO_HOOKE
+from softcal.mechanics.elements import ELEMENTS
 from softcal.mechanics.solid import SolidTerm
 from softcal.mechanics.state import moved, rest_state
 from softcal.mechanics.term import Controls

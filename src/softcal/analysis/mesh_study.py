@@ -31,11 +31,12 @@ from softcal.calibration.result import Estimate
 from softcal.calibration.sensitivity import local_statistics
 from softcal.checks import Floats
 from softcal.errors import MeshError, SimulationError
-from softcal.twin.finer import ELEMENT_RANK, Size, elevated, halved, size
+from softcal.mechanics.elements import DEFAULT, ELEMENTS
+from softcal.twin.finer import Size, elevated, halved, has_lower, size
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response
-from softcal.twin.robot import ElementKind, Robot
+from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
 
 LIMIT = "limit"
@@ -137,7 +138,7 @@ def mesh_study(
     problem: Problem,
     theta: Mapping[str, float],
     *,
-    element: ElementKind = "P2P1",
+    element: str = DEFAULT.name,
     halvings: int = 2,
     max_unknowns: int = UNKNOWNS,
     progress: Observer | None = None,
@@ -166,7 +167,7 @@ def mesh_study(
         raise SimulationError(f"The twin cannot be simulated at the values to be studied. {base.failure}")
     model = _Model(problem, base)
     raised = elevated(problem.robot, element)
-    is_lower = any(ELEMENT_RANK[body.element] < ELEMENT_RANK[element] for body in problem.robot.bodies)
+    is_lower = has_lower(problem.robot, element)
     plans = [(element, f"{element} elements on the same tets", raised, 0)] if is_lower else []
     plans += [(f"h/{2**n}", _halved_words(n), problem.robot, n) for n in range(1, halvings + 1)]
     if is_lower and halvings:
@@ -355,6 +356,6 @@ def _notes(model: _Model, reference: str) -> list[str]:
             "The expected values do not include further halvings: about a third of the last change, if the error "
             "decreases with the square of the element size; more at notches and clamped edges."
         )
-    elif reference in ELEMENT_RANK:
+    elif reference in ELEMENTS:
         notes.append(f"The expected values do not include the error of {reference} elements on these tets.")
     return notes

@@ -22,6 +22,7 @@ from softcal.calibration.optimiser import Proposal
 from softcal.calibration.problem import Evaluation, Problem
 from softcal.errors import CalibrationError, Fault, ParameterError
 from softcal.materials.catalogue import LAWS, register_law
+from softcal.mechanics.elements import ELEMENTS, register_element
 
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 
@@ -84,7 +85,7 @@ class Evaluator:
             self._workers,
             mp_context=multiprocessing.get_context("spawn"),
             initializer=_begin,
-            initargs=(_pickled(LAWS.registered), _pickled(self._problem)),
+            initargs=(_pickled((LAWS.registered, ELEMENTS.registered)), _pickled(self._problem)),
         )
         return self._pool
 
@@ -137,14 +138,17 @@ def _pickle_mapping(mapping: Any) -> tuple[Any, ...]:
 _here: dict[str, Problem] = {}
 
 
-def _begin(laws: bytes, problem: bytes) -> None:
+def _begin(registered: bytes, problem: bytes) -> None:
     threading.Thread(target=_end_with_parent, daemon=True).start()
     # Ctrl-C reaches the whole process group; only the parent answers it, so that no trial is lost half-told.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-    for law in pickle.loads(laws):
+    laws, elements = pickle.loads(registered)
+    for law in laws:
         register_law(law)
+    for element in elements:
+        register_element(element)
     _here["problem"] = pickle.loads(problem)
 
 

@@ -22,6 +22,7 @@ from softcal.export.calculix_cables import cable_lines, dead_pulls
 from softcal.export.calculix_format import listed, number, set_name, weighted_sum
 from softcal.export.load_path import load_path
 from softcal.materials.catalogue import LAWS
+from softcal.mechanics.elements import ELEMENTS, P1, P2
 from softcal.mechanics.layout import FIXED, Layout
 from softcal.twin.build import Twin, build_twin
 from softcal.twin.parameters import parameter_values
@@ -30,6 +31,7 @@ from softcal.twin.robot import Body, Robot
 
 DECK = "robot.inp"
 ITS_LAW = "neo-hooke-isochoric"
+ITS_ELEMENTS = {element.cell: element for element in (P1, P2)}
 # A whole step at once, and parts of it where that does not converge; forces to a millionth of the average one.
 _STEP = (
     "*STEP, NLGEOM, INC=1000",
@@ -65,8 +67,8 @@ def _in_its_law(body: Body) -> Body:
         return {"youngs_modulus": law.youngs_modulus(parameters), "poissons_ratio": law.poissons_ratio(parameters)}
 
     inclusions = tuple(replace(part, parameters=alike(part.parameters)) for part in body.inclusions)
-    element = "P2" if body.element == "P2P1" else body.element
-    return replace(body, law=ITS_LAW, element=element, parameters=alike(body.parameters), inclusions=inclusions)
+    element = ITS_ELEMENTS[ELEMENTS[body.element].cell]
+    return replace(body, law=ITS_LAW, element=element.name, parameters=alike(body.parameters), inclusions=inclusions)
 
 
 def calculix_deck(robot: Robot, shapes: Sequence[Snapshot]) -> Deck:
@@ -190,7 +192,7 @@ def _elements(twin: Twin) -> Iterator[str]:
     for body in twin.robot.bodies:
         mesh, first = twin.meshes[body.name], twin.first_point[body.name]
         for material in body.materials:
-            yield f"*ELEMENT, TYPE={'C3D4' if mesh.order == 1 else 'C3D10'}, ELSET={set_name(material.name)}"
+            yield f"*ELEMENT, TYPE={mesh.cell.calculix}, ELSET={set_name(material.name)}"
             for tet in mesh.tets[material.tets]:
                 number += 1
                 yield f"{number}, " + ", ".join(str(first + n + 1) for n in tet)
@@ -250,6 +252,10 @@ def _notes(robot: Robot) -> tuple[str, ...]:
                 f"{body.name}: CalculiX has no law '{body.law}'; written with its isochoric neo-Hookean one at the "
                 "same modulus and ratio, which is the same at small strain."
             )
-        if body.element == "P2P1":
-            notes.append(f"{body.name}: P2P1 is written as C3D10, which stiffens as Poisson's ratio nears 0.5.")
+        element = ELEMENTS[body.element]
+        if element is not ITS_ELEMENTS[element.cell]:
+            notes.append(
+                f"{body.name}: {element.name} is written as {element.cell.calculix}, which stiffens as Poisson's ratio "
+                "nears 0.5."
+            )
     return tuple(notes)

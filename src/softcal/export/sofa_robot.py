@@ -11,10 +11,11 @@ from softcal.errors import Fault, ParameterError
 from softcal.export.sofa_rods import linear_rod
 from softcal.geometry.mesh import TetMesh
 from softcal.materials.catalogue import LAWS
+from softcal.mechanics.elements import P1
 from softcal.twin.bores import bores
 from softcal.twin.robot import Body, Robot, SurfaceLoad
 
-ITS_LAW, ITS_ELEMENT = "neo-hooke", "P1"
+ITS_LAW, ITS_ELEMENT = "neo-hooke", P1.name
 
 
 def scene_faults(robot: Robot) -> list[Fault]:

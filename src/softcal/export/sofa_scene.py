@@ -18,7 +18,7 @@ from softcal.export.sofa_rods import SEGMENTS, finer, node_volumes, rod_paramete
 from softcal.export.sofa_settings import SofaSettings
 from softcal.geometry.mesh import TetMesh
 from softcal.mechanics.attachment import attach
-from softcal.mechanics.element import nodal_volumes
+from softcal.mechanics.elements import ELEMENTS
 from softcal.twin.loads import surface_forces
 from softcal.twin.masses import plate_inertia
 from softcal.twin.protocol import Protocol
@@ -200,7 +200,7 @@ def _loads(robot: Robot, still: tuple[str, ...], meshes: Mapping[str, TetMesh]) 
     loads: dict[str, Any] = {}
     for body in robot.bodies:
         if body.density <= 0.0 and robot.gravity.any():
-            volumes = nodal_volumes(body.mesh.points, body.mesh.tets)
+            volumes = ELEMENTS[body.element].nodal_volumes(body.mesh.points, body.mesh.tets)
             forces = -ASSUMED_DENSITY * volumes[:, None] * robot.gravity
             loads[f"{body.name}_weightless"] = {
                 "on": body.name, "nodes": list(range(len(volumes))), "forces": forces.tolist(),

@@ -21,13 +21,15 @@ from softcal.checks import Floats, Ints
 from softcal.errors import Fault, ParameterError
 from softcal.geometry.mesh import TetMesh
 from softcal.materials.catalogue import LAWS
+from softcal.mechanics.element import Element
+from softcal.mechanics.elements import ELEMENTS
 from softcal.mechanics.stress import cauchy_stress, green_lagrange_strain, von_mises
 from softcal.twin.contacts import disc_skin
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.response import Response, Snapshot
 from softcal.twin.robot import Body, Robot
 
-VTK_LINE, VTK_TRIANGLE, VTK_TET, VTK_TET10 = 3, 5, 10, 24
+VTK_LINE, VTK_TRIANGLE = 3, 5
 
 
 def write_vtk(robot: Robot, response: Response, folder: Path) -> list[Path]:
@@ -98,12 +100,13 @@ def _grid(robot: Robot, response: Response, shape: Snapshot, names: list[str]) -
     bodies = {body.name: body for body in robot.bodies}
     for name, x in shape.points.items():
         body, tets = bodies[name], response.tets[name]
-        mesh = TetMesh(_rest_points(body, tets, len(x)), tets)
-        cells.add(names.index(name), x, mesh.points, tets, VTK_TET if mesh.order == 1 else VTK_TET10)
+        element = ELEMENTS[body.element]
+        mesh = TetMesh(_rest_points(body, element, len(x)), tets)
+        cells.add(names.index(name), x, mesh.points, tets, element.cell.vtk)
         for part in body.materials:
             own, pressure = TetMesh(mesh.points, tets[part.tets]), shape.pressures.get(part.name)
-            cells.stress[-1][part.tets] = cauchy_stress(own, LAWS[body.law], part.parameters, x, pressure)
-        cells.strain[-1] = green_lagrange_strain(mesh, x)
+            cells.stress[-1][part.tets] = cauchy_stress(element, own, LAWS[body.law], part.parameters, x, pressure)
+        cells.strain[-1] = green_lagrange_strain(element, mesh, x)
     lines = {rod.name: (rod.centreline.nodes, shape.rods[rod.name]) for rod in robot.rods}
     for cable in robot.cables:
         lines[cable.name] = np.array([point.at for point in cable.via_points]), shape.cables[cable.name]
@@ -131,11 +134,7 @@ def _grid(robot: Robot, response: Response, shape: Snapshot, names: list[str]) -
     return grid
 
 
-def _rest_points(body: Body, tets: Ints, n: int) -> Floats:
+def _rest_points(body: Body, element: Element, n: int) -> Floats:
     """The undeformed nodes of the element's mesh: the body's own, and middles of edges where it had none."""
     given = body.mesh.points
-    if len(given) == n:
-        return given
-    from softcal.geometry.quadratic import to_linear, to_quadratic
-
-    return (to_linear(body.mesh) if tets.shape[1] == 4 else to_quadratic(body.mesh)).points
+    return given if len(given) == n else element.mesh(body.mesh).points

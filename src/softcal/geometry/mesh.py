@@ -10,12 +10,7 @@ import numpy as np
 
 from softcal.checks import Floats, Ints, frozen_floats, frozen_ints
 from softcal.errors import Fault, MeshError
-
-# Corner pairs of the six edges of a tetrahedron, in the order of nodes 4..9 of a quadratic one (VTK, CalculiX C3D10).
-TET_EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
-# Corners of the four faces, counter-clockwise seen from outside, and the edges (index into TET_EDGES) between them.
-TET_FACES = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))
-TET_FACE_EDGES = ((2, 1, 0), (0, 4, 3), (1, 5, 4), (3, 5, 2))
+from softcal.geometry.cell import CELLS, Cell, cell_of
 
 
 @dataclass(frozen=True)
@@ -36,7 +31,7 @@ class TetMesh:
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", frozen_floats(self.points, name="mesh points", shape=(None, 3)))
         tets = frozen_ints(self.tets, name="tets")
-        if tets.ndim != 2 or tets.shape[1] not in (4, 10) or len(tets) == 0:
+        if tets.ndim != 2 or tets.shape[1] not in {cell.n_nodes for cell in CELLS.values()} or len(tets) == 0:
             raise MeshError(
                 Fault("the mesh has no tetrahedra", got=f"a connectivity of shape {tets.shape}", allowed="(n, 4 or 10)")
             )
@@ -60,9 +55,14 @@ class TetMesh:
         return len(self.tets)
 
     @property
+    def cell(self) -> Cell:
+        """What kind of tetrahedra it is made of."""
+        return cell_of(self.tets)
+
+    @property
     def order(self) -> int:
         """1 for linear, 2 for quadratic tetrahedra."""
-        return 1 if self.tets.shape[1] == 4 else 2
+        return self.cell.order
 
     @property
     def corners(self) -> Ints:

@@ -12,7 +12,7 @@ from softcal.checks import Floats, Ints
 from softcal.errors import Fault, MeshError
 from softcal.geometry.generate import run_gmsh, target_of
 from softcal.geometry.mesh import TetMesh
-from softcal.geometry.quadratic import to_linear
+from softcal.geometry.quadratic import of_order
 from softcal.geometry.surface import boundary_faces
 from softcal.geometry.sweep import sweep
 
@@ -201,7 +201,7 @@ def neck_mesh(
         mesh = TetMesh(MILLIMETRE * arrays["points"], arrays["tets"])
     else:
         mesh = sweep(MILLIMETRE * arrays["section"], arrays["triangles"], sectors=sectors)
-        mesh = mesh if order == 2 else to_linear(mesh)
+        mesh = of_order(mesh, order)
     z, near = mesh.points[:, 2], ON_PLANE * shape.height
     faces = boundary_faces(mesh)
     bottom = (np.abs(z) <= near)[faces].all(axis=1)

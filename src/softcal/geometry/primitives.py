@@ -11,7 +11,7 @@ import numpy as np
 from softcal.checks import Ints
 from softcal.errors import Fault, MeshError
 from softcal.geometry.mesh import TetMesh
-from softcal.geometry.quadratic import to_quadratic
+from softcal.geometry.quadratic import of_order
 from softcal.geometry.surface import boundary_faces
 
 
@@ -63,7 +63,7 @@ def box_mesh(
             node_sets[name + end] = np.flatnonzero(on_side)
             face_sets[name + end] = faces[on_side[faces].all(axis=1)]
     mesh = TetMesh(points, mesh.tets, node_sets=node_sets, face_sets=face_sets)
-    return to_quadratic(mesh) if order == 2 else mesh
+    return of_order(mesh, order)
 
 
 def _kuhn_tets(divisions: Sequence[int]) -> Ints:

@@ -5,10 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from softcal.checks import Ints
-from softcal.geometry.mesh import TET_EDGES, TetMesh
+from softcal.geometry.cell import LINEAR, QUADRATIC
+from softcal.geometry.mesh import TetMesh
 
 # Corners of a triangle whose edge carries nodes 3, 4, 5 of its quadratic form.
 TRIANGLE_EDGES = ((0, 1), (1, 2), (2, 0))
+
+
+def of_order(mesh: TetMesh, order: int) -> TetMesh:
+    """The mesh of tetrahedra of this order, one or two [m]; one that has it comes back as it is."""
+    return to_quadratic(mesh) if order == QUADRATIC.order else to_linear(mesh)
 
 
 def to_quadratic(mesh: TetMesh) -> TetMesh:
@@ -16,11 +22,11 @@ def to_quadratic(mesh: TetMesh) -> TetMesh:
 
     The new nodes follow the old ones. One is in a node set where both ends of its edge are.
     """
-    if mesh.order == 2:
+    if mesh.cell is QUADRATIC:
         return mesh
     edges, number = _numbered_edges(mesh)
     middles = 0.5 * (mesh.points[edges[:, 0]] + mesh.points[edges[:, 1]])
-    tets = np.hstack([mesh.tets, mesh.n_points + number.reshape(-1, len(TET_EDGES))])
+    tets = np.hstack([mesh.tets, mesh.n_points + number.reshape(-1, len(QUADRATIC.edges))])
     return TetMesh(
         np.vstack([mesh.points, middles]),
         tets,
@@ -35,7 +41,7 @@ def to_linear(mesh: TetMesh) -> TetMesh:
 
     The corners are numbered anew in their old order; nodes that no tet uses go as well.
     """
-    if mesh.order == 1:
+    if mesh.cell is LINEAR:
         return mesh
     corners = mesh.corners
     new = np.full(mesh.n_points, -1, dtype=np.int64)
@@ -51,7 +57,7 @@ def to_linear(mesh: TetMesh) -> TetMesh:
 
 
 def _numbered_edges(mesh: TetMesh) -> tuple[Ints, Ints]:
-    pairs = np.sort(mesh.tets[:, TET_EDGES].reshape(-1, 2), axis=1)
+    pairs = np.sort(mesh.tets[:, QUADRATIC.edges].reshape(-1, 2), axis=1)
     keys, number = np.unique(pairs[:, 0] * mesh.n_points + pairs[:, 1], return_inverse=True)
     return np.column_stack([keys // mesh.n_points, keys % mesh.n_points]), number
 

@@ -13,7 +13,8 @@ from scipy.spatial import KDTree  # pyright: ignore[reportUnknownVariableType, r
 
 from softcal.checks import Floats, Ints
 from softcal.errors import Fault, MeshError
-from softcal.geometry.mesh import TET_EDGES, TET_FACES, TetMesh
+from softcal.geometry.cell import TET_EDGES, TET_FACES
+from softcal.geometry.mesh import TetMesh
 
 # A tet whose least dihedral angle [rad] is below this counts as a sliver.
 SLIVER_ANGLE = math.radians(5.0)
@@ -184,30 +185,15 @@ def _least_dihedral(corners: Floats) -> Floats:
 def _jacobians(mesh: TetMesh, places: Floats) -> Floats:
     """Jacobians at barycentric places (p, 4), shape (n_tets, p)."""
     nodes = mesh.points[mesh.tets]
-    slopes = np.zeros((len(places), 4, mesh.tets.shape[1]))
-    if mesh.order == 1:
-        slopes[:] = np.eye(4)
-    else:
-        for i in range(4):
-            slopes[:, i, i] = 4.0 * places[:, i] - 1.0
-        for edge, (a, b) in enumerate(TET_EDGES):
-            slopes[:, a, 4 + edge] = 4.0 * places[:, b]
-            slopes[:, b, 4 + edge] = 4.0 * places[:, a]
-    by_barycentric = np.einsum("pia,ead->epid", slopes, nodes)
+    by_barycentric = np.einsum("pai,ead->epid", mesh.cell.gradients(places), nodes)
     return np.linalg.det(by_barycentric[:, :, 1:] - by_barycentric[:, :, :1])
 
 
 def _least_jacobian(mesh: TetMesh) -> Floats:
-    places = np.eye(4)
-    if mesh.order == 1:
-        return _jacobians(mesh, places[:1])[:, 0]
-    middles = np.array([(places[a] + places[b]) / 2 for a, b in TET_EDGES])
-    return _jacobians(mesh, np.vstack([places, middles, np.full((1, 4), 0.25)])).min(axis=1)
+    return _jacobians(mesh, np.vstack([mesh.cell.nodes, np.full((1, 4), 0.25)])).min(axis=1)
 
 
 def _volume(mesh: TetMesh) -> float:
-    if mesh.order == 1:
-        return float(_signed_volumes(mesh.points[mesh.tets]).sum())
     # The Jacobian of a quadratic tet is cubic: five points integrate it exactly.
     places = np.vstack([np.full((1, 4), 0.25), np.full((4, 4), 1 / 6) + np.eye(4) / 3])
     weights = np.array([-0.8, 0.45, 0.45, 0.45, 0.45]) / 6.0

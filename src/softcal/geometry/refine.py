@@ -14,8 +14,9 @@ from itertools import pairwise
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.geometry.cell import LINEAR, QUADRATIC, TET_EDGES, TET_FACES, Cell
 from softcal.geometry.centreline import Centreline
-from softcal.geometry.mesh import TET_EDGES, TET_FACES, TetMesh
+from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quadratic import to_quadratic
 from softcal.geometry.surface import matching_faces
 
@@ -24,8 +25,6 @@ PIECES = 8
 _DIAGONALS = (((4, 9), (6, 7, 8, 5)), ((6, 8), (4, 7, 9, 5)), ((7, 5), (4, 6, 9, 8)))
 # Nodes of the tets at the corners.
 _AT_CORNERS = ((0, 4, 6, 7), (4, 1, 5, 8), (6, 5, 2, 9), (7, 8, 9, 3))
-# Nodes of a quadratic triangle's quarters; they look where it looks.
-_QUARTERS = ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))
 
 
 @dataclass(frozen=True)
@@ -36,6 +35,10 @@ class MeshCounts:
     edges: int
     faces: int
     tets: int
+
+    def nodes(self, cell: Cell) -> int:
+        """How many nodes the mesh has with tets of this kind."""
+        return self.corners + (self.edges if cell.edges else 0)
 
     @property
     def refined(self) -> MeshCounts:
@@ -73,7 +76,7 @@ def refined_mesh(mesh: TetMesh) -> TetMesh:
             name: (PIECES * tets[:, None] + np.arange(PIECES)).ravel() for name, tets in nodes.element_sets.items()
         },
     )
-    if mesh.order == 1:
+    if mesh.cell is LINEAR:
         return cut
     fine = to_quadratic(cut)
     points = np.array(fine.points)
@@ -150,7 +153,7 @@ def _middles_on_map(nodes: TetMesh, pieces: Ints) -> Floats:
 def _quartered(mesh: TetMesh, faces: Ints) -> Ints:
     if faces.shape[1] == 3:  # a quadratic mesh whose set names the corners alone
         faces = matching_faces(mesh, faces)
-    return faces[:, _QUARTERS].reshape(-1, 3)
+    return faces[:, QUADRATIC.flat_faces].reshape(-1, 3)
 
 
 def _keys(rows: Ints, n: int) -> Ints:

@@ -6,7 +6,8 @@ import numpy as np
 
 from softcal.checks import Ints
 from softcal.errors import Fault, MeshError
-from softcal.geometry.mesh import TET_FACE_EDGES, TET_FACES, TetMesh
+from softcal.geometry.cell import cell_of
+from softcal.geometry.mesh import TetMesh
 
 
 def boundary_faces(mesh: TetMesh) -> Ints:
@@ -19,11 +20,7 @@ def boundary_triangles(tets: Ints) -> Ints:
     """Outward flat triangles (k, 3) of the boundary of linear or quadratic tets; a quadratic face gives four."""
     faces = _all_faces(tets)
     faces = faces[_outer(faces, int(tets.max(initial=-1)) + 1)]
-    if faces.shape[1] == 3:
-        return faces
-    a, b, c, ab, bc, ca = faces.T
-    quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-    return np.concatenate([np.stack(quarter, axis=1) for quarter in quarters])
+    return np.concatenate([faces[:, part] for part in cell_of(tets).flat_faces])
 
 
 def boundary_owners(mesh: TetMesh) -> Ints:
@@ -67,10 +64,8 @@ def matching_faces(mesh: TetMesh, triangles: Ints, *, where: str = "") -> Ints:
 
 def _all_faces(tets: Ints) -> Ints:
     """Four of each tet, one tet after the other, (4 n_tets, 3 or 6)."""
-    local = [list(face) for face in TET_FACES]
-    if tets.shape[1] == 10:
-        local = [corners + [4 + edge for edge in edges] for corners, edges in zip(local, TET_FACE_EDGES, strict=True)]
-    return tets[:, local].reshape(-1, len(local[0]))
+    faces = cell_of(tets).faces
+    return tets[:, faces].reshape(-1, len(faces[0]))
 
 
 def _outer(faces: Ints, n_points: int) -> Ints:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from softcal.checks import Floats, Ints
-from softcal.geometry.mesh import TET_EDGES, TetMesh
+from softcal.geometry.cell import TET_EDGES
+from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quadratic import TRIANGLE_EDGES
 
 # Corners of the three tets of a wedge whose triangle's corners are numbered upwards; 0..2 on an even, 3..5 on an odd

@@ -10,9 +10,10 @@ import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.errors import Fault, MeshError
+from softcal.geometry.cell import TET_EDGES
 from softcal.geometry.centreline import Centreline, helix, straight
-from softcal.geometry.mesh import TET_EDGES, TetMesh
-from softcal.geometry.quadratic import to_linear
+from softcal.geometry.mesh import TetMesh
+from softcal.geometry.quadratic import of_order
 from softcal.geometry.quality import require_sound
 from softcal.geometry.surface import boundary_faces
 from softcal.geometry.sweep import WEDGE_TETS, upright
@@ -97,7 +98,7 @@ def wire_mesh(
     face_sets = {"start": faces[start], "end": faces[end], "skin": faces[~start & ~end]}
     node_sets: dict[str, Ints] = {name: np.unique(rows) for name, rows in face_sets.items()}
     mesh = TetMesh(points, mesh.tets, node_sets=node_sets, face_sets=face_sets)
-    return mesh if order == 2 else to_linear(mesh)
+    return of_order(mesh, order)
 
 
 def rod_mesh(

@@ -67,7 +67,7 @@ def _to_msh(mesh: TetMesh, path: Path) -> Any:
         return len(names)
 
     for name, faces in mesh.face_sets.items():
-        add("triangle" if mesh.order == 1 else "triangle6", faces, np.full(len(faces), number_of(name, 2)))
+        add(mesh.cell.meshio_face, faces, np.full(len(faces), number_of(name, 2)))
     for name, nodes in mesh.node_sets.items():
         if name in mesh.face_sets:
             if not np.array_equal(np.unique(nodes), np.unique(mesh.face_sets[name])):
@@ -86,14 +86,14 @@ def _to_msh(mesh: TetMesh, path: Path) -> Any:
                 )
             )
         number[elements] = number_of(name, 3)
-    add("tetra" if mesh.order == 1 else "tetra10", mesh.tets, number)
+    add(mesh.cell.meshio, mesh.tets, number)
     data = {"gmsh:physical": tags, "gmsh:geometrical": [np.ones_like(numbers) for numbers in tags]}
     return meshio.Mesh(mesh.points, cells, cell_data=data, field_data=names)
 
 
 def _to_vtu(mesh: TetMesh) -> Any:
     meshio: Any = import_module("meshio")
-    cells: list[tuple[str, Ints]] = [("tetra" if mesh.order == 1 else "tetra10", mesh.tets)]
+    cells: list[tuple[str, Ints]] = [(mesh.cell.meshio, mesh.tets)]
     point_data = {f"node set {name}": _flags(mesh.n_points, nodes) for name, nodes in mesh.node_sets.items()}
     cell_data = {f"element set {name}": [_flags(mesh.n_tets, elements)] for name, elements in mesh.element_sets.items()}
     for name, faces in mesh.face_sets.items():
@@ -101,7 +101,7 @@ def _to_vtu(mesh: TetMesh) -> Any:
             flags.append(np.zeros(len(faces), dtype=np.int8))
         before = [np.zeros(len(nodes), dtype=np.int8) for _, nodes in cells]
         cell_data[f"face set {name}"] = [*before, np.ones(len(faces), dtype=np.int8)]
-        cells.append(("triangle" if mesh.order == 1 else "triangle6", faces))
+        cells.append((mesh.cell.meshio_face, faces))
     return meshio.Mesh(mesh.points, cells, point_data=point_data, cell_data=cell_data)
 
 

@@ -11,7 +11,6 @@ from softcal.errors import Fault, MeshError
 from softcal.geometry.bore import wall_around
 from softcal.geometry.locate import barycentric_in, locate_points, nearest_places, tets_holding
 from softcal.geometry.mesh import TetMesh
-from softcal.mechanics.element import shape_functions, shape_gradients
 
 # Weights this small are rounding, of weights of about one.
 NO_WEIGHT = 1e-14
@@ -88,7 +87,7 @@ def attach_rate(mesh: TetMesh, point: Floats, way: Floats, *, where: str = "") -
     nodes = mesh.tets[tets[0]]
     X = mesh.points[nodes]
     edge = float(np.linalg.norm(X[1] - X[0]))
-    off = float(np.linalg.norm(shape_functions(barycentric, mesh.order)[0] @ X - point))
+    off = float(np.linalg.norm(mesh.cell.functions(barycentric)[0] @ X - point))
     if barycentric.min() < -STRAIGHT or off > STRAIGHT * edge:
         raise MeshError(
             Fault(
@@ -98,7 +97,7 @@ def attach_rate(mesh: TetMesh, point: Floats, way: Floats, *, where: str = "") -
                 allowed="a point in the material; one in a bore goes with the bore",
             )
         )
-    gradients = shape_gradients(barycentric, mesh.order)[0]
+    gradients = mesh.cell.gradients(barycentric)[0]
     local = gradients[:, 1:] - gradients[:, :1]
     return nodes, local @ np.linalg.solve(X.T @ local, way)
 
@@ -140,8 +139,8 @@ def _in_elements(mesh: TetMesh, points: Floats, tets: Ints, barycentric: Floats)
     inside /= inside.sum(axis=1, keepdims=True)
     nodes = mesh.tets[tets]
     X = mesh.points[nodes]
-    N = shape_functions(inside, mesh.order)
-    dN = shape_gradients(inside, mesh.order)
+    N = mesh.cell.functions(inside)
+    dN = mesh.cell.gradients(inside)
     dN = dN[:, :, 1:] - dN[:, :, :1]
     left = points - np.einsum("na,nai->ni", N, X)  # to where the element's map does not reach
     local = np.linalg.solve(np.einsum("nai,nak->nik", X, dN), left[:, :, None])[:, :, 0]

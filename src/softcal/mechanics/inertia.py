@@ -19,7 +19,6 @@ import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.geometry.mesh import TetMesh
-from softcal.mechanics.element import shape_functions, shape_gradients
 from softcal.mechanics.frame_blocks import UNPLANNED, FrameBlocks, frame_blocks
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.pattern import Pattern
@@ -199,8 +198,8 @@ def element_masses(mesh: TetMesh, *, lumped: bool = False) -> Floats:
     a quarter of it on each node.
     """
     points, weights = _gauss()
-    N = shape_functions(points, mesh.order)
-    dN_dL = shape_gradients(points, mesh.order)
+    N = mesh.cell.functions(points)
+    dN_dL = mesh.cell.gradients(points)
     dN_dxi = dN_dL[:, :, 1:] - dN_dL[:, :, :1]
     products = (N[:, :, None] * N[:, None, :]).reshape(len(points), -1)
     k = mesh.tets.shape[1]

@@ -13,7 +13,7 @@ from softcal.checks import Floats, Ints
 from softcal.materials.law import CompiledLaw, Law, compile_law, stacked
 from softcal.mechanics import solid_kernels
 from softcal.mechanics.damping import TimeStep
-from softcal.mechanics.element import quadrature, reference_gradients
+from softcal.mechanics.element import Element
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.loads import Loads
 from softcal.mechanics.pattern import Pattern
@@ -31,8 +31,8 @@ class SolidPlaces:
     """Where a solid's element blocks stand in the tangent's long array (see `Pattern`)."""
 
     displacement: Places  # (n_tets, pairs, 3)
-    coupling: Places  # (n_tets, n_a, 4, 3) or empty
-    pressure: Places  # (n_tets, 10) or empty
+    coupling: Places  # (n_tets, n_a, n_b, 3) or empty
+    pressure: Places  # (n_tets, pairs) or empty
 
 
 UNPLANNED = SolidPlaces(*(np.zeros((0,) * n_dim, dtype=np.int32) for n_dim in (3, 4, 2)))
@@ -50,9 +50,9 @@ class _Volume(NamedTuple):
 class SolidTerm(Term):
     """Pi = sum over quadrature points of w psi(F), or w (psi_d(F) + p g(J) - p^2/(2 kappa)) with pressures p.
 
-    conn: (n_tets, 4 or 10) point numbers, ascending in each row; dN (n_tets, n_q, n_a, 3) [1/m]; w (n_tets, n_q) [m^3].
-    pressure_conn: (n_tets, 4) pressure numbers, ascending, or (n_tets, 0) for a pure displacement element;
-    N_p: (n_tets, n_q, 4) their shape functions.
+    conn: (n_tets, n_a) point numbers, ascending in each row; dN (n_tets, n_q, n_a, 3) [1/m]; w (n_tets, n_q) [m^3].
+    pressure_conn: (n_tets, n_b) pressure numbers, ascending, or (n_tets, 0) for a pure displacement element;
+    N_p: (n_tets, n_q, n_b) their shape functions.
     """
 
     name: str
@@ -68,6 +68,11 @@ class SolidTerm(Term):
     @property
     def is_mixed(self) -> bool:
         return self.pressure_conn.shape[1] > 0
+
+    @property
+    def _is_constant(self) -> bool:
+        """Whether each tet has one strain, in one quadrature point, and no pressure."""
+        return self.dN.shape[1:3] == (1, 4) and not self.is_mixed
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -110,7 +115,7 @@ class SolidTerm(Term):
             coefficients[8] += volume.p * volume.g[2]
             error = volume.g[0] - volume.compliance * volume.p
             solid_kernels.add_volume_gradient(gradient, state.x.size, self.pressure_conn, self.N_p, self.w, error)
-        if data is not None and self.conn.shape[1] == 4 and not self.compiled.has_cross_terms:
+        if data is not None and self._is_constant and not self.compiled.has_cross_terms:
             solid_kernels.add_both_linear(
                 gradient, data, self.conn, places.displacement, self.dN, self.w, F, J, coefficients
             )
@@ -231,26 +236,17 @@ class SolidTerm(Term):
 
 
 def build_solid(
-    name: str, law: Law, points: Floats, tets: Ints, *, first_point: int, first_pressure: int | None
-) -> tuple[SolidTerm, int]:
-    """The term of some tets of a body and its number of pressures; no pressures with `first_pressure` None."""
-    dN, w = reference_gradients(points, tets, where=name)
+    name: str, law: Law, element: Element, points: Floats, tets: Ints, *, first_point: int, first_pressure: int = 0
+) -> tuple[SolidTerm, Ints]:
+    """The term of some tets of a body, and the nodes that have its pressures, in the order of their numbers."""
+    dN, w = element.gradients(points, tets, where=name)
     order = np.argsort(tets, axis=1)
     conn = np.take_along_axis(tets, order, axis=1) + first_point
     dN = np.take_along_axis(dN, order[:, None, :, None], axis=2)
-    barycentric, _ = quadrature(1 if tets.shape[1] == 4 else 2)
-    n_tets, n_q = w.shape
-    if first_pressure is None:
-        pressure_conn = np.zeros((n_tets, 0), dtype=np.int64)
-        N_p = np.zeros((n_tets, n_q, 0))
-        n_pressures = 0
-    else:
-        corners, number = np.unique(tets[:, :4], return_inverse=True)
-        number = number.reshape(-1, 4)
-        order = np.argsort(number, axis=1)
-        pressure_conn = np.take_along_axis(number, order, axis=1) + first_pressure
-        N_p = np.swapaxes(barycentric.T[order], 1, 2)
-        n_pressures = len(corners)
+    own = element.pressure_nodes(tets)
+    nodes, number = np.unique(own, return_inverse=True)
+    number = number.reshape(own.shape)
+    order = np.argsort(number, axis=1)
     term = SolidTerm(
         name,
         law,
@@ -258,7 +254,7 @@ def build_solid(
         conn,
         np.ascontiguousarray(dN),
         w,
-        pressure_conn,
-        np.ascontiguousarray(N_p),
+        np.take_along_axis(number, order, axis=1) + first_pressure,
+        np.ascontiguousarray(np.swapaxes(element.pressure_functions().T[order], 1, 2)),
     )
-    return term, n_pressures
+    return term, nodes

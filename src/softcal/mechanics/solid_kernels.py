@@ -329,8 +329,9 @@ def add_coupling(
 ) -> None:
     """Displacement-pressure blocks g'(J) c_a N_b and pressure blocks -N_b N_d / kappa."""
     n, n_q, n_a, _ = dN.shape
+    n_b = N_p.shape[2]
     cof = np.empty((3, 3))
-    block = np.empty((n_a, 4, 3))
+    block = np.empty((n_a, n_b, 3))
     for e in range(n):
         block[:] = 0.0
         for q in range(n_q):
@@ -339,15 +340,15 @@ def add_coupling(
             for a in range(n_a):
                 for i in range(3):
                     c = cof[i, 0] * dN[e, q, a, 0] + cof[i, 1] * dN[e, q, a, 1] + cof[i, 2] * dN[e, q, a, 2]
-                    for b in range(4):
+                    for b in range(n_b):
                         block[a, b, i] += scale * c * N_p[e, q, b]
         for a in range(n_a):
-            for b in range(4):
+            for b in range(n_b):
                 for i in range(3):
                     data[coupling[e, a, b, i]] += block[a, b, i]
         m = 0
-        for b in range(4):
-            for d in range(b, 4):
+        for b in range(n_b):
+            for d in range(b, n_b):
                 total = 0.0
                 for q in range(n_q):
                     total += w[e, q] * N_p[e, q, b] * N_p[e, q, d]

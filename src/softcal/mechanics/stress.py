@@ -9,33 +9,35 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.geometry.mesh import TetMesh
 from softcal.materials.law import Law, compile_law, stacked
-from softcal.mechanics.element import quadrature, reference_gradients, shape_functions
+from softcal.mechanics.element import Element
 
 
-def deformation_gradients(mesh: TetMesh, x: Floats) -> tuple[Floats, Floats]:
+def deformation_gradients(element: Element, mesh: TetMesh, x: Floats) -> tuple[Floats, Floats]:
     """F (n_tets, n_q, 3, 3) at the quadrature points of a mesh with nodes at x (n_points, 3) [m], and their weights
     (n_tets, n_q) [m^3].
     """
-    dN, w = reference_gradients(mesh.points, mesh.tets)
+    dN, w = element.gradients(mesh.points, mesh.tets)
     return np.einsum("eai,eqak->eqik", x[mesh.tets], dN), w
 
 
 def cauchy_stress(
-    mesh: TetMesh, law: Law, theta: Mapping[str, float], x: Floats, pressure: Floats | None = None
+    element: Element, mesh: TetMesh, law: Law, theta: Mapping[str, float], x: Floats, pressure: Floats | None = None
 ) -> Floats:
     """The mean Cauchy stress of each tet (n_tets, 3, 3) [Pa].
 
     Parameters
     ----------
+    mesh
+        The element's own.
     theta
         The law's own parameters [SI].
     x
         Positions of the nodes (n_points, 3) [m].
     pressure
-        For mixed elements, the multiplier p of g(J) at the nodes (n_points,) [Pa], where only corners count; None for
-        elements in which the volume has no unknown of its own.
+        For mixed elements, the multiplier p of g(J) at the nodes (n_points,) [Pa], where only those of the element's
+        pressure count; for others None.
     """
-    F, w = deformation_gradients(mesh, x)
+    F, w = deformation_gradients(element, mesh, x)
     C = np.einsum("eqki,eqkj->eqij", F, F)
     I1 = np.trace(C, axis1=2, axis2=3)
     I2 = 0.5 * (I1**2 - np.einsum("eqij,eqji->eq", C, C))
@@ -46,8 +48,7 @@ def cauchy_stress(
     psi = stacked(derivatives(I1.ravel(), I2.ravel(), J.ravel(), *values), J.size)[:3].reshape(3, *J.shape)
     by_J = psi[2]
     if pressure is not None:
-        barycentric, _ = quadrature(mesh.order)
-        p = pressure[mesh.tets[:, :4]] @ shape_functions(barycentric, 1).T
+        p = pressure[element.pressure_nodes(mesh.tets)] @ element.pressure_functions().T
         by_J = by_J + p * stacked(compiled.strain(J.ravel()), J.size)[1].reshape(J.shape)
     b = np.einsum("eqik,eqjk->eqij", F, F)
     of_I2 = I1[..., None, None] * b - b @ b
@@ -56,9 +57,9 @@ def cauchy_stress(
     return np.einsum("eq,eqij->eij", w, sigma) / w.sum(axis=1)[:, None, None]
 
 
-def green_lagrange_strain(mesh: TetMesh, x: Floats) -> Floats:
+def green_lagrange_strain(element: Element, mesh: TetMesh, x: Floats) -> Floats:
     """The mean Green-Lagrange strain of each tet (n_tets, 3, 3)."""
-    F, w = deformation_gradients(mesh, x)
+    F, w = deformation_gradients(element, mesh, x)
     E = 0.5 * (np.einsum("eqki,eqkj->eqij", F, F) - np.eye(3))
     return np.einsum("eq,eqij->eij", w, E) / w.sum(axis=1)[:, None, None]
 

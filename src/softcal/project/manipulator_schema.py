@@ -10,10 +10,11 @@ from pydantic import BeforeValidator
 
 from softcal.declare import Reading
 from softcal.limits import LIMITS
+from softcal.mechanics.elements import DEFAULT
+from softcal.project.element import Element
 from softcal.project.section import Section, fault_error
 from softcal.quantities import QUANTITIES, Angle, Clearance, Density, Friction, Mass, PoissonsRatio, Size, Turns
 from softcal.twin.manipulator import BASE, ManipulatorShape
-from softcal.twin.robot import ElementKind
 
 # Where each field of the shape stands in the section.
 KEYS: Mapping[str, tuple[str, ...]] = {
@@ -78,7 +79,7 @@ class SpringsSection(Section):
     elements_per_turn: Annotated[int, LIMITS["elements in a turn"]] = 12
     rings: Annotated[int, LIMITS["rings of elements"]] = 1
     layers_per_turn: Annotated[int, LIMITS["elements in a turn"]] | None = None
-    element: ElementKind = "P2P1"
+    element: Element = DEFAULT.name
     youngs_modulus: Annotated[float | dict[str, float], Reading(_moduli, "instead")]
     poissons_ratio: PoissonsRatio
     density: Density = 0.0

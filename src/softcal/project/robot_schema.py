@@ -9,7 +9,9 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from softcal.declare import Reading, listed
 from softcal.limits import LIMITS
+from softcal.mechanics.elements import DEFAULT
 from softcal.project.constants import ConstantsSection, LawSection
+from softcal.project.element import Element
 from softcal.project.manipulator_schema import ManipulatorSection
 from softcal.project.mesh_schema import Mesh, RegionSection
 from softcal.project.rod_schema import PlacementSection, RodSection
@@ -31,8 +33,6 @@ from softcal.quantities import (
     Traction,
 )
 
-Element = Literal["P1", "P2", "P2P1"]
-
 
 class MaterialSection(ConstantsSection):
     """What a region of a body is made of; what is left out begins at the body's value. region: by default its name."""
@@ -45,7 +45,7 @@ class BodySection(LawSection):
     """A deformable body: its mesh, material, fixed region, and where it is put."""
 
     mesh: Mesh
-    element: Element = "P2P1"
+    element: Element = DEFAULT.name
     density: Density = 0.0
     materials: Mapping[str, MaterialSection] = Field(default_factory=dict)
     regions: Mapping[str, RegionSection] = Field(default_factory=dict)

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softcal.checks import Floats, Ints
-from softcal.errors import Fault, MeshError, ParameterError
+from softcal.errors import Fault, MeshError
 from softcal.geometry.mesh import TetMesh
-from softcal.geometry.quadratic import to_linear, to_quadratic
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.attachment import attach_ball, attach_point
 from softcal.mechanics.cable import build_cables
 from softcal.mechanics.crossing import Skins
+from softcal.mechanics.elements import ELEMENTS
 from softcal.mechanics.layout import FIXED, FREE, TIED, Layout
 from softcal.mechanics.rod import build_rod
 from softcal.mechanics.solid import SolidTerm, build_solid
@@ -62,8 +62,6 @@ def build_twin(robot: Robot) -> Twin:
     ------
     MeshError
         For a node that is held twice or a part that nothing holds, a plate without nodes, a via point outside its body.
-    ParameterError
-        For an unknown law or element.
     """
     frames = number_frames(robot)
     builder = _Points()
@@ -72,8 +70,8 @@ def build_twin(robot: Robot) -> Twin:
     pressure_nodes: dict[str, tuple[int, str, Ints]] = {}
     n_pressures = 0
     for body in robot.bodies:
-        mesh = _element_mesh(body)
-        meshes[body.name] = mesh
+        element = ELEMENTS[body.element]
+        mesh = meshes[body.name] = element.mesh(body.mesh)
         rider = _riders(body, mesh, robot, frames.of_plate)
         first = builder.add(mesh.points, rider)
         builder.first[body.name] = first
@@ -82,14 +80,19 @@ def build_twin(robot: Robot) -> Twin:
             tets = mesh.tets[material.tets[deforms[material.tets]]]
             if len(tets) == 0:
                 continue
-            pressure = n_pressures if body.element == "P2P1" else None
-            if pressure is not None:
-                pressure_nodes[material.name] = (n_pressures, body.name, np.unique(tets[:, :4]))
-            solid, count = build_solid(
-                material.name, LAWS[body.law], mesh.points, tets, first_point=first, first_pressure=pressure
+            solid, with_pressure = build_solid(
+                material.name,
+                LAWS[body.law],
+                element,
+                mesh.points,
+                tets,
+                first_point=first,
+                first_pressure=n_pressures,
             )
             solids.append(solid)
-            n_pressures += count
+            if element.is_mixed:
+                pressure_nodes[material.name] = (n_pressures, body.name, with_pressure)
+            n_pressures += len(with_pressure)
     for rod in robot.rods:
         builder.first[rod.name] = builder.add(rod.centreline.nodes, frames.of_rod[rod.name])
     rods = tuple(
@@ -219,16 +222,6 @@ class _Points:
         self.rider.append(rider)
         self._n += len(X)
         return first
-
-
-def _element_mesh(body: Body) -> TetMesh:
-    if body.element == "P1":
-        return to_linear(body.mesh)
-    if body.element in ("P2", "P2P1"):
-        return body.mesh if body.mesh.order == 2 else to_quadratic(body.mesh)
-    raise ParameterError(
-        Fault("there is no such element", where=f"{body.name}.element", got=body.element, allowed="P1, P2, P2P1")
-    )
 
 
 def _riders(body: Body, mesh: TetMesh, robot: Robot, frame: dict[str, int]) -> Ints:

@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 from softcal.checks import Ints
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.refine import MeshCounts, count, refined_centreline, refined_mesh, refined_nodes
-from softcal.twin.robot import Body, ElementKind, Plate, PointLoad, Robot, Rod, SurfaceLoad
+from softcal.mechanics.element import Element
+from softcal.mechanics.elements import ELEMENTS
+from softcal.twin.robot import Body, Plate, PointLoad, Robot, Rod, SurfaceLoad
 
-# Better elements of a body come later.
-ELEMENT_RANK: Mapping[ElementKind, int] = {"P1": 0, "P2": 1, "P2P1": 2}
 # Apart from the names of the mesh's own sets.
 _OURS = "of the robot: "
 
@@ -38,19 +38,23 @@ def size(robot: Robot, halvings: int = 0) -> Size:
     return Size(
         sum(counts.tets for _, counts in bodies),
         sum(elements),
-        sum(_unknowns(body.element, counts) for body, counts in bodies) + 6 * sum(n + 1 for n in elements),
+        sum(_unknowns(ELEMENTS[body.element], counts) for body, counts in bodies) + 6 * sum(n + 1 for n in elements),
     )
 
 
-def elevated(robot: Robot, element: ElementKind) -> Robot:
+def has_lower(robot: Robot, element: str) -> bool:
+    """Whether bodies have lower elements than this one."""
+    return any(_is_lower(body, element) for body in robot.bodies)
+
+
+def elevated(robot: Robot, element: str) -> Robot:
     """The robot with elements of this kind in all bodies that have lower ones; the tets stay."""
-    rank = ELEMENT_RANK[element]
-    return replace(
-        robot,
-        bodies=tuple(
-            replace(body, element=element) if ELEMENT_RANK[body.element] < rank else body for body in robot.bodies
-        ),
-    )
+    bodies = (replace(body, element=element) if _is_lower(body, element) else body for body in robot.bodies)
+    return replace(robot, bodies=tuple(bodies))
+
+
+def _is_lower(body: Body, element: str) -> bool:
+    return ELEMENTS[body.element].rank < ELEMENTS[element].rank
 
 
 def halved(robot: Robot) -> Robot:
@@ -127,8 +131,6 @@ def _halved_rod(rod: Rod) -> Rod:
     )
 
 
-def _unknowns(element: ElementKind, counts: MeshCounts) -> int:
-    if element == "P1":
-        return 3 * counts.corners
-    displacements = 3 * (counts.corners + counts.edges)
-    return displacements + (counts.corners if element == "P2P1" else 0)
+def _unknowns(element: Element, counts: MeshCounts) -> int:
+    pressures = 0 if element.pressure is None else counts.nodes(element.pressure)
+    return 3 * counts.nodes(element.cell) + pressures

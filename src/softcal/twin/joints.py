@@ -8,7 +8,8 @@ import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.errors import Fault, MeshError
-from softcal.geometry.mesh import TET_EDGES, TetMesh
+from softcal.geometry.cell import LINEAR
+from softcal.geometry.mesh import TetMesh
 from softcal.geometry.overlap import distances_outside
 from softcal.mechanics.attachment import attach
 from softcal.mechanics.links import Ties
@@ -142,13 +143,13 @@ def tie_fault(tie: Tie, mesh: TetMesh, on: TetMesh) -> Fault | None:
 
 def nodes_in_use(given: TetMesh, used: TetMesh, nodes: Ints) -> Ints:
     """Node numbers of the mesh in use for node numbers of the mesh as given (middle nodes gained or lost)."""
-    if given.order == used.order:
+    if given.cell is used.cell:
         return nodes
     chosen = np.zeros(max(given.n_points, used.n_points), dtype=bool)
     chosen[nodes] = True
-    if used.order == 1:
+    if used.cell is LINEAR:
         old = given.corners
         return np.flatnonzero(chosen[old])
-    for i, (a, b) in enumerate(TET_EDGES):
+    for i, (a, b) in enumerate(used.cell.edges):
         chosen[used.tets[:, 4 + i]] |= chosen[used.tets[:, a]] & chosen[used.tets[:, b]]
     return np.flatnonzero(chosen)

@@ -6,8 +6,9 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import Fault, MeshError
-from softcal.geometry.mesh import TET_EDGES, TetMesh
-from softcal.mechanics.element import nodal_volumes
+from softcal.geometry.mesh import TetMesh
+from softcal.geometry.surface import matching_faces
+from softcal.mechanics.elements import ELEMENTS
 from softcal.mechanics.loads import Loads
 from softcal.twin.robot import Robot, SurfaceLoad
 
@@ -22,30 +23,20 @@ def surface_forces(load: SurfaceLoad, meshes: dict[str, TetMesh], first: dict[st
     Raises
     ------
     MeshError
-        For a body that does not exist.
+        For a body that does not exist, or a triangle that is no face of its mesh.
     """
     if load.on not in meshes:
         raise MeshError(Fault("there is no such body", where=load.name, got=load.on, allowed=", ".join(meshes)))
     mesh = meshes[load.on]
-    faces = load.faces[:, :3]
-    X = mesh.points
-    area = 0.5 * np.linalg.norm(np.cross(X[faces[:, 1]] - X[faces[:, 0]], X[faces[:, 2]] - X[faces[:, 0]]), axis=1)
-    if mesh.order == 1:
-        return [
-            (None, [(first[load.on] + int(n), 1.0)], a / 3.0 * load.traction)
-            for f, a in zip(faces, area, strict=True)
-            for n in f
-        ]
-    middle: dict[tuple[int, int], int] = {}
-    for i, (a, b) in enumerate(TET_EDGES):
-        low, high = np.sort(mesh.tets[:, [a, b]], axis=1).T
-        middle.update(zip(zip(low.tolist(), high.tolist(), strict=True), mesh.tets[:, 4 + i].tolist(), strict=True))
-    forces: list[PointForce] = []
-    for f, a in zip(faces.tolist(), area, strict=True):
-        for i, j in ((0, 1), (1, 2), (2, 0)):
-            node = middle[min(f[i], f[j]), max(f[i], f[j])]
-            forces.append((None, [(first[load.on] + node, 1.0)], a / 3.0 * load.traction))
-    return forces
+    faces = matching_faces(mesh, load.faces, where=load.name)
+    a, b, c = np.moveaxis(mesh.points[faces[:, :3]], 1, 0)
+    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return [
+        (None, [(first[load.on] + node, 1.0)], share * size * load.traction)
+        for face, size in zip(faces.tolist(), area, strict=True)
+        for node, share in zip(face, mesh.cell.face_shares, strict=True)
+        if share != 0.0
+    ]
 
 
 def build_loads(
@@ -66,7 +57,7 @@ def build_loads(
         mesh, start = meshes[body.name], first[body.name]
         for material in body.materials:
             unit = per_unit[f"{material.name}.density"] = np.zeros((n_points, 3))
-            volumes = nodal_volumes(mesh.points, mesh.tets[material.tets])
+            volumes = ELEMENTS[body.element].nodal_volumes(mesh.points, mesh.tets[material.tets])
             unit[start : start + mesh.n_points] = volumes[:, None] * robot.gravity
     for rod in robot.rods:
         unit = per_unit[f"{rod.name}.density"] = np.zeros((n_points, 3))

@@ -16,9 +16,9 @@ from softcal.geometry.section import Section
 from softcal.materials.catalogue import LAWS
 from softcal.materials.elastic_constants import LINEAR_ELASTIC
 from softcal.materials.parameter import complete
+from softcal.mechanics.elements import DEFAULT, ELEMENTS
 from softcal.twin.cables import Cable, ViaPoint
 
-ElementKind = Literal["P1", "P2", "P2P1"]
 Control = Literal["tension", "shortening"]
 
 
@@ -43,9 +43,8 @@ class Material:
 class Body:
     """A deformable body.
 
-    mesh [m]: linear or quadratic; P2 and P2P1 elevate a linear mesh with straight edges.
-    element: P1 (linear, locks near nu = 0.5; SOFA's), P2 (quadratic), P2P1 (quadratic with continuous
-    linear pressure, locking-free; the default).
+    mesh [m]: linear or quadratic; it is made what the element needs, a linear one quadratic with straight edges.
+    element: the name of one of softcal's (P1, P2, P2P1; see `softcal.mechanics.elements`), or of a registered one.
     law: the name of one of softcal's, or of one that was registered; parameters: the law's constants, SI
     (neo-hooke: youngs_modulus [Pa], poissons_ratio [-]).
     density [kg/m^3]; fixed: node numbers of the mesh that do not move.
@@ -58,12 +57,13 @@ class Body:
     fixed: Ints
     parameters: Mapping[str, float]
     law: str = "neo-hooke"
-    element: ElementKind = "P2P1"
+    element: str = DEFAULT.name
     density: float = 0.0
     inclusions: tuple[Material, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "fixed", frozen_ints(self.fixed, name=f"fixed nodes of {self.name}", shape=(None,)))
+        ELEMENTS.named(self.element, where=f"{self.name}.element")
         constants = LAWS.named(self.law, where=f"{self.name}.law").parameters
         own = complete(self.parameters, constants, owner=self.name)
         object.__setattr__(self, "parameters", own)

@@ -12,15 +12,16 @@ from softcal.checks import Ints
 from softcal.errors import Fault, MeshError
 from softcal.geometry.section import Section, circular
 from softcal.geometry.wire import SpringShape, wire_mesh
+from softcal.mechanics.elements import DEFAULT
 from softcal.twin.manipulator import ManipulatorShape
-from softcal.twin.robot import Body, ElementKind, Plate, Robot, Rod
+from softcal.twin.robot import Body, Plate, Robot, Rod
 
 # Sections whose constants agree to this are the same.
 SAME_SECTION = 1e-6
 
 
 def with_solid_rods(
-    robot: Robot, names: Collection[str] | None = None, *, rings: int = 1, element: ElementKind = "P2P1"
+    robot: Robot, names: Collection[str] | None = None, *, rings: int = 1, element: str = DEFAULT.name
 ) -> Robot:
     """The robot with bodies of the same names in the place of some of its rods, or of all.
 
@@ -70,7 +71,7 @@ def elements_for_solid(shape: ManipulatorShape, *, rings: int = 1, layers_per_tu
     return 2 * spring.layers_per_turn(rings, layers_per_turn)
 
 
-def solid_body(rod: Rod, *, rings: int = 1, element: ElementKind = "P2P1") -> Body:
+def solid_body(rod: Rod, *, rings: int = 1, element: str = DEFAULT.name) -> Body:
     """A rod as a body, its fixed end faces among what does not move; see `with_solid_rods`.
 
     Raises

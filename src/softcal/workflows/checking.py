@@ -14,6 +14,7 @@ from softcal.calibration.experiment import Experiment, rig_parameters
 from softcal.checks import Ints
 from softcal.errors import Fault
 from softcal.experiments.names import is_deviation
+from softcal.geometry.cell import CELLS
 from softcal.materials.catalogue import LAWS
 from softcal.project.project import Project
 from softcal.twin.bores import bores
@@ -100,7 +101,7 @@ def _body_rows(project: Project) -> list[tuple[str, str]]:
     for body in project.robot.bodies:
         quality = project.qualities[body.name]
         size = " × ".join(f"{1e3 * (b - a):.4g}" for a, b in zip(quality.lower, quality.upper, strict=True))
-        kind = "quadratic" if quality.order == 2 else "linear"
+        kind = CELLS[quality.order].name
         rows += [
             (
                 f"body {body.name}",

@@ -8,10 +8,9 @@ from pathlib import Path
 
 from softcal.analysis.mesh_study import UNKNOWNS, MeshStudy, Observer
 from softcal.analysis.mesh_study import mesh_study as study_problem
-from softcal.calibration.problem import Problem
 from softcal.errors import Fault, InputError
-from softcal.twin.finer import ELEMENT_RANK
-from softcal.twin.robot import ElementKind
+from softcal.mechanics.elements import DEFAULT, higher_elements
+from softcal.twin.finer import has_lower
 from softcal.workflows.mesh_study_files import write_study
 from softcal.workflows.output import require_free_folder
 from softcal.workflows.study_source import StudySource, study_source
@@ -22,7 +21,7 @@ MOST_HALVINGS = 3
 def study(
     source: StudySource,
     *,
-    element: str = "P2P1",
+    element: str = DEFAULT.name,
     halvings: int = 2,
     max_unknowns: int = UNKNOWNS,
     progress: Observer | None = None,
@@ -37,21 +36,22 @@ def study(
         If the twin cannot be simulated on its own mesh.
     """
     faults: list[Fault] = []
-    kind: ElementKind | None = next((known for known in ELEMENT_RANK if known == element), None)
-    if kind is None or ELEMENT_RANK[kind] == 0:
-        faults.append(Fault("this is no higher-order element", "--element", f"'{element}'", "P2, P2P1"))
+    if element not in higher_elements():
+        faults.append(
+            Fault("this is no higher-order element", "--element", f"'{element}'", ", ".join(higher_elements()))
+        )
     if not 0 <= halvings <= MOST_HALVINGS:
         allowed = f"0 to {MOST_HALVINGS}"
         faults.append(Fault("this number of halvings is not allowed", "--halvings", str(halvings), allowed))
     if max_unknowns < 1:
         faults.append(Fault("the limit of unknowns must be positive", "--unknowns", str(max_unknowns), "1 or more"))
-    if kind is not None and not faults and halvings == 0 and not _has_lower(source.problem, kind):
+    if not faults and halvings == 0 and not has_lower(source.problem.robot, element):
         got = f"no halving, and no body with an element below {element}"
         faults.append(Fault("no refinement is requested", "--halvings", got, attempt="--halvings 1"))
-    if faults or kind is None:
+    if faults:
         raise InputError(faults)
     found = study_problem(
-        source.problem, source.theta, element=kind, halvings=halvings, max_unknowns=max_unknowns, progress=progress
+        source.problem, source.theta, element=element, halvings=halvings, max_unknowns=max_unknowns, progress=progress
     )
     return replace(found, notes=(*source.notes, *found.notes))
 
@@ -61,7 +61,7 @@ def mesh_study(
     *,
     calibration: str = "",
     values: Mapping[str, str] | None = None,
-    element: str = "P2P1",
+    element: str = DEFAULT.name,
     halvings: int = 2,
     max_unknowns: int = UNKNOWNS,
     out: str | Path | None = None,
@@ -102,7 +102,3 @@ def mesh_study(
     if out is not None:
         write_study(found, source.project, source.calibration, Path(out))
     return found
-
-
-def _has_lower(problem: Problem, element: ElementKind) -> bool:
-    return any(ELEMENT_RANK[body.element] < ELEMENT_RANK[element] for body in problem.robot.bodies)

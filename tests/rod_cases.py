@@ -11,7 +11,7 @@ from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
 from softcal.geometry.centreline import Centreline
-from softcal.geometry.section import Section
+from softcal.geometry.section import CrossSection
 from softcal.mechanics.rod import RodTerm, build_rod
 
 
@@ -32,7 +32,7 @@ class Pose:
         return Pose(self.c + dz[:, :3], Rotation.from_rotvec(dz[:, 3:]).as_matrix() @ self.R, self.residuals)
 
 
-def on_own_frames(section: Section, centreline: Centreline) -> tuple[RodTerm, Pose]:
+def on_own_frames(section: CrossSection, centreline: Centreline) -> tuple[RodTerm, Pose]:
     """A rod each of whose nodes is a frame, and its rest pose."""
     nodes = np.array(centreline.nodes)
     return build_rod("rod", section, centreline, np.arange(len(nodes)), nodes), at_rest(nodes)
@@ -100,7 +100,7 @@ def loaded(pose: Pose, at: int, *, force=(0.0, 0.0, 0.0), moment=(0.0, 0.0, 0.0)
     return load
 
 
-def compliances(section: Section, E: float, nu: float) -> np.ndarray:
+def compliances(section: CrossSection, E: float, nu: float) -> np.ndarray:
     """1 / (k1 G A, k2 G A, E A, E I1, E I2, G J)."""
     shear = [(s0 + s1 * (1.0 + nu)) / (E * section.area) for s0, s1 in (section.shear1, section.shear2)]
     bending = [1.0 / (E * section.I1), 1.0 / (E * section.I2), 2.0 * (1.0 + nu) / (E * section.J)]
@@ -108,7 +108,7 @@ def compliances(section: Section, E: float, nu: float) -> np.ndarray:
 
 
 def tip_by_shooting(
-    section: Section,
+    section: CrossSection,
     theta: dict[str, float],
     triad: np.ndarray,
     curvature: np.ndarray,

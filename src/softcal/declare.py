@@ -36,11 +36,14 @@ class Declared:
         InputError
             With every such number, by the name of its field.
         """
-        values = ((name, kind, getattr(self, name)) for name, kind in _ranges(type(self)).items())
-        if faults := [
-            fault for name, kind, value in values if value is not None and (fault := kind.fault(value, name))
-        ]:
+        if faults := self.range_faults():
             raise InputError(faults)
+
+    def range_faults(self) -> list[Fault]:
+        """What is wrong with the numbers, each by the name of its field."""
+        given = {name: value for name in _ranges(type(self)) if (value := getattr(self, name)) is not None}
+        faults = (_ranges(type(self))[name].fault(value, name) for name, value in given.items())
+        return [fault for fault in faults if fault]
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: object, handler: Callable[[object], CoreSchema]) -> CoreSchema:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import MISSING, fields
 from io import StringIO
 
@@ -11,6 +12,9 @@ from ruamel.yaml import YAML
 from softcal.declare import Declared
 from softcal.errors import InputError, ProjectFileError
 from softcal.export.sofa_settings import Engines, Rest, SofaSettings
+from softcal.geometry.placement import Placement, Turn
+from softcal.geometry.regions import Box, Cylinder, Plane, Sphere
+from softcal.materials.infill import PrintInfill
 from softcal.project.document import Document, Findings
 from softcal.project.section import validated
 from softcal.project.sections import SECTIONS
@@ -33,6 +37,25 @@ STATED: list[tuple[str, Declared]] = [
     ),
     ("{time_steps: 1 ms}", SofaSettings(time_steps=(0.001,))),
     ("{sofa: {states: 3}}", Engines(SofaSettings(states=3))),
+    (
+        "{bulk_youngs_modulus: [8 MPa, 12 MPa], infill: 30 %, exponent: [1.2, 1.6]}",
+        PrintInfill((8e6, 12e6), 0.3, (1.2, 1.6)),
+    ),
+    ("{axis: [0, 0, 2], angle: 90 deg}", Turn((0.0, 0.0, 2.0), math.radians(90.0))),
+    (
+        "{position: [1 mm, 2 cm, 0 m], rotation: {axis: [1, 0, 0], angle: 1 rad}}",
+        Placement((0.001, 0.02, 0.0), (Turn((1.0, 0.0, 0.0), 1.0),)),
+    ),
+    ("{lower: [0 mm, 0 mm, 0 mm], upper: [1 mm, 2 cm, 3 m]}", Box((0.0, 0.0, 0.0), (0.001, 0.02, 3.0))),
+    (
+        "{point: [0 m, 0 m, 1 m], normal: [0, 1, 0], tolerance: 1 um, side: above}",
+        Plane((0.0, 0.0, 1.0), (0.0, 1.0, 0.0), 1e-6, "above"),
+    ),
+    (
+        "{start: [0 m, 0 m, 0 m], end: [0 m, 0 m, 1 m], radius: 5 mm}",
+        Cylinder((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0.005),
+    ),
+    ("{centre: [0 m, 0 m, 1 m], radius: 5 mm}", Sphere((0.0, 0.0, 1.0), 0.005)),
 ]
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from softcal.errors import MeshError
 from softcal.geometry.centreline import straight
-from softcal.geometry.section import Section, circular, rectangular
+from softcal.geometry.section import CrossSection, circular, rectangular
 from softcal.twin.manipulator import ManipulatorShape, manipulator
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.robot import Plate, Robot, Rod
@@ -15,7 +15,7 @@ SHAPE = ManipulatorShape()
 ROUND = circular(0.01)
 
 
-def rod(*, section: Section = ROUND, n: int = 8, at: int = 8, fixed: tuple[int, ...] = (0,)) -> Rod:
+def rod(*, section: CrossSection = ROUND, n: int = 8, at: int = 8, fixed: tuple[int, ...] = (0,)) -> Rod:
     return Rod(
         "rod",
         straight((0, 0, 0), (0, 0, 0.04), n),

@@ -7,7 +7,7 @@ from scipy.optimize import brentq
 from scipy.special import ellipeinc, ellipk, ellipkinc
 
 from softcal.geometry.centreline import helix, straight
-from softcal.geometry.section import Section, circular, given, rectangular
+from softcal.geometry.section import CrossSection, circular, given, rectangular
 from softcal.mechanics.rod import RodTerm, build_rod
 
 # A cantilever under a dead load across its end, P L^2 / E I = `times`: the elastica.
@@ -63,14 +63,14 @@ PUBLISHED = {300.0: (22.33, 58.84, 40.08), 450.0: (18.62, 52.32, 48.39), 600.0: 
 ARC = helix((0, 0, 0), (0, 0, 1), diameter=200.0, pitch=0.0, turns=1 / 8, at=1, towards=(1, 0, 0))
 
 
-def bend_tip(section: Section, force: float, n: int) -> np.ndarray:
+def bend_tip(section: CrossSection, force: float, n: int) -> np.ndarray:
     line = helix((0, 0, 0), (0, 0, 1), diameter=200.0, pitch=0.0, turns=1 / 8, at=n, towards=(1, 0, 0))
     rod, pose = on_own_frames(section, line)
     pose = solved(rod, pose, BEND, loaded(pose, n, force=(0.0, 0.0, force)), steps=2)
     return _seen_from_the_clamp(pose.c[-1] - line.nodes[0])
 
 
-def bend_reference(section: Section, force: float) -> np.ndarray:
+def bend_reference(section: CrossSection, force: float) -> np.ndarray:
     """By the differential equations, started from a computed tip."""
     F = np.array([0.0, 0.0, force])
     near = bend_tip(section, force, 16)

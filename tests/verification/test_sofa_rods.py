@@ -13,7 +13,7 @@ from mechanics_cases import column_robot, elastic, pulled, tensed
 from softcal.export.crosscheck import crosscheck
 from softcal.export.sofa_engine import sofa_engine
 from softcal.geometry.centreline import helix, straight
-from softcal.geometry.section import Section, circular, given, rectangular
+from softcal.geometry.section import CrossSection, circular, given, rectangular
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response
 from softcal.twin.robot import Cable, Marker, Plate, PointLoad, Robot, Rod, ViaPoint
@@ -25,7 +25,7 @@ LENGTH = 0.1
 NOTHING = tensed(0.0, cable="slack")
 
 
-def cantilever(force, *, n: int, section: Section, weight: bool = False) -> Robot:
+def cantilever(force, *, n: int, section: CrossSection, weight: bool = False) -> Robot:
     """A rod along x, its first node fixed, a force on the plate at its end; a cable that does nothing."""
     rod = Rod(
         "rod", straight((0.0, 0.0, 0.0), (LENGTH, 0.0, 0.0), n, first=(0.0, 1.0, 0.0)), section, elastic(1e9, 0.4),

@@ -2,37 +2,60 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from softcal.checks import frozen_floats
+from softcal.declare import Declared, Reading, listed
 from softcal.errors import Fault, MeshError
-from softcal.geometry.centreline import Centreline
 from softcal.geometry.mesh import TetMesh
-from softcal.geometry.pose import Pose
+from softcal.quantities import Angle, Direction, Point
+
+if TYPE_CHECKING:
+    from softcal.geometry.centreline import Centreline
+    from softcal.geometry.pose import Pose
 
 
-def placement(position: Sequence[float], turns: Sequence[tuple[Sequence[float], float]]) -> Pose:
-    """A part turned about axes through its own origin by angles [rad], one after the other, then moved [m].
+@dataclass(frozen=True)
+class Turn(Declared):
+    """A turn by an angle [rad] about an axis through the part's own origin."""
 
-    Raises
-    ------
-    MeshError
-        For an axis without a direction.
-    """
-    rotation = np.eye(3)
-    for axis, angle in turns:
-        vector = frozen_floats(axis, name="axis", shape=(3,))
-        size = float(np.linalg.norm(vector))
-        if not size > 0.0:
-            raise MeshError(
-                Fault("the axis of a turn has no direction", got=str(np.asarray(axis).tolist()), allowed="not zero")
-            )
-        rotation = Rotation.from_rotvec(vector / size * angle).as_matrix() @ rotation
-    return Pose(rotation, np.asarray(position, dtype=np.float64))
+    axis: Direction
+    angle: Angle
+
+
+@dataclass(frozen=True)
+class Placement(Declared):
+    """Where a part is put: turned about its own origin, one turn after the other, then moved by `position` [m]."""
+
+    position: Point = (0.0, 0.0, 0.0)
+    rotation: Annotated[tuple[Turn, ...], Reading(listed)] = ()
+
+    @property
+    def pose(self) -> Pose:
+        """As a motion of the part's points.
+
+        Raises
+        ------
+        MeshError
+            For an axis without a direction.
+        """
+        from scipy.spatial.transform import Rotation
+
+        from softcal.geometry.pose import Pose
+
+        rotation = np.eye(3)
+        for turn in self.rotation:
+            vector = frozen_floats(turn.axis, name="axis", shape=(3,))
+            size = float(np.linalg.norm(vector))
+            if not size > 0.0:
+                raise MeshError(
+                    Fault("the axis of a turn has no direction", got=str(list(turn.axis)), allowed="not zero")
+                )
+            rotation = Rotation.from_rotvec(vector / size * turn.angle).as_matrix() @ rotation
+        return Pose(rotation, np.asarray(self.position, dtype=np.float64))
 
 
 def placed_mesh(mesh: TetMesh, pose: Pose) -> TetMesh:
@@ -42,4 +65,4 @@ def placed_mesh(mesh: TetMesh, pose: Pose) -> TetMesh:
 
 def placed_centreline(line: Centreline, pose: Pose) -> Centreline:
     """A rod's centreline where it is put."""
-    return Centreline(pose.apply(line.nodes), pose.rotation @ line.triads, line.lengths)
+    return replace(line, nodes=pose.apply(line.nodes), triads=pose.rotation @ line.triads)

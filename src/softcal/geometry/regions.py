@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softcal.checks import Floats, Ints, frozen_floats
+from softcal.declare import Declared
 from softcal.errors import Fault, MeshError, nearest
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.surface import boundary_faces, matching_faces
+from softcal.quantities import Clearance, Direction, Point, Size
 
 Mask = NDArray[np.bool_]
 Side = Literal["on", "above", "below"]
@@ -28,11 +30,11 @@ class Named:
 
 
 @dataclass(frozen=True)
-class Box:
+class Box(Declared):
     """Between two corners [m]; an infinite coordinate leaves that side open."""
 
-    lower: tuple[float, float, float]
-    upper: tuple[float, float, float]
+    lower: Point
+    upper: Point
 
     def __post_init__(self) -> None:
         if any(not low <= high for low, high in zip(self.lower, self.upper, strict=True)):
@@ -47,12 +49,12 @@ class Box:
 
 
 @dataclass(frozen=True)
-class Plane:
+class Plane(Declared):
     """A plane through a point [m]; what lies on it (within tolerance [m]), or above or below it by its normal."""
 
-    point: tuple[float, float, float]
-    normal: tuple[float, float, float]
-    tolerance: float = 0.0
+    point: Point
+    normal: Direction
+    tolerance: Clearance = 0.0
     side: Side = "on"
 
     def __post_init__(self) -> None:
@@ -76,12 +78,12 @@ class Plane:
 
 
 @dataclass(frozen=True)
-class Cylinder:
+class Cylinder(Declared):
     """A solid cylinder between the centres of its two ends [m], with its radius [m]."""
 
-    start: tuple[float, float, float]
-    end: tuple[float, float, float]
-    radius: float
+    start: Point
+    end: Point
+    radius: Size
 
     def __post_init__(self) -> None:
         ends = [frozen_floats(end, name="a cylinder's end", shape=(3,)) for end in (self.start, self.end)]
@@ -101,11 +103,11 @@ class Cylinder:
 
 
 @dataclass(frozen=True)
-class Sphere:
+class Sphere(Declared):
     """A ball: centre [m], radius [m]."""
 
-    centre: tuple[float, float, float]
-    radius: float
+    centre: Point
+    radius: Size
 
     def __post_init__(self) -> None:
         frozen_floats(self.centre, name="a sphere's centre", shape=(3,))

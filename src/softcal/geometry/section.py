@@ -12,7 +12,7 @@ from softcal.errors import Fault, MeshError
 
 
 @dataclass(frozen=True)
-class Section:
+class CrossSection:
     """area A [m^2]; I1, I2: second moments about axes 1 and 2 [m^4]; J: torsion constant [m^4]; shear: (s0, s1), with
     the shear coefficient k of k G A by E A / (k G A) = s0 + s1 (1 + nu), the same along axes 1 and 2 or one pair each.
 
@@ -39,7 +39,7 @@ class Section:
         return math.sqrt(4.0 * (self.I1 + self.I2) / self.area + 2.0 * self.area / math.pi)
 
 
-def circular(diameter: float, *, inner_diameter: float = 0.0) -> Section:
+def circular(diameter: float, *, inner_diameter: float = 0.0) -> CrossSection:
     """A round bar or, with an inner diameter [m], a tube.
 
     References
@@ -69,10 +69,10 @@ def circular(diameter: float, *, inner_diameter: float = 0.0) -> Section:
     hollow = m2 / (1.0 + m2) ** 2
     # 2 (1 + nu) / k with 7 + 6 nu = 1 + 6 (1 + nu) and 20 + 12 nu = 8 + 12 (1 + nu)
     shear = ((1.0 + 8.0 * hollow) / 3.0, (6.0 + 12.0 * hollow) / 3.0)
-    return Section(area, second, second, 2.0 * second, shear, shear)
+    return CrossSection(area, second, second, 2.0 * second, shear, shear)
 
 
-def rectangular(width: float, height: float) -> Section:
+def rectangular(width: float, height: float) -> CrossSection:
     """A bar of `width` along axis 1 and `height` along axis 2 [m].
 
     References
@@ -90,12 +90,12 @@ def rectangular(width: float, height: float) -> Section:
         raise MeshError(faults)
     area = width * height
     shear = (0.2, 2.2)
-    return Section(area, width * height**3 / 12.0, height * width**3 / 12.0, _torsion(width, height), shear, shear)
+    return CrossSection(area, width * height**3 / 12.0, height * width**3 / 12.0, _torsion(width, height), shear, shear)
 
 
 def given(
     area: float, I1: float, I2: float, J: float, *, shear_coefficients: tuple[float, float] = (5 / 6, 5 / 6)
-) -> Section:
+) -> CrossSection:
     """A section whose constants are known; shear coefficients k along axes 1 and 2, independent of Poisson's ratio.
 
     Raises
@@ -109,7 +109,7 @@ def given(
     if faults:
         raise MeshError(faults)
     k1, k2 = shear_coefficients
-    return Section(area, I1, I2, J, (0.0, 2.0 / k1), (0.0, 2.0 / k2))
+    return CrossSection(area, I1, I2, J, (0.0, 2.0 / k1), (0.0, 2.0 / k2))
 
 
 def _torsion(width: float, height: float) -> float:

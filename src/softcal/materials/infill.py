@@ -4,36 +4,37 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from softcal.declare import Declared
 from softcal.errors import Fault, InputError
+from softcal.quantities import Exponent, Infill, Modulus
 
 
 @dataclass(frozen=True)
-class PrintInfill:
+class PrintInfill(Declared):
     """Eq. (5) of paper A: E_eff = E_bulk * phi**gamma, with the ranges that are taken for plausible.
 
-    bulk_modulus [Pa]: lowest and highest; infill phi [-], 0 < phi <= 1; exponent gamma [-]: lowest and highest.
+    bulk_youngs_modulus [Pa]: lowest and highest; infill phi [-], 0 < phi <= 1; exponent gamma [-]: lowest and highest.
     """
 
-    bulk_modulus: tuple[float, float]
-    infill: float
-    exponent: tuple[float, float]
+    bulk_youngs_modulus: tuple[Modulus, Modulus]
+    infill: Infill
+    exponent: tuple[Exponent, Exponent]
 
     def __post_init__(self) -> None:
-        faults: list[Fault] = []
-        if not 0 < self.infill <= 1:
-            faults.append(
-                Fault("the infill is no fraction", where="infill", got=f"{self.infill}", allowed="0 < phi <= 1")
-            )
-        for name, (low, high) in (("bulk_modulus", self.bulk_modulus), ("exponent", self.exponent)):
-            if not 0 < low <= high:
-                faults.append(Fault("the range is reversed or not positive", where=name, got=f"{low} to {high}"))
+        faults = self.range_faults()
+        faults += [
+            Fault("the range is reversed or not positive", where=name, got=f"{low} to {high}")
+            for name in ("bulk_youngs_modulus", "exponent")
+            for low, high in [getattr(self, name)]
+            if not 0 < low <= high
+        ]
         if faults:
             raise InputError(faults)
 
     @property
     def effective_modulus(self) -> tuple[float, float]:
         """Lowest and highest E_eff [Pa]; the lowest has the softest bulk and the largest exponent."""
-        low, high = self.bulk_modulus
+        low, high = self.bulk_youngs_modulus
         return (
             effective_modulus(low, self.infill, self.exponent[1]),
             effective_modulus(high, self.infill, self.exponent[0]),

@@ -33,7 +33,7 @@ from numpy.typing import ArrayLike
 from softcal.checks import Floats, Ints
 from softcal.errors import Fault, MeshError
 from softcal.geometry.centreline import Centreline
-from softcal.geometry.section import Section
+from softcal.geometry.section import CrossSection
 from softcal.mechanics import rod_kernels
 from softcal.mechanics.damping import TimeStep
 from softcal.mechanics.frame_blocks import UNPLANNED, FrameBlocks, frame_blocks
@@ -83,7 +83,7 @@ class RodTerm(Term):
     """
 
     name: str
-    section: Section
+    section: CrossSection
     frames: Ints
     arm: Floats
     triad: Floats
@@ -272,7 +272,7 @@ class RodTerm(Term):
 
 
 def build_rod(
-    name: str, section: Section, centreline: Centreline, node_frames: ArrayLike, references: Floats
+    name: str, section: CrossSection, centreline: Centreline, node_frames: ArrayLike, references: Floats
 ) -> RodTerm:
     """The term of a rod whose nodes ride on frames.
 
@@ -345,7 +345,7 @@ def build_rod(
     )
 
 
-def _flexibility(section: Section, xi: Floats, length: Floats) -> tuple[Floats, Floats]:
+def _flexibility(section: CrossSection, xi: Floats, length: Floats) -> tuple[Floats, Floats]:
     """E times the elements' flexibility: what does not depend on Poisson's ratio, and what goes with 1 + nu."""
     (a1, b1), (a2, b2), A = section.shear1, section.shear2, section.area
     bending = np.array([a1 / A, a2 / A, 1.0 / A, 1.0 / section.I1, 1.0 / section.I2, 0.0])

@@ -1,4 +1,4 @@
-"""What may stand in the `parameters`, `calibration` and `print` sections of a project file."""
+"""What may stand in the `parameters` and `calibration` sections of a project file."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from softcal.calibration.settings import SearchSettings
 from softcal.declare import listed
 from softcal.limits import LIMITS
 from softcal.project.section import Given, Section, member_of
-from softcal.quantities import Exponent, Infill, Modulus, PositiveRatio
+from softcal.quantities import PositiveRatio
 
 
 class PriorSection(Section):
@@ -50,11 +50,3 @@ class CalibrationSection(Section):
     def search(self) -> SearchSettings:
         """What decides the course of the search."""
         return SearchSettings(self.method, self.trials, self.seed, self.starts, tuple(self.hold_out))
-
-
-class PrintSection(Section):
-    """What is known of the print, for the plausibility band E_bulk * infill**exponent."""
-
-    bulk_youngs_modulus: tuple[Modulus, Modulus]
-    infill: Infill
-    exponent: tuple[Exponent, Exponent]

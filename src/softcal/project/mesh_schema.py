@@ -8,10 +8,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Tag, model_validator
 
+from softcal.geometry.regions import Box, Cylinder, Named, Plane, Region, Sphere
 from softcal.limits import LIMITS
 from softcal.project.rod_schema import require_climb
 from softcal.project.section import Section, fault_error, require_one
-from softcal.quantities import Angle, Clearance, Direction, Point, Refinement, Size, Turns
+from softcal.quantities import Angle, Clearance, Refinement, Size, Turns
 
 TO_FILL = (".stl", ".step", ".stp")
 CARRIES_UNIT = (".step", ".stp")
@@ -162,45 +163,14 @@ Mesh = Annotated[
 ]
 
 
-class PlaneRegion(Section):
-    """What lies on a plane, or above or below it as seen along its normal."""
-
-    point: Point
-    normal: Direction
-    side: Literal["on", "above", "below"] = "on"
-    tolerance: Clearance = 0.0
-
-
-class BoxRegion(Section):
-    """What lies between two corners."""
-
-    lower: Point
-    upper: Point
-
-
-class CylinderRegion(Section):
-    """What lies in a solid cylinder between the centres of its ends."""
-
-    start: Point
-    end: Point
-    radius: Size
-
-
-class SphereRegion(Section):
-    """What lies in a ball."""
-
-    centre: Point
-    radius: Size
-
-
 class RegionSection(Section):
     """A part of a mesh: by a group of its file, or by a shape."""
 
     group: str | None = None
-    plane: PlaneRegion | None = None
-    box: BoxRegion | None = None
-    cylinder: CylinderRegion | None = None
-    sphere: SphereRegion | None = None
+    plane: Plane | None = None
+    box: Box | None = None
+    cylinder: Cylinder | None = None
+    sphere: Sphere | None = None
 
     @model_validator(mode="after")
     def _one_kind(self) -> RegionSection:
@@ -212,3 +182,8 @@ class RegionSection(Section):
                 allowed="one of group, plane, box, cylinder, sphere",
             )
         return self
+
+    @property
+    def region(self) -> Region:
+        """The one of them that is given."""
+        return self.plane or self.box or self.cylinder or self.sphere or Named(self.group or "")

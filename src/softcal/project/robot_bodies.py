@@ -11,19 +11,8 @@ from softcal.checks import Ints
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.placement import placed_mesh
 from softcal.geometry.quality import MeshReport, check_quality, require_sound
-from softcal.geometry.regions import (
-    Box,
-    Cylinder,
-    Named,
-    Plane,
-    Region,
-    Sphere,
-    select_elements,
-    select_faces,
-    select_nodes,
-)
+from softcal.geometry.regions import Named, select_elements, select_faces, select_nodes
 from softcal.project.document import Findings, KeyPath
-from softcal.project.mesh_schema import RegionSection
 from softcal.project.robot_schema import BodySection, LoadSection
 from softcal.quantities import QUANTITIES
 from softcal.twin.parameters import out_of_range, robot_parameters
@@ -77,7 +66,7 @@ class BuiltBodies:
             if load.region not in self.known_regions(load.on):
                 findings.unknown((*path, "region"), "region", load.region, self.known_regions(load.on))
                 return None
-            region = region_of(regions[load.region]) if load.region in regions else Named(load.region)
+            region = regions[load.region].region if load.region in regions else Named(load.region)
             with findings.at((*path, "region")):
                 return select_faces(self.made[load.on], region)
         return None
@@ -138,30 +127,11 @@ def _inclusions(
             findings.unknown((*path, name), "region", region, built.known_regions(body))
         else:
             density = section.density if material.density is None else material.density
-            of = region_of(section.regions[region]) if region in section.regions else Named(region)
+            of = section.regions[region].region if region in section.regions else Named(region)
             with findings.at((*path, name)):
                 tets = select_elements(built.made[body], of)
                 found.append(Material(name, tets, material.constants, density))
     return tuple(found)
-
-
-def region_of(section: RegionSection) -> Region:
-    """The geometric region that a section describes.
-
-    Raises
-    ------
-    MeshError
-        For a shape that is none, such as a box turned inside out.
-    """
-    if section.plane:
-        return Plane(section.plane.point, section.plane.normal, section.plane.tolerance, section.plane.side)
-    if section.box:
-        return Box(section.box.lower, section.box.upper)
-    if section.cylinder:
-        return Cylinder(section.cylinder.start, section.cylinder.end, section.cylinder.radius)
-    if section.sphere:
-        return Sphere(section.sphere.centre, section.sphere.radius)
-    return Named(section.group or "")
 
 
 def _poor(quality: MeshReport, mesh: TetMesh, fixed: Ints) -> str:
@@ -175,5 +145,5 @@ def _regions(body: BodySection, mesh: TetMesh, path: KeyPath, findings: Findings
     found: dict[str, Ints] = {}
     for name, region in body.regions.items():
         with findings.at((*path, "regions", name)):
-            found[name] = select_nodes(mesh, region_of(region))
+            found[name] = select_nodes(mesh, region.region)
     return found

@@ -12,10 +12,10 @@ from softcal.errors import Fault, MeshError
 from softcal.geometry import section as sections
 from softcal.geometry.centreline import Centreline, curve_through, helix, polyline, spaced, straight
 from softcal.geometry.placement import placed_centreline
-from softcal.geometry.section import Section
+from softcal.geometry.section import CrossSection
 from softcal.limits import LIMITS
 from softcal.project.document import Findings, KeyPath
-from softcal.project.rod_schema import CrossSection, HelixSection, RodSection
+from softcal.project.rod_schema import BarSection, HelixSection, RodSection
 from softcal.twin.robot import Rod
 
 ELEMENTS = 40  # of a straight rod where it is not said
@@ -63,7 +63,7 @@ def build_rod(name: str, rod: RodSection, plates: Iterable[str], findings: Findi
     return None
 
 
-def _section(given: CrossSection) -> Section:
+def _section(given: BarSection) -> CrossSection:
     if given.diameter is not None:
         return sections.circular(given.diameter, inner_diameter=given.inner_diameter or 0.0)
     if given.width is not None and given.height is not None:
@@ -91,7 +91,7 @@ def _pitch(shape: HelixSection) -> float:
     return shape.pitch if shape.pitch is not None else (shape.height or 0.0) / shape.turns
 
 
-def _check_coils(shape: HelixSection, section: Section) -> None:
+def _check_coils(shape: HelixSection, section: CrossSection) -> None:
     """Coils of one wire that lie in each other; the wire's thickness is that of a round one like it."""
     pitch = _pitch(shape)
     apart = pitch / math.hypot(1.0, pitch / (math.pi * shape.coil_diameter))

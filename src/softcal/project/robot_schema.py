@@ -8,13 +8,14 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from softcal.declare import Reading, listed
+from softcal.geometry.placement import Placement
 from softcal.limits import LIMITS
 from softcal.mechanics.elements import DEFAULT
 from softcal.project.constants import ConstantsSection, LawSection
 from softcal.project.element import Element
 from softcal.project.manipulator_schema import ManipulatorSection
 from softcal.project.mesh_schema import Mesh, RegionSection
-from softcal.project.rod_schema import PlacementSection, RodSection
+from softcal.project.rod_schema import RodSection
 from softcal.project.section import Section, fault_error, require_one
 from softcal.quantities import (
     QUANTITIES,
@@ -50,7 +51,7 @@ class BodySection(LawSection):
     materials: Mapping[str, MaterialSection] = Field(default_factory=dict)
     regions: Mapping[str, RegionSection] = Field(default_factory=dict)
     fixed: Annotated[list[str], BeforeValidator(listed)] = Field(default_factory=list)
-    placement: PlacementSection | None = None
+    placement: Placement | None = None
 
 
 class DiscSection(Section):

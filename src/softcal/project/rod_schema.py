@@ -1,18 +1,18 @@
-"""What may stand under `rods` in a project file, and under `placement` of rods and bodies."""
+"""What may stand under `rods` in a project file."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from softcal.declare import Reading, listed
+from softcal.declare import Reading
+from softcal.geometry.placement import Placement
 from softcal.limits import LIMITS
 from softcal.project.section import Section, fault_error, require_one
 from softcal.quantities import (
     QUANTITIES,
-    Angle,
     Area,
     Density,
     Direction,
@@ -24,36 +24,6 @@ from softcal.quantities import (
     Size,
     Turns,
 )
-
-if TYPE_CHECKING:
-    from softcal.geometry.pose import Pose
-
-
-class RotationSection(Section):
-    """A turn about an axis through the part's own origin."""
-
-    axis: Direction
-    angle: Angle
-
-
-class PlacementSection(Section):
-    """Where a part is put: turned about its own origin, one turn after the other, then moved."""
-
-    position: Point = (0.0, 0.0, 0.0)
-    rotation: Annotated[list[RotationSection], BeforeValidator(listed)] = Field(default_factory=list)
-
-    @property
-    def pose(self) -> Pose:
-        """As a motion of the part's points.
-
-        Raises
-        ------
-        MeshError
-            For an axis without a direction.
-        """
-        from softcal.geometry.placement import placement
-
-        return placement(self.position, [(turn.axis, turn.angle) for turn in self.rotation])
 
 
 class StraightSection(Section):
@@ -94,7 +64,7 @@ class PolylineSection(Section):
     first: Direction | None = None
 
 
-class CrossSection(Section):
+class BarSection(Section):
     """A rod's section: a round bar or tube, a rectangular bar, or given constants."""
 
     diameter: Size | None = None
@@ -108,7 +78,7 @@ class CrossSection(Section):
     shear_coefficients: tuple[PositiveRatio, PositiveRatio] | None = None
 
     @model_validator(mode="after")
-    def _one_kind(self) -> CrossSection:
+    def _one_kind(self) -> BarSection:
         given = {key for key in type(self).model_fields if getattr(self, key) is not None}
         constants = {"area", "I1", "I2", "J"}
         kinds = (
@@ -148,13 +118,13 @@ class RodSection(Section):
     helix: HelixSection | None = None
     polyline: PolylineSection | None = None
     elements: Annotated[int, LIMITS["elements of a rod"]] | None = None
-    section: CrossSection
+    section: BarSection
     youngs_modulus: Modulus
     poissons_ratio: PoissonsRatio
     density: Density = 0.0
     clamped: Mapping[str, Stations] = Field(default_factory=dict)
     fixed: Stations = Field(default_factory=list)
-    placement: PlacementSection | None = None
+    placement: Placement | None = None
 
     @model_validator(mode="after")
     def _one_shape(self) -> RodSection:

@@ -13,7 +13,7 @@ from softcal.limits import LIMITS
 from softcal.materials.infill import PrintInfill
 from softcal.project.bench_plan import check_headers, plan_bench
 from softcal.project.bench_schema import ExperimentSection, RigSection
-from softcal.project.calibration_schema import CalibrationSection, ParameterSection, PrintSection
+from softcal.project.calibration_schema import CalibrationSection, ParameterSection
 from softcal.project.document import Document, Findings
 from softcal.project.files import InputFiles, stored_mesh
 from softcal.project.mesh_schema import MeshFile
@@ -78,7 +78,7 @@ def read_sections(document: Document, files: InputFiles) -> Sections:
     dynamics = _dynamics(document, findings)
     engines = _section(Engines, "engines", document, findings, {})
     swept = _section(SweepSection, "sweep", document, findings)
-    print_infill = _print_infill(document, findings)
+    print_infill = _section(PrintInfill, "print", document, findings)
     if robot is not None:
         check_part_names(robot, findings)
     _find_meshes(document, files, findings)
@@ -198,15 +198,6 @@ def _check_set_ups(set_ups: Mapping[str, str], findings: Findings) -> None:
     for name, set_up in set_ups.items():
         if set_ups.get(set_up, set_up) != set_up:
             findings.add(("experiments", name, "set_up"), "an experiment has the name of the set-up", got=f"'{set_up}'")
-
-
-def _print_infill(document: Document, findings: Findings) -> PrintInfill | None:
-    section = _section(PrintSection, "print", document, findings)
-    if section is None:
-        return None
-    with findings.at(("print",)):
-        return PrintInfill(section.bulk_youngs_modulus, section.infill, section.exponent)
-    return None
 
 
 def _dynamics(document: Document, findings: Findings) -> TimeSettings | None:

@@ -88,7 +88,7 @@ def draw_plausible_modulus(infill: PrintInfill, results: Mapping[str, Calibratio
         return None
     scale = scale_of("Pa")
     low, high = (bound / scale.factor for bound in infill.effective_modulus)
-    bulk = [bound / scale.factor for bound in infill.bulk_modulus]
+    bulk = [bound / scale.factor for bound in infill.bulk_youngs_modulus]
     with house_style():
         figure = new_figure(5.2, 1.9 + 0.38 * len(rows))
         axes = figure.add_subplot()

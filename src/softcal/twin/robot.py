@@ -12,7 +12,7 @@ from softcal.checks import Floats, Ints, frozen_floats, frozen_ints
 from softcal.errors import Fault, InputError
 from softcal.geometry.centreline import Centreline
 from softcal.geometry.mesh import TetMesh
-from softcal.geometry.section import Section
+from softcal.geometry.section import CrossSection
 from softcal.materials.catalogue import LAWS
 from softcal.materials.elastic_constants import LINEAR_ELASTIC
 from softcal.materials.parameter import complete
@@ -105,7 +105,7 @@ class Rod:
 
     name: str
     centreline: Centreline
-    section: Section
+    section: CrossSection
     parameters: Mapping[str, float]
     clamped: Mapping[str, Ints] = field(default_factory=dict)
     fixed: Ints = field(default_factory=lambda: frozen_ints([], name="fixed", shape=(None,)))

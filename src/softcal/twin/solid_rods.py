@@ -10,7 +10,7 @@ import numpy as np
 
 from softcal.checks import Ints
 from softcal.errors import Fault, MeshError
-from softcal.geometry.section import Section, circular
+from softcal.geometry.section import CrossSection, circular
 from softcal.geometry.wire import SpringShape, wire_mesh
 from softcal.mechanics.elements import DEFAULT
 from softcal.twin.manipulator import ManipulatorShape
@@ -120,7 +120,7 @@ def _end_nodes(rod: Rod, held: Ints, start: Ints, end: Ints) -> Ints:
     return np.concatenate([none, *(nodes for node, nodes in ((0, start), (last, end)) if node in held)])
 
 
-def _diameter(section: Section) -> float | None:
+def _diameter(section: CrossSection) -> float | None:
     """Of the full circle that the section is [m], or None."""
     diameter = math.sqrt(4.0 * section.area / math.pi)
     round_bar = circular(diameter)

@@ -25,10 +25,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from softcal.checks import Floats
-from softcal.experiments.averaging import average
 from softcal.experiments.dataset import Dataset
 from softcal.experiments.motion_capture import read_c3d
-from softcal.experiments.sampling import window
+from softcal.experiments.steps.averaging import average
+from softcal.experiments.steps.sampling import window
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.write import write_mesh
 

@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from softcal.errors import UnitError as UnitError
     from softcal.experiments.dataset import Channel as Channel
     from softcal.experiments.dataset import Dataset as Dataset
+    from softcal.experiments.step import Setting as Setting
+    from softcal.experiments.step import register_step as register_step
     from softcal.geometry.centreline import helix as helix
     from softcal.geometry.centreline import straight as straight
     from softcal.geometry.mesh import TetMesh as TetMesh
@@ -125,6 +127,7 @@ _HOMES = {
     "RoutingAxis": "softcal.twin.cables",
     "Schedule": "softcal.twin.schedule",
     "SearchSettings": "softcal.calibration.settings",
+    "Setting": "softcal.experiments.step",
     "Settling": "softcal.twin.time_settings",
     "SimulationError": "softcal.errors",
     "SoftcalError": "softcal.errors",
@@ -154,6 +157,7 @@ _HOMES = {
     "rectangular": "softcal.geometry.section",
     "register_law": "softcal.materials.catalogue",
     "register_optimiser": "softcal.calibration.optimiser",
+    "register_step": "softcal.experiments.step",
     "robot_parameters": "softcal.twin.parameters",
     "simulate": "softcal.workflows.simulation",
     "simulate_in_time": "softcal.twin.in_time",
@@ -201,6 +205,7 @@ __all__ = [
     "RoutingAxis",
     "Schedule",
     "SearchSettings",
+    "Setting",
     "Settling",
     "SimulationError",
     "SoftcalError",
@@ -230,6 +235,7 @@ __all__ = [
     "rectangular",
     "register_law",
     "register_optimiser",
+    "register_step",
     "robot_parameters",
     "simulate",
     "simulate_in_time",

@@ -6,7 +6,7 @@ import importlib
 import pkgutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.metadata import entry_points
-from typing import Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 from softcal.errors import Fault, ParameterError, nearest
 
@@ -42,6 +42,8 @@ class Catalogue(Mapping[str, T], Generic[T]):
         softcal's own members.
     home
         The package whose modules register the other ones of softcal's own.
+    member_of
+        From what an entry point names to the member, where they differ.
     """
 
     def __init__(
@@ -52,9 +54,10 @@ class Catalogue(Mapping[str, T], Generic[T]):
         *,
         own: Sequence[T] = (),
         home: str = "",
+        member_of: Callable[[Any], Any] = lambda found: found,
     ) -> None:
         self.what, self._group, self._home = what, group, home
-        self._faults = faults
+        self._faults, self._member_of = faults, member_of
         self._members: dict[str, T] = {}
         self._own: set[str] = set()
         self._asked = True
@@ -101,14 +104,17 @@ class Catalogue(Mapping[str, T], Generic[T]):
         ParameterError
             Where another one has its name, or something is wrong with it.
         """
-        known = self._all()
+        # One of softcal's own registers while its module is imported: the others may need that module themselves.
+        module = getattr(member, "module", getattr(member, "__module__", ""))
+        is_own = bool(self._home) and module.startswith(f"{self._home}.")
+        known = self._members if is_own else self._all()
         if faults := self._faults(member, known):
             raise ParameterError(faults)
         if known.get(member.name, member) != member:
             what = f"there is another {self.what} of this name"
             raise ParameterError(Fault(what, self.what, member.name, attempt="another name"))
         self._members[member.name] = member
-        if self._home and getattr(member, "__module__", "").startswith(f"{self._home}."):
+        if is_own:
             self._own.add(member.name)
 
     def remove(self, name: str) -> None:
@@ -131,5 +137,5 @@ class Catalogue(Mapping[str, T], Generic[T]):
                 for module in pkgutil.iter_modules(importlib.import_module(self._home).__path__):
                     importlib.import_module(f"{self._home}.{module.name}")
             for plugin in entry_points(group=self._group):
-                self.add(plugin.load())
+                self.add(self._member_of(plugin.load()))
         return self._members

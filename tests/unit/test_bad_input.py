@@ -92,7 +92,7 @@ KEYS: dict[str, tuple[Change, tuple[str, ...]]] = {
     "an unknown choice": (("element: P1", "element: Q1"), ("project.yaml:7:", "'Q1'", "'P1', 'P2', 'P2P1'")),
     "an unknown method": (
         ("least-squares", "simplex"),
-        ("calibration.method", "'simplex'", "'least-squares', 'tpe', 'grid'"),
+        ("calibration.method", "'simplex'", "grid, least-squares, tpe"),
     ),
     "not YAML": (("plates:", "plates: {"), ("project.yaml:", "not YAML")),
     "a format of the future": (("softcal: 1", "softcal: 2"), ("project.yaml:1: softcal", "not known", "got 2")),

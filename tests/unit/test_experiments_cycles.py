@@ -14,13 +14,13 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from softcal.errors import DatasetError
-from softcal.experiments.branches import take_branch
-from softcal.experiments.corrections import detrend
-from softcal.experiments.cycles import classify_cycles, find_cycles, select_cycles
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.experiments.hysteresis import loops, softening
 from softcal.experiments.prepare import prepare
 from softcal.experiments.read import ColumnSpec, read_table
+from softcal.experiments.steps.branches import take_branch
+from softcal.experiments.steps.corrections import detrend
+from softcal.experiments.steps.cycles import classify_cycles, find_cycles, select_cycles
 from softcal.experiments.synchronise import synchronise
 
 

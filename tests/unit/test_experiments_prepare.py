@@ -11,14 +11,15 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from softcal.errors import DatasetError, Fault
-from softcal.experiments.corrections import detrend, detrended, smooth, zero
 from softcal.experiments.dataset import Channel, Dataset, Step
-from softcal.experiments.noise import estimate_noise, set_noise
 from softcal.experiments.plausibility import check_plausible
-from softcal.experiments.prepare import PREPARATIONS, parse_steps, prepare
-from softcal.experiments.pulleys import correct_pulley_friction
-from softcal.experiments.sampling import resample, window
-from softcal.experiments.slack import find_slack, remove_slack
+from softcal.experiments.prepare import parse_steps, prepare
+from softcal.experiments.step import STEPS
+from softcal.experiments.steps.corrections import detrend, detrended, smooth, zero
+from softcal.experiments.steps.noise import estimate_noise, set_noise
+from softcal.experiments.steps.pulleys import correct_pulley_friction
+from softcal.experiments.steps.sampling import resample, window
+from softcal.experiments.steps.slack import find_slack, remove_slack
 
 UNITS = {"time": "s", "shortening": "m", "tension": "N", "pitch": "rad"}
 
@@ -219,7 +220,7 @@ def test_all_faults_of_a_list_at_once() -> None:
         parse_steps(steps, where="experiments.pull.prepare")
     told = str(caught.value)
     for part in (
-        "prepare[0]: unknown preparation step; got 'take_brunch'",
+        "prepare[0]: there is no such preparation step; got 'take_brunch'",
         "Try: 'take_branch'",
         "prepare[1].window: unknown setting; got 'lowr'",
         "Try: 'lower'",
@@ -238,7 +239,7 @@ def test_all_faults_of_a_list_at_once() -> None:
 
 
 def test_every_preparation_is_described() -> None:
-    for name, preparation in PREPARATIONS.items():
+    for name, preparation in STEPS.items():
         assert preparation.function.__name__ == name
         assert preparation.summary.endswith(".")
         assert set(preparation.settings) <= set(preparation.function.__annotations__)
@@ -246,7 +247,7 @@ def test_every_preparation_is_described() -> None:
 
 def test_every_step_stands_in_the_docs() -> None:
     page = (Path(__file__).parents[2] / "docs" / "bench-data.md").read_text(encoding="utf-8")
-    assert [name for name in PREPARATIONS if f"`{name}`" not in page] == []
+    assert [name for name in STEPS if f"`{name}`" not in page] == []
 
 
 def test_a_tension_that_falls_is_not_said_never_to_change() -> None:

@@ -18,9 +18,9 @@ from softcal.calibration.observation import observe
 from softcal.calibration.parameters import FreeParameter, SearchSpace
 from softcal.calibration.problem import Problem
 from softcal.errors import DatasetError, InputError, ParameterError, ProjectFileError
-from softcal.experiments.branches import Branch, take_branch
 from softcal.experiments.dataset import Channel, Dataset, Step
-from softcal.experiments.pulleys import correct_pulley_friction, pulley_gain
+from softcal.experiments.steps.branches import Branch, take_branch
+from softcal.experiments.steps.pulleys import correct_pulley_friction, pulley_gain
 from softcal.project.project import load
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Command, Protocol, lets_go

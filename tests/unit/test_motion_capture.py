@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from softcal.errors import DatasetError, StorageError, UnitError
-from softcal.experiments.averaging import average
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.experiments.motion_capture import read_c3d
 from softcal.experiments.prepare import prepare
+from softcal.experiments.steps.averaging import average
 
 LABELS = ("Tip - 1", "Tip - 2", "Base")
 RATE = 100.0

@@ -131,7 +131,7 @@ def test_a_fault_of_a_step_is_placed_at_its_setting(tmp_path: Path):
     assert told[0].startswith(
         "project.yaml:33: experiments.pull.prepare[0].window.lower: the unit does not fit; got 'N'"
     )
-    assert told[1].startswith("project.yaml:34: experiments.pull.prepare[1]: unknown preparation step")
+    assert told[1].startswith("project.yaml:34: experiments.pull.prepare[1]: there is no such preparation step")
     assert "'resample'" in told[1]
 
 

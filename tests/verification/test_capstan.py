@@ -7,7 +7,7 @@ import pytest
 from mechanics_cases import column_robot, elastic, full_matrix, pulled, side_cable, tensed, twin_and_theta
 
 from softcal.experiments.dataset import Channel, Dataset
-from softcal.experiments.pulleys import correct_pulley_friction
+from softcal.experiments.steps.pulleys import correct_pulley_friction
 from softcal.mechanics.cable_friction import friction_loss
 from softcal.mechanics.state import moved, rest_state
 from softcal.mechanics.term import Controls

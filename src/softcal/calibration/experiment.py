@@ -3,7 +3,7 @@
 The rig stands between the twin and the instruments:
 
     shortening on the bench = the cable's shortening + slack
-    tension in the dataset  = T exp(n theta (mu - mu_nominal)) + tension offset   (loading; see `experiments.pulleys`)
+    tension in the dataset  = T exp(n theta (mu - mu_nominal)) + tension offset   (loading: `experiments/steps/pulleys`)
     angle of the IMU        = the plate's angle + its offset
     position of a marker    = R(frame) (the twin's position) + t(frame)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from softcal.calibration.experiment import Experiment
 from softcal.errors import Fault
-from softcal.experiments.branches import PULLEY_STEP, branch_of
+from softcal.experiments.steps.branches import PULLEY_STEP, branch_of
 from softcal.twin.protocol import let_go_fault, lets_go
 from softcal.twin.robot import Robot
 

@@ -11,8 +11,8 @@ from softcal.calibration.experiment import AXES, FRAME, PULLEY_FRICTION, Experim
 from softcal.calibration.frame import rotation, rotation_rates
 from softcal.checks import Floats
 from softcal.errors import Fault, ParameterError
-from softcal.experiments.branches import branch_of
-from softcal.experiments.pulleys import pulley_gain
+from softcal.experiments.steps.branches import branch_of
+from softcal.experiments.steps.pulleys import pulley_gain
 from softcal.twin.protocol import Command
 from softcal.twin.response import Response
 from softcal.units import format_quantity

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.experiments.branches import cycle_rows
 from softcal.experiments.dataset import Dataset
+from softcal.experiments.steps.branches import cycle_rows
 
 
 @dataclass(frozen=True)

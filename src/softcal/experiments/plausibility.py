@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from softcal.experiments.branches import curve
 from softcal.experiments.dataset import Dataset
 from softcal.experiments.names import ANGLES
+from softcal.experiments.steps.branches import curve
 
 STIFFNESS_RANGE = (10.0, 1e5)  # [N/m]
 _MAX_TRAVEL = 1.0  # [m]

@@ -7,74 +7,17 @@ name with settings (`zero: {channel: tension, by: min}`).
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 
 from softcal.errors import DatasetError, Fault, InputError, nearest
-from softcal.experiments.averaging import average
-from softcal.experiments.branches import take_branch
-from softcal.experiments.corrections import detrend, smooth, zero
-from softcal.experiments.cycles import classify_cycles, find_cycles, select_cycles
 from softcal.experiments.dataset import Dataset
 from softcal.experiments.names import CHANNEL_UNITS, channel_unit
-from softcal.experiments.noise import estimate_noise, set_noise
-from softcal.experiments.pulleys import correct_pulley_friction
-from softcal.experiments.sampling import resample, window
-from softcal.experiments.slack import remove_slack
+from softcal.experiments.step import STEPS, PreparationStep, Setting
 from softcal.limits import LIMITS
 from softcal.quantities import QUANTITIES
 from softcal.units import parse_quantity
-
-SettingKind = Literal[
-    "slack",
-    "force",
-    "time",
-    "angle",
-    "share",
-    "positive ratio",
-    "friction coefficient",
-    "count",
-    "flag",
-    "choice",
-    "channel",
-    "of channel",
-    "cycles",
-]
-
-
-@dataclass(frozen=True)
-class Setting:
-    """What a step may be told.
-
-    kind: a quantity of `QUANTITIES` by its name, with its unit; "of channel", a quantity in the unit
-    of the channel that the setting `channel_from` names; "count", a whole number; "flag", true or false; "channel", a
-    channel's name; "choice", one of `choices`; "cycles", one of `choices` or a list of cycle numbers.
-    """
-
-    kind: SettingKind
-    choices: tuple[str, ...] = ()
-    channel_from: str = "channel"
-
-
-@dataclass(frozen=True)
-class Preparation:
-    """A step by name: the function that does it, and its settings (required where the function has no default)."""
-
-    name: str
-    function: Callable[..., Dataset]
-    settings: Mapping[str, Setting] = field(default_factory=dict)
-
-    @property
-    def required(self) -> tuple[str, ...]:
-        """Settings that must be given."""
-        parameters = inspect.signature(self.function).parameters
-        return tuple(key for key in self.settings if parameters[key].default is inspect.Parameter.empty)
-
-    @property
-    def summary(self) -> str:
-        """What the step does, in a sentence."""
-        return (inspect.getdoc(self.function) or "").partition("\n")[0]
 
 
 @dataclass(frozen=True)
@@ -92,87 +35,16 @@ class PlannedStep:
         DatasetError
             Where the data do not allow the step.
         """
-        if dataset.incomplete and self.name not in _WITH_GAPS:
+        if dataset.incomplete and not STEPS[self.name].keeps_gaps:
             raise DatasetError(
                 Fault(
                     f"{self.name} cannot be done where values are missing",
                     where=dataset.name,
                     got=", ".join(dataset.incomplete),
-                    allowed=", ".join(_WITH_GAPS),
+                    allowed=", ".join(sorted(name for name, step in STEPS.items() if step.keeps_gaps)),
                 )
             )
-        return PREPARATIONS[self.name].function(dataset, **self.settings)
-
-
-# What does not mind values that are missing.
-_WITH_GAPS = ("correct_pulley_friction", "window", "average", "set_noise")
-
-_CHANNEL = Setting("channel")
-_BRANCH = Setting("choice", choices=("loading", "unloading", "mean"))
-
-PREPARATIONS: Mapping[str, Preparation] = {
-    preparation.name: preparation
-    for preparation in (
-        Preparation(
-            "correct_pulley_friction",
-            correct_pulley_friction,
-            {
-                "n_pulleys": Setting("count"),
-                "friction_coefficient": Setting("friction coefficient"),
-                "wrap_angle": Setting("angle"),
-                "branch": _BRANCH,
-            },
-        ),
-        Preparation(
-            "find_cycles", find_cycles, {"lower_force_limit": Setting("force"), "prominence": Setting("share")}
-        ),
-        Preparation("classify_cycles", classify_cycles, {"threshold": Setting("positive ratio")}),
-        Preparation(
-            "select_cycles",
-            select_cycles,
-            {"which": Setting("cycles", choices=("stable", "first", "preconditioning", "all"))},
-        ),
-        Preparation(
-            "take_branch",
-            take_branch,
-            {"branch": _BRANCH, "n_samples": Setting("count")},
-        ),
-        Preparation(
-            "zero",
-            zero,
-            {
-                "channel": _CHANNEL,
-                "by": Setting("of channel", choices=("first", "min")),
-                "n_samples": Setting("count"),
-            },
-        ),
-        Preparation(
-            "remove_slack",
-            remove_slack,
-            {
-                "slack": Setting("slack"),
-                "threshold_force": Setting("force"),
-                "subtract_floor": Setting("flag"),
-                "keep_slack_samples": Setting("flag"),
-            },
-        ),
-        Preparation(
-            "resample",
-            resample,
-            {"by": _CHANNEL, "n": Setting("count"), "step": Setting("of channel", channel_from="by")},
-        ),
-        Preparation(
-            "window",
-            window,
-            {"channel": _CHANNEL, "lower": Setting("of channel"), "upper": Setting("of channel")},
-        ),
-        Preparation("average", average, {"last": Setting("time")}),
-        Preparation("detrend", detrend, {"channel": _CHANNEL, "at": Setting("choice", choices=("returns", "ends"))}),
-        Preparation("smooth", smooth, {"channel": _CHANNEL, "n_samples": Setting("count"), "order": Setting("count")}),
-        Preparation("set_noise", set_noise, {"channel": _CHANNEL, "sigma": Setting("of channel")}),
-        Preparation("estimate_noise", estimate_noise, {"channel": _CHANNEL}),
-    )
-}
+        return STEPS[self.name].function(dataset, **self.settings)
 
 
 def prepare(dataset: Dataset, steps: Sequence[PlannedStep | Mapping[str, Any] | str]) -> Dataset:
@@ -214,18 +86,10 @@ def _parse_step(step: Mapping[str, Any] | str, where: str, faults: list[Fault]) 
         faults.append(Fault("a step is one name with its settings", where=where, got=got))
         return None
     name, given = next(iter(entry.items()))
-    if name not in PREPARATIONS:
-        faults.append(
-            Fault(
-                "unknown preparation step",
-                where=where,
-                got=f"'{name}'",
-                allowed=", ".join(PREPARATIONS),
-                attempt=nearest(str(name), PREPARATIONS),
-            )
-        )
+    if name not in STEPS:
+        faults.append(STEPS.unknown(str(name), where))
         return None
-    preparation = PREPARATIONS[name]
+    preparation = STEPS[name]
     if given is None:
         given = {}
     elif not isinstance(given, Mapping):
@@ -254,13 +118,13 @@ def _parse_step(step: Mapping[str, Any] | str, where: str, faults: list[Fault]) 
     return PlannedStep(str(name), values)
 
 
-def _parse_setting(preparation: Preparation, key: str, value: object, given: Mapping[str, Any], where: str) -> object:
+def _parse_setting(
+    preparation: PreparationStep, key: str, value: object, given: Mapping[str, Any], where: str
+) -> object:
     setting = preparation.settings[key]
     if setting.choices and isinstance(value, str) and value in setting.choices:
         return value
     match setting.kind:
-        case "slack" | "force" | "time" | "angle" | "share" | "positive ratio" | "friction coefficient":
-            return QUANTITIES[setting.kind].read(value, where=where)
         case "of channel":
             return _parse_of_channel(preparation, setting, value, given, where)
         case "count":
@@ -286,10 +150,12 @@ def _parse_setting(preparation: Preparation, key: str, value: object, given: Map
             raise _wrong(where, value, allowed, nearest(str(value), setting.choices))
         case "choice":
             raise _wrong(where, value, ", ".join(setting.choices), nearest(str(value), setting.choices))
+        case quantity:
+            return QUANTITIES[quantity].read(value, where=where)
 
 
 def _parse_of_channel(
-    preparation: Preparation, setting: Setting, value: object, given: Mapping[str, Any], where: str
+    preparation: PreparationStep, setting: Setting, value: object, given: Mapping[str, Any], where: str
 ) -> float:
     default = inspect.signature(preparation.function).parameters[setting.channel_from].default
     channel = given.get(setting.channel_from, default)

@@ -9,16 +9,17 @@ import numpy as np
 
 from softcal.calibration.experiment import AXES, Experiment, Pulleys, Rig
 from softcal.calibration.observation import slack_faults
-from softcal.experiments.branches import BRANCH_STEP, Branch
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.experiments.merge import merge_on_labels, merge_on_one_clock
 from softcal.experiments.motion_capture import read_c3d
 from softcal.experiments.names import is_deviation
-from softcal.experiments.noise import set_noise
 from softcal.experiments.plausibility import check_plausible
 from softcal.experiments.prepare import PlannedStep
-from softcal.experiments.pulleys import correct_pulley_friction
 from softcal.experiments.read import read_table
+from softcal.experiments.step import STEPS
+from softcal.experiments.steps.branches import BRANCH_STEP, Branch
+from softcal.experiments.steps.noise import set_noise
+from softcal.experiments.steps.pulleys import correct_pulley_friction
 from softcal.experiments.synchronise import clock_warning, synchronise
 from softcal.project.bench_names import (
     MASS,
@@ -32,11 +33,6 @@ from softcal.project.bench_schema import MOTION_CAPTURE, ONE_CLOCK, ExperimentSe
 from softcal.project.document import Findings, KeyPath
 from softcal.project.files import InputFiles
 from softcal.twin.robot import Robot
-
-# From these steps on, the dataset no longer holds every cycle.
-CHOOSING = ("select_cycles", BRANCH_STEP)
-# These leave samples out too, but cycles may still be found in what remains.
-CUTTING = ("window", "resample", "average")
 
 
 @dataclass(frozen=True)
@@ -166,8 +162,8 @@ class _Prepared:
     chosen: bool = False
 
     def apply(self, step: PlannedStep) -> None:
-        self.chosen = self.chosen or step.name in CHOOSING
-        leaves_out = step.name in (*CHOOSING, *CUTTING)
+        leaves_out = STEPS[step.name].leaves_out
+        self.chosen = self.chosen or leaves_out == "cycles"  # after a window, cycles may still be found in the rest
         if leaves_out and self.corrected is None and "time" in self.now.channels:
             self.corrected = self.now
         self.now = step.apply(self.now)

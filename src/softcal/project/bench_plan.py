@@ -8,9 +8,9 @@ from dataclasses import replace
 from typing import Any
 
 from softcal.errors import InputError
-from softcal.experiments.branches import PULLEY_STEP
 from softcal.experiments.header import raise_faults, read_layout
 from softcal.experiments.prepare import PlannedStep, parse_steps
+from softcal.experiments.steps.branches import PULLEY_STEP
 from softcal.project.bench_names import check_names, column_specs, noise_of, table_layout
 from softcal.project.bench_schema import MOTION_CAPTURE, ONE_CLOCK, ExperimentSection, RigSection
 from softcal.project.document import Findings, KeyPath

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Literal
 
 from softcal.analysis.record import RecordFit
 from softcal.calibration.result import ExperimentFit
-from softcal.experiments.branches import PULLEY_STEP
 from softcal.experiments.dataset import Dataset
-from softcal.experiments.noise import NOISE_STEPS
+from softcal.experiments.steps.branches import PULLEY_STEP
+from softcal.experiments.steps.noise import NOISE_STEPS
 from softcal.report.content import ExperimentContent, ReportContent
 from softcal.report.format import (
     file_stem,

@@ -9,9 +9,13 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
 from softcal.experiments.dataset import Dataset, Step
+from softcal.experiments.step import Setting, register_step
 from softcal.units import format_quantity
 
 
+@register_step(
+    channel=Setting("channel"), by=Setting("of channel", choices=("first", "min")), n_samples=Setting("count")
+)
 def zero(
     dataset: Dataset, channel: str, by: Literal["first", "min"] | float = "first", *, n_samples: int = 1
 ) -> Dataset:
@@ -38,6 +42,7 @@ def zero(
     return dataset.with_channels(Step("zero", settings, f"{shown} taken off {channel}"), **{channel: values - offset})
 
 
+@register_step(channel=Setting("channel"), at=Setting("choice", choices=("returns", "ends")))
 def detrend(dataset: Dataset, channel: str, *, at: Literal["returns", "ends"] = "returns") -> Dataset:
     """The channel less a drift that is linear in time, as an IMU or a load cell has it.
 
@@ -70,6 +75,7 @@ def detrend(dataset: Dataset, channel: str, *, at: Literal["returns", "ends"] = 
     return dataset.with_channels(Step("detrend", {"channel": channel, "at": at}, outcome), **{channel: values - drift})
 
 
+@register_step(channel=Setting("channel"), n_samples=Setting("count"), order=Setting("count"))
 def smooth(dataset: Dataset, channel: str, n_samples: int, *, order: int = 2) -> Dataset:
     """The channel smoothed by a Savitzky-Golay filter of n_samples (odd) and polynomial order.
 

@@ -11,9 +11,10 @@ import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.errors import DatasetError, Fault
-from softcal.experiments.branches import curve, cycle_rows
 from softcal.experiments.dataset import Dataset, Step
-from softcal.experiments.noise import white_noise
+from softcal.experiments.step import Setting, register_step
+from softcal.experiments.steps.branches import curve, cycle_rows
+from softcal.experiments.steps.noise import white_noise
 from softcal.units import format_quantity
 
 CycleClass = Literal["first", "preconditioning", "stable"]
@@ -40,6 +41,7 @@ class CycleChange:
         return max(self.peak_change, self.curve_change)
 
 
+@register_step(lower_force_limit=Setting("force"), prominence=Setting("share"))
 def find_cycles(dataset: Dataset, lower_force_limit: float = 0.1, *, prominence: float = 0.25) -> Dataset:
     """The dataset with the number of its load-unload cycle beside every sample (-1 outside any).
 
@@ -126,6 +128,7 @@ def cycle_changes(dataset: Dataset) -> tuple[CycleChange, ...]:
     return tuple(changes)
 
 
+@register_step(threshold=Setting("positive ratio"))
 def classify_cycles(dataset: Dataset, threshold: float = 0.02) -> Dataset:
     """The dataset with its cycles told apart, on record in the provenance (`select_cycles` reads it there).
 
@@ -160,6 +163,7 @@ def classify_cycles(dataset: Dataset, threshold: float = 0.02) -> Dataset:
     return replace(dataset, provenance=(*dataset.provenance, step))
 
 
+@register_step(leaves_out="cycles", which=Setting("cycles", choices=("stable", "first", "preconditioning", "all")))
 def select_cycles(
     dataset: Dataset, which: Literal["stable", "first", "preconditioning", "all"] | Sequence[int] = "stable"
 ) -> Dataset:

@@ -8,8 +8,9 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
-from softcal.experiments.branches import curve
 from softcal.experiments.dataset import Dataset, Step
+from softcal.experiments.step import Setting, register_step
+from softcal.experiments.steps.branches import curve
 from softcal.limits import LIMITS
 from softcal.units import format_quantity
 
@@ -17,6 +18,12 @@ from softcal.units import format_quantity
 _NOISY_RISE = 0.05
 
 
+@register_step(
+    leaves_out="samples",
+    by=Setting("channel"),
+    n=Setting("count"),
+    step=Setting("of channel", channel_from="by"),
+)
 def resample(dataset: Dataset, by: str = "shortening", *, n: int | None = None, step: float | None = None) -> Dataset:
     """The dataset on n samples, or on samples `step` [unit of `by`] apart, evenly spread along the channel `by`.
 
@@ -68,6 +75,13 @@ def resample(dataset: Dataset, by: str = "shortening", *, n: int | None = None, 
     return replace(dataset, channels=channels, cycle=new_cycle, provenance=(*dataset.provenance, record), labels=())
 
 
+@register_step(
+    keeps_gaps=True,
+    leaves_out="samples",
+    channel=Setting("channel"),
+    lower=Setting("of channel"),
+    upper=Setting("of channel"),
+)
 def window(dataset: Dataset, channel: str, *, lower: float | None = None, upper: float | None = None) -> Dataset:
     """The samples with lower <= channel <= upper [its unit]; None leaves a side open.
 

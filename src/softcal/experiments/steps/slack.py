@@ -9,8 +9,9 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
-from softcal.experiments.branches import take_branch
 from softcal.experiments.dataset import Dataset, Step
+from softcal.experiments.step import Setting, register_step
+from softcal.experiments.steps.branches import take_branch
 from softcal.units import format_quantity
 
 _MIN_SAMPLES = 3  # on the floor, and on the rise
@@ -66,6 +67,12 @@ def find_slack(dataset: Dataset, threshold_force: float | None = None) -> TautPo
     return TautPoint(taut, floor, stiffness, rmse)
 
 
+@register_step(
+    slack=Setting("slack"),
+    threshold_force=Setting("force"),
+    subtract_floor=Setting("flag"),
+    keep_slack_samples=Setting("flag"),
+)
 def remove_slack(
     dataset: Dataset,
     slack: float | None = None,

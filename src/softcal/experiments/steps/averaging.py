@@ -7,9 +7,11 @@ import numpy as np
 from softcal.errors import DatasetError, Fault
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.experiments.names import deviation_channel, is_deviation
+from softcal.experiments.step import Setting, register_step
 from softcal.units import format_quantity
 
 
+@register_step(keeps_gaps=True, leaves_out="samples", last=Setting("time"))
 def average(dataset: Dataset, *, last: float | None = None) -> Dataset:
     """One sample, the mean over the record or its last seconds; the spread becomes the noise of each channel.
 

@@ -15,8 +15,9 @@ from dataclasses import replace
 import numpy as np
 
 from softcal.errors import DatasetError, Fault
-from softcal.experiments.branches import PULLEY_STEP, Branch, branch_of, pulley_exponent, require_branch
 from softcal.experiments.dataset import Dataset, Step
+from softcal.experiments.step import Setting, register_step
+from softcal.experiments.steps.branches import BRANCH, PULLEY_STEP, Branch, branch_of, pulley_exponent, require_branch
 from softcal.quantities import QUANTITIES
 
 
@@ -31,6 +32,13 @@ def pulley_gain(branch: Branch, exponent: float) -> tuple[float, float]:
             return math.cosh(exponent), math.sinh(exponent)
 
 
+@register_step(
+    keeps_gaps=True,
+    n_pulleys=Setting("count"),
+    friction_coefficient=Setting("friction coefficient"),
+    wrap_angle=Setting("angle"),
+    branch=BRANCH,
+)
 def correct_pulley_friction(
     dataset: Dataset,
     n_pulleys: int,

@@ -10,6 +10,7 @@ from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
 from softcal.experiments.dataset import Dataset, Step
 from softcal.experiments.names import deviation_channel
+from softcal.experiments.step import Setting, register_step
 from softcal.units import format_quantity
 
 NOISE_STEPS = ("set_noise", "estimate_noise")
@@ -26,6 +27,7 @@ def white_noise(values: Floats) -> float:
     return float(1.4826 * np.median(np.abs(np.diff(values, n=2))) / np.sqrt(6.0))
 
 
+@register_step(keeps_gaps=True, channel=Setting("channel"), sigma=Setting("of channel"))
 def set_noise(dataset: Dataset, channel: str, sigma: float) -> Dataset:
     """The dataset with the standard deviation of a channel's noise set to sigma [the channel's unit] at every sample.
 
@@ -46,6 +48,7 @@ def set_noise(dataset: Dataset, channel: str, sigma: float) -> Dataset:
     return _with_sigma(dataset, channel, sigma, step)
 
 
+@register_step(channel=Setting("channel"))
 def estimate_noise(dataset: Dataset, channel: str) -> Dataset:
     """The dataset with a channel's sigma estimated from its sample-to-sample scatter (`white_noise`)."""
     sigma = white_noise(dataset.values(channel))

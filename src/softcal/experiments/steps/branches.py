@@ -10,13 +10,15 @@ import numpy as np
 from softcal.checks import Floats, Ints
 from softcal.errors import DatasetError, Fault
 from softcal.experiments.dataset import Channel, Dataset, Step
-from softcal.experiments.noise import white_noise
+from softcal.experiments.step import Setting, register_step
+from softcal.experiments.steps.noise import white_noise
 from softcal.units import format_quantity
 
 Branch = Literal["loading", "unloading", "mean"]
 
 PULLEY_STEP = "correct_pulley_friction"
 BRANCH_STEP = "take_branch"
+BRANCH = Setting("choice", choices=("loading", "unloading", "mean"))
 
 # How far [of the travel] from the turning point a sample still counts as dwelling there.
 _DWELL = 0.002
@@ -69,6 +71,7 @@ def curve(abscissa: Floats, ordinates: dict[str, Floats], n_bins: int) -> tuple[
     return means(abscissa), {key: means(values) for key, values in ordinates.items()}
 
 
+@register_step(leaves_out="cycles", branch=BRANCH, n_samples=Setting("count"))
 def take_branch(dataset: Dataset, branch: Branch = "loading", *, n_samples: int | None = None) -> Dataset:
     """One rising curve over shortening: a branch, or the mean of both, averaged over the cycles.
 

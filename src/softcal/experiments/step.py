@@ -1,0 +1,146 @@
+"""A preparation step: its name in a project, the function that does it, and its settings with units."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Literal, TypeVar
+
+from softcal.catalogue import Catalogue
+from softcal.errors import Fault
+from softcal.experiments.dataset import Dataset
+from softcal.quantities import QUANTITIES
+
+# Kinds of settings that are no quantity.
+KINDS = ("of channel", "count", "flag", "channel", "choice", "cycles")
+LeavesOut = Literal["", "samples", "cycles"]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A setting of a step.
+
+    Attributes
+    ----------
+    kind : str
+        A quantity of `QUANTITIES` by its name, read with its unit; "of channel", a quantity in the unit of the channel
+        that the setting `channel_from` names; "count", a whole number; "flag", true or false; "channel", a channel's
+        name; "choice", one of `choices`; "cycles", one of `choices` or a list of cycle numbers.
+    choices : tuple of str
+        Words that are allowed, of some kinds beside what they read.
+    channel_from : str
+        Of "of channel": the setting that names the channel.
+    """
+
+    kind: str
+    choices: tuple[str, ...] = ()
+    channel_from: str = "channel"
+
+
+@dataclass(frozen=True)
+class PreparationStep:
+    """A step that a project can name.
+
+    Attributes
+    ----------
+    name : str
+        That of the function.
+    function : callable
+        From a dataset and settings in SI to the next dataset.
+    settings : mapping of str to Setting
+        By the function's parameters, in the order of their importance: the first may be given alone.
+    keeps_gaps : bool
+        Whether values may be missing.
+    leaves_out : {"", "samples", "cycles"}
+        What of the record is not in the dataset any more after it.
+    """
+
+    name: str
+    function: Callable[..., Dataset]
+    settings: Mapping[str, Setting] = field(default_factory=dict[str, Setting])
+    keeps_gaps: bool = False
+    leaves_out: LeavesOut = ""
+
+    @property
+    def required(self) -> tuple[str, ...]:
+        """Settings that must be given: those for which the function has no default."""
+        parameters = inspect.signature(self.function).parameters
+        return tuple(key for key in self.settings if parameters[key].default is inspect.Parameter.empty)
+
+    @property
+    def summary(self) -> str:
+        """What the step does, in a sentence."""
+        return (inspect.getdoc(self.function) or "").partition("\n")[0]
+
+    @property
+    def module(self) -> str:
+        """Where the function is defined."""
+        return self.function.__module__ or ""  # none of what was typed or executed as text
+
+
+def _faults(step: PreparationStep, _: Mapping[str, PreparationStep]) -> list[Fault]:
+    """What is wrong with a step that is to be registered."""
+    if not isinstance(step, PreparationStep):  # pyright: ignore[reportUnnecessaryIsInstance] (an entry point may be anything)
+        allowed = "what softcal.register_step returns for a function"
+        return [Fault("this is no preparation step", "prepare", repr(step)[:60], allowed)]
+    where = f"step {step.name}"
+    parameters = list(inspect.signature(step.function).parameters)[1:]  # the first is the dataset
+    faults = [
+        Fault("the function has no such parameter", f"{where}, {key}", allowed=", ".join(parameters))
+        for key in step.settings
+        if key not in parameters
+    ]
+    known = [*KINDS, *QUANTITIES]
+    faults += [
+        Fault("there is no such kind of setting", f"{where}, {key}", setting.kind, ", ".join(known))
+        for key, setting in step.settings.items()
+        if setting.kind not in known
+    ]
+    if not step.summary:
+        faults.append(Fault("the step says nowhere what it does", where, attempt="a docstring of the function"))
+    return faults
+
+
+def _step_of(function: object) -> object:
+    """The step that a function was registered as; what else an entry point names is not changed."""
+    return getattr(function, "preparation_step", function)
+
+
+STEPS: Catalogue[PreparationStep] = Catalogue(
+    "preparation step", "softcal.steps", _faults, home="softcal.experiments.steps", member_of=_step_of
+)
+
+F = TypeVar("F", bound=Callable[..., Dataset])
+
+
+def register_step(*, keeps_gaps: bool = False, leaves_out: LeavesOut = "", **settings: Setting) -> Callable[[F], F]:
+    """Add a preparation step of one's own: `prepare:` of a project knows it by the function's name from then on.
+
+    Parameters
+    ----------
+    keeps_gaps
+        Whether the function can do with values that are missing (NaN).
+    leaves_out
+        "samples" or "cycles", where the dataset is no longer the whole record afterwards.
+    settings
+        What a project may set, by the function's parameters.
+
+    Returns
+    -------
+    callable
+        The decorator of the function, which stays as it is: from a `Dataset` and settings in SI to a `Dataset`.
+
+    Raises
+    ------
+    ParameterError
+        Where another step has the name, or a setting is no parameter of the function.
+    """
+
+    def register(function: F) -> F:
+        made = PreparationStep(function.__name__, function, settings, keeps_gaps, leaves_out)
+        STEPS.add(made)
+        function.__dict__["preparation_step"] = made  # for entry points, which name the function
+        return function
+
+    return register

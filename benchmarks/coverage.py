@@ -21,7 +21,10 @@ import softcal
 from benchmarks.section import table
 from benchmarks.table_twins import NU, ComplianceTable, E, NeckTable, compliance_table, neck_table
 from softcal.calibration.experiment import FRAME, PULLEY_FRICTION, Experiment, Pulleys, Rig
-from softcal.calibration.loss import DistanceLoss, LikelihoodLoss, Loss, PapersLoss
+from softcal.calibration.loss import Loss
+from softcal.calibration.losses.distance import DistanceLoss
+from softcal.calibration.losses.likelihood import LikelihoodLoss
+from softcal.calibration.losses.papers import PapersLoss
 from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import Problem, make_problem
 from softcal.calibration.run import calibrate

@@ -12,7 +12,7 @@ import numpy as np
 import softcal
 from benchmarks.section import Goal, Section, run_alone
 from softcal.calibration.experiment import Experiment, Rig
-from softcal.calibration.loss import DistanceLoss
+from softcal.calibration.losses.distance import DistanceLoss
 from softcal.calibration.parameters import FreeParameter, split
 from softcal.calibration.problem import Problem, make_problem
 from softcal.calibration.run import calibrate

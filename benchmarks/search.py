@@ -22,7 +22,10 @@ from benchmarks.table_twins import NU, SOLVED, E
 from softcal.calibration.convergence import in_standard_errors
 from softcal.calibration.experiment import FRAME, Experiment, Rig
 from softcal.calibration.local_model import Point
-from softcal.calibration.loss import DistanceLoss, LikelihoodLoss, Loss, PapersLoss, RelativeSquares
+from softcal.calibration.loss import Loss
+from softcal.calibration.losses.distance import DistanceLoss
+from softcal.calibration.losses.likelihood import LikelihoodLoss
+from softcal.calibration.losses.papers import PapersLoss
 from softcal.calibration.parameters import FreeParameter, SearchSpace
 from softcal.calibration.problem import Evaluation, Problem, make_problem
 from softcal.calibration.run import calibrate
@@ -216,7 +219,7 @@ def least_loss(problem: Problem, seed: int = 0, starts: int = STARTS) -> Evaluat
     from scipy.optimize import least_squares, minimize
 
     space = problem.space
-    by_squares = RelativeSquares() if isinstance(problem.loss, PapersLoss) else problem.loss
+    by_squares = problem.loss.surrogate
 
     def at(z: Floats) -> Evaluation:
         return problem.evaluate(space.to_model(np.clip(z, 0.0, 1.0)), jacobian=True)

@@ -16,6 +16,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from softcal.analysis.record import RecordFit as RecordFit
     from softcal.calibration.experiment import Experiment as Experiment
+    from softcal.calibration.loss import Loss as Loss
+    from softcal.calibration.loss import Option as Option
+    from softcal.calibration.loss import register_loss as register_loss
     from softcal.calibration.optimiser import Optimiser as Optimiser
     from softcal.calibration.optimiser import Proposal as Proposal
     from softcal.calibration.optimiser import register_optimiser as register_optimiser
@@ -107,10 +110,12 @@ _HOMES = {
     "FreeParameter": "softcal.calibration.parameters",
     "InputError": "softcal.errors",
     "Law": "softcal.materials.law",
+    "Loss": "softcal.calibration.loss",
     "ManipulatorShape": "softcal.twin.manipulator",
     "Marker": "softcal.twin.robot",
     "MeshError": "softcal.errors",
     "Optimiser": "softcal.calibration.optimiser",
+    "Option": "softcal.calibration.loss",
     "Parameter": "softcal.materials.parameter",
     "ParameterError": "softcal.errors",
     "Plate": "softcal.twin.robot",
@@ -156,6 +161,7 @@ _HOMES = {
     "read_mesh": "softcal.geometry.read",
     "rectangular": "softcal.geometry.section",
     "register_law": "softcal.materials.catalogue",
+    "register_loss": "softcal.calibration.loss",
     "register_optimiser": "softcal.calibration.optimiser",
     "register_step": "softcal.experiments.step",
     "robot_parameters": "softcal.twin.parameters",
@@ -185,10 +191,12 @@ __all__ = [
     "FreeParameter",
     "InputError",
     "Law",
+    "Loss",
     "ManipulatorShape",
     "Marker",
     "MeshError",
     "Optimiser",
+    "Option",
     "Parameter",
     "ParameterError",
     "Plate",
@@ -234,6 +242,7 @@ __all__ = [
     "read_mesh",
     "rectangular",
     "register_law",
+    "register_loss",
     "register_optimiser",
     "register_step",
     "robot_parameters",

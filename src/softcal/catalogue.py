@@ -6,25 +6,15 @@ import importlib
 import pkgutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.metadata import entry_points
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, TypeVar
 
 from softcal.errors import Fault, ParameterError, nearest
 
-
-class Named(Protocol):
-    """What a catalogue can hold."""
-
-    @property
-    def name(self) -> str:
-        """The name by which project files, options and results know it."""
-        ...
-
-
-T = TypeVar("T", bound=Named)
+T = TypeVar("T")
 
 
 class Catalogue(Mapping[str, T], Generic[T]):
-    """The members of a family by name.
+    """The members of a family by their attribute `name`: objects, or classes.
 
     softcal's own are given, or register themselves as the modules of a package are imported, which is when the
     catalogue is first asked. So are packages that bring members by entry points.
@@ -63,7 +53,7 @@ class Catalogue(Mapping[str, T], Generic[T]):
         self._asked = True
         for member in own:
             self.add(member)
-            self._own.add(member.name)
+            self._own.add(_name(member))
         self._asked = False
 
     def __getitem__(self, name: str) -> T:
@@ -110,12 +100,13 @@ class Catalogue(Mapping[str, T], Generic[T]):
         known = self._members if is_own else self._all()
         if faults := self._faults(member, known):
             raise ParameterError(faults)
-        if known.get(member.name, member) != member:
+        name = _name(member)
+        if known.get(name, member) != member:
             what = f"there is another {self.what} of this name"
-            raise ParameterError(Fault(what, self.what, member.name, attempt="another name"))
-        self._members[member.name] = member
+            raise ParameterError(Fault(what, self.what, name, attempt="another name"))
+        self._members[name] = member
         if is_own:
-            self._own.add(member.name)
+            self._own.add(name)
 
     def remove(self, name: str) -> None:
         """Forget a member that was registered from outside.
@@ -139,3 +130,7 @@ class Catalogue(Mapping[str, T], Generic[T]):
             for plugin in entry_points(group=self._group):
                 self.add(self._member_of(plugin.load()))
         return self._members
+
+
+def _name(member: Any) -> str:
+    return member.name

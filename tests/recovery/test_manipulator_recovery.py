@@ -10,7 +10,9 @@ from manipulator_case import CABLES, FREE, LENGTH, MODULI, TIED, experiment, man
 
 from softcal.analysis.validation import Validation, folds_of, leave_out, with_split
 from softcal.calibration.experiment import FRAME
-from softcal.calibration.loss import DistanceLoss, LikelihoodLoss, Loss
+from softcal.calibration.loss import Loss
+from softcal.calibration.losses.distance import DistanceLoss
+from softcal.calibration.losses.likelihood import LikelihoodLoss
 from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import Problem, make_problem
 from softcal.calibration.result import CalibrationResult

@@ -11,7 +11,9 @@ import pytest
 from softcal.analysis.mesh_study import MeshStudy, mesh_study
 from softcal.analysis.mesh_verdict import mesh_verdicts
 from softcal.calibration.experiment import Experiment
-from softcal.calibration.loss import LikelihoodLoss, Loss, PapersLoss
+from softcal.calibration.loss import Loss
+from softcal.calibration.losses.likelihood import LikelihoodLoss
+from softcal.calibration.losses.papers import PapersLoss
 from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import Problem, make_problem
 from softcal.calibration.result import CalibrationResult

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from softcal.calibration.loss import LikelihoodLoss
+from softcal.calibration.losses.likelihood import LikelihoodLoss
 from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.problem import Problem
 from softcal.calibration.result import CalibrationResult

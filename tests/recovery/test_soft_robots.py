@@ -16,7 +16,10 @@ from soft_robots import (
     tentacle_problem,
 )
 
-from softcal.calibration.loss import DistanceLoss, LikelihoodLoss, Loss, PapersLoss
+from softcal.calibration.loss import Loss
+from softcal.calibration.losses.distance import DistanceLoss
+from softcal.calibration.losses.likelihood import LikelihoodLoss
+from softcal.calibration.losses.papers import PapersLoss
 from softcal.calibration.problem import Problem
 from softcal.calibration.run import calibrate
 

@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 
 from softcal.calibration.estimator import estimator
-from softcal.calibration.loss import Block, DistanceLoss, LikelihoodLoss, Loss, PapersLoss, gradient
+from softcal.calibration.loss import Block, Loss, gradient
+from softcal.calibration.losses.distance import DistanceLoss
+from softcal.calibration.losses.likelihood import LikelihoodLoss
+from softcal.calibration.losses.papers import PapersLoss
 
 DRAWS = 2000
 # The sampling error of a standard deviation from that many draws is 1.6 %; three of these, and the sandwich's own.

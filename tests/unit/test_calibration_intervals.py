@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from softcal.calibration.intervals import beyond_bounds, box_intervals
-from softcal.calibration.loss import LikelihoodLoss
+from softcal.calibration.losses.likelihood import LikelihoodLoss
 from softcal.calibration.outcome import bound_note
 from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import make_problem

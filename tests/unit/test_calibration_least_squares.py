@@ -14,7 +14,9 @@ from scipy.optimize import minimize
 
 from softcal.calibration.descent import Descent
 from softcal.calibration.local_model import LocalModel, Point
-from softcal.calibration.loss import Block, LikelihoodLoss, Loss, PapersLoss
+from softcal.calibration.loss import Block, Loss
+from softcal.calibration.losses.likelihood import LikelihoodLoss
+from softcal.calibration.losses.papers import PapersLoss
 from softcal.calibration.optimisers.least_squares import LeastSquaresOptimiser
 from softcal.calibration.parameters import FreeParameter, SearchSpace
 from softcal.calibration.problem import Evaluation, Problem, make_problem

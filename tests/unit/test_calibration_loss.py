@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from fake_twin import NU, TRUE, E, fake_experiment, fake_robot, fake_simulate
 
-from softcal.calibration.loss import LikelihoodLoss, Loss, PapersLoss, rms, rms_detrended
+from softcal.calibration.loss import Loss, rms, rms_detrended
+from softcal.calibration.losses.likelihood import LikelihoodLoss
+from softcal.calibration.losses.papers import PapersLoss
 from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import Problem, make_problem
 from softcal.errors import DatasetError, InputError

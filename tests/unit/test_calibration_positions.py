@@ -21,7 +21,10 @@ from manipulator_case import (
 
 from softcal.calibration.experiment import FRAME, Experiment, Rig, rig_parameters
 from softcal.calibration.fit import experiment_fit, missing_rows
-from softcal.calibration.loss import Block, DistanceLoss, LikelihoodLoss, PapersLoss, gradient, total
+from softcal.calibration.loss import Block, gradient, total
+from softcal.calibration.losses.distance import DistanceLoss
+from softcal.calibration.losses.likelihood import LikelihoodLoss
+from softcal.calibration.losses.papers import PapersLoss
 from softcal.calibration.parameters import FreeParameter, search_space, split
 from softcal.calibration.problem import Problem, make_problem
 from softcal.errors import DatasetError, InputError, ParameterError

@@ -10,7 +10,7 @@ import pytest
 from fake_twin import NU, TRUE, E, fake_experiment, fake_robot, fake_simulate, soft_necks_fail
 
 from softcal.calibration.fingerprint import fingerprint, fingerprints
-from softcal.calibration.loss import PapersLoss
+from softcal.calibration.losses.papers import PapersLoss
 from softcal.calibration.parameters import FreeParameter, SearchSpace
 from softcal.calibration.problem import Problem, make_problem
 from softcal.errors import InputError, ParameterError, SimulationError

@@ -13,7 +13,7 @@ from project_case import bar_robot, bench_values, write_project
 
 import softcal
 from softcal.calibration.experiment import Pulleys, Rig
-from softcal.calibration.loss import PapersLoss
+from softcal.calibration.losses.papers import PapersLoss
 from softcal.calibration.observation import observe
 from softcal.calibration.parameters import FreeParameter, SearchSpace
 from softcal.calibration.problem import Problem

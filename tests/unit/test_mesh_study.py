@@ -17,7 +17,7 @@ from softcal.analysis.mesh_changes import Change, pooled
 from softcal.analysis.mesh_study import LIMIT, Finer, MeshStudy, mesh_study
 from softcal.analysis.mesh_verdict import mesh_verdicts, shift_text, times_text
 from softcal.calibration.experiment import Experiment
-from softcal.calibration.loss import LikelihoodLoss
+from softcal.calibration.losses.likelihood import LikelihoodLoss
 from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import Problem, make_problem
 from softcal.calibration.result import Estimate

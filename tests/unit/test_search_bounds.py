@@ -10,7 +10,9 @@ from fake_twin import NU, TRUE, E, fake_experiment, fake_robot, fake_simulate
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from softcal.calibration.loss import LikelihoodLoss, Loss, PapersLoss
+from softcal.calibration.loss import Loss
+from softcal.calibration.losses.likelihood import LikelihoodLoss
+from softcal.calibration.losses.papers import PapersLoss
 from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import Problem, make_problem
 from softcal.calibration.result import CalibrationResult

@@ -11,7 +11,7 @@ from project_case import write_project
 
 from softcal.calibration import hold_out
 from softcal.calibration.experiment import FRAME
-from softcal.calibration.loss import DistanceLoss
+from softcal.calibration.losses.distance import DistanceLoss
 from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import make_problem
 from softcal.calibration.run import calibrate

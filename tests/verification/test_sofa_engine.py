@@ -28,7 +28,7 @@ from sofa_case import (
 )
 
 from softcal.calibration.experiment import Experiment
-from softcal.calibration.loss import LikelihoodLoss
+from softcal.calibration.losses.likelihood import LikelihoodLoss
 from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import make_problem
 from softcal.calibration.run import calibrate

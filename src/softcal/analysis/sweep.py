@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from softcal.analysis.nominal import Nominal
+from softcal.calibration.loss import LOSSES
 from softcal.calibration.outcome import bound_note
 from softcal.calibration.result import CalibrationResult, ExperimentFit, Trial
 
@@ -32,7 +33,7 @@ class ErrorSection:
     name
         Marker, plate or channel; ALL for all together, whose error is the loss.
     unit
-        SI unit of its error; for ALL "%" with the loss `distance`, else "1".
+        SI unit of its error; for ALL that of the loss, "%" or "1".
     length
         Length [m] of 100 %, or None.
     """
@@ -133,7 +134,7 @@ def best_cells(result: CalibrationResult, nominal: Nominal) -> tuple[BestCell, .
         return ()
     known = section_errors(result, nominal.errors)
     by_cell = {trial.number: section_errors(result, trial.errors) for trial in done}
-    whole = ErrorSection(ALL, "%" if result.loss_name == "distance" else "1")
+    whole = ErrorSection(ALL, LOSSES.named(result.loss_name).unit)
     best, error = least_cell(done, [float(trial.loss or 0.0) for trial in done])
     found = [BestCell(whole, best, error, nominal.loss, _at_ends(result, best))]
     for section in sections(result):

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from softcal.calibration.local_model import LocalModel, Point, jacobian_of
-from softcal.calibration.loss import Block, Loss, PapersLoss, rms, total
+from softcal.calibration.loss import Block, Loss, rms, total
 from softcal.calibration.parameters import SearchSpace
 from softcal.checks import Floats
 
@@ -57,8 +57,8 @@ def in_standard_errors(space: SearchSpace, loss: Loss, here: Point, step: Floats
     count: dict[str, int] = {}
     for block in here.blocks:
         group = loss.noise_group(block) if block.experiment else ""
-        weights = _weights(loss, block)
         floor = _TWIN_ROUNDING * rms(block.measured)
+        weights = loss.precisions(block, floor + 1e-300)
         moved[group] = moved.get(group, 0.0) + float(weights @ (jacobian_of(block) @ theta) ** 2)
         left[group] = left.get(group, 0.0) + float(weights @ (block.residual**2 + floor**2))
         count[group] = count.get(group, 0) + len(block.residual)
@@ -66,11 +66,3 @@ def in_standard_errors(space: SearchSpace, loss: Loss, here: Point, step: Floats
     free = max(n - space.size, 1) / n  # of each residual, once the parameters are fitted
     squares = (moved[g] * count[g] * free / left[g] for g in moved if left[g] > 0.0)
     return math.sqrt(sum(squares))
-
-
-def _weights(loss: Loss, block: Block) -> Floats:
-    """One over the variance of each sample, but for a factor that all have in common."""
-    if isinstance(loss, PapersLoss):
-        floor = _TWIN_ROUNDING * rms(block.measured) + 1e-300
-        return np.full(len(block.residual), 1.0 / max(rms(block.residual), floor) ** 2)
-    return loss.square_weights(block, block.residual)

@@ -23,7 +23,7 @@ import numpy as np
 
 from softcal.calibration.convergence import NEAR, distance_to_minimum, in_standard_errors
 from softcal.calibration.local_model import LocalModel, Point
-from softcal.calibration.loss import Loss, PapersLoss, RelativeSquares, total
+from softcal.calibration.loss import Loss, total
 from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.problem import Evaluation
 from softcal.checks import Floats
@@ -58,9 +58,8 @@ class Descent:
         self.evaluations = 0
         self.converged = False
         self.left = False
-        # A sum of RMSEs has a kink where one channel is met almost exactly, which lets only short steps lower it. So
-        # the way in goes by squares, the end by the loss itself.
-        self._merit: Loss = RelativeSquares() if isinstance(self.loss, PapersLoss) else self.loss
+        # The way in goes by what is smooth, the end by the loss itself.
+        self._merit: Loss = self.loss.surrogate
         self._rescaling = True
         self._radius = 1.0
         self._promised = 0.0

@@ -10,23 +10,21 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
 from softcal.calibration.experiment import AXES, Experiment
+from softcal.catalogue import Catalogue
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
+from softcal.quantities import Quantity
 
+# What else the `calibration` of a project file has: no option can be called so.
+TAKEN = ("fit", "hold_out", "loss", "method", "options", "seed", "split", "starts", "trials")
 # RMSE over the root mean square of the measurement up to which a channel counts as met exactly.
 MET = 1e-6
-PAPER_WEIGHTS: Mapping[str, float] = {
-    "tension": 0.3,  # alpha [1/N]
-    "shortening": 300.0,  # [1/m]: alpha per millimetre, for an experiment driven by tension
-    "pitch": 1.0,  # beta [1/rad]
-    "roll": 1.0,
-    "yaw": 1.0,
-}
 
 
 @dataclass(frozen=True)
@@ -52,16 +50,63 @@ class Block:
         return not self.experiment or self.channel.rpartition(".")[2] == "tension"
 
 
+@dataclass(frozen=True)
+class Option:
+    """A number that project files can give a loss under `calibration`, such as alpha, and what it is else [SI]."""
+
+    name: str
+    quantity: Quantity
+    default: float
+
+
 class Loss(ABC):
     """A loss: a sum over blocks of a convex function of the block's residual; where `rooted`, the root of that sum.
 
-    degree: the power of the residuals by which it grows, 2 for a sum of squares.
+    A frozen dataclass: results are hashed with it.
+
+    Attributes
+    ----------
+    name
+        The `loss` of project files and results.
+    uses_priors
+        Whether what is known of parameters beforehand counts.
+    rooted
+        Whether the loss is the root of the sum.
+    degree
+        The power of the residuals by which it grows, 2 for a sum of squares.
+    unit
+        Of its value: "%", or "1" where it has none.
+    needs_length
+        Whether it is made with the length [m] that the rig says the robot has.
+    options
+        What project files can give it.
     """
 
     name: str
-    uses_priors: bool
+    uses_priors: bool = False
     rooted: bool = False
     degree: int = 2
+    unit: ClassVar[str] = "1"
+    needs_length: ClassVar[bool] = False
+    options: ClassVar[tuple[Option, ...]] = ()
+
+    @classmethod
+    def made(cls, options: Mapping[str, float], length: float | None) -> Loss:
+        """The loss with its options [SI by name] and, where it needs it, the length [m], as fields of these names."""
+        given: dict[str, Any] = {option.name: options[option.name] for option in cls.options}
+        return cls(**given, **({"length": length} if cls.needs_length else {}))
+
+    @property
+    def surrogate(self) -> Loss:
+        """A smooth loss by which least squares goes until it is near the minimum; itself where it has no kinks."""
+        return self
+
+    def precisions(self, block: Block, rounding: float) -> Floats:
+        """One over the variance (n,) of each sample, but for a factor that all blocks have in common.
+
+        rounding: what the twin rounds the channel to [SI]; nothing is known better.
+        """
+        return self.square_weights(block, block.residual)
 
     def squares(self, value: float) -> float:
         """What a value of the loss is as a sum of squares: the square of a root."""
@@ -99,163 +144,56 @@ class Loss(ABC):
         """What keeps these experiments from being judged by this loss."""
 
 
-@dataclass(frozen=True)
-class PapersLoss(Loss):
-    """Paper A's cost, Eq. (4): alpha RMSE(tension) [N] + beta RMSE(pitch) [rad], the mean over the experiments.
+def _faults(loss: type[Loss], known: Mapping[str, type[Loss]]) -> list[Fault]:
+    """What a class that is to be registered lacks, and options of its own that are others' too."""
+    if not (isinstance(loss, type) and issubclass(loss, Loss)):
+        return [Fault("this is no loss", "loss", repr(loss)[:60], "a subclass of softcal.Loss")]
+    where = f"loss {loss.__name__}"
+    missing = [*(() if hasattr(loss, "name") else ("name",)), *sorted(loss.__abstractmethods__)]
+    faults = [Fault("the loss lacks something", where, allowed=f"'{name}' must be there") for name in missing]
+    taken = options_of(known)
+    for option in loss.options:
+        if option.name in TAKEN:
+            what = "the calibration has something else of this name"
+            faults.append(Fault(what, where, option.name, attempt="another name"))
+        elif taken.get(option.name, option) != option:
+            what = "another loss has an option of this name and of another kind or default"
+            faults.append(Fault(what, where, option.name, attempt="another name"))
+    return faults
 
-    weights: per SI unit, by channel. An experiment driven by tension compares shortening; its weight is the same 0.3,
-    per millimetre (300 per metre), which is near 0.3 per newton on a neck of some 0.4 N/mm.
+
+def options_of(losses: Mapping[str, type[Loss]]) -> dict[str, Option]:
+    """Every option of any of the losses by its name."""
+    return {option.name: option for loss in losses.values() for option in loss.options}
+
+
+LOSSES: Catalogue[type[Loss]] = Catalogue("loss", "softcal.losses", _faults, home="softcal.calibration.losses")
+
+L = TypeVar("L", bound=type[Loss])
+
+
+def register_loss(loss: L) -> L:
+    """Add a loss of one's own: project files, results and reports know it by its name from then on.
+
+    A package does the same for every process by an entry point of the group `softcal.losses` that names the class.
+
+    Parameters
+    ----------
+    loss
+        The class, a frozen dataclass; this decorates it.
+
+    Returns
+    -------
+    type[Loss]
+        The same class.
+
+    Raises
+    ------
+    ParameterError
+        Where another loss has the name, or the class lacks something.
     """
-
-    weights: Mapping[str, float] = field(default_factory=lambda: dict(PAPER_WEIGHTS))
-    name: str = "papers"
-    uses_priors: bool = False
-    degree: int = 1
-
-    def block_value(self, block: Block, residual: Floats) -> float:
-        return self.weights[block.channel] * rms(residual)
-
-    def square_weights(self, block: Block, residual: Floats) -> Floats:
-        # A block that is met exactly has no gradient; the floor keeps its weight finite and still very large.
-        floor = 1e-12 * rms(block.measured) + 1e-300
-        weight = self.weights[block.channel] / (2 * len(residual) * max(rms(residual), floor))
-        return np.full(len(residual), weight)
-
-    def straight_along(self, block: Block, residual: Floats) -> Floats | None:
-        # An RMSE is a cone: along the residual itself it grows in a straight line.
-        return None if rms(residual) <= MET * rms(block.measured) else residual / np.linalg.norm(residual)
-
-    def noise_group(self, block: Block) -> str:
-        return f"{block.channel} in {block.experiment}"
-
-    def share(self, blocks: Sequence[Block]) -> float:
-        return 1.0 / max(len({block.experiment for block in blocks}), 1)
-
-    def faults(self, experiments: Sequence[Experiment]) -> list[Fault]:
-        return [
-            Fault(
-                f"the loss 'papers' has no weight for '{channel}'",
-                experiment.name,
-                allowed=", ".join(self.weights),
-                attempt="the loss 'distance' or 'likelihood', or leave the channel out",
-            )
-            for experiment in experiments
-            for channel in experiment.compared
-            if channel not in self.weights
-        ]
-
-
-@dataclass(frozen=True)
-class LikelihoodLoss(Loss):
-    """sum (residual / sigma)^2 over all samples and experiments, plus ((theta - mean) / sd)^2 of the priors.
-
-    sigma is each sample's own where the dataset has it. sigmas: noise [SI] by channel, in the place of what it says.
-    """
-
-    sigmas: Mapping[str, float] = field(default_factory=dict[str, float])
-    name: str = "likelihood"
-    uses_priors: bool = True
-
-    def block_value(self, block: Block, residual: Floats) -> float:
-        return float(residual**2 @ self.square_weights(block, residual))
-
-    def square_weights(self, block: Block, residual: Floats) -> Floats:
-        return 1.0 / self.stated_noise(block) ** 2
-
-    def stated_noise(self, block: Block) -> Floats:
-        sigma = self.sigmas.get(block.channel, block.sigma) if block.experiment else block.sigma
-        return np.broadcast_to(np.asarray(sigma, dtype=float), len(block.residual))
-
-    def share(self, blocks: Sequence[Block]) -> float:
-        return 1.0
-
-    def faults(self, experiments: Sequence[Experiment]) -> list[Fault]:
-        found: list[Fault] = []
-        for experiment in experiments:
-            for channel in experiment.compared:
-                unit = experiment.dataset.channels[channel].unit
-                own = experiment.sigma(channel)[experiment.seen(channel)]
-                sigma = np.atleast_1d(np.asarray(self.sigmas.get(channel, own)))
-                bad = sigma[~(np.isfinite(sigma) & (sigma > 0))]
-                if len(bad):
-                    found.append(
-                        Fault(
-                            f"the likelihood loss needs the noise of '{channel}'",
-                            experiment.name,
-                            got=f"sigma {bad[0]:g} {unit}",
-                            allowed=f"a sigma above 0 {unit}",
-                            attempt="state the channel's sigma, or take the loss 'papers' or 'distance'",
-                        )
-                    )
-        return found
-
-
-@dataclass(frozen=True)
-class DistanceLoss(Loss):
-    """Paper B's Eq. (1), d = |r - s| / L_T 100 %: the root of its mean square over all markers, states and experiments.
-
-    Not the plain mean: the root of the mean square is smooth where one marker is met exactly, and its minimiser is that
-    of least squares, with their standard errors. length: L_T [m].
-    """
-
-    length: float
-    name: str = "distance"
-    uses_priors: bool = False
-    rooted: bool = True
-    degree: int = 1
-
-    def block_value(self, block: Block, residual: Floats) -> float:
-        return float(residual @ residual) * (100.0 / self.length) ** 2
-
-    def square_weights(self, block: Block, residual: Floats) -> Floats:
-        return np.full(len(residual), (100.0 / self.length) ** 2)
-
-    def share(self, blocks: Sequence[Block]) -> float:
-        return 3.0 / max(sum(len(block.residual) for block in blocks), 1)
-
-    def faults(self, experiments: Sequence[Experiment]) -> list[Fault]:
-        found: list[Fault] = []
-        for experiment in experiments:
-            other = [channel for channel in experiment.compared if not experiment.point_of(channel)]
-            if other or not experiment.points:
-                found.append(
-                    Fault(
-                        "the loss 'distance' judges positions alone",
-                        experiment.name,
-                        got=", ".join(experiment.compared),
-                        allowed="positions such as m4.x, m4.y, m4.z",
-                        attempt="compare: […] without the others, or the loss 'likelihood'",
-                    )
-                )
-            for point in experiment.points:
-                parts = [channel for channel in experiment.compared if experiment.point_of(channel) == point]
-                if len(parts) < 3:
-                    allowed = f"{point}.x, {point}.y and {point}.z"
-                    found.append(Fault("a distance needs all three parts", experiment.name, ", ".join(parts), allowed))
-        return found
-
-
-@dataclass(frozen=True)
-class RelativeSquares(Loss):
-    """sum of mean squares, each over the mean square of what was measured: smooth where the papers' loss has kinks.
-
-    No loss to judge a result by: `Descent` goes by it until it is near.
-    """
-
-    name: str = "relative squares"
-    uses_priors: bool = False
-
-    def block_value(self, block: Block, residual: Floats) -> float:
-        return float(residual**2 @ self.square_weights(block, residual))
-
-    def square_weights(self, block: Block, residual: Floats) -> Floats:
-        return np.full(len(residual), 1.0 / max(float(block.measured @ block.measured), 1e-300))
-
-    def share(self, blocks: Sequence[Block]) -> float:
-        return 1.0
-
-    def faults(self, experiments: Sequence[Experiment]) -> list[Fault]:
-        return []
+    LOSSES.add(loss)
+    return loss
 
 
 def total(loss: Loss, blocks: Sequence[Block]) -> float:

@@ -17,7 +17,8 @@ import numpy as np
 
 from softcal.calibration.experiment import AXES, Experiment, rig_parameters
 from softcal.calibration.friction import friction_faults
-from softcal.calibration.loss import Block, Loss, PapersLoss, by_experiment, errors_by_point, gradient, require, total
+from softcal.calibration.loss import Block, Loss, by_experiment, errors_by_point, gradient, require, total
+from softcal.calibration.losses.papers import PapersLoss
 from softcal.calibration.observation import Observation, commands, observe
 from softcal.calibration.parameters import FreeParameter, SearchSpace, search_space
 from softcal.calibration.trajectory import Member, Trajectory

@@ -127,7 +127,13 @@ def _pickled(what: object) -> bytes:
     pickler = pickle.Pickler(buffer)
     # Frozen mappings have no pickle of their own; a table of this pickler's leaves that of the process alone.
     pickler.dispatch_table = {**copyreg.dispatch_table, MappingProxyType: _pickle_mapping}
-    pickler.dump(what)
+    try:
+        pickler.dump(what)
+    except (pickle.PicklingError, AttributeError) as error:
+        raise CalibrationError(
+            f"What is calibrated cannot be handed to other processes: {error}. Try: one worker, or the class in a "
+            "module that Python can import."
+        ) from error
     return buffer.getvalue()
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from softcal.calibration.experiment import Experiment
-from softcal.calibration.loss import LikelihoodLoss
+from softcal.calibration.losses.likelihood import LikelihoodLoss
 from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import make_problem
 from softcal.calibration.run import calibrate

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, SerializerFunctionWrapHandler, model_serializer
+from pydantic_core import InitErrorDetails
 
+from softcal.calibration.loss import LOSSES, options_of
 from softcal.calibration.optimiser import OPTIMISERS
 from softcal.calibration.settings import SearchSettings
 from softcal.declare import listed
 from softcal.limits import LIMITS
-from softcal.project.section import Given, Section, member_of
-from softcal.quantities import PositiveRatio
+from softcal.project.section import Given, Section, member_of, read_quantities
 
 
 class PriorSection(Section):
@@ -33,11 +35,10 @@ class ParameterSection(Section):
 
 
 class CalibrationSection(Section):
-    """How the free parameters are looked for."""
+    """How the free parameters are looked for. The options [SI] of all losses are keys of the file, by their names."""
 
-    loss: Literal["papers", "likelihood", "distance"] = "papers"
-    alpha: PositiveRatio = 0.3
-    beta: PositiveRatio = 1.0
+    loss: Annotated[str, member_of(LOSSES)] = "papers"
+    options: Mapping[str, float] = Field(default_factory=dict)
     method: Annotated[str, member_of(OPTIMISERS)] = SearchSettings.method
     trials: Annotated[int, LIMITS["trials"]] | None = None
     starts: Annotated[int, LIMITS["starts"]] = SearchSettings.starts
@@ -45,6 +46,23 @@ class CalibrationSection(Section):
     fit: Literal["each", "joint", "both"] = "joint"
     hold_out: Annotated[list[str], BeforeValidator(listed)] = Field(default_factory=list)
     split: Annotated[list[str], BeforeValidator(listed)] = Field(default_factory=list)
+
+    @classmethod
+    def _allowed(cls, given: Mapping[str, Any]) -> set[str]:
+        return super()._allowed(given) - {"options"} | set(options_of(LOSSES))
+
+    @classmethod
+    def _read(cls, given: Mapping[str, Any]) -> tuple[dict[str, Any], list[InitErrorDetails]]:
+        kinds = {name: option.quantity for name, option in options_of(LOSSES).items()}
+        options, errors = read_quantities(given, kinds)
+        defaults = {name: option.default for name, option in options_of(LOSSES).items()}
+        return {**{k: v for k, v in given.items() if k not in kinds}, "options": {**defaults, **options}}, errors
+
+    @model_serializer(mode="wrap")
+    def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """The options among the keys, as a file has them."""
+        written: dict[str, Any] = write(self)
+        return {**written.pop("options"), **written}
 
     @property
     def search(self) -> SearchSettings:

@@ -8,12 +8,10 @@ from typing import Annotated, Any
 from pydantic import Field
 from pydantic_core import InitErrorDetails
 
-from softcal.declare import as_pydantic
-from softcal.errors import InputError
 from softcal.materials.catalogue import LAWS, constants_of
 from softcal.materials.law import Law
 from softcal.materials.parameter import Parameter
-from softcal.project.section import Section, member_of
+from softcal.project.section import Section, member_of, read_quantities
 
 
 class ConstantsSection(Section):
@@ -36,15 +34,8 @@ class ConstantsSection(Section):
         """The constants among the keys, read as the quantities that they are, and taken together."""
         fields = super()._allowed(given)
         own = {key: value for key, value in given.items() if key in fields}
-        constants: dict[str, float] = {}
-        errors: list[InitErrorDetails] = []
-        for name, constant in cls._of_law(given).items():
-            if name not in given:
-                continue
-            try:
-                constants[name] = constant.quantity.read(given[name])
-            except InputError as error:
-                errors.append(InitErrorDetails(type=as_pydantic(error.faults[0]), loc=(name,), input=given[name]))
+        kinds = {name: constant.quantity for name, constant in cls._of_law(given).items()}
+        constants, errors = read_quantities(given, kinds)
         missing = (name for name in cls._required(given) if name not in given)
         errors += [InitErrorDetails(type="missing", loc=(name,), input=dict(given)) for name in missing]
         return {**own, "constants": constants}, errors

@@ -23,6 +23,7 @@ from softcal.catalogue import Catalogue
 from softcal.declare import FAULT, as_pydantic, listed, read_mapping, shown
 from softcal.errors import Fault, InputError
 from softcal.project.document import Findings, KeyPath
+from softcal.quantities import Quantity
 
 
 def fault_error(what: str, *, got: str = "", allowed: str = "", attempt: str = "") -> PydanticCustomError:
@@ -64,6 +65,20 @@ class Section(BaseModel):
 
 S = TypeVar("S", bound=Section)
 T = TypeVar("T")
+
+
+def read_quantities(
+    given: Mapping[str, Any], kinds: Mapping[str, Quantity]
+) -> tuple[dict[str, float], list[InitErrorDetails]]:
+    """Those of the keys that are given, each read as the kind of quantity that it is, and what is wrong with others."""
+    found: dict[str, float] = {}
+    errors: list[InitErrorDetails] = []
+    for name in (name for name in kinds if name in given):
+        try:
+            found[name] = kinds[name].read(given[name])
+        except InputError as error:
+            errors.append(InitErrorDetails(type=as_pydantic(error.faults[0]), loc=(name,), input=given[name]))
+    return found, errors
 
 
 def member_of(catalogue: Catalogue[Any]) -> AfterValidator:
@@ -116,7 +131,7 @@ def changed(section: S, changes: Mapping[str, object], where: str) -> S:
         Where a value is not allowed; `where` comes before its key.
     """
     try:
-        return type(section).model_validate({**dict(section), **changes})
+        return type(section).model_validate({**section.model_dump(), **changes})
     except ValidationError as error:
         faults: list[Fault] = []
         for found in error.errors():

@@ -6,6 +6,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
+from softcal.calibration.loss import LOSSES
 from softcal.errors import Fault, ProjectFileError, nearest
 from softcal.experiments.prepare import PlannedStep
 from softcal.export.sofa_settings import Engines
@@ -158,10 +159,10 @@ def _check_calibration(
 ) -> None:
     if section is None:
         return
-    if section.loss == "distance" and rig.length is None:
+    if LOSSES[section.loss].needs_length and rig.length is None:
         findings.add(
             ("calibration", "loss"),
-            "the loss 'distance' is told in per cent of a length",
+            f"the loss '{section.loss}' needs a length",
             got="no rig.length",
             allowed="rig: {length: 425 mm}",
         )

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.analysis.sweep import ALL, ErrorSection, least_cell, section_errors, sections
+from softcal.calibration.loss import LOSSES
 from softcal.calibration.result import CalibrationResult, Trial
 from softcal.checks import Floats
 from softcal.report.format import Scale, scale_of
@@ -112,7 +113,7 @@ def _told(result: CalibrationResult, trials: Sequence[Trial]) -> list[tuple[str,
     told = sections(result)
     found: list[tuple[str, str, Mapping[int, float]]] = []
     if len(told) > 1:
-        unit = "%" if result.loss_name == "distance" else ""
+        unit = LOSSES.named(result.loss_name).unit.replace("1", "")
         found.append((ALL, unit, {trial.number: trial.loss for trial in done if trial.loss is not None}))
     for section in told:
         scale = section_scale(section)

@@ -10,7 +10,7 @@ from softcal.analysis.validation import with_split
 from softcal.calibration.experiment import PULLEY_FRICTION
 from softcal.calibration.hold_out import fitted_part
 from softcal.calibration.interrupts import stoppable
-from softcal.calibration.loss import PAPER_WEIGHTS, DistanceLoss, LikelihoodLoss, Loss, PapersLoss
+from softcal.calibration.loss import LOSSES, Loss
 from softcal.calibration.problem import Problem
 from softcal.calibration.result import CalibrationResult
 from softcal.calibration.run import Progress
@@ -170,23 +170,17 @@ def make_problem(project: Project, settings: CalibrationSection | None = None) -
 
 
 def make_loss(settings: CalibrationSection, length: float | None = None) -> Loss:
-    """The loss that the settings name, with their weights; length [m]: what distances are told in per cent of.
+    """The loss that the settings name, with its options; length [m]: what distances are told in per cent of.
 
     Raises
     ------
     ParameterError
-        For the loss `distance` without a length.
+        Where there is no such loss, or it needs a length and there is none.
     """
-    if settings.loss == "distance":
-        if length is None:
-            raise ParameterError(Fault("the loss 'distance' needs a length", "rig.length", allowed="rig.length"))
-        return DistanceLoss(length)
-    if settings.loss == "likelihood":
-        return LikelihoodLoss()
-    weights = {channel: settings.beta * weight for channel, weight in PAPER_WEIGHTS.items()}
-    for channel in ("tension", "shortening"):
-        weights[channel] = settings.alpha / PAPER_WEIGHTS["tension"] * PAPER_WEIGHTS[channel]
-    return PapersLoss(weights)
+    loss = LOSSES.named(settings.loss)
+    if loss.needs_length and length is None:
+        raise ParameterError(Fault(f"the loss '{settings.loss}' needs a length", "rig.length", allowed="rig.length"))
+    return loss.made(settings.options, length)
 
 
 def _length(project: Project) -> float | None:

@@ -10,7 +10,7 @@ from typing import Any
 from softcal.analysis.nominal import Nominal, nominal
 from softcal.analysis.sweep import BestCell, best_cells, section_errors, sections
 from softcal.calibration.interrupts import stoppable
-from softcal.calibration.loss import Loss
+from softcal.calibration.loss import LOSSES, Loss
 from softcal.calibration.parameters import search_space
 from softcal.calibration.problem import Problem
 from softcal.calibration.result import CalibrationResult, Trial
@@ -214,7 +214,7 @@ def sweep_json(found: Swept) -> dict[str, Any]:
 
 def _header(units: Mapping[str, str], loss: str) -> list[str]:
     parameters = [f"{name} [{unit}]" for name, unit in units.items()]
-    return ["cell", "status", "reason", *parameters, f"loss {loss} [{'%' if loss == 'distance' else '1'}]"]
+    return ["cell", "status", "reason", *parameters, f"loss {loss} [{LOSSES.named(loss).unit}]"]
 
 
 def _row(trial: Trial, parameters: Sequence[str]) -> list[object]:

@@ -1,0 +1,1 @@
+"""softcal's own losses, one a file: each registers itself and needs to be named nowhere else."""

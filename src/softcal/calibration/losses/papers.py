@@ -1,0 +1,90 @@
+"""Paper A's cost: a weighted sum of the channels' root mean square errors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from softcal.calibration.experiment import Experiment
+from softcal.calibration.loss import MET, Block, Loss, Option, register_loss, rms
+from softcal.calibration.relative_squares import RelativeSquares
+from softcal.checks import Floats
+from softcal.errors import Fault
+from softcal.quantities import quantity
+
+PAPER_WEIGHTS: Mapping[str, float] = {
+    "tension": 0.3,  # alpha [1/N]
+    "shortening": 300.0,  # [1/m]: alpha per millimetre, for an experiment driven by tension
+    "pitch": 1.0,  # beta [1/rad]
+    "roll": 1.0,
+    "yaw": 1.0,
+}
+
+
+@register_loss
+@dataclass(frozen=True)
+class PapersLoss(Loss):
+    """Paper A's cost, Eq. (4): alpha RMSE(tension) [N] + beta RMSE(pitch) [rad], the mean over the experiments.
+
+    weights: per SI unit, by channel. An experiment driven by tension compares shortening; its weight is the same 0.3,
+    per millimetre (300 per metre), which is near 0.3 per newton on a neck of some 0.4 N/mm.
+    """
+
+    weights: Mapping[str, float] = field(default_factory=lambda: dict(PAPER_WEIGHTS))
+    name: str = "papers"
+    uses_priors: bool = False
+    degree: int = 1
+    options: ClassVar[tuple[Option, ...]] = (
+        Option("alpha", quantity("positive ratio"), PAPER_WEIGHTS["tension"]),
+        Option("beta", quantity("positive ratio"), PAPER_WEIGHTS["pitch"]),
+    )
+
+    @classmethod
+    def made(cls, options: Mapping[str, float], length: float | None) -> PapersLoss:
+        weights = {channel: options["beta"] * weight for channel, weight in PAPER_WEIGHTS.items()}
+        for channel in ("tension", "shortening"):
+            weights[channel] = options["alpha"] / PAPER_WEIGHTS["tension"] * PAPER_WEIGHTS[channel]
+        return cls(weights)
+
+    @property
+    def surrogate(self) -> RelativeSquares:
+        # A sum of RMSEs has a kink where one channel is met almost exactly, which lets only short steps lower it.
+        return RelativeSquares()
+
+    def block_value(self, block: Block, residual: Floats) -> float:
+        return self.weights[block.channel] * rms(residual)
+
+    def square_weights(self, block: Block, residual: Floats) -> Floats:
+        # A block that is met exactly has no gradient; the floor keeps its weight finite and still very large.
+        floor = 1e-12 * rms(block.measured) + 1e-300
+        weight = self.weights[block.channel] / (2 * len(residual) * max(rms(residual), floor))
+        return np.full(len(residual), weight)
+
+    def straight_along(self, block: Block, residual: Floats) -> Floats | None:
+        # An RMSE is a cone: along the residual itself it grows in a straight line.
+        return None if rms(residual) <= MET * rms(block.measured) else residual / np.linalg.norm(residual)
+
+    def precisions(self, block: Block, rounding: float) -> Floats:
+        return np.full(len(block.residual), 1.0 / max(rms(block.residual), rounding) ** 2)
+
+    def noise_group(self, block: Block) -> str:
+        return f"{block.channel} in {block.experiment}"
+
+    def share(self, blocks: Sequence[Block]) -> float:
+        return 1.0 / max(len({block.experiment for block in blocks}), 1)
+
+    def faults(self, experiments: Sequence[Experiment]) -> list[Fault]:
+        return [
+            Fault(
+                f"the loss 'papers' has no weight for '{channel}'",
+                experiment.name,
+                allowed=", ".join(self.weights),
+                attempt="the loss 'distance' or 'likelihood', or leave the channel out",
+            )
+            for experiment in experiments
+            for channel in experiment.compared
+            if channel not in self.weights
+        ]

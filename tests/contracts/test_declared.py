@@ -12,12 +12,20 @@ from ruamel.yaml import YAML
 from softcal.declare import Declared
 from softcal.errors import InputError, ProjectFileError
 from softcal.export.sofa_settings import Engines, Rest, SofaSettings
+from softcal.geometry.disc import DiscShape
+from softcal.geometry.neck import NeckShape
 from softcal.geometry.placement import Placement, Turn
 from softcal.geometry.regions import Box, Cylinder, Plane, Sphere
+from softcal.geometry.wire import SpringShape
 from softcal.materials.infill import PrintInfill
 from softcal.project.document import Document, Findings
-from softcal.project.section import validated
+from softcal.project.mesh_schema import MeshDisc, MeshNeck, MeshSpring
+from softcal.project.robot_schema import BodySection, CableSection, ContactSection, DiscSection, PlateSection
+from softcal.project.rod_schema import RodSection
+from softcal.project.section import Section, validated
 from softcal.project.sections import SECTIONS
+from softcal.twin.cables import Cable
+from softcal.twin.robot import Body, Contact, Disc, Plate, Rod
 from softcal.twin.time_settings import Settling, TimeSettings
 
 # Of every class: texts that state each of its fields, none as it is by default, and the same in Python.
@@ -41,6 +49,7 @@ STATED: list[tuple[str, Declared]] = [
         "{bulk_youngs_modulus: [8 MPa, 12 MPa], infill: 30 %, exponent: [1.2, 1.6]}",
         PrintInfill((8e6, 12e6), 0.3, (1.2, 1.6)),
     ),
+    ("{gap: 0.1 mm, stiffness: 2 MPa, friction_coefficient: 0.5, creep: 2 mm/s}", Contact(1e-4, 2e6, 0.5, 2e-3)),
     ("{axis: [0, 0, 2], angle: 90 deg}", Turn((0.0, 0.0, 2.0), math.radians(90.0))),
     (
         "{position: [1 mm, 2 cm, 0 m], rotation: {axis: [1, 0, 0], angle: 1 rad}}",
@@ -57,6 +66,12 @@ STATED: list[tuple[str, Declared]] = [
     ),
     ("{centre: [0 m, 0 m, 1 m], radius: 5 mm}", Sphere((0.0, 0.0, 1.0), 0.005)),
 ]
+
+# Sections with names to resolve, and what is made of them.
+MADE_OF = [
+    (BodySection, Body), (RodSection, Rod), (PlateSection, Plate), (DiscSection, Disc), (CableSection, Cable),
+    (ContactSection, Contact), (MeshDisc, DiscShape), (MeshNeck, NeckShape), (MeshSpring, SpringShape),
+]  # fmt: skip
 
 
 def read(cls: type[Declared], text: str) -> Declared:
@@ -133,3 +148,14 @@ def test_what_python_refuses_stands_at_its_key():
     with pytest.raises(ProjectFileError) as error:
         read(Engines, "{sofa: {ramp: 5 kg, settle: {hold: 2 s, longest: 1 s}}}")
     assert [fault.where for fault in error.value.faults] == ["project.yaml:1: sofa.ramp", "project.yaml:1: sofa.settle"]
+
+
+@pytest.mark.parametrize(("section", "made"), MADE_OF)
+def test_a_section_has_the_defaults_of_what_is_made_of_it(section: type[Section], made: type):
+    own = {field.name: field.default for field in fields(made) if isinstance(field.default, float | int | str)}
+    given = {
+        name: info.default for name, info in section.model_fields.items() if name in own and info.default is not None
+    }
+    shared = {name: value for name, value in given.items() if not section.model_fields[name].is_required()}
+    assert shared
+    assert shared == {name: own[name] for name in shared}

@@ -12,6 +12,7 @@ from softcal.materials.catalogue import LAWS, constants_of
 from softcal.materials.law import Law
 from softcal.materials.parameter import Parameter
 from softcal.project.section import Section, member_of, read_quantities
+from softcal.twin.robot import Body
 
 
 class ConstantsSection(Section):
@@ -54,7 +55,7 @@ class ConstantsSection(Section):
 class LawSection(ConstantsSection):
     """The constants of the law that the mapping names."""
 
-    law: Annotated[str, member_of(LAWS)] = "neo-hooke"
+    law: Annotated[str, member_of(LAWS)] = Body.law
 
     @classmethod
     def _of_law(cls, given: Mapping[str, Any]) -> Mapping[str, Parameter]:

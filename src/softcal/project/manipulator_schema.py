@@ -14,7 +14,9 @@ from softcal.mechanics.elements import DEFAULT
 from softcal.project.element import Element
 from softcal.project.section import Section, fault_error
 from softcal.quantities import QUANTITIES, Angle, Clearance, Density, Friction, Mass, PoissonsRatio, Size, Turns
-from softcal.twin.manipulator import BASE, ManipulatorShape
+from softcal.twin.cables import Cable
+from softcal.twin.manipulator import BASE, ELEMENTS_PER_TURN, ManipulatorShape
+from softcal.twin.robot import Rod
 
 # Where each field of the shape stands in the section.
 KEYS: Mapping[str, tuple[str, ...]] = {
@@ -76,13 +78,13 @@ class SpringsSection(Section):
     turns: Turns | None = None
     left_handed: bool | None = None
     azimuth: Angle | None = None
-    elements_per_turn: Annotated[int, LIMITS["elements in a turn"]] = 12
+    elements_per_turn: Annotated[int, LIMITS["elements in a turn"]] = ELEMENTS_PER_TURN
     rings: Annotated[int, LIMITS["rings of elements"]] = 1
     layers_per_turn: Annotated[int, LIMITS["elements in a turn"]] | None = None
     element: Element = DEFAULT.name
     youngs_modulus: Annotated[float | dict[str, float], Reading(_moduli, "instead")]
     poissons_ratio: PoissonsRatio
-    density: Density = 0.0
+    density: Density = Rod.density
 
 
 def _disc_number(name: object) -> int:
@@ -110,7 +112,7 @@ class CablesSection(Section):
     per_end: Annotated[int, LIMITS["cables at an end"]] | None = None
     ends: Annotated[dict[int, Angle] | None, BeforeValidator(_by_disc)] = None
     exit: Clearance | None = None
-    friction_coefficient: Friction = 0.0
+    friction_coefficient: Friction = Cable.friction_coefficient
 
 
 class MarkersSection(Section):

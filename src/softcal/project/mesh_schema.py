@@ -8,6 +8,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Tag, model_validator
 
+from softcal.geometry.disc import DiscShape
+from softcal.geometry.neck import NeckShape
 from softcal.geometry.regions import Box, Cylinder, Named, Plane, Region, Sphere
 from softcal.limits import LIMITS
 from softcal.project.rod_schema import require_climb
@@ -52,7 +54,7 @@ class MeshNeck(Section):
     """The soft neck, made by Gmsh from its lengths; what is left out is as published, scaled to the outer diameter."""
 
     primitive: Literal["neck"]
-    outer_diameter: Size = 0.038
+    outer_diameter: Size = NeckShape.outer_diameter
     n_bells: Annotated[int, LIMITS["bells"]] | None = None
     bottom_link_height: Size | None = None
     link_pitch: Size | None = None
@@ -110,7 +112,7 @@ class DiscHolesSection(Section):
     count: Annotated[int, LIMITS["holes on a ring"]]
     diameter: Size
     radius: Size
-    first_angle: Angle = 0.0
+    first_angle: Angle = DiscShape.first_angle
 
 
 class MeshDisc(Section):
@@ -119,7 +121,7 @@ class MeshDisc(Section):
     primitive: Literal["disc"]
     diameter: Size
     thickness: Size
-    centre_hole: Clearance = 0.0
+    centre_hole: Clearance = DiscShape.centre_hole
     holes: DiscHolesSection | None = None
     size: Size | None = None
     tets: Annotated[int, LIMITS["tets"]] | None = None

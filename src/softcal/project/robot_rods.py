@@ -16,10 +16,10 @@ from softcal.geometry.section import CrossSection
 from softcal.limits import LIMITS
 from softcal.project.document import Findings, KeyPath
 from softcal.project.rod_schema import BarSection, HelixSection, RodSection
+from softcal.twin.manipulator import ELEMENTS_PER_TURN
 from softcal.twin.robot import Rod
 
 ELEMENTS = 40  # of a straight rod where it is not said
-ELEMENTS_PER_TURN = 12
 
 
 def build_rod(name: str, rod: RodSection, plates: Iterable[str], findings: Findings) -> Rod | None:

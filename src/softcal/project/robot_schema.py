@@ -10,7 +10,6 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 from softcal.declare import Reading, listed
 from softcal.geometry.placement import Placement
 from softcal.limits import LIMITS
-from softcal.mechanics.elements import DEFAULT
 from softcal.project.constants import ConstantsSection, LawSection
 from softcal.project.element import Element
 from softcal.project.manipulator_schema import ManipulatorSection
@@ -33,6 +32,8 @@ from softcal.quantities import (
     Speed,
     Traction,
 )
+from softcal.twin.cables import Cable
+from softcal.twin.robot import Body, Contact, Disc, Plate
 
 
 class MaterialSection(ConstantsSection):
@@ -46,8 +47,8 @@ class BodySection(LawSection):
     """A deformable body: its mesh, material, fixed region, and where it is put."""
 
     mesh: Mesh
-    element: Element = DEFAULT.name
-    density: Density = 0.0
+    element: Element = Body.element
+    density: Density = Body.density
     materials: Mapping[str, MaterialSection] = Field(default_factory=dict)
     regions: Mapping[str, RegionSection] = Field(default_factory=dict)
     fixed: Annotated[list[str], BeforeValidator(listed)] = Field(default_factory=list)
@@ -61,7 +62,7 @@ class DiscSection(Section):
     thickness: Size
     axis: Direction = (0.0, 0.0, 1.0)
     centre: Point | None = None
-    hole_diameter: Clearance = 0.0
+    hole_diameter: Clearance = Disc.hole_diameter
 
 
 class RingSection(Section):
@@ -130,10 +131,10 @@ class PlateSection(Section):
     body: str | None = None
     region: str | None = None
     bodies: Mapping[str, str] = Field(default_factory=dict)
-    mass: Mass = 0.0
+    mass: Mass = Plate.mass
     centre_of_mass: Point | None = None
     inertia: Inertia | None = None
-    fixed: bool = False
+    fixed: bool = Plate.fixed
     holes: HolesSection = HolesSection()
     disc: DiscSection | None = None
 
@@ -214,8 +215,8 @@ class CableSection(Section):
     """
 
     via: Annotated[list[ViaSection], Field(min_length=2), LIMITS["points of a line"]]
-    friction_coefficient: Friction = 0.0
-    pulled_end: Literal["first", "last"] = "last"
+    friction_coefficient: Friction = Cable.friction_coefficient
+    pulled_end: Literal["first", "last"] = Cable.pulled_end
     route: Literal["bore", "straight"] = "bore"
     routing_axis: RoutingAxisSection | None = None
 
@@ -272,8 +273,8 @@ class ContactSection(Section):
 
     gap: Size | None = None
     stiffness: Modulus | None = None
-    friction_coefficient: Friction = 0.0
-    creep: Speed | None = None
+    friction_coefficient: Friction = Contact.friction_coefficient
+    creep: Speed = Contact.creep
 
 
 def _contact(value: object) -> object:

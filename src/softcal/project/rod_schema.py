@@ -24,6 +24,7 @@ from softcal.quantities import (
     Size,
     Turns,
 )
+from softcal.twin.robot import Rod
 
 
 class StraightSection(Section):
@@ -121,7 +122,7 @@ class RodSection(Section):
     section: BarSection
     youngs_modulus: Modulus
     poissons_ratio: PoissonsRatio
-    density: Density = 0.0
+    density: Density = Rod.density
     clamped: Mapping[str, Stations] = Field(default_factory=dict)
     fixed: Stations = Field(default_factory=list)
     placement: Placement | None = None

@@ -21,6 +21,7 @@ from softcal.limits import LIMITS
 from softcal.twin.robot import Cable, Disc, Marker, Plate, Robot, Rod, ViaPoint
 
 BASE = "base"
+ELEMENTS_PER_TURN = 12  # of a rod that is a helical spring
 
 
 @dataclass(frozen=True)
@@ -129,11 +130,11 @@ def manipulator(
     *,
     youngs_modulus: float | Mapping[str, float],
     poissons_ratio: float,
-    density: float = 0.0,
+    density: float = Rod.density,
     disc_mass: float | None = None,
-    friction_coefficient: float = 0.0,
+    friction_coefficient: float = Cable.friction_coefficient,
     gravity: Sequence[float] = (0.0, 0.0, -9.81),
-    elements_per_turn: int = 12,
+    elements_per_turn: int = ELEMENTS_PER_TURN,
 ) -> Robot:
     """The manipulator with rods for its springs.
 

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from softcal.checks import Floats, Ints, frozen_floats, frozen_ints
+from softcal.declare import Declared
 from softcal.errors import Fault, InputError
 from softcal.geometry.centreline import Centreline
 from softcal.geometry.mesh import TetMesh
@@ -17,6 +18,7 @@ from softcal.materials.catalogue import LAWS
 from softcal.materials.elastic_constants import LINEAR_ELASTIC
 from softcal.materials.parameter import complete
 from softcal.mechanics.elements import DEFAULT, ELEMENTS
+from softcal.quantities import Friction, Modulus, Size, Speed
 from softcal.twin.cables import Cable, ViaPoint
 
 Control = Literal["tension", "shortening"]
@@ -299,7 +301,7 @@ class SurfaceLoad:
 
 
 @dataclass(frozen=True)
-class Contact:
+class Contact(Declared):
     """That surfaces of bodies, and wires of rods, do not pass through each other.
 
     gap [m]: distance at which they begin to push; stiffness [Pa] of the barrier: both say how far apart what touches
@@ -308,17 +310,10 @@ class Contact:
     creep [m/s]: sliding slower than that takes less friction.
     """
 
-    gap: float
-    stiffness: float
-    friction_coefficient: float = 0.0
-    creep: float = 1e-3
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.friction_coefficient < float("inf"):
-            raise InputError(Fault("friction cannot push", "contact", f"{self.friction_coefficient:g}", "0 or more"))
-        for key in ("gap", "stiffness", "creep"):
-            if not 0.0 < getattr(self, key) < float("inf"):
-                raise InputError(Fault(f"the contact's {key} must be positive", "contact", f"{getattr(self, key):g}"))
+    gap: Size
+    stiffness: Modulus
+    friction_coefficient: Friction = 0.0
+    creep: Speed = 1e-3
 
 
 @dataclass(frozen=True)

@@ -61,7 +61,7 @@ def test_zero() -> None:
     assert_allclose(zero(record, "tension", "min").values("tension"), [1, 0, 2])
     assert_allclose(zero(record, "tension", 0.5).values("tension"), [1.5, 0.5, 2.5])
     assert_allclose(zero(record, "tension", "first", n_samples=2).values("tension"), [0.5, -0.5, 1.5])
-    assert zero(record, "tension").provenance[-1].outcome == "2 N taken off tension"
+    assert zero(record, "tension").provenance[-1].outcome == "2 N subtracted from tension"
 
 
 def test_slack_is_found_under_noise() -> None:

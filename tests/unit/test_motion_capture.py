@@ -154,8 +154,8 @@ def test_what_was_not_seen_in_the_window_is_told_with_its_last_sight(tmp_path):
         average(read_c3d(written(tmp_path, hidden=hidden), MARKERS), last=0.1)
     text = str(caught.value)
     assert len(caught.value.faults) == 2
-    assert "tip1 was not seen" in text
-    assert "base was not seen" in text
+    assert "tip1 was not measured" in text
+    assert "base was not measured" in text
     assert "last at 0.39 s of 0.59 s" in text
     with pytest.raises(DatasetError, match="not once in the record"):
         average(Dataset("m", {"m.x": Channel(np.array([np.nan, np.nan]), "m")}))

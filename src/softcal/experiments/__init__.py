@@ -1,1 +1,1 @@
-"""What the bench saw: files read, records on one clock, corrections and cycles, each step on record."""
+"""Bench measurements: reading files, synchronising records, corrections and cycles, with provenance of every step."""

@@ -1,4 +1,4 @@
-"""The wanted columns of a table of any length: read block by block, the rows of a filter alone, as numbers."""
+"""Reading selected columns and filtered rows of a table of any length as numbers, block by block."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from softcal.errors import DatasetError, Fault
 from softcal.experiments.table import Table, uses_decimal_comma
 
 N_NAMED = 5  # lines and cells named in a fault
-_N_VALUES = 10  # values named of a column of a filter
-_SNIFFED = 2000  # rows by which the decimal sign is judged
-MOST_VALUES = 100_000_000  # numbers that are kept of one file: 0.8 GB
+_N_VALUES = 10  # values of a filter's column listed in a fault
+_SNIFFED = 2000  # rows used to detect the decimal sign
+MOST_VALUES = 100_000_000  # numbers kept of one file: 0.8 GB
 
 
 @dataclass(frozen=True)
 class Filter:
-    """Rows are kept where the column holds one of the values, compared as a number where both are numbers."""
+    """Keeps the rows whose column has one of the values, compared as numbers if both are numbers."""
 
     column: int
     values: tuple[str, ...]
@@ -30,7 +30,7 @@ class Filter:
 
 @dataclass
 class Odd:
-    """Cells that are not numbers: how many, and the first of them with their lines."""
+    """Cells that are not numbers: their count, and the first ones with their lines."""
 
     n: int = 0
     lines: list[int] = field(default_factory=list[int])
@@ -39,11 +39,24 @@ class Odd:
 
 @dataclass(frozen=True)
 class Columns:
-    """What was read of the rows that were kept.
+    """Values of the kept rows.
 
-    numbers: as in the file, by the name of the column, NaN where there is none; odd: what is no number and may not be
-    missing. labels: of the rows. lines: of the file. n_rows: in all, kept or not. unmet: filter -> those of its values
-    that no row holds, and values that rows do hold.
+    Attributes
+    ----------
+    numbers
+        Column -> values as in the file (n_kept), NaN if missing.
+    odd
+        Column -> cells that are not numbers and must not be missing.
+    labels
+        Labels of the rows (n_kept).
+    lines
+        Line numbers in the file (n_kept).
+    n_rows
+        Number of all rows, kept or not.
+    decimal
+        Decimal sign of the numbers, "." or ",".
+    unmet
+        Number of a filter -> its values that no row has, and values that rows have.
     """
 
     numbers: Mapping[str, Floats]
@@ -73,14 +86,14 @@ def read_columns(
     may_miss
         Whether a cell of the column of that name may be empty.
     filters, label
-        Which rows are kept, and the column that names them.
+        Filters of rows, and the column of row labels.
     decimal
-        "." or ","; judged by the first rows when None.
+        "." or ","; None detects it from the first rows.
 
     Raises
     ------
     DatasetError
-        For rows of another length than the header, none at all, or more of them than can be kept.
+        For rows of another length than the header, no rows, or too many rows.
     """
     parts: dict[str, list[Floats]] = {name: [] for name in places}
     odd = {name: Odd() for name in places}
@@ -124,7 +137,7 @@ def read_columns(
 
 
 def cells_of(table: Table, column: int, lines: Sequence[int]) -> list[str]:
-    """The cells of a column in some lines of the file, in their order."""
+    """The cells of a column in given lines of the file, in order."""
     found: dict[int, str] = {}
     for numbers, rows in table.rows():
         found |= {number: row[column] for number, row in zip(numbers, rows, strict=True) if number in lines}
@@ -132,7 +145,7 @@ def cells_of(table: Table, column: int, lines: Sequence[int]) -> list[str]:
 
 
 class _Sieve:
-    """A filter, and what it has met."""
+    """A filter, and the values found so far."""
 
     def __init__(self, one: Filter) -> None:
         self._filter = one
@@ -142,11 +155,11 @@ class _Sieve:
 
     @property
     def missing(self) -> list[str]:
-        """The values that no row has."""
+        """Values of the filter that no row has."""
         return [value for value in self._filter.values if value not in self._met]
 
     def kept(self, numbers: list[int], rows: list[list[str]]) -> tuple[list[int], list[list[str]]]:
-        """The rows with one of the values, and their numbers."""
+        """The matching rows and their line numbers."""
         kept = [i for i, row in enumerate(rows) if self._match(row[self._filter.column])]
         if len(self.seen) <= _N_VALUES:
             cells = (row[self._filter.column] for row in rows)
@@ -169,7 +182,7 @@ def _same(cell: str, wanted: str) -> bool:
 
 
 def _floats(cells: list[str]) -> Floats:
-    """The cells as numbers, NaN for what is none: as Python reads them, without its underscores and other digits."""
+    """The cells as numbers, NaN if not a number: Python's syntax without underscores and non-ASCII digits."""
     text = "".join(cells)
     if text.isascii() and "_" not in text:
         with contextlib.suppress(ValueError):
@@ -185,7 +198,7 @@ def _float(cell: str) -> float:
 
 
 def _numbers(cells: list[str], lines: list[int], decimal: str, odd: Odd, may_miss: bool) -> Floats:
-    # With a decimal comma a point would be a thousands separator or a slip; either way the number is not certain.
+    # With a decimal comma a point is a thousands separator or a typing error: the number is ambiguous.
     plain = cells if decimal == "." else ["" if "." in cell else cell.replace(",", ".") for cell in cells]
     numbers = _floats(plain)
     strange = [

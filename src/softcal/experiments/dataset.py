@@ -1,4 +1,4 @@
-"""What the bench saw: channels with unit and noise, and the record of every step that made them. Frozen."""
+"""Measured data: channels with unit and noise, and the provenance of their preparation. Frozen."""
 
 from __future__ import annotations
 
@@ -14,9 +14,16 @@ from softcal.errors import DatasetError, Fault
 
 @dataclass(frozen=True)
 class Channel:
-    """One measured quantity: values [unit, SI], shape (n_samples,); sigma: its noise [unit], 0 where unknown.
+    """One measured quantity.
 
-    A value that is missing, such as the place of a marker that was not seen, is NaN.
+    Attributes
+    ----------
+    values
+        Values [unit] (n_samples,); NaN if missing, such as the position of a hidden marker.
+    unit
+        SI unit.
+    sigma
+        Standard deviation of the noise [unit]; 0 if unknown.
     """
 
     values: Floats
@@ -29,7 +36,7 @@ class Channel:
 
 @dataclass(frozen=True)
 class Step:
-    """One step of the provenance: what was done, with which numbers (SI), and what came of it."""
+    """One step of the provenance: its name, settings (SI) and outcome."""
 
     name: str
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -38,13 +45,24 @@ class Step:
 
 @dataclass(frozen=True)
 class Dataset:
-    """Channels of one length by name (`time`, `shortening`, `tension`, `pitch`, `roll`, …) and their provenance.
+    """Measured channels of equal length, and their provenance.
 
-    With several cables or markers they go by the twin's names: `cable1.tension`, `m4.x`; `m4.x_sd` holds the standard
-    deviation of each of its values.
-    `shortening` is the crosshead's (slack included), `tension` the cable's at the neck once the pulleys' friction
-    has been taken off. cycle: the cycle number of each sample (0-based; -1 outside any), or None. labels: what people
-    call each sample, where the table says it; else none.
+    With several cables or markers the channels have the twin's names: `cable1.tension`, `m4.x`; `m4.x_sd` is the
+    standard deviation of each value. `shortening` is the crosshead's travel (slack included), `tension` the cable's at
+    the neck after the correction of pulley friction.
+
+    Attributes
+    ----------
+    name
+        Name of the record.
+    channels
+        Name (`time`, `shortening`, `tension`, `pitch`, `roll`, …) -> channel (n_samples,).
+    provenance
+        Steps that produced the data, in order.
+    cycle
+        Cycle number of each sample (n_samples,), from 0, -1 outside any; None if cycles were not searched.
+    labels
+        Names of the samples (n_samples,) given in the table; empty if there are none.
     """
 
     name: str
@@ -75,7 +93,7 @@ class Dataset:
 
     @property
     def incomplete(self) -> tuple[str, ...]:
-        """The channels in which values are missing."""
+        """Channels with missing values."""
         return tuple(name for name, channel in self.channels.items() if np.isnan(channel.values).any())
 
     def values(self, channel: str) -> Floats:
@@ -84,7 +102,7 @@ class Dataset:
         Raises
         ------
         DatasetError
-            Where the dataset has no such channel.
+            If the dataset has no such channel.
         """
         if channel not in self.channels:
             raise DatasetError(
@@ -93,12 +111,12 @@ class Dataset:
         return self.channels[channel].values
 
     def with_channels(self, step: Step, **values: Floats) -> Dataset:
-        """The dataset with some channels' values replaced, and the step that did it on record."""
+        """The dataset with replaced values of some channels, and the step added to the provenance."""
         channels = {**self.channels, **{k: replace(self.channels[k], values=v) for k, v in values.items()}}
         return replace(self, channels=channels, provenance=(*self.provenance, step))
 
     def take(self, rows: np.ndarray, step: Step) -> Dataset:
-        """The dataset with only the given rows (indices or mask), and the step that chose them on record."""
+        """The dataset with only the given rows (indices or mask), and the step added to the provenance."""
         channels = {k: replace(c, values=c.values[rows]) for k, c in self.channels.items()}
         cycle = None if self.cycle is None else self.cycle[rows]
         labels = tuple(np.array(self.labels)[rows].tolist()) if self.labels else ()

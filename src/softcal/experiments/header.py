@@ -1,4 +1,4 @@
-"""The header of a bench file: which of its columns hold the channels that are asked for, and in which unit."""
+"""The header of a bench file: columns of the requested channels, and their units."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _COLUMN_UNITS = {**CHANNEL_UNITS, **dict.fromkeys(QUATERNION, "1"), "mass": "kg"
 
 @dataclass(frozen=True)
 class ColumnSpec:
-    """Where a channel stands in a file.
+    """Column of a channel in a file.
 
     name: the column's header, with or without its unit. unit: of the numbers; None reads it from the file.
     scale: factor on the numbers, such as -1 for a machine that writes tension negative.
@@ -32,11 +32,26 @@ class ColumnSpec:
 
 @dataclass
 class ColumnLayout:
-    """Where the channels stand in a table.
+    """Columns of the channels in a table.
 
-    columns: those that are there or must be; places: the number of each that was found; units: as they are written;
-    factors: from them to SI. filters, label: the columns by which rows are kept and named. faults, unit_faults: what
-    is wrong with the header.
+    Attributes
+    ----------
+    table
+        The table.
+    columns
+        Channel -> column specification, without optional columns that are missing.
+    places
+        Channel -> column number.
+    units
+        Channel -> unit as written.
+    factors
+        Channel -> factor to SI.
+    filters
+        Filters of rows.
+    label
+        Column of row labels, or None.
+    faults, unit_faults
+        Faults of the header.
     """
 
     table: Table
@@ -63,12 +78,12 @@ def read_layout(  # noqa: PLR0913 (one keyword for each thing in which files dif
     optional: Collection[str] = (),
     label: str | None = None,
 ) -> ColumnLayout:
-    """Find the columns of a file, without its rows; for what is given see `softcal.experiments.read.read_table`.
+    """Find the columns of a file without reading its rows; for the arguments see `read_table`.
 
     Raises
     ------
     DatasetError
-        For channels that there are not, or a file without a header.
+        For missing channels, or a file without a header.
     StorageError
         Where the file cannot be read.
     """
@@ -97,14 +112,14 @@ def read_layout(  # noqa: PLR0913 (one keyword for each thing in which files dif
 
 
 def raise_faults(faults: list[Fault], unit_faults: list[Fault]) -> None:
-    """Raise what was found.
+    """Raise the collected faults.
 
     Raises
     ------
     DatasetError
-        With all of it, where there is any but of units.
+        With all faults, if any is not a unit's.
     UnitError
-        Where all that is wrong is units.
+        If all faults are of units.
     """
     if faults:
         raise DatasetError([*faults, *unit_faults])
@@ -113,7 +128,7 @@ def raise_faults(faults: list[Fault], unit_faults: list[Fault]) -> None:
 
 
 def column_unit(channel: str) -> str | None:
-    """The SI unit of what a column may hold, None where no channel goes by the name."""
+    """SI unit of a column's channel; None for an unknown channel."""
     if channel in _COLUMN_UNITS:
         return _COLUMN_UNITS[channel]
     owner, _, kind = channel.rpartition(".")
@@ -179,7 +194,7 @@ def _filters(table: Table, where: Mapping[str, object], faults: list[Fault]) -> 
 def _unit_of(
     table: Table, key: str, spec: ColumnSpec, place: int, units: dict[str, str], faults: list[Fault]
 ) -> float | None:
-    """Factor to SI: from the project where it says, but never against what the file says."""
+    """Factor to SI, from the project or the file; a contradiction of both is a fault."""
     si_unit = column_unit(key) or "1"
     header = table.headers[place]
     where = f"{table.path}, line {table.header_line}, column '{header}'"

@@ -1,4 +1,4 @@
-"""What the elastic twin leaves out, in numbers for the report: loop energies, hysteresis, the first cycle's peak."""
+"""Inelastic effects, which the elastic twin lacks: loop energies, hysteresis, softening after the first cycle."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from softcal.experiments.steps.branches import cycle_rows
 
 @dataclass(frozen=True)
 class Loop:
-    """One cycle's energies: put in over loading [J], lost in the loop [J]; peak tension [N], travel [m].
+    """Energies of one cycle: work of loading [J], energy dissipated in the loop [J]; peak tension [N], travel [m].
 
-    hysteresis [-]: the energy lost over the energy put in.
+    hysteresis [-]: dissipated energy over the work of loading.
     """
 
     number: int
@@ -26,20 +26,20 @@ class Loop:
 
     @property
     def hysteresis(self) -> float:
-        """Energy lost over the energy put in [-]."""
+        """Dissipated energy over the work of loading [-]."""
         return self.lost_energy / self.loading_energy if self.loading_energy > 0.0 else 0.0
 
 
 @dataclass(frozen=True)
 class Softening:
-    """The first cycle beside the later ones: peaks [N], and the share of the first peak that is lost [-]."""
+    """Peaks of the first and last cycle [N], and the relative loss of the peak [-]."""
 
     first_peak: float
     last_peak: float
 
     @property
     def loss(self) -> float:
-        """Share of the first peak that is lost [-]."""
+        """Relative loss of the first peak [-]."""
         return (self.first_peak - self.last_peak) / self.first_peak if self.first_peak > 0.0 else 0.0
 
 
@@ -49,12 +49,12 @@ def loops(dataset: Dataset) -> tuple[Loop, ...]:
     Raises
     ------
     DatasetError
-        Where there is no shortening, tension or cycle.
+        If there is no shortening, tension or cycle.
     """
     shortening, tension = dataset.values("shortening"), dataset.values("tension")
     found: list[Loop] = []
     for cycle in cycle_rows(dataset):
-        # The dwell at the top belongs to the loop's outline, though to neither branch.
+        # The dwell at the turning point is part of the loop, though of neither branch.
         rows = np.arange(cycle.loading[0], cycle.unloading[-1] + 1)
         loading = _area(shortening, tension, cycle.loading)
         found.append(

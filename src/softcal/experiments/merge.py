@@ -1,4 +1,4 @@
-"""Two records of one test as one: on one clock, or by the labels of their states."""
+"""Merging two records of one test: on one clock, or by the labels of their states."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from softcal.units import format_quantity
 
 
 def merge_on_one_clock(first: Dataset, second: Dataset) -> Dataset:
-    """The first record with the channels of the second interpolated at its times, where both have samples.
+    """The first record with the channels of the second interpolated at its times, over their common span.
 
     Raises
     ------
     DatasetError
-        Where a record has no time, both hold the same channel, or they share no span of time.
+        If a record has no time, both have the same channel, or they have no common span of time.
     """
     where = f"{first.name} and {second.name}"
     shared = [key for key in second.channels if key in first.channels and key != "time"]
@@ -44,13 +44,13 @@ def merge_on_one_clock(first: Dataset, second: Dataset) -> Dataset:
 
 
 def merge_on_labels(first: Dataset, second: Dataset) -> Dataset:
-    """The first record with the channels of the second at the states that have the same label; other states of the
-    second are left out.
+    """The first record with the channels of the second at the states of equal label; other states of the second are
+    omitted.
 
     Raises
     ------
     DatasetError
-        Where both hold the same channel, or the second has no row for a state of the first (all of them are named).
+        If both have the same channel, or the second lacks states of the first (all are named).
     """
     where = f"{first.name} and {second.name}"
     shared = [key for key in second.channels if key in first.channels]

@@ -19,7 +19,7 @@ from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.units import unit_factor
 
 _MAGIC = 80  # second byte of every .c3d file
-# What the package raises for a file that ends too early or whose parts contradict each other.
+# Exceptions of the package for truncated or inconsistent files.
 _BROKEN = (
     ArithmeticError, AssertionError, AttributeError, EOFError, LookupError, MemoryError, NameError, TypeError,
     ValueError, struct.error,
@@ -36,20 +36,18 @@ def read_c3d(path: str | Path, markers: Mapping[str, str], *, name: str = "") ->
     path
         The file.
     markers
-        Marker of the robot -> its label in the file, blanks around it left off.
+        Marker of the robot -> its label in the file, without surrounding blanks.
     name
-        Name of the dataset; the file's stem where empty.
+        Name of the dataset; default: the file's stem.
 
-    A sample whose residual is negative, as a marker has that was not seen, is NaN. The unit is the file's own
-    (POINT:UNITS).
+    A sample with a negative residual (hidden marker) is NaN. The unit is the file's (POINT:UNITS).
 
     Raises
     ------
     DatasetError
-        Where this is no .c3d file, or one without points, frames or rate, or has no such label (the nearest is named);
-        all that were found.
+        With all faults: not a .c3d file, no points, frames or rate, or an unknown label (the nearest one is suggested).
     UnitError
-        Where the file does not say in which unit of length its positions are.
+        If the file has no unit of length.
     StorageError
         Where the file cannot be read.
     """
@@ -102,7 +100,7 @@ def _parse(raw: bytes) -> tuple[list[str], str, float, Floats]:
     import c3d
 
     with warnings.catch_warnings():
-        # What it warns of (no analogue channels, no descriptions) does not concern the markers.
+        # Its warnings (no analogue channels, no descriptions) do not concern markers.
         warnings.simplefilter("ignore")
         reader: Any = c3d.Reader(io.BytesIO(raw))
         found = [points for _, points, _ in reader.read_frames()]
@@ -113,7 +111,7 @@ def _parse(raw: bytes) -> tuple[list[str], str, float, Floats]:
 
 
 def _labels(reader: Any) -> list[str]:
-    """The labels, trimmed; of more than 255 points they go on in POINT:LABELS2, …"""
+    """The labels, trimmed; with more than 255 points they continue in POINT:LABELS2, …"""
     labels: list[str] = []
     number = 1
     while (parameter := reader.get("POINT:LABELS" if number == 1 else f"POINT:LABELS{number}")) is not None:

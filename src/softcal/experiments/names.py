@@ -1,4 +1,4 @@
-"""The names that bench channels go by, the unit each is held in."""
+"""Names of bench channels, and their SI units."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ CHANNEL_UNITS = {
     "z": "m",
 }
 
-# Ends the name of the channel that holds another's standard deviation, sample by sample: `m4.x_sd`.
+# Suffix of the channel with another's standard deviation, sample by sample: `m4.x_sd`.
 DEVIATION = "_sd"
 
 ANGLES = ("pitch", "roll", "yaw")
@@ -24,7 +24,7 @@ QUATERNION = ("qw", "qx", "qy", "qz")
 
 
 def channel_unit(name: str) -> str | None:
-    """The SI unit of a channel by its name (`pitch`, `m4.x`, `cable1.tension`, `m4.x_sd`), None where it is no name."""
+    """SI unit of a channel by its name (`pitch`, `m4.x`, `cable1.tension`, `m4.x_sd`); None for an unknown name."""
     owner, _, kind = name.removesuffix(DEVIATION).rpartition(".")
     if "." in owner or (kind == "time" and (owner or is_deviation(name))) or name.startswith("."):
         return None
@@ -32,10 +32,10 @@ def channel_unit(name: str) -> str | None:
 
 
 def is_deviation(channel: str) -> bool:
-    """Whether a channel holds the standard deviations of another."""
+    """Whether a channel is the standard deviation of another."""
     return channel.endswith(DEVIATION)
 
 
 def deviation_channel(channel: str) -> str:
-    """The name of the channel that holds the standard deviations of this one."""
+    """Name of the channel with the standard deviations of this one."""
     return channel + DEVIATION

@@ -1,4 +1,4 @@
-"""An IMU's quaternions turned into the plate's pitch, roll and yaw, defined as in the twin.
+"""Conversion of an IMU's quaternions to the plate's pitch, roll and yaw, as defined in the twin.
 
 With R the rotation of the plate from its rest pose, in the robot's frame (z along the neck):
 R = Ry(pitch) Rx(roll) Rz(yaw), so that
@@ -23,17 +23,17 @@ def plate_angles(
     Parameters
     ----------
     quaternions
-        (n, 4), scalar first, turning sensor coordinates into the instrument's earth frame, whatever its heading.
+        (n, 4), scalar first, rotating sensor coordinates into the instrument's earth frame of any heading.
         For the opposite convention give qx, qy and qz the scale -1.
     axes
-        The robot's x, y and z at rest as seen by the sensor, such as ("-y", "x", "z").
+        The robot's x, y and z at rest in sensor axes, such as ("-y", "x", "z").
     rest_samples
         Number of samples whose mean pose is the rest pose.
 
     Raises
     ------
     DatasetError
-        Where the axes are not a right-handed triad or a quaternion is far from unit length.
+        If the axes are not a right-handed triad or a quaternion is far from unit length.
     """
     from scipy.spatial.transform import Rotation
 

@@ -1,4 +1,4 @@
-"""Numbers that are possible but unlikely for a soft robot on a bench: warnings, as sentences, never errors."""
+"""Plausibility check of bench data: warnings on values that are unlikely for a soft robot, never errors."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _FLOOR = 0.1  # share of the force's range that still counts as slack
 
 
 def check_plausible(dataset: Dataset) -> tuple[str, ...]:
-    """One sentence for everything that looks like a wrong unit, sign or column; none where all is well."""
+    """One sentence for each suspected wrong unit, sign or column; empty if there is none."""
     return (*_stiffness(dataset), *_ranges(dataset), *_angles(dataset), *_time(dataset))
 
 

@@ -1,4 +1,4 @@
-"""The preparation steps by the names they have in a project, their settings with units, and a list of them applied.
+"""Preparation steps: their names in a project, settings with units, and application in order.
 
 In a project each step is a name alone (`find_cycles`), a name with its first setting (`take_branch: loading`), or a
 name with settings (`zero: {channel: tension, by: min}`).
@@ -22,7 +22,7 @@ from softcal.units import parse_quantity
 
 @dataclass(frozen=True)
 class PlannedStep:
-    """A step with its settings in SI, ready to be applied."""
+    """A step with its settings in SI."""
 
     name: str
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -33,12 +33,12 @@ class PlannedStep:
         Raises
         ------
         DatasetError
-            Where the data do not allow the step.
+            If the data do not allow the step.
         """
         if dataset.incomplete and not STEPS[self.name].keeps_gaps:
             raise DatasetError(
                 Fault(
-                    f"{self.name} cannot be done where values are missing",
+                    f"{self.name} cannot be applied to missing values",
                     where=dataset.name,
                     got=", ".join(dataset.incomplete),
                     allowed=", ".join(sorted(name for name, step in STEPS.items() if step.keeps_gaps)),
@@ -48,12 +48,12 @@ class PlannedStep:
 
 
 def prepare(dataset: Dataset, steps: Sequence[PlannedStep | Mapping[str, Any] | str]) -> Dataset:
-    """The dataset after all the steps, in their order.
+    """The dataset after all steps in order.
 
     Raises
     ------
     DatasetError
-        Where a step or setting is unknown (all of them at once, before anything is done), or the data do not allow it.
+        If a step or setting is unknown (all are reported before any step is applied), or the data do not allow it.
     """
     planned = parse_steps([step for step in steps if not isinstance(step, PlannedStep)])
     waiting = iter(planned)
@@ -65,7 +65,7 @@ def prepare(dataset: Dataset, steps: Sequence[PlannedStep | Mapping[str, Any] | 
 def parse_steps(steps: Sequence[Mapping[str, Any] | str], *, where: str = "prepare") -> tuple[PlannedStep, ...]:
     """Steps as a project lists them, with every quantity in SI.
 
-    where: the key that holds the list; a fault is told at `where[i].step.setting`.
+    where: the key of the list; a fault is located at `where[i].step.setting`.
 
     Raises
     ------
@@ -161,7 +161,7 @@ def _parse_of_channel(
     channel = given.get(setting.channel_from, default)
     unit = channel_unit(str(channel))
     if unit is None:
-        # That setting is itself at fault and told as such; the unit of this one cannot be known.
+        # That setting is reported as a fault itself; the unit of this one is unknown.
         raise _wrong(where, value, f"a quantity in the unit of the channel that '{setting.channel_from}' names")
     try:
         return parse_quantity(value, unit, where=where)

@@ -1,4 +1,4 @@
-"""Bench files as instruments write them, read into a Dataset in SI with every fault of the file told at once."""
+"""Reading bench files of instruments into a Dataset in SI; all faults of a file are reported together."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from softcal.experiments.names import ANGLES, QUATERNION
 from softcal.experiments.orientation import plate_angles
 from softcal.experiments.table import WHITESPACE, Table
 
-_N_VALUES = 10  # values of a column named in a fault
+_N_VALUES = 10  # values of a column listed in a fault
 
 
 def read_table(  # noqa: PLR0913 (one keyword for each thing in which files differ)
@@ -38,7 +38,7 @@ def read_table(  # noqa: PLR0913 (one keyword for each thing in which files diff
     optional: Collection[str] = (),
     label: str | None = None,
 ) -> Dataset:
-    """Read a CSV or TXT file of a testing machine, an IMU, or of markers.
+    """Read a CSV or TXT file of a testing machine, an IMU or a marker measurement.
 
     Parameters
     ----------
@@ -46,34 +46,34 @@ def read_table(  # noqa: PLR0913 (one keyword for each thing in which files diff
         Text in UTF-8, Latin-1 or UTF-16. Lines that start with #, %, ! or // are comments; lines above the column
         names are skipped.
     columns
-        Channel -> its column. Channels: time, shortening, tension, pitch, roll, yaw, x, y, z; the same but time of
-        several cables, plates and markers, such as `cable1.tension` or `m4.x` (there an empty cell is a missing value),
-        and their standard deviations, such as `m4.x_sd`; mass [kg] of what hangs from a cable. The four columns qw, qx,
-        qy, qz become pitch, roll and yaw (`orientation.plate_angles`).
+        Channel -> its column. Channels: time, shortening, tension, pitch, roll, yaw, x, y, z; all but time also for
+        several cables, plates and markers, such as `cable1.tension` or `m4.x` (an empty cell is a missing value), and
+        their standard deviations, such as `m4.x_sd`; hanging mass of a cable [kg]. The four columns qw, qx, qy, qz
+        become pitch, roll and yaw (`orientation.plate_angles`).
     name
-        Name of the dataset; the file's stem where empty.
+        Name of the dataset; default: the file's stem.
     delimiter, decimal
-        comma, semicolon, tab or " " (any white space); "." or ",". Found from the file where None.
+        comma, semicolon, tab or " " (any white space); "." or ",". None detects them from the file.
     header_row, units_row
-        1-based line of the column names and of the units under them. Found from the file where None.
+        1-based line of the column names and of the units below. None detects them from the file.
     skip_rows, skip_footer
-        Lines to leave out at the top and at the bottom.
+        Lines to skip at the top and at the bottom.
     where
-        Column -> value, or list of values: only rows that hold it, compared as a number where both are numbers.
+        Column -> value, or list of values: keeps only matching rows, compared as numbers if both are numbers.
     axes, rest_samples
-        For quaternions: the robot's x, y, z as seen by the sensor, and the samples at rest at the beginning.
+        For quaternions: the robot's x, y, z in sensor axes, and the number of samples at rest at the beginning.
     optional
-        Channels that are left out where the file has no such column.
+        Channels that are omitted if the file has no such column.
     label
         Column that names each row.
 
     Raises
     ------
     DatasetError
-        Missing or doubled column, text or NaN in a number column, time that runs backwards, an empty file, a filter
-        that leaves nothing: all that were found.
+        With all faults: missing or duplicate column, text or NaN in a number column, descending time, an empty file, a
+        filter without a matching row.
     UnitError
-        Where all that is wrong is units: missing, unknown, of another dimension, or other than the file says.
+        If all faults are of units: missing, unknown, of another dimension, or contradicting the file.
     StorageError
         Where the file cannot be read.
     """
@@ -112,7 +112,7 @@ def read_table(  # noqa: PLR0913 (one keyword for each thing in which files diff
     n_equal_times = _check_time(table, held, values, places, faults)
     raise_faults(faults, layout.unit_faults)
     n_kept, n_rows, labels, used_decimal = len(held.lines), held.n_rows, held.labels, held.decimal
-    del held  # its numbers are in `values`, and a table may be as large as the memory allows
+    del held  # its numbers are in `values`; frees memory of large tables
     channels, notes = _channels(table, values, axes, rest_samples)
     if n_equal_times:
         notes.append(f"{n_equal_times} sample(s) share their time with the one before")
@@ -136,7 +136,7 @@ def read_table(  # noqa: PLR0913 (one keyword for each thing in which files diff
 
 
 def _doubled_labels(table: Table, place: int, held: Columns) -> list[Fault]:
-    """A fault where two rows go by one label."""
+    """A fault if two rows have the same label."""
     first: dict[str, int] = {}
     twice = [i for i, text in enumerate(held.labels) if first.setdefault(text, i) < i]
     if not twice:
@@ -147,7 +147,7 @@ def _doubled_labels(table: Table, place: int, held: Columns) -> list[Fault]:
 
 
 def _unmet(table: Table, filters: Sequence[Filter], held: Columns) -> list[Fault]:
-    """The values of the first filter that no row holds: those that follow saw none for it."""
+    """Faults of the first filter's values that no row has; later filters saw only its rows."""
     if not held.unmet:
         return []
     i, (missing, seen) = next(iter(held.unmet.items()))
@@ -178,7 +178,7 @@ def _lines(first: Sequence[int], n: int) -> str:
 def _check_time(
     table: Table, held: Columns, values: Mapping[str, Floats], places: Mapping[str, int], faults: list[Fault]
 ) -> int:
-    """A fault where time runs backwards; the number of samples whose time is that of the one before."""
+    """A fault if time descends; and the number of samples with the time of the previous one."""
     if "time" not in values:
         return 0
     steps = np.diff(values["time"])

@@ -1,4 +1,4 @@
-"""Two records on two clocks, brought onto one by the motion that both saw."""
+"""Synchronisation of two records with separate clocks, by cross-correlation of a common motion."""
 
 from __future__ import annotations
 
@@ -12,17 +12,25 @@ from softcal.experiments.dataset import Dataset, Step
 from softcal.units import format_quantity
 
 _MAX_SAMPLES = 200_000
-# A second peak this near to the best one, a period away, leaves the lag open.
+# Ratio of a second correlation peak to the best one from which the lag is ambiguous.
 _AMBIGUOUS = 0.98
-QUARTZ = 200e-6  # how far one quartz clock runs from another, at most, two cheap ones in the cold and in the heat
+QUARTZ = 200e-6  # largest relative rate of two quartz clocks: two cheap ones at different temperatures
 
 
 @dataclass(frozen=True)
 class ClockFit:
-    """How the second clock runs: t_imu = t_utm + lag + rate (t_utm - middle).
+    """Relation of the two clocks: t_imu = t_utm + lag + rate (t_utm - middle).
 
-    lag [s] at `middle` [s, UTM clock], positive where the IMU's clock shows more; rate [-] (1e-6 is one ppm);
-    correlation [-] of the two signals over their overlap.
+    Attributes
+    ----------
+    lag
+        Lag at `middle` [s]; positive if the IMU's clock is ahead.
+    rate
+        Relative rate [-]; 1e-6 is one ppm.
+    middle
+        Reference time on the UTM's clock [s].
+    correlation
+        Correlation coefficient of the two signals over their overlap [-].
     """
 
     lag: float
@@ -40,7 +48,7 @@ def _pace(rate: float) -> str:
 
 
 def clock_warning(dataset: Dataset) -> str:
-    """A sentence where two records were synchronised with a rate that no two clocks have, or ""."""
+    """A warning if two records were synchronised with a rate that is impossible for two clocks, or ""."""
     for step in dataset.provenance:
         rate = step.settings.get("rate", 0.0) if step.name == "synchronise" else 0.0
         if abs(rate) > QUARTZ:
@@ -67,19 +75,19 @@ def synchronise(
     Parameters
     ----------
     max_lag
-        Largest lag between the two clocks that is looked at [s]; None: while half the shorter record overlaps.
-        Between cycles all alike, give less than the duration of a cycle.
+        Largest lag that is searched [s]; None: as long as half of the shorter record overlaps. For equal cycles, give
+        less than the duration of a cycle.
     reference, signal
-        Channels of `utm` and of `imu` that follow the same motion; a signal of the opposite sign will do.
+        Channels of `utm` and of `imu` that follow the same motion, with equal or opposite sign.
     estimate_rate
-        Whether the IMU's clock may also run faster or slower than the machine's.
+        Whether to estimate a rate of the IMU's clock relative to the machine's.
     min_correlation
-        Least correlation coefficient, over the overlap, of two records of the same test.
+        Smallest accepted correlation coefficient over the overlap.
 
     Raises
     ------
     DatasetError
-        Where the two share a channel, the correlation is weak, peaks at the largest lag, or peaks twice as high.
+        If both have the same channel, or the correlation is weak, peaks at the largest lag, or has two equal peaks.
     """
     shared = [key for key in imu.channels if key in utm.channels and key != "time"]
     if shared:
@@ -157,24 +165,24 @@ def fit_clock(
     Raises
     ------
     DatasetError
-        Where the peak of the correlation is weak, ambiguous or at the edge of the search.
+        If the peak of the correlation is weak, ambiguous or at the limit of the search.
     """
     where = f"{utm.name} and {imu.name}"
     x_time, x_raw = _distinct(utm.values("time"), utm.values(reference))
     y_time, y_raw = _distinct(imu.values("time"), imu.values(signal))
     spans = float(np.ptp(x_time)), float(np.ptp(y_time))
     if min(spans) <= 0.0 or min(np.ptp(x_raw), np.ptp(y_raw)) <= 0.0:
-        raise DatasetError(Fault("a record that does not move cannot be synchronised", where=where))
+        raise DatasetError(Fault("a constant signal cannot be synchronised", where=where))
     step = max(min(float(np.median(np.diff(t))) for t in (x_time, y_time)), max(spans) / _MAX_SAMPLES)
     x = _evenly(x_time, x_raw, step)
     y = _evenly(y_time, y_raw, step)
-    apart = y_time[0] - x_time[0]  # what the clocks say already, taken into account
+    apart = y_time[0] - x_time[0]  # offset of the clocks by their own times
     coarse, sign = _coarse_lag(x, y, step, apart, max_lag, where)
     shift, correlation = _refine(x, y, coarse, step, sign)
     if abs(correlation) < min_correlation:
         raise DatasetError(
             Fault(
-                f"{reference} and {signal} hardly move together, so the clocks cannot be matched",
+                f"{reference} and {signal} are hardly correlated, so the clocks cannot be matched",
                 where=where,
                 got=f"correlation {correlation:+.3f} at a lag of {shift * step + apart:.3f} s",
                 allowed=f"{min_correlation:g} or more",
@@ -201,11 +209,11 @@ def _evenly(time: Floats, values: Floats, step: float) -> Floats:
 def _coarse_lag(
     x: Floats, y: Floats, step: float, apart: float, max_lag: float | None, where: str
 ) -> tuple[int, float]:
-    """Whole samples that y is behind x (by index), and the sign of the correlation there."""
+    """Lag of y behind x in whole samples (by index), and the sign of the correlation there."""
     from scipy.signal import correlate, correlation_lags
 
     a, b = (x - x.mean()) / x.std(), (y - y.mean()) / y.std()
-    # Without a division by the overlap: it favours the lag at which most cycles meet, not one a period beside it.
+    # Not divided by the overlap: favours the lag at which most cycles coincide over one a period away.
     correlation = correlate(b, a, mode="full") / min(len(x), len(y))
     lags = correlation_lags(len(b), len(a), mode="full")
     overlap = np.minimum(len(y), lags + len(x)) - np.maximum(lags, 0)
@@ -227,7 +235,7 @@ def _coarse_lag(
     if best in (0, len(lags) - 1):
         raise DatasetError(
             Fault(
-                "the correlation of the two records peaks at the largest lag looked at",
+                "the correlation of the two records peaks at the largest searched lag",
                 where=where,
                 got=f"lag {lags[best] * step + apart:+.3f} s",
                 attempt="a larger max_lag, or records that cover the same cycles",
@@ -235,7 +243,7 @@ def _coarse_lag(
         )
     sign = float(np.sign(correlation[best]))
     rectified = sign * correlation
-    # Beyond the first lag on either side where the correlation is lost, another peak as high is another answer.
+    # Another peak of equal height, beyond the first loss of correlation on either side, makes the lag ambiguous.
     left = np.flatnonzero(rectified[:best] < 0.5 * rectified[best])
     right = np.flatnonzero(rectified[best:] < 0.5 * rectified[best])
     others = np.concatenate(
@@ -254,10 +262,10 @@ def _coarse_lag(
 
 
 def _refine(x: Floats, y: Floats, coarse: int, step: float, sign: float) -> tuple[float, float]:
-    """Lag in samples to a fraction, by a parabola through the correlation coefficients near the best; and the best."""
+    """Lag in fractional samples, by a parabola through the correlation coefficients near the peak; and the peak."""
     reach = 2
     peak = _coefficient(x, y, coarse)
-    # Wide enough that the parabola's fall stands above the noise: a hundredth of what there is to lose.
+    # Wide enough that the parabola's decrease exceeds the noise: a hundredth of the peak's height.
     while reach < min(len(x), len(y)) // 4 and sign * _coefficient(x, y, coarse + reach) > sign * peak - 0.01:
         reach = int(np.ceil(1.5 * reach))
     offsets = np.unique(np.linspace(-reach, reach, 41).round().astype(int))
@@ -282,7 +290,7 @@ def _coefficient(x: Floats, y: Floats, shift: int) -> float:
 
 
 def _overlap(n_x: int, n_y: int, shift: int) -> tuple[int, int]:
-    """Samples of x that have a partner y[i + shift]."""
+    """Range of samples of x for which y[i + shift] exists."""
     return max(0, -shift), min(n_x, n_y - shift)
 
 

@@ -1,4 +1,4 @@
-"""How an instrument writes its table (delimiter, header, units row), and its cells with their line numbers."""
+"""Detection of a text table's format (delimiter, header, units row), and its cells with line numbers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ DELIMITERS = (";", "\t", ",", WHITESPACE)
 
 _COMMENTS = ("#", "%", "!", "//")
 _HEADER_SEARCH_LINES = 1000
-_BEGINNING = 2000  # lines with something in them, from which is judged how a file is written
+_BEGINNING = 2000  # non-empty lines used to detect the format
 _BRACKETED = re.compile(r"^(?P<base>.*?)\s*[\[(](?P<unit>[^\[\]()]*)[\])]$")
 _AFTER_SLASH = re.compile(r"^(?P<base>.*?)\s*/\s*(?P<unit>\S+)$")
 _NUMBER = re.compile(r"^[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?$")
@@ -32,10 +32,10 @@ _SUFFIX_UNITS = frozenset(
 
 @dataclass(frozen=True)
 class Table:
-    """The cells of a text file below its header, read when they are asked for.
+    """The cells of a text file below its header, read on demand.
 
-    headers: as written; unit_cells: the units row under them, "" where there is none. first_line, last_line: of the
-    file (from 1), between which the rows are.
+    headers: as written; unit_cells: the units row below, "" if there is none. first_line, last_line: line numbers of
+    the first and last row (from 1).
     """
 
     file: TextFile
@@ -48,11 +48,11 @@ class Table:
 
     @property
     def path(self) -> Path:
-        """Of the file."""
+        """Path of the file."""
         return self.file.path
 
     def find(self, name: str) -> list[int]:
-        """Columns that go by `name`: as written, else with the unit left off, else in any case."""
+        """Columns with this name: as written, else without the unit, else ignoring case."""
         candidates = [(column, (header, split_header(header)[0])) for column, header in enumerate(self.headers)]
         wanted = " ".join(name.split())
         for level in range(2):
@@ -62,12 +62,12 @@ class Table:
         return [c for c, names in candidates if wanted.casefold() in (n.casefold() for n in names)]
 
     def rows(self) -> Iterator[tuple[list[int], list[list[str]]]]:
-        """The rows in blocks: the line of each, and its cells, as many as there are headers; empty rows are left out.
+        """The rows in blocks: line numbers and cells, one per header; empty rows are skipped.
 
         Raises
         ------
         DatasetError
-            Where there is no row, or one has more fields than there are column names: how many, and the first.
+            If there is no row, or rows have more fields than column names: their number, and the first one.
         """
         width, n_rows, n_long = len(self.headers), 0, 0
         first_long = (0, 0)
@@ -117,14 +117,14 @@ def load_table(
     skip_rows: int = 0,
     skip_footer: int = 0,
 ) -> Table:
-    """Find out how a text table is written; the header is the line that names the most of the `wanted` columns.
+    """Detect the format of a text table; the header is the line with the most of the `wanted` column names.
 
     Raises
     ------
     StorageError
         Where the file cannot be read.
     DatasetError
-        Where it is empty, is not text, or has no column names.
+        If it is empty, is not text, or has no column names.
     """
     if delimiter is not None and len(delimiter) != 1:
         raise DatasetError(
@@ -177,14 +177,14 @@ def split_header(header: str) -> tuple[str, str | None]:
 
 
 def bare_unit(cell: str) -> str:
-    """The unit of a cell of a units row, its brackets taken off."""
+    """The unit of a cell of a units row, without brackets."""
     match = _MARKED.match(cell.strip())
     return (match["unit"] if match else cell).strip()
 
 
 @functools.cache
 def is_unit(text: str) -> bool:
-    """Whether `text` is a unit of any quantity that softcal knows."""
+    """Whether `text` is a known unit."""
     for si_unit in SI_UNITS.values():
         try:
             unit_factor(text, si_unit)
@@ -201,7 +201,7 @@ def uses_decimal_comma(cells: Sequence[str]) -> bool:
 
 
 def _beginning(file: TextFile, skip_rows: int, last: int, least: int) -> list[tuple[int, str]]:
-    """The first lines with something in them and their numbers: all in which a header is looked for, and `least`."""
+    """The first non-empty lines and their numbers: those searched for a header, at least `least`."""
     body: list[tuple[int, str]] = []
     for first, lines in file.blocks():
         for number, line in enumerate(lines, start=first):
@@ -229,7 +229,7 @@ def _cells(path: Path, number: int, line: str, delimiter: str, *, header: bool =
 
 def _split(line: str, delimiter: str, *, header: bool = False) -> list[str]:
     if delimiter.isspace() and delimiter != "\t":
-        # In a header a unit in brackets belongs to the word before it, blank or no blank.
+        # In a header a unit in brackets belongs to the preceding word, with or without a blank.
         pattern = r'"[^"]*"|[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?|[\[(][^\])]*[\])]' if header else r'"[^"]*"|\S+'
         return [cell.strip('"').strip() for cell in re.findall(pattern, line)]
     if '"' not in line:
@@ -248,7 +248,7 @@ def _n_matched(cells: list[str], wanted: Sequence[str]) -> int:
 
 
 def _best_header(path: Path, body: list[tuple[int, str]], wanted: Sequence[str], delimiter: str) -> tuple[int, int]:
-    """(columns matched, line number) of the best header; a commented line only where no other names any."""
+    """(columns matched, line number) of the best header; a commented line only if no other line matches."""
     best = (0, 0)
     for commented in (False, True):
         for number, line in body[:_HEADER_SEARCH_LINES]:
@@ -268,7 +268,7 @@ def _sniff_delimiter(path: Path, body: list[tuple[int, str]], wanted: Sequence[s
     matched = {delimiter: _best_header(path, body_header, wanted, delimiter)[0] for delimiter in DELIMITERS}
     if any(matched.values()):
         return max(DELIMITERS, key=lambda delimiter: matched[delimiter])
-    # No wanted name anywhere: the delimiter that cuts the most lines into the same number of cells.
+    # No wanted name anywhere: take the delimiter that splits the most lines into the same number of cells.
     sample = [(number, line) for number, line in body[-50:] if not _is_comment(line)]
 
     def regularity(delimiter: str) -> int:

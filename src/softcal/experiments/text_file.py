@@ -1,4 +1,4 @@
-"""A text file of any size, read in blocks of lines: its encoding found, its bytes hashed, never all of it in memory."""
+"""Reading a text file of any size in blocks of lines, with detection of its encoding and a hash of its bytes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _LONGEST_LINE = 1_000_000  # characters
 
 @dataclass(frozen=True)
 class TextFile:
-    """A file that is text; n_lines: how many there are, an unfinished last one among them."""
+    """A text file; n_lines: number of lines, including an unterminated last one."""
 
     path: Path
     sha256: str
@@ -27,14 +27,14 @@ class TextFile:
     n_lines: int
 
     def blocks(self) -> Iterator[tuple[int, list[str]]]:
-        """The lines in blocks, without their ends, each block with the number of its first line (from 1).
+        """The lines in blocks, without line ends, each block with the number of its first line (from 1).
 
         Raises
         ------
         StorageError
-            Where the file cannot be read any more.
+            If the file can no longer be read.
         DatasetError
-            For a line of more than a million characters, such as a file without ends of lines has.
+            For a line of more than a million characters, as in a file without line ends.
         """
         number = 1
         for lines in _blocks(self.path, self.encoding):
@@ -43,14 +43,14 @@ class TextFile:
 
 
 def open_text(path: Path) -> TextFile:
-    """Read a file once for its encoding (UTF-8, else UTF-16 or Latin-1), its hash and the number of its lines.
+    """Read a file once to determine its encoding (UTF-8, else UTF-16 or Latin-1), hash and number of lines.
 
     Raises
     ------
     StorageError
         Where it cannot be read.
     DatasetError
-        Where it is not text, or has a line of more than a million characters.
+        If it is not text, or has a line of more than a million characters.
     """
     for encoding in _candidates(path):
         digest = hashlib.sha256()
@@ -76,7 +76,7 @@ def _candidates(path: Path) -> list[str]:
 
 
 def _blocks(path: Path, encoding: str, seen: Callable[[bytes], object] = bytes) -> Iterator[list[str]]:
-    """Lines, block by block; seen: told the bytes of each."""
+    """Lines, block by block; seen: called with the bytes of each block."""
     rest, number = "", 0
     decode = io.IncrementalNewlineDecoder(codecs.getincrementaldecoder(encoding)(), translate=True).decode
     with _reading(path) as file:

@@ -1,4 +1,4 @@
-"""A record as one sample: the mean over a window at its end, with the spread as noise."""
+"""Averaging a record to one sample: the mean over a window at its end, with the spread as noise."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from softcal.units import format_quantity
 
 @register_step(keeps_gaps=True, leaves_out="samples", last=Setting("time"))
 def average(dataset: Dataset, *, last: float | None = None) -> Dataset:
-    """One sample, the mean over the record or its last seconds; the spread becomes the noise of each channel.
+    """One sample: the mean over the record or its last seconds; the spread becomes the noise of each channel.
 
-    Missing values are left out of the mean. The spread is the standard deviation of single samples, not of their mean,
-    for what moves within the window is no noise that averages out.
+    Missing values are omitted. The spread is the standard deviation of single samples, not of their mean, since motion
+    within the window is no noise that averages out.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ def average(dataset: Dataset, *, last: float | None = None) -> Dataset:
     Raises
     ------
     DatasetError
-        Where the window is empty, there is no time to tell it by, or something has no value within it.
+        If the window is empty, there is no time channel, or a channel has no value within the window.
     """
     rows = _window(dataset, last)
     unseen = [key for key, channel in dataset.channels.items() if np.isnan(channel.values[rows]).all()]
@@ -56,7 +56,7 @@ def _window(dataset: Dataset, last: float | None) -> np.ndarray:
     if not last > 0:
         raise DatasetError(Fault("no sample within the window", dataset.name, f"the last {last:g} s", "above 0 s"))
     time = dataset.values("time")
-    # A sample that lies on the edge but for rounding is none of the window's.
+    # A sample at the edge of the window up to rounding is excluded.
     return time > time[-1] - last + 1e-9 * max(abs(float(time[-1])), last)
 
 
@@ -68,7 +68,7 @@ def _unseen(dataset: Dataset, owner: str, last: float | None) -> Fault:
         time = dataset.values("time")
         got = f"last at {time[rows[-1]]:.4g} s of {time[-1]:.4g} s"
     allowed = "at least one value" if last is None else f"at least one value in the last {format_quantity(last, 's')}"
-    return Fault(f"{owner} was not seen in the window", dataset.name, got, allowed)
+    return Fault(f"{owner} was not measured in the window", dataset.name, got, allowed)
 
 
 def _owner(channel: str) -> str:

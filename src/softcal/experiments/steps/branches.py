@@ -20,15 +20,15 @@ PULLEY_STEP = "correct_pulley_friction"
 BRANCH_STEP = "take_branch"
 BRANCH = Setting("choice", choices=("loading", "unloading", "mean"))
 
-# How far [of the travel] from the turning point a sample still counts as dwelling there.
+# Distance from the turning point [of the travel] within which a sample counts as dwell.
 _DWELL = 0.002
-# The share of the pulleys' friction, as an exponent, that must have turned round for a sample to be on the way back.
+# Share of the reversal of the pulleys' friction (as an exponent) from which a sample belongs to the unloading branch.
 _REVERSED = 0.9
 
 
 @dataclass(frozen=True)
 class CycleRows:
-    """Rows of one cycle in a dataset: pulled (`loading`, up to the top) and let go (`unloading`, from the top on)."""
+    """Rows of one cycle in a dataset: `loading` up to the turning point, `unloading` from it on."""
 
     number: int
     loading: Ints
@@ -36,14 +36,14 @@ class CycleRows:
 
 
 def cycle_rows(dataset: Dataset) -> tuple[CycleRows, ...]:
-    """The rows of every cycle by branch; a dataset whose cycles were not looked for is one cycle.
+    """The rows of every cycle by branch; a dataset without `find_cycles` is one cycle.
 
-    Samples that dwell at the top of the travel belong to neither branch, but for the turning points themselves.
+    Samples that dwell at the turning point belong to neither branch, except the turning points themselves.
 
     Raises
     ------
     DatasetError
-        Where there is no shortening to split by, or no cycle.
+        If there is no shortening channel, or no cycle.
     """
     shortening = dataset.values("shortening")
     cycle = np.zeros(dataset.n_samples) if dataset.cycle is None else dataset.cycle
@@ -54,9 +54,9 @@ def cycle_rows(dataset: Dataset) -> tuple[CycleRows, ...]:
 
 
 def curve(abscissa: Floats, ordinates: dict[str, Floats], n_bins: int) -> tuple[Floats, dict[str, Floats]]:
-    """Means of the ordinates over bins of equal width of the abscissa, at the mean abscissa of each.
+    """Means of the ordinates over bins of equal width of the abscissa, at the mean abscissa of each bin.
 
-    Unbiased for a straight line, and rising in the abscissa however noisy that was.
+    Unbiased for a straight line, and increasing in the abscissa even if that is noisy.
     """
     lower, upper = float(abscissa.min()), float(abscissa.max())
     if upper <= lower or n_bins < 2:
@@ -73,22 +73,22 @@ def curve(abscissa: Floats, ordinates: dict[str, Floats], n_bins: int) -> tuple[
 
 @register_step(leaves_out="cycles", branch=BRANCH, n_samples=Setting("count"))
 def take_branch(dataset: Dataset, branch: Branch = "loading", *, n_samples: int | None = None) -> Dataset:
-    """One rising curve over shortening: a branch, or the mean of both, averaged over the cycles.
+    """One monotonic curve over shortening: a branch, or the mean of both, averaged over the cycles.
 
-    Every channel but time is averaged over the cycles on a common grid of shortening; with two or more cycles, the
-    scatter of the single cycle about the average becomes the channel's sigma. `mean` is midway between loading and
-    unloading, the estimate of the equilibrium curve.
+    Every channel except time is averaged over the cycles on a common grid of shortening; with two or more cycles, the
+    scatter of a single cycle about the average becomes the channel's sigma. `mean` is midway between loading and
+    unloading, an estimate of the equilibrium curve.
 
     Parameters
     ----------
     n_samples
-        Points of the grid; None takes 200, or fewer where a branch has fewer samples.
+        Points of the grid; None takes 200, or fewer if a branch has fewer samples.
 
     Raises
     ------
     DatasetError
-        Where a branch asked for is not there, the cycles have no range of shortening in common, or the pulleys'
-        friction was corrected for another branch.
+        If a requested branch is missing, the cycles have no common range of shortening, or pulley friction was
+        corrected for another branch.
     """
     if branch not in ("loading", "unloading", "mean"):
         raise DatasetError(
@@ -144,17 +144,17 @@ def take_branch(dataset: Dataset, branch: Branch = "loading", *, n_samples: int 
 
 
 def branch_of(dataset: Dataset) -> Branch | None:
-    """The branch that `take_branch` took; None where none was taken."""
+    """The branch selected by `take_branch`; None if none was."""
     return next((step.settings["branch"] for step in dataset.provenance if step.name == BRANCH_STEP), None)
 
 
 def require_branch(dataset: Dataset, branch: Branch) -> None:
-    """Let the dataset be read on a branch, if the pulleys' friction, where there is any, was corrected for that one.
+    """Check that pulley friction, if it was corrected, was corrected for this branch.
 
     Raises
     ------
     DatasetError
-        Where it was corrected for another branch.
+        If it was corrected for another branch.
     """
     steps = [step for step in dataset.provenance if step.name == PULLEY_STEP and step.settings["exponent"] > 0.0]
     for step in steps:
@@ -178,10 +178,10 @@ def _split(shortening: Floats, rows: Ints, number: int) -> CycleRows:
 
 
 def _let_go(dataset: Dataset, cycle: CycleRows) -> Ints:
-    """The unloading rows, without those at the turn where friction still has the sign of the pull.
+    """The unloading rows, without those at the reversal where friction still has the sign of loading.
 
-    The turning point itself belongs to the pull. Where the pulleys' friction was corrected, the branch begins once the
-    tension lies as far below that of the pull as this friction makes it; where it never does, at the next row.
+    The turning point belongs to loading. If pulley friction was corrected, the branch starts once the tension is below
+    the loading branch by the reversal of that friction; if it never is, at the next row.
     """
     exponent = pulley_exponent(dataset)
     if exponent <= 0.0 or len(cycle.loading) < 2:
@@ -194,7 +194,7 @@ def _let_go(dataset: Dataset, cycle: CycleRows) -> Ints:
 
 
 def pulley_exponent(dataset: Dataset) -> float:
-    """mu times the angle over all pulleys whose friction was corrected."""
+    """mu times the wrap angle, summed over all pulleys whose friction was corrected."""
     return sum(float(step.settings["exponent"]) for step in dataset.provenance if step.name == PULLEY_STEP)
 
 

@@ -19,12 +19,12 @@ from softcal.units import format_quantity
 def zero(
     dataset: Dataset, channel: str, by: Literal["first", "min"] | float = "first", *, n_samples: int = 1
 ) -> Dataset:
-    """The channel less its first value (the mean of the first n_samples), its least value, or a number [its unit].
+    """Subtract from the channel its first value (mean of the first n_samples), its minimum, or a number [its unit].
 
     Raises
     ------
     DatasetError
-        Where there is no such channel, or `by` is none of the three.
+        If the channel is missing, or `by` is none of the three.
     """
     values = dataset.values(channel)
     if by == "first":
@@ -39,21 +39,23 @@ def zero(
         offset = float(by)
     shown = format_quantity(offset, dataset.channels[channel].unit)
     settings = {"channel": channel, "by": by, "n_samples": n_samples}
-    return dataset.with_channels(Step("zero", settings, f"{shown} taken off {channel}"), **{channel: values - offset})
+    return dataset.with_channels(
+        Step("zero", settings, f"{shown} subtracted from {channel}"), **{channel: values - offset}
+    )
 
 
 @register_step(channel=Setting("channel"), at=Setting("choice", choices=("returns", "ends")))
 def detrend(dataset: Dataset, channel: str, *, at: Literal["returns", "ends"] = "returns") -> Dataset:
-    """The channel less a drift that is linear in time, as an IMU or a load cell has it.
+    """Subtract a drift that is linear in time, as of an IMU or a load cell.
 
-    at: `returns` fits the drift to the starts of the cycles, where the crosshead is back at the lower force limit
-    (without the first cycle, whose start is that of an unstretched specimen, where three or more others are there);
-    `ends` draws it through the first and the last sample. The first sample keeps its value.
+    at: `returns` fits the drift to the starts of the cycles, at which the crosshead is back at the lower force limit
+    (if there are three or more others, without the first cycle, which starts with a virgin specimen); `ends` draws it
+    through the first and the last sample. The first sample keeps its value.
 
     Raises
     ------
     DatasetError
-        Where there is no time, or for `returns` fewer than two cycles.
+        If there is no time, or for `returns` fewer than two cycles.
     """
     time, values = dataset.values("time"), dataset.values(channel)
     if at == "ends":
@@ -70,7 +72,7 @@ def detrend(dataset: Dataset, channel: str, *, at: Literal["returns", "ends"] = 
     unit = dataset.channels[channel].unit
     outcome = (
         f"drift of {channel} {format_quantity(slope * 60.0, unit)} per minute from {len(anchors)} points, "
-        f"{format_quantity(float(drift[-1]), unit)} over the record, taken off"
+        f"{format_quantity(float(drift[-1]), unit)} over the record, subtracted"
     )
     return dataset.with_channels(Step("detrend", {"channel": channel, "at": at}, outcome), **{channel: values - drift})
 
@@ -82,7 +84,7 @@ def smooth(dataset: Dataset, channel: str, n_samples: int, *, order: int = 2) ->
     Raises
     ------
     DatasetError
-        Where the window is even, longer than the data, or no longer than the order.
+        If the window is even, longer than the data, or no longer than the order.
     """
     if n_samples % 2 == 0 or not order < n_samples <= dataset.n_samples:
         raise DatasetError(
@@ -104,7 +106,7 @@ def smooth(dataset: Dataset, channel: str, n_samples: int, *, order: int = 2) ->
 
 
 def detrended(values: Floats) -> Floats:
-    """The values less their best straight line over the samples, as in the detrended errors of paper A's Table II."""
+    """The values minus their least-squares line over the samples, as in the detrended errors of paper A's Table II."""
     if len(values) < 2:
         return np.zeros(len(values))
     from scipy.signal import detrend as remove_line

@@ -1,4 +1,4 @@
-"""Load-unload cycles: found down to the lower force limit, told apart as first, preconditioning or stable, selected."""
+"""Load-unload cycles: detection, classification as first, preconditioning or stable, and selection."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from softcal.units import format_quantity
 
 CycleClass = Literal["first", "preconditioning", "stable"]
 
-# A return to within this share of the peak above the usual floor ends a cycle; more is a cycle cut short.
+# A cycle ends if the force returns to the usual floor within this share of the peak; otherwise it is incomplete.
 _RETURN_TOLERANCE = 0.15
-# Share of the travel within which the crosshead counts as standing still between two cycles.
+# Share of the travel within which the crosshead counts as at rest between two cycles.
 _REST_TOLERANCE = 0.002
 _CURVE_BINS = 40
 
 
 @dataclass(frozen=True)
 class CycleChange:
-    """A cycle beside the one before: peak tension [N], and the changes of peak and of loading curve over that peak."""
+    """Change from the previous cycle: peak tension [N], and changes of peak and loading curve over that peak."""
 
     number: int
     peak: float
@@ -43,24 +43,23 @@ class CycleChange:
 
 @register_step(lower_force_limit=Setting("force"), prominence=Setting("share"))
 def find_cycles(dataset: Dataset, lower_force_limit: float = 0.1, *, prominence: float = 0.25) -> Dataset:
-    """The dataset with the number of its load-unload cycle beside every sample (-1 outside any).
+    """The dataset with the load-unload cycle number of every sample (-1 outside any).
 
-    A cycle is a peak of tension with a return to the lower force limit, or to the floor that the force really
-    returns to where drift or friction keep it above, on either side. Between two cycles the crosshead's way back
-    belongs to the one before, its way out to the one after, and its standing still to none. A cycle that the record
-    cuts short is left out.
+    A cycle is a peak of tension with a return on either side to the lower force limit, or to the floor that the force
+    actually returns to if drift or friction keep it above. Between two cycles the crosshead's return belongs to the
+    previous cycle, its advance to the next, and its rest to none. Incomplete cycles are omitted.
 
     Parameters
     ----------
     lower_force_limit
-        Tension at which the machine turns round [N].
+        Tension at which the machine reverses [N].
     prominence
         Least height of a peak, as a share of the range of the tension.
 
     Raises
     ------
     DatasetError
-        Where no whole cycle is found.
+        If no complete cycle is found.
     """
     from scipy.ndimage import uniform_filter1d
 
@@ -105,9 +104,9 @@ def find_cycles(dataset: Dataset, lower_force_limit: float = 0.1, *, prominence:
 
 
 def cycle_changes(dataset: Dataset) -> tuple[CycleChange, ...]:
-    """Peak of every cycle, and how much it and its loading curve changed from the cycle before (NaN for the first).
+    """Peak of every cycle, and the change of the peak and loading curve from the previous cycle (NaN for the first).
 
-    The curves are compared over the shortening that both reach; both changes are shares of the peak before.
+    The curves are compared over their common range of shortening; both changes are shares of the previous peak.
     """
     shortening, tension = dataset.values("shortening"), dataset.values("tension")
     changes: list[CycleChange] = []
@@ -130,10 +129,10 @@ def cycle_changes(dataset: Dataset) -> tuple[CycleChange, ...]:
 
 @register_step(threshold=Setting("positive ratio"))
 def classify_cycles(dataset: Dataset, threshold: float = 0.02) -> Dataset:
-    """The dataset with its cycles told apart, on record in the provenance (`select_cycles` reads it there).
+    """The dataset with classified cycles, stored in the provenance, from which `select_cycles` reads them.
 
     The first cycle is `first`. The cycles after it are `preconditioning` up to the last that changed by more than
-    `threshold` [share of the peak] in peak or loading curve from the cycle before; the ones after that are `stable`.
+    `threshold` [share of the peak] in peak or loading curve from the previous cycle; later ones are `stable`.
     """
     changes = cycle_changes(dataset)
     unsettled = [change.number for change in changes[1:] if change.change > threshold]
@@ -235,7 +234,7 @@ def _peaks(tension: Floats, prominence: float) -> Ints:
     for _ in range(2):
         peaks = find_peaks(smooth, prominence=max(prominence * span, 1e-12))[0]
         smooth = uniform_filter1d(tension, max(1, len(tension) // (200 * max(len(peaks), 1))))
-    # Two samples of a dwell that are equally high to the last digit are each other's equal, not two peaks.
+    # Two equal samples of a dwell are one peak, not two.
     distinct: list[int] = []
     for peak in peaks.tolist():
         if distinct and smooth[distinct[-1] : peak + 1].min() > smooth[peak] - prominence * span:
@@ -245,7 +244,7 @@ def _peaks(tension: Floats, prominence: float) -> Ints:
 
 
 def _with_ways_out_and_back(shortening: Floats, bounds: list[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Bounds widened over the slack travel: back to the lowest shortening after a cycle, from it before the next."""
+    """Bounds extended over the slack travel: to the lowest shortening after a cycle, and from it before the next."""
     starts = [start for start, _ in bounds]
     ends = [end for _, end in bounds]
     gaps = [(0, starts[0]), *zip(ends[:-1], starts[1:], strict=True), (ends[-1], len(shortening) - 1)]
@@ -275,7 +274,7 @@ def _no_cycle(dataset: Dataset, tension: Floats, lower_force_limit: float) -> Da
 
 
 def _numbers(numbers: Sequence[int]) -> str:
-    """Such as "0, 2 to 7"."""
+    """Numbers as text: "0, 2 to 7"."""
     runs: list[list[int]] = []
     for number in numbers:
         if runs and number == runs[-1][-1] + 1:

@@ -1,4 +1,4 @@
-"""How noisy a channel is: estimated from its own wriggle, or told."""
+"""Noise of a channel: estimated from its second differences, or given."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ NOISE_STEPS = ("set_noise", "estimate_noise")
 def white_noise(values: Floats) -> float:
     """Standard deviation of white noise on a smooth signal, from the median of its second differences.
 
-    The second difference of white noise has the variance 6 sigma^2; the median keeps turning points out of it.
+    The second difference of white noise has the variance 6 sigma^2; the median excludes turning points.
     """
     if len(values) < 5:
         return 0.0
@@ -34,7 +34,7 @@ def set_noise(dataset: Dataset, channel: str, sigma: float) -> Dataset:
     Raises
     ------
     DatasetError
-        Where there is no such channel, or sigma is not positive.
+        If the channel is missing, or sigma is not positive.
     """
     dataset.values(channel)
     if not sigma > 0.0:

@@ -1,10 +1,10 @@
-"""The pulleys between the machine and the neck: their friction by the way in which the cable slides.
+"""Friction of the pulleys between the machine and the neck (capstan equation), by the direction of sliding.
 
-    T_UTM = T exp(+n mu theta)    where the cable is pulled: loading
-    T_UTM = T exp(-n mu theta)    where it is let go: unloading
-    T_UTM = T cosh(n mu theta)    in the mean of both at one shortening
+    T_UTM = T exp(+n mu theta)    loading
+    T_UTM = T exp(-n mu theta)    unloading
+    T_UTM = T cosh(n mu theta)    mean of both at one shortening
 
-n pulleys with friction mu [-], each wrapped by theta [rad]; T is the tension at the neck.
+n pulleys with friction coefficient mu [-] and wrap angle theta [rad] each; T is the tension at the neck.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from softcal.quantities import QUANTITIES
 
 
 def pulley_gain(branch: Branch, exponent: float) -> tuple[float, float]:
-    """The machine's tension over the neck's on a branch, and its derivative by the exponent n mu theta [-]."""
+    """Ratio of the machine's tension to the neck's on a branch, and its derivative by the exponent n mu theta [-]."""
     match branch:
         case "loading":
             return math.exp(exponent), math.exp(exponent)
@@ -46,18 +46,18 @@ def correct_pulley_friction(
     wrap_angle: float = np.pi,
     branch: Branch | None = None,
 ) -> Dataset:
-    """The tension of every cable at the neck from that at the machine, by the friction of the pulleys on one branch.
+    """Correct every cable's tension from the machine to the neck for pulley friction on one branch.
 
     Parameters
     ----------
     branch
-        Which branch the tension is read on in the end; by default the one that `take_branch` took before, or loading.
-        On another one the tension is wrong, so that `take_branch` refuses it afterwards.
+        The branch that is used in the end; by default the one selected by `take_branch`, or loading. On another branch
+        the tension would be wrong, so that `take_branch` refuses it afterwards.
 
     Raises
     ------
     DatasetError
-        Where the dataset has no tension, a setting is negative, they leave nothing of the tension, or the branch is not
+        If the dataset has no tension, a setting is negative, the friction consumes the tension, or the branch is not
         that of the data.
 
     References
@@ -91,11 +91,11 @@ def correct_pulley_friction(
         },
     )
     require_branch(replace(dataset, provenance=(*dataset.provenance, step)), read_on)
-    # Pulleys may be corrected one after the other; the mean's hyperbolic cosines do not multiply.
+    # Pulleys may be corrected in several steps; the hyperbolic cosines of the mean do not multiply.
     before = pulley_exponent(dataset)
     factor = pulley_gain(read_on, before)[0] / pulley_gain(read_on, before + own)[0]
-    way = {"loading": "while it is pulled", "unloading": "while it is let go", "mean": "in the mean of both branches"}
-    step = replace(step, outcome=f"tension at the neck is {factor:.4f} of that at the machine, {way[read_on]}")
+    where = {"loading": "during loading", "unloading": "during unloading", "mean": "in the mean of both branches"}
+    step = replace(step, outcome=f"tension at the neck is {factor:.4f} of that at the machine, {where[read_on]}")
     at_neck = {
         name: replace(measured, values=measured.values * factor, sigma=measured.sigma * factor)
         for name in tensions

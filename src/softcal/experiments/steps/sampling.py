@@ -1,4 +1,4 @@
-"""Fewer or evenly spread samples: resampling along a channel, and windows of a channel."""
+"""Resampling along a channel, and windows of a channel."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from softcal.experiments.steps.branches import curve
 from softcal.limits import LIMITS
 from softcal.units import format_quantity
 
-# A channel may fall back by this share of its range and still count as rising with noise.
+# Largest decrease [share of its range] of a channel that counts as increasing with noise.
 _NOISY_RISE = 0.05
 
 
@@ -25,21 +25,21 @@ _NOISY_RISE = 0.05
     step=Setting("of channel", channel_from="by"),
 )
 def resample(dataset: Dataset, by: str = "shortening", *, n: int | None = None, step: float | None = None) -> Dataset:
-    """The dataset on n samples, or on samples `step` [unit of `by`] apart, evenly spread along the channel `by`.
+    """The dataset at n samples, or at samples with spacing `step` [unit of `by`], evenly spaced along the channel `by`.
 
-    Along a channel that rises strictly the others are interpolated linearly; along one that rises but for noise
+    Along a strictly increasing channel the others are interpolated linearly; along one that increases up to noise
     (such as a measured tension) they are first averaged over n bins. The cycle is that of the nearest sample.
 
     Raises
     ------
     DatasetError
-        Where the channel does not rise, as over whole cycles (take a branch first), or n or step do not fit.
+        If the channel does not increase, as over complete cycles (take a branch first), or n or step are unsuitable.
     """
     abscissa = dataset.values(by)
     unit = dataset.channels[by].unit
     span = float(np.ptp(abscissa))
     n_asked = _n_samples(dataset, by, n, step, span)
-    # Strictly rising, each sample is the highest so far; else the deepest fall below the highest counts, however slow.
+    # Largest decrease from the running maximum: zero if strictly increasing.
     rises = bool(np.all(np.diff(abscissa) > 0.0))
     fall = float(np.max(np.maximum.accumulate(abscissa) - abscissa))
     ordinates = {key: channel.values for key, channel in dataset.channels.items() if key != by}
@@ -83,12 +83,12 @@ def resample(dataset: Dataset, by: str = "shortening", *, n: int | None = None, 
     upper=Setting("of channel"),
 )
 def window(dataset: Dataset, channel: str, *, lower: float | None = None, upper: float | None = None) -> Dataset:
-    """The samples with lower <= channel <= upper [its unit]; None leaves a side open.
+    """The samples with lower <= channel <= upper [its unit]; None means no limit.
 
     Raises
     ------
     DatasetError
-        Where there is no such channel, or the window holds no sample.
+        If the channel is missing, or the window has no sample.
     """
     values = dataset.values(channel)
     unit = dataset.channels[channel].unit

@@ -1,4 +1,4 @@
-"""The taut point: the shortening at which the force leaves its floor, found by two lines and taken off."""
+"""Slack removal: the taut point, at which the force rises from its floor, is fitted by two lines and subtracted."""
 
 from __future__ import annotations
 
@@ -14,14 +14,23 @@ from softcal.experiments.step import Setting, register_step
 from softcal.experiments.steps.branches import take_branch
 from softcal.units import format_quantity
 
-_MIN_SAMPLES = 3  # on the floor, and on the rise
+_MIN_SAMPLES = 3  # on the floor, and on the rising line
 
 
 @dataclass(frozen=True)
 class TautPoint:
-    """Where the cable becomes taut: shortening [m], force floor before it [N], stiffness just after it [N/m].
+    """The point at which the cable becomes taut.
 
-    rmse: of the two lines [N].
+    Attributes
+    ----------
+    shortening
+        Shortening there [m].
+    floor
+        Force before it [N].
+    stiffness
+        Stiffness just after it [N/m].
+    rmse
+        Misfit of the two lines [N].
     """
 
     shortening: float
@@ -31,15 +40,15 @@ class TautPoint:
 
 
 def find_slack(dataset: Dataset, threshold_force: float | None = None) -> TautPoint:
-    """The taut point of the loading branch, averaged over the cycles that are there.
+    """The taut point of the loading branch, averaged over the cycles.
 
-    A level line (the floor) and a rising one that meet are fitted by least squares to the samples up to
-    `threshold_force` [N] above the lowest force; None takes a quarter of the force's range.
+    A constant (the floor) and a rising line that intersect at the taut point are fitted by least squares to the samples
+    up to `threshold_force` [N] above the lowest force; None takes a quarter of the force's range.
 
     Raises
     ------
     DatasetError
-        Where no floor is found, as when the record begins with the cable taut.
+        If no floor is found, as when the record starts with a taut cable.
     """
     branch = take_branch(dataset, "loading")
     shortening, tension = branch.values("shortening"), branch.values("tension")
@@ -81,26 +90,26 @@ def remove_slack(
     subtract_floor: bool = False,
     keep_slack_samples: bool = False,
 ) -> Dataset:
-    """The dataset with the shortening counted from the taut point, without the samples before it.
+    """The dataset with the shortening measured from the taut point, without the samples before it.
 
     Parameters
     ----------
     slack
         Shortening at the taut point [m]; None finds it (`find_slack`).
     subtract_floor
-        Whether the force floor before the taut point is an offset of the load cell, to be taken off the tension.
+        Whether to subtract the force floor from the tension, as an offset of the load cell.
     keep_slack_samples
-        Whether the samples before the taut point stay, at negative shortening.
+        Whether the samples before the taut point are kept, at negative shortening.
 
     Raises
     ------
     DatasetError
-        Where no taut point is found, or no sample lies beyond it.
+        If no taut point is found, or no sample lies beyond it.
     """
     found = find_slack(dataset, threshold_force) if slack is None or subtract_floor else None
     taut = slack if slack is not None else (found.shortening if found is not None else 0.0)
     values = {"shortening": dataset.values("shortening") - taut}
-    words = f"shortening counted from the taut point at {format_quantity(taut, 'm')}"
+    words = f"shortening measured from the taut point at {format_quantity(taut, 'm')}"
     if found is not None:
         words += (
             f"; force floor {format_quantity(found.floor, 'N')}, stiffness after it "
@@ -108,7 +117,7 @@ def remove_slack(
         )
         if subtract_floor:
             values["tension"] = dataset.values("tension") - found.floor
-            words += "; floor taken off the tension"
+            words += "; floor subtracted from the tension"
     kept = np.ones(dataset.n_samples, dtype=bool) if keep_slack_samples else values["shortening"] >= 0.0
     if not kept.any():
         raise DatasetError(
@@ -126,14 +135,14 @@ def remove_slack(
         "subtract_floor": subtract_floor,
         "keep_slack_samples": keep_slack_samples,
     }
-    step = Step("remove_slack", settings, f"{words}; {dropped} samples before it left out")
+    step = Step("remove_slack", settings, f"{words}; {dropped} samples before it removed")
     shifted = dataset.with_channels(step, **values)
-    # One step, one record: the rows go with the shift.
+    # One provenance step for both the shift and the removed rows.
     return replace(shifted.take(kept, step), provenance=shifted.provenance)
 
 
 def _two_lines(s: Floats, force: Floats, taut: float) -> tuple[float, float, float]:
-    """Floor, stiffness and root-mean-square misfit of a level line that rises from `taut` on."""
+    """Floor, stiffness and root-mean-square misfit of a constant that becomes a rising line at `taut`."""
     matrix = np.column_stack([np.ones_like(s), np.maximum(s - taut, 0.0)])
     solution = np.linalg.lstsq(matrix, force, rcond=None)[0]
     rmse = float(np.sqrt(np.mean((matrix @ solution - force) ** 2)))

@@ -1,1 +1,1 @@
-"""What cameras saw: markers found in images, cameras calibrated, poses of the markers by bundle adjustment."""
+"""Camera measurements: marker detection, camera calibration, marker poses by bundle adjustment."""

@@ -1,4 +1,4 @@
-"""ArUco markers found in an image, each with four sharp corners.
+"""Detection of ArUco markers in an image, with four refined corners each.
 
 References
 ----------
@@ -24,8 +24,12 @@ from softcal.vision.fiducials import find_dictionary, marker_modules
 class Detection:
     """The markers in an image.
 
-    corners: marker -> (4, 2) [px], clockwise from the upper left of the marker. unclear: markers that were found but
-    have no clear edges (half hidden, out of focus, too small, or without white around).
+    Attributes
+    ----------
+    corners
+        Marker -> corners (4, 2) [px], clockwise from the upper left of the marker.
+    unclear
+        Detected markers without clear edges (partly hidden, out of focus, too small, or without a white margin).
     """
 
     corners: Mapping[int, Floats]
@@ -38,7 +42,7 @@ def detect_markers(image: Image, dictionary: str, camera: Camera, *, where: str 
     Raises
     ------
     DatasetError
-        Where the image has another resolution than the camera, no marker at all, or one of them twice.
+        If the image has another resolution than the camera, no marker, or a marker twice.
     """
     import cv2
 

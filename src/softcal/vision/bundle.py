@@ -1,8 +1,8 @@
-"""Bundle adjustment: the poses of cameras and bodies that together explain where all points are seen.
+"""Bundle adjustment: poses of cameras and bodies that minimise the reprojection error of all points.
 
-Each sighting gives pixels of points of one body from one viewpoint. Unknown are the viewpoints' poses (base's frame to
-camera's) and the bodies' poses in the base's frame; the base itself stands still. Levenberg and Marquardt's method on
-the squared distances in the images, with turns and shifts of each pose as its steps.
+Each sighting gives pixels of points of one body from one viewpoint. The unknowns are the viewpoints' poses (base frame
+to camera frame) and the bodies' poses in the base frame; the base is fixed. The squared reprojection errors are
+minimised by the Levenberg-Marquardt method; a step is a rotation and a translation of each pose.
 
 References
 ----------
@@ -21,19 +21,19 @@ from softcal.checks import Floats, Ints
 from softcal.geometry.pose import Pose
 from softcal.vision.camera import Camera
 
-BASE = -1  # the number of the body that stands still
+BASE = -1  # number of the fixed body
 
 _MOST_STEPS = 100
 _SMALLEST_GAIN = 1e-7  # of the cost, relative
-_SMALL = 400  # unknowns up to which matrices are full: quicker there
+_SMALL = 400  # unknowns up to which dense matrices are faster
 _NEAREST = 1e-3  # depth below which a point counts as behind the camera [m]
 
 
 @dataclass(frozen=True)
 class Sighting:
-    """Points (n, 3) [m] of a body, in its own frame, seen from a viewpoint at pixels (n, 2).
+    """Points (n, 3) [m] of a body, in its own frame, observed from a viewpoint at pixels (n, 2).
 
-    weight: of its residuals against those of other sightings.
+    weight: weight of its residuals.
     """
 
     view: int
@@ -45,18 +45,18 @@ class Sighting:
 
 @dataclass(frozen=True)
 class Bundle:
-    """Poses of viewpoints (base's frame to camera's) and of bodies (theirs to the base's)."""
+    """Poses of viewpoints (base frame to camera frame) and of bodies (body frame to base frame)."""
 
     camera: Camera
     views: tuple[Pose, ...]
     bodies: tuple[Pose, ...]
 
     def residuals(self, sighting: Sighting) -> Floats:
-        """Computed less seen pixels, shape (n, 2)."""
+        """Computed minus observed pixels, shape (n, 2)."""
         return self.camera.project(self._in_camera(sighting)) - sighting.pixels
 
     def cost(self, sightings: Sequence[Sighting]) -> float:
-        """Sum of squared and weighted residuals [px²]; infinite where a point would be behind a camera."""
+        """Sum of squared weighted residuals [px²]; infinite if a point would be behind a camera."""
         total = 0.0
         for sighting in sightings:
             if self._in_camera(sighting)[:, 2].min() < _NEAREST:
@@ -65,7 +65,7 @@ class Bundle:
         return total
 
     def moved(self, step: Floats, *, hold_views: bool = False) -> Bundle:
-        """The bundle after a step of all free poses, six numbers for each: turn [rad] and shift [m]."""
+        """The bundle after a step of all free poses, six numbers each: rotation [rad] and translation [m]."""
         parts = step.reshape(-1, 6)
         n_views = 0 if hold_views else len(self.views)
         views = self.views if hold_views else tuple(p.moved(d) for p, d in zip(self.views, parts, strict=False))
@@ -78,7 +78,7 @@ class Bundle:
         return self.views[sighting.view].apply(points)
 
     def slopes(self, sighting: Sighting) -> tuple[Floats, Floats]:
-        """Derivative of the pixels by the step of the viewpoint and by that of the body, each (2 n, 6)."""
+        """Derivatives of the pixels by the steps of the viewpoint and of the body, each (2 n, 6)."""
         view = self.views[sighting.view]
         turned = np.zeros_like(sighting.points)
         points = sighting.points
@@ -96,7 +96,7 @@ class Bundle:
 
 @dataclass(frozen=True)
 class Adjustment:
-    """The bundle with the smallest cost [px²] near its start, and how steep the cost rises around it."""
+    """The bundle at a local minimum of the cost [px²], and the normal matrix there."""
 
     bundle: Bundle
     cost: float
@@ -105,7 +105,7 @@ class Adjustment:
     n_held: int  # viewpoints that were not free
 
     def covariances(self, bodies: Sequence[int]) -> Floats:
-        """Covariance (n, 6, 6) of the step of each body, for residuals of 1 px: turn [rad], shift [m]."""
+        """Covariance (n, 6, 6) of the step of each body, for residuals of 1 px: rotation [rad], translation [m]."""
         n_views = len(self.bundle.views) - self.n_held
         scale = 1 / np.sqrt(self.normal.diagonal())
         scaling = _diagonal(scale, self.normal)
@@ -120,16 +120,16 @@ class Adjustment:
 
 
 def adjust(start: Bundle, sightings: Sequence[Sighting], *, hold_views: bool = False) -> Adjustment:
-    """The bundle near `start` that meets all sightings best.
+    """The bundle near `start` that minimises the cost of all sightings.
 
     Parameters
     ----------
     start
-        Near enough for the search to find the minimum; every pose in it must be seen.
+        Start of the search; every pose must have a sighting.
     sightings
-        What is to be met.
+        The observations.
     hold_views
-        Whether the viewpoints stay where they are.
+        Whether the viewpoints are fixed.
     """
     bundle, cost, damping = start, start.cost(sightings), 1e-4
     normal, downhill = _normal_equations(bundle, sightings, hold_views)
@@ -142,7 +142,7 @@ def adjust(start: Bundle, sightings: Sequence[Sighting], *, hold_views: bool = F
         if not lower <= cost:
             damping *= 10
             if damping > 1e8:
-                converged = True  # no step downhill is left within the numbers' precision
+                converged = True  # no descent step within floating-point precision
                 break
             continue
         gain, bundle, cost = cost - lower, candidate, lower
@@ -155,7 +155,7 @@ def adjust(start: Bundle, sightings: Sequence[Sighting], *, hold_views: bool = F
 
 
 def _normal_equations(bundle: Bundle, sightings: Sequence[Sighting], hold_views: bool) -> tuple[Any, Floats]:
-    """Squared slopes (full or sparse) and the downhill direction of half the cost."""
+    """Normal matrix (dense or sparse) and negative gradient of half the cost."""
     n_views = 0 if hold_views else len(bundle.views)
     size = 6 * (n_views + len(bundle.bodies))
     downhill = np.zeros(size)
@@ -177,7 +177,7 @@ def _normal_equations(bundle: Bundle, sightings: Sequence[Sighting], hold_views:
 
 
 def _assembled(blocks: Sequence[tuple[Ints, Floats]], size: int) -> Any:
-    """The sum of square blocks at their places, as a full matrix where it is small."""
+    """Assembled matrix of square blocks; dense if it is small."""
     from scipy.sparse import coo_matrix
 
     if size <= _SMALL:
@@ -191,14 +191,14 @@ def _assembled(blocks: Sequence[tuple[Ints, Floats]], size: int) -> Any:
 
 
 def _diagonal(values: Floats, like: Any) -> Any:
-    """A diagonal matrix, full or sparse like another."""
+    """A diagonal matrix, dense or sparse like another."""
     from scipy.sparse import diags
 
     return np.diag(values) if isinstance(like, np.ndarray) else diags(values)
 
 
 def _solver(matrix: Any) -> Callable[[Floats], Floats]:
-    """Solves with a matrix, full or sparse."""
+    """Solver of a matrix, dense or sparse."""
     from scipy.linalg import lu_factor, lu_solve
     from scipy.sparse.linalg import splu
 
@@ -209,7 +209,7 @@ def _solver(matrix: Any) -> Callable[[Floats], Floats]:
 
 
 def _cross(vectors: Floats) -> Floats:
-    """-[v]x (n, 3, 3): derivative of a turned vector by the turn."""
+    """-[v]x (n, 3, 3): derivative of a rotated vector by the rotation."""
     x, y, z = vectors.T
     zero = np.zeros_like(x)
     return np.stack([zero, z, -y, -z, zero, x, y, -x, zero], axis=-1).reshape(-1, 3, 3)

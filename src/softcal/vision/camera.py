@@ -1,4 +1,4 @@
-"""A calibrated camera: where a point in front of it appears in the image, and the ray behind a pixel.
+"""A calibrated camera: projection of points to pixels, and rays of pixels.
 
 Pinhole with Brown's distortion, in OpenCV's conventions: x right, y down, z along the view; the centre of the image's
 first pixel is (0, 0); with a = x/z, b = y/z, r² = a² + b²,
@@ -23,7 +23,7 @@ from softcal.errors import Fault, InputError
 Image = NDArray[np.uint8]  # (height, width) grey levels
 
 _UNDISTORTION_STEPS = 20
-_ACROSS, _CLOSE = 17, 1e-3  # points of the image along each side; how well distortion must be undone there [px]
+_ACROSS, _CLOSE = 17, 1e-3  # test points along each side of the image; accuracy of the inverse distortion there [px]
 
 
 @dataclass(frozen=True)
@@ -72,11 +72,11 @@ class Camera:
         return self.pixels(directions), slope / points[:, 2, None, None]
 
     def pixels(self, directions: Floats) -> Floats:
-        """Pixels (n, 2) at which directions (x/z, y/z), shape (n, 2), are seen."""
+        """Pixels (n, 2) of directions (x/z, y/z), shape (n, 2)."""
         return self._distorted(directions) * self.focal + self.centre
 
     def directions(self, pixels: Floats) -> Floats:
-        """Directions (x/z, y/z), shape (n, 2), that are seen at pixels (n, 2): distortion undone by Newton's method."""
+        """Directions (x/z, y/z), shape (n, 2), of pixels (n, 2): distortion inverted by Newton's method."""
         seen = (np.asarray(pixels, dtype=np.float64) - self.centre) / self.focal
         found = seen.copy()
         for _ in range(_UNDISTORTION_STEPS):
@@ -91,9 +91,9 @@ class Camera:
 
     @property
     def is_reversible(self) -> bool:
-        """Whether the distortion can be undone in the middle half of the image: it neither folds nor runs off.
+        """Whether the distortion is invertible in the middle half of the image.
 
-        Near the corners, where a calibration has few points, the polynomial of a good camera may.
+        Near the corners, where a calibration has few points, the polynomial of a good camera may not be.
         """
         across = np.linspace(0.25, 0.75, _ACROSS)
         pixels = np.stack(np.meshgrid(across * self.width, across * self.height), axis=-1).reshape(-1, 2)

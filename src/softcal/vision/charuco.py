@@ -1,4 +1,4 @@
-"""A camera calibrated from images of a ChArUco board, and what the calibration is worth.
+"""Camera calibration from images of a ChArUco board, with its quality.
 
 References
 ----------
@@ -23,7 +23,7 @@ from softcal.vision.fiducials import CharucoBoard
 FEWEST_IMAGES = 4
 _ENOUGH_IMAGES = 8
 _FEWEST_CORNERS = 8
-_CELLS = (6, 4)  # into which the image is divided to tell how much of it the board has covered
+_CELLS = (6, 4)  # cells of the image for the coverage by the board
 _ENOUGH_COVERAGE = 0.7
 _LARGEST_FOCAL_SD = 2e-3  # relative
 _LARGEST_RMS = 1.0  # [px]
@@ -33,7 +33,7 @@ _FIELD = (np.radians(10.0), np.radians(130.0))  # horizontal fields of view of c
 
 @dataclass(frozen=True)
 class BoardView:
-    """The board in an image: its inner corners' places on the board (n, 3) [m], and in the image (n, 2) [px]."""
+    """The board in an image: its inner corners on the board (n, 3) [m] and in the image (n, 2) [px]."""
 
     image: str
     points: Floats
@@ -42,11 +42,20 @@ class BoardView:
 
 @dataclass(frozen=True)
 class Calibration:
-    """A camera, and what its calibration is worth.
+    """A calibrated camera, and the quality of the calibration.
 
-    rms: of the distances between computed and seen corners, over all images and in each [px]. focal_sd, centre_sd:
-    standard deviations [px] of focal lengths and principal point, shape (2,). coverage: share of the image in which
-    the board's corners were seen. warnings: what may make the camera worse than it looks.
+    Attributes
+    ----------
+    camera
+        The camera.
+    rms, rms_by_image
+        RMS reprojection error of the corners, over all images and in each [px].
+    focal_sd, centre_sd
+        Standard deviations of focal lengths and principal point (2,) [px].
+    coverage
+        Share of the image in which corners of the board were observed.
+    warnings
+        Sentences on weaknesses of the calibration.
     """
 
     camera: Camera
@@ -59,7 +68,7 @@ class Calibration:
 
 
 def find_board(image: Image, board: CharucoBoard, name: str) -> BoardView | None:
-    """The board in a grey image; None where it is not found, or too little of it."""
+    """The board in a grey image; None if it is not found, or too few of its corners."""
     import cv2
 
     pattern = board.opencv()
@@ -67,7 +76,7 @@ def find_board(image: Image, board: CharucoBoard, name: str) -> BoardView | None
     settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     detector = cv2.aruco.CharucoDetector(pattern, cv2.aruco.CharucoParameters(), settings)
     corners, ids, _, _ = detector.detectBoard(image)
-    # OpenCV gives None where it finds nothing, whatever its annotations say.
+    # OpenCV returns None if it finds nothing, contrary to its annotations.
     if corners is None or ids is None or len(ids) < _FEWEST_CORNERS:  # pyright: ignore[reportUnnecessaryComparison]
         return None
     points = np.asarray(pattern.getChessboardCorners(), dtype=np.float64)[np.ravel(ids).astype(np.int64)]
@@ -77,12 +86,12 @@ def find_board(image: Image, board: CharucoBoard, name: str) -> BoardView | None
 
 
 def calibrate_camera(views: Sequence[BoardView], width: int, height: int) -> Calibration:
-    """The camera [px] that explains all views of the board best.
+    """The camera [px] with the least reprojection error over all views of the board.
 
     Raises
     ------
     DatasetError
-        Where there are too few views, or no camera explains them.
+        If there are too few views, or no camera fits them.
     """
     import cv2
 
@@ -103,7 +112,7 @@ def calibrate_camera(views: Sequence[BoardView], width: int, height: int) -> Cal
         )
     except cv2.error as error:
         raise DatasetError(
-            Fault("no camera explains these views of the board", got=str(error.err), attempt="more tilted views")
+            Fault("no camera fits these views of the board", got=str(error.err), attempt="more tilted views")
         ) from error
     camera = Camera(width, height, np.asarray(matrix, dtype=np.float64), np.ravel(distortion)[:5].astype(np.float64))
     spread = np.ravel(sd).astype(np.float64)
@@ -130,10 +139,10 @@ def _warnings(
 ) -> tuple[str, ...]:
     found: list[str] = []
     if len(rms_by_image) < _ENOUGH_IMAGES:
-        found.append(f"only {len(rms_by_image)} images were used; {2 * _ENOUGH_IMAGES} make the camera surer")
+        found.append(f"only {len(rms_by_image)} images were used; {2 * _ENOUGH_IMAGES} make the camera more certain")
     if coverage < _ENOUGH_COVERAGE:
         found.append(
-            f"the board covers {coverage:.0%} of the image only: the lens's distortion is a guess elsewhere. Add "
+            f"the board covers only {coverage:.0%} of the image: elsewhere the lens's distortion is extrapolated. Add "
             "images with the board near the edges and in the corners"
         )
     relative = float(np.max(focal_sd / camera.focal))
@@ -149,12 +158,12 @@ def _warnings(
     ]
     if doubts:
         found.append(
-            f"the focal length is in doubt ({', '.join(doubts)}): add images with the board tilted by 30° to 45° this "
-            "way and that"
+            f"the focal length is in doubt ({', '.join(doubts)}): add images with the board tilted by 30° to 45° in "
+            "different directions"
         )
     if rms > _LARGEST_RMS:
         found.append(
-            f"corners are {rms:.2g} px from where the camera puts them (rms): is the board flat, are the images sharp, "
+            f"the reprojection error of corners is {rms:.2g} px (rms): is the board flat, are the images sharp, "
             "and is the focus fixed?"
         )
     typical = float(np.median(list(rms_by_image.values())))

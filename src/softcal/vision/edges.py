@@ -1,11 +1,10 @@
-"""A marker's corners from its four edges: sharper by far than from the corners themselves.
+"""Refinement of a marker's corners by its four edges, more accurate than corner detection.
 
-Where a corner is blurred its black is rounded off, and a search for the corner alone ends inside it: by some tenths
-of a pixel, which at half a metre is millimetres of depth. Edges have no such bias. A strip of the image across each
-edge is met by a blurred step, I(s, t) = B(t) + (W(t) - B(t)) Phi((s - d(t)) / w), where s runs across the edge and t
-along it, B and W are black inside and white outside (they change evenly along the edge, as uneven light does), d is
-where the edge lies and w its blur. The lens bends the edge in a known way; without that bend it is a straight line,
-and neighbouring lines meet in the corner.
+Blur rounds off a black corner, so that a corner detector is biased inwards by some tenths of a pixel, which at half a
+metre is millimetres of depth. Edges have no such bias. A blurred step is fitted to a strip of the image across each
+edge, I(s, t) = B(t) + (W(t) - B(t)) Phi((s - d(t)) / w), where s runs across the edge and t along it, B and W are the
+grey levels inside and outside (linear along the edge, for uneven light), d is the position of the edge and w its blur.
+After correction of the lens distortion an edge is a straight line, and neighbouring lines intersect in the corner.
 """
 
 from __future__ import annotations
@@ -21,13 +20,13 @@ _ROUNDS = 2
 _WIDEST, _NARROWEST = 4.0, 1.2  # half the width of the strip across an edge [px]
 _STRIP = 0.6  # the same as a share of a module, so that the strip stays clear of the pattern inside
 _ACROSS, _ALONG = 0.5, 1.0  # between samples [px]
-_BLURRED = 3.0  # how far the blur of an edge reaches [px]
-_FEWEST = 5  # places along an edge
-_SMALLEST_RISE = 15.0  # from black to white [grey levels]
+_BLURRED = 3.0  # extent of an edge's blur [px]
+_FEWEST = 5  # sections along an edge
+_SMALLEST_RISE = 15.0  # contrast from black to white [grey levels]
 _WIDEST_BLUR = 4.0  # [px]
-_OUTLYING = 12.0  # residual from which a sample counts less [grey levels]
-_STRAY, _MOST_STRAY = 0.25, 0.08  # residual as a share of the rise, and the share of samples beyond it
-_FARTHEST = 2.5  # how far a corner may move [px]
+_OUTLYING = 12.0  # residual from which a sample is down-weighted [grey levels]
+_STRAY, _MOST_STRAY = 0.25, 0.08  # residual over the contrast, and largest share of samples above it
+_FARTHEST = 2.5  # largest displacement of a corner [px]
 
 
 @dataclass(frozen=True)
@@ -40,18 +39,18 @@ class _Strip:
 
 
 def refine_corners(image: Image, corners: Floats, modules: int, camera: Camera) -> Floats | None:
-    """The corners (4, 2) [px] of a black square found roughly at `corners`; None where its edges are not clear.
+    """Refined corners (4, 2) [px] of a black square near `corners`; None if its edges are not clear.
 
     Parameters
     ----------
     image
         Grey image.
     corners
-        In order around the square, with an error of a pixel or so [px].
+        Corners in order around the square, to about a pixel [px].
     modules
         Width of the square in modules; the outermost of them is black all around, and one outside is white.
     camera
-        Its distortion bends straight edges.
+        The camera, for its distortion.
     """
     from scipy.ndimage import spline_filter
 
@@ -69,7 +68,7 @@ def refine_corners(image: Image, corners: Floats, modules: int, camera: Camera) 
             if line is None:
                 return None
             lines.append(line)
-        # Corner i lies between side i - 1 and side i.
+        # Corner i is between side i - 1 and side i.
         meeting = np.array([np.cross(lines[i - 1], lines[i]) for i in range(4)])
         found = camera.pixels(meeting[:, :2] / meeting[:, 2:])
         if not np.abs(found - corners).max() < _FARTHEST:
@@ -109,13 +108,13 @@ def _line(spline: Floats, low: Floats, square: Floats, modules: int, camera: Cam
 
 
 def _clearance(neighbour: Floats, tangent: Floats, half: float) -> float:
-    """How far from a corner [px] the strip is clear of the neighbouring edge and its blur."""
+    """Distance from a corner [px] beyond which the strip is clear of the neighbouring edge and its blur."""
     along = float(abs(neighbour @ tangent)) / max(float(np.linalg.norm(neighbour)), 1e-9)
     return (half * along + _BLURRED) / max(np.sqrt(max(1 - along**2, 0.0)), 0.05)
 
 
 def _offset(strip: _Strip) -> Floats | None:
-    """Where the edge lies across the strip at its two ends [px]; None where there is no clear edge."""
+    """Position of the edge across the strip at its two ends [px]; None if there is no clear edge."""
     from scipy.optimize import least_squares
     from scipy.special import ndtr
 

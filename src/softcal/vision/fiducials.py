@@ -1,4 +1,4 @@
-"""The patterns that cameras find: ArUco markers and ChArUco boards, as textures to render and to print."""
+"""Fiducial patterns: ArUco markers and ChArUco boards, as textures to render and to print."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ def marker_texture(dictionary: str, marker_id: int, margin: int = 1) -> Floats:
 
 
 def board_texture(board: CharucoBoard) -> Floats:
-    """The board without margin, finely enough that a module of its markers is a whole number of texels."""
+    """The board without margin, at a resolution with whole texels per module of its markers."""
     modules = marker_modules(board.dictionary)
     ratio = board.marker / board.square
     # The markers' place in their square must be whole, too: half of what is left over on both sides.

@@ -1,4 +1,4 @@
-"""Markers' poses in the base's frame from all images at once, each with its uncertainty."""
+"""Poses of markers in the base frame from all images together, with their uncertainty."""
 
 from __future__ import annotations
 
@@ -17,23 +17,31 @@ from softcal.vision.marker_scene import Glimpse, MarkerSet
 from softcal.vision.marker_start import GroupStart, start_group, view_candidates
 from softcal.vision.square_pose import Candidate, pose_candidates
 
-# A pose is ambiguous where a second one is worse by less than this, in units of the corners' variance.
+# A pose is ambiguous if the cost of a second one is larger by less than this, in units of the corners' variance.
 _TELLING = 9.0
-_SMALLEST_NOISE = 0.02  # of a corner, whatever the residuals say, and alike in images from one place [px]
-_PLACE = 0.02  # distance between two places of a camera, as a share of that to the base, that makes them one
-_LARGEST_MISFIT = 1.0  # rms of an image's residuals beyond which its markers cannot be what they are said to be [px]
-_OTHER = np.radians(3.0)  # turn beyond which a second pose is another one
+_SMALLEST_NOISE = 0.02  # lower limit of a corner's noise, and its part that repeats in images from one viewpoint [px]
+_PLACE = 0.02  # distance over that to the base below which two camera positions count as one
+_LARGEST_MISFIT = 1.0  # rms of an image's residuals above which its markers contradict the other images [px]
+_OTHER = np.radians(3.0)  # rotation above which a second pose is distinct
 
-Key = tuple[str, int]  # group ("" for what stands still) and marker
+Key = tuple[str, int]  # group ("" for fixed markers) and marker
 
 
 @dataclass(frozen=True)
 class MarkerEstimate:
     """A marker in one state.
 
-    pose: in the base's frame. covariance: (6, 6) of its turn about the base's axes [rad] and its position [m].
-    n_images: that show it. is_ambiguous: two orientations meet the images equally well, and `pose` has one of them;
-    its position is hardly affected, and the difference is part of the covariance.
+    Attributes
+    ----------
+    pose
+        Pose in the base frame.
+    covariance
+        Covariance (6, 6) of the rotation about the base's axes [rad] and the position [m].
+    n_images
+        Number of images that show it.
+    is_ambiguous
+        Whether two orientations fit the images equally well. `pose` has one of them; the position is hardly affected,
+        and the difference is included in the covariance.
     """
 
     pose: Pose
@@ -46,10 +54,22 @@ class MarkerEstimate:
 class MarkerPoses:
     """All markers in all states.
 
-    groups: states in the order of their images. estimates: (state, marker) -> estimate. companions: markers that
-    stand still with the base -> pose. unplaced: states whose base is ambiguous or unseen -> the reason. lost: images
-    that show no base and were left out. noise: of a corner, as the residuals tell [px]. misfit: image -> rms of its
-    residuals [px].
+    Attributes
+    ----------
+    groups
+        States in the order of their images.
+    estimates
+        (state, marker) -> estimate.
+    companions
+        Marker fixed relative to the base -> pose.
+    unplaced
+        State whose base is ambiguous or not detected -> reason.
+    lost
+        Images without the base, not used.
+    noise
+        Standard deviation of a corner, estimated from the residuals [px].
+    misfit
+        Image -> RMS of its residuals [px].
     """
 
     groups: tuple[str, ...]
@@ -62,12 +82,12 @@ class MarkerPoses:
 
 
 def estimate_poses(camera: Camera, markers: MarkerSet, glimpses: Sequence[Glimpse]) -> MarkerPoses:
-    """Poses of all markers relative to the base, from all images together.
+    """Poses of all markers relative to the base, estimated from all images together.
 
     Raises
     ------
     DatasetError
-        Where no image shows the base, or the markers of an image cannot be where the other images have them.
+        If no image shows the base, or the markers of an image contradict the other images.
     """
     everything = {number for one in glimpses for number in one.corners}
     glimpses = [_wanted(markers, one) for one in glimpses]
@@ -108,7 +128,7 @@ def estimate_poses(camera: Camera, markers: MarkerSet, glimpses: Sequence[Glimps
     problem = replace(problem, sightings=_weighed(markers, problem, best.bundle, noise))
     estimates = _estimates(problem, adjust(best.bundle, problem.sightings), noise)
     unplaced = {
-        group: "two poses of the base meet its images equally well"
+        group: "two poses of the base fit its images equally well"
         for group, start in starts.items()
         if start.margin < _TELLING * noise**2
     }
@@ -128,14 +148,14 @@ def estimate_poses(camera: Camera, markers: MarkerSet, glimpses: Sequence[Glimps
 def _starts(
     camera: Camera, markers: MarkerSet, used: Sequence[Glimpse], candidates: dict[str, Sequence[Candidate]]
 ) -> dict[str, GroupStart]:
-    """The start of every state; what one state tells of a viewpoint that others share is kept in `candidates`."""
+    """The start of every state; the pose of a viewpoint shared by several states is stored in `candidates`."""
     starts: dict[str, GroupStart] = {}
     for group in dict.fromkeys(one.group for one in used):
         mine = [one for one in used if one.group == group]
         starts[group] = start_group(camera, markers, mine, candidates)
         for view, pose in starts[group].views.items():
             if len(candidates[view]) > 1 and sum(one.viewpoint == view for one in used) > len(mine):
-                candidates[view] = (Candidate(pose, 0.0),)  # shared with other states: decided once
+                candidates[view] = (Candidate(pose, 0.0),)  # shared with other states: determined once
     return starts
 
 
@@ -148,7 +168,7 @@ def _seen_beside_the_base(
     best: Adjustment,
     starts: Mapping[str, GroupStart],
 ) -> dict[int, Pose]:
-    """Companions whose place is certain, with their poses, where images show them that do not show the base."""
+    """Companions with certain poses that appear in images without the base."""
     lost = {number for one in glimpses if not candidates[one.viewpoint] for number in one.corners}
     noise = _noise(best, problem)
     clear = {group for group, start in starts.items() if start.margin >= _TELLING * noise**2}
@@ -161,14 +181,14 @@ def _seen_beside_the_base(
 
 
 def _noise(best: Adjustment, problem: _Problem) -> float:
-    """Of a corner, as the residuals tell [px]."""
+    """Standard deviation of a corner, from the residuals [px]."""
     n_free = 6 * (len(best.bundle.views) + len(best.bundle.bodies))
     n_seen = sum(sighting.pixels.size for sighting in problem.sightings)
     return max(_SMALLEST_NOISE, float(np.sqrt(best.cost / max(n_seen - n_free, 1))))
 
 
 def _wanted(markers: MarkerSet, glimpse: Glimpse) -> Glimpse:
-    """A glimpse of the base and the markers that have a name; of all where none has: what is not asked for may move."""
+    """The base and the named markers of an image (all if none is named); other markers may move."""
     if not markers.names:
         return glimpse
     wanted = {*markers.names, *markers.standing}
@@ -177,7 +197,7 @@ def _wanted(markers: MarkerSet, glimpse: Glimpse) -> Glimpse:
 
 @dataclass(frozen=True)
 class _Problem:
-    """The bundle's start and sightings, with the image, state and marker of each sighting; the number of each body."""
+    """Start and sightings of the bundle, with the image, state and marker of each sighting, and the body numbers."""
 
     start: Bundle
     sightings: tuple[Sighting, ...]
@@ -193,7 +213,7 @@ def _problem(
     starts: Mapping[str, GroupStart],
     found: Mapping[int, Pose] | None = None,
 ) -> _Problem:
-    """The bundle of all images; found: companions whose poses are known already."""
+    """The bundle of all images; found: companions with known poses."""
     views: dict[str, Pose] = {}
     bodies: dict[Key, Pose] = {("", number): pose for number, pose in (found or {}).items()}
     for group, start in starts.items():
@@ -226,11 +246,11 @@ def _key(markers: MarkerSet, group: str, number: int) -> Key:
 
 
 def _weighed(markers: MarkerSet, problem: _Problem, bundle: Bundle, noise: float) -> tuple[Sighting, ...]:
-    """Sightings with weights for what repeating an image from one place cannot improve.
+    """Sightings with weights for the systematic error of repeated images from one viewpoint.
 
-    A part of a corner's error is the same each time (how pixels, print and edge happen to meet): the mean of n has the
-    variance noise² / n plus that part squared. What stands still is seen anew in every state where states share their
-    viewpoints, else in the images of a state.
+    A part of a corner's error is the same in each image (alignment of pixels, print and edge): the mean of n has the
+    variance noise² / n plus that part squared. Fixed markers repeat over all states that share a viewpoint, others
+    over the images of a state.
     """
     centres = [view.inverse().position for view in bundle.views]
     places = [
@@ -282,7 +302,7 @@ def _estimates(problem: _Problem, best: Adjustment, noise: float) -> dict[Key, M
         mine = [sighting for sighting in problem.sightings if sighting.body == body]
         cost = bundle.cost([replace(sighting, weight=1.0) for sighting in mine])
         n_images = len(mine)
-        # Images that disagree on where a marker is (it moved, or was shaken) make it less certain than the others.
+        # Images that disagree on a marker's position (it moved or vibrated) increase its uncertainty.
         own = cost / (8 * n_images - 6) if n_images > 1 else 0.0
         variance = max(noise**2, own)
         second = _second_pose(bundle, mine, cost + _TELLING * variance)
@@ -296,7 +316,7 @@ def _estimates(problem: _Problem, best: Adjustment, noise: float) -> dict[Key, M
 
 
 def _second_pose(bundle: Bundle, sightings: Sequence[Sighting], highest_cost: float) -> Pose | None:
-    """Another pose of a body that meets its sightings with no more than a cost [px²]; None where there is none."""
+    """Another pose of a body whose cost is at most `highest_cost` [px²]; None if there is none."""
     body = bundle.bodies[sightings[0].body]
     alone = [replace(s, body=0, weight=1.0) for s in sightings]
     for sighting in alone:

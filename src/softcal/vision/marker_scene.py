@@ -1,4 +1,4 @@
-"""What a bench with markers consists of: the base and its markers, the sizes, the names; and what the camera saw."""
+"""Definition of a marker set (base, sizes, names), and the markers detected in an image."""
 
 from __future__ import annotations
 
@@ -17,9 +17,18 @@ from softcal.vision.square_pose import square_corners
 class MarkerSet:
     """The markers of a bench.
 
-    base: marker -> its pose in the base's frame, for those that stand still at known places. companions: markers that
-    stand still with the base at places to be found from the images. size: side of the black square [m]; sizes: of
-    single markers. names: marker -> name; where empty, every marker that is seen is wanted.
+    Attributes
+    ----------
+    base
+        Marker -> pose in the base frame, for fixed markers at known poses.
+    companions
+        Markers fixed relative to the base, with poses to be estimated from the images.
+    size
+        Side of the black square [m].
+    sizes
+        Marker -> side, for markers of another size [m].
+    names
+        Marker -> name; empty: all detected markers are measured.
     """
 
     base: Mapping[int, Pose]
@@ -52,11 +61,11 @@ class MarkerSet:
         return (*self.base, *self.companions)
 
     def name(self, number: int) -> str:
-        """What a marker is called in tables: its name, or `m3` for marker 3."""
+        """Name of a marker in tables: its name, or `m3` for marker 3."""
         return self.names.get(number, f"m{number}")
 
     def label(self, number: int) -> str:
-        """What a marker is called in messages."""
+        """Name of a marker in messages."""
         return f"{self.names[number]} (marker {number})" if number in self.names else f"marker {number}"
 
     def corners(self, number: int) -> Floats:
@@ -72,8 +81,7 @@ class MarkerSet:
 class Glimpse:
     """The markers in one image: marker -> corners (4, 2) [px].
 
-    image: its name, for messages. group: the state that it shows. viewpoint: images of one viewpoint were taken by a
-    camera that did not move between them.
+    image: its name, for messages. group: its state. viewpoint: images of one viewpoint have the same camera pose.
     """
 
     image: str

@@ -1,7 +1,7 @@
-"""Where to start the bundle adjustment: of the two poses that one view of a flat marker leaves, the right one.
+"""Start of the bundle adjustment: resolves the two-fold ambiguity of a flat marker's pose.
 
-A viewpoint whose pose is not clear from the base alone is tried in all its poses, together with the other viewpoints of
-the same state: only the right ones agree on where the other markers are.
+A viewpoint whose pose is ambiguous from the base alone is tried in all its poses, together with the other viewpoints of
+the same state: only the correct ones agree on the other markers' positions.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from softcal.vision.camera import Camera
 from softcal.vision.marker_scene import Glimpse, MarkerSet
 from softcal.vision.square_pose import Candidate, pose_candidates
 
-# Cost [px²] by which a pose must be worse to be left out at once: a chance of nil for corners good to 0.1 px.
+# Excess cost [px²] above which a pose is discarded: impossible by chance for corners accurate to 0.1 px.
 _CLEARLY_WORSE = 0.3
 _MOST_COMBINATIONS = 32
 _SAME, _NEAR = np.radians(1.0), np.radians(4.0)
@@ -26,9 +26,9 @@ _SAME, _NEAR = np.radians(1.0), np.radians(4.0)
 
 @dataclass(frozen=True)
 class GroupStart:
-    """A state's viewpoints and markers, roughly.
+    """Approximate poses of a state's viewpoints and markers.
 
-    margin: cost [px²] by which the next best choice of the viewpoints' poses is worse; infinite where there is none.
+    margin: excess cost [px²] of the second best choice of the viewpoints' poses; infinite if there is none.
     """
 
     views: Mapping[str, Pose]
@@ -37,7 +37,7 @@ class GroupStart:
 
 
 def view_candidates(camera: Camera, markers: MarkerSet, glimpses: Sequence[Glimpse]) -> tuple[Candidate, ...]:
-    """Poses (base's frame to camera's) of one viewpoint, from the base as seen in all its images; best first."""
+    """Poses (base frame to camera frame) of one viewpoint, from the base in all its images; best first."""
     seen = [(number, one.corners[number]) for one in glimpses for number in markers.base if number in one.corners]
     if not seen:
         return ()
@@ -52,12 +52,12 @@ def start_group(
     glimpses: Sequence[Glimpse],
     views: Mapping[str, Sequence[Candidate]],
 ) -> GroupStart:
-    """The choice of poses that meets all images of one state best.
+    """The choice of poses with the least cost over all images of one state.
 
     Parameters
     ----------
     camera, markers, glimpses
-        What was seen in the state's images, all from viewpoints in `views`.
+        Detections in the state's images, all from viewpoints in `views`.
     views
         Viewpoint -> its possible poses.
     """
@@ -84,7 +84,7 @@ def start_group(
 
 
 def _best(camera: Camera, views: tuple[Pose, ...], options: Sequence[Pose], seen: Sequence[Sighting]) -> Adjustment:
-    """The best pose of one body near any of several; options near a pose that was found already are left out."""
+    """The best pose of one body from several starts; starts near a pose already found are skipped."""
     tries: list[Adjustment] = []
     for option in options:
         if all(option.angle_to(other.bundle.bodies[0]) > _NEAR for other in tries):
@@ -99,7 +99,7 @@ def _settled(
     poses: Mapping[str, Pose],
     single: Mapping[tuple[int, int], Sequence[Candidate]],
 ) -> tuple[float, dict[str, Pose], dict[int, Pose]]:
-    """Cost [px²] and poses of a state, adjusted from one choice of its viewpoints' poses."""
+    """Cost [px²] and adjusted poses of a state for one choice of its viewpoints' poses."""
     names = list(poses)
     views = tuple(poses.values())
     bodies: dict[int, Pose] = {}

@@ -1,4 +1,4 @@
-"""Markers as a table: a row for each state, columns with units, and in words what is missing or doubtful."""
+"""Table of measured markers: a row per state, columns with units, and notes on missing or doubtful values."""
 
 from __future__ import annotations
 
@@ -19,9 +19,22 @@ _COORDINATES = ("x", "y", "z")
 class MarkerTable:
     """Markers relative to the base.
 
-    groups: states, one row each. names: markers, in the order of their columns. cells: (state, name) -> estimate,
-    for those that could be placed. n_images: of each state. notes: state -> what is missing or doubtful; remarks:
-    the same of no single state. noise: of a marker's corner [px].
+    Attributes
+    ----------
+    groups
+        States, one row each.
+    names
+        Markers in the order of their columns.
+    cells
+        (state, name) -> estimate, if available.
+    n_images
+        Number of images of each state.
+    notes
+        State -> sentences on missing or doubtful markers.
+    remarks
+        Sentences that concern no single state.
+    noise
+        Standard deviation of a marker's corner [px].
     """
 
     groups: tuple[str, ...]
@@ -33,10 +46,10 @@ class MarkerTable:
     noise: float
 
     def csv(self) -> str:
-        """The table as text: SI units in the header, a cell left empty where there is nothing to say.
+        """The table as CSV text with SI units in the header; missing values are empty cells.
 
-        For each marker its position and the standard deviations, its rotation vector and the standard deviations of
-        turns about the base's axes, and the number of images that show it.
+        For each marker: position with standard deviations, rotation vector with standard deviations of rotations about
+        the base's axes, and the number of images that show it.
         """
         rows: list[list[object]] = []
         for group in self.groups:
@@ -51,19 +64,19 @@ def marker_table(
     poses: MarkerPoses,
     unclear: Mapping[str, Sequence[int]] | None = None,
 ) -> MarkerTable:
-    """The table of what was found, and by name what was not.
+    """The table of the measured markers, with notes on the missing ones.
 
     Parameters
     ----------
     markers, glimpses, poses
-        The bench, what was seen, and what `estimate_poses` made of it.
+        Marker set, detections, and the result of `estimate_poses`.
     unclear
-        Image -> markers that were found in it without clear edges.
+        Image -> markers detected without clear edges.
 
     Raises
     ------
     DatasetError
-        Where markers have names and none of them is in any image, or the images show the base alone.
+        If no named marker is in any image, or the images show only the base.
     """
     unclear = unclear or {}
     seen = {number for one in glimpses for number in one.corners}
@@ -90,11 +103,11 @@ def marker_table(
         f"{markers.label(number)} is in none of the images, which show markers {there}; the table leaves it out"
         for number in never
     ]
-    remarks += [f"{image} shows no base with clear edges and was left out" for image in poses.lost]
+    remarks += [f"{image} shows no base with clear edges and was not used" for image in poses.lost]
     if strangers:
         remarks.append(f"markers without a name were left out: {', '.join(map(str, strangers))}")
     remarks += [
-        f"{markers.label(number)}, which stands still with the base, could not be placed"
+        f"{markers.label(number)}, which is fixed to the base, could not be located"
         for number in markers.companions
         if number not in poses.companions
     ]
@@ -123,7 +136,7 @@ def _notes(
     unclear: Mapping[str, Sequence[int]],
 ) -> tuple[str, ...]:
     if group in poses.unplaced:
-        return (f"nothing could be placed: {poses.unplaced[group]}",)
+        return (f"no marker could be located: {poses.unplaced[group]}",)
     mine = [one for one in glimpses if one.group == group]
     found: list[str] = []
     for number in wanted:
@@ -133,7 +146,7 @@ def _notes(
             why = "has no clear edges" if blurred else "is missing"
             found.append(f"{markers.label(number)} {why}")
         elif estimate.is_ambiguous:
-            found.append(f"{markers.label(number)} is ambiguous: two orientations meet the images equally well")
+            found.append(f"{markers.label(number)} is ambiguous: two orientations fit the images equally well")
     return tuple(found)
 
 

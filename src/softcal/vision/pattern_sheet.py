@@ -1,4 +1,4 @@
-"""Markers and boards to print, as SVG at true scale."""
+"""Printable SVG sheets of markers and boards at true scale."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from softcal.checks import Floats
 from softcal.errors import Fault, InputError
 from softcal.vision.fiducials import CharucoBoard, board_texture, marker_modules, marker_texture
 
-_PAPER = 0.190  # width in which markers are laid out: what an A4 sheet leaves [m]
+_PAPER = 0.190  # printable width of an A4 sheet [m]
 _MARGIN = 0.010  # [m]
-_RULER = 0.050  # length of the line to check the print by [m]
+_RULER = 0.050  # length of the control line [m]
 _FOOT = 0.016  # height of the foot with that line [m]
 _LABEL = 0.005  # height of the line under a marker [m]
 
 
 def board_sheet(board: CharucoBoard) -> str:
-    """SVG of a board, with a line whose length tells whether it was printed at true scale."""
+    """SVG of a board, with a control line to verify the scale of the print."""
     width, height = board.columns * board.square, board.rows * board.square
     parts = [_pattern(board_texture(board), _MARGIN, _MARGIN, width, height)]
     return _sheet(parts, max(width, 2 * _RULER), height, f"ChArUco {board}")
@@ -31,7 +31,7 @@ def marker_sheet(dictionary: str, ids: Sequence[int], size: float) -> str:
     Raises
     ------
     InputError
-        For a size that fits on no sheet, or a marker that does not exist.
+        For a size that does not fit on the sheet, or an unknown marker.
     """
     tile = size * (marker_modules(dictionary) + 2) / marker_modules(dictionary)
     if not 0 < tile <= _PAPER:
@@ -54,7 +54,7 @@ def marker_sheet(dictionary: str, ids: Sequence[int], size: float) -> str:
 
 
 def _pattern(texture: Floats, x: float, y: float, width: float, height: float) -> str:
-    """Black parts of a texture as one path: runs of each row, rows that are alike joined."""
+    """Black parts of a texture as one path: runs of each row, equal rows joined."""
     is_black = texture < 0.5
     changes = [0, *(1 + np.flatnonzero(np.any(is_black[1:] != is_black[:-1], axis=1))), len(texture)]
     wide, high = width / texture.shape[1], height / texture.shape[0]

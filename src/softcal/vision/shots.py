@@ -1,8 +1,8 @@
-"""Which images there are, which of them show the same state of the robot, and from which viewpoint.
+"""Image files: their grouping into states of the robot, and reading.
 
 By name, `cable6_2kgf_01.png` and `cable6_2kgf_02.png` are images 01 and 02 of the state `cable6_2kgf`: a number at the
-end, after `_`, `-` or a space, tells images of one state apart. By folder, the images in one folder show one state. By
-image, each shows its own.
+end, after `_`, `-` or a space, distinguishes images of one state. By folder, the images in one folder show one state.
+By image, each shows its own.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ Grouping = Literal["name", "folder", "image"]
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm")
 
 _LARGEST = 2**29  # bytes of a file
-_TAIL = 2**16  # bytes at the end of a JPEG file in which its end is looked for
-_MOST_PIXELS = 2**28  # of an image: four times the largest camera's
+_TAIL = 2**16  # bytes at the end of a JPEG file that are searched for its end marker
+_MOST_PIXELS = 2**28  # of an image: four times those of the largest camera
 
 _NUMBERED = re.compile(r"(?P<group>.*[^\W_].*?)[-_ ]+(?P<number>\d+)")
 
 
 @dataclass(frozen=True)
 class Shot:
-    """An image. group: the state that it shows; number: tells the images of a state apart, "" where it is alone."""
+    """An image. group: its state; number: distinguishes the images of a state, "" if there is only one."""
 
     path: Path
     group: str
@@ -41,16 +41,16 @@ class Shot:
 
 
 def find_shots(given: Sequence[str | Path], group_by: Grouping = "name") -> tuple[Shot, ...]:
-    """The images among files, folders (those in them, or in their folders) and patterns such as `run1/*.png`.
+    """The images given by files, folders (with one level of subfolders) and patterns such as `run1/*.png`.
 
     Raises
     ------
     InputError
-        For a way of grouping that does not exist.
+        For an unknown grouping.
     StorageError
-        Where nothing is found: all that was given and stands for nothing.
+        If an argument matches no image; all of them are named.
     DatasetError
-        Where two images of one state bear the same number.
+        If two images of one state have the same number.
     """
     if group_by not in get_args(Grouping):
         allowed = ", ".join(get_args(Grouping))
@@ -78,7 +78,7 @@ def read_image(path: Path) -> Image:
     Raises
     ------
     StorageError
-        Where the file cannot be read or holds no image.
+        If the file cannot be read or contains no image.
     """
     os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(_MOST_PIXELS))  # read when it is loaded
     import cv2
@@ -90,13 +90,13 @@ def read_image(path: Path) -> Image:
         raise StorageError(Fault("the image cannot be read", str(path), error.strerror or str(error))) from error
     if len(raw) > _LARGEST:
         raise StorageError(Fault("the image is too large", str(path), allowed=f"{_LARGEST} bytes"))
-    # OpenCV fills what is missing of a JPEG file with grey.
+    # OpenCV fills the missing part of a truncated JPEG file with grey.
     if raw.startswith(b"\xff\xd8") and b"\xff\xd9" not in raw[-_TAIL:]:
         raise StorageError(Fault("the image is cut off", str(path), f"{len(raw)} bytes", "a whole JPEG file"))
     data = np.frombuffer(raw, dtype=np.uint8)
-    # A photo's orientation tag is not applied: the sensor's pixels are what the camera's calibration is about.
+    # A photo's orientation tag is not applied: the calibration refers to the sensor's pixels.
     flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
-    # What is wrong is said here, in a sentence, and not by OpenCV in its own words as well.
+    # Suppress OpenCV's own messages; the fault is reported below.
     level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
         image = cv2.imdecode(data, flags) if data.size else None
@@ -111,7 +111,7 @@ def read_image(path: Path) -> Image:
 
 
 def _images(path: Path) -> list[Path]:
-    if os.path.isfile(path):  # unlike the path's own method, False where the system cannot name it
+    if os.path.isfile(path):  # unlike Path.is_file, False for a path that the system cannot handle
         return [path]
     if os.path.isdir(path):
         return _pictures(path.glob("*")) or _pictures(path.glob("*/*"))

@@ -1,4 +1,4 @@
-"""Poses of a flat set of points from one view: there are often two, mirrored about the line of sight.
+"""Poses of a planar point set from one view: often two solutions, mirrored about the line of sight.
 
 References
 ----------
@@ -16,12 +16,12 @@ from softcal.geometry.pose import Pose
 from softcal.vision.bundle import BASE, Bundle, Sighting, adjust
 from softcal.vision.camera import Camera
 
-_SAME = np.radians(1.0)  # two poses nearer than this are one
+_SAME = np.radians(1.0)  # rotation below which two poses are the same
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A pose (points' frame to camera's) that meets what was seen with a cost [px²] at a minimum."""
+    """A pose (points' frame to camera frame) at a local minimum of the cost [px²]."""
 
     pose: Pose
     cost: float
@@ -33,9 +33,9 @@ def square_corners(size: float) -> Floats:
 
 
 def pose_candidates(camera: Camera, points: Floats, pixels: Floats) -> tuple[Candidate, ...]:
-    """The poses from which points (n, 3) [m] are seen at pixels (n, 2), the best first; none where there is none.
+    """Poses that project points (n, 3) [m] to pixels (n, 2), best first; empty if there is none.
 
-    A square or another flat set has up to two, any other set one.
+    A square or another planar set has up to two, any other set one.
     """
     import cv2
 

@@ -150,7 +150,7 @@ def test_what_makes_no_model_is_refused():
         reduced(ROBOT, {"rear": Reach(1.0, "N")}, 1)
     with pytest.raises(ParameterError, match="1 to 3"):
         reduced(ROBOT, {}, 3)
-    with pytest.raises(ParameterError, match="pulled by more than nothing"):
+    with pytest.raises(ParameterError, match="the reach of a cable must be positive"):
         reduced(ROBOT, {"front": Reach(0.0, "N")}, 3)
     with pytest.raises((ParameterError, SimulationError)):
         reduced(ROBOT, {"front": Reach(0.5, "m")}, 3)

@@ -1,1 +1,1 @@
-"""The twin in other programs' formats, one per file."""
+"""Export of the twin to other programs, one format per file, and other solvers (engines)."""

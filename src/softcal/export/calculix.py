@@ -1,11 +1,10 @@
 """A loaded state of the robot as a CalculiX deck.
 
-The deck is the system as it stands: every point is a node; plates are rigid bodies over the points that ride on them,
-ties are equations between displacements, fixed points are boundaries, weight and loads are dead forces on nodes, and
-cables are springs that pull with softcal's tensions. The deck goes to the state in steps that each end at a shape of
-softcal's own: CalculiX is there too at the end of each, if both are right. It has no neo-Hooke law of SOFA's form:
-bodies are written with its own, isochoric one (`neo-hooke-isochoric` in softcal) at the same modulus and ratio, which
-is the same at small strain alone.
+The deck represents the assembled system: every point is a node; plates are rigid bodies over the points that they
+carry, ties are equations between displacements, fixed points are boundary conditions, weight and loads are dead forces
+on nodes, and cables are springs with softcal's tensions. Each step ends at an equilibrium of softcal, which CalculiX
+should reproduce. CalculiX has no neo-Hookean law of SOFA's form: bodies are written with its isochoric one
+(`neo-hooke-isochoric` in softcal) at the same modulus and ratio, which agrees only at small strain.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ from softcal.twin.robot import Body, Robot
 DECK = "robot.inp"
 ITS_LAW = "neo-hooke-isochoric"
 ITS_ELEMENTS = {element.cell: element for element in (P1, P2)}
-# A whole step at once, and parts of it where that does not converge; forces to a millionth of the average one.
+# One increment per step, smaller ones if it does not converge; residual forces below a millionth of the average force.
 _STEP = (
     "*STEP, NLGEOM, INC=1000",
     "*STATIC",
@@ -45,7 +44,7 @@ _OUTPUT = ("*NODE FILE", "U", "*NODE PRINT, NSET=ALL, FREQUENCY=100000", "U", "*
 
 @dataclass(frozen=True)
 class Deck:
-    """The deck's text; first: body -> its first node less one; n_states: shapes, each the end of a step."""
+    """The deck's text; first: body -> number of its first node minus one; n_states: number of steps."""
 
     text: str
     first: dict[str, int]
@@ -53,7 +52,7 @@ class Deck:
 
 
 def in_its_law(robot: Robot) -> Robot:
-    """The robot with the law that CalculiX has, and displacement elements alone (C3D4, C3D10)."""
+    """The robot with CalculiX's law, and displacement elements only (C3D4, C3D10)."""
     return replace(robot, bodies=tuple(_in_its_law(body) for body in robot.bodies))
 
 
@@ -61,7 +60,7 @@ def _in_its_law(body: Body) -> Body:
     law = LAWS.named(body.law)
 
     def alike(parameters: Mapping[str, float]) -> Mapping[str, float]:
-        """E and nu: the law's own, or those that it has at small strain."""
+        """E and nu: the law's own, or its equivalents at small strain."""
         if law.names == LAWS.named(ITS_LAW).names:
             return parameters
         return {"youngs_modulus": law.youngs_modulus(parameters), "poissons_ratio": law.poissons_ratio(parameters)}
@@ -77,7 +76,7 @@ def calculix_deck(robot: Robot, shapes: Sequence[Snapshot]) -> Deck:
     Raises
     ------
     ParameterError
-        For what CalculiX cannot be given: rods, contact, friction along cables.
+        For features that a deck cannot represent: rods, contact, friction along cables.
     """
     _require(robot)
     twin = build_twin(robot)
@@ -109,31 +108,29 @@ def _require(robot: Robot) -> None:
 
 
 def deck_faults(robot: Robot) -> list[Fault]:
-    """What no deck can hold: rods, contact, friction along cables."""
+    """Faults of features that a deck cannot represent: rods, contact, friction along cables."""
     faults = [
         Fault("a rod has no solid elements to write", where=rod.name, attempt="a solid mesh") for rod in robot.rods
     ]
     faults += [
-        Fault(
-            "a cable with friction is not written", where=cable.name, got=f"{cable.friction_coefficient:g}", allowed="0"
-        )
+        Fault("cable friction cannot be exported", where=cable.name, got=f"{cable.friction_coefficient:g}", allowed="0")
         for cable in robot.cables
         if cable.friction_coefficient > 0.0
     ]
     if robot.contact is not None:
-        faults.append(Fault("contact is not written", where="contact", attempt="a project without contact"))
+        faults.append(Fault("contact cannot be exported", where="contact", attempt="a project without contact"))
     return faults
 
 
 def write_calculix(robot: Robot, shape: Snapshot, folder: Path, *, given: Robot | None = None) -> list[Path]:
-    """Write the deck and what to know about it into an existing folder.
+    """Write the deck and a README into an existing folder.
 
-    given: the robot as it was before `in_its_law`, so that it can be told what became of it.
+    given: the robot before `in_its_law`, to document the changes.
 
     Raises
     ------
     ParameterError
-        For what CalculiX cannot be given; see `calculix_deck`.
+        As `calculix_deck`.
     """
     _require(robot)
     deck = calculix_deck(robot, load_path(robot, shape).shapes)
@@ -143,7 +140,7 @@ def write_calculix(robot: Robot, shape: Snapshot, folder: Path, *, given: Robot 
     pulls = ", ".join(f"{name} {tension:.6g} N" for name, tension in shape.tensions.items())
     readme.write_text(
         f"State: {shape.label}{f'; cables: {pulls}' if pulls else ''}.\n"
-        f"Steps: {deck.n_states}. Each ends at an equilibrium of softcal's on the way there, the last at this one.\n"
+        f"Steps: {deck.n_states}. Each ends at an equilibrium of softcal on the load path, the last at this state.\n"
         "Run: ccx -i robot\nLook at it: cgx robot.frd\n" + "".join(f"{note}\n" for note in notes),
         encoding="utf-8",
     )
@@ -163,14 +160,15 @@ def _nodes(twin: Twin) -> Iterator[str]:
 
 
 def _frame_nodes(layout: Layout, k: int) -> tuple[int, int]:
-    """The reference node of a moving frame, and the one whose displacements are its rotation."""
+    """Numbers of a moving frame's reference node and rotation node."""
     first = layout.n_points + 1 + 2 * k
     return first, first + 1
 
 
 def _pivots(twin: Twin) -> Floats:
-    """Where the moving frames' reference nodes stand (n_moving_frames, 3) [m]: amid the nodes by which a plate holds
-    its bodies. CalculiX's tangent leaves out how a rigid body's links curve; from there its iterations go furthest.
+    """Positions of the moving frames' reference nodes (n_moving_frames, 3) [m]: the centroid of the plate's nodes.
+
+    CalculiX's tangent lacks the second-order terms of rigid bodies; this choice gives the best convergence.
     """
     layout = twin.system.layout
     out = layout.references[: layout.n_moving_frames].copy()
@@ -231,7 +229,7 @@ def _materials(robot: Robot) -> Iterator[str]:
 
 
 def _point_loads(layout: Layout, force: Floats) -> Iterator[str]:
-    """Forces (n_points, 3) [N] on free nodes and riders; what acts on fixed ones is left out."""
+    """Forces (n_points, 3) [N] on free and plate nodes; forces on fixed nodes are omitted."""
     moves = (layout.rider != FIXED) & (layout.rider < layout.n_moving_frames)
     rows = [
         f"{i + 1}, {axis + 1}, {number(force[i, axis])}"
@@ -239,7 +237,7 @@ def _point_loads(layout: Layout, force: Floats) -> Iterator[str]:
         for axis in np.flatnonzero(force[i])
     ]
     if rows:
-        # In a static step CalculiX goes evenly from the loads before to these; what is not named here goes to zero.
+        # In a static step CalculiX ramps linearly from the previous loads to these; loads not listed go to zero.
         yield "*CLOAD, OP=NEW"
         yield from rows
 
@@ -250,7 +248,7 @@ def _notes(robot: Robot) -> tuple[str, ...]:
         if body.law != ITS_LAW:
             notes.append(
                 f"{body.name}: CalculiX has no law '{body.law}'; written with its isochoric neo-Hookean one at the "
-                "same modulus and ratio, which is the same at small strain."
+                "same modulus and ratio, which agrees at small strain."
             )
         element = ELEMENTS[body.element]
         if element is not ITS_ELEMENTS[element.cell]:

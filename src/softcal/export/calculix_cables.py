@@ -1,12 +1,11 @@
-"""Cables in a CalculiX deck: springs from via point to via point that pull alike however long they are.
+"""Cables in a CalculiX deck: constant-force springs from via point to via point.
 
-So a cable's pull turns with the robot, as it does in softcal, and CalculiX has a cable's stiffness too. The springs'
-force is made to follow the steps by CalculiX's temperatures, on which nothing else depends: at temperature k it is the
-tension of the k-th shape, and at zero none.
+The force rotates with the robot, as in softcal, and contributes to CalculiX's tangent. It is controlled by CalculiX's
+temperature, on which nothing else depends: at temperature k it is the tension of the k-th shape, at zero it vanishes.
 
-A via point inside an element is a node that follows the element's nodes. CalculiX gets that wrong, by a part in a
-hundred, where some of those belong to a rigid body. The segments of a cable that end in such a place are dead forces
-instead, as they are at each shape.
+A via point inside an element is a node constrained to the element's nodes. CalculiX has an error of about one per cent
+if some of these belong to a rigid body. Cable segments that end in such a point are dead forces instead, updated at
+each shape.
 """
 
 from __future__ import annotations
@@ -24,12 +23,12 @@ from softcal.twin.build import Twin
 from softcal.twin.loads import Weights
 from softcal.twin.response import Snapshot
 
-FAR = 1.0  # [m], of a segment's elongation: the table of forces ends there, and its last value goes on
+FAR = 1.0  # [m], largest elongation in the table of forces; its last value is extrapolated
 
 
 @dataclass(frozen=True)
 class CableLines:
-    """Lines of the deck: nodes for via points inside elements, the springs, and what those nodes follow."""
+    """Lines of the deck: nodes of via points inside elements, springs, and constraint equations of those nodes."""
 
     nodes: tuple[str, ...]
     springs: tuple[str, ...]
@@ -37,7 +36,7 @@ class CableLines:
 
 
 def cable_lines(twin: Twin, shapes: Sequence[Snapshot], node: int, element: int) -> CableLines:
-    """Of all cables that pull in any of the shapes; node, element: the last numbers that are taken."""
+    """Lines of all cables that are taut in any of the shapes; node, element: the last numbers in use."""
     nodes: list[str] = []
     springs: list[str] = []
     equations: list[str] = []
@@ -67,7 +66,7 @@ def cable_lines(twin: Twin, shapes: Sequence[Snapshot], node: int, element: int)
 
 
 def dead_pulls(twin: Twin, shape: Snapshot) -> Floats:
-    """Forces at a shape (n_points, 3) [N] of the segments that are no springs."""
+    """Forces at a shape (n_points, 3) [N] of the segments that are not springs."""
     cables, n_points = twin.system.cables, twin.system.layout.n_points
     pulls = [
         0.0 if _is_spring(twin, pair) else shape.tensions.get(name, 0.0)
@@ -80,7 +79,7 @@ def dead_pulls(twin: Twin, shape: Snapshot) -> Floats:
 
 
 def _is_spring(twin: Twin, segment: tuple[Weights, Weights]) -> bool:
-    """Whether both its ends can be nodes: points of the deck, or sums of such as belong to no rigid body."""
+    """Whether both ends can be nodes: points of the deck, or combinations of nodes of no rigid body."""
     layout = twin.system.layout
     for end in segment:
         riders = layout.rider[[point for point, weight in end if weight != 0.0]]

@@ -1,4 +1,4 @@
-"""Numbers, names, lists and equations as CalculiX reads them."""
+"""CalculiX's syntax of numbers, names, lists and equations."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from softcal.checks import Ints
 
 
 def number(value: float) -> str:
-    """At most the twenty characters that CalculiX reads of a number: the rest, an exponent maybe, it would drop."""
+    """A number in at most twenty characters: CalculiX ignores the rest, possibly an exponent."""
     return f"{value:.12e}"
 
 
@@ -18,13 +18,13 @@ def set_name(name: str) -> str:
 
 
 def listed(numbers: Ints) -> Iterator[str]:
-    """Node numbers, twelve in a line."""
+    """Node numbers, twelve per line."""
     for i in range(0, len(numbers), 12):
         yield ", ".join(str(n) for n in numbers[i : i + 12]) + ","
 
 
 def weighted_sum(node: int, terms: Sequence[tuple[int, float]]) -> Iterator[str]:
-    """Equations by which a node's displacement is a weighted sum of others'."""
+    """Constraint equations: a node's displacement is a weighted sum of others."""
     for axis in (1, 2, 3):
         yield "*EQUATION"
         yield str(1 + len(terms))

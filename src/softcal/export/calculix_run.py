@@ -1,4 +1,4 @@
-"""CalculiX run on a deck, in a process of its own."""
+"""Running CalculiX on a deck in a separate process."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ HOW_TO_GET = "there is no ccx on the PATH; Debian: apt-get install calculix-ccx"
 
 
 def find_calculix() -> str | None:
-    """The path of ccx, where it is installed."""
+    """The path of ccx, or None if it is not installed."""
     return shutil.which("ccx")
 
 
 def run_calculix(deck: Deck, folder: Path, *, timeout: float = TIMEOUT) -> Floats:
-    """Displacements of all nodes at every state of the deck (n_states, n, 3) [m]; the folder keeps CalculiX's files.
+    """Displacements of all nodes at every state of the deck (n_states, n, 3) [m]; CalculiX's files stay in the folder.
 
     Raises
     ------
     SimulationError
-        Where ccx is not installed, does not converge, crashes, or takes longer than `timeout` [s].
+        If ccx is not installed, does not converge, crashes, or takes longer than `timeout` [s].
     """
     ccx = find_calculix()
     if ccx is None:
@@ -54,7 +54,7 @@ def run_calculix(deck: Deck, folder: Path, *, timeout: float = TIMEOUT) -> Float
 
 
 def _displacements(path: Path) -> list[Floats]:
-    """Of the states that were reached, one after the other; they end at the times 1, 2, …"""
+    """Displacements of the reached states in order; they end at the times 1, 2, …"""
     if not path.is_file():
         return []
     _, *tables = re.split(r"displacements .* for set ALL and time\s+", path.read_text(encoding="utf-8"))
@@ -71,7 +71,7 @@ def _displacements(path: Path) -> list[Floats]:
 
 
 def _complaint(log: str) -> str:
-    """The last thing in CalculiX's output that says why it ended."""
+    """The last error message in CalculiX's output."""
     lines = [" ".join(line.split()) for line in log.splitlines()]
     said = [line for line in lines if "*ERROR" in line] or [line for line in lines if "divergence" in line]
     return said[-1].lstrip("*") if said else ""

@@ -1,7 +1,7 @@
-"""The same state of the same robot in other engines, and what they differ by from softcal's statics.
+"""Cross-check of softcal's statics with other engines on the same state of the same robot.
 
-An engine has laws and elements of its own, so each is compared with softcal's twin in that engine's law and elements,
-on the same mesh, at the same parameters and loads: a difference is then one of computation and not of modelling.
+Engines have different laws and elements, so each is compared with softcal's twin in that engine's law and elements, on
+the same mesh, at the same parameters and loads: differences are then numerical and not of the model.
 """
 
 from __future__ import annotations
@@ -30,18 +30,26 @@ from softcal.twin.response import Response, Snapshot
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
 
-AGREES = 1e-4  # relative; of angles [rad]
+AGREES = 1e-4  # relative difference; for angles in rad
 STILL = 1e-12  # [m]
-NEEDED = "tension (by slope)"  # that an engine would need for softcal's shortening; see `EngineState`
+NEEDED = "tension (by slope)"  # tension that an engine needs for softcal's shortening; see `EngineState`
 
 
 @dataclass(frozen=True)
 class EngineState:
-    """What an engine finds: tensions [N] and shortenings [m] of cables, unless it was given them; poses of plates
-    (position [m], rotation); positions of the nodes of bodies and rods (n, 3) [m].
+    """An equilibrium computed by an engine.
 
-    needed: for an engine that was given the tensions, those [N] that it would need for softcal's shortenings, to first
-    order by softcal's exact stiffness.
+    Attributes
+    ----------
+    tensions, shortenings
+        Cable -> tension [N] and shortening [m], unless prescribed.
+    plates
+        Plate -> position (3,) [m] and rotation (3, 3).
+    points
+        Body or rod -> positions of the nodes (n, 3) [m].
+    needed
+        For an engine with prescribed tensions: cable -> tension [N] that it needs for softcal's shortening, to first
+        order by softcal's exact stiffness.
     """
 
     tensions: Mapping[str, float]
@@ -53,7 +61,7 @@ class EngineState:
 
 @dataclass(frozen=True)
 class Running:
-    """How engines are run: timeout [s] of each one's process, None for its own; SOFA's settings."""
+    """Settings of the engines: timeout of each process [s], None for the engine's default; SOFA's settings."""
 
     timeout: float | None = None
     sofa: SofaSettings = field(default_factory=SofaSettings)
@@ -63,10 +71,18 @@ class Running:
 class Engine:
     """Another program that solves a robot's statics.
 
-    own: the robot in its law and elements. missing: why it cannot run here and how to get it, or "". solve: from the
-    robot, a protocol of one sample, softcal's shape there and how to run it to what the engine finds. lacks: what of a
-    robot the engine cannot be given. leaves_out: how large a relative difference at a shape is the engine's model and
-    no fault, and what it leaves out; 0 and "" where its model is softcal's.
+    Attributes
+    ----------
+    own
+        Converts the robot to the engine's law and elements.
+    missing
+        Why the engine cannot run here and how to install it, or "".
+    solve
+        Solves a robot for a protocol of one sample, given softcal's shape and the settings.
+    lacks
+        Faults of a robot's features that the engine does not support.
+    leaves_out
+        Relative difference at a shape explained by the engine's model, and the neglected effect; 0 and "" if none.
     """
 
     own: Callable[[Robot], Robot]
@@ -78,7 +94,7 @@ class Engine:
 
 @dataclass(frozen=True)
 class Difference:
-    """One quantity in softcal and in the engine; relative: over the largest of its kind, of an angle over 1 rad."""
+    """One quantity in softcal and in the engine; relative: over the largest of its kind, for an angle over 1 rad."""
 
     quantity: str
     unit: str
@@ -90,8 +106,20 @@ class Difference:
 
 @dataclass(frozen=True)
 class EngineComparison:
-    """One engine at one state; changed: in what the robot differs there from the project's, for both; falls: where the
-    robot buckles or snaps on the path, by softcal, or "". left_out: as `Engine.leaves_out` at this state.
+    """Comparison of one engine at one state.
+
+    Attributes
+    ----------
+    engine
+        Name of the engine.
+    differences
+        Compared quantities.
+    changed
+        Changes of the robot's law and elements from the project's, in both programs.
+    falls
+        Sentence on instabilities along softcal's load path, or "".
+    left_out
+        `Engine.leaves_out` at this state.
     """
 
     engine: str
@@ -102,12 +130,12 @@ class EngineComparison:
 
     @property
     def limit(self) -> float:
-        """The relative difference up to which they agree."""
+        """The relative difference that counts as agreement."""
         return max(AGREES, self.left_out[0])
 
     @property
     def verdict(self) -> str:
-        """Whether they agree, in words."""
+        """A sentence on the agreement."""
         if not self.differences:
             return f"{self.engine} and softcal have nothing in common to compare"
         worst = max(self.differences, key=lambda one: one.relative)
@@ -116,14 +144,14 @@ class EngineComparison:
         if worst.relative <= self.limit:
             return (
                 f"{self.engine} and softcal agree to {self.limit:.1g} (worst: {worst.relative:.1e}, {worst.quantity}): "
-                f"more than {AGREES:g}, but {self.engine} leaves out {self.left_out[1]}"
+                f"more than {AGREES:g}, but {self.engine} neglects {self.left_out[1]}"
             )
         told = (
             f"{self.engine} and softcal differ by {worst.absolute:.3g} {worst.unit} in {worst.quantity}, "
-            f"{worst.relative:.1e} relative; {self.limit:.1g} would be agreement"
+            f"{worst.relative:.1e} relative; the limit is {self.limit:.1g}"
         )
         if self.falls:
-            told += f". {self.falls} Of several such, two engines may come to different ones"
+            told += f". {self.falls} Two engines may reach different ones of several equilibria"
         return told
 
     @property
@@ -134,8 +162,20 @@ class EngineComparison:
 
 @dataclass(frozen=True)
 class Crosscheck:
-    """Comparisons by engine; why engines are absent, cannot have the robot, or failed; still: the engines that could
-    have been asked, but nothing moves the robot, so that there is nothing to compare.
+    """Result of a cross-check.
+
+    Attributes
+    ----------
+    comparisons
+        One comparison per engine that ran.
+    absent
+        Engine -> why it is not installed.
+    refused
+        Engine -> why it does not support the robot.
+    failed
+        Engine -> why it failed.
+    still
+        Engines not run, because nothing moves the robot.
     """
 
     comparisons: tuple[EngineComparison, ...]
@@ -146,7 +186,7 @@ class Crosscheck:
 
     @property
     def agrees(self) -> bool:
-        """Whether none failed, and all that were compared agree."""
+        """Whether no engine failed and all comparisons agree."""
         return not self.failed and all(one.agrees for one in self.comparisons)
 
 
@@ -158,10 +198,9 @@ def crosscheck(
     running: Running | None = None,
     progress: Callable[[str], None] = lambda name: None,
 ) -> Crosscheck:
-    """Put the robot's furthest state of a protocol through other engines.
+    """Compare the furthest state of a protocol with other engines.
 
-    engines: names in `ENGINES`; `softcal` may be among them, being what all are compared with. progress: is told each
-    engine that is put to work.
+    engines: names in `ENGINES`; `softcal`, the reference, is ignored. progress: called with the name of each engine.
     """
     end = furthest_state(protocol)
     comparisons: list[EngineComparison] = []
@@ -173,7 +212,7 @@ def crosscheck(
         if name == SOFTCAL:
             continue
         engine = ENGINES[name]
-        # First: nobody needs to install an engine that cannot have the robot.
+        # Before `missing`: an engine that does not support the robot need not be installed.
         if faults := engine.lacks(robot):
             refused[name] = "\n".join(map(str, faults))
             continue
@@ -276,7 +315,7 @@ def _missing_calculix() -> str:
 
 
 def _solve_calculix(robot: Robot, protocol: Protocol, shape: Snapshot, running: Running) -> EngineState:
-    """Under the weight, the loads and the cables' pull at softcal's shape: it is given the tensions."""
+    """Solve with CalculiX under gravity, loads and softcal's tensions."""
     twin, path = twin_of(robot), load_path(robot, shape)
     deck = calculix_deck(robot, path.shapes)
     layout = twin.system.layout
@@ -300,7 +339,7 @@ def _solve_calculix(robot: Robot, protocol: Protocol, shape: Snapshot, running: 
 def _needed(
     path: LoadPath, shape: Snapshot, ours: Mapping[str, float], theirs: Mapping[str, float]
 ) -> dict[str, float]:
-    """The tensions [N] that another engine would need for our shortenings, from what it has under our tensions."""
+    """Tensions [N] that another engine needs for softcal's shortenings, from those under softcal's tensions."""
     if path.stiffness is None:
         return {}
     lacks = np.array([ours[name] - theirs[name] for name in path.taut])
@@ -309,7 +348,7 @@ def _needed(
 
 
 def _fitted_pose(X: Floats, x: Floats, reference: Floats) -> tuple[Floats, Floats]:
-    """Where the rigid motion from X to x that fits best takes the reference point, and its rotation."""
+    """Reference point and rotation moved by the least-squares rigid motion from X to x."""
     centre, now = X.mean(axis=0), x.mean(axis=0)
     U, _, Vt = np.linalg.svd((x - now).T @ (X - centre))
     R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
@@ -325,7 +364,7 @@ def _missing_sofa() -> str:
 
 
 def _solve_sofa(robot: Robot, protocol: Protocol, shape: Snapshot, running: Running) -> EngineState:
-    """Run to rest under the commands themselves."""
+    """Solve with SOFA, run to rest under the protocol's commands."""
     engine = sofa_engine(replace(running.sofa, timeout=running.timeout or running.sofa.timeout))
     found = _of_response(engine(robot, protocol, snapshots=True))
     given = {f"{name}.{command.control}" for name, command in protocol.commands.items()}
@@ -337,12 +376,12 @@ def _solve_sofa(robot: Robot, protocol: Protocol, shape: Snapshot, running: Runn
 
 
 def _strain_of_rods(shape: Snapshot) -> tuple[float, str]:
-    """SOFA's beams balance moments on lengths that are not stretched or sheared; measured in docs/sofa.md, Rods."""
+    """SOFA's beams neglect axial and shear strain in the balance of moments; see docs/sofa.md, Rods."""
     if not shape.rod_strains:
         return 0.0, ""
     rod = max(shape.rod_strains, key=lambda name: shape.rod_strains[name])
     strain = shape.rod_strains[rod]
-    return strain, f"from its beams' balance of moments what their axes are strained by, here {strain:.1e} in {rod}"
+    return strain, f"the strain of beam axes in the balance of moments, here {strain:.1e} in {rod}"
 
 
 ENGINES: dict[str, Engine] = {

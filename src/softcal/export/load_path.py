@@ -80,7 +80,7 @@ def positions(twin: Twin, shape: Snapshot) -> Floats:
 
 
 def shortenings(twin: Twin, x: Floats) -> dict[str, float]:
-    """What each cable is shorter by than at rest [m], slack or not, with all points at x (n_points, 3) [m]."""
+    """Shortening of each cable from rest [m], slack or not, with all points at x (n_points, 3) [m]."""
     cables = twin.system.cables
     return dict(zip(cables.names, (cables.rest_length - cables.lengths(x)).tolist(), strict=True))
 
@@ -96,7 +96,7 @@ def _are_same(twin: Twin, one: Snapshot, other: Snapshot) -> bool:
 
 
 def _largest_turn(twin: Twin, before: Snapshot, after: Snapshot) -> float:
-    """The angle [rad], at most a half turn, by which the element that turns most has turned."""
+    """The largest rotation angle of an element [rad], at most pi."""
     largest = 0.0
     for name, mesh in twin.meshes.items():
         corners = mesh.tets[:, :4]

@@ -1,10 +1,10 @@
-"""The robot as its cables see it, for a controller: tensions in, poses of plates, shortenings and compliance out.
+"""Reduced model for a controller: tensions to poses of plates, shortenings and compliance.
 
-The twin is solved on a grid of tensions, one axis for each cable, with its exact derivatives by every tension. Between
-the nodes stand tensor-product cubic Hermite pieces: values and slopes are the twin's, mixed derivatives are those of
-splines through the slopes. Orientations are quaternions, which have no angle where they jump; the compliance is the
-derivative of what is interpolated, so that poses and compliance belong together. The error is measured, with the very
-evaluator that is handed out, at random points between the nodes.
+The twin is solved on a grid of tensions, one axis per cable, with its exact derivatives by every tension. Between the
+nodes it is interpolated by tensor-product cubic Hermite polynomials: values and slopes are the twin's, mixed
+derivatives are those of splines through the slopes. Orientations are quaternions, which have no jumps; the compliance
+is the derivative of the interpolant, consistent with the poses. The error is measured with the exported evaluator at
+random points between the nodes.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ POSE = 7  # numbers of a plate: position, quaternion
 
 @dataclass(frozen=True)
 class Reach:
-    """How far a cable is pulled: a tension [N], or the one that a shortening [m] takes while the others are slack."""
+    """Largest pull of a cable: a tension [N], or the tension of a shortening [m] with the other cables slack."""
 
     value: float
     unit: str  # N or m
@@ -46,7 +46,7 @@ class Reach:
 
 @dataclass(frozen=True)
 class ChannelError:
-    """What the model was wrong by at the held-out points, and the largest change of the channel over them."""
+    """Error of the model at the held-out points, and the largest change of the channel over them."""
 
     unit: str
     largest: float
@@ -56,7 +56,15 @@ class ChannelError:
 
 @dataclass(frozen=True)
 class ReducedModelFit:
-    """The model as it is written (`model.json`), and its measured error by channel."""
+    """A reduced model.
+
+    Attributes
+    ----------
+    model
+        Content of `model.json`.
+    error
+        Channel -> measured error.
+    """
 
     model: Mapping[str, Any]
     error: Mapping[str, ChannelError]
@@ -75,20 +83,20 @@ def reduced(
     Parameters
     ----------
     reaches
-        The cables that the controller pulls, three at most, and how far; all others are slack.
+        Cables that the controller pulls, at most three, and their largest pull; all others are slack.
     samples
-        Nodes along each cable; those of a reach in length are evenly spaced in length.
+        Nodes along each cable; for a reach in length evenly spaced in length.
     held_out
         Random points between the nodes at which the error is measured.
     tell
-        Given the sentence on bodies that cross within reach.
+        Called with the sentence on bodies that penetrate within reach.
 
     Raises
     ------
     ParameterError
-        For a cable that does not exist, more than three, a reach or a number of samples that is none.
+        For an unknown cable, more than three, or an invalid reach or number of samples.
     SimulationError
-        Where a state within reach has no equilibrium.
+        If a state within reach has no equilibrium.
     """
     faults = _faults(robot, reaches, samples)
     if faults:
@@ -128,7 +136,7 @@ def reduced(
 
 
 def write_reduced(model: ReducedModelFit, folder: Path) -> list[Path]:
-    """Write the model, its evaluator and what to know about both into an existing folder."""
+    """Write the model, its evaluator and a README into an existing folder."""
     path, readme = folder / MODEL, folder / "README.txt"
     path.write_text(json.dumps(model.model, separators=(",", ":")), encoding="utf-8")
     code = Path(shutil.copyfile(evaluator.__file__, folder / EVALUATOR))
@@ -142,8 +150,8 @@ def write_reduced(model: ReducedModelFit, folder: Path) -> list[Path]:
     first = model.model["cables"][0]
     readme.write_text(
         f"Tensions of cables ({spans}) to poses of plates, shortenings of cables, and the compliance matrix.\n"
-        "Cables that are not among them are slack. Statics: no motion, no history.\n\n"
-        f"{EVALUATOR} needs Python's standard library alone:\n"
+        "All other cables are slack. Statics only: no dynamics, no hysteresis.\n\n"
+        f"{EVALUATOR} needs only Python's standard library:\n"
         "  from reduced_model import ReducedModel\n"
         f'  state = ReducedModel("{MODEL}").state({{"{first}": {0.5 * model.model["axes"][0][-1]:.3g}}})\n'
         "Its compliance has the rows that it names: .x .y .z and shortenings in m/N, .rx .ry .rz in rad/N, small\n"
@@ -155,12 +163,12 @@ def write_reduced(model: ReducedModelFit, folder: Path) -> list[Path]:
 
 
 def measured_error(robot: Robot, model: Mapping[str, Any], points: Floats) -> dict[str, ChannelError]:
-    """What a model is wrong by at tensions (n, n_cables) [N], by plate and cable, and of their compliances.
+    """Errors of a model at tensions (n, n_cables) [N], by plate and cable, and of their compliances.
 
     Raises
     ------
     SimulationError
-        Where the twin has no equilibrium at one of them.
+        If the twin has no equilibrium at one of them.
     """
     cables = model["cables"]
     with tempfile.TemporaryDirectory() as folder:
@@ -196,7 +204,7 @@ def measured_error(robot: Robot, model: Mapping[str, Any], points: Floats) -> di
 
 
 def _error(unit: str, difference: Floats, change: Floats | float) -> ChannelError:
-    """Of differences (n, components), whose lengths count."""
+    """Error from the norms of differences (n, components)."""
     size = np.linalg.norm(difference, axis=1)
     return ChannelError(unit, float(size.max()), float(np.sqrt(np.mean(size**2))), float(np.max(change)))
 
@@ -215,7 +223,7 @@ def _faults(robot: Robot, reaches: Mapping[str, Reach], samples: int) -> list[Fa
             )
         )
     faults += [
-        Fault("a cable is pulled by more than nothing", f"{name}, reach", f"{reach.value:g} {reach.unit}", "> 0")
+        Fault("the reach of a cable must be positive", f"{name}, reach", f"{reach.value:g} {reach.unit}", "> 0")
         for name, reach in reaches.items()
         if not 0.0 < reach.value < np.inf
     ]
@@ -225,7 +233,7 @@ def _faults(robot: Robot, reaches: Mapping[str, Reach], samples: int) -> list[Fa
 
 
 def _axis(robot: Robot, cable: str, reach: Reach, samples: int) -> Floats:
-    """Tensions [N] from zero to what a cable reaches."""
+    """Grid of tensions [N] from zero to a cable's reach."""
     if reach.unit == "N":
         return np.linspace(0.0, reach.value, samples)
     taut = float(simulate(robot, Protocol({})).channels[f"{cable}.shortening"][0])
@@ -243,7 +251,7 @@ def _axis(robot: Robot, cable: str, reach: Reach, samples: int) -> Floats:
     if len(falls):
         raise ParameterError(
             Fault(
-                "its tension does not grow all the way, so no tension says where the robot is",
+                "its tension is not monotonic, so that it does not determine the robot's state",
                 f"{cable}, reach",
                 format_quantity(reach.value, "m"),
                 f"up to {format_quantity(float(pulls[falls[0]]), 'm')}",
@@ -253,7 +261,7 @@ def _axis(robot: Robot, cable: str, reach: Reach, samples: int) -> Floats:
 
 
 def _snake(shape: Sequence[int]) -> list[tuple[int, ...]]:
-    """All nodes of a grid, each next to the one before, so that the twin goes on from near where it is."""
+    """All nodes of a grid in an order of neighbours, so that each solve starts near its solution."""
     order: list[tuple[int, ...]] = [()]
     for n in shape:
         ways = itertools.cycle([range(n), range(n - 1, -1, -1)])
@@ -303,7 +311,7 @@ def _sampled(
 
 
 def _quaternions(pitch: Floats, roll: Floats, yaw: Floats) -> Floats:
-    """Quaternions and their rates (n, 1 + n_cables, 4) of Ry(pitch) Rx(roll) Rz(yaw), from angles and theirs."""
+    """Quaternions and their rates (n, 1 + n_cables, 4) of Ry(pitch) Rx(roll) Rz(yaw), from angles and rates."""
 
     def about(axis: int, angle: Floats) -> tuple[Floats, Floats]:
         half = 0.5 * angle[:, 0]
@@ -334,7 +342,7 @@ def _angle(p: Floats, q: Floats) -> Floats:
 
 
 def _align_quaternions(table: Floats, n_plates: int) -> None:
-    """Give every node the sign of its quaternion that is near its neighbour's: q and -q are one rotation."""
+    """Choose the sign of each node's quaternion nearest to its neighbour's: q and -q are one rotation."""
     for index in np.ndindex(table.shape[:-2]):
         last = max((k for k, i in enumerate(index) if i > 0), default=None)
         if last is None:
@@ -347,9 +355,10 @@ def _align_quaternions(table: Floats, n_plates: int) -> None:
 
 
 def _with_mixed(table: Floats, axes: Sequence[Floats]) -> Floats:
-    """Values and every derivative that a node needs: (n_nodes, 2) for each cable in turn, then n_channels.
+    """Values and all derivatives of a node: (n_nodes, 2) for each cable in turn, then n_channels.
 
-    The twin has the first derivatives; a mixed one is the mean of splines through those one lower, along each cable.
+    The twin gives the first derivatives; a mixed one is the mean of splines through those of one order less, along each
+    cable.
     """
     n = len(axes)
     known: list[Floats] = [table[..., 0, :]]

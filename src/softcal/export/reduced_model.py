@@ -1,4 +1,4 @@
-"""From tensions of cables to poses, shortenings and compliance, by Python alone: `python reduced_model.py front=3.0`"""
+"""Evaluator of a reduced model: tensions to poses, shortenings and compliance: `python reduced_model.py front=3.0`"""
 
 import json
 import sys
@@ -8,7 +8,7 @@ from typing import Any
 
 
 class ReducedModel:
-    """Cubic Hermite pieces through the twin's values and slopes on a grid of tensions; `error`: see README.txt."""
+    """Cubic Hermite interpolation of the twin's values and slopes on a grid of tensions; `error`: see README.txt."""
 
     def __init__(self, path: "str | Path" = "model.json") -> None:
         self.model: dict[str, Any] = json.loads(Path(path).read_text(encoding="utf-8"))

@@ -1,8 +1,8 @@
-"""SOFA in the place of softcal's own statics: the same robot and protocol, run to rest in processes of SOFA's own.
+"""SOFA as a replacement of softcal's statics: the same robot and protocol, run to rest in SOFA's processes.
 
-The engine has `simulate`'s signature. SOFA knows no derivatives; where they are asked for, the simulation is repeated
-with each parameter moved a little (forward differences), since states at rest are exact to five digits and more, and a
-least-squares search needs some ten times three simulations where TPE needs a thousand.
+The engine has `simulate`'s signature. SOFA has no derivatives: they are forward differences, since states at rest are
+accurate to five digits and more, and a least-squares search needs some ten times three simulations where TPE needs a
+thousand.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from softcal.twin.response import Response
 from softcal.twin.robot import Robot
 from softcal.twin.sensors import channel_units
 
-STEP = 2e-2  # of a parameter's value, or of its distance from what it may not reach
+STEP = 2e-2  # finite-difference step over a parameter's value, or over its distance from an excluded limit
 STEPS_FROM_ZERO = {"kg/m^3": 10.0, "kg": 1e-3, "N": 1e-3}
 COMMAND_STEPS = {"tension": 1e-2, "shortening": 1e-4}  # [N], [m]
 
@@ -35,20 +35,20 @@ COMMAND_STEPS = {"tension": 1e-2, "shortening": 1e-4}  # [N], [m]
 class SofaEngine:
     """SOFA as a simulator.
 
-    Of one driven cable, at most `states` shortenings or tensions are run to rest, and the samples read off a cubic
-    spline between them; with several driven cables every sample is a state.
+    For one driven cable, at most `states` shortenings or tensions are run to rest, and the samples are interpolated by
+    a cubic spline; with several driven cables every sample is run to rest.
     """
 
     sofa: Sofa
     settings: SofaSettings = field(default_factory=SofaSettings)
 
     def require(self, robot: Robot) -> None:
-        """Check that SOFA can have a robot.
+        """Check that SOFA supports a robot.
 
         Raises
         ------
         ParameterError
-            Where it cannot: contact, friction along cables, elements and laws that SOFA does not have.
+            For contact, friction along cables, and elements and laws that SOFA lacks.
         """
         if faults := [*scene_faults(robot), *element_faults(robot)]:
             raise ParameterError(faults)
@@ -67,8 +67,8 @@ class SofaEngine:
         Raises
         ------
         ParameterError
-            For a robot or a value that SOFA cannot have, an unknown parameter or cable, or a command that no cable can
-            follow.
+            For a robot or a value that SOFA does not support, an unknown parameter or cable, or a command that no cable
+            can follow.
         MeshError
             For a robot that cannot be built.
         """
@@ -90,14 +90,14 @@ def sofa_engine(settings: SofaSettings | None = None) -> SofaEngine:
     Raises
     ------
     InputError
-        Where there is none, or it has no SoftRobots.
+        If there is none, or it has no SoftRobots.
     """
     return SofaEngine(find_sofa(), settings or SofaSettings())
 
 
 @dataclass
 class _EngineRun:
-    """One protocol on one robot, and on robots that differ from it by a parameter."""
+    """One protocol on one robot, and on its variants for finite differences."""
 
     engine: SofaEngine
     protocol: Protocol
@@ -143,15 +143,15 @@ class _EngineRun:
         n_states, shortest = len(outcome.records), min(record["dt"] for record in outcome.records)
         text = f"Solved by SOFA: {n_states} states at rest, {self.steps} steps, the shortest of {shortest:g} s."
         if seen.error > 0.0:
-            text += f" Between states a cubic spline, off by some {seen.error:.1g} of the largest value."
+            text += f" Between states a cubic spline, with an error of some {seen.error:.1g} of the largest value."
         elif np.isnan(seen.error):
-            text += " Between states a spline through too few of them to say how far it is off."
+            text += " Between states a spline through too few of them to estimate its error."
         return text
 
     def _along(self, protocol: Protocol) -> Floats:
-        """The one driven cable's values that are run to rest, ascending."""
+        """Ascending commands of the driven cable that are run to rest."""
         command = protocol.commands[self.driven[0]]
-        # No tension is the first state of all; no shortening need not be slack.
+        # Zero tension is the first state anyway; zero shortening need not be slack.
         unique = np.unique(command.values if command.control == "shortening" else command.values[command.values > 0.0])
         if len(unique) <= self.engine.settings.states:
             return unique
@@ -183,7 +183,7 @@ class _EngineRun:
         return row_by_row(twin, protocol, outcome.records)
 
     def _derivative(self, name: str, seen: Samples) -> tuple[Floats, str]:
-        """Of every sample's channels by a parameter or a command; and why there is none."""
+        """Derivatives of every sample's channels by a parameter or a command; and why there are none, or ""."""
         known = robot_parameters(self.linear.robot)
         linear, protocol = self.linear, self.protocol
         if name in known:

@@ -1,4 +1,4 @@
-"""A robot as a SOFA scene to keep: its files, its parameters, a schedule of its pull, and what to know about it."""
+"""Export of a robot as a SOFA scene: files, parameters, a schedule of its pull, and a README."""
 
 from __future__ import annotations
 
@@ -44,18 +44,17 @@ def write_sofa(
 ) -> list[Path]:
     """Write the robot's scene, with a schedule that pulls its cables as the protocol does, into an existing folder.
 
-    Bodies that SOFA cannot have as they are become linear tets with parameters of their own; see `identify`.
-    experiment: whose protocol this is, where it was chosen among several; slack [m]: by cable, what the protocol's
-    shortening is less than the bench's travel; both for the README. motion: of the scene, its time step and damping;
-    settings: by which run.py runs to rest.
+    Bodies that SOFA does not support become linear tets with re-identified parameters; see `identify`.
+    experiment: name of the protocol's experiment, if selected among several; slack [m]: by cable, travel on the bench
+    minus shortening; both for the README. motion: time step and damping of the scene; settings: those of run.py.
 
     Raises
     ------
     InputError
-        For what no scene can hold: contact, friction along cables; for a pull that no cable can follow, or that cannot
-        tell the parameters.
+        For features that a scene cannot represent: contact, friction along cables; for a pull that no cable can follow,
+        or that does not determine the parameters.
     SimulationError
-        Where parameters are to be identified, and the robot cannot follow the protocol.
+        If parameters are to be identified, and the protocol has no solution.
     """
     if faults := command_faults(robot, protocol):
         raise InputError(faults)
@@ -84,9 +83,9 @@ def write_sofa(
 
 
 def furthest(protocols: Mapping[str, Protocol]) -> str:
-    """Of several protocols the name of the one that pulls most: a scene has one schedule.
+    """Name of the protocol with the largest pull, for the scene's only schedule.
 
-    It is the one with the largest shortening; tensions, which no length compares with, decide where none shortens.
+    It has the largest shortening; if no protocol prescribes shortenings, the largest tension.
     """
     return max(
         protocols, key=lambda name: (_largest(protocols[name], "shortening"), _largest(protocols[name], "tension"))

@@ -1,8 +1,8 @@
-"""Young's moduli and Poisson's ratios with which linear tets answer as the twin does.
+"""Identification of equivalent Young's moduli and Poisson's ratios for linear tets in SOFA.
 
-SOFA has linear tetrahedra alone, and they are too stiff, the more so as Poisson's ratio nears 0.5. So bodies of other
-elements, or of another law, are calibrated once more: as linear tets in SOFA's law, against the twin's own response
-over the pull that is exported. What comes out is no property of the material, but of the mesh that it is exported on.
+SOFA has only linear tetrahedra, which are too stiff, in particular as Poisson's ratio approaches 0.5. Bodies of other
+elements or laws are therefore calibrated again as linear tets in SOFA's law, to the twin's response over the exported
+pull. The result is not a property of the material but of the exported mesh.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from softcal.units import format_quantity
 SAMPLES = 15
 TRIALS = 30
 NOISE = 1e-3  # of the largest change of any channel of one unit
-ENOUGH = 2e-2  # of it: a larger difference frees Poisson's ratio too
+ENOUGH = 2e-2  # of it: above this difference Poisson's ratio is identified too
 LARGEST_RATIO, STARTING_RATIO = 0.49, 0.45
 EXPERIMENT = "twin"
 UNITS = {"m": "mm", "N": "N", "rad": "rad"}
@@ -38,9 +38,9 @@ UNITS = {"m": "mm", "N": "N", "rad": "rad"}
 
 @dataclass(frozen=True)
 class Identified:
-    """The robot with its bodies' parameters for linear tets; by parameter, its value in the twin and there.
+    """The robot with its bodies' parameters for linear tets; parameter -> value in the twin and in SOFA.
 
-    differences: the largest one left in each channel [SI], with its unit and the channel's largest value.
+    differences: channel -> largest remaining difference [SI], its unit, and the channel's largest value.
     """
 
     linear: LinearRobot
@@ -49,7 +49,7 @@ class Identified:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What was done, in words; none where nothing was."""
+        """Sentences on the identification; empty if none was needed."""
         if not self.values:
             return ()
         names = sorted({name.rpartition(".")[0] for name in self.values})
@@ -64,19 +64,19 @@ class Identified:
         return (
             f"{', '.join(names)}: SOFA has no element or law like the twin's. Exported as linear tetrahedra (P1) with "
             f"parameters re-identified on this mesh and pull: {found}. They hold for nothing else.",
-            f"Largest difference that is left between the exported model and the twin: {left}.",
+            f"Largest remaining difference between the exported model and the twin: {left}.",
         )
 
 
 def identify(robot: Robot, linear: LinearRobot, protocol: Protocol) -> Identified:
-    """Find the parameters of the bodies that SOFA cannot have as they are; none are changed where it can have them all.
+    """Identify the parameters of the bodies that SOFA does not support; the other bodies are unchanged.
 
     Raises
     ------
     ParameterError
-        Where the protocol moves nothing that could tell.
+        If the protocol does not move the robot.
     SimulationError
-        Where either robot cannot follow the protocol.
+        If the protocol has no solution for either robot.
     """
     foreign = [body for body in robot.bodies if not is_its_own(body)]
     if not foreign:
@@ -89,7 +89,7 @@ def identify(robot: Robot, linear: LinearRobot, protocol: Protocol) -> Identifie
     start = {f"{body.name}.poissons_ratio": min(body.parameters["poissons_ratio"], STARTING_RATIO) for body in foreign}
     there = _fitted(replace(linear, robot=with_parameters(linear.robot, start)), experiment, moduli)
     left = _differences(there, thinned, target, experiment)
-    # Where the modulus does, Poisson's ratio stays: one pull hardly tells it, and what it would find is odd.
+    # If the modulus suffices, Poisson's ratio is kept: a single pull hardly determines it.
     worst = max(value / experiment.dataset.channels[channel].sigma for channel, (value, _, _) in left.items())
     if NOISE * worst > ENOUGH:
         there = _fitted(there, experiment, [*moduli, *ratios])
@@ -138,7 +138,7 @@ def _differences(
 
 
 def _thinned(protocol: Protocol) -> Protocol:
-    """At most some of the protocol's samples, evenly, the first and the last among them."""
+    """A subset of the protocol's samples, evenly spaced, with the first and the last."""
     n = protocol.n_samples
     rows = np.unique(np.linspace(0, n - 1, min(n, SAMPLES)).round().astype(int))
     return Protocol({name: Command(one.control, one.values[rows]) for name, one in protocol.commands.items()})
@@ -152,7 +152,7 @@ def _simulated(robot: Robot, protocol: Protocol) -> Response:
 
 
 def _experiment(robot: Robot, protocol: Protocol, target: Response) -> Experiment:
-    """The twin's response as a dataset: every channel that changes, of noise in proportion to what its unit changes."""
+    """The twin's response as a dataset: all channels that change, with noise proportional to the change."""
     drives = tuple(f"{name}.{command.control}" for name, command in protocol.commands.items())
     cables = [cable.name for cable in robot.cables]
     slack = [f"{name}.{kind}" for name in cables if name not in protocol.commands for kind in ("tension", "shortening")]
@@ -179,6 +179,6 @@ def _experiment(robot: Robot, protocol: Protocol, target: Response) -> Experimen
 
 
 def _rest(robot: Robot) -> dict[str, float]:
-    """Where plates and markers are undeformed [m]."""
+    """Undeformed positions of plates and markers [m]."""
     at = {plate.name: plate.reference for plate in robot.plates} | {marker.name: marker.at for marker in robot.markers}
     return {f"{name}.{axis}": float(point[k]) for name, point in at.items() for k, axis in enumerate("xyz")}

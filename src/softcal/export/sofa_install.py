@@ -1,4 +1,4 @@
-"""Where SOFA is: SOFA_ROOT, the Python that its bindings were made for, and whether SoftRobots is among its plugins."""
+"""Detection of SOFA: SOFA_ROOT, the Python of its bindings, and the plugin SoftRobots."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PROBE_TIMEOUT = 300.0  # [s]; the first start reads every plugin from disk
 
 @dataclass(frozen=True)
 class Sofa:
-    """A SOFA with SoftRobots: its folder, the Python to run it with, and what goes on that Python's path."""
+    """A SOFA with SoftRobots: its folder, its Python, and the entries of that Python's path."""
 
     root: str
     python: str
@@ -40,12 +40,12 @@ class Sofa:
 
 
 def find_sofa(environment: Mapping[str, str] | None = None) -> Sofa:
-    """The SOFA that SOFA_ROOT names; SOFA_PYTHON names its Python where it is not found beside it.
+    """The SOFA in SOFA_ROOT; SOFA_PYTHON gives its Python if that is not found automatically.
 
     Raises
     ------
     InputError
-        Where SOFA_ROOT is not set, is no SOFA with Python bindings, or has no SoftRobots.
+        If SOFA_ROOT is not set, is no SOFA with Python bindings, or has no SoftRobots.
     """
     given = os.environ if environment is None else environment
     written = given.get(ROOT, "")
@@ -80,7 +80,7 @@ def _packages(root: Path) -> list[Path]:
 
 
 def _python(root: Path, packages: list[Path], given: str) -> str:
-    """The interpreter for the bindings: the one that is named, the one beside them, or one of their version."""
+    """The interpreter for the bindings: the given one, the one beside them, or one of their version."""
     if given:
         if shutil.which(given) is None:
             raise InputError(
@@ -108,7 +108,7 @@ def _python(root: Path, packages: list[Path], given: str) -> str:
 
 
 def _version(packages: list[Path]) -> str:
-    """The version of Python that the bindings were compiled for, such as "3.12"; "" where their names do not say."""
+    """The version of Python that the bindings were compiled for, such as "3.12"; "" if unknown."""
     for folder in packages:
         for path in (folder / "Sofa").glob("*.cpython-*"):
             if match := re.search(r"\.cpython-3(\d+)", path.name):
@@ -118,12 +118,12 @@ def _version(packages: list[Path]) -> str:
 
 @functools.cache
 def _require_cables(sofa: Sofa) -> None:
-    """Start it once and ask what it has.
+    """Start SOFA once and check its plugins.
 
     Raises
     ------
     InputError
-        Where it does not start, or has no cables.
+        If it does not start, or has no cables.
     """
     with tempfile.TemporaryDirectory(prefix="softcal-sofa-") as name:
         folder = Path(name)

@@ -1,4 +1,4 @@
-"""One simulation in a process of SOFA's own: what it is told, what it answers, and how it may end."""
+"""One simulation in a SOFA process: its job file, its answer, and its failures."""
 
 from __future__ import annotations
 
@@ -23,9 +23,16 @@ JOB, ANSWER, LOG = "job.json", "answer.jsonl", "sofa.log"
 
 @dataclass(frozen=True)
 class ProcessOutcome:
-    """What SOFA answered: a record of each state that came to rest, the slack one first.
+    """Result of a SOFA process.
 
-    failure: why it ended before the last, "" where it did not. steps: in all, with those of states begun again.
+    Attributes
+    ----------
+    records
+        A record of each state at rest, the slack one first.
+    failure
+        Why it ended before the last state, or "".
+    steps
+        Number of time steps, including repeated states.
     """
 
     records: tuple[Mapping[str, Any], ...]
@@ -42,7 +49,7 @@ def run_states(
     *,
     shapes: bool = False,
 ) -> ProcessOutcome:
-    """Run every state to rest, in one process of at most `timeout`."""
+    """Run every state to rest in one process, limited to `timeout`."""
     job = {"states": [dict(state) for state in states], "rest": settings.rest, "shapes": shapes, "out": ANSWER}
     with tempfile.TemporaryDirectory(prefix="softcal-sofa-") as name:
         folder = Path(name)
@@ -69,7 +76,7 @@ def run_states(
 
 
 def _ended(sofa: Sofa, folder: Path, timeout: float) -> str:
-    """Run the scene; how its process ended, in words."""
+    """Run the scene; returns how its process ended, in words."""
     command = [sofa.python, "run.py", "--job", JOB]
     code = exit_code(command, folder, folder / LOG, timeout=timeout, environment=sofa.environment())
     if code is None:
@@ -80,6 +87,6 @@ def _ended(sofa: Sofa, folder: Path, timeout: float) -> str:
 
 
 def _last_error(lines: list[str]) -> str:
-    """The last line that reports an error; "" where none does: other lines are no cause."""
+    """The last line that reports an error, or ""."""
     errors = [line for line in lines if "ERROR" in line or "Error" in line]
     return errors[-1].strip()[-300:] if errors else ""

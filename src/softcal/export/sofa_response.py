@@ -1,4 +1,4 @@
-"""SOFA's records of settled states as the twin's channels, sample by sample, and as shapes to draw."""
+"""Conversion of SOFA's states at rest to the twin's channels, sample by sample, and to shapes."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from softcal.twin.response import Snapshot
 from softcal.twin.robot import Cable
 from softcal.twin.sensors import angles, channel_units
 
-SAME = 1e-9  # of a cable's length: two shortenings closer than this are one
+SAME = 1e-9  # of a cable's length: difference below which two shortenings are equal
 Record = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
 class Samples:
-    """Channels at the samples that were reached (n, n_channels), and their slopes along the one driven cable's command.
+    """Channels at the reached samples (n, n_channels), and their slopes by the driven cable's command.
 
-    error: of what was read between states, over each unit's largest value; 0 where every sample is a state.
+    error: error of the interpolation over each unit's largest value; 0 if every sample is a state.
     """
 
     values: Floats
@@ -48,7 +48,7 @@ def channel_values(twin: Twin, record: Record) -> Floats:
 
 
 def table(twin: Twin, records: Sequence[Record]) -> Floats:
-    """Records as rows, angles without jumps of whole turns."""
+    """Records as rows, with unwrapped angles."""
     units = list(channel_units(twin).values())
     values = np.array([channel_values(twin, record) for record in records]).reshape(len(records), len(units))
     turns = [k for k, unit in enumerate(units) if unit == "rad"]
@@ -57,9 +57,9 @@ def table(twin: Twin, records: Sequence[Record]) -> Floats:
 
 
 def along_one_cable(twin: Twin, protocol: Protocol, cable: str, states: Floats, records: Sequence[Record]) -> Samples:
-    """The samples of the one driven cable, from states along its control: exact at a state, a cubic spline between.
+    """The samples of the driven cable, interpolated by a cubic spline between states along its control.
 
-    The first record is the robot with all cables slack. Up to where the cable just goes taut nothing moves.
+    The first record is the robot with all cables slack. Nothing moves until the cable becomes taut.
     """
     i = [one.name for one in twin.robot.cables].index(cable)
     command = protocol.commands[cable]
@@ -90,7 +90,7 @@ def along_one_cable(twin: Twin, protocol: Protocol, cable: str, states: Floats, 
 
 
 def row_by_row(twin: Twin, protocol: Protocol, records: Sequence[Record]) -> Samples:
-    """A record for every sample, after that of the slack robot."""
+    """One record per sample, after that of the slack robot."""
     rows = table(twin, records)[1:]
     for k, cable in enumerate(twin.robot.cables):
         command = protocol.commands.get(cable.name)
@@ -102,7 +102,7 @@ def row_by_row(twin: Twin, protocol: Protocol, records: Sequence[Record]) -> Sam
 def shapes(
     twin: Twin, protocol: Protocol, records: Sequence[Record], states: Sequence[Mapping[str, float]]
 ) -> tuple[Snapshot, ...]:
-    """The records as shapes; at rest first."""
+    """The records as shapes; the one at rest first."""
     told: list[Mapping[str, float]] = [dict.fromkeys(protocol.commands, 0.0), *states]
     found: list[Snapshot] = []
     for record, controls in zip(records, told, strict=False):
@@ -123,13 +123,13 @@ def shapes(
 
 
 def _line(cable: Cable, record: Record) -> Floats:
-    """The cable's points in the robot's order; the scene begins at the pull point."""
+    """The cable's points in the robot's order; the scene's order starts at the pull point."""
     points = np.array(record["cables"][cable.name]["points"])
     return points if begins_first(cable) else points[::-1]
 
 
 def _pose(at: Sequence[float]) -> tuple[Floats, Floats]:
-    """Position and rotation of x, y, z and a quaternion (x, y, z, w)."""
+    """Position and rotation from x, y, z and a quaternion (x, y, z, w)."""
     x, y, z, w = np.array(at[3:], dtype=float) / np.linalg.norm(at[3:])
     rotation = np.array(
         [
@@ -142,7 +142,7 @@ def _pose(at: Sequence[float]) -> tuple[Floats, Floats]:
 
 
 def _spline_error(twin: Twin, c: Floats, nodes: Floats) -> float:
-    """How far off the spline may be: a sixteenth of what leaving out every second state changes there."""
+    """Error estimate of the spline: a sixteenth of the change by omitting every second state."""
     if len(c) < 5:
         return float("nan")
     kept = np.union1d(np.arange(0, len(c), 2), [len(c) - 1])

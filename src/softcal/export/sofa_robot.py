@@ -1,4 +1,4 @@
-"""The robot as SOFA can have it: linear tetrahedra, SOFA's neo-Hookean law, nothing that the scene cannot hold."""
+"""Conversion of a robot for SOFA: linear tetrahedra, SOFA's neo-Hookean law, only supported features."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ITS_LAW, ITS_ELEMENT = "neo-hooke", P1.name
 
 
 def scene_faults(robot: Robot) -> list[Fault]:
-    """What no scene of SOFA and SoftRobots alone can hold."""
+    """Faults of features that SOFA with SoftRobots does not support."""
     faults = [
         Fault("SOFA's cables have no friction", where=cable.name, got=f"{cable.friction_coefficient:g}", allowed="0")
         for cable in robot.cables
@@ -27,7 +27,7 @@ def scene_faults(robot: Robot) -> list[Fault]:
     ]
     faults += [
         Fault(
-            "in SOFA a via point is held by one element, not by the wall of a bore",
+            "in SOFA a via point is attached to one element, not to the wall of a bore",
             where=cable,
             got=f"via points {', '.join(str(i + 1) for i in held)} in bores",
             attempt="a model with the bores closed",
@@ -36,7 +36,7 @@ def scene_faults(robot: Robot) -> list[Fault]:
     ]
     faults += [
         Fault(
-            "a body of several materials is not carried over to SOFA",
+            "a body of several materials cannot be exported to SOFA",
             where=body.name,
             got=", ".join(part.name for part in body.inclusions),
             attempt="a body of one material, or two bodies tied together",
@@ -45,17 +45,15 @@ def scene_faults(robot: Robot) -> list[Fault]:
         if body.inclusions
     ]
     if robot.contact is not None:
-        faults.append(
-            Fault("contact is not carried over to SOFA", where="contact", attempt="a project without contact")
-        )
+        faults.append(Fault("contact cannot be exported to SOFA", where="contact", attempt="a project without contact"))
     return [*faults, *law_faults(robot)]
 
 
 def law_faults(robot: Robot) -> list[Fault]:
-    """Bodies of a law that SOFA's neo-Hookean one cannot stand for, with other constants than E and nu."""
+    """Faults of bodies whose law has other constants than E and nu, which SOFA's neo-Hookean law cannot replace."""
     return [
         Fault(
-            "SOFA's scene cannot have this law",
+            "SOFA does not support this law",
             where=f"{body.name}.law",
             got=body.law,
             allowed=f"{ITS_LAW}, or another by {' and '.join(LAWS.named(ITS_LAW).names)}",
@@ -71,12 +69,12 @@ def _can_stand_for(law: str) -> bool:
 
 
 def is_its_own(body: Body) -> bool:
-    """Whether SOFA computes with the body's element and law."""
+    """Whether SOFA has the body's element and law."""
     return body.element == ITS_ELEMENT and body.law == ITS_LAW
 
 
 def element_faults(robot: Robot) -> list[Fault]:
-    """Bodies with an element or a law that SOFA does not have."""
+    """Faults of bodies with an element or a law that SOFA lacks."""
     return [
         Fault(
             "SOFA does not have this element or law",
@@ -92,9 +90,9 @@ def element_faults(robot: Robot) -> list[Fault]:
 
 @dataclass(frozen=True)
 class LinearRobot:
-    """A robot of linear tets in SOFA's law, all of whose nodes belong to a tet, and without plates that stand still.
+    """A robot of linear tets in SOFA's law, without unused nodes and without fixed plates.
 
-    still: those plates by name; what was on them is fixed in space.
+    still: names of the fixed plates; their nodes and points are fixed in space.
     """
 
     robot: Robot
@@ -102,12 +100,12 @@ class LinearRobot:
 
 
 def linear_robot(robot: Robot) -> LinearRobot:
-    """The robot with the corners of its meshes alone, numbered anew; its parameters stay as they are.
+    """The robot with only the corner nodes of its meshes, renumbered; its parameters are unchanged.
 
     Raises
     ------
     ParameterError
-        For what no scene can hold.
+        For unsupported features.
     """
     if faults := scene_faults(robot):
         raise ParameterError(faults)
@@ -152,7 +150,7 @@ def _corner_mesh(mesh: TetMesh) -> TetMesh:
 
 
 def _renumbered(mesh: TetMesh, nodes: Ints) -> Ints:
-    """Numbers of corners among the corners; of a list, those that are no corner are left out."""
+    """New numbers of corner nodes; nodes of a list that are no corners are omitted."""
     new = np.full(mesh.n_points, -1, dtype=np.int64)
     new[mesh.corners] = np.arange(len(mesh.corners))
     found = new[nodes]

@@ -1,10 +1,10 @@
-"""Rods in SOFA's scene: Rigid3 nodes, and between them two-node beams whose stiffness is softcal's own.
+"""Rods in SOFA's scene: Rigid3 nodes, and two-node beams with softcal's stiffness matrices.
 
-SOFA's BeamFEMForceField knows straight beams of round section, without shear. Its stiffness matrices can be set, and
-what it does with them suits any element: the displacement of one end as the other sees it, times the matrix. So the
-scene gives it those of softcal's elements at rest: pre-curved, of any section, with shear. Each stands twice in the
-scene, as seen from either end and with half its stiffness; what the one view is off by to first order in the element's
-turn, the other is off by the other way.
+SOFA's BeamFEMForceField has straight beams of round section, without shear. Its stiffness matrices can be replaced, and
+its formulation suits any element: the displacement of one end relative to the other, times the matrix. The scene sets
+the matrices of softcal's elements at rest: pre-curved, of any section, with shear. Each element is in the scene twice,
+in the frame of either end and with half its stiffness: the errors of the two frames, of first order in the element's
+rotation, cancel.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from softcal.mechanics.rod import RodTerm, build_rod
 from softcal.twin.robot import Rod
 
 SEGMENTS = 3  # beams of the scene for each of softcal's elements
-SAME_MASS = 1e-9  # of each other: nodes whose masses agree to this share a component
-SAME_KIND = 1e-10  # of the largest entry: elements whose flexibilities agree to this share them
-FLEXIBILITY_OF = (0.0, 1.0)  # two of Poisson's ratios: the flexibility is linear in it
+SAME_MASS = 1e-9  # relative difference up to which nodes share a mass component
+SAME_KIND = 1e-10  # of the largest entry: difference up to which elements share a flexibility
+FLEXIBILITY_OF = (0.0, 1.0)  # two values of Poisson's ratio: the flexibility is linear in it
 
 
 def linear_rod(rod: Rod, still: Collection[str]) -> Rod:
-    """The rod with its nodes on plates that stand still fixed in space."""
+    """The rod with its nodes on fixed plates fixed in space."""
     on_still = [nodes for plate, nodes in rod.clamped.items() if plate in still]
     return replace(
         rod,
@@ -39,11 +39,11 @@ def linear_rod(rod: Rod, still: Collection[str]) -> Rod:
 
 
 def rod_parameters(rod: Rod, density: float) -> dict[str, Any]:
-    """What parameters.json holds of a rod, cut finer: its nodes, what holds them, and the flexibility of its elements.
+    """Entries of parameters.json for a refined rod: nodes, their attachments, and flexibilities of its elements.
 
-    flexibilities: of every kind of element by_bending and by_shear (6, 6), so that (by_bending + (1 + nu) by_shear) / E
-    is how its later end moves and turns against the earlier one per force and moment at the later one, in the axes of
-    the section at its earlier end. kinds: the kind of every element; axes: those axes at rest, as quaternions.
+    flexibilities: of every kind of element by_bending and by_shear (6, 6); (by_bending + (1 + nu) by_shear) / E is the
+    displacement and rotation of the later end relative to the earlier one per force and moment at the later one, in the
+    axes of the section at the earlier end. kinds: the kind of every element; axes: those axes at rest, as quaternions.
     """
     rod = finer(rod, SEGMENTS)
     flexibilities, kinds = _flexibilities(rod)
@@ -63,7 +63,7 @@ def rod_parameters(rod: Rod, density: float) -> dict[str, Any]:
 
 
 def finer(rod: Rod, segments: int) -> Rod:
-    """The rod with every element cut into equal ones, along the screw that softcal's element follows at rest."""
+    """The rod with every element divided equally along the screw motion of softcal's element at rest."""
     line = rod.centreline
     xi = _on_own_nodes(rod).xi_rest
     pieces: list[tuple[Floats, Floats]] = []
@@ -83,7 +83,7 @@ def finer(rod: Rod, segments: int) -> Rod:
 
 
 def _screwed(xi: Floats, part: float) -> Floats:
-    """How far a part of each screw (n, 6) leads (n, 3), in the axes that it begins with."""
+    """Translation (n, 3) of a part of each screw (n, 6), in its initial axes."""
     out = np.zeros_like(xi[:, :3])
     for i, (rho, theta) in enumerate(zip(xi[:, :3], xi[:, 3:], strict=True)):
         twist = np.zeros((4, 4))
@@ -94,20 +94,20 @@ def _screwed(xi: Floats, part: float) -> Floats:
 
 
 def _with_between(nodes: Ints, segments: int) -> Ints:
-    """The finer rod's numbers of nodes, and of those between two of them that are neighbours."""
+    """Node numbers in the refined rod, including nodes between two neighbours of the list."""
     held = segments * np.sort(nodes)
     between = [at + np.arange(1, segments) for at in held if at + segments in held]
     return np.sort(np.concatenate([held, *between]))
 
 
 def node_volumes(rod: Rod) -> Floats:
-    """What each node carries of the rod's volume (m,) [m^3]: half of the elements beside it."""
+    """Volume of the rod per node (m,) [m^3]: half of the adjacent elements."""
     half = 0.5 * rod.section.area * rod.centreline.lengths
     return np.append(half, 0.0) + np.insert(half, 0, 0.0)
 
 
 def _masses(rod: Rod, density: float) -> list[dict[str, Any]]:
-    """Nodes of one mass [kg] together; inertia: per mass, of the section about its axis, in every direction [m^2]."""
+    """Groups of nodes of equal mass [kg]; inertia: per mass, isotropic, that of the section about its axis [m^2]."""
     masses = density * node_volumes(rod)
     inertia = (rod.section.I1 + rod.section.I2) / rod.section.area
     groups: list[dict[str, Any]] = []
@@ -125,7 +125,7 @@ def _on_own_nodes(rod: Rod) -> RodTerm:
 
 
 def _flexibilities(rod: Rod) -> tuple[list[dict[str, Any]], list[int]]:
-    """Of every kind of element, and the kind of each: a helix's elements are all of one."""
+    """Flexibility of every kind of element, and the kind of each element; all elements of a helix are of one kind."""
     nodes, term = np.array(rod.centreline.nodes), _on_own_nodes(rod)
     axes = np.tile(np.eye(3), (len(nodes), 1, 1))
     found: list[Floats] = []
@@ -135,13 +135,13 @@ def _flexibilities(rod: Rod) -> tuple[list[dict[str, Any]], list[int]]:
     turn = np.kron(np.eye(2), rod.centreline.triads[:-1])
     shear = np.swapaxes(turn, 1, 2) @ (found[1] - found[0]) @ turn
     bending = np.swapaxes(turn, 1, 2) @ found[0] @ turn - shear
-    length = np.repeat([1.0, float(rod.centreline.lengths.mean())], 3)  # moments and turns as forces and ways
+    length = np.repeat([1.0, float(rod.centreline.lengths.mean())], 3)  # scales moments and rotations
     firsts, kinds = _alike(np.stack([bending, shear], axis=1) * length[:, None] * length)
     return [{"by_bending": bending[i].tolist(), "by_shear": shear[i].tolist()} for i in firsts], kinds
 
 
 def _alike(values: Floats) -> tuple[list[int], list[int]]:
-    """The first of every kind of values (n, ...) of one unit, and the kind of each."""
+    """Index of the first of each kind of equal values (n, ...), and the kind of each."""
     apart = SAME_KIND * float(np.abs(values).max())
     firsts: list[int] = []
     kinds: list[int] = []

@@ -1,4 +1,4 @@
-"""A robot as a folder that SOFA runs: the scene's files, its meshes, and parameters.json with every number."""
+"""Writing a robot as a SOFA scene folder: source files, meshes, and parameters.json."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from softcal.twin.time_settings import TimeSettings
 
 FORMAT = 1
 SOURCE = Path(__file__).parent / "sofa_files"
-ROBOT_PACKAGE = "ROBOT_PACKAGE"  # in the sources, for the name of the package
-PACKAGE = "robot"  # that name, where nobody reads it
+ROBOT_PACKAGE = "ROBOT_PACKAGE"  # placeholder of the package's name in the sources
+PACKAGE = "robot"  # default name of the package
 PARAMETERS, SCHEDULE = "parameters.json", "schedule.csv"
-# Names of the scene's own files and of what they import.
+# Names of the scene's files and of the modules they import.
 TAKEN = frozenset({"", "scene", "run", "sofa", "sofaruntime", "numpy"})
-# Without inertia nothing settles: a weightless body gets this density [kg/m^3], and a force against its weight.
+# SOFA needs inertia: a massless body gets this density [kg/m^3], and a force that cancels its weight.
 ASSUMED_DENSITY = 1000.0
-RADIUS_OF_GYRATION = 1e-3  # [m], of a plate whose inertia is not known: SOFA inverts it
+RADIUS_OF_GYRATION = 1e-3  # [m], of a plate of unknown inertia, which SOFA inverts
 PULL_SPEED = 2e-3  # [m/s], paper A's
 PULL_TIME = 20.0  # [s], for the largest tension
 SCHEDULE_ROWS = 41
@@ -46,10 +46,10 @@ def scene_parameters(
     motion: TimeSettings | None = None,
     settings: SofaSettings | None = None,
 ) -> dict[str, Any]:
-    """What parameters.json holds: the robot's every number, in SI.
+    """Content of parameters.json: all numbers of the robot, in SI.
 
-    protocol: which cables are pulled by tension and which by shortening; the others are slack. motion: the time step
-    and damping of the scene, paper A's by default; settings: by which run.py runs to rest.
+    protocol: the cables pulled by tension or shortening; the others are slack. motion: time step and damping of the
+    scene, paper A's by default; settings: those of run.py.
     """
     motion = motion or TimeSettings()
     robot = linear.robot
@@ -81,8 +81,8 @@ def scene_parameters(
 
 
 def write_scene(linear: LinearRobot, parameters: Mapping[str, Any], folder: Path, package: str = PACKAGE) -> list[Path]:
-    """Write the scene's files into an existing folder, and into a package of that name in it the robot's own: its
-    sources, meshes and parameters.
+    """Write the scene's files into an existing folder, and the robot's sources, meshes and parameters into a package
+    in it.
     """
     written = write_sources(folder, package)
     for body in linear.robot.bodies:
@@ -95,7 +95,7 @@ def write_scene(linear: LinearRobot, parameters: Mapping[str, Any], folder: Path
 
 
 def write_sources(folder: Path, package: str = PACKAGE) -> list[Path]:
-    """Write what SOFA's Python runs: `scene.py`, `run.py`, and the package of the robot."""
+    """Write the Python sources: `scene.py`, `run.py`, and the package of the robot."""
     (folder / package).mkdir()
     written: list[Path] = []
     for source in sorted(SOURCE.rglob("*.py")):
@@ -107,14 +107,14 @@ def write_sources(folder: Path, package: str = PACKAGE) -> list[Path]:
 
 
 def package_name(name: str) -> str:
-    """A name that Python imports, from what people call a robot: "Soft neck, 2" becomes `soft_neck_2`."""
+    """A valid Python package name from a robot's name: "Soft neck, 2" becomes `soft_neck_2`."""
     ascii_only = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
     found = re.sub(r"\W+", "_", ascii_only).strip("_").lower()[:40].rstrip("_")
     return found if found.isidentifier() and not keyword.iskeyword(found) and found not in TAKEN else f"robot_{found}"
 
 
 def legacy_vtk(mesh: TetMesh, title: str) -> str:
-    """Linear tets as legacy VTK text, which SOFA's MeshVTKLoader reads, with every digit."""
+    """Linear tets as legacy VTK text for SOFA's MeshVTKLoader, in full precision."""
     lines = ["# vtk DataFile Version 3.0", title, "ASCII", "DATASET UNSTRUCTURED_GRID"]
     lines.append(f"POINTS {mesh.n_points} double")
     lines += [" ".join(repr(float(value)) for value in at) for at in mesh.points]
@@ -126,7 +126,7 @@ def legacy_vtk(mesh: TetMesh, title: str) -> str:
 
 
 def schedule_csv(protocol: Protocol) -> str:
-    """The protocol in time: from nothing to each of at most 41 of its samples, at paper A's 2 mm/s, or 20 s in all."""
+    """The protocol over time: from zero to at most 41 of its samples, at paper A's 2 mm/s, or 20 s in total."""
     names = list(protocol.commands)
     rows = np.unique(np.linspace(0, protocol.n_samples - 1, min(protocol.n_samples, SCHEDULE_ROWS)).round().astype(int))
     table = np.array([protocol.commands[name].values[rows] for name in names]).T.reshape(len(rows), len(names))
@@ -149,7 +149,7 @@ def _mesh_file(body: Body) -> str:
 
 
 def density_in_motion(part: Body | Rod) -> float:
-    """The density [kg/m^3] that a part has in the scene."""
+    """Density [kg/m^3] of a part in the scene."""
     return part.density if part.density > 0.0 else ASSUMED_DENSITY
 
 
@@ -178,7 +178,7 @@ def _plate(plate: Plate) -> dict[str, Any]:
 
 
 def begins_first(cable: Cable) -> bool:
-    """Whether the scene's cable begins at the first via point: at an end in space, of two the one that is pulled."""
+    """Whether the scene's cable starts at the first via point: an end fixed in space, of two the pulled one."""
     in_space = cable.via_points[0].on == "", cable.via_points[-1].on == ""
     return in_space[0] if in_space[0] != in_space[1] else cable.pulled_end == "first"
 

@@ -1,6 +1,6 @@
-"""What people see of the scene: the surfaces of bodies, rods and discs as .obj files, and from where to look.
+"""Visual model of the scene: surfaces of bodies, rods and discs as .obj files, and the camera.
 
-SOFA's own run, `run.py`, has no use for it.
+`run.py` does not use it.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from softcal.twin.facing import plate_normal, plate_radius, up_direction
 from softcal.twin.robot import Disc, Plate, Robot, Rod
 
 SIDES = 12  # of a rod
-FIELD_OF_VIEW = 45.0  # [degrees], which SOFA's cameras have
-VIEW = (0.45, -0.8, 0.35)  # towards the camera: along x (or y, where x is up), across both, and up
-ROOM = 1.2  # for the robot to bend in, of its size
-MARKER = 0.02  # a marker's radius, of half the robot's size
-FLAT = 0.05  # thickness of a plate of unknown shape, of its radius
+FIELD_OF_VIEW = 45.0  # [degrees], of SOFA's cameras
+VIEW = (0.45, -0.8, 0.35)  # direction to the camera: along x (or y, if x is up), across both, and up
+ROOM = 1.2  # margin for bending, relative to the robot's size
+MARKER = 0.02  # a marker's radius, relative to half the robot's size
+FLAT = 0.05  # thickness of a plate of unknown shape, relative to its radius
 SEE_THROUGH = 0.35  # its opacity
 
 
 @dataclass(frozen=True)
 class Skin:
-    """points (n, 3) [m] and outward triangles (k, 3) of a part; nodes (n,): the rod's node that each point rides on."""
+    """Surface of a part: points (n, 3) [m], outward triangles (k, 3); nodes (n,): the rod's node of each point."""
 
     points: Floats
     triangles: Ints
@@ -41,7 +41,7 @@ class Skin:
 
 
 def skins(linear: LinearRobot) -> dict[str, Skin]:
-    """Of all bodies, rods and plates, but for plates of unknown shape that nothing holds on to."""
+    """Surfaces of all bodies, rods and plates, except plates of unknown shape without attached parts."""
     robot = linear.robot
     found = {body.name: Skin(body.mesh.points, boundary_triangles(body.mesh.tets)) for body in robot.bodies}
     found |= {rod.name: rod_skin(finer(rod, SEGMENTS)) for rod in robot.rods}
@@ -51,7 +51,7 @@ def skins(linear: LinearRobot) -> dict[str, Skin]:
 
 
 def plate_skin(robot: Robot, plate: Plate) -> Skin | None:
-    """Of its disc, or of a thin one that reaches as far as what is on it, to see through; None where nothing is."""
+    """Surface of a plate's disc, or of a thin one that covers its attached points; None if there are none."""
     if plate.disc is not None:
         return Skin(*disc_skin(plate.disc))
     radius = plate_radius(robot, plate)
@@ -83,7 +83,7 @@ def rod_skin(rod: Rod) -> Skin:
 
 
 def visual_parameters(linear: LinearRobot) -> dict[str, Any]:
-    """What parameters.json holds for people's eyes: surfaces, a camera that has the robot in view, a marker's size."""
+    """Visual entries of parameters.json: surfaces, a camera that shows the whole robot, a marker's size."""
     there = skins(linear)
     points = np.concatenate(
         [
@@ -105,7 +105,7 @@ def visual_parameters(linear: LinearRobot) -> dict[str, Any]:
 
 
 def write_surfaces(linear: LinearRobot, folder: Path) -> list[Path]:
-    """Write the surfaces that `visual_parameters` names into an existing folder."""
+    """Write the surfaces listed by `visual_parameters` into an existing folder."""
     written: list[Path] = []
     for name, skin in skins(linear).items():
         path = folder / _file(name)
@@ -125,7 +125,7 @@ def _with_edges(skin: Skin) -> Skin:
 
 
 def _camera(centre: Floats, size: float, up: Floats) -> dict[str, Any]:
-    """Position, orientation (x, y, z, w) and distance to what it looks at."""
+    """Position, orientation (x, y, z, w) and distance to the target."""
     along = np.eye(3)[0 if abs(up[0]) < 0.9 else 1]
     along = along - (along @ up) * up
     along /= np.linalg.norm(along)

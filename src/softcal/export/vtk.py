@@ -1,8 +1,7 @@
-"""A simulation as files for ParaView: one .vtu per solved shape, and a .pvd that plays them in order.
+"""Export for ParaView: one .vtu file per solved shape, and a .pvd file that lists them in order.
 
-ParaView's time is what drives the robot: the one pulled cable's shortening [mm] or tension [N], or the time [s]. It is
-the number of the shape where several cables are pulled, and where the drive does not ascend: shapes of one time would
-be drawn together.
+ParaView's time is the drive: the pulled cable's shortening [mm] or tension [N], or the time [s]. It is the number of
+the shape if several cables are pulled or the drive does not ascend, since shapes of equal time would be drawn together.
 
 Points carry `displacement` [m] from the robot without loads; tets `stress` (Cauchy) and `von_mises` [Pa], and `strain`
 (Green-Lagrange), each the element's mean; rods and cables are lines, discs their skins. `part` numbers the parts as in
@@ -38,7 +37,7 @@ def write_vtk(robot: Robot, response: Response, folder: Path) -> list[Path]:
     Raises
     ------
     ParameterError
-        Where the response has no shapes: simulate with `snapshots=True`.
+        If the response has no shapes: simulate with `snapshots=True`.
     """
     if not response.snapshots:
         raise ParameterError(Fault("the response has no shapes", attempt="simulate with snapshots=True"))
@@ -69,7 +68,7 @@ def _times(shapes: tuple[Snapshot, ...]) -> Floats:
 
 
 class _Cells:
-    """Points and cells of all parts, one after the other."""
+    """Points and cells of all parts, concatenated."""
 
     def __init__(self) -> None:
         self.points: list[Floats] = []
@@ -82,7 +81,7 @@ class _Cells:
         self._n = 0
 
     def add(self, part: int, x: Floats, rest: Floats, cells: Ints, kind: int) -> None:
-        """One part with its cells, free of stress until told otherwise."""
+        """Add a part with its cells, with zero stress by default."""
         self.points.append(x)
         self.rest.append(rest)
         self.cells.append(np.insert(self._n + cells, 0, cells.shape[1], axis=1).ravel())
@@ -135,6 +134,6 @@ def _grid(robot: Robot, response: Response, shape: Snapshot, names: list[str]) -
 
 
 def _rest_points(body: Body, element: Element, n: int) -> Floats:
-    """The undeformed nodes of the element's mesh: the body's own, and middles of edges where it had none."""
+    """The undeformed nodes of the element's mesh: the body's own, with added nodes if needed."""
     given = body.mesh.points
     return given if len(given) == n else element.mesh(body.mesh).points

@@ -1,4 +1,4 @@
-"""Surfaces as Wavefront .obj text. Viewers shade smoothly across a point; here points on sharp edges are several."""
+"""Surfaces as Wavefront .obj text; points on sharp edges are duplicated, as viewers shade smoothly across points."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ from scipy.sparse.csgraph import connected_components
 
 from softcal.checks import Floats, Ints
 
-SHARP = np.radians(40.0)  # neighbouring triangles that meet at more than this have an edge between them
+SHARP = np.radians(40.0)  # angle between neighbouring triangles above which their edge is sharp
 
 
 def split_at_edges(points: Floats, triangles: Ints) -> tuple[Ints, Ints]:
-    """Points once for each smooth part of the surface around them.
+    """Duplicate points on sharp edges, once for each smooth part of the surface.
 
     Parameters
     ----------
     points
         (n, 3) [m].
     triangles
-        (k, 3), all turned the same way.
+        (k, 3), consistently oriented.
 
     Returns
     -------
     source, triangles
-        Of each new point (m,) the one that it was; (k, 3) of new points.
+        Original number of each new point (m,); triangles (k, 3) of new points.
     """
     k = len(triangles)
     corner = np.arange(3 * k).reshape(k, 3)
@@ -33,7 +33,7 @@ def split_at_edges(points: Floats, triangles: Ints) -> tuple[Ints, Ints]:
     key = np.minimum(begins, ends) * len(points) + np.maximum(begins, ends)
     order = np.argsort(key, kind="stable")
     _, first, count = np.unique(key[order], return_index=True, return_counts=True)
-    # A side of one triangle, or of three, is an edge.
+    # A side of one triangle, or of three and more, is a sharp edge.
     one, two = order[first[count == 2]], order[first[count == 2] + 1]
     a, b, c = (points[triangles[:, i]] for i in range(3))
     normal = np.cross(b - a, c - a)
@@ -48,7 +48,7 @@ def split_at_edges(points: Floats, triangles: Ints) -> tuple[Ints, Ints]:
 
 
 def wavefront(points: Floats, triangles: Ints, title: str) -> str:
-    """Text of a .obj file, with every digit."""
+    """Text of a .obj file, in full precision."""
     lines = [f"# {title}"]
     lines += ["v " + " ".join(repr(float(value)) for value in at) for at in points]
     lines += ["f " + " ".join(str(n + 1) for n in corners) for corners in triangles.tolist()]

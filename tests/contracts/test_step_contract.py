@@ -110,7 +110,7 @@ def test_missing_values_are_kept_or_refused(name: str, record: Dataset) -> None:
     if step.keeps_gaps:
         assert planned.apply(gaps).provenance[-1].name == name
     else:
-        with pytest.raises(softcal.DatasetError, match=f"{name} cannot be done where values are missing"):
+        with pytest.raises(softcal.DatasetError, match=f"{name} cannot be applied to missing values"):
             planned.apply(gaps)
 
 

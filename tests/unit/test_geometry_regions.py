@@ -138,7 +138,7 @@ def test_a_sliver_is_a_warning(cube):
     mesh = TetMesh(points, [[3, 0, 1, 2], [3, 1, 0, 4]])
     report = check_quality(TetMesh(points, [[3, 0, 1, 4]]))
     assert report.slivers == (0,)
-    assert "least dihedral angle" in report.warning
+    assert "smallest dihedral angle" in report.warning
     assert report.min_dihedral == pytest.approx(math.atan2(0.01, 0.5), rel=1e-6)
     assert check_quality(mesh).inverted == (1,)
     assert require_sound(cube).warning == ""

@@ -33,9 +33,9 @@ COMMAND_GROUPS = (
 
 
 def main(argv: list[str] | None = None) -> None:
-    """Run the command line and leave with its exit code.
+    """Run the command line and exit with its code.
 
-    0; 1 failed; 2 bad input; stopped by a signal 128 and its number: 130 by Ctrl-C, 143 by SIGTERM, 129 by SIGHUP.
+    0 success; 1 failure; 2 invalid input; 128 plus the signal's number: 130 Ctrl-C, 143 SIGTERM, 129 SIGHUP.
     """
     with stop_signals_raised():
         app(args=argv)

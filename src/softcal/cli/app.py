@@ -1,4 +1,4 @@
-"""The typer application that every group of commands joins, and how errors end: a message and an exit code."""
+"""The typer application of all commands, and the conversion of errors to a message and an exit code."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ ProjectFile = Annotated[Path, typer.Argument(metavar="PROJECT", help="The projec
 
 
 def exit_on_error(command: Callable[P, None]) -> Callable[P, None]:
-    """A command whose errors on purpose end as a message and an exit code, without a traceback."""
+    """Decorator of commands: softcal's errors end with a message and an exit code, without a traceback."""
 
     @functools.wraps(command)
     def run(*args: P.args, **kwargs: P.kwargs) -> None:
@@ -70,12 +70,12 @@ def exit_on_error(command: Callable[P, None]) -> Callable[P, None]:
 
 
 def _require_paths(options: Iterable[object]) -> None:
-    """Check that the system can name every path that was given; what stands there is the command's question.
+    """Check that the system accepts every given path; the command itself checks what it refers to.
 
     Raises
     ------
     InputError
-        For a path that cannot be: longer than the system allows, or a loop of links.
+        For an impossible path: longer than the system allows, or a loop of links.
     """
     faults: list[Fault] = []
     for path in (one for value in options for one in (value if isinstance(value, list) else [value])):
@@ -92,7 +92,7 @@ def _require_paths(options: Iterable[object]) -> None:
 
 @contextmanager
 def resumable(folder: Path, kept: str, again: str) -> Generator[None]:
-    """Where a run is stopped in here, say what is kept of it, in which folder, and how to go on."""
+    """Context of a run: if it is stopped, report what is kept, in which folder, and how to resume."""
     try:
         yield
     except KeyboardInterrupt as stop:

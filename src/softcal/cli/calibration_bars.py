@@ -1,4 +1,4 @@
-"""What is seen of a calibration while it runs on a terminal."""
+"""Progress display of a calibration on a terminal."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ WIDE = 110  # columns
 
 
 def calibration_progress() -> CalibrationBars | CalibrationLines:
-    """Bars on a terminal, lines now and then elsewhere."""
+    """Progress bars on a terminal, otherwise lines at intervals."""
     from rich.console import Console
 
     from softcal.cli.calibration_lines import CalibrationLines
@@ -21,7 +21,7 @@ def calibration_progress() -> CalibrationBars | CalibrationLines:
 
 
 class CalibrationBars:
-    """A progress bar for each calibration, with the best loss so far, and one for what follows a search."""
+    """A progress bar for each calibration, with the best loss so far, and one for each stage after the search."""
 
     def __init__(self) -> None:
         from rich.console import Console
@@ -50,7 +50,7 @@ class CalibrationBars:
             self._progress.stop()
 
     def show(self, label: str, state: Progress) -> None:
-        """Move the bar of a calibration, or begin that of a stage, of which only the time is known."""
+        """Update the bar of a calibration, or start that of a stage, which shows only the time."""
         from rich.progress import TaskID
 
         self._progress.start()

@@ -1,4 +1,4 @@
-"""What is seen of a calibration where there is no terminal, as in a log: a line now and then."""
+"""Progress display of a calibration without a terminal, as in a log: lines at intervals."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ import typer
 
 from softcal.calibration.run import Progress
 
-INTERVAL = 10.0  # [s] between two lines of one calibration, at least
+INTERVAL = 10.0  # [s] at least between two lines of one calibration
 
 
 class CalibrationLines:
-    """A line when a calibration begins, every so often, at each stage after the search, and when it has ended."""
+    """Lines at the start of a calibration, at intervals, at each stage after the search, and at the end."""
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self._now = now
         self._begun: dict[str, float] = {}
         self._told: dict[str, float] = {}
-        self._waiting: dict[str, Progress] = {}  # the last state of each that was not told
+        self._waiting: dict[str, Progress] = {}  # the last unreported state of each
 
     def __enter__(self) -> CalibrationLines:
         return self
@@ -29,7 +29,7 @@ class CalibrationLines:
             self._tell(label, state)
 
     def show(self, label: str, state: Progress) -> None:
-        """Take note of how far a calibration is."""
+        """Record the progress of a calibration."""
         now = self._now()
         is_new = label not in self._begun
         if is_new:

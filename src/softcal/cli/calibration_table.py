@@ -1,4 +1,4 @@
-"""What is printed of a calibration at its end."""
+"""Summary of a calibration printed at its end."""
 
 from __future__ import annotations
 
@@ -17,8 +17,9 @@ if TYPE_CHECKING:
 
 
 def print_results(results: Mapping[str, CalibrationResult], data: Mapping[str, Dataset] | None = None) -> None:
-    """Print the table of all calibrations, what is poor about them, whether the separate ones agree, their status and
-    their notes. data: the samples by experiment, for the noise that they state.
+    """Print the table of all calibrations, warnings, the agreement of separate fits, their status and notes.
+
+    data: the samples by experiment, for their stated noise.
     """
     if not results:
         return
@@ -52,7 +53,7 @@ def print_results(results: Mapping[str, CalibrationResult], data: Mapping[str, D
 
 
 def _result_table(results: Mapping[str, CalibrationResult]) -> Table:
-    """A column for each calibration; a line for each parameter, and for each experiment's errors."""
+    """Table with a column per calibration, and a line per parameter and error of an experiment."""
     from rich.table import Table
 
     table = Table("", *results)
@@ -84,7 +85,7 @@ def _result_table(results: Mapping[str, CalibrationResult]) -> Table:
 
 
 def _errors_told(fits: Iterable[tuple[str, ExperimentFit]]) -> list[tuple[str, str]]:
-    """(experiment, channel) for every line of errors; "" for the distance of all markers."""
+    """(experiment, channel) of every line of errors; channel "" for the distance of all markers."""
     told: dict[tuple[str, str], None] = {}
     for name, fit in fits:
         if fit.distances:
@@ -119,7 +120,7 @@ def _count(result: CalibrationResult) -> str:
 
 
 def interval_text(estimate: Estimate) -> str:
-    """The 95 % interval with its unit, "" where there is none."""
+    """The 95 % interval with its unit, or ""."""
     from softcal.units import digits_showing, format_quantity, readable_unit
 
     if estimate.interval is None:

@@ -68,7 +68,7 @@ def crosscheck(
             chosen,
             names(engines),
             timeout=longest,
-            progress=lambda state, engine: show(f"{state or AT_REST}: {engine} beside softcal"),
+            progress=lambda state, engine: show(f"{state or AT_REST}: {engine} compared with softcal"),
         )
     _print_crosscheck(found)
     if out is not None:
@@ -89,7 +89,7 @@ def _print_crosscheck(found: dict[str, Crosscheck]) -> None:
             typer.echo(f"{state or AT_REST}: {comparison.engine}")
             print_table(_table(comparison))
             for change in comparison.changed:
-                typer.echo(f"For {comparison.engine}, and softcal beside it: {change}")
+                typer.echo(f"For {comparison.engine}, and for softcal in this comparison: {change}")
             typer.echo(f"{state or AT_REST}: {comparison.verdict}.\n")
         if result.still:
             typer.echo(f"{state or AT_REST}: {NOTHING_MOVES}.\n")
@@ -98,9 +98,9 @@ def _print_crosscheck(found: dict[str, Crosscheck]) -> None:
         absent |= result.absent
         refused |= result.refused
     for name, why in refused.items():
-        typer.echo(f"{name} was left out, it cannot have this robot: {why}", err=True)
+        typer.echo(f"{name} was skipped, it does not support this robot: {why}", err=True)
     for name, why in absent.items():
-        typer.echo(f"{name} was left out, it is not installed: {why}", err=True)
+        typer.echo(f"{name} was skipped, it is not installed: {why}", err=True)
 
 
 def _table(comparison: EngineComparison) -> Table:

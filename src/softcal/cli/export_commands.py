@@ -44,13 +44,11 @@ def vtk(
         int | None,
         typer.Option(
             metavar="N",
-            help="For a film: N shapes in even steps of the pull; by default the few at which it was solved.",
+            help="For an animation: N shapes in even steps of the pull; by default the solved load steps.",
             show_default=False,
         ),
     ] = None,
-    in_time: Annotated[
-        bool, typer.Option("--in-time", help="Shapes of the motion, as simulate --in-time has it.")
-    ] = False,
+    in_time: Annotated[bool, typer.Option("--in-time", help="Shapes of the motion, as by simulate --in-time.")] = False,
     values: Values = None,
 ) -> None:
     """For ParaView: shapes over a pull as .vtu files, with displacement, stress, strain and the parameters."""
@@ -61,7 +59,7 @@ def vtk(
     from softcal.workflows.exporting import export_vtk
 
     chosen = cases(project, pull or ())
-    crossings: list[str] = []  # told when what is drawn while it runs is gone
+    crossings: list[str] = []  # printed after the progress display is removed
     if in_time:
         with motion_bars() as show:
             written = export_vtk(project, chosen, out, shapes, in_time=True, progress=show, tell=crossings.append)
@@ -92,7 +90,7 @@ def calculix(source: Source, out: Out, pull: Pull = None, values: Values = None)
 @export.command()
 @exit_on_error
 def sofa(source: Source, out: Out, pull: Pull = None, values: Values = None) -> None:
-    """For SOFA: a scene for SofaPython3 and SoftRobots, with its meshes, every number as JSON, keys and a schedule."""
+    """For SOFA: a scene for SofaPython3 and SoftRobots, with meshes, parameters as JSON, keys and a schedule."""
     from softcal.workflows.source import load_calibrated
 
     project = load_calibrated(source, parsed_values(values))
@@ -114,7 +112,7 @@ def reduced(
         str,
         typer.Option(
             metavar="VALUE",
-            help="How far the cables are pulled: 8N, or 40mm of one alone; or for each: front=8N,left=40mm.",
+            help="Largest pull of the cables: 8N, or 40mm with one cable; or for each: front=8N,left=40mm.",
             show_default=False,
         ),
     ],
@@ -126,7 +124,7 @@ def reduced(
     ] = None,
     values: Values = None,
 ) -> None:
-    """For a controller: tensions to poses, shortenings and compliance, as JSON with an evaluator without needs."""
+    """For a controller: tensions to poses, shortenings and compliance, as JSON with a self-contained evaluator."""
     from softcal.workflows.source import load_calibrated
 
     project = load_calibrated(source, parsed_values(values))

@@ -14,7 +14,7 @@ from softcal.cli.app import app, exit_on_error
 from softcal.errors import Fault, InputError
 
 Images = Annotated[list[str], typer.Argument(metavar="IMAGES", help="Files, folders or patterns.", show_default=False)]
-Dictionary = Annotated[str, typer.Option(help="OpenCV's name of the markers' dictionary.")]
+Dictionary = Annotated[str, typer.Option(help="Dictionary of the markers, by OpenCV's name.")]
 Squares = Annotated[str, typer.Option(metavar="CxR", help="Squares of the board along x and y.")]
 Square = Annotated[str, typer.Option(metavar="LENGTH", help="Side of a square, as measured on the print.")]
 Marker = Annotated[str, typer.Option(metavar="LENGTH", help="Side of a marker's black square on the board.")]
@@ -175,7 +175,7 @@ def _numbers(text: str) -> list[int]:
 
 @contextmanager
 def _bar(label: str) -> Generator[Callable[[int, int], None]]:
-    """A progress bar on the terminal; nothing where there is none."""
+    """A progress bar on a terminal; nothing without one."""
     from rich.console import Console
     from rich.progress import Progress
 

@@ -34,9 +34,9 @@ def mesh_study(
             metavar="NAME", help="Which of a run's calibrations; the joint one by default.", show_default=False
         ),
     ] = "",
-    element: Annotated[str, typer.Option(metavar="KIND", help="What bodies of lower elements are raised to.")] = "P2P1",
-    halvings: Annotated[int, typer.Option(metavar="N", help="How often elements are halved (a tet in eight).")] = 2,
-    unknowns: Annotated[int, typer.Option(metavar="N", help="Leave out what has more unknowns.")] = 150_000,
+    element: Annotated[str, typer.Option(metavar="KIND", help="Element that replaces those of lower order.")] = "P2P1",
+    halvings: Annotated[int, typer.Option(metavar="N", help="Number of halvings (a tet into eight).")] = 2,
+    unknowns: Annotated[int, typer.Option(metavar="N", help="Skip meshes with more unknowns.")] = 150_000,
     values: Values = None,
     out: Annotated[
         Path | None,
@@ -47,9 +47,9 @@ def mesh_study(
         ),
     ] = None,
 ) -> None:
-    """What the mesh contributes: the twin once more on finer ones, and what parameters would make up for it.
+    """Influence of the mesh: simulate the twin on finer meshes, and predict the shift of its parameters.
 
-    No mesher is needed: every tet is cut in eight, linear tets are made quadratic, elements of rods are halved.
+    No mesher is needed: every tet is divided into eight, linear tets become quadratic, rod elements are halved.
     """
     from softcal.workflows.output import require_free_folder
     from softcal.workflows.study_source import default_folder, study_source
@@ -84,7 +84,7 @@ def mesh_study(
 
 @contextmanager
 def _bars() -> Generator[Observer]:
-    """On the terminal, a bar for each discretisation with its trajectories and its time; else nothing."""
+    """On a terminal, a progress bar for each discretisation; else nothing."""
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -109,7 +109,7 @@ def _bars() -> Generator[Observer]:
 
         def show(name: str, done: int, of: int | None) -> None:
             if name not in tasks:
-                for task in bars.tasks:  # those before are at their end, however many curves they had
+                for task in bars.tasks:  # earlier discretisations are complete
                     bars.update(task.id, total=task.completed)
                 tasks[name] = bars.add_task(name, total=of)
             bars.update(tasks[name], completed=done, total=of)
@@ -126,7 +126,7 @@ def _print_study(found: MeshStudy) -> None:
 
 
 def _sizes(found: MeshStudy, finer: Sequence[Finer]) -> Table:
-    """A line for each discretisation: how large it is, and the loss at the values found and after the shifts."""
+    """A line per discretisation: its size, and the loss at the calibrated values and after the shifts."""
     from rich.table import Table
 
     keys = {"tets": "tets", "elements of rods": "rod_elements", "unknowns": "unknowns"}
@@ -142,7 +142,7 @@ def _sizes(found: MeshStudy, finer: Sequence[Finer]) -> Table:
 
 
 def _changes(finer: Sequence[Finer]) -> Table:
-    """A line for each channel and discretisation: the change over all experiments, beside residual and noise."""
+    """A line per channel and discretisation: the change over all experiments, over residual and noise."""
     from rich.table import Table
 
     from softcal.analysis.mesh_changes import pooled
@@ -165,7 +165,7 @@ def _changes(finer: Sequence[Finer]) -> Table:
 
 
 def _parameters(found: MeshStudy, finer: Sequence[Finer]) -> Table:
-    """Lines for each parameter: what was found, and what is expected on what is finer; one for each of the rig's."""
+    """Lines per parameter: calibrated value, and values expected on finer meshes; one line per rig parameter."""
     from rich.table import Table
 
     from softcal.analysis.mesh_verdict import shift_text

@@ -1,4 +1,4 @@
-"""What many commands print alike: tables, and warnings."""
+"""Printing of tables and warnings, shared by the commands."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ LOG_WIDTH = 160  # a log does not wrap
 
 
 def print_table(table: Table) -> None:
-    """Print a table of texts as wide as the terminal, or as a log where there is none.
+    """Print a table of texts in the width of the terminal, or of a log.
 
-    A wider one is told in parts below each other, each with some of the columns and with the first one, which names the
-    rows: no number is cut off or wrapped as long as one column beside the names has the room.
+    A wider table is printed in parts below each other, each with some of the columns and the first one, which names the
+    rows, so that no number is cut off or wrapped if one column besides the names fits.
     """
     from rich.console import Console
 
@@ -32,13 +32,13 @@ def print_table(table: Table) -> None:
 
 
 def print_warnings(warnings: Iterable[str | Fault]) -> None:
-    """Tell each warning on the error stream."""
+    """Print each warning to the error stream."""
     for warning in warnings:
         typer.echo(f"Warning: {warning}", err=True)
 
 
 def _parts(table: Table, width: int) -> list[Table]:
-    """Tables that are no wider, which together hold what the table holds."""
+    """Divide a table into tables within the width."""
     names, *columns = [[str(column.header), *map(str, column.cells)] for column in table.columns]
     sections = [row.end_section for row in table.rows]
     if _frame(len(columns)) + sum(max(map(_width, column)) for column in [names, *columns]) <= width:
@@ -58,7 +58,7 @@ def _parts(table: Table, width: int) -> list[Table]:
 
 
 def _part(names: Sequence[str], columns: Sequence[Sequence[str]], sections: Sequence[bool], room: int) -> Table:
-    """Some columns, with the rows in which one of them holds something; names wrap in what is their room."""
+    """Some columns, with the rows that are not empty in them; names wrap within `room` characters."""
     from rich.table import Table
 
     narrow = room < max(_width(word) for name in names for word in name.split() or [""])
@@ -76,12 +76,12 @@ def _part(names: Sequence[str], columns: Sequence[Sequence[str]], sections: Sequ
 
 
 def _room(columns: Sequence[Sequence[str]], width: int) -> int:
-    """What these columns leave for the names of the rows."""
+    """Width left by these columns for the names of the rows."""
     return width - _frame(len(columns)) - sum(max(map(_width, column)) for column in columns)
 
 
 def _frame(n_columns: int) -> int:
-    """The width of the lines and margins of a table with so many columns beside the names."""
+    """Width of lines and margins of a table with `n_columns` columns besides the names."""
     return 3 * (n_columns + 1) + 1
 
 

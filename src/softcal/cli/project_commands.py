@@ -1,4 +1,4 @@
-"""Commands that make and look over a project: init, check."""
+"""Commands that create and check a project: init, check."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def init(
     from softcal.workflows.template import write_template
 
     path = write_template(template, folder)
-    typer.echo(f"Wrote {path}. Look it over with: softcal check {path}")
+    typer.echo(f"Wrote {path}. Check it with: softcal check {path}")
 
 
 @app.command()
@@ -38,7 +38,7 @@ def check(
         bool, typer.Option(help="Solve the robot under its loads, and each experiment's end, at the start values.")
     ] = True,
 ) -> None:
-    """Validate a project with its meshes and data, try its states, and draw all that to look at."""
+    """Validate a project with its meshes and data, solve its states, and draw pictures for inspection."""
     from softcal.project.project import load
 
     if out is not None and not pictures:

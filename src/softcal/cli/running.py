@@ -1,4 +1,4 @@
-"""What is seen of a command while it runs: what it is doing, and how far a motion is. Nothing without a terminal."""
+"""Progress display of running commands on a terminal: current stage, and progress of motions."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def clock() -> Generator[Callable[[str], None]]:
-    """On the terminal, what is being done and for how long."""
+    """On a terminal, the current stage and its time."""
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
@@ -27,7 +27,7 @@ def clock() -> Generator[Callable[[str], None]]:
 
 @contextmanager
 def motion_bars() -> Generator[Observer]:
-    """On the terminal, a bar for each motion, of which the time of its schedule is known, and not that of settling."""
+    """On a terminal, a progress bar for each motion: over its schedule; the time to come to rest is unknown."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 

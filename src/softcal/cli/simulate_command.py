@@ -35,8 +35,8 @@ def simulate(
         bool,
         typer.Option(
             "--in-time",
-            help="As motion in time, until the robot has settled: experiments by the times of their samples, a pull "
-            "growing slowly; see dynamics in the project.",
+            help="Transient simulation until the robot is at rest: experiments by the times of their samples, a pull "
+            "as a slow ramp; see dynamics in the project.",
         ),
     ] = False,
     engine: Engine = "softcal",

@@ -31,7 +31,7 @@ def sweep(
         typer.Option(
             metavar="NAME=VALUES",
             help="A parameter and its values: start:stop:step (springs.youngs_modulus=10GPa:1GPa:1GPa), a list "
-            "(springs.poissons_ratio=0.43,0.4), or both; again for each further one. As the project says by default.",
+            "(springs.poissons_ratio=0.43,0.4), or both; repeat for further ones. Default: as in the project.",
             show_default=False,
         ),
     ] = None,
@@ -86,7 +86,7 @@ def _print_sweep(found: Swept) -> None:
 
 
 def _table(found: Swept) -> Table:
-    """A line for the best cell of all together and of each section."""
+    """A line for the best cell of all sections together and of each section."""
     from rich.table import Table
 
     from softcal.units import format_quantity

@@ -1,4 +1,4 @@
-"""The command that leaves experiments out and predicts them: validate."""
+"""The command `softcal validate`: cross-validation by left-out experiments."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def validate(
         list[str] | None,
         typer.Option(
             metavar="NAMES",
-            help="Leave these experiments out together (load52_a,load52_b or load52*); again for each further fold. "
+            help="Leave these experiments out together (load52_a,load52_b or load52*); repeat for further folds. "
             "By default each experiment in turn.",
             show_default=False,
         ),
@@ -45,7 +45,7 @@ def validate(
         Path | None, typer.Option(metavar="FILE.csv", help="Write every prediction here.", show_default=False)
     ] = None,
 ) -> None:
-    """Leave experiments out in turn, fit the others, and tell how well what was left out is predicted."""
+    """Leave experiments out in turn, fit the others, and report the errors of the predictions."""
     from softcal.cli.calibration_bars import calibration_progress
     from softcal.project.project import load
     from softcal.workflows.output import require_free_file
@@ -84,7 +84,7 @@ def _print_validation(found: Validation) -> None:
 
 
 def _table(found: Validation) -> Table:
-    """A column for each model: the parameters found without each fold, and the errors of what was predicted."""
+    """A column per model: the parameters fitted without each fold, and the errors of the predictions."""
     from rich.table import Table
 
     table = Table("", *found.models)
@@ -111,7 +111,7 @@ def _parameter(estimate: Estimate | None) -> str:
 
 
 def _add_errors(table: Table, what: str, held: Sequence[Sequence[ExperimentFit]]) -> None:
-    """A line for the RMS error of each channel, or of the distance; held: what each model predicted."""
+    """A line for the RMS error of each channel, or of the distance; held: the predictions of each model."""
     errors = [_errors(fits) for fits in held]
     names = dict.fromkeys(name for one in errors for name in one)
     for name in names:

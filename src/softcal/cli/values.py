@@ -1,4 +1,4 @@
-"""What many commands take: options such as `--set NAME=VALUE`, and lists of names."""
+"""Options and arguments shared by the commands: `--set NAME=VALUE`, `--engine`, lists of names."""
 
 from __future__ import annotations
 
@@ -13,15 +13,13 @@ from softcal.limits import LIMITS
 
 Values = Annotated[
     list[str] | None,
-    typer.Option(
-        "--set", metavar="NAME=VALUE", help="Hold a parameter at a value, such as neck.youngs_modulus=2.3MPa."
-    ),
+    typer.Option("--set", metavar="NAME=VALUE", help="Fix a parameter at a value, such as neck.youngs_modulus=2.3MPa."),
 ]
 
-SOFTCAL = "softcal"  # the engine that computes where no other is named
+SOFTCAL = "softcal"  # the default engine
 Engine = Annotated[
     str,
-    typer.Option(metavar="NAME", help="What computes the twin: softcal, or sofa (found by SOFA_ROOT; linear tets)."),
+    typer.Option(metavar="NAME", help="Engine of the twin: softcal, or sofa (found by SOFA_ROOT; linear tets)."),
 ]
 
 
@@ -30,23 +28,23 @@ WithReport = Annotated[bool, typer.Option(help="Write the report at the end.")]
 
 
 def parsed_values(given: list[str] | None) -> dict[str, str]:
-    """Parameter -> value as written, from what `--set` was given.
+    """Parameter -> value as written, from the arguments of `--set`.
 
     Raises
     ------
     InputError
-        Where a text is no NAME=VALUE.
+        If a text is no NAME=VALUE.
     """
     return parsed_pairs(given, "--set", "this sets no parameter", "NAME=VALUE, such as neck.youngs_modulus=2.3MPa")
 
 
 def parsed_pairs(given: list[str] | None, option: str, what: str, allowed: str) -> dict[str, str]:
-    """Name -> text from what an option NAME=TEXT was given; `what` is wrong with any other text.
+    """Name -> text from the arguments of an option NAME=TEXT; `what` describes the fault of any other text.
 
     Raises
     ------
     InputError
-        Where a text is no NAME=TEXT, or a name is given twice.
+        If a text is no NAME=TEXT, or a name is given twice.
     """
     pairs = [text.partition("=") for text in given or []]
     faults = [
@@ -66,7 +64,7 @@ def parsed_pairs(given: list[str] | None, option: str, what: str, allowed: str) 
 
 
 def as_typed(options: Mapping[str, str | int | list[str] | None]) -> str:
-    """Those options (by their names in Python) that were given as they are typed again, a blank before each."""
+    """The given options (by their Python names) in command-line syntax, each preceded by a blank."""
     pairs = [(name, one) for name, given in options.items() for one in (given if isinstance(given, list) else [given])]
     typed = [(name.replace("_", "-"), str(one)) for name, one in pairs if one is not None]
     return "".join(f" --{name} {shlex.quote(one)}" for name, one in typed)

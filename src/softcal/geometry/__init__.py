@@ -1,1 +1,1 @@
-"""Shapes without physics: meshes, regions, mesh quality."""
+"""Geometry: meshes and their generation, regions, mesh quality, centrelines and sections of rods."""

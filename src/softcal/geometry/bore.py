@@ -1,4 +1,4 @@
-"""The wall of a bore around a point: where rays from the point first meet the mesh's surface, all around its axis."""
+"""Detection of a bore's wall around a point, by intersecting rays from the point with the mesh's surface."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from softcal.geometry.mesh import TetMesh
 from softcal.geometry.ring import across, ring_points
 from softcal.geometry.surface import boundary_faces, boundary_owners
 
-# Directions in which the surface is looked for, to find the bore's axis; rays across it, each of which must meet the
-# wall, and of how many of them one is a point of the ring.
+# Rays in all directions to find the bore's axis; rays across it, all of which must hit the wall; every how many of them
+# one is a point of the ring.
 PROBES, RAYS, EACH = 96, 32, 4
-# At a bore's mouth the ring is sought this far along the axis, in steps, as fractions of the distance to the wall.
+# At a bore's mouth the ring is searched at these offsets along the axis, as fractions of the distance to the wall.
 ALONG = (0.0, 0.1, -0.1, 0.25, -0.25, 0.5, -0.5)
-# The wall is no further away than this many times the nearest part of it.
+# Largest distance of the wall over the distance of its nearest part.
 REACH = 20.0
-# A hit this little outside a triangle, in its barycentric coordinates, is rounding: two triangles share each edge.
+# Tolerance of barycentric coordinates for hits on an edge shared by two triangles.
 EDGE = 1e-9
 
 
@@ -27,7 +27,7 @@ EDGE = 1e-9
 class Wall:
     """Points of a bore's wall around a point.
 
-    points (k, 3) [m]; tets (k,): the tet behind each; diameter [m] of the circle through them.
+    points (k, 3) [m]; tets (k,): the tet of each; diameter [m] of the circle through them.
     """
 
     points: Floats
@@ -36,11 +36,10 @@ class Wall:
 
 
 def wall_around(mesh: TetMesh, point: Floats) -> Wall | None:
-    """The wall of the bore that a point outside the mesh (3,) [m] lies in, or None where no wall surrounds it.
+    """The wall of the bore around a point outside the mesh (3,) [m], or None if no wall surrounds it.
 
-    The bore's axis is the direction that the normals of the walls in sight have least of. Its wall is met by rays
-    across the axis, on one ring through the point, or on two rings beside each other where the point lies in the
-    bore's mouth.
+    The bore's axis is the direction most nearly normal to the normals of the visible walls. The wall is found by rays
+    across the axis, on one ring through the point, or on two adjacent rings if the point is in the bore's mouth.
     """
     triangles, owners = mesh.points[boundary_faces(mesh)[:, :3]], boundary_owners(mesh)
     near = _near(triangles, point)
@@ -70,7 +69,7 @@ def wall_around(mesh: TetMesh, point: Floats) -> Wall | None:
 
 
 def _near(triangles: Floats, point: Floats) -> Ints:
-    """The triangles that may have a part within reach of the point."""
+    """Triangles that may have a part within reach of the point."""
     centres = triangles.mean(axis=1)
     radii = np.linalg.norm(triangles - centres[:, None], axis=2).max(axis=1)
     away = np.linalg.norm(centres - point, axis=1) - radii
@@ -78,14 +77,14 @@ def _near(triangles: Floats, point: Floats) -> Ints:
 
 
 def _ring(triangles: Floats, centre: Floats, axis: Floats) -> tuple[Floats, Ints] | None:
-    """Where rays across the axis first meet the surface, and the triangles; None where one meets nothing."""
+    """First intersections of rays across the axis with the surface, and their triangles; None if a ray has none."""
     rays = ring_points(np.zeros(3), axis, across(axis), 1.0, RAYS)
     distance, hit = _first_hits(triangles, centre, rays)
     return None if (hit < 0).any() else ((centre + distance[:, None] * rays)[::EACH], hit[::EACH])
 
 
 def _diameter(points: Floats, axis: Floats) -> float:
-    """Of the circle that fits points across an axis best [m]."""
+    """Diameter of the circle fitted to points across an axis [m]."""
     first = across(axis)
     flat = (points - points.mean(axis=0)) @ np.stack([first, np.cross(axis, first)], axis=1)
     solved = np.linalg.lstsq(np.column_stack([2.0 * flat, np.ones(len(flat))]), (flat**2).sum(axis=1), rcond=None)[0]
@@ -93,9 +92,9 @@ def _diameter(points: Floats, axis: Floats) -> float:
 
 
 def _first_hits(triangles: Floats, origin: Floats, rays: Floats) -> tuple[Floats, Ints]:
-    """How far along each ray (k, 3) the surface is met first [m], and by which triangle; -1 where it is not.
+    """Distance of the first intersection along each ray (k, 3) [m], and its triangle; -1 if there is none.
 
-    A ray o + t d meets a triangle a + u e1 + v e2 (Möller and Trumbore, 1997).
+    Intersection of a ray o + t d with a triangle a + u e1 + v e2 (Möller and Trumbore, 1997).
     """
     a, e1, e2 = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     s = origin - a
@@ -117,7 +116,7 @@ def _first_hits(triangles: Floats, origin: Floats, rays: Floats) -> tuple[Floats
 
 
 def _sphere(n: int) -> Floats:
-    """Unit vectors (n, 3), evenly spread: points on a spiral by the golden angle."""
+    """Evenly distributed unit vectors (n, 3): points on a golden-angle spiral."""
     z = 1.0 - (2.0 * np.arange(n) + 1.0) / n
     angle = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(n)
     r = np.sqrt(1.0 - z**2)

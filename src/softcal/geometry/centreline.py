@@ -52,14 +52,14 @@ class Centreline:
 
 
 def spaced(stations: ArrayLike, longest: float) -> Floats:
-    """Fractions from 0 to 1 that hit every one of `stations` (also fractions), no two further apart than `longest`.
+    """Fractions from 0 to 1 that include all `stations` (also fractions), with a spacing of at most `longest`.
 
-    For `straight` and `helix`, where discs sit at given stations.
+    For `straight` and `helix` with discs at given stations.
 
     Raises
     ------
     MeshError
-        Where a station is not between 0 and 1, or `longest` is not positive.
+        If a station is not between 0 and 1, or `longest` is not positive.
     """
     inner = np.asarray(stations, dtype=np.float64).ravel()
     if inner.size and not (inner.min() >= 0.0 and inner.max() <= 1.0):
@@ -83,7 +83,7 @@ def straight(
     at
         Number of elements of equal length, or the nodes as fractions ascending from 0 to 1.
     first
-        A vector that is made normal to the rod and becomes axis 1 of the sections; any if None.
+        A vector whose part normal to the rod becomes axis 1 of the sections; any if None.
 
     Raises
     ------
@@ -115,21 +115,21 @@ def helix(
     Parameters
     ----------
     base
-        Point on the coil's axis, level with the wire's first node [m].
+        Point on the coil's axis at the height of the wire's first node [m].
     axis
-        Direction in which the coil climbs.
+        Direction of the coil's axis.
     diameter
-        Of the coil, from wire centre to wire centre [m].
+        Diameter of the coil, from wire centre to wire centre [m].
     pitch
-        Climb per turn [m]; 0 for a ring.
+        Rise per turn [m]; 0 for a ring.
     turns
-        Number of turns, of any fraction.
+        Number of turns, not necessarily whole.
     at
         Number of elements of equal length, or the nodes as fractions ascending from 0 to 1.
     towards
         Direction from the axis to the first node; any if None.
     left_handed
-        Whether the wire climbs clockwise, seen against `axis`.
+        Whether the wire rises clockwise, viewed against `axis`.
 
     Raises
     ------
@@ -162,15 +162,15 @@ def helix(
 
 
 def polyline(points: ArrayLike, *, first: Sequence[float] | None = None) -> Centreline:
-    """A smooth curve through points: a circle through each three gives the tangent, arcs between them the lengths.
+    """A smooth curve through points: tangents by circles through three points, lengths by arcs between them.
 
-    The sections do not turn about the tangent from node to node (double reflection; Wang, Juettler, Zheng and Liu,
-    2008). Axis 1 of the first one is `first`, made normal to the curve.
+    The sections have no twist from node to node (double reflection; Wang, Juettler, Zheng and Liu, 2008). Axis 1 of the
+    first one is the part of `first` normal to the curve.
 
     Raises
     ------
     MeshError
-        Where points coincide, or the curve turns by a right angle or more at one of them.
+        If points coincide, or the curve turns by a right angle or more at one of them.
     """
     nodes = frozen_floats(points, name="points", shape=(None, 3))
     chords = np.diff(nodes, axis=0)
@@ -204,12 +204,12 @@ def polyline(points: ArrayLike, *, first: Sequence[float] | None = None) -> Cent
 def curve_through(
     points: ArrayLike, stations: ArrayLike, longest: float, *, first: Sequence[float] | None = None
 ) -> Centreline:
-    """`polyline` with more nodes on it: at arc lengths `stations` [m], none further apart than `longest` [m].
+    """`polyline` with additional nodes: at arc lengths `stations` [m], with a spacing of at most `longest` [m].
 
     Raises
     ------
     MeshError
-        As `polyline`; where a station lies off the curve.
+        As `polyline`; or if a station is off the curve.
     """
     from scipy.interpolate import CubicHermiteSpline
 

@@ -16,11 +16,11 @@ from softcal.geometry.mesh import TetMesh
 from softcal.geometry.ring import ring_points
 from softcal.geometry.surface import boundary_faces
 
-# The worker meshes in millimetres, where the tolerances of its CAD kernel are made for.
+# The worker meshes in millimetres, for which the tolerances of its CAD kernel are designed.
 MILLIMETRE = 1e-3
-# Guide holes are small beside the disc: their short edges must not spread, nor become so few that no circle is left.
+# Guide holes are small compared with the disc: their short edges must not spread, nor become too few for a circle.
 SMALL_HOLES = {"Mesh.MeshSizeExtendFromBoundary": 0, "Mesh.MinimumCurveNodes": 8}
-# Nodes this near to a surface, relative to the disc's diameter, lie on it.
+# Tolerance of nodes on a surface, relative to the disc's diameter.
 ON_SURFACE = 1e-7
 
 
@@ -98,7 +98,7 @@ def disc_mesh(
     Parameters
     ----------
     size, count
-        Target edge length [m], or target number of tets, met within 5 %; one of the two.
+        Target edge length [m], or target number of tets, to within 5 %; one of the two.
     order
         2 for quadratic tets, curved on the rim and in the holes; 1 for linear ones.
     timeout
@@ -108,12 +108,12 @@ def disc_mesh(
     -------
     TetMesh
         With node and face sets "bottom", "top", "rim"; "holes" for the guide holes and "h1", "h2", … for each; "centre"
-        for the centre hole. Sets of what the disc does not have are left out.
+        for the centre hole. Sets of missing features are omitted.
 
     Raises
     ------
     MeshError
-        Where the target cannot be met, Gmsh is not installed, fails or takes too long.
+        If the target cannot be reached, or Gmsh is not installed, fails or takes too long.
     """
     where = "disc"
     job: dict[str, Any] = {

@@ -1,4 +1,4 @@
-"""Tetrahedral meshes from surfaces and CAD models, by Gmsh in a process of its own."""
+"""Tetrahedral meshes from surfaces and CAD models, by Gmsh in a separate process."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ OPTIONS = {
     "Mesh.Optimize": 1,
     "Mesh.OptimizeNetgen": 0,
 }
-# Debian packages of the system libraries that the Gmsh wheel does not carry.
+# Debian packages of the system libraries that the Gmsh wheel does not include.
 APT_PACKAGES = {
     "libGL": "libgl1",
     "libGLU": "libglu1-mesa",
@@ -73,15 +73,15 @@ def mesh_file(
     path
         The file.
     size, count
-        Target edge length [m], or target number of tets, met within 5 %; one of the two.
+        Target edge length [m], or target number of tets, to within 5 %; one of the two.
     order
-        1 for linear tets, 2 for quadratic ones, curved where the model is.
+        1 for linear tets, 2 for quadratic ones, curved on curved faces.
     unit
-        Unit of the lengths in an .stl, which carries none. A STEP file carries its own; leave it at "mm".
+        Unit of the lengths in an .stl file, which has none. A STEP file has its own; leave it at "mm".
     edges_around
-        Of a STEP file: elements so small where the model is round that this many edges go around a bore or fillet.
+        For a STEP file: number of edges around a bore or fillet, by smaller elements on round faces.
     feature_angle
-        Edges of an .stl sharper than this are kept [rad].
+        Edges of an .stl file sharper than this angle are kept [rad].
     timeout
         Longest time that Gmsh may take [s].
 
@@ -93,7 +93,7 @@ def mesh_file(
     Raises
     ------
     MeshError
-        Where the file cannot be meshed, Gmsh is not installed, fails or takes too long.
+        If the file cannot be meshed, or Gmsh is not installed, fails or takes too long.
     """
     path = Path(path)
     kind = KINDS.get(path.suffix.lower())
@@ -134,7 +134,7 @@ def mesh_file(
 
 
 def target_of(size: float | None, count: int | None, factor: float, *, where: str) -> dict[str, float | int | None]:
-    """The target of a job, with the size in its unit, which is `factor` metres.
+    """The target of a job, with the size in the job's unit of `factor` metres.
 
     Raises
     ------
@@ -158,7 +158,7 @@ def target_of(size: float | None, count: int | None, factor: float, *, where: st
 
 
 def run_gmsh(job: Mapping[str, Any], *, where: str, timeout: float) -> dict[str, np.ndarray[Any, Any]]:
-    """What the worker makes of a job: "points" and "tets", or "section" and "triangles", in the job's unit.
+    """Run a job in the worker: returns "points" and "tets", or "section" and "triangles", in the job's unit.
 
     Raises
     ------

@@ -1,6 +1,6 @@
-"""The shapes of a meshing job as Gmsh's own model: files of triangles and CAD, solids of revolution, discs.
+"""Gmsh models of a meshing job: STL and STEP files, solids of revolution, discs.
 
-For the worker's process alone, which has loaded Gmsh.
+Only for the worker's process, which has loaded Gmsh.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ FEW_TRIANGLES = 400
 
 
 class JobError(Exception):
-    """A job that cannot be done; its message goes to fault.json."""
+    """A job that failed; its message is written to fault.json."""
 
     def __init__(self, fault: str, *, got: str = "", allowed: str = "", attempt: str = "") -> None:
         super().__init__(fault)
@@ -34,7 +34,7 @@ def load_stl(gmsh: Any, job: dict[str, Any]) -> None:
 
 
 def split_stl(gmsh: Any, job: dict[str, Any], *, into_patches: bool) -> None:
-    """Faces between sharp edges and the volume inside; into_patches: faces cut further, each like a disc."""
+    """Faces between sharp edges and the volume inside; into_patches: faces are divided into disc-like patches."""
     gmsh.merge(job["path"])
     corners, nodes = surface_triangles(gmsh)
     if len(nodes) == 0:
@@ -49,7 +49,7 @@ def split_stl(gmsh: Any, job: dict[str, Any], *, into_patches: bool) -> None:
             attempt="repair it in the CAD program and export it again",
         )
     if len(nodes) < FEW_TRIANGLES:
-        # Gmsh never comes back from a face that is a single triangle.
+        # Gmsh hangs on a face that is a single triangle.
         gmsh.model.mesh.refine()
     gmsh.model.mesh.classifySurfaces(job["feature_angle"], True, into_patches, math.pi)
     gmsh.model.mesh.createGeometry()
@@ -71,7 +71,7 @@ def load_step(gmsh: Any, job: dict[str, Any]) -> None:
 
 
 def build_revolution(gmsh: Any, job: dict[str, Any]) -> None:
-    """The solid that the regions of a half section make when they turn about z, conforming to each other."""
+    """The conforming solid of revolution of a half section's regions about z."""
     section = draw_section(gmsh, job)
     gmsh.model.occ.revolve(section, 0, 0, 0, 0, 0, 1, 2 * math.pi)
     gmsh.model.occ.remove(section, recursive=True)
@@ -80,7 +80,7 @@ def build_revolution(gmsh: Any, job: dict[str, Any]) -> None:
 
 
 def build_section(gmsh: Any, job: dict[str, Any]) -> None:
-    """The half section alone, which the parent sweeps around."""
+    """The half section, which the parent process sweeps about the axis."""
     section = draw_section(gmsh, job)
     gmsh.model.occ.synchronize()
     job["area"] = sum(gmsh.model.occ.getMass(2, tag) for _, tag in section)
@@ -115,7 +115,7 @@ def draw_section(gmsh: Any, job: dict[str, Any]) -> list[tuple[int, int]]:
 
 
 def build_disc(gmsh: Any, job: dict[str, Any]) -> None:
-    """A flat cylinder from z = 0 upwards less its holes, each (x, y, diameter)."""
+    """A flat cylinder from z = 0 upwards with holes (x, y, diameter)."""
     occ = gmsh.model.occ
     body = occ.addCylinder(0, 0, 0, 0, 0, job["thickness"], 0.5 * job["diameter"])
     holes = [(3, occ.addCylinder(x, y, 0, 0, 0, job["thickness"], 0.5 * diameter)) for x, y, diameter in job["holes"]]

@@ -1,4 +1,4 @@
-"""Meshing in a process of its own: `python -m softcal.geometry.gmsh_worker FOLDER`, the job as JSON on stdin.
+"""Meshing in a separate process: `python -m softcal.geometry.gmsh_worker FOLDER`, with the job as JSON on stdin.
 
 Gmsh is GPL, keeps global state and can crash or hang: nothing else in softcal may import it; gmsh_shapes.py is part of
 the worker. It writes mesh.npz into FOLDER: points in the job's unit and tets in VTK node order, or a half section and
@@ -18,30 +18,30 @@ import numpy as np
 
 from softcal.geometry.gmsh_shapes import LOADERS, JobError, load_stl, surface_triangles
 
-# Gmsh numbers the last two edges of a quadratic tet the other way round than VTK.
+# Gmsh and VTK number the last two edges of a quadratic tet in opposite order.
 GMSH_TO_VTK = (0, 1, 2, 3, 4, 5, 6, 7, 9, 8)
 # Gmsh's number and the nodes of the elements: tets by order, and quadratic triangles.
 TET_TYPES = {1: (4, 4), 2: (11, 10)}
 TRIANGLE_TYPES = {1: (2, 3), 2: (9, 6)}
-# A target count is met when the mesh is this near to it; the search stops early when it is very near.
+# Tolerances of a target count: of an accepted mesh, and of one that stops the search early.
 COUNT_TOLERANCE, COUNT_GOAL, MAX_MESHES = 0.05, 0.03, 16
-# The search ends when sizes this near to each other give too few and too many tets.
+# The search ends if two sizes of this ratio give too few and too many tets.
 CLOSE = 0.99
 AROUND_A_JUMP = (0.97, 1.03, 0.94, 1.06, 0.9, 1.1, 0.85, 1.15, 0.8, 1.2)
-# Quadratic tets whose Jacobian falls below this part of their greatest one are mended.
+# Quadratic tets whose smallest Jacobian is below this share of the largest one are repaired.
 LEAST_JACOBIAN = 0.1
-# Tets in a cube, and triangles in a square, of the edge's length.
+# Tets per cube, and triangles per square, of the edge length.
 TETS_PER_CUBE, TRIANGLES_PER_SQUARE = 6.0 * math.sqrt(2.0), 4.0 / math.sqrt(3.0)
-# Nodes of a half section this near to the axis lie on it.
+# Tolerance of nodes of a half section on the axis.
 ON_AXIS = 1e-9
 
 
 def main() -> int:
-    """Do the job on stdin; the exit code says whether there is a mesh."""
+    """Run the job on stdin; the exit code is 0 if there is a mesh."""
     job = json.load(sys.stdin)
     folder = Path(sys.argv[1])
     if hasattr(signal, "alarm"):
-        # Where the parent was killed, nobody else would stop a Gmsh that hangs.
+        # Stops a hanging Gmsh even if the parent was killed.
         signal.alarm(math.ceil(job["timeout"]) + 10)
     try:
         arrays = make_mesh(job)
@@ -67,14 +67,14 @@ def make_mesh(job: dict[str, Any]) -> dict[str, Any]:
         return collect(gmsh, job)
     except JobError:
         raise
-    except Exception as error:  # Gmsh raises nothing finer; the parent makes a sentence of it
+    except Exception as error:  # Gmsh raises nothing more specific; the parent turns it into a sentence
         raise failure(gmsh, job, str(error).strip() or gmsh.logger.getLastError()) from error
     finally:
         gmsh.finalize()
 
 
 def failure(gmsh: Any, job: dict[str, Any], reason: str) -> JobError:
-    """Why there is no mesh; where a round face is narrower than the elements, that it is."""
+    """The fault of a failed mesh; names a round face that is smaller than the elements."""
     narrowest = narrowest_diameter(gmsh) if job["kind"] == "step" else math.inf
     size = gmsh.option.getNumber("Mesh.MeshSizeMax")
     if size <= narrowest:
@@ -88,7 +88,7 @@ def failure(gmsh: Any, job: dict[str, Any], reason: str) -> JobError:
 
 
 def narrowest_diameter(gmsh: Any) -> float:
-    """The least diameter of curvature of the CAD model's faces, in their middle; infinite where all are flat."""
+    """The smallest diameter of curvature at the centres of the CAD model's faces; infinite if all are flat."""
     found = [math.inf]
     for _, tag in gmsh.model.getEntities(2):
         lower, upper = gmsh.model.getParametrizationBounds(2, tag)
@@ -101,7 +101,7 @@ def narrowest_diameter(gmsh: Any) -> float:
 
 
 def import_gmsh() -> Any:
-    """The module, or a fault that says what is missing."""
+    """The module; raises a fault that names a missing package or library."""
     try:
         import gmsh
     except ImportError as error:
@@ -112,7 +112,7 @@ def import_gmsh() -> Any:
 
 
 def mesh_to_target(gmsh: Any, job: dict[str, Any]) -> None:
-    """Mesh with linear tets at the target size, or search the size that gives the target count."""
+    """Mesh with linear tets at the target size, or search for the size of the target count."""
     if job["size"] is not None:
         expected = expected_count(job, job["size"])
         if expected > job["most_tets"]:
@@ -151,11 +151,11 @@ def mesh_to_target(gmsh: Any, job: dict[str, Any]) -> None:
 
 
 def mesh_around_jump(gmsh: Any, job: dict[str, Any], size: float) -> bool:
-    """Whether a mesh near this size meets the count: it jumps where many edges take one division more at once."""
+    """Whether a mesh near this size has the count, which jumps when many edges get one more division together."""
     for factor in AROUND_A_JUMP:
         varied = dict(job)
         if job.get("refine"):
-            # The more the further up, so that the circles do not all jump at once.
+            # Increases with height, so that the circles do not all jump together.
             ratios = job["refine"]["ratios"]
             steps = max(len(ratios) - 1, 1)
             varied_ratios = [ratio * factor ** (i / steps) for i, ratio in enumerate(ratios)]
@@ -169,7 +169,7 @@ def mesh_around_jump(gmsh: Any, job: dict[str, Any], size: float) -> bool:
 
 
 def dimension(job: dict[str, Any]) -> int:
-    """Of the elements that Gmsh is to make."""
+    """Dimension of the elements to generate."""
     return 2 if job["kind"] == "section" else 3
 
 
@@ -181,7 +181,7 @@ def expected_count(job: dict[str, Any], size: float) -> float:
 
 
 def count_tets(gmsh: Any, job: dict[str, Any]) -> int:
-    """Number of tets of the linear mesh, or that its triangles give when they are swept around."""
+    """Number of tets of the linear mesh, or of the sweep of its triangles."""
     if dimension(job) == 3:
         return len(gmsh.model.mesh.getElementsByType(TET_TYPES[1][0])[0])
     corners, _ = surface_triangles(gmsh)
@@ -189,7 +189,7 @@ def count_tets(gmsh: Any, job: dict[str, Any]) -> int:
 
 
 def next_size(tried: dict[float, int], target: int, fine: float, coarse: float) -> float:
-    """Secant on log(count) over log(size), inside the bracket of a too fine and a too coarse size."""
+    """Secant step on log(count) over log(size), within the bracket of a too fine and a too coarse size."""
     a, *others = sorted(tried, key=lambda size: abs(math.log(tried[size] / target)))
     slope = -3.0
     if others and tried[a] != tried[others[0]]:
@@ -202,7 +202,7 @@ def next_size(tried: dict[float, int], target: int, fine: float, coarse: float) 
 
 
 def largest_size(gmsh: Any) -> float:
-    """The diagonal of the model: no size beyond it makes a difference."""
+    """The diagonal of the model: larger sizes have no effect."""
     box = gmsh.model.getBoundingBox(-1, -1)
     return math.dist(box[:3], box[3:])
 
@@ -210,7 +210,7 @@ def largest_size(gmsh: Any) -> float:
 def mesh_at(gmsh: Any, job: dict[str, Any], size: float) -> int:
     """Number of tets of a mesh of this target size, finer near the circles of job["refine"]."""
     if job["kind"] == "stl" and gmsh.model.mesh.getElementsByType(TET_TYPES[1][0])[0].size:
-        # A surface of triangles is itself a mesh, which clearing would lose.
+        # A surface of triangles is itself a mesh, which clearing would delete.
         gmsh.clear()
         load_stl(gmsh, job)
     elif job["kind"] != "stl":
@@ -227,7 +227,7 @@ def mesh_at(gmsh: Any, job: dict[str, Any], size: float) -> int:
 
 
 def curve(gmsh: Any, job: dict[str, Any]) -> None:
-    """Quadratic elements on the curved surface, mended where that turned one inside out."""
+    """Quadratic elements on the curved surface; inverted ones are repaired."""
     gmsh.model.mesh.setOrder(2)
     kind, _ = (TET_TYPES if dimension(job) == 3 else TRIANGLE_TYPES)[2]
     tags, _ = gmsh.model.mesh.getElementsByType(kind)
@@ -262,7 +262,7 @@ def set_grading(gmsh: Any, refine: dict[str, Any], size: float) -> None:
 
 
 def collect(gmsh: Any, job: dict[str, Any]) -> dict[str, Any]:
-    """Points and elements of the mesh, numbered densely, only points that the elements use."""
+    """Points and elements of the mesh, without unused points, renumbered."""
     kind, n_nodes = (TET_TYPES if dimension(job) == 3 else TRIANGLE_TYPES)[job["order"]]
     _, connectivity = gmsh.model.mesh.getElementsByType(kind)
     used, elements = np.unique(np.asarray(connectivity, dtype=np.int64), return_inverse=True)

@@ -1,4 +1,4 @@
-"""Where in a mesh a point lies: its tet and barycentric coordinates there."""
+"""Location of points in a mesh: tet and barycentric coordinates."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from softcal.geometry.mesh import TetMesh
 from softcal.geometry.surface import boundary_faces, boundary_owners
 from softcal.units import format_quantity
 
-# How far outside a point may lie, as a fraction of the mean edge of the nearest tet: a point on a curved surface lies
+# Allowed distance outside the mesh, as a fraction of the mean edge of the nearest tet: a point on a curved surface is
 # outside the straight-sided tets that approximate it.
 OUTSIDE = 0.25
-# Barycentric coordinates this little below zero are rounding.
+# Rounding tolerance of negative barycentric coordinates.
 INSIDE = 1e-9
 
 
@@ -28,7 +28,7 @@ def locate_point(
     Raises
     ------
     MeshError
-        Where the point lies outside the mesh by more than the tolerance.
+        If the point is outside the mesh by more than the tolerance.
     """
     tets, weights = locate_points(
         mesh, frozen_floats(point, name=where or "point", shape=(3,))[None, :], tolerance=tolerance, where=where
@@ -46,8 +46,8 @@ def locate_points(
     points
         Shape (k, 3) [m].
     tolerance
-        How far outside the mesh a point may lie [m]; by default a quarter of the mean edge of the nearest tet. Such
-        a point is extrapolated from that tet: one of its coordinates is negative.
+        Allowed distance outside the mesh [m]; by default a quarter of the mean edge of the nearest tet. Such a point is
+        extrapolated from that tet: one of its coordinates is negative.
 
     Returns
     -------
@@ -57,7 +57,7 @@ def locate_points(
     Raises
     ------
     MeshError
-        Where points lie outside the mesh by more than the tolerance; names each with its distance.
+        If points are outside the mesh by more than the tolerance; names each with its distance.
     """
     points = frozen_floats(points, name=where or "points", shape=(None, 3))
     found = nearest_places(mesh, points, tolerance=tolerance)
@@ -73,9 +73,9 @@ def locate_points(
 
 @dataclass(frozen=True)
 class Places:
-    """Of points (n, 3) the tets (n,) that they lie in, or nearest to, and their barycentric coordinates (n, 4) there.
+    """Containing or nearest tets (n,) of points (n, 3), and their barycentric coordinates (n, 4).
 
-    distances, allowed (n,) [m]: how far outside the mesh they lie, and how far they may.
+    distances, allowed (n,) [m]: distances outside the mesh, and their limits.
     """
 
     tets: Ints
@@ -85,12 +85,12 @@ class Places:
 
     @property
     def is_off(self) -> NDArray[np.bool_]:
-        """Which points lie further outside than they may (n,)."""
+        """Points outside the mesh beyond their limit (n,)."""
         return self.distances > self.allowed
 
 
 def nearest_places(mesh: TetMesh, points: Floats, *, tolerance: float | None = None) -> Places:
-    """As `locate_points`, for points however far outside the mesh."""
+    """As `locate_points`, for points at any distance outside the mesh."""
     corners = mesh.points[mesh.tets[:, :4]]
     inverse = np.linalg.inv(np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)).astype(np.float64)
     tets = np.zeros(len(points), dtype=np.int64)
@@ -118,7 +118,7 @@ def barycentric_in(mesh: TetMesh, tet: int, point: Floats) -> Floats:
 
 
 def tets_holding(mesh: TetMesh, points: Floats) -> Ints:
-    """Of each point (n, 3) the tet that it lies in, -1 outside, by the straight-sided tets between the corners."""
+    """Containing tet of each point (n, 3), -1 outside, by the straight-sided tets between the corners."""
     corners = mesh.points[mesh.tets[:, :4]]
     inverse = np.linalg.inv(np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)).astype(np.float64)
     found = np.full(len(points), -1, dtype=np.int64)
@@ -131,13 +131,13 @@ def tets_holding(mesh: TetMesh, points: Floats) -> Ints:
 
 
 def mean_edges(mesh: TetMesh, tets: Ints) -> Floats:
-    """A length of an edge of each of the tets [m]: the mean of four of them."""
+    """Mean of four edge lengths of each tet [m]."""
     corners = mesh.points[mesh.tets[tets, :4]]
     return np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean(axis=1)
 
 
 def nearest_tets(mesh: TetMesh, points: Floats) -> tuple[Ints, Floats]:
-    """Of each point (n, 3) the tet behind the nearest triangle of the surface, and the distance to that [m]."""
+    """Tet of the surface triangle nearest to each point (n, 3), and the distance to it [m]."""
     triangles = mesh.points[boundary_faces(mesh)[:, :3]]
     owners = boundary_owners(mesh)
     nearest = np.zeros(len(points), dtype=np.int64)
@@ -155,7 +155,7 @@ def _barycentric(point: Floats, origins: Floats, inverse: Floats) -> Floats:
 
 
 def distances_to_triangles(point: Floats, triangles: Floats) -> Floats:
-    """Of a point (3,) from each of the triangles (n, 3, 3) [m]."""
+    """Distances of a point (3,) from triangles (n, 3, 3) [m]."""
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     height = np.einsum("ij,ij->i", point - triangles[:, 0], normals)

@@ -18,11 +18,11 @@ from softcal.geometry.sweep import sweep
 
 Place = tuple[float, float]
 
-# The worker meshes in millimetres, where the tolerances of its CAD kernel are made for.
+# The worker meshes in millimetres, for which the tolerances of its CAD kernel are designed.
 MILLIMETRE = 1e-3
-# Nodes this near to a plane, relative to the neck's height, lie on it.
+# Tolerance of nodes on a plane, relative to the neck's height.
 ON_PLANE = 1e-9
-# How far from a waist the elements reach their full size, in core radii.
+# Distance from a waist at which the elements reach their full size, in core radii.
 REFINED_REACH = 1.0
 
 
@@ -34,8 +34,8 @@ class NeckShape:
     waist. The defaults are the published neck at an outer diameter of 38 mm.
 
     n_bells: number of links; bottom_link_height: from the base to the first waist; link_pitch: from waist to waist;
-    dome_height: of every link; waist_diameter: of the core where two links meet; collar_diameter, collar_height: the
-    cylinder on top that the plate holds; clamp_depth: how much of the bottom link sits in the socket.
+    dome_height: of every link; waist_diameter: of the core between two links; collar_diameter, collar_height: the
+    cylinder on top that is fixed to the plate; clamp_depth: length of the bottom link in the socket.
     """
 
     outer_diameter: float = 0.038
@@ -87,7 +87,7 @@ class NeckShape:
 
     @property
     def waists(self) -> tuple[float, ...]:
-        """Heights of the link tops, where the core is bare [m]; the collar starts at the last."""
+        """Heights of the link tops (waists) [m]; the collar starts at the last."""
         return tuple(self.bottom_link_height + i * self.link_pitch for i in range(self.n_bells))
 
     @property
@@ -137,26 +137,26 @@ def neck_mesh(
     sectors: int | None = None,
     timeout: float = 300.0,
 ) -> TetMesh:
-    """A mesh of the neck, z upwards, base at z = 0, conforming to the clamp's and the collar's plane.
+    """A mesh of the neck, z upwards, base at z = 0, conforming to the planes of the clamp and the collar.
 
-    Delaunay, or swept around the axis in `sectors`: elements that are long around the axis and small across reach
-    the same accuracy with far fewer of them, since the stress at the waists changes fast across and slowly around.
-    For quadratic tets, 6 or 8 sectors with a refinement of about 12 do well.
+    Delaunay, or swept about the axis in `sectors`: elements that are long in the hoop direction and small across reach
+    the same accuracy with far fewer elements, since the stress gradient at the waists is small in the hoop direction.
+    For quadratic tets, 6 or 8 sectors with a refinement of about 12 are suitable.
 
     Parameters
     ----------
     shape
         The neck; by default the published one.
     size, count
-        Target edge length away from the waists [m], or target number of tets, met within 5 %; one of the two.
+        Target edge length away from the waists [m], or target number of tets, to within 5 %; one of the two.
     order
         1 for linear tets, 2 for quadratic ones, curved on the surface of revolution.
     waist_refinement
-        How many times smaller the elements are at the waists, where the neck bends and stress is singular [-]; up to
-        a fifth more or less at some waists where only so the target count is met.
+        Ratio of element sizes away from and at the waists, where the stress is singular [-]; varied by up to a fifth at
+        some waists if needed for the target count.
     sectors
-        Number of sectors to sweep the half section through, even and at least 4; the mesh is then its own mirror
-        image in the plane y = 0. By default the solid is meshed as a whole.
+        Number of sectors of the sweep, even and at least 4; the mesh is then symmetric about the plane y = 0. By
+        default the solid is meshed as a whole.
     timeout
         Longest time that Gmsh may take [s].
 
@@ -169,7 +169,7 @@ def neck_mesh(
     Raises
     ------
     MeshError
-        Where the target cannot be met, Gmsh is not installed, fails or takes too long.
+        If the target cannot be reached, or Gmsh is not installed, fails or takes too long.
     """
     shape = NeckShape() if shape is None else shape
     where = "neck"
@@ -223,7 +223,7 @@ class _Curve:
 
 
 def _regions(shape: NeckShape) -> list[list[dict[str, Any]]]:
-    """Closed outlines of what lies in the socket, between socket and collar, and in the collar, for the worker."""
+    """Closed outlines of the regions in the socket, between socket and collar, and in the collar, for the worker."""
     socket, rest = _cut(shape, _outline(shape), shape.clamp_depth)
     body, collar = _cut(shape, rest, shape.collar_start)
     return [[_item(shape, curve) for curve in _closed(curves)] for curves in (socket, body, collar)]
@@ -260,7 +260,7 @@ def _cut(shape: NeckShape, curves: list[_Curve], height: float) -> tuple[list[_C
         below.append(_Curve(crossing.start, (r, height), crossing.dome_of))
         above[0] = _Curve((r, height), crossing.end, crossing.dome_of)
     elif below[-1].start[1] == below[-1].end[1] and below[-1].end[0] > below[-1].start[0]:
-        above.insert(0, below.pop())  # an underside that juts out belongs to what is above it
+        above.insert(0, below.pop())  # an overhanging underside belongs to the region above
     return below, above
 
 
@@ -282,5 +282,5 @@ def _item(shape: NeckShape, curve: _Curve) -> dict[str, Any]:
 
 
 def _in_millimetres(place: Place) -> list[float]:
-    # Rounded far below any tolerance, so that curves which meet share the very same point.
+    # Rounded far below any tolerance, so that adjacent curves share identical points.
     return [round(length / MILLIMETRE, 9) for length in place]

@@ -1,4 +1,4 @@
-"""How far points are from a mesh, or how deep in it: what ties reach, and what overlaps at rest."""
+"""Point-mesh distances, outside and inside, for checking ties and initial overlap."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from softcal.geometry.mesh import TetMesh
 
 
 def distances_outside(mesh: TetMesh, points: Floats) -> tuple[Floats, Floats]:
-    """How far outside a mesh points (n, 3) lie, 0 for those in it, and what the default tolerance there is [m]."""
+    """Distances of points (n, 3) outside a mesh, 0 for points inside, and the default tolerances there [m]."""
     outside = tets_holding(mesh, points) < 0
     distance, allowed = np.zeros(len(points)), np.zeros(len(points))
     if outside.any():
@@ -20,7 +20,7 @@ def distances_outside(mesh: TetMesh, points: Floats) -> tuple[Floats, Floats]:
 
 
 def depths_inside(mesh: TetMesh, points: Floats) -> tuple[Floats, Floats]:
-    """How deep in a mesh points (n, 3) lie, 0 for those outside, and how coarse the mesh is there [m]."""
+    """Depths of points (n, 3) in a mesh, 0 for points outside, and the element sizes there [m]."""
     depth, allowed = np.zeros(len(points)), np.zeros(len(points))
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
     near = np.flatnonzero(((points > low) & (points < high)).all(axis=1))

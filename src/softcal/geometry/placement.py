@@ -1,4 +1,4 @@
-"""Where a part is put: turned about its own origin, then moved."""
+"""Placement of a part: rotations about its own origin, then a translation."""
 
 from __future__ import annotations
 
@@ -52,17 +52,17 @@ class Placement(Declared):
             size = float(np.linalg.norm(vector))
             if not size > 0.0:
                 raise MeshError(
-                    Fault("the axis of a turn has no direction", got=str(list(turn.axis)), allowed="not zero")
+                    Fault("the axis of a rotation has no direction", got=str(list(turn.axis)), allowed="not zero")
                 )
             rotation = Rotation.from_rotvec(vector / size * turn.angle).as_matrix() @ rotation
         return Pose(rotation, np.asarray(self.position, dtype=np.float64))
 
 
 def placed_mesh(mesh: TetMesh, pose: Pose) -> TetMesh:
-    """A mesh where it is put, its sets kept."""
+    """A mesh moved to a pose, with its sets."""
     return replace(mesh, points=pose.apply(mesh.points))
 
 
 def placed_centreline(line: Centreline, pose: Pose) -> Centreline:
-    """A rod's centreline where it is put."""
+    """A rod's centreline moved to a pose."""
     return replace(line, nodes=pose.apply(line.nodes), triads=pose.rotation @ line.triads)

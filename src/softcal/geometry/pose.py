@@ -1,4 +1,4 @@
-"""Where a rigid body stands and how it is turned."""
+"""Pose of a rigid body: rotation and position."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from softcal.checks import Floats, frozen_floats
 
 @dataclass(frozen=True)
 class Pose:
-    """Rotation (3, 3) and position (3,) [m] that turn a body's coordinates into those of a frame: R x + t."""
+    """Rotation (3, 3) and position (3,) [m] from body coordinates to those of a frame: R x + t."""
 
     rotation: Floats
     position: Floats
@@ -34,19 +34,19 @@ class Pose:
         return Rotation.from_matrix(self.rotation).as_rotvec()
 
     def apply(self, points: Floats) -> Floats:
-        """Points (n, 3) [m] of the body in the frame."""
+        """Points (n, 3) [m] of the body in frame coordinates."""
         return points @ self.rotation.T + self.position
 
     def after(self, first: Pose) -> Pose:
-        """The pose that does `first`, then this one."""
+        """Composition: `first`, then this pose."""
         return Pose(self.rotation @ first.rotation, self.rotation @ first.position + self.position)
 
     def inverse(self) -> Pose:
-        """The pose that undoes this one."""
+        """The inverse pose."""
         return Pose(self.rotation.T, -self.rotation.T @ self.position)
 
     def moved(self, step: Floats) -> Pose:
-        """The pose after a small turn (about the frame's axes) and shift: `step` = (rotation vector, shift), (6,)."""
+        """The pose after a small rotation (about the frame's axes) and translation: `step` (6,)."""
         turn = Rotation.from_rotvec(step[:3]).as_matrix()
         return Pose(turn @ self.rotation, self.position + step[3:])
 

@@ -1,4 +1,4 @@
-"""Structured meshes of simple bodies, made without Gmsh."""
+"""Structured meshes of simple bodies, without Gmsh."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def box_mesh(
     order: Literal[1, 2] = 1,
     origin: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> TetMesh:
-    """A box cut into bricks of six tetrahedra each (Kuhn's subdivision, which conforms across bricks).
+    """A box divided into bricks of six tetrahedra each (Kuhn's subdivision, which conforms across bricks).
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def box_mesh(
     order
         1 for linear, 2 for quadratic tetrahedra.
     origin
-        Corner with the least coordinates [m].
+        Corner with the smallest coordinates [m].
 
     Returns
     -------

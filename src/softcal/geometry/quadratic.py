@@ -1,4 +1,4 @@
-"""Linear to quadratic tetrahedra and back."""
+"""Conversion between linear and quadratic tetrahedra."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ def of_order(mesh: TetMesh, order: int) -> TetMesh:
 
 
 def to_quadratic(mesh: TetMesh) -> TetMesh:
-    """The mesh with a node at the middle of every edge, [m]; a quadratic mesh comes back as it is.
+    """The mesh with a node at the middle of every edge [m]; a quadratic mesh is returned unchanged.
 
-    The new nodes follow the old ones. One is in a node set where both ends of its edge are.
+    The new nodes follow the old ones. A new node is in a node set if both ends of its edge are.
     """
     if mesh.cell is QUADRATIC:
         return mesh
@@ -37,9 +37,9 @@ def to_quadratic(mesh: TetMesh) -> TetMesh:
 
 
 def to_linear(mesh: TetMesh) -> TetMesh:
-    """The mesh without its mid-edge nodes, [m]; a linear mesh comes back as it is.
+    """The mesh without its mid-edge nodes [m]; a linear mesh is returned unchanged.
 
-    The corners are numbered anew in their old order; nodes that no tet uses go as well.
+    The corners are renumbered in their old order; unused nodes are removed.
     """
     if mesh.cell is LINEAR:
         return mesh

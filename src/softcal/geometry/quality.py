@@ -1,4 +1,4 @@
-"""Whether a mesh can be computed with: found before solving, told with numbers."""
+"""Quality check of a mesh before solving."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from softcal.errors import Fault, MeshError
 from softcal.geometry.cell import TET_EDGES, TET_FACES
 from softcal.geometry.mesh import TetMesh
 
-# A tet whose least dihedral angle [rad] is below this counts as a sliver.
+# A tet whose smallest dihedral angle [rad] is below this is a sliver.
 SLIVER_ANGLE = math.radians(5.0)
-# Jacobians below this, relative to the cube of the longest edge, are rounding: the tet is flat.
+# A tet is flat if its Jacobian, relative to the cube of the longest edge, is below this.
 FLAT = 1e-10
-# Nodes nearer than this, relative to the mesh's diagonal, sit on each other.
+# Nodes closer than this, relative to the mesh's diagonal, are duplicates.
 SAME_PLACE = 1e-9
 
 
 @dataclass(frozen=True)
 class MeshReport:
-    """What `check_quality` found.
+    """Result of `check_quality`.
 
     volume [m^3]; lower, upper: corners of the bounding box [m]; qualities: mean ratio, 1 for a regular tet, 0 for a
     flat one; min_dihedral [rad]; inverted: tets that are flat or turned inside out somewhere; slivers: tets with a
@@ -51,25 +51,25 @@ class MeshReport:
 
     @property
     def is_sound(self) -> bool:
-        """Whether the mesh can be computed with; slivers make it poor, not unsound."""
+        """Whether the mesh is usable; slivers reduce its quality but not its validity."""
         return not self.inverted and self.n_parts == 1 and not self.unreferenced
 
     @property
     def warning(self) -> str:
-        """A sentence on what is poor but can be computed with, or empty."""
+        """A sentence on poor but usable elements, or empty."""
         texts: list[str] = []
         if self.slivers:
             texts.append(
                 f"{len(self.slivers)} of {self.n_tets} tets are slivers (tets {_some(self.slivers)}), "
-                f"least dihedral angle {math.degrees(self.min_dihedral):.2g} deg, where 5 deg or more is good"
+                f"smallest dihedral angle {math.degrees(self.min_dihedral):.2g} deg, where 5 deg or more is good"
             )
         if self.n_duplicate_nodes:
-            texts.append(f"{self.n_duplicate_nodes} pairs of nodes sit at the same place, which leaves the mesh slit")
+            texts.append(f"{self.n_duplicate_nodes} pairs of nodes coincide, so that the mesh has a slit")
         return "; ".join(texts)
 
 
 def check_quality(mesh: TetMesh) -> MeshReport:
-    """Measure a mesh; never raises on a poor one."""
+    """Measure a mesh; never raises an error for a poor one."""
     corners = mesh.points[mesh.tets[:, :4]]
     lower, upper = mesh.points.min(axis=0), mesh.points.max(axis=0)
     dihedral = _least_dihedral(corners)
@@ -99,12 +99,12 @@ def check_quality(mesh: TetMesh) -> MeshReport:
 
 
 def require_sound(mesh: TetMesh, where: str = "") -> MeshReport:
-    """The report of a mesh that can be computed with.
+    """The report of a usable mesh.
 
     Raises
     ------
     MeshError
-        Where tets are inverted, parts are not connected or nodes belong to no tet; with every fault found.
+        If tets are inverted, parts are not connected or nodes belong to no tet; with all faults.
     """
     report = check_quality(mesh)
     faults: list[Fault] = []
@@ -123,7 +123,7 @@ def require_sound(mesh: TetMesh, where: str = "") -> MeshReport:
         hint = f"; {report.n_duplicate_nodes} pairs of nodes at the same place" if report.n_duplicate_nodes else ""
         faults.append(
             Fault(
-                "the mesh falls into parts that share no node",
+                "the mesh has several parts that share no node",
                 where=where,
                 got=f"{report.n_parts} parts{hint}",
                 allowed="one connected part for each body",
@@ -146,7 +146,7 @@ def require_sound(mesh: TetMesh, where: str = "") -> MeshReport:
 
 
 def drop_unreferenced(mesh: TetMesh) -> TetMesh:
-    """The mesh without the nodes that no tet uses, the others numbered anew in their old order."""
+    """The mesh without unused nodes, renumbered in the old order."""
     used = np.unique(mesh.tets)
     new = np.full(mesh.n_points, -1, dtype=np.int64)
     new[used] = np.arange(len(used))

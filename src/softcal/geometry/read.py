@@ -1,4 +1,4 @@
-"""Mesh files in: .msh, .vtk, .vtu, .inp through meshio, with their named groups."""
+"""Reading mesh files (.msh, .vtk, .vtu, .inp) by meshio, with their named groups."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from softcal.geometry.surface import matching_faces
 from softcal.units import unit_factor
 
 SUFFIXES = (".msh", ".vtk", ".vtu", ".inp")
-# meshio's names of the cells that are understood, and their dimension.
+# meshio's names of the supported cells, and their dimension.
 DIMENSION = {
     "vertex": 0,
     "line": 1,
@@ -30,10 +30,10 @@ DIMENSION = {
     "tetra4": 3,
     "tetra10": 3,
 }
-# Data arrays of 0 and 1 in which a .vtu keeps the sets, which its format lacks.
+# Arrays of 0 and 1 that store the sets in a .vtu file, whose format has none.
 NODE_SET = "node set "
 CELL_SETS = {"face set ": 2, "element set ": 3}
-# What meshio itself adds to the sets of a .msh.
+# Added by meshio to the sets of a .msh file.
 NOT_A_GROUP = "gmsh:bounding_entities"
 
 
@@ -41,8 +41,8 @@ def read_mesh(path: str | Path, *, unit: str = "m") -> TetMesh:
     """The tetrahedra of a mesh file with its named groups.
 
     Groups of points and lines become node sets; groups of triangles face sets (outwards) and node sets; groups of
-    tets element sets. They are Gmsh's physical groups (by number where they have no name), Abaqus' NSET and ELSET,
-    and the 0/1 arrays that `write_mesh` puts into a .vtu. Cells of other kinds are left out.
+    tets element sets. They are Gmsh's physical groups (by number if unnamed), Abaqus' NSET and ELSET, and the 0/1
+    arrays that `write_mesh` stores in a .vtu file. Cells of other kinds are ignored.
 
     Parameters
     ----------
@@ -59,14 +59,14 @@ def read_mesh(path: str | Path, *, unit: str = "m") -> TetMesh:
     Raises
     ------
     MeshError
-        Where the file is missing, empty, of another format, broken, or holds no tetrahedra.
+        If the file is missing, empty, of another format, damaged, or without tetrahedra.
     UnitError
-        Where the unit is not a length.
+        If the unit is not a length.
     """
     path = Path(path)
     factor = unit_factor(unit, "m", where=str(path))
     raw = _read_raw(path)
-    # Of other kinds, such as polyhedra, rows may have lengths of their own.
+    # Rows of other kinds, such as polyhedra, may differ in length.
     blocks = [
         (block.type, np.asarray(block.data if block.type in DIMENSION else [], dtype=np.int64)) for block in raw.cells
     ]
@@ -126,10 +126,10 @@ def _read_raw(path: Path) -> Any:
     meshio: Any = import_module("meshio")
     said = io.StringIO()
     try:
-        # meshio prints what is wrong and leaves the program.
+        # meshio prints an error and exits.
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
             return meshio.read(path)
-    except (Exception, SystemExit) as error:  # its readers raise whatever a broken file makes them stumble over
+    except (Exception, SystemExit) as error:  # its readers raise arbitrary exceptions for a damaged file
         lines = [line.strip() for line in said.getvalue().splitlines() if line.strip()]
         reason = lines[0] if isinstance(error, SystemExit) and lines else f"{type(error).__name__}: {error}"
         raise MeshError(
@@ -165,7 +165,7 @@ def _checked(path: Path, points: Floats, tets: Ints) -> TetMesh:
 
 
 def _numbered_tets(blocks: list[tuple[str, Ints]]) -> tuple[dict[int, Ints], Ints]:
-    """Number of each row of each block of tets, and the tets; Gmsh writes a tet once for each group it is in."""
+    """Tet number of each row of each block, and the tets; Gmsh writes a tet once for each of its groups."""
     of_tets = [i for i, (kind, _) in enumerate(blocks) if DIMENSION.get(kind) == 3]
     stacked = np.concatenate([blocks[i][1] for i in of_tets])
     _, first, same = np.unique(np.sort(stacked, axis=1), axis=0, return_index=True, return_inverse=True)

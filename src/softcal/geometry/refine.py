@@ -1,9 +1,9 @@
-"""Uniform refinement: each tet cut in eight, each element of a rod in two, with every set of the mesh kept.
+"""Uniform refinement: each tet is divided into eight, each element of a rod into two, and all sets are kept.
 
-A tet is cut at the middles of its edges: four tets at its corners, and the octahedron between them in four around the
-shortest of its three diagonals (Bey, Computing 55, 1995), so that no two of the pieces meet in anything but a whole
-face. A quadratic tet is cut along its own map, so the pieces fill exactly what it filled, curved sides too. The body
-keeps its shape: where flat sides stand for a curved surface, they do so in the pieces as well.
+A tet is divided at the middles of its edges: four tets at its corners, and the octahedron between them into four around
+the shortest of its three diagonals (Bey, Computing 55, 1995), so that the pieces are conforming. A quadratic tet is
+divided along its own map, so that the pieces fill the same volume, including curved sides. The body keeps its shape:
+flat sides that approximate a curved surface stay flat.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _AT_CORNERS = ((0, 4, 6, 7), (4, 1, 5, 8), (6, 5, 2, 9), (7, 8, 9, 3))
 
 @dataclass(frozen=True)
 class MeshCounts:
-    """How many corners, edges, faces and tets a mesh has."""
+    """Numbers of corners, edges, faces and tets of a mesh."""
 
     corners: int
     edges: int
@@ -42,7 +42,7 @@ class MeshCounts:
 
     @property
     def refined(self) -> MeshCounts:
-        """Of the mesh with every tet in eight: it need not be made to be counted."""
+        """Counts of the refined mesh, without generating it."""
         return MeshCounts(
             corners=self.corners + self.edges,
             edges=2 * self.edges + 3 * self.faces + self.tets,
@@ -52,7 +52,7 @@ class MeshCounts:
 
 
 def count(mesh: TetMesh) -> MeshCounts:
-    """Corners, edges, faces and tets of a mesh, whatever its order."""
+    """Corners, edges, faces and tets of a mesh of any order."""
     corners = mesh.tets[:, :4]
     kinds = [np.sort(corners[:, local].reshape(-1, len(local[0])), axis=1) for local in (TET_EDGES, TET_FACES)]
     edges, faces = (len(np.unique(_keys(kind, mesh.n_points))) for kind in kinds)
@@ -60,10 +60,10 @@ def count(mesh: TetMesh) -> MeshCounts:
 
 
 def refined_mesh(mesh: TetMesh) -> TetMesh:
-    """The mesh of the same order with every tet in eight [m]: tets 8 k … 8 k + 7 are those of tet k.
+    """The mesh of the same order with every tet divided into eight [m]: tets 8 k … 8 k + 7 are those of tet k.
 
-    The nodes keep their numbers, and new ones follow. A new node is in a node set where both ends of its edge are; face
-    sets hold the quarters of their triangles, element sets the pieces of their tets.
+    The nodes keep their numbers, and new ones follow. A new node is in a node set if both ends of its edge are; face
+    sets contain the quarters of their triangles, element sets the pieces of their tets.
     """
     nodes = to_quadratic(mesh)
     pieces = _pieces(nodes.points[nodes.tets])
@@ -87,8 +87,8 @@ def refined_mesh(mesh: TetMesh) -> TetMesh:
 def refined_centreline(line: Centreline) -> Centreline:
     """The centreline with a node in the middle of every element; node k becomes node 2 k.
 
-    The middle is half the screw that takes one end to the other: exact on straight rods, arcs and helices, and what the
-    rods' elements take for their shape.
+    The middle is half the screw motion from one end to the other: exact on straight rods, arcs and helices, and equal
+    to the shape that the rod elements assume.
     """
     from scipy.spatial.transform import Rotation
 
@@ -106,22 +106,22 @@ def refined_centreline(line: Centreline) -> Centreline:
 
 
 def refined_nodes(nodes: Ints) -> Ints:
-    """Numbers in the refined centreline of nodes of a centreline, with the middles of elements both whose ends are."""
+    """Numbers in the refined centreline of a centreline's nodes, with the middles of elements with both ends listed."""
     held = np.unique(nodes)
     middles = [2 * a + 1 for a, b in pairwise(held.tolist()) if b == a + 1]
     return np.sort(np.concatenate([2 * held, np.array(middles, dtype=np.int64)]))
 
 
 def _pieces(X: Floats) -> Ints:
-    """The nodes (0 to 9) of each tet's pieces, (n_tets, 8, 4), from the places of its ten nodes (n_tets, 10, 3)."""
+    """The nodes (0 to 9) of each tet's pieces, (n_tets, 8, 4), from the positions of its ten nodes (n_tets, 10, 3)."""
     lengths = np.stack([np.linalg.norm(X[:, a] - X[:, b], axis=1) for (a, b), _ in _DIAGONALS], axis=1)
-    # Of diagonals that differ by rounding alone the first, so that the same mesh elsewhere is cut the same way.
+    # Among diagonals equal up to rounding the first, so that the division does not depend on the position of the mesh.
     shortest = np.argmax(lengths <= (1.0 + 1e-9) * lengths.min(axis=1, keepdims=True), axis=1)
     return _tables()[shortest]
 
 
 def _tables() -> Ints:
-    """The nodes of all pieces for each choice of the diagonal, (3, 8, 4), each piece the right way round."""
+    """The nodes of all pieces for each choice of the diagonal, (3, 8, 4), positively oriented."""
     places = _barycentric()[:, 1:]
     tables: list[list[tuple[int, ...]]] = []
     for (a, b), around in _DIAGONALS:
@@ -142,7 +142,7 @@ def _barycentric() -> Floats:
 
 
 def _middles_on_map(nodes: TetMesh, pieces: Ints) -> Floats:
-    """Where a quadratic mesh's own map has the middles of the edges of its pieces, (8 n_tets, 6, 3) [m]."""
+    """Middles of the edges of a quadratic mesh's pieces by its own map, (8 n_tets, 6, 3) [m]."""
     at = _barycentric()[pieces]  # (n_tets, 8, 4, 4)
     L = 0.5 * (at[:, :, [a for a, _ in TET_EDGES]] + at[:, :, [b for _, b in TET_EDGES]])
     edges = [4.0 * L[..., a] * L[..., b] for a, b in TET_EDGES]
@@ -151,7 +151,7 @@ def _middles_on_map(nodes: TetMesh, pieces: Ints) -> Floats:
 
 
 def _quartered(mesh: TetMesh, faces: Ints) -> Ints:
-    if faces.shape[1] == 3:  # a quadratic mesh whose set names the corners alone
+    if faces.shape[1] == 3:  # a quadratic mesh whose set lists only the corners
         faces = matching_faces(mesh, faces)
     return faces[:, QUADRATIC.flat_faces].reshape(-1, 3)
 
@@ -165,7 +165,7 @@ def _keys(rows: Ints, n: int) -> Ints:
 
 
 def _screw_map(turn: Floats) -> Floats:
-    """(n, 3, 3): takes the translation of a screw with this rotation vector (n, 3) to where its end is."""
+    """(n, 3, 3): maps the translation of a screw with this rotation vector (n, 3) to the displacement of its end."""
     angle = np.linalg.norm(turn, axis=1)[:, None, None]
     x, y, z = turn.T
     zero = np.zeros_like(x)

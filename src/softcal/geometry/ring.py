@@ -1,4 +1,4 @@
-"""Circles in space: points on them, such as guide holes, and a direction across their axis."""
+"""Circles in space: points on them, such as guide holes, and a direction normal to their axis."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from softcal.errors import Fault, MeshError
 
 
 def across(axis: Floats) -> Floats:
-    """A unit vector across a direction, the same one each time."""
+    """A unit vector normal to a direction, reproducible."""
     side = np.asarray(np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))]), dtype=np.float64)
     return side / np.linalg.norm(side)
 
@@ -25,14 +25,14 @@ def ring_points(
     Parameters
     ----------
     zero
-        The direction of angle zero; the part of it across `axis` counts.
+        The direction of angle zero; only its part normal to `axis` is used.
     first_angle
-        Of the first point, about `axis` [rad].
+        Angle of the first point about `axis` [rad].
 
     Raises
     ------
     MeshError
-        Where the axis has no direction, or `zero` is along it.
+        If the axis has no direction, or `zero` is along it.
     """
     e3 = frozen_floats(axis, name="axis", shape=(3,))
     size = float(np.linalg.norm(e3))

@@ -1,4 +1,4 @@
-"""Cross-sections of rods: area, second moments, torsion constant, and how much shear bends with Poisson's ratio.
+"""Cross-sections of rods: area, second moments, torsion constant, and shear coefficients as functions of nu.
 
 Axes 1 and 2 are the section's principal ones, through its centroid; axis 3 is the rod's tangent.
 """
@@ -35,7 +35,7 @@ class CrossSection:
 
     @property
     def outer_diameter(self) -> float:
-        """Of the round bar or tube with this area and these second moments on average [m]."""
+        """Outer diameter of the round bar or tube with this area and mean second moment [m]."""
         return math.sqrt(4.0 * (self.I1 + self.I2) / self.area + 2.0 * self.area / math.pi)
 
 
@@ -96,7 +96,7 @@ def rectangular(width: float, height: float) -> CrossSection:
 def given(
     area: float, I1: float, I2: float, J: float, *, shear_coefficients: tuple[float, float] = (5 / 6, 5 / 6)
 ) -> CrossSection:
-    """A section whose constants are known; shear coefficients k along axes 1 and 2, independent of Poisson's ratio.
+    """A section with given constants; shear coefficients k along axes 1 and 2, independent of Poisson's ratio.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The triangles of an .stl file, looked over before Gmsh takes it: it leaves out corners that are no numbers."""
+"""Validation of an .stl file before Gmsh reads it, since Gmsh ignores corners with invalid numbers."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from softcal.errors import Fault, MeshError
 _HEADER, _TRIANGLE = 80, 50
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _VERTEX = re.compile(rb"vertex[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)", re.IGNORECASE)
-# Gmsh takes a binary file for text where its header is empty, as some CAD programs leave it.
+# Gmsh mistakes a binary file for text if its header is empty, as some CAD programs write it.
 _NAMED = b"binary STL".ljust(_HEADER)
 
 
 def checked_stl(path: Path) -> bytes:
-    """The bytes of an .stl file as Gmsh reads them without fail.
+    """The validated bytes of an .stl file, in a form that Gmsh reads reliably.
 
     Raises
     ------
     MeshError
-        Where the file is no STL, is cut off, holds no triangles, or a corner that is no number, or encloses nothing.
+        If the file is no STL, is truncated, has no triangles, has an invalid corner, or encloses no volume.
     """
     data = path.read_bytes()
     binary = _is_binary(data)

@@ -1,4 +1,4 @@
-"""The faces of a mesh: its boundary, and triangles turned so that they look outwards."""
+"""The faces of a mesh: its boundary, and triangles oriented outwards."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from softcal.geometry.mesh import TetMesh
 
 
 def boundary_faces(mesh: TetMesh) -> Ints:
-    """Triangles that belong to one tet only, oriented outwards, shape (k, 3 or 6)."""
+    """Triangles of a single tet (the boundary), oriented outwards, shape (k, 3 or 6)."""
     faces = _all_faces(mesh.tets)
     return faces[_outer(faces, mesh.n_points)]
 
@@ -24,19 +24,19 @@ def boundary_triangles(tets: Ints) -> Ints:
 
 
 def boundary_owners(mesh: TetMesh) -> Ints:
-    """Number of the tet behind each row of `boundary_faces(mesh)`."""
+    """Tet of each row of `boundary_faces(mesh)`."""
     return _outer(_all_faces(mesh.tets), mesh.n_points) // 4
 
 
 def matching_faces(mesh: TetMesh, triangles: Ints, *, where: str = "") -> Ints:
     """The faces of the mesh with the corners of `triangles` (k, 3 or more), shape (k, 3 or 6).
 
-    A boundary face comes out oriented outwards; an inner face keeps the orientation it is given with.
+    Boundary faces are oriented outwards; inner faces keep their given orientation.
 
     Raises
     ------
     MeshError
-        Where a triangle is not a face of any tet.
+        If a triangle is not a face of any tet.
     """
     triangles = np.asarray(triangles, dtype=np.int64)
     faces = _all_faces(mesh.tets)
@@ -63,13 +63,13 @@ def matching_faces(mesh: TetMesh, triangles: Ints, *, where: str = "") -> Ints:
 
 
 def _all_faces(tets: Ints) -> Ints:
-    """Four of each tet, one tet after the other, (4 n_tets, 3 or 6)."""
+    """Four faces of each tet in order, (4 n_tets, 3 or 6)."""
     faces = cell_of(tets).faces
     return tets[:, faces].reshape(-1, len(faces[0]))
 
 
 def _outer(faces: Ints, n_points: int) -> Ints:
-    """The rows of those faces that belong to one tet only."""
+    """Rows of the faces that belong to a single tet."""
     _, first, count = np.unique(_face_keys(faces, n_points), return_index=True, return_counts=True)
     return np.sort(first[count == 1])
 

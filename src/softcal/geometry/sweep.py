@@ -1,4 +1,4 @@
-"""A solid of revolution swept from triangles of its half section: long elements around the axis, small ones across."""
+"""Solids of revolution swept from triangles of a half section: elements long in the hoop direction, small across."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ WEDGE_TETS = ((0, 3, 4, 5), (0, 1, 4, 5), (0, 1, 2, 5))
 
 
 def sweep(section: Floats, triangles: Ints, *, sectors: int) -> TetMesh:
-    """Quadratic tets from quadratic triangles of a half section, swept once around the z axis.
+    """Quadratic tets from quadratic triangles of a half section, swept about the z axis.
 
     Parameters
     ----------
@@ -30,8 +30,8 @@ def sweep(section: Floats, triangles: Ints, *, sectors: int) -> TetMesh:
     Returns
     -------
     TetMesh
-        Three tets for each triangle and sector, fewer where the triangle touches the axis; curved on every surface
-        of revolution.
+        Three tets per triangle and sector, fewer if the triangle touches the axis; curved on every surface of
+        revolution.
     """
     corners = np.unique(triangles[:, :3])
     n = len(corners)
@@ -47,7 +47,7 @@ def sweep(section: Floats, triangles: Ints, *, sectors: int) -> TetMesh:
         [even[:, None, None] * n + flat, odd[:, None, None] * n + flat], axis=2
     )  # a node is its layer times n plus its rank in the section
     tets = wedge[:, :, WEDGE_TETS].reshape(-1, 4)
-    # A node on the axis is the same on all layers.
+    # A node on the axis is shared by all layers.
     tets = np.where(on_axis[tets % n], tets % n, tets)
     ordered = np.sort(tets, axis=1)
     tets = tets[(np.diff(ordered, axis=1) > 0).all(axis=1)]
@@ -97,10 +97,10 @@ def _section_middles(section: Floats, triangles: Ints, rank: Ints, pairs: Ints) 
 
 
 def upright(points: Floats, tets: Ints) -> Ints:
-    """Quadratic tets (n, 10) with two nodes swapped in those that are mirrored."""
+    """Quadratic tets (n, 10) with two nodes swapped in inverted ones."""
     corners = points[tets[:, :4]]
     mirrored = np.linalg.det(corners[:, 1:] - corners[:, :1]) < 0
     tets = tets.copy()
-    # Nodes 1 and 2 change places, and with them the edges 0-1 and 0-2, and 1-3 and 2-3.
+    # Swap nodes 1 and 2, and with them the edges 0-1 and 0-2, and 1-3 and 2-3.
     tets[mirrored] = tets[mirrored][:, [0, 2, 1, 3, 6, 5, 4, 7, 9, 8]]
     return tets

@@ -23,9 +23,9 @@ from softcal.limits import LIMITS
 SECTORS = 6
 # A layer of one ring: a wedge of three tets over each.
 TETS_OF_A_RING = 3 * SECTORS
-# The fewest layers in a turn of a spring: with fewer, the curved tets of a tight coil fold.
+# Smallest number of layers per turn of a spring: with fewer, the curved tets of a tight coil are inverted.
 LEAST_PER_TURN = 6
-# What a turn has by default, if its layers are then no longer than their tets are wide.
+# Default number of layers per turn, if the layers are then no longer than the tets are wide.
 PER_TURN = 12
 
 
@@ -34,16 +34,16 @@ def wire_mesh(
 ) -> TetMesh:
     """Tets of a round wire along a centreline.
 
-    Every node of the skin lies on the exact surface: a layer of tets spans two elements of the centreline, and the node
-    between them carries the layer's middle nodes. Sections have threefold symmetry and layers are each other's mirror
-    images, so that the mesh bends alike in all directions and bending does not twist it.
+    All surface nodes are on the exact surface: a layer of tets spans two elements of the centreline, and the section at
+    the node between them has the layer's middle nodes. Sections have threefold symmetry and adjacent layers are mirror
+    images, so that the bending stiffness is isotropic and bending does not couple with twist.
 
     Parameters
     ----------
     line
         With an even number of elements.
     diameter
-        Of the wire [m].
+        Diameter of the wire [m].
     rings
         Number of tets from the axis to the surface: a section has 6 rings^2 triangles, a layer 18 rings^2 tets. Of the
         circle's area, one ring of quadratic tets leaves out 0.24 %, two leave out 0.015 %. Layers should not be longer
@@ -51,7 +51,7 @@ def wire_mesh(
     order
         2 for quadratic tets, curved on the surface; 1 for linear ones, which inscribe a polygon of 6 rings corners.
     where
-        For messages.
+        Location for error messages.
 
     Returns
     -------
@@ -61,7 +61,7 @@ def wire_mesh(
     Raises
     ------
     MeshError
-        Where a measure is out of range, or the wire is too thick for the curvature of its axis.
+        If a dimension is out of range, or the wire is too thick for the curvature of its axis.
     """
     faults = _faults({"diameter": diameter}, {"rings": (rings, 1)}, where)
     n_elements = len(line.lengths)
@@ -111,7 +111,7 @@ def rod_mesh(
     length, diameter
         [m].
     layers
-        Number of layers of tets along the rod; by default as thick as the tets are wide.
+        Number of layers of tets along the rod; by default layers as long as the tets are wide.
 
     Raises
     ------
@@ -130,9 +130,9 @@ def rod_mesh(
 
 @dataclass(frozen=True)
 class SpringShape:
-    """A helical spring about z, its wire's axis from (coil_diameter / 2, 0, 0) upwards; ends as they are cut.
+    """A helical spring about z, its wire's axis from (coil_diameter / 2, 0, 0) upwards, with plain ends.
 
-    wire_diameter; coil_diameter: from wire centre to wire centre; pitch: climb per turn; all [m].
+    wire_diameter; coil_diameter: from wire centre to wire centre; pitch: rise per turn; all [m].
     """
 
     wire_diameter: float
@@ -169,7 +169,7 @@ class SpringShape:
 
     @property
     def coil_distance(self) -> float:
-        """From one turn of the wire's axis to the next, across it [m]."""
+        """Distance between adjacent turns of the wire's axis, normal to it [m]."""
         return self.pitch / math.hypot(1.0, self.pitch / (math.pi * self.coil_diameter))
 
     @property
@@ -178,7 +178,7 @@ class SpringShape:
         return self.turns * math.hypot(math.pi * self.coil_diameter, self.pitch)
 
     def layers_per_turn(self, rings: int, given: int | None = None) -> int:
-        """How many layers of tets a turn of its mesh has: those given, or the default of `spring_mesh`.
+        """Number of layers of tets per turn: the given one, or the default of `spring_mesh`.
 
         Raises
         ------
@@ -214,7 +214,7 @@ def spring_mesh(
     Parameters
     ----------
     layers_per_turn
-        Number of layers of tets along a turn of the wire, 6 at least; by default 12, or more where they would else be
+        Number of layers of tets per turn of the wire, at least 6; by default 12, or more if they would otherwise be
         longer than the tets are wide.
 
     Raises
@@ -236,10 +236,10 @@ class _Section:
     triangles: Ints
 
     def between(self, pairs: Ints) -> Floats:
-        """The middles of edges (k, 2), on the circle where they are the rim's; a node is the middle of itself.
+        """The middles of edges (k, 2), on the circle for rim edges; a node is the middle of itself.
 
-        Edges inside stay straight: curved ones would keep a quadratic tet from the displacements of bending and twist,
-        which are quadratic, and stiffen a twisted rod by 3 %.
+        Inner edges stay straight: with curved ones a quadratic tet could not represent the quadratic displacements of
+        bending and twist, and a twisted rod would be 3 % too stiff.
         """
         a, b = pairs.T
         middle = 0.5 * (self.corners[a] + self.corners[b])
@@ -249,10 +249,10 @@ class _Section:
 
 
 def _section(rings: int) -> _Section:
-    """Ring i has 6 i corners, numbered the even ones before the odd ones.
+    """Triangulated unit disc; ring i has 6 i corners, even ones numbered before odd ones.
 
-    Sides of wedges are cut from their lower corner (see `WEDGE_TETS`): from the inner ring to the outer one, and around
-    the rings from even to odd, which alternates.
+    Sides of wedges are divided from their lower corner (see `WEDGE_TETS`): from the inner ring to the outer one, and
+    around the rings from even to odd, which alternates.
     """
     ring, angle = [0], [0.0]
     number: dict[tuple[int, int], int] = {(0, 0): 0}

@@ -1,4 +1,4 @@
-"""Meshes out: .msh (Gmsh 2.2, which most tools read) and .vtu, with their sets."""
+"""Writing mesh files: .msh (Gmsh 2.2, which most tools read) and .vtu, with their sets."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ SUFFIXES = (".msh", ".vtu")
 
 
 def write_mesh(mesh: TetMesh, path: str | Path) -> Path:
-    """Write a mesh [m] so that `read_mesh` gives it back with its sets; says where it went.
+    """Write a mesh [m] in a form that `read_mesh` reads with its sets; returns the path.
 
-    In a .msh the sets are physical groups, in a .vtu arrays of 0 and 1. A node set with the name of a face set must
-    hold exactly its nodes, since one group tells both.
+    In a .msh file the sets are physical groups, in a .vtu file arrays of 0 and 1. A node set with the name of a face
+    set must contain exactly its nodes, since one group represents both.
 
     Raises
     ------
     MeshError
-        Where the suffix is another one, or the format cannot hold the sets.
+        If the suffix is unknown, or the format cannot represent the sets.
     StorageError
         Where the file cannot be written.
     """

@@ -161,8 +161,8 @@ def mesh_study(
     InputError
         If a value is outside its parameter's range.
     """
-    told = progress or (lambda name, done, of: None)
-    base = _evaluated(problem, problem.robot, theta, partial(told, "as it is"), None)
+    observer = progress or (lambda name, done, of: None)
+    base = _evaluated(problem, problem.robot, theta, partial(observer, "as it is"), None)
     if base.loss is None:
         raise SimulationError(f"The twin cannot be simulated at the values to be studied. {base.failure}")
     model = _Model(problem, base)
@@ -175,7 +175,7 @@ def mesh_study(
     found: list[Finer] = []
     seen: dict[str, Evaluation] = {}
     for name, what, robot, n in plans:
-        one, evaluation = _simulated(model, (name, what, robot, n), theta, max_unknowns, partial(told, name))
+        one, evaluation = _simulated(model, (name, what, robot, n), theta, max_unknowns, partial(observer, name))
         found.append(one)
         if evaluation is not None:
             seen[name] = evaluation
@@ -240,7 +240,11 @@ _Plan = tuple[str, str, Robot, int]
 
 
 def _simulated(
-    model: _Model, plan: _Plan, theta: Mapping[str, float], max_unknowns: int, told: Callable[[int, int | None], None]
+    model: _Model,
+    plan: _Plan,
+    theta: Mapping[str, float],
+    max_unknowns: int,
+    observer: Callable[[int, int | None], None],
 ) -> tuple[Finer, Evaluation | None]:
     name, what, robot, n = plan
     one = Finer(name, what, size(robot, n))
@@ -251,7 +255,7 @@ def _simulated(
     try:
         for _ in range(n):
             robot = halved(robot)
-        found = _evaluated(model.problem, robot, theta, told, model.base.n_solves)
+        found = _evaluated(model.problem, robot, theta, observer, model.base.n_solves)
     except MeshError as error:
         return replace(one, failure=str(error)), None
     cost = replace(one, n_factorisations=found.n_factorisations, seconds=time.perf_counter() - began)
@@ -264,7 +268,7 @@ def _evaluated(
     problem: Problem,
     robot: Robot,
     theta: Mapping[str, float],
-    told: Callable[[int, int | None], None],
+    observer: Callable[[int, int | None], None],
     n_trajectories: int | None,
 ) -> Evaluation:
     done = 0
@@ -281,10 +285,10 @@ def _evaluated(
         nonlocal done
         response = solve(robot, protocol, theta, sensitivities=sensitivities, snapshots=snapshots)
         done += 1
-        told(done, n_trajectories)
+        observer(done, n_trajectories)
         return response
 
-    told(done, n_trajectories)
+    observer(done, n_trajectories)
     return replace(problem, robot=robot, simulate=counted).evaluate(theta, jacobian=True)
 
 

@@ -124,8 +124,8 @@ def leave_out(
     for fold in folds:
         if stopped():
             break
-        told = None if progress is None else _labelled(progress, ", ".join(fold))
-        result = calibrate(problem, settings, workers=workers, progress=told, hold_out=tuple(fold))
+        observer = None if progress is None else _labelled(progress, ", ".join(fold))
+        result = calibrate(problem, settings, workers=workers, progress=observer, hold_out=tuple(fold))
         predictions.append(Prediction(tuple(fold), result))
     return tuple(predictions)
 

@@ -18,7 +18,7 @@ class CalibrationLines:
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self._now = now
         self._begun: dict[str, float] = {}
-        self._told: dict[str, float] = {}
+        self._reported: dict[str, float] = {}
         self._waiting: dict[str, Progress] = {}  # the last unreported state of each
 
     def __enter__(self) -> CalibrationLines:
@@ -37,14 +37,14 @@ class CalibrationLines:
             for other, last in list(self._waiting.items()):
                 self._tell(other, last)
         self._waiting[label] = state
-        if is_new or state.stage or now - self._told[label] >= INTERVAL:
+        if is_new or state.stage or now - self._reported[label] >= INTERVAL:
             self._tell(label, state)
 
     def _tell(self, label: str, state: Progress) -> None:
-        self._told[label] = self._now()
+        self._reported[label] = self._now()
         self._waiting.pop(label, None)
         best = "" if state.best_loss is None else f", best loss {state.best_loss:.6g}"
         failed = f", {state.failed} failed" if state.failed else ""
         stage = f"; {state.stage}" if state.stage else ""
-        seconds = self._told[label] - self._begun[label]
+        seconds = self._reported[label] - self._begun[label]
         typer.echo(f"{label}: {state.done}/{state.total}{best}{failed}{stage} ({seconds:.0f} s)", err=True)

@@ -68,10 +68,10 @@ def _result_table(results: Mapping[str, CalibrationResult]) -> Table:
                 "  95 % interval", *("" if estimate is None else interval_text(estimate) for estimate in found)
             )
     table.add_section()
-    for name, channel in _errors_told(fit for r in results.values() for fit in r.experiments.items()):
+    for name, channel in _error_lines(fit for r in results.values() for fit in r.experiments.items()):
         cells = (_error(result.experiments.get(name), channel) for result in results.values())
         table.add_row(_error_title(name, channel), *cells)
-    predicted = _errors_told((name, held.fit) for r in results.values() for name, held in r.held_out.items())
+    predicted = _error_lines((name, held.fit) for r in results.values() for name, held in r.held_out.items())
     if predicted:
         table.add_section()
     for name, channel in predicted:
@@ -84,14 +84,14 @@ def _result_table(results: Mapping[str, CalibrationResult]) -> Table:
     return table
 
 
-def _errors_told(fits: Iterable[tuple[str, ExperimentFit]]) -> list[tuple[str, str]]:
+def _error_lines(fits: Iterable[tuple[str, ExperimentFit]]) -> list[tuple[str, str]]:
     """(experiment, channel) of every line of errors; channel "" for the distance of all markers."""
-    told: dict[tuple[str, str], None] = {}
+    lines: dict[tuple[str, str], None] = {}
     for name, fit in fits:
         if fit.distances:
-            told[name, ""] = None
-        told.update({(name, c): None for c in fit.rmse if c.rpartition(".")[0] not in fit.distances})
-    return list(told)
+            lines[name, ""] = None
+        lines.update({(name, c): None for c in fit.rmse if c.rpartition(".")[0] not in fit.distances})
+    return list(lines)
 
 
 def _error_title(experiment: str, channel: str) -> str:

@@ -155,10 +155,10 @@ def _changes(finer: Sequence[Finer]) -> Table:
     for name in dict.fromkeys(name for held in changes.values() for name in held):
         for on, held in changes.items():
             c = held[name]
-            told = [_number(c.rms / c.residual if c.residual else None)]
-            told += [_number(c.rms / c.noise if c.noise else None)] * is_noisy
-            told += [_number(c.order, 2)] * has_order
-            table.add_row(name, on, _change(c), *told)
+            cells = [_number(c.rms / c.residual if c.residual else None)]
+            cells += [_number(c.rms / c.noise if c.noise else None)] * is_noisy
+            cells += [_number(c.order, 2)] * has_order
+            table.add_row(name, on, _change(c), *cells)
         if len(finer) > 1:
             table.add_section()
     return table

@@ -60,8 +60,8 @@ def simulate(
         with clock() as show:
             responses = simulate_to_folder(loaded, chosen, out, engine=engine, stage=show)
     for name, response in responses.items():
-        told = f"{name}: {response.status}"
-        typer.echo(told if response.succeeded else f"Error: {told}", err=not response.succeeded)
+        text = f"{name}: {response.status}"
+        typer.echo(text if response.succeeded else f"Error: {text}", err=not response.succeeded)
     typer.echo(f"Wrote {out}")
     if not all(response.succeeded for response in responses.values()):
         raise typer.Exit(1)

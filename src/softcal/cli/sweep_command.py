@@ -96,8 +96,8 @@ def _table(found: Swept) -> Table:
     for best in found.best:
         cells = [format_quantity(best.trial.theta[name], p.unit) for name, p in result.parameters.items()]
         gain = best.reduction
-        told = [_error(best, best.error), _error(best, best.nominal), "" if gain is None else f"{gain:.0f} %"]
-        table.add_row(best.section.name, *cells, *told)
+        errors = [_error(best, best.error), _error(best, best.nominal), "" if gain is None else f"{gain:.0f} %"]
+        table.add_row(best.section.name, *cells, *errors)
     return table
 
 

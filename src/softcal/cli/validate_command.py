@@ -124,13 +124,13 @@ def _errors(held: Sequence[ExperimentFit]) -> dict[str, str]:
     """RMS errors with their units, "0.94 mm (0.22 %)", by channel, and of distances."""
     from softcal.analysis.validation import pooled_errors
 
-    told: dict[str, str] = {}
+    errors: dict[str, str] = {}
     for name, error in pooled_errors(held).items():
         if name == "distance":
             lengths = {fit.length for fit in held}
             length = lengths.pop() if len(lengths) == 1 else None
             share = "" if length is None else f" ({100 * error / length:.3g} %)"
-            told[name] = f"{1e3 * error:.3g} mm{share}"
+            errors[name] = f"{1e3 * error:.3g} mm{share}"
         else:
-            told[name] = f"{error:.3g} {held[0].units.get(name, '')}"
-    return told
+            errors[name] = f"{error:.3g} {held[0].units.get(name, '')}"
+    return errors

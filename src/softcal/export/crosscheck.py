@@ -146,13 +146,13 @@ class EngineComparison:
                 f"{self.engine} and softcal agree to {self.limit:.1g} (worst: {worst.relative:.1e}, {worst.quantity}): "
                 f"more than {AGREES:g}, but {self.engine} neglects {self.left_out[1]}"
             )
-        told = (
+        text = (
             f"{self.engine} and softcal differ by {worst.absolute:.3g} {worst.unit} in {worst.quantity}, "
             f"{worst.relative:.1e} relative; the limit is {self.limit:.1g}"
         )
         if self.falls:
-            told += f". {self.falls} Two engines may reach different ones of several equilibria"
-        return told
+            text += f". {self.falls} Two engines may reach different ones of several equilibria"
+        return text
 
     @property
     def agrees(self) -> bool:

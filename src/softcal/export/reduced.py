@@ -292,8 +292,8 @@ def _sampled(
     response = simulate(robot, protocol, sensitivities=commands, curve_tolerance=0.0)
     if not response.succeeded:
         raise SimulationError(f"The robot cannot be pulled that far: {response.status} Try a smaller reach.")
-    for told in response.warnings:
-        tell(told)
+    for sentence in response.warnings:
+        tell(sentence)
 
     def of(channel: str) -> Floats:
         rates = [response.sensitivities[channel][name] for name in commands]

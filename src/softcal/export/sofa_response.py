@@ -103,9 +103,9 @@ def shapes(
     twin: Twin, protocol: Protocol, records: Sequence[Record], states: Sequence[Mapping[str, float]]
 ) -> tuple[Snapshot, ...]:
     """The records as shapes; the one at rest first."""
-    told: list[Mapping[str, float]] = [dict.fromkeys(protocol.commands, 0.0), *states]
+    commanded: list[Mapping[str, float]] = [dict.fromkeys(protocol.commands, 0.0), *states]
     found: list[Snapshot] = []
-    for record, controls in zip(records, told, strict=False):
+    for record, controls in zip(records, commanded, strict=False):
         label = "at rest" if record is records[0] else f"state {record['state']}"
         found.append(
             Snapshot(

@@ -186,14 +186,14 @@ def run_gmsh(job: Mapping[str, Any], *, where: str, timeout: float) -> dict[str,
                 )
             ) from error
         if fault.is_file():
-            raise MeshError(_told(json.loads(fault.read_text()), where))
+            raise MeshError(_worker_fault(json.loads(fault.read_text()), where))
         if done.returncode or not mesh.is_file():
             raise MeshError(_crash(done, where))
         with np.load(mesh) as arrays:
             return dict(arrays)
 
 
-def _told(fault: Mapping[str, str], where: str) -> Fault:
+def _worker_fault(fault: Mapping[str, str], where: str) -> Fault:
     attempt = fault["attempt"]
     if attempt == "apt":
         attempt = f"apt-get install {_apt_package(fault['got'])}"

@@ -57,9 +57,9 @@ def checked_stl(path: Path) -> bytes:
 
 
 def _is_binary(data: bytes) -> bool:
-    told = _HEADER + 4 + _TRIANGLE * int.from_bytes(data[_HEADER : _HEADER + 4], "little")
+    expected = _HEADER + 4 + _TRIANGLE * int.from_bytes(data[_HEADER : _HEADER + 4], "little")
     head = data[:4000].lower()
-    return len(data) == told or not (head.startswith(b"solid") and (b"facet" in head or b"endsolid" in head))
+    return len(data) == expected or not (head.startswith(b"solid") and (b"facet" in head or b"endsolid" in head))
 
 
 def _binary_corners(data: bytes, path: Path) -> Floats:

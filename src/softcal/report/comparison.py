@@ -115,7 +115,7 @@ class Improvement:
         """nominal / tuned - 1 [%]."""
         return None if self.nominal is None or not self.tuned > 0 else improvement(self.nominal, self.tuned)
 
-    def told(self, error: float | None) -> str:
+    def error_text(self, error: float | None) -> str:
         """An error in words: "2.81 %"."""
         return "nothing" if error is None else f"{number(error)} {self.unit}".rstrip()
 

@@ -121,8 +121,8 @@ def _estimates(content: ReportContent) -> str:
             plain = f"{number(estimate.value / scale.factor, 4)} {scale.unit}".rstrip()
             text = f"{plain} ({range_text(one)} test by test)"
         parts.append(f"{parameter_label(name, names)} = {text}")
-    told = joined(parts)
-    return f"the best of {len(first.trials)} cells, {told}" if told and first.is_sweep else told
+    summary = joined(parts)
+    return f"the best of {len(first.trials)} cells, {summary}" if summary and first.is_sweep else summary
 
 
 def _unconverged(results: Mapping[str, CalibrationResult]) -> Iterable[Sentence]:
@@ -186,7 +186,7 @@ def _gain(content: ReportContent) -> Iterable[Sentence]:
     first, *others = gains
     fell = (first.reduction or 0.0) > 0
     text = f"The error of {first.name} {'fell' if fell else 'rose'}"
-    text += f" from {first.told(first.nominal)} at the nominal values to {first.told(first.tuned)}"
+    text += f" from {first.error_text(first.nominal)} at the nominal values to {first.error_text(first.tuned)}"
     text += f", by {number(abs(first.reduction or 0.0), 2)} %"
     if len(others) > 1:
         low, high = (pick(gain.reduction or 0.0 for gain in others) for pick in (min, max))

@@ -115,7 +115,7 @@ def key_numbers(content: ReportContent) -> list[KeyNumber]:
     gains = improvements(content)
     if gains:
         gain, first = gains[0].reduction, gains[0]
-        remark = f"{first.told(first.nominal)} at the nominal values, {first.told(first.tuned)} now"
+        remark = f"{first.error_text(first.nominal)} at the nominal values, {first.error_text(first.tuned)} now"
         value = "–" if gain is None else number(gain)
         found.append(KeyNumber("Error reduced by", value, "%", remark))
     return found + _key_errors(result)

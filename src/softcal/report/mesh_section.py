@@ -25,8 +25,8 @@ def _parameters(study: MeshStudy | None) -> ReportTable:
                 continue
             there = f"{number(one.values[label] / scale.factor, 4)} {scale.unit}".rstrip()
             unknowns = None if one.size is None else one.size.unknowns
-            told = [estimate_text(estimate), one.name, unknowns, there, shift_text(estimate, one.values[label])]
-            rows.append((label, *told, "yes" if label in one.at_bound else "no"))
+            cells = [estimate_text(estimate), one.name, unknowns, there, shift_text(estimate, one.values[label])]
+            rows.append((label, *cells, "yes" if label in one.at_bound else "no"))
     heads = ("Parameter", "Found", "Discretisation", "Unknowns", "Expected on it", "Shift", "At a bound there")
     note = (
         "h/2: every element halved, h/4: halved twice; limit: extrapolated from both to zero element size; s.e.: "

@@ -113,14 +113,16 @@ def _judged(ratio: float) -> bool | None:
 
 
 def _channels_sentence(result: CalibrationResult) -> str:
-    told: Mapping[str, str] = {
+    errors: Mapping[str, str] = {
         name: joined(
             f"{channel} to {number(error)} {one.fit.units[channel]}" for channel, error in one.fit.rmse.items()
         )
         for name, one in result.held_out.items()
     }
-    if not told:
+    if not errors:
         return ""
     return (
-        "Held out of the fit and predicted (RMS): " + "; ".join(f"{name}, {text}" for name, text in told.items()) + "."
+        "Held out of the fit and predicted (RMS): "
+        + "; ".join(f"{name}, {text}" for name, text in errors.items())
+        + "."
     )

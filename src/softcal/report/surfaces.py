@@ -72,7 +72,7 @@ def error_surfaces(result: CalibrationResult) -> list[ErrorSurface]:
     x, y = (np.unique([trial.theta[name] for trial in trials]) for name in pair)
     failed = np.array([[t.theta[name] for name in pair] for t in trials if t.loss is None], dtype=np.float64)
     found: list[ErrorSurface] = []
-    for name, unit, errors in _told(result, trials):
+    for name, unit, errors in _errors_by_section(result, trials):
         error = np.full((len(y), len(x)), np.nan)
         for trial in trials:
             value = errors.get(trial.number, np.nan)
@@ -93,7 +93,7 @@ def error_curves(result: CalibrationResult) -> list[ErrorCurve]:
     x = np.array([trial.theta[name] for trial in trials])
     return [
         ErrorCurve(section, unit, x, np.array([errors.get(trial.number, np.nan) for trial in trials]))
-        for section, unit, errors in _told(result, trials)
+        for section, unit, errors in _errors_by_section(result, trials)
     ]
 
 
@@ -104,18 +104,20 @@ def section_scale(section: ErrorSection) -> Scale:
     return Scale("%", 1.0) if section.unit == "%" else scale_of(section.unit)
 
 
-def _told(result: CalibrationResult, trials: Sequence[Trial]) -> list[tuple[str, str, Mapping[int, float]]]:
+def _errors_by_section(
+    result: CalibrationResult, trials: Sequence[Trial]
+) -> list[tuple[str, str, Mapping[int, float]]]:
     """(section, unit, error by cell number): all sections together first if there are several."""
     done = [trial for trial in trials if trial.loss is not None]
     if not done:
         return []
     by_cell = {trial.number: section_errors(result, trial.errors) for trial in done}
-    told = sections(result)
+    listed = sections(result)
     found: list[tuple[str, str, Mapping[int, float]]] = []
-    if len(told) > 1:
+    if len(listed) > 1:
         unit = LOSSES.named(result.loss_name).unit.replace("1", "")
         found.append((ALL, unit, {trial.number: trial.loss for trial in done if trial.loss is not None}))
-    for section in told:
+    for section in listed:
         scale = section_scale(section)
         errors = {n: held[section.name] / scale.factor for n, held in by_cell.items() if section.name in held}
         found.append((section.name, scale.unit, errors))

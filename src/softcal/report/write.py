@@ -37,8 +37,8 @@ def write_report(content: ReportContent, out_dir: str | Path, *, progress: Obser
     StorageError
         Where the folder cannot be written.
     """
-    folder, told = Path(out_dir), progress or (lambda stage: None)
-    told("Drawing the figures")
+    folder, begin = Path(out_dir), progress or (lambda stage: None)
+    begin("Drawing the figures")
     pictures, tables = report_pictures(content), all_tables(content)
     files: dict[Path, bytes] = {}
     for picture in pictures:
@@ -46,7 +46,7 @@ def write_report(content: ReportContent, out_dir: str | Path, *, progress: Obser
         files[folder / "figures" / f"{picture.name}.svg"] = picture.svg
     for table in tables.values():
         files[folder / "tables" / f"{table.key}.csv"] = table.as_csv().encode()
-    told("Writing the report")
+    begin("Writing the report")
     page = folder / "report.html"
     files[page] = render_page(content, pictures, tables).encode()
     write_files(files)

@@ -153,12 +153,12 @@ def _configuration(
     """The twin in one state of one experiment; None if it cannot be simulated or does not move."""
     experiment, row = project.experiments[state[0]], state[1]
     rig = experiment.rig_values()
-    told = {
+    controls = {
         cable: Command(command.control, command.values[row : row + 1])
         for cable, command in commands(experiment, rig).items()
     }
     robot = robot_in(project, experiment.name)
-    response = simulate(robot, Protocol(told), snapshots=True)
+    response = simulate(robot, Protocol(controls), snapshots=True)
     if not response.succeeded or len(response.snapshots) < 2:
         return None
     twin = TwinView(robot, response.snapshots[0], response.snapshots[-1], response.tets)

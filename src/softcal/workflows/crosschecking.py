@@ -83,7 +83,7 @@ def write_crosscheck(project: Project, found: Mapping[str, Crosscheck], folder: 
         "project": project.name,
         "agreement": AGREES,
         "parameters": {name: {"value": info.value, "unit": info.unit} for name, info in project.parameters.items()},
-        "states": {state or "at rest": _told(result) for state, result in found.items()},
+        "states": {state or "at rest": _as_json(result) for state, result in found.items()},
         "hashes": dict(project.hashes),
         "versions": installed_versions(),
     }
@@ -105,7 +105,7 @@ def write_crosscheck(project: Project, found: Mapping[str, Crosscheck], folder: 
         (part / RECORD).write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
 
 
-def _told(result: Crosscheck) -> dict[str, object]:
+def _as_json(result: Crosscheck) -> dict[str, object]:
     """Engine -> agreement and verdict, or why there is none."""
     compared = {
         one.engine: {"agrees": one.agrees, "verdict": one.verdict, "limit": one.limit, "changed": list(one.changed)}

@@ -23,7 +23,7 @@ from softcal.workflows.simulation import keep_silent, simulate_each
 if TYPE_CHECKING:
     from softcal.export.reduced import Reach
 
-Tell = Callable[[str], None]
+Reporter = Callable[[str], None]
 """Given a sentence that a reader of what is written must know."""
 
 REDUCED_SAMPLES = {1: 33, 2: 9, 3: 7}  # number of cables -> nodes along each
@@ -37,8 +37,8 @@ def export_vtk(
     *,
     in_time: bool = False,
     progress: Observer | None = None,
-    tell: Tell = keep_silent,
-    stage: Tell = keep_silent,
+    tell: Reporter = keep_silent,
+    stage: Reporter = keep_silent,
 ) -> list[Path]:
     """Shapes of each case as .vtu files for ParaView in a new folder; see `softcal.export.vtk`.
 
@@ -66,26 +66,26 @@ def export_vtk(
     elif shapes is None:
         responses = _simulated(cases, True, stage)
     else:
-        told = films(protocols_of(cases), shapes)
-        filmed = {name: replace(case, protocol=told[name]) for name, case in cases.items()}
+        animations = films(protocols_of(cases), shapes)
+        filmed = {name: replace(case, protocol=animations[name]) for name, case in cases.items()}
         responses = _simulated(filmed, "samples", stage)
-    _tell_of_shapes(responses, tell)
+    _report_warnings(responses, tell)
     return _write_each(responses, folder, lambda name, inside: write_vtk(cases[name].robot, responses[name], inside))
 
 
-def _simulated(cases: Mapping[str, Case], snapshots: Shown, stage: Tell) -> dict[str, Response]:
+def _simulated(cases: Mapping[str, Case], snapshots: Shown, stage: Reporter) -> dict[str, Response]:
     return simulate_each(cases, lambda case: simulate(case.robot, case.protocol, snapshots=snapshots), stage=stage)
 
 
-def _tell_of_shapes(responses: Mapping[str, Response], tell: Tell) -> None:
+def _report_warnings(responses: Mapping[str, Response], tell: Reporter) -> None:
     """Report the warnings of each response."""
     for name, response in responses.items():
-        for told in response.warnings:
-            tell(f"{name}: {told}")
+        for sentence in response.warnings:
+            tell(f"{name}: {sentence}")
 
 
 def export_calculix(
-    cases: Mapping[str, Case], folder: Path, *, tell: Tell = keep_silent, stage: Tell = keep_silent
+    cases: Mapping[str, Case], folder: Path, *, tell: Reporter = keep_silent, stage: Reporter = keep_silent
 ) -> list[Path]:
     """The last shape of each case as a CalculiX deck in a new folder; see `softcal.export.calculix`.
 
@@ -105,7 +105,7 @@ def export_calculix(
     require_free_folder(folder)
     own = {name: replace(case, robot=in_its_law(case.robot)) for name, case in cases.items()}
     responses = _simulated(own, True, stage)
-    _tell_of_shapes(responses, tell)
+    _report_warnings(responses, tell)
     return _write_each(
         responses,
         folder,
@@ -166,7 +166,7 @@ def export_reduced(
     cables: Sequence[str] = (),
     samples: int | None = None,
     *,
-    tell: Tell = keep_silent,
+    tell: Reporter = keep_silent,
 ) -> list[Path]:
     """The cable-space model for a controller, with its evaluator, in a new folder; see `softcal.export.reduced`.
 

@@ -37,7 +37,8 @@ def films(protocols: Mapping[str, Protocol], n: int) -> dict[str, Protocol]:
         else:
             share = np.linspace(0.0, 1.0, n)
             pulls = zip(protocol.commands.items(), end, strict=True)
-            found[name] = Protocol({cable: Command(told.control, value * share) for (cable, told), value in pulls})
+            steps = {cable: Command(command.control, value * share) for (cable, command), value in pulls}
+            found[name] = Protocol(steps)
     if not faults and not any(protocol.commands for protocol in found.values()):
         faults.append(Fault("nothing is pulled", "--shapes", attempt="--pull"))
     if faults:

@@ -32,4 +32,4 @@ def furthest_responses(project: Project, results: Mapping[str, CalibrationResult
 
 def shape_warnings(responses: Mapping[str, Response]) -> list[str]:
     """Warnings on the shapes of each calibration, one sentence each."""
-    return [f"{label}: {told}" for label, response in responses.items() for told in response.warnings]
+    return [f"{label}: {sentence}" for label, response in responses.items() for sentence in response.warnings]

@@ -91,8 +91,8 @@ def parameters_csv(found: MeshStudy) -> str:
         for label, value in one.values.items():
             estimate = found.parameters[label]
             shift, error = value - estimate.value, estimate.standard_error
-            told = [label, estimate.unit, estimate.value, error, value, shift]
-            rows.append([*first, *told, shift / error if error else None, label in one.at_bound, "simulated"])
+            cells = [label, estimate.unit, estimate.value, error, value, shift]
+            rows.append([*first, *cells, shift / error if error else None, label in one.at_bound, "simulated"])
     return csv_text([*header, "shift over standard error [1]", "at_bound", "status"], rows)
 
 

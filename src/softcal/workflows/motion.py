@@ -53,8 +53,8 @@ def simulate_each_in_time(
     settings = project.dynamics
 
     def moved(name: str) -> Response:
-        told = None if progress is None else partial(progress, name)
-        return simulate_in_time(cases[name].robot, schedules[name], settings, snapshots=shapes, progress=told)
+        observer = None if progress is None else partial(progress, name)
+        return simulate_in_time(cases[name].robot, schedules[name], settings, snapshots=shapes, progress=observer)
 
     return simulate_each({name: name for name in cases}, moved)
 
@@ -82,14 +82,14 @@ def _replayed(project: Project, experiment: Experiment) -> Schedule:
         if faults := pulley_faults(replace(experiment, dataset=data)):
             raise InputError(faults)
     times = data.values(TIME)
-    told = commands(replace(experiment, dataset=data), experiment.rig_values())
+    driven = commands(replace(experiment, dataset=data), experiment.rig_values())
     kept = np.diff(times, prepend=-np.inf) > 0.0  # of samples that share a time, the first
     times = times[kept] - times[0]
-    values = {name: command.values[kept] for name, command in told.items()}
+    values = {name: command.values[kept] for name, command in driven.items()}
     if any(own[0] != 0.0 for own in values.values()):
         times = np.append(0.0, project.dynamics.ramp + times)
         values = {name: np.append(0.0, own) for name, own in values.items()}
-    return Schedule(times, {name: Command(told[name].control, own) for name, own in values.items()})
+    return Schedule(times, {name: Command(driven[name].control, own) for name, own in values.items()})
 
 
 def _timed(project: Project, experiment: Experiment) -> Dataset:

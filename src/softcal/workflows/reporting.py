@@ -58,12 +58,12 @@ def write_report(
     StorageError
         Where there is no run with a result, or the folder cannot be written.
     """
-    told = progress or (lambda stage: None)
-    told("Reading the run")
+    begin = progress or (lambda stage: None)
+    begin("Reading the run")
     read = load_run(run)
-    told("Simulating the calibrated twin")
+    begin("Simulating the calibrated twin")
     content = report_content(read, solved or {})
-    return write_content(content, Path(out) if out is not None else read.folder, progress=told)
+    return write_content(content, Path(out) if out is not None else read.folder, progress=begin)
 
 
 def report_content(run: Run, solved: Mapping[str, Response] | None = None) -> ReportContent:

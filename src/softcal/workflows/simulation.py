@@ -200,8 +200,8 @@ def twin_view(robot: Robot, response: Response) -> TwinView | None:
     shapes = response.snapshots
     bent = shapes[max(range(1, len(shapes)), key=bending)]
     at_rest, furthest = (replace(shape, label=_title(shape)) for shape in (rest, bent))
-    told = (response.falls, response.crossings, response.drawn_out)
-    return TwinView(robot, at_rest, furthest, response.tets, *told)
+    sentences = (response.falls, response.crossings, response.drawn_out)
+    return TwinView(robot, at_rest, furthest, response.tets, *sentences)
 
 
 def _title(shape: Snapshot) -> str:

@@ -24,7 +24,7 @@ from softcal.workflows.simulation import protocol_of, response_to, robot_in, tur
 TURNED, MOVED = np.deg2rad(30.0), 0.25
 SLACK = 0.2  # of an experiment's travel: a longer slack phase is suspicious
 
-Told = Callable[[str], None]
+StageObserver = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class StartStates:
     tets: Mapping[str, Ints] = field(default_factory=dict[str, Ints])
 
 
-def start_states(project: Project, progress: Told = lambda stage: None) -> StartStates:
+def start_states(project: Project, progress: StageObserver = lambda stage: None) -> StartStates:
     """Solve the equilibria under the loads alone and at the end of every experiment, at the start values."""
     project = at_start_values(project)
     twin = twin_of(project.robot)
@@ -78,12 +78,12 @@ def start_states(project: Project, progress: Told = lambda stage: None) -> Start
                 f"under its loads alone, {text}: if it does not hang like that on the bench, look at the direction of "
                 "gravity, the placement, the masses and the start of the modulus"
             )
-        warnings += [f"under its loads: {told}" for told in response.warnings]
+        warnings += [f"under its loads: {sentence}" for sentence in response.warnings]
     responses: dict[str, Response] = {}
     for i, (name, experiment) in enumerate(project.experiments.items(), start=1):
         progress(f"Solving the end of {name} ({i} of {len(project.experiments)})")
         responses[name] = response = _end_of(project, name)
-        row, about = _told(experiment, response, undeformed)
+        row, about = _end_summary(experiment, response, undeformed)
         rows.append((f"end of {name}", row))
         warnings += [f"{name}: {sentence}" for sentence in about]
         if response.succeeded and response.snapshots:
@@ -114,7 +114,7 @@ def _end_of(project: Project, name: str) -> Response:
     return response_to(robot_in(project, name), protocol, snapshots=True)
 
 
-def _told(experiment: Experiment, response: Response, undeformed: Snapshot) -> tuple[str, list[str]]:
+def _end_summary(experiment: Experiment, response: Response, undeformed: Snapshot) -> tuple[str, list[str]]:
     """Description of the end of an experiment, and warnings."""
     if not response.succeeded:
         return response.status, [f"the twin at the start values cannot follow this test. {response.status}"]
@@ -164,8 +164,8 @@ def _moved(before: Snapshot, after: Snapshot) -> tuple[str, bool]:
 def _pulls(shape: Snapshot) -> str:
     """The cables with the largest tensions, at most two."""
     taut = sorted((name for name, tension in shape.tensions.items() if tension > 0.0), key=lambda n: -shape.tensions[n])
-    told = ", ".join(f"{name} {format_quantity(shape.tensions[name], 'N')}" for name in taut[:2])
-    return told + (" …" if len(taut) > 2 else "")
+    text = ", ".join(f"{name} {format_quantity(shape.tensions[name], 'N')}" for name in taut[:2])
+    return text + (" …" if len(taut) > 2 else "")
 
 
 def _tets(project: Project) -> dict[str, Ints]:

@@ -60,7 +60,7 @@ def validate(
                 folds,
                 settings,
                 workers=workers,
-                progress=_told(progress, label),
+                progress=_for_model(progress, label),
                 stopped=lambda: stop.by is not None,
             )
     if stop.by is not None:
@@ -121,7 +121,7 @@ def _problems(projects: Mapping[str, Project], split: Sequence[str]) -> dict[str
     return problems
 
 
-def _told(progress: Observer | None, model: str) -> Callable[[str, Progress], None] | None:
+def _for_model(progress: Observer | None, model: str) -> Callable[[str, Progress], None] | None:
     if progress is None:
         return None
     return lambda fold, state: progress(model, fold, state)

@@ -41,6 +41,8 @@ if TYPE_CHECKING:
     from softcal.experiments.dataset import Dataset as Dataset
     from softcal.experiments.step import Setting as Setting
     from softcal.experiments.step import register_step as register_step
+    from softcal.export.engine import Engine as Engine
+    from softcal.export.engine import register_engine as register_engine
     from softcal.geometry.centreline import helix as helix
     from softcal.geometry.centreline import straight as straight
     from softcal.geometry.mesh import TetMesh as TetMesh
@@ -105,6 +107,7 @@ _HOMES = {
     "Dataset": "softcal.experiments.dataset",
     "DatasetError": "softcal.errors",
     "Disc": "softcal.twin.robot",
+    "Engine": "softcal.export.engine",
     "Experiment": "softcal.calibration.experiment",
     "Fault": "softcal.errors",
     "FreeParameter": "softcal.calibration.parameters",
@@ -160,6 +163,7 @@ _HOMES = {
     "ramp": "softcal.twin.schedule",
     "read_mesh": "softcal.geometry.read",
     "rectangular": "softcal.geometry.section",
+    "register_engine": "softcal.export.engine",
     "register_law": "softcal.materials.catalogue",
     "register_loss": "softcal.calibration.loss",
     "register_optimiser": "softcal.calibration.optimiser",
@@ -186,6 +190,7 @@ __all__ = [
     "Dataset",
     "DatasetError",
     "Disc",
+    "Engine",
     "Experiment",
     "Fault",
     "FreeParameter",
@@ -241,6 +246,7 @@ __all__ = [
     "ramp",
     "read_mesh",
     "rectangular",
+    "register_engine",
     "register_law",
     "register_loss",
     "register_optimiser",

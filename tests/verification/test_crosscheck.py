@@ -18,16 +18,10 @@ from softcal.cli import app
 from softcal.cli.crosscheck_command import _table
 from softcal.cli.printing import print_table
 from softcal.errors import SimulationError
-from softcal.export import crosscheck as module
-from softcal.export.crosscheck import (
-    ENGINES,
-    Difference,
-    Engine,
-    EngineComparison,
-    EngineState,
-    _fitted_pose,
-    crosscheck,
-)
+from softcal.export.crosscheck import Difference, EngineComparison, crosscheck
+from softcal.export.engine import ENGINES, Engine, EngineState, Running, state_of
+from softcal.export.engines import sofa as sofa_module
+from softcal.export.engines.calculix import _fitted_pose, _needed
 from softcal.export.load_path import LoadPath, load_path
 from softcal.export.sofa_settings import SofaSettings
 from softcal.geometry.centreline import straight
@@ -38,6 +32,7 @@ from softcal.twin.robot import Cable, Plate, PointLoad, Robot, Rod, ViaPoint
 from softcal.twin.simulate import simulate
 from softcal.workflows import cases
 
+assert set(ENGINES) == {"calculix", "sofa"}  # softcal's own are there before others take their names in a test
 needs_ccx = pytest.mark.skipif(
     shutil.which("ccx") is None, reason="CalculiX (ccx) is not installed; Debian: calculix-ccx"
 )
@@ -54,9 +49,9 @@ def softer(factor: float, modulus: str = "neck.youngs_modulus", value: float = 1
 
     def solve(robot: Robot, protocol: Protocol, shape, running) -> EngineState:
         off = with_parameters(robot, {modulus: factor * value})
-        return module._of_response(simulate(off, protocol, snapshots=True, curve_tolerance=0.0))
+        return state_of(simulate(off, protocol, snapshots=True, curve_tolerance=0.0))
 
-    return Engine(lambda robot: robot, lambda: "", solve)
+    return Engine("stand-in", lambda robot: robot, lambda: "", solve)
 
 
 @needs_ccx
@@ -82,8 +77,8 @@ def test_calculix_agrees_with_two_cables():
 
 
 def test_an_engine_that_is_itself_agrees_and_one_that_is_not_is_told(monkeypatch):
-    monkeypatch.setitem(ENGINES, "same", softer(1.0))
-    monkeypatch.setitem(ENGINES, "softer", softer(0.9))
+    monkeypatch.setitem(ENGINES._members, "same", softer(1.0))
+    monkeypatch.setitem(ENGINES._members, "softer", softer(0.9))
     same, other = crosscheck(ROBOT, pulled(0.0, 0.006), ["same", "softer"]).comparisons
     assert same.agrees
     assert max(d.absolute for d in same.differences) == 0.0
@@ -98,7 +93,9 @@ def test_what_an_engine_leaves_out_is_no_fault_and_is_named(monkeypatch):
     """Above the usual limit a difference needs an explanation of at least its size."""
     for name, strain in (("explained", 6e-4), ("unexplained", 4e-4)):
         left_out = (strain, "the strain of its rods")
-        monkeypatch.setitem(ENGINES, name, replace(softer(1.0 - 5e-4), leaves_out=lambda shape, given=left_out: given))
+        monkeypatch.setitem(
+            ENGINES._members, name, replace(softer(1.0 - 5e-4), leaves_out=lambda shape, given=left_out: given)
+        )
     good, bad = crosscheck(ROBOT, pulled(0.0, 0.006), ["explained", "unexplained"]).comparisons
     assert good.agrees
     assert good.verdict.startswith("explained and softcal agree to 0.0006 (worst: 5.0e-04, front.tension): more than")
@@ -133,7 +130,7 @@ def test_the_tension_that_a_shortening_needs_is_exact_to_first_order():
     longer = {n: Command("shortening", c.values + lacks[n]) for n, c in commands.items()}
     there = simulate(ROBOT, Protocol(longer)).channels
     ours = {n: float(c.values[0]) for n, c in commands.items()}
-    needed = module._needed(load_path(ROBOT, shape), shape, ours, {n: ours[n] - lacks[n] for n in ours})
+    needed = _needed(load_path(ROBOT, shape), shape, ours, {n: ours[n] - lacks[n] for n in ours})
     for name, tension in needed.items():
         change = there[f"{name}.tension"][0] - shape.tensions[name]
         assert tension - shape.tensions[name] == pytest.approx(change, rel=1e-2)
@@ -143,7 +140,7 @@ def test_the_tension_that_a_shortening_needs_is_exact_to_first_order():
 
 def test_what_a_shortening_needs_is_not_told_where_its_slope_is_unknown():
     shape = simulate(ROBOT, pulled(0.01), snapshots=True).snapshots[-1]
-    assert module._needed(LoadPath((shape,), ("front",), None), shape, {"front": 0.01}, {"front": 0.01}) == {}
+    assert _needed(LoadPath((shape,), ("front",), None), shape, {"front": 0.01}, {"front": 0.01}) == {}
 
 
 def test_an_engine_is_run_as_it_is_asked_to_and_named_while_it_works(monkeypatch):
@@ -153,10 +150,10 @@ def test_an_engine_is_run_as_it_is_asked_to_and_named_while_it_works(monkeypatch
         seen.append(running)
         return softer(1.0).solve(robot, protocol, shape, running)
 
-    monkeypatch.setitem(ENGINES, "same", replace(softer(1.0), solve=solve))
-    monkeypatch.setitem(ENGINES, "absent", replace(softer(1.0), missing=lambda: "get it"))
+    monkeypatch.setitem(ENGINES._members, "same", replace(softer(1.0), solve=solve))
+    monkeypatch.setitem(ENGINES._members, "absent", replace(softer(1.0), missing=lambda: "get it"))
     at_work: list[str] = []
-    running = module.Running(timeout=12.0)
+    running = Running(timeout=12.0)
     found = crosscheck(ROBOT, pulled(0.006), ["absent", "same"], running=running, progress=at_work.append)
     assert found.agrees
     assert seen == [running]
@@ -171,11 +168,11 @@ def test_sofa_is_run_with_the_settings_and_the_timeout(monkeypatch):
         asked.append(given)
         return lambda robot, protocol, snapshots: simulate(robot, protocol, snapshots=snapshots)
 
-    monkeypatch.setattr(module, "sofa_engine", engine)
+    monkeypatch.setattr(sofa_module, "sofa_engine", engine)
     robot = ENGINES["sofa"].own(ROBOT)
     shape = simulate(robot, pulled(0.006), snapshots=True).snapshots[-1]
     for timeout in (None, 7.0):
-        ENGINES["sofa"].solve(robot, pulled(0.006), shape, module.Running(timeout, settings))
+        ENGINES["sofa"].solve(robot, pulled(0.006), shape, Running(timeout, settings))
     assert asked == [settings, replace(settings, timeout=7.0)]
 
 
@@ -183,9 +180,9 @@ def test_an_engine_that_fails_or_is_absent_stops_no_other(monkeypatch):
     def fail(robot, protocol, shape, running):
         raise SimulationError("it fell over")
 
-    monkeypatch.setitem(ENGINES, "broken", replace(softer(1.0), solve=fail))
-    monkeypatch.setitem(ENGINES, "absent", replace(softer(1.0), missing=lambda: "get it at the shop"))
-    monkeypatch.setitem(ENGINES, "same", softer(1.0))
+    monkeypatch.setitem(ENGINES._members, "broken", replace(softer(1.0), solve=fail))
+    monkeypatch.setitem(ENGINES._members, "absent", replace(softer(1.0), missing=lambda: "get it at the shop"))
+    monkeypatch.setitem(ENGINES._members, "same", softer(1.0))
     found = crosscheck(ROBOT, pulled(0.0, 0.006), ["broken", "absent", "same"])
     assert found.failed == {"broken": "it fell over"}
     assert found.absent == {"absent": "get it at the shop"}
@@ -204,8 +201,8 @@ def test_a_robot_that_nothing_moves_is_no_comparison_and_no_failure(monkeypatch)
     def fail(*given):
         raise AssertionError
 
-    monkeypatch.setitem(ENGINES, "same", replace(softer(1.0), solve=fail))
-    monkeypatch.setitem(ENGINES, "absent", replace(softer(1.0), missing=lambda: "get it at the shop"))
+    monkeypatch.setitem(ENGINES._members, "same", replace(softer(1.0), solve=fail))
+    monkeypatch.setitem(ENGINES._members, "absent", replace(softer(1.0), missing=lambda: "get it at the shop"))
     found = crosscheck(ROBOT, Protocol({}), ["same", "absent"])
     assert found.still == ("same",)
     assert (found.comparisons, found.failed) == ((), {})
@@ -280,7 +277,7 @@ def test_a_disagreement_where_the_robot_falls_says_so():
 
 
 def test_a_disagreement_ends_with_1_and_is_written(tmp_path, monkeypatch):
-    monkeypatch.setitem(ENGINES, "calculix", softer(0.9, "bar.youngs_modulus", 2e6))
+    monkeypatch.setitem(ENGINES._members, "calculix", softer(0.9, "bar.youngs_modulus", 2e6))
     project, out = write_project(tmp_path), tmp_path / "out"
     arguments = ["--engines", "calculix", "--pull", "front=3mm", "--out", str(out)]
     done = CliRunner().invoke(app, ["crosscheck", str(project), *arguments])
@@ -290,8 +287,8 @@ def test_a_disagreement_ends_with_1_and_is_written(tmp_path, monkeypatch):
 
 
 def test_an_absent_engine_beside_one_that_agrees_is_told_and_no_failure(tmp_path, monkeypatch):
-    monkeypatch.setitem(ENGINES, "calculix", softer(1.0, "bar.youngs_modulus", 2e6))
-    monkeypatch.setitem(ENGINES, "sofa", replace(softer(1.0), missing=lambda: "get it at the shop"))
+    monkeypatch.setitem(ENGINES._members, "calculix", softer(1.0, "bar.youngs_modulus", 2e6))
+    monkeypatch.setitem(ENGINES._members, "sofa", replace(softer(1.0), missing=lambda: "get it at the shop"))
     project, out = write_project(tmp_path), tmp_path / "out"
     done = CliRunner().invoke(app, ["crosscheck", str(project), "--pull", "front=3mm", "--out", str(out)])
     assert done.exit_code == 0, done.output
@@ -303,7 +300,7 @@ def test_an_absent_engine_beside_one_that_agrees_is_told_and_no_failure(tmp_path
 
 @pytest.mark.parametrize(("other", "code"), [("sofa", 0), ("", 1)])
 def test_an_engine_that_cannot_have_the_robot_is_no_failure_beside_one_that_can(tmp_path, monkeypatch, other, code):
-    monkeypatch.setitem(ENGINES, "sofa", softer(1.0, "bar.youngs_modulus", 2e6))
+    monkeypatch.setitem(ENGINES._members, "sofa", softer(1.0, "bar.youngs_modulus", 2e6))
     rubbing = ("  cables:\n    front:\n", "  cables:\n    front:\n      friction_coefficient: 0.1\n")
     project, out = write_project(tmp_path, rubbing), tmp_path / "out"
     arguments = ["--engines", f"calculix,{other}".rstrip(","), "--pull", "front=3mm", "--out", str(out)]
@@ -331,7 +328,7 @@ def given(tmp_path, monkeypatch):
     """The command on a project with these states."""
 
     def run(protocols, factor=1.0):
-        monkeypatch.setitem(ENGINES, "calculix", softer(factor, "bar.youngs_modulus", 2e6))
+        monkeypatch.setitem(ENGINES._members, "calculix", softer(factor, "bar.youngs_modulus", 2e6))
         monkeypatch.setattr(
             cases, "cases", lambda project, pulls: {name: cases.Case(project.robot, p) for name, p in protocols.items()}
         )
@@ -365,7 +362,7 @@ def test_a_folder_that_holds_files_is_refused_before_any_engine_works(tmp_path, 
     def fail(*given):
         raise AssertionError
 
-    monkeypatch.setitem(ENGINES, "calculix", replace(softer(1.0), solve=fail))
+    monkeypatch.setitem(ENGINES._members, "calculix", replace(softer(1.0), solve=fail))
     out = tmp_path / "out"
     out.mkdir()
     (out / "notes.txt").write_text("mine")

@@ -6,90 +6,24 @@ the same mesh, at the same parameters and loads: differences are then numerical 
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from softcal.calibration.problem import SOFTCAL
 from softcal.checks import Floats
-from softcal.errors import Fault, InputError, SimulationError
-from softcal.export.calculix import calculix_deck, deck_faults, in_its_law
-from softcal.export.calculix_run import HOW_TO_GET, TIMEOUT, find_calculix, run_calculix
-from softcal.export.load_path import LoadPath, load_path, positions, shortenings
-from softcal.export.sofa_engine import sofa_engine
-from softcal.export.sofa_install import find_sofa
-from softcal.export.sofa_robot import linear_robot, scene_faults
-from softcal.export.sofa_settings import SofaSettings
+from softcal.errors import InputError, SimulationError
+from softcal.export.engine import ENGINES, EngineState, Running, state_of
 from softcal.twin.build import twin_of
 from softcal.twin.protocol import Protocol, furthest_state
-from softcal.twin.response import Response, Snapshot
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
 
 AGREES = 1e-4  # relative difference; for angles in rad
 STILL = 1e-12  # [m]
 NEEDED = "tension (by slope)"  # tension that an engine needs for softcal's shortening; see `EngineState`
-
-
-@dataclass(frozen=True)
-class EngineState:
-    """An equilibrium computed by an engine.
-
-    Attributes
-    ----------
-    tensions, shortenings
-        Cable -> tension [N] and shortening [m], unless prescribed.
-    plates
-        Plate -> position (3,) [m] and rotation (3, 3).
-    points
-        Body or rod -> positions of the nodes (n, 3) [m].
-    needed
-        For an engine with prescribed tensions: cable -> tension [N] that it needs for softcal's shortening, to first
-        order by softcal's exact stiffness.
-    """
-
-    tensions: Mapping[str, float]
-    shortenings: Mapping[str, float]
-    plates: Mapping[str, tuple[Floats, Floats]]
-    points: Mapping[str, Floats]
-    needed: Mapping[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Running:
-    """Settings of the engines: timeout of each process [s], None for the engine's default; SOFA's settings."""
-
-    timeout: float | None = None
-    sofa: SofaSettings = field(default_factory=SofaSettings)
-
-
-@dataclass(frozen=True)
-class Engine:
-    """Another program that solves a robot's statics.
-
-    Attributes
-    ----------
-    own
-        Converts the robot to the engine's law and elements.
-    missing
-        Why the engine cannot run here and how to install it, or "".
-    solve
-        Solves a robot for a protocol of one sample, given softcal's shape and the settings.
-    lacks
-        Faults of a robot's features that the engine does not support.
-    leaves_out
-        Relative difference at a shape explained by the engine's model, and the neglected effect; 0 and "" if none.
-    """
-
-    own: Callable[[Robot], Robot]
-    missing: Callable[[], str]
-    solve: Callable[[Robot, Protocol, Snapshot, Running], EngineState]
-    lacks: Callable[[Robot], list[Fault]] = lambda robot: []
-    leaves_out: Callable[[Snapshot], tuple[float, str]] = lambda shape: (0.0, "")
 
 
 @dataclass(frozen=True)
@@ -223,7 +157,7 @@ def crosscheck(
         try:
             own = engine.own(robot)
             response = simulate(own, end, snapshots=True, curve_tolerance=0.0)
-            ours = _of_response(response)
+            ours = state_of(response)
             if _is_still(own, ours):
                 still.append(name)
                 continue
@@ -235,19 +169,6 @@ def crosscheck(
         left_out = engine.leaves_out(response.snapshots[-1])
         comparisons.append(EngineComparison(name, differences, tuple(_changes(robot, own)), response.falls, left_out))
     return Crosscheck(tuple(comparisons), absent, refused, failed, tuple(still))
-
-
-def _of_response(response: Response) -> EngineState:
-    if not response.succeeded:
-        raise SimulationError(response.status)
-    shape = response.snapshots[-1]
-    names = list(shape.tensions)
-    return EngineState(
-        tensions={name: float(response.channels[f"{name}.tension"][-1]) for name in names},
-        shortenings={name: float(response.channels[f"{name}.shortening"][-1]) for name in names},
-        plates=shape.plates,
-        points={**shape.points, **shape.rods},
-    )
 
 
 def _moved(robot: Robot, outcome: EngineState) -> dict[str, Floats]:
@@ -308,83 +229,3 @@ def _changes(given: Robot, own: Robot) -> list[str]:
         for what in ("law", "element")
         if getattr(a, what) != getattr(b, what)
     ]
-
-
-def _missing_calculix() -> str:
-    return "" if find_calculix() else HOW_TO_GET
-
-
-def _solve_calculix(robot: Robot, protocol: Protocol, shape: Snapshot, running: Running) -> EngineState:
-    """Solve with CalculiX under gravity, loads and softcal's tensions."""
-    twin, path = twin_of(robot), load_path(robot, shape)
-    deck = calculix_deck(robot, path.shapes)
-    layout = twin.system.layout
-    with tempfile.TemporaryDirectory() as folder:
-        x = layout.X + run_calculix(deck, Path(folder), timeout=running.timeout or TIMEOUT)[-1, : layout.n_points]
-    shortening = shortenings(twin, x)
-    plates: dict[str, tuple[Floats, Floats]] = {}
-    for name, k in twin.frame.items():
-        riders = np.flatnonzero(layout.rider == k)
-        if k < layout.n_moving_frames and len(riders) >= 3:
-            plates[name] = _fitted_pose(layout.X[riders], x[riders], layout.references[k])
-    return EngineState(
-        tensions={},
-        shortenings=shortening,
-        plates=plates,
-        points={name: x[deck.first[name] :][: mesh.n_points] for name, mesh in twin.meshes.items()},
-        needed=_needed(path, shape, shortenings(twin, positions(twin, shape)), shortening),
-    )
-
-
-def _needed(
-    path: LoadPath, shape: Snapshot, ours: Mapping[str, float], theirs: Mapping[str, float]
-) -> dict[str, float]:
-    """Tensions [N] that another engine needs for softcal's shortenings, from those under softcal's tensions."""
-    if path.stiffness is None:
-        return {}
-    lacks = np.array([ours[name] - theirs[name] for name in path.taut])
-    more = path.stiffness @ lacks
-    return {name: shape.tensions[name] + float(dT) for name, dT in zip(path.taut, more, strict=True)}
-
-
-def _fitted_pose(X: Floats, x: Floats, reference: Floats) -> tuple[Floats, Floats]:
-    """Reference point and rotation moved by the least-squares rigid motion from X to x."""
-    centre, now = X.mean(axis=0), x.mean(axis=0)
-    U, _, Vt = np.linalg.svd((x - now).T @ (X - centre))
-    R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
-    return now + R @ (reference - centre), R
-
-
-def _missing_sofa() -> str:
-    try:
-        find_sofa()
-    except InputError as error:
-        return str(error)
-    return ""
-
-
-def _solve_sofa(robot: Robot, protocol: Protocol, shape: Snapshot, running: Running) -> EngineState:
-    """Solve with SOFA, run to rest under the protocol's commands."""
-    engine = sofa_engine(replace(running.sofa, timeout=running.timeout or running.sofa.timeout))
-    found = _of_response(engine(robot, protocol, snapshots=True))
-    given = {f"{name}.{command.control}" for name, command in protocol.commands.items()}
-    return replace(
-        found,
-        tensions={name: value for name, value in found.tensions.items() if f"{name}.tension" not in given},
-        shortenings={name: value for name, value in found.shortenings.items() if f"{name}.shortening" not in given},
-    )
-
-
-def _strain_of_rods(shape: Snapshot) -> tuple[float, str]:
-    """SOFA's beams neglect axial and shear strain in the balance of moments; see docs/sofa.md, Rods."""
-    if not shape.rod_strains:
-        return 0.0, ""
-    rod = max(shape.rod_strains, key=lambda name: shape.rod_strains[name])
-    strain = shape.rod_strains[rod]
-    return strain, f"the strain of beam axes in the balance of moments, here {strain:.1e} in {rod}"
-
-
-ENGINES: dict[str, Engine] = {
-    "calculix": Engine(in_its_law, _missing_calculix, _solve_calculix, deck_faults),
-    "sofa": Engine(lambda robot: linear_robot(robot).robot, _missing_sofa, _solve_sofa, scene_faults, _strain_of_rods),
-}

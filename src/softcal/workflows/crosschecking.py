@@ -10,7 +10,8 @@ from softcal.calibration.outcome import installed_versions
 from softcal.calibration.problem import SOFTCAL
 from softcal.csv_text import csv_text
 from softcal.errors import Fault, InputError, nearest
-from softcal.export.crosscheck import AGREES, ENGINES, Crosscheck, Running, crosscheck
+from softcal.export.crosscheck import AGREES, Crosscheck, crosscheck
+from softcal.export.engine import ENGINES, Running
 from softcal.project.project import Project
 from softcal.workflows.cases import Case
 from softcal.workflows.output import new_folder

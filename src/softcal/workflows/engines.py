@@ -7,12 +7,10 @@ from dataclasses import asdict
 from typing import Any
 
 from softcal.calibration.problem import SOFTCAL, Simulate
-from softcal.errors import Fault, ParameterError
+from softcal.errors import Fault, ParameterError, nearest
 from softcal.export.sofa_settings import Engines
 from softcal.twin.robot import Robot
 
-SOFA = "sofa"
-ENGINES = (SOFTCAL, SOFA)
 # How long one waits is a matter of the machine: a run goes on with another timeout.
 OF_THE_MACHINE = ("timeout",)
 
@@ -30,20 +28,21 @@ def engine_for(name: str, robot: Robot, settings: Engines) -> Simulate | None:
     """
     if name == SOFTCAL:
         return None
-    if name == SOFA:
-        from softcal.export.sofa_engine import sofa_engine
+    from softcal.export.engine import ENGINES
 
-        engine = sofa_engine(settings.sofa)
-        engine.require(robot)
-        return engine
-    raise ParameterError(Fault("there is no such engine", "--engine", f"'{name}'", ", ".join(ENGINES)))
+    able = [SOFTCAL, *(one for one, engine in ENGINES.items() if engine.simulator is not None)]
+    if name not in able or (simulator := ENGINES[name].simulator) is None:
+        raise ParameterError(
+            Fault("there is no such engine", "--engine", f"'{name}'", ", ".join(able), nearest(name, able))
+        )
+    return simulator(getattr(settings, name, None), robot)
 
 
 def engine_identity(name: str, settings: Engines) -> dict[str, str]:
     """What a run's results owe to its engine, by key of the project file, SI; nothing where that is softcal itself."""
     if name == SOFTCAL:
         return {}
-    own = {key: value for key, value in asdict(settings)[name].items() if key not in OF_THE_MACHINE}
+    own = {key: value for key, value in asdict(settings).get(name, {}).items() if key not in OF_THE_MACHINE}
     return {"engine": name, **_flat(f"engines.{name}", own)}
 
 

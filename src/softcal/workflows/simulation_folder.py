@@ -13,7 +13,7 @@ from softcal.project.project import Project
 from softcal.twin.response import Response
 from softcal.twin.robot import Robot
 from softcal.workflows.cases import Case
-from softcal.workflows.engines import SOFA, SOFTCAL, engine_for
+from softcal.workflows.engines import SOFTCAL, engine_for
 from softcal.workflows.motion import Observer, simulate_each_in_time
 from softcal.workflows.output import new_folder, require_free_folder
 from softcal.workflows.simulation import keep_silent, response_csv, response_to, simulate_each, twin_view
@@ -73,7 +73,7 @@ def simulate_to_folder(
                 for name, response in responses.items()
             },
             **({"dynamics": asdict(project.dynamics)} if in_time else {"engine": engine}),
-            **({"engines": asdict(project.engines)} if engine == SOFA else {}),
+            **({"engines": asdict(project.engines)} if engine != SOFTCAL else {}),
             "hashes": dict(project.hashes),
             "versions": installed_versions(),
         }

@@ -1,0 +1,132 @@
+"""Another program that solves a robot: what it must offer to be compared with softcal, or to take its place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from softcal.calibration.problem import SOFTCAL, Simulate
+from softcal.catalogue import Catalogue
+from softcal.checks import Floats
+from softcal.errors import Fault, SimulationError
+from softcal.export.sofa_settings import SofaSettings
+from softcal.twin.protocol import Protocol
+from softcal.twin.response import Response, Snapshot
+from softcal.twin.robot import Robot
+
+
+@dataclass(frozen=True)
+class EngineState:
+    """An equilibrium computed by an engine.
+
+    Attributes
+    ----------
+    tensions, shortenings : mapping of str to float
+        Cable -> tension [N] and shortening [m], unless prescribed.
+    plates : mapping of str to (position, rotation)
+        Plate -> position (3,) [m] and rotation (3, 3).
+    points : mapping of str to array
+        Body or rod -> positions of the nodes (n, 3) [m].
+    needed : mapping of str to float
+        For an engine with prescribed tensions: cable -> tension [N] that it needs for softcal's shortening, to first
+        order by softcal's exact stiffness.
+    """
+
+    tensions: Mapping[str, float]
+    shortenings: Mapping[str, float]
+    plates: Mapping[str, tuple[Floats, Floats]]
+    points: Mapping[str, Floats]
+    needed: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Running:
+    """Settings of the engines: timeout of each process [s], None for the engine's default; SOFA's settings."""
+
+    timeout: float | None = None
+    sofa: SofaSettings = field(default_factory=SofaSettings)
+
+
+@dataclass(frozen=True)
+class Engine:
+    """Another program that solves a robot's statics.
+
+    Attributes
+    ----------
+    name : str
+        By which options and project files know it.
+    own : callable
+        Converts the robot to the engine's law and elements.
+    missing : callable
+        Why the engine cannot run here and how to install it, or "".
+    solve : callable
+        Solves a robot for a protocol of one sample, given softcal's shape and the settings.
+    lacks : callable
+        Faults of a robot's features that the engine does not support.
+    leaves_out : callable
+        Relative difference at a shape explained by the engine's model, and the neglected effect; 0 and "" if none.
+    simulator : callable or None
+        From the engine's settings in a project (None where it has none) and a robot to what takes the place of
+        `simulate` for it, checked to be possible; None for an engine that is only compared with.
+    """
+
+    name: str
+    own: Callable[[Robot], Robot]
+    missing: Callable[[], str]
+    solve: Callable[[Robot, Protocol, Snapshot, Running], EngineState]
+    lacks: Callable[[Robot], list[Fault]] = lambda robot: []
+    leaves_out: Callable[[Snapshot], tuple[float, str]] = lambda shape: (0.0, "")
+    simulator: Callable[[Any, Robot], Simulate] | None = None
+
+    @property
+    def module(self) -> str:
+        """Where it is defined."""
+        return self.solve.__module__ or ""
+
+
+def _faults(engine: Engine, known: Mapping[str, Engine]) -> list[Fault]:
+    """What is wrong with an engine that is to be registered."""
+    if not isinstance(engine, Engine):  # pyright: ignore[reportUnnecessaryIsInstance] (an entry point may be anything)
+        return [Fault("this is no engine", "engine", repr(engine)[:60], "a softcal.Engine")]
+    if engine.name == SOFTCAL:
+        what = "softcal is the engine that others are compared with"
+        return [Fault(what, "engine", engine.name, attempt="another name")]
+    return []
+
+
+ENGINES: Catalogue[Engine] = Catalogue("engine", "softcal.engines", _faults, home="softcal.export.engines")
+
+
+def register_engine(engine: Engine) -> Engine:
+    """Add a program that solves robots: `crosscheck --engines` knows its name, and `--engine` where it can simulate.
+
+    A package does the same for every process by an entry point of the group `softcal.engines` that names the `Engine`.
+
+    Raises
+    ------
+    ParameterError
+        Where another engine has the name.
+    """
+    ENGINES.add(engine)
+    return engine
+
+
+def state_of(response: Response) -> EngineState:
+    """The last state of a response with snapshots.
+
+    Raises
+    ------
+    SimulationError
+        Where the response did not get there.
+    """
+    if not response.succeeded:
+        raise SimulationError(response.status)
+    shape = response.snapshots[-1]
+    names = list(shape.tensions)
+    return EngineState(
+        tensions={name: float(response.channels[f"{name}.tension"][-1]) for name in names},
+        shortenings={name: float(response.channels[f"{name}.shortening"][-1]) for name in names},
+        plates=shape.plates,
+        points={**shape.points, **shape.rods},
+    )

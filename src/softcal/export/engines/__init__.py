@@ -1,0 +1,1 @@
+"""Other programs that solve a robot: each module registers one."""

@@ -1,0 +1,56 @@
+"""SOFA: run to rest under the commands themselves, for a comparison or in the place of softcal's statics."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from softcal.calibration.problem import Simulate
+from softcal.errors import InputError
+from softcal.export.engine import Engine, EngineState, Running, register_engine, state_of
+from softcal.export.sofa_engine import sofa_engine
+from softcal.export.sofa_install import find_sofa
+from softcal.export.sofa_robot import linear_robot, scene_faults
+from softcal.export.sofa_settings import SofaSettings
+from softcal.twin.protocol import Protocol
+from softcal.twin.response import Snapshot
+from softcal.twin.robot import Robot
+
+
+def _missing() -> str:
+    try:
+        find_sofa()
+    except InputError as error:
+        return str(error)
+    return ""
+
+
+def _solve(robot: Robot, protocol: Protocol, shape: Snapshot, running: Running) -> EngineState:
+    """Solve with SOFA, run to rest under the protocol's commands."""
+    engine = sofa_engine(replace(running.sofa, timeout=running.timeout or running.sofa.timeout))
+    found = state_of(engine(robot, protocol, snapshots=True))
+    given = {f"{name}.{command.control}" for name, command in protocol.commands.items()}
+    return replace(
+        found,
+        tensions={name: value for name, value in found.tensions.items() if f"{name}.tension" not in given},
+        shortenings={name: value for name, value in found.shortenings.items() if f"{name}.shortening" not in given},
+    )
+
+
+def _strain_of_rods(shape: Snapshot) -> tuple[float, str]:
+    """SOFA's beams neglect axial and shear strain in the balance of moments; see docs/sofa.md, Rods."""
+    if not shape.rod_strains:
+        return 0.0, ""
+    rod = max(shape.rod_strains, key=lambda name: shape.rod_strains[name])
+    strain = shape.rod_strains[rod]
+    return strain, f"the strain of beam axes in the balance of moments, here {strain:.1e} in {rod}"
+
+
+def _simulator(settings: SofaSettings, robot: Robot) -> Simulate:
+    engine = sofa_engine(settings)
+    engine.require(robot)
+    return engine
+
+
+register_engine(
+    Engine("sofa", lambda robot: linear_robot(robot).robot, _missing, _solve, scene_faults, _strain_of_rods, _simulator)
+)

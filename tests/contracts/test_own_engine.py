@@ -1,0 +1,94 @@
+"""An engine in one file of the user's own: compared with softcal's statics, and in their place."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from own_module import imported
+from project_case import write_project
+from typer.testing import CliRunner
+
+from softcal import load, register_engine
+from softcal.cli import app
+from softcal.errors import ParameterError
+from softcal.export.engine import ENGINES, Engine
+from softcal.workflows.calibration import calibrate
+
+SOFTER = """
+from dataclasses import replace
+from functools import partial
+
+from softcal import Engine, register_engine, with_parameters
+from softcal.export.engine import state_of
+from softcal.twin.simulate import simulate
+
+SHARE = 0.9
+
+
+def softer(robot):
+    name = f"{robot.bodies[0].name}.youngs_modulus"
+    return with_parameters(robot, {name: SHARE * robot.bodies[0].parameters["youngs_modulus"]})
+
+
+def solve(robot, protocol, shape, running):
+    return state_of(simulate(softer(robot), protocol, snapshots=True, curve_tolerance=0.0))
+
+
+def simulator(settings, robot):
+    def answer(robot, protocol, theta=None, *, sensitivities=(), snapshots=False):
+        name = f"{robot.bodies[0].name}.youngs_modulus"
+        theta = {name: robot.bodies[0].parameters["youngs_modulus"], **(theta or {})}
+        given = {**theta, name: SHARE * theta[name]}
+        response = simulate(robot, protocol, given, sensitivities=sensitivities, snapshots=snapshots)
+        by = {c: {k: v * SHARE if k == name else v for k, v in d.items()} for c, d in response.sensitivities.items()}
+        return replace(response, sensitivities=by)
+    return answer
+
+
+engine = register_engine(Engine("softer", lambda robot: robot, lambda: "", solve, simulator=simulator))
+"""
+
+
+@pytest.fixture
+def softer(tmp_path: Path) -> Generator[ModuleType]:
+    """The engine, as a module of the user's registers it."""
+    yield imported(tmp_path / "softer_engine.py", SOFTER)
+    ENGINES.remove("softer")
+
+
+def test_it_takes_softcals_place(softer: ModuleType, tmp_path: Path) -> None:
+    project = load(write_project(tmp_path))
+    own = calibrate(project).headline.parameters["bar.youngs_modulus"]
+    theirs = calibrate(project, engine="softer").headline.parameters["bar.youngs_modulus"]
+    assert theirs.value == pytest.approx(own.value / 0.9, rel=1e-4)
+
+
+def test_it_is_compared_with_softcal(softer: ModuleType, tmp_path: Path) -> None:
+    path = write_project(tmp_path)
+    found = CliRunner().invoke(app, ["crosscheck", str(path), "--engines", "softer", "--pull", "front=5mm"])
+    assert found.exit_code == 1
+    assert "softer and softcal differ by" in found.output.replace("\n", " ")
+    assert "1.0e-01 relative" in found.output.replace("\n", " ")
+
+
+def test_an_engine_that_only_compares_or_does_not_exist_is_refused(tmp_path: Path) -> None:
+    path = str(write_project(tmp_path))
+    for name, nearest in (("calculix", ""), ("soffa", "Try: 'sofa'")):
+        found = CliRunner().invoke(app, ["simulate", path, "--engine", name, "--out", str(tmp_path / "out")])
+        told = found.output.replace("\n", " ")
+        assert found.exit_code == 2
+        assert f"--engine: there is no such engine; got '{name}'; allowed: softcal, sofa" in told
+        assert nearest in told
+
+
+def test_what_is_no_engine_is_refused() -> None:
+    sofa = ENGINES["sofa"]
+    with pytest.raises(ParameterError, match="this is no engine"):
+        register_engine(load)  # type: ignore[arg-type]
+    with pytest.raises(ParameterError, match="softcal is the engine that others are compared with"):
+        register_engine(Engine("softcal", sofa.own, sofa.missing, sofa.solve))
+    with pytest.raises(ParameterError, match="there is another engine of this name"):
+        register_engine(Engine("sofa", sofa.own, sofa.missing, sofa.missing))  # type: ignore[arg-type]

@@ -1,0 +1,73 @@
+"""One object for how a search is set: changes by name, an optimiser's own where nothing is given, and refusals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from fake_twin import NU, E, fake_experiment, fake_robot, fake_simulate
+from project_case import write_project
+
+from softcal import SearchSettings, load
+from softcal import calibrate as calibrate_project
+from softcal.calibration.optimiser import OPTIMISERS
+from softcal.calibration.parameters import FreeParameter
+from softcal.calibration.problem import Problem, make_problem
+from softcal.calibration.run import calibrate
+from softcal.errors import InputError, ParameterError
+
+
+def problem() -> Problem:
+    free = [FreeParameter(E, "Pa", 0.1e6, 40e6, "log"), FreeParameter(NU, "1", 0.4, 0.4999)]
+    return make_problem(fake_robot(), [fake_experiment("a"), fake_experiment("b")], free, None, fake_simulate)
+
+
+def test_changes_take_the_place_of_the_settings() -> None:
+    by_name = calibrate(problem(), method="grid", trials=4, hold_out=["b"])
+    whole = calibrate(problem(), SearchSettings("tpe", trials=4, hold_out=("b",)), method="grid")
+    assert [t.theta for t in by_name.trials] == [t.theta for t in whole.trials]
+    assert by_name.extra == whole.extra
+    assert (by_name.method, len(by_name.trials), list(by_name.held_out)) == ("grid", 4, ["b"])
+
+
+def test_what_a_run_records_is_complete_and_holds_nothing_that_was_not_heeded() -> None:
+    given = SearchSettings(starts=5, seed=7)
+    recorded = {name: OPTIMISERS[name].settled(given.changed(method=name)).record() for name in OPTIMISERS}
+    common = {"seed": 7}
+    assert recorded["least-squares"] == {
+        "method": "least-squares", "trials": 40, "starts": 5, "batch": 1, **common,
+    }  # fmt: skip
+    assert recorded["tpe"] == {"method": "tpe", "trials": 1000, "starts": 1, "batch": 4, **common}
+    assert recorded["grid"] == {"method": "grid", "trials": 400, "starts": 1, "batch": 1, **common}
+    axes = OPTIMISERS["grid"].settled(given.changed(method="grid", axes={E: [1e6, 2e6], NU: [0.4, 0.45, 0.49]}))
+    assert axes.record()["trials"] == 6
+    assert axes.record()["axes"] == {E: [1e6, 2e6], NU: [0.4, 0.45, 0.49]}
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"trails": 3}, r"trails: there is no such setting of a search; allowed: .* Try: 'trials'"),
+        ({"method": "gird"}, r"method: there is no such method; got 'gird'; .* Try: 'grid'"),
+        ({"axes": {E: [1e6]}}, r"axes: the method 'least-squares' heeds no axes"),
+        ({"trials": 0}, "trials: there must be a trial; got 0"),
+        ({"starts": 0}, "starts: there must be a start; got 0"),
+        ({"seed": -1}, "seed: the seed is out of range; got -1"),
+        ({"workers": 0}, "workers: there must be a worker; got 0"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_by_its_name(changes: dict, told: str) -> None:
+    with pytest.raises(ParameterError, match=told) as error:
+        calibrate(problem(), **changes)
+    assert len(error.value.faults) == 1
+
+
+def test_a_project_takes_any_of_its_calibration_section_and_nothing_else(tmp_path: Path) -> None:
+    project = load(write_project(tmp_path))
+    assert project.calibration.search == SearchSettings(seed=1, starts=1)
+    with pytest.raises(InputError, match=r"methd: unknown key; .* Try: 'method'"):
+        calibrate_project(project, out=tmp_path / "run", methd="grid")
+    assert not (tmp_path / "run").exists()
+    heavier = calibrate_project(project, method="grid", trials=4, alpha=0.6, beta=2.0).headline
+    plain = calibrate_project(project, method="grid", trials=4, alpha=None, starts=None).headline
+    assert [t.loss for t in heavier.trials] == pytest.approx([2 * (t.loss or 0.0) for t in plain.trials])

@@ -89,7 +89,7 @@ KEYS: dict[str, tuple[Change, tuple[str, ...]]] = {
         ("      element: P1\n", "      element: P1\n      element: P2\n"),
         ("project.yaml:8: robot.bodies.bar.element", "stands twice", "line 7"),
     ),
-    "an unknown choice": (("element: P1", "element: Q1"), ("project.yaml:7:", "'Q1'", "'P1', 'P2', 'P2P1'")),
+    "an unknown choice": (("element: P1", "element: Q1"), ("project.yaml:7:", "'Q1'", "P1, P2, P2P1")),
     "an unknown method": (
         ("least-squares", "simplex"),
         ("calibration.method", "'simplex'", "grid, least-squares, tpe"),

@@ -59,7 +59,7 @@ def softcal_assembler(task: Task) -> Assembler:
     controls = Controls(np.zeros(0, dtype=bool), none, none)
 
     def common(at: Any) -> Common:
-        n = layout.first_tension_unknown
+        n = layout.first_effort_unknown
         upper = sp.csr_matrix((at.data, system.pattern.indices, system.pattern.indptr), shape=(n, n))
         return at.reduced, (upper + sp.triu(upper, 1).T).tocsr()
 

@@ -97,14 +97,14 @@ def full_matrix(system: System, at: Linearisation) -> np.ndarray:
     import scipy.sparse as sp
 
     layout, border = system.layout, at.border
-    n = layout.first_tension_unknown
+    n = layout.first_effort_unknown
     upper = sp.csr_matrix((at.data, system.pattern.indices, system.pattern.indptr), shape=(n, n)).toarray()
     K = np.zeros((layout.n_unknowns, layout.n_unknowns))
     K[:n, :n] = upper + np.triu(upper, 1).T
-    n_taut = len(border.taut)
+    n_taut = len(border.driven)
     if len(border.corner):
-        K[:n, n + border.taut] = border.columns[:, :n_taut]
-        K[n + border.taut, :n] = border.rows[:, :n_taut].T
+        K[:n, n + border.driven] = border.columns[:, :n_taut]
+        K[n + border.driven, :n] = border.rows[:, :n_taut].T
         K[:n, :n] += border.columns[:, n_taut:] @ (border.rows[:, n_taut:] / -border.corner[n_taut:]).T
     return K
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 import pkgutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -122,7 +123,7 @@ def rough(layout: Layout, size: float = 1e-3, seed: int = 0) -> Floats:
     dz = np.random.default_rng(seed).uniform(-1.0, 1.0, layout.n_unknowns)
     dz[: layout.first_pressure_unknown] *= size
     turns(layout, dz)[:] *= 100.0 * size / 1e-3
-    dz[layout.first_pressure_unknown : layout.first_tension_unknown] *= 1e3
+    dz[layout.first_pressure_unknown : layout.first_effort_unknown] *= 1e3
     return dz
 
 
@@ -176,7 +177,7 @@ class Case:
         twin, theta = twin_and_theta(with_parameters(robot, own))
         theta = {**theta, "bed.stiffness": 300.0, **(changes or {})}
         layout, term = twin.system.layout, self.pick(twin, theta)
-        n = layout.n_cables
+        n = layout.n_actuators
         controls = Controls(np.arange(n) == 0, np.full(n, 0.7), np.full(n, 0.004), 0.8)
         state = moved(layout, rest_state(layout), self.move(layout))
         return Alone(twin, term, build_system(layout, (term,)), state, controls, theta)
@@ -216,13 +217,21 @@ CASES = {
     "foundation": Case(Foundation, bent_column, lambda twin, theta: bed(twin)),
 }
 WITHOUT_PARAMETERS = (ContactTerm, ViscousTerm, InertialTerm)
+
+
+def kinds_of(base: type[Term]) -> set[type[Term]]:
+    """Every class of terms that there can be one of."""
+    own = {kind for kind in base.__subclasses__() if not inspect.isabstract(kind)}
+    return own.union(*(kinds_of(kind) for kind in base.__subclasses__()))
+
+
 every_case = pytest.mark.parametrize("name", CASES)
 
 
 def test_every_term_has_a_case():
     for module in pkgutil.iter_modules(softcal.mechanics.__path__, "softcal.mechanics."):
         importlib.import_module(module.name)
-    assert {kind for kind in Term.__subclasses__() if kind.__module__.startswith("softcal.")} <= {
+    assert {kind for kind in kinds_of(Term) if kind.__module__.startswith("softcal.")} <= {
         case.kind for case in CASES.values()
     }
 
@@ -237,7 +246,7 @@ def test_the_term_acts_at_its_state(name):
 def direction(case: Case, alone: Alone, seed: int) -> Floats:
     """Of all that is unknown: a held cable's tension is not."""
     d = case.move(alone.system.layout, seed=seed)
-    d[alone.system.layout.first_tension_unknown :][alone.controls.is_held] = 0.0
+    d[alone.system.layout.first_effort_unknown :][alone.controls.is_held] = 0.0
     return d
 
 
@@ -253,7 +262,7 @@ def test_the_gradient_is_the_energys_derivative(name):
 
 def assert_close(layout: Layout, found: Floats, expected: Floats, rounding: float) -> None:
     """To a millionth of the largest of each unit: forces, moments, volumes and lengths."""
-    n = [layout.first_frame_unknown, layout.first_pressure_unknown, layout.first_tension_unknown]
+    n = [layout.first_frame_unknown, layout.first_pressure_unknown, layout.first_effort_unknown]
     for one, other in zip(np.split(found, n), np.split(expected, n), strict=True):
         atol = 1e-6 * np.abs(other).max(initial=0.0) + rounding
         np.testing.assert_allclose(one, other, rtol=0.0, atol=atol)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from softcal.mechanics.cable import MET, build_cables
+from softcal.mechanics.cable import MET, build_cables, cables_of
 from softcal.mechanics.layout import FREE, Layout
 from softcal.mechanics.system import build_system
 
@@ -52,7 +52,7 @@ def test_its_tangent_is_the_gradients(part: float) -> None:
     """With the same tension everywhere; the tangent is given as an upper triangle."""
     x, h, T = nearer(part), 1e-8, 2.0
     system = build_system(Layout(X, np.full(3, FREE), np.zeros((0, 3)), 0, 1), (term(),))
-    cable, pattern = system.cables, system.pattern
+    cable, pattern = cables_of(system), system.pattern
     data, force = np.zeros(pattern.size), np.zeros(9)
     cable.pull(x, np.full(2, T), force, data)
     np.testing.assert_allclose(force, T * gradient(cable, x), atol=1e-12)

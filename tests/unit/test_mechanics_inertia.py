@@ -160,7 +160,7 @@ def test_tangent_of_a_step_is_the_derivative_of_its_forces(name, kind):
     twin = build_twin(robot)
     theta = parameter_values(robot)
     system, layout = twin.system, twin.system.layout
-    n = layout.first_tension_unknown
+    n = layout.first_effort_unknown
     random = np.random.default_rng(3)
     scale = np.full(n, 1e-3)
     scale[layout.first_frame_unknown : layout.first_pressure_unknown].reshape(-1, 6)[:, 3:] = 0.1

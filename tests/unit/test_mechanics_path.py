@@ -8,6 +8,7 @@ from mechanics_cases import column_robot, elastic, pulled, twin_and_theta
 
 from softcal.errors import SimulationError
 from softcal.mechanics import path as path_module
+from softcal.mechanics.cable import cables_of
 from softcal.mechanics.node import Line, node_at
 from softcal.mechanics.path import between, follow
 from softcal.mechanics.stability import is_stable
@@ -33,7 +34,7 @@ def test_equilibrium_is_one():
     assert found.residual < 1e-9
     at = statics.system.linearise(found.state, PULL.at(0.01), statics.theta, tangent=False)
     assert np.abs(at.reduced).max() < 1e-8 * np.abs(at.full).max()
-    assert statics.system.cables.lengths(found.state.x)[0] == pytest.approx(0.09, abs=1e-10)
+    assert cables_of(statics.system).lengths(found.state.x)[0] == pytest.approx(0.09, abs=1e-10)
 
 
 def test_newton_is_quadratic_with_fresh_tangents(monkeypatch):
@@ -79,8 +80,8 @@ def test_steps_are_cut_where_newton_fails_and_grow_again(monkeypatch):
 
     def picky(guess, controls):
         found = original(guess, controls)
-        if controls.shortening[0] > 0.01 and len(refused) < 3:
-            refused.append(controls.shortening[0])
+        if controls.coordinate[0] > 0.01 and len(refused) < 3:
+            refused.append(controls.coordinate[0])
             return type(found)(found.state, False, 25, 1.0, "refused")
         return found
 
@@ -97,7 +98,7 @@ def test_path_without_an_end_says_how_far_it_came(monkeypatch):
 
     def wall(guess, controls):
         found = original(guess, controls)
-        return found if controls.shortening[0] < 0.0123 else type(found)(found.state, False, 25, 1.0, "a wall")
+        return found if controls.coordinate[0] < 0.0123 else type(found)(found.state, False, 25, 1.0, "a wall")
 
     monkeypatch.setattr(statics, "equilibrium", wall)
     path = follow(statics, PULL, start, 0.03, first_step=0.004)
@@ -113,7 +114,7 @@ def test_node_between_two_is_on_the_curve():
     node = between(statics, PULL, path, 0.033)
     direct = follow(statics, PULL, start, 0.033, first_step=0.005).nodes[-1]
     np.testing.assert_allclose(node.state.x, direct.state.x, atol=1e-9)
-    np.testing.assert_allclose(node.state.tension, direct.state.tension, rtol=1e-7)
+    np.testing.assert_allclose(node.state.effort, direct.state.effort, rtol=1e-7)
 
 
 def test_node_between_two_is_found_in_small_steps_where_the_guess_fails(monkeypatch):
@@ -122,7 +123,7 @@ def test_node_between_two_is_found_in_small_steps_where_the_guess_fails(monkeypa
     monkeypatch.setattr(path_module, "interpolated", lambda layout, before, after, c: _turned_inside_out(start.state))
     node = between(statics, PULL, path, 0.033)
     direct = follow(statics, PULL, start, 0.033, first_step=0.005).nodes[-1]
-    np.testing.assert_allclose(node.state.tension, direct.state.tension, rtol=1e-7)
+    np.testing.assert_allclose(node.state.effort, direct.state.effort, rtol=1e-7)
     original = statics.equilibrium
     failing = lambda guess, controls: replace(original(guess, controls), converged=False, status="no way")  # noqa: E731
     monkeypatch.setattr(statics, "equilibrium", failing)

@@ -22,7 +22,7 @@ def wall(monkeypatch):
 
     def stopped(self, guess, controls):
         found = original(self, guess, controls)
-        beyond = np.any(controls.shortening[~controls.is_held] > 0.012)
+        beyond = np.any(controls.coordinate[~controls.is_held] > 0.012)
         return replace(found, converged=False, status="a wall") if beyond else found
 
     monkeypatch.setattr(path_module.Statics, "equilibrium", stopped)

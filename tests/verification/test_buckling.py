@@ -223,10 +223,10 @@ def test_a_node_that_is_put_in_beyond_a_fall_knows_of_it() -> None:
     assert between(statics, line, unseen, 1e-4).is_fallen
     assert not between(statics, line, path, 0.5 * path.nodes[fell - 1].c).is_fallen
     # A tension that rounding makes negative is no push: it must not hide that the straight column is not stable.
-    twice = replace(upright, tension=np.array([*upright.tension, -1e-12]))
+    twice = replace(upright, effort=np.array([*upright.effort, -1e-12]))
     assert not node_at(statics, line, 2e-4, upright, ()).is_stable
-    assert not pushing(twice).any()
-    assert pushing(replace(upright, tension=-upright.tension)).any()
+    assert not pushing(statics.system, twice).any()
+    assert pushing(statics.system, replace(upright, effort=-upright.effort)).any()
     statics.release()
 
 

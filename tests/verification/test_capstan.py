@@ -8,6 +8,7 @@ from mechanics_cases import column_robot, elastic, full_matrix, pulled, side_cab
 
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.experiments.steps.pulleys import correct_pulley_friction
+from softcal.mechanics.cable import cables_of
 from softcal.mechanics.cable_friction import friction_loss
 from softcal.mechanics.state import moved, rest_state
 from softcal.mechanics.term import Controls
@@ -42,7 +43,7 @@ def robot_over_a_drum(mu: float, n: int = 12, *, law: dict | None = None):
 def test_a_drum_turns_a_cable_by_as_much_through_any_number_of_points(n):
     """A quarter turn takes exp(-mu pi / 2), whether a few points make it or thousands."""
     twin, _ = twin_and_theta(robot_over_a_drum(MU, n))
-    cables = twin.system.cables
+    cables = cables_of(twin.system)
     loss = friction_loss(cables, rest_state(twin.system.layout).x, np.array([MU]))
     pulled_end, robots_end = (-1, 0) if cables.pulled_last[0] else (0, -1)
     assert loss.factor[pulled_end] == 1.0
@@ -54,7 +55,7 @@ def test_via_points_that_nothing_turns_cost_no_column():
     """Of a thousand points fixed in space, only the angle at the first is changed by the plate."""
     twin, theta = twin_and_theta(robot_over_a_drum(MU, 1000))
     state = rest_state(twin.system.layout)
-    state.tension[:] = 1.0
+    state.effort[:] = 1.0
     free = Controls(np.zeros(1, dtype=bool), np.zeros(1), np.zeros(1))
     border = twin.system.linearise(state, free, theta).border
     assert border.columns.shape[1] == 2  # the tension's, and that angle's
@@ -150,11 +151,11 @@ def test_tangent_with_friction_is_the_jacobian():
     controls = Controls(np.zeros(1, dtype=bool), np.zeros(1), np.array([0.01]))
     rng = np.random.default_rng(0)
     start = rng.uniform(-1e-3, 1e-3, layout.n_unknowns)
-    start[layout.first_tension_unknown :] = 1e-4
+    start[layout.first_effort_unknown :] = 1e-4
     state = moved(layout, rest_state(layout), start)
     at = system.linearise(state, controls, theta)
     unit = np.full(layout.n_unknowns, 1e-3)
-    unit[layout.first_tension_unknown :] = 1e-4
+    unit[layout.first_effort_unknown :] = 1e-4
     plate = slice(layout.first_frame_unknown + 3, layout.first_frame_unknown + 6)
     unit[plate] = 0.1
     K = full_matrix(system, at) * unit * unit[:, None]

@@ -213,7 +213,7 @@ def test_newtons_method_converges_quadratically_in_a_step():
     step = in_step(system, dynamics.inertia, dynamics.damping, 0.05, at_rest(rest_state(system.layout)), theta)
     statics = Statics(step, theta)
     controls = held(1, 0.2)
-    state = replace(rest_state(system.layout), tension=np.array([0.2]))
+    state = replace(rest_state(system.layout), effort=np.array([0.2]))
     residuals = []
     for _ in range(6):
         at = step.linearise(state, controls, theta)

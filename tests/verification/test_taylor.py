@@ -126,8 +126,8 @@ def far_state(system, theta):
     dz[: layout.first_frame_unknown] = (bent - X + rng.uniform(-4e-4, 4e-4, X.shape)).ravel()
     top = [radius * (1.0 - np.cos(0.9)), 1e-3, radius * np.sin(0.9) - 0.1]
     dz[layout.first_frame_unknown : layout.first_pressure_unknown] = [*top, 0.05, 0.9, -0.05]
-    dz[layout.first_pressure_unknown : layout.first_tension_unknown] = rng.uniform(-0.5, 0.5, layout.n_pressures)
-    dz[layout.first_tension_unknown :] = [1e-4, 3e-4]
+    dz[layout.first_pressure_unknown : layout.first_effort_unknown] = rng.uniform(-0.5, 0.5, layout.n_pressures)
+    dz[layout.first_effort_unknown :] = [1e-4, 3e-4]
     return moved(layout, rest_state(layout), dz)
 
 
@@ -140,8 +140,8 @@ def rough_direction(system, seed):
     rng = np.random.default_rng(seed)
     d = rng.uniform(-1e-3, 1e-3, layout.n_unknowns)
     d[layout.first_frame_unknown + 3 : layout.first_pressure_unknown] = rng.uniform(-0.2, 0.2, 3)
-    d[layout.first_pressure_unknown :] = rng.uniform(-0.5, 0.5, layout.n_pressures + layout.n_cables)
-    d[layout.first_tension_unknown :] *= 1e-3
+    d[layout.first_pressure_unknown :] = rng.uniform(-0.5, 0.5, layout.n_pressures + layout.n_actuators)
+    d[layout.first_effort_unknown :] *= 1e-3
     return d
 
 
@@ -179,7 +179,7 @@ def test_jacobian_of_the_gradient_is_symmetric_and_is_the_tangent(element, law, 
     system, layout = twin.system, twin.system.layout
     controls = Controls(np.array([False, True]), np.array([0.0, 2e-4]), np.array([0.01, 0.0]))
     state = far_state(system, theta)
-    state.tension[1] = 2e-4
+    state.effort[1] = 2e-4
     at = system.linearise(state, controls, theta)
     K = full_matrix(system, at)
     unit = np.full(layout.n_unknowns, 1e-3)

@@ -71,7 +71,7 @@ def test_tied_bodies_move_rigidly_without_force(element):
     turn *= np.sign(np.linalg.det(turn))
     x, rotation = layout.X @ turn.T, turn[None].copy()
     layout.links.place(x, layout.references @ turn.T, rotation)
-    turned = type(state)(x, layout.references @ turn.T, rotation, state.pressure, state.tension)
+    turned = type(state)(x, layout.references @ turn.T, rotation, state.pressure, state.effort)
     theta = parameter_values(robot)
     none = np.zeros(0)
     at = twin.system.linearise(turned, Controls(none.astype(bool), none, none), theta)

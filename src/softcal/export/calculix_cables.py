@@ -19,6 +19,7 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.export.calculix_format import number, set_name, weighted_sum
 from softcal.export.load_path import positions
+from softcal.mechanics.cable import cables_of
 from softcal.twin.build import Twin
 from softcal.twin.loads import Weights
 from softcal.twin.response import Snapshot
@@ -67,7 +68,7 @@ def cable_lines(twin: Twin, shapes: Sequence[Snapshot], node: int, element: int)
 
 def dead_pulls(twin: Twin, shape: Snapshot) -> Floats:
     """Forces at a shape (n_points, 3) [N] of the segments that are not springs."""
-    cables, n_points = twin.system.cables, twin.system.layout.n_points
+    cables, n_points = cables_of(twin.system), twin.system.layout.n_points
     pulls = [
         0.0 if _is_spring(twin, pair) else shape.tensions.get(name, 0.0)
         for name, via in twin.via.items()

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.mechanics.cable import cables_of
 from softcal.twin.build import Twin, twin_of
 from softcal.twin.parameters import parameter_values
 from softcal.twin.protocol import Command, Protocol
@@ -45,7 +46,7 @@ def load_path(robot: Robot, end: Snapshot) -> LoadPath:
     (snap-through along the path, or before it), the path consists of `end` alone.
     """
     twin = twin_of(robot)
-    cables = twin.system.cables
+    cables = cables_of(twin.system)
     taut = tuple(name for name in cables.names if end.tensions.get(name, 0.0) > 0.0)
     if not taut:
         return LoadPath((end,), (), np.zeros((0, 0)))
@@ -81,7 +82,7 @@ def positions(twin: Twin, shape: Snapshot) -> Floats:
 
 def shortenings(twin: Twin, x: Floats) -> dict[str, float]:
     """Shortening of each cable from rest [m], slack or not, with all points at x (n_points, 3) [m]."""
-    cables = twin.system.cables
+    cables = cables_of(twin.system)
     return dict(zip(cables.names, (cables.rest_length - cables.lengths(x)).tolist(), strict=True))
 
 

@@ -11,6 +11,7 @@ from scipy.interpolate import BSpline, make_interp_spline
 
 from softcal.checks import Floats
 from softcal.export.sofa_scene import begins_first
+from softcal.mechanics.cable import cables_of
 from softcal.twin.build import Twin
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Snapshot
@@ -68,7 +69,7 @@ def along_one_cable(twin: Twin, protocol: Protocol, cable: str, states: Floats, 
     taut_at = rows[0, 2 * i] if command.control == "shortening" else 0.0
     rows[0, 2 * i + 1] = 0.0
     reached = states[: len(rows) - 1]
-    taut = reached > taut_at + SAME * float(twin.system.cables.rest_length[i])
+    taut = reached > taut_at + SAME * float(cables_of(twin.system).rest_length[i])
     c = np.append(taut_at, reached[taut])
     nodes = np.vstack([rows[:1], rows[1:][taut]])
     given = command.values

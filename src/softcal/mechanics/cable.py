@@ -1,10 +1,9 @@
 """Cables: polylines through points, with a tension as multiplier of a prescribed length.
 
-    Pi_c = T (L - (L0 - d)),   L = sum over segments of |sum_s sigma_s x_s|
+    Pi_c = -T (q - d),   q = L0 - L,   L = sum over segments of |sum_s sigma_s x_s|
 
 A segment's ends may be points or weighted sums of points (a via point inside a tet), so a segment is a list of
-entities with signed weights sigma_s. A cable is either *prescribed in length* (its tension is an unknown) or *held*
-(its tension is given, zero when it is slack).
+entities with signed weights sigma_s. As an actuator its coordinate is its shortening q, its effort the tension T.
 
 Two neighbouring via points that the cable pulls onto each other have *met*: nearer than `MET` the length |v| is rounded
 off to a smooth minimum, so that the force between them is the one that they bear, up to the tension.
@@ -15,16 +14,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.mechanics.actuator import Actuator, ActuatorTerm
 from softcal.mechanics.cable_friction import Loss, factor_rates, friction_loss, loss_border
 from softcal.mechanics.layout import FIXED, Layout
 from softcal.mechanics.pattern import Pattern
-from softcal.mechanics.term import Connectivity, Given, Sum, Term, Theta
+from softcal.mechanics.term import Connectivity, Given, Sum, Theta
 
+if TYPE_CHECKING:
+    from softcal.mechanics.system import System
+
+SLACK_LENGTH = 1e-9  # of a cable's length: longer by less is as long
 MET = 1e-3  # of a segment's length at rest: shorter than that its ends have met
 
 
@@ -41,7 +46,7 @@ UNPLANNED = CablePlaces(np.zeros((0, 3), dtype=np.int64), np.zeros(1, dtype=np.i
 
 
 @dataclass(frozen=True)
-class CableTerm(Term):
+class CableTerm(ActuatorTerm):
     """Segments of all cables. support[ptr[k]:ptr[k+1]]: the points of segment k, ascending; sigma: their signed
     weights; cable: the cable each segment belongs to; rest_length (n_cables,) [m]; pulled_last (n_cables,): whether the
     tension is that of the last segment (or of the first), which counts where there is friction; met (n_segments,) [m]:
@@ -79,39 +84,45 @@ class CableTerm(Term):
         moves = (layout.rider != FIXED) & (layout.rider < layout.n_moving_frames)
         return replace(self, places=CablePlaces(np.concatenate([UNPLANNED.pairs, *blocks]), ptr, moves))
 
-    def add(self, into: Sum, given: Given) -> None:
-        """The tensions' pull, the cables' lengths over the prescribed ones, and a border for tensions and friction."""
-        x, controls, loss = given.state.x, given.controls, self.loss(given.state.x, given.theta)
-        self.pull(x, given.state.tension[self.cable] * loss.factor, into.full, into.data)
-        into.tensions += np.where(controls.is_held, 0.0, self.lengths(x) - self.rest_length + controls.shortening)
-        if into.data is None:
-            return
-        for i in np.flatnonzero(~controls.is_held).tolist():
-            row = self.length_gradient(x, i, len(into.full))
-            column = self.length_gradient(x, i, len(into.full), loss.factor) if len(loss.mu) else row
-            into.taut.append((i, column, row))
-        if len(loss.mu):
-            columns, rows = loss_border(self, x, loss, given.state.tension, self.places.moves, len(into.full))
-            into.rank_one.extend(zip(columns.T, rows.T, strict=True))
+    @property
+    def actuators(self) -> tuple[Actuator, ...]:
+        return tuple(Actuator(name, "shortening", "m", "tension", "N", least_effort=0.0) for name in self.names)
+
+    def coordinates(self, x: Floats) -> Floats:
+        """The shortening of each cable (n_cables,) [m]."""
+        return self.rest_length - self.lengths(x)
+
+    def coordinate_gradient(self, x: Floats, i: int, size: int) -> Floats:
+        return -self.length_gradient(x, i, size)
+
+    def losses(self, x: Floats, theta: Theta) -> Loss | None:
+        loss = self.loss(x, theta)
+        return loss if len(loss.mu) else None
+
+    def add_forces(self, x: Floats, effort: Floats, into: Sum, lost: Loss | None) -> None:
+        self.pull(x, effort[self.cable] * (1.0 if lost is None else lost.factor), into.full, into.data)
+
+    def force_gradient(self, x: Floats, i: int, size: int, lost: Loss | None) -> Floats:
+        return self.length_gradient(x, i, size, 1.0 if lost is None else lost.factor)
+
+    def add_losses(self, into: Sum, given: Given, lost: Loss) -> None:
+        x, tension = given.state.x, given.state.effort[self.own]
+        columns, rows = loss_border(self, x, lost, tension, self.places.moves, len(into.full))
+        into.rank_one.extend(zip(columns.T, rows.T, strict=True))
 
     def add_by_parameters(self, into: Mapping[str, Sum], given: Given) -> None:
         if into.keys().isdisjoint(self.parameters):
             return
         x, loss = given.state.x, self.loss(given.state.x, given.theta, by_all=True)
         for i, name in enumerate(self.names):
-            tension = np.where(self.cable == i, given.state.tension[i], 0.0)
+            tension = np.where(self.cable == i, given.state.effort[self.first + i], 0.0)
             if (one := into.get(f"{name}.friction_coefficient")) is not None:
                 one.full += self.segment_gradient(x, tension * loss.by_mu, len(one.full))
             if (one := into.get(f"{name}.routing_offset")) is not None:
                 rates = factor_rates(loss, self.vectors_by_offset(x))
                 one.full += self.gradient_by_offset(x, tension * loss.factor, tension * rates, len(one.full))
-                if not given.controls.is_held[i]:
-                    one.tensions[i] -= self.shortening_by_offset(x)[i]
-
-    def energy(self, given: Given) -> float:
-        """Without friction."""
-        is_held, lengths = given.controls.is_held, self.rest_length - given.controls.shortening
-        return float(given.state.tension @ (self.lengths(given.state.x) - np.where(is_held, 0.0, lengths)))
+                if not given.controls.is_held[self.first + i]:
+                    one.efforts[self.first + i] -= self.shortening_by_offset(x)[i]
 
     def vectors(self, x: Floats) -> Floats:
         """Segment vectors (n_segments, 3) [m]."""
@@ -218,6 +229,11 @@ class CableTerm(Term):
     def _segments(self) -> list[Ints]:
         """Points of each segment (1, k)."""
         return [self.support[None, self.ptr[k] : self.ptr[k + 1]] for k in range(len(self.cable))]
+
+
+def cables_of(system: System) -> CableTerm:
+    """The cables of a system, for who asks what only they know."""
+    return system.of(CableTerm)[0]
 
 
 Weights = list[tuple[int, float]]

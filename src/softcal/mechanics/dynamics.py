@@ -16,11 +16,12 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
+from softcal.mechanics.cable import SLACK_LENGTH, cables_of
 from softcal.mechanics.damping import Damping, Scheme
 from softcal.mechanics.inertia import Inertia
 from softcal.mechanics.node import pushing
 from softcal.mechanics.state import State, moved
-from softcal.mechanics.statics import SLACK_LENGTH, Statics
+from softcal.mechanics.statics import Statics
 from softcal.mechanics.system import System
 from softcal.mechanics.term import Controls
 from softcal.mechanics.time_step import Instant, after, coasting, in_step
@@ -102,17 +103,17 @@ class Dynamics:
         """With inertia, cables of prescribed length switched between taut and slack until none pushes and none is too
         long.
         """
-        cables = self.system.cables
+        cables = cables_of(self.system)
         by_length = ~wanted.is_held
-        slack = by_length & (self._excess(state, wanted) <= 0.0) & (state.tension <= 0.0)
+        slack = by_length & (self._excess(state, wanted) <= 0.0) & (state.effort <= 0.0)
         for _ in range(4 * cables.n_cables + 4):
-            tension = np.where(by_length, 0.0, wanted.tension)
-            controls = replace(wanted, is_held=wanted.is_held | slack, tension=tension)
-            solved = self._statics.equilibrium(replace(state, tension=np.where(slack, 0.0, state.tension)), controls)
+            tension = np.where(by_length, 0.0, wanted.effort)
+            controls = replace(wanted, is_held=wanted.is_held | slack, effort=tension)
+            solved = self._statics.equilibrium(replace(state, effort=np.where(slack, 0.0, state.effort)), controls)
             if not solved.converged:
                 raise SimulationError(f"{solved.status}.")
             state = solved.state
-            pushes = by_length & ~slack & pushing(state)
+            pushes = by_length & ~slack & pushing(self.system, state)
             too_long = slack & (self._excess(state, wanted) > SLACK_LENGTH * cables.rest_length)
             if not pushes.any() and not too_long.any():
                 return state
@@ -121,36 +122,36 @@ class Dynamics:
 
     def _excess(self, state: State, wanted: Controls) -> Floats:
         """By how much each cable is longer than its prescribed length (n_cables,) [m]."""
-        cables = self.system.cables
-        return cables.lengths(state.x) - cables.rest_length + wanted.shortening
+        cables = cables_of(self.system)
+        return cables.lengths(state.x) - cables.rest_length + wanted.coordinate
 
     def _one_solve(self, now: Instant, step: float, wanted: Controls) -> Instant:
         system = self._begin(now, step)
-        statics, n_cables = self._statics, system.cables.n_cables
-        free = Controls(np.ones(n_cables, dtype=bool), np.zeros(n_cables), wanted.shortening, wanted.load)
-        start = replace(now.state, tension=np.zeros(n_cables))
+        statics, n_cables = self._statics, cables_of(system).n_cables
+        free = Controls(np.ones(n_cables, dtype=bool), np.zeros(n_cables), wanted.coordinate, wanted.load)
+        start = replace(now.state, effort=np.zeros(n_cables))
         at = system.linearise(start, free, self.theta)
         if not at.is_admissible:
             raise SimulationError(f"At {now.time:.6g} s the state cannot be: {at.why_not}. {ADVICE}")
         statics.factorise(at)
-        acting = np.flatnonzero(~wanted.is_held | (wanted.tension != 0.0))
+        acting = np.flatnonzero(~wanted.is_held | (wanted.effort != 0.0))
         columns = np.zeros((len(at.reduced), 1 + len(acting)))
         columns[:, 0] = at.reduced
         for k, i in enumerate(acting):
-            columns[: system.layout.first_tension_unknown, 1 + k] = system.pull(start, int(i), self.theta)
+            columns[: system.layout.first_effort_unknown, 1 + k] = system.force_gradient(start, int(i), self.theta)
         solved = statics.solve(columns)
         dz, responses = -solved[:, 0], solved[:, 1:]
-        tension = np.where(wanted.is_held, wanted.tension, 0.0)
+        tension = np.where(wanted.is_held, wanted.effort, 0.0)
         dz -= responses @ tension[acting]
         taut = ~wanted.is_held[acting]
         if taut.any():
-            rows = np.stack([system.length_gradient(start, int(i)) for i in acting[taut]])
+            rows = np.stack([-system.coordinate_gradient(start, int(i)) for i in acting[taut]])
             rows = np.concatenate([rows, np.zeros((len(rows), n_cables))], axis=1)
             excess = self._excess(start, wanted)[acting[taut]] + rows @ dz
             pulls = pulls_without_push(rows @ responses[:, taut], excess)
             dz -= responses[:, taut] @ pulls
             tension[acting[taut]] = pulls
-        dz[system.layout.first_tension_unknown :] = tension
+        dz[system.layout.first_effort_unknown :] = tension
         state = moved(system.layout, start, dz)
         time = now.time + step
         why_not = system.why_not(state) or ("" if np.isfinite(state.x).all() else "a point is nowhere")

@@ -19,7 +19,7 @@ MOST_MODES = 6
 def exclude_free_modes(statics: Statics, at: Linearisation) -> Floats:
     """Find the free modes of an equilibrium, linearised and factorised last, and keep solutions from moving along them.
 
-    Returns them as `Statics.exclude` takes them, (n_unknowns - n_cables, k).
+    Returns them as `Statics.exclude` takes them, (n_unknowns - n_actuators, k).
     """
     moving = slice(statics.system.layout.first_pressure_unknown)
     force = statics.force_scale(at)

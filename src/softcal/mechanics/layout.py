@@ -1,10 +1,10 @@
 """Which point moves how, and where its unknowns stand.
 
-Points are every body's nodes and the few extra ones that cables, masses and loads need. A point is free, fixed, rides
-on a frame, or is tied to other points as their weighted sum. A frame is a pose with six unknowns: a rigid plate's, or
-that of a rod's cross-section. Points and nodal pressures are the *entities* that terms connect; the unknowns z are the
-free points, then six per moving frame, then the pressures, then the cables' tensions. The tangent of all but the
-tensions is a sparse matrix; the few tensions border it.
+Points are every body's nodes and the few extra ones that actuators, masses and loads need. A point is free, fixed,
+rides on a frame, or is tied to other points as their weighted sum. A frame is a pose with six unknowns: a rigid
+plate's, or that of a rod's cross-section. Points and nodal pressures are the *entities* that terms connect; the
+unknowns z are the free points, then six per moving frame, then the pressures, then the actuators' efforts. The tangent
+of all but the efforts is a sparse matrix; the few efforts border it.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Layout:
     rider: Ints
     references: Floats
     n_pressures: int
-    n_cables: int
+    n_actuators: int
     n_fixed_frames: int = 0
     ties: Ties = field(default=NO_TIES)
 
@@ -76,10 +76,10 @@ class Layout:
         return self.first_frame_unknown + 6 * self.n_moving_frames
 
     @cached_property
-    def first_tension_unknown(self) -> int:
+    def first_effort_unknown(self) -> int:
         """Also the size of the sparse matrix."""
         return self.first_pressure_unknown + self.n_pressures
 
     @cached_property
     def n_unknowns(self) -> int:
-        return self.first_tension_unknown + self.n_cables
+        return self.first_effort_unknown + self.n_actuators

@@ -33,7 +33,7 @@ class Motion:
     frame_diagonal: Ints  # (n_moving_frames, 3, 3): places of the rotation block in `data` (upper triangle)
 
     def reduce_gradient(self, state: State, gradient: Floats) -> Floats:
-        """P^T g for a gradient g on all entities (3 n_points + n_pressures,) -> (n_unknowns - n_cables,)."""
+        """P^T g for a gradient g on all entities (3 n_points + n_pressures,) -> (n_unknowns - n_actuators,)."""
         layout, links = self.layout, self.layout.links
         n = 3 * layout.n_points
         gradient = np.ascontiguousarray(gradient)  # one signature for the kernels: Numba's cache is not safe for two
@@ -41,7 +41,7 @@ class Motion:
         if len(links.follower):
             forces = forces.copy()
             _gather(forces, links.followers, links.follower, links.master, links.weight)
-        out = np.empty(layout.first_tension_unknown)
+        out = np.empty(layout.first_effort_unknown)
         out[: layout.first_frame_unknown] = forces[layout.free_points].ravel()
         out[layout.first_frame_unknown : layout.first_pressure_unknown] = 0.0
         _gather_frames(
@@ -66,11 +66,11 @@ class Motion:
         _turn(data, gradient, links.followers, links.frame_follower, links.frame, arms, self.frame_diagonal)
 
     def matrix(self, state: State) -> Any:
-        """P itself, sparse, (3 n_points + n_pressures, n_unknowns - n_cables): for what is planned in no pattern."""
+        """P itself, sparse, (3 n_points + n_pressures, n_unknowns - n_actuators): for what is planned in no pattern."""
         import scipy.sparse as sp
 
         ptr, unknown, weight = self._rows
-        shape = (len(ptr) - 1, self.layout.first_tension_unknown)
+        shape = (len(ptr) - 1, self.layout.first_effort_unknown)
         return sp.csr_matrix((self._weights(state)[weight], unknown, ptr), shape=shape)
 
     def _weights(self, state: State) -> Floats:

@@ -7,11 +7,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.mechanics.actuator import NO_EFFORT
 from softcal.mechanics.free_modes import exclude_free_modes
 from softcal.mechanics.mixed import mixed_derivatives
 from softcal.mechanics.state import State
-from softcal.mechanics.statics import NO_MODES, SLACK_TENSION, Statics
-from softcal.mechanics.system import Controls
+from softcal.mechanics.statics import NO_MODES, Statics
+from softcal.mechanics.system import Controls, System
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class Node:
     (n_unknowns, k); mixed: d2z/dc dtheta (n_unknowns, k);
     is_stable: whether it is one of least energy, or one that a cable would have to push for, which is none anyway;
     is_fallen: whether the robot fell to it from an unstable one (it buckled, or snapped); has_fallen: whether it did so
-    before; free: the modes (n_unknowns - n_cables, k) along which the robot moves without force, and slope
+    before; free: the modes (n_unknowns - n_actuators, k) along which the robot moves without force, and slope
     and by_parameter do not.
     """
 
@@ -74,20 +75,23 @@ def node_at(
     by_control = _rate_of_gradient(statics, line, state)
     sought = statics.seeks_free_modes or statics.n_unstable() != 0
     free = exclude_free_modes(statics, at) if sought else NO_MODES
-    stable = bool(pushing(state).any()) or statics.n_unstable() == 0
+    stable = bool(pushing(statics.system, state).any()) or statics.n_unstable() == 0
     by_theta = statics.system.gradient_by_parameters(state, at, statics.theta, names)
     dz = -statics.solve(np.column_stack([by_control, by_theta]))
     # A held cable's tension is given: its rate is the line's.
-    tensions = dz[statics.system.layout.first_tension_unknown :]
+    tensions = dz[statics.system.layout.first_effort_unknown :]
     tensions[line.is_held, 0] = line.tension_rate[line.is_held]
     slope, by_parameter = dz[:, 0], dz[:, 1:]
     of_both = mixed_derivatives(statics, controls, state, slope, by_parameter, names if mixed else ())
     return Node(c, state, slope, by_parameter, of_both, stable, free=free)
 
 
-def pushing(state: State) -> np.ndarray:
-    """Which cables push (n_cables,), as none can: such a state is on the way to another at most."""
-    return state.tension < -SLACK_TENSION * np.abs(state.tension).max(initial=0.0)
+def pushing(system: System, state: State) -> np.ndarray:
+    """Which actuators' efforts are beyond what they can be (n_actuators,), as of a cable that pushes: such a state is
+    on the way to another at most.
+    """
+    (least, most), none = system.effort_limits, NO_EFFORT * np.abs(state.effort).max(initial=0.0)
+    return (state.effort < least - none) | (state.effort > most + none)
 
 
 def _rate_of_gradient(statics: Statics, line: Line, state: State) -> Floats:
@@ -95,12 +99,12 @@ def _rate_of_gradient(statics: Statics, line: Line, state: State) -> Floats:
     system = statics.system
     layout = system.layout
     rate = np.zeros(layout.n_unknowns)
-    rate[layout.first_tension_unknown :] = np.where(line.is_held, 0.0, line.shortening_rate)
-    inner = rate[: layout.first_tension_unknown]
+    rate[layout.first_effort_unknown :] = np.where(line.is_held, 0.0, line.shortening_rate)
+    inner = rate[: layout.first_effort_unknown]
     if line.load_rate != 0.0:
         full = np.zeros(3 * layout.n_points + layout.n_pressures)
         full[: 3 * layout.n_points] = -line.load_rate * system.loads.total(statics.theta).ravel()
         inner += system.motion.reduce_gradient(state, full)
     for i in np.flatnonzero(line.is_held & (line.tension_rate != 0.0)):
-        inner += line.tension_rate[i] * system.pull(state, int(i), statics.theta)
+        inner += line.tension_rate[i] * system.force_gradient(state, int(i), statics.theta)
     return rate

@@ -9,6 +9,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
+from softcal.mechanics.cable import cables_of
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.node import Line, Node, node_at, pushing
 from softcal.mechanics.snap_through import fallen, is_nearly_free, is_no_fall, settled
@@ -130,7 +131,7 @@ class _Continuation:
 
     def _snap(self, attempt: _Attempt, unstable: Node | None, why: str) -> str:
         """Fall to another equilibrium from a limit point, or from where stability is lost; or why it is none."""
-        if unstable is None and pushing(self.last.state).any():
+        if unstable is None and pushing(self.statics.system, self.last.state).any():
             return why
         if sum(node.is_fallen for node in self.nodes) == MOST_FALLS:
             return f"it buckles or snaps more than {MOST_FALLS} times"
@@ -198,7 +199,7 @@ def go_on_from(statics: Statics, node: Node) -> None:
 
 def _ended(statics: Statics, nodes: list[Node], status: str, names: tuple[str, ...]) -> Path:
     """A path that goes no further, with the physical cause where it is known."""
-    met = statics.system.cables.meeting(nodes[-1].state.x)
+    met = cables_of(statics.system).meeting(nodes[-1].state.x)
     return Path(tuple(nodes), False, f"{status}; {met}" if met else status, names)
 
 
@@ -206,7 +207,7 @@ def _strays(statics: Statics, before: State, guess: State, found: State) -> bool
     """Whether an equilibrium is further from what was predicted than that is from the one before, or a cable's segment
     was reversed on the way: it may be on another branch. Where surfaces touch predictions are worth less.
     """
-    cables = statics.system.cables
+    cables = cables_of(statics.system)
     if len(cables.cable) and np.any((cables.vectors(before.x) * cables.vectors(found.x)).sum(axis=1) < 0.0):
         return True
     if statics.system.contacts:

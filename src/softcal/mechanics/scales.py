@@ -51,7 +51,7 @@ class Sizes:
         """
         layout = self.layout
         h = (6.0 * self.meshed / self.n_tets) ** (1.0 / 3.0) if self.n_tets else self.extent
-        unit = np.ones(layout.first_tension_unknown)
+        unit = np.ones(layout.first_effort_unknown)
         of_frames = slice(layout.first_frame_unknown, layout.first_pressure_unknown)
         frames, stiffness = unit[of_frames].reshape(-1, 6), self.stiffness[of_frames].reshape(-1, 6)
         frames[:, 3:] = 4.0 / self.extent

@@ -38,7 +38,7 @@ def settled(
 
     None where it has none, or where it settles to none that is close, or that so little force leads to.
     """
-    if not is_nearly_free(last) or pushing(last.state).any():
+    if not is_nearly_free(last) or pushing(statics.system, last.state).any():
         return None
     ended = fall(statics, begin, line.at(c))
     if not ended.converged:

@@ -40,14 +40,14 @@ def fall(
     """
     statics.free_modes = NO_MODES
     residual, tried, work = np.inf, np.inf, 0.0
-    state = replace(state, tension=np.where(controls.is_held, controls.tension, state.tension))
+    state = replace(state, effort=np.where(controls.is_held, controls.effort, state.effort))
     try:
         at = statics.system.linearise(state, controls, statics.theta)
         least = drag = LEAST_DRAG * statics.stiffness(at)
         for step in range(MAX_STEPS):
             if (now := switched(state, controls)) is not controls:
                 controls, tried = now, np.inf
-                state = replace(state, tension=np.where(controls.is_held, controls.tension, state.tension))
+                state = replace(state, effort=np.where(controls.is_held, controls.effort, state.effort))
                 at = statics.system.linearise(state, controls, statics.theta)
             residual = statics.norm(at)
             if residual < FREE and (residual < 0.1 * tried or step % ASK_AGAIN == 0):
@@ -130,7 +130,7 @@ def _push(statics: Statics) -> Floats:
         dz = statics.solve(load)
         mode = dz[:moving] / unit
     dz *= np.sign(mode @ seed)
-    dz[layout.first_tension_unknown :] = 0.0
+    dz[layout.first_effort_unknown :] = 0.0
     return (NUDGE * statics.length / statics.reach(dz)) * dz
 
 
@@ -186,7 +186,7 @@ def _step(
     may_factorise: the factors are those of the beginning, and new ones may be made where they do not serve.
     """
     layout = statics.system.layout
-    moving, tensions = slice(layout.first_pressure_unknown), slice(layout.first_tension_unknown, None)
+    moving, tensions = slice(layout.first_pressure_unknown), slice(layout.first_effort_unknown, None)
     unit = statics.unit[moving]
     at, here, r, before, is_fresh = start, begin, start.reduced, np.inf, may_factorise
     for n in range(1, ITERATIONS + 1):

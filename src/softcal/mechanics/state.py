@@ -14,14 +14,14 @@ from softcal.mechanics.layout import Layout
 @dataclass(frozen=True)
 class State:
     """x: positions of all points (n_points, 3) [m]; position (n_frames, 3) [m] and rotation (n_frames, 3, 3) of the
-    frames; pressure (n_pressures,) [Pa]; tension (n_cables,) [N].
+    frames; pressure (n_pressures,) [Pa]; effort (n_actuators,): of its actuators.
     """
 
     x: Floats
     position: Floats
     rotation: Floats
     pressure: Floats
-    tension: Floats
+    effort: Floats
 
 
 def rest_state(layout: Layout) -> State:
@@ -31,7 +31,7 @@ def rest_state(layout: Layout) -> State:
         position=layout.references.copy(),
         rotation=np.broadcast_to(np.eye(3), (layout.n_frames, 3, 3)).copy(),
         pressure=np.zeros(layout.n_pressures),
-        tension=np.zeros(layout.n_cables),
+        effort=np.zeros(layout.n_actuators),
     )
 
 
@@ -47,8 +47,8 @@ def moved(layout: Layout, state: State, dz: Floats) -> State:
         x=x,
         position=position,
         rotation=rotation,
-        pressure=state.pressure + dz[layout.first_pressure_unknown : layout.first_tension_unknown],
-        tension=state.tension + dz[layout.first_tension_unknown :],
+        pressure=state.pressure + dz[layout.first_pressure_unknown : layout.first_effort_unknown],
+        effort=state.effort + dz[layout.first_effort_unknown :],
     )
 
 
@@ -63,7 +63,7 @@ def difference(layout: Layout, after: State, before: State) -> Floats:
             (after.x[free] - before.x[free]).ravel(),
             frames.ravel(),
             after.pressure - before.pressure,
-            after.tension - before.tension,
+            after.effort - before.effort,
         ]
     )
 

@@ -27,8 +27,6 @@ SMALL_START = 1e-3  # and from a first residual as small as this
 FARTHEST = 10.0  # of the robot's extent
 TORN = f"the robot would stretch to more than {FARTHEST:.0f} times its size"
 NO_MODES: Floats = np.zeros((0, 0))
-SLACK_TENSION = 1e-7  # of the largest tension around: less is none
-SLACK_LENGTH = 1e-9  # of a cable's length: longer by less is as long
 MAX_CUTS = 8  # halvings of a step that would invert an element
 TURN_PER_STEP = 1.0  # [rad] of a plate, or of a rod's section, at most
 MOVE_PER_STEP = 0.33  # of the robot's extent, at most
@@ -49,7 +47,7 @@ class Equilibrium:
 class Statics:
     """A system at parameters theta, and the factorisation of its tangent that goes from solve to solve.
 
-    The tangent of all unknowns but the tensions is sparse and symmetric, K; tensions and friction border it:
+    The tangent of all unknowns but the efforts is sparse and symmetric, K; efforts and friction border it:
 
         [ K   C ] [dz]   [b]
         [ R^T D ] [dw] = [c]    =>  dw = (R^T K^-1 C - D)^-1 (R^T K^-1 b - c),  dz = K^-1 (b - C dw)
@@ -71,18 +69,20 @@ class Statics:
         self._diagonal = system.pattern.indptr[sizes.positions()]
         self._rounding = 0.0
         self._volume = sizes.meshed / max(system.layout.n_pressures, 1)
+        scales = (term.coordinate_scales(sizes.extent) for term in system.actuated)
+        self._coordinates = np.concatenate([np.zeros(0), *scales])
         self.unit = sizes.units()
         entries = self.unit[system.pattern.rows] * self.unit[system.pattern.indices]
         self._unit_places = np.flatnonzero(entries != 1.0)  # most are one: points are in metres
         self._unit_entries = entries[self._unit_places]
         self._border = NO_BORDER
         self._columns_solved: Floats | None = None
-        # Modes (n_unknowns - n_cables, k) that no step of `equilibrium` goes along, see `exclude`: they come with the
-        # first buckling, and until then nothing is spent on them.
+        # Modes (n_unknowns - n_actuators, k) that no step of `equilibrium` goes along, see `exclude`: they come with
+        # the first buckling, and until then nothing is spent on them.
         self.free_modes, self.seeks_free_modes = NO_MODES, False
 
     def norm(self, at: Linearisation) -> float:
-        """The residual over its scale: forces over the reactions, volumes over a node's, lengths over the robot's.
+        """The residual over its scale: forces over the reactions, volumes over a node's, coordinates over theirs.
 
         Forces that the rounding of the positions makes count as none: with linear elements near nu = 0.5 and small
         loads they exceed TOLERANCE times the reactions, and no iteration can remove them.
@@ -97,8 +97,8 @@ class Statics:
             reduced[: layout.first_frame_unknown] / force,
             frames[:, :3].ravel() / force,
             frames[:, 3:].ravel() / (force * self.length),
-            reduced[layout.first_pressure_unknown : layout.first_tension_unknown] / self._volume,
-            reduced[layout.first_tension_unknown :] / self.length,
+            reduced[layout.first_pressure_unknown : layout.first_effort_unknown] / self._volume,
+            reduced[layout.first_effort_unknown :] / self._coordinates,
         )
         return float(np.sqrt(max(part @ part for part in parts)))
 
@@ -129,7 +129,7 @@ class Statics:
         Raises
         ------
         SimulationError
-            Where the tangent is singular, or cables are driven to lengths that follow from each other's.
+            Where the tangent is singular, or actuators are driven to coordinates that follow from each other's.
         """
         if at.data is None:
             raise SimulationError("There is no tangent to factorise.")
@@ -152,7 +152,7 @@ class Statics:
             self.exclude(free)
 
     def exclude(self, modes: Floats) -> None:
-        """Let no solution dz of the factorised tangent move along modes (n_unknowns - n_cables, k): modes^T dz = 0.
+        """Let no solution dz of the factorised tangent move along modes (n_unknowns - n_actuators, k): modes^T dz = 0.
 
         Their multipliers are forces along the modes; where the robot moves along these without force, they are zero.
         """
@@ -163,7 +163,7 @@ class Statics:
         size = np.sqrt(np.abs(np.einsum("nk,nk->k", modes, solved[:, k:])))
         solved[:, k:] /= size
         self._border = Border(
-            border.taut,
+            border.driven,
             np.concatenate([border.columns.reshape(len(modes), -1), modes / size], axis=1),
             np.concatenate([border.rows.reshape(len(modes), -1), modes / size], axis=1),
             np.concatenate([border.corner, np.zeros(modes.shape[1])]),
@@ -171,11 +171,11 @@ class Statics:
         self._columns_solved = solved
 
     def _require_independent(self, border: Border) -> None:
-        """Without this rounding alone would choose the tensions, where the border is not singular to the last digit."""
-        n_taut = len(border.taut)
-        together = redundant(self.unit[:, None] * border.rows[:, :n_taut]) if n_taut else border.taut
+        """Without this rounding alone would choose the efforts, where the border is not singular to the last digit."""
+        n_driven = len(border.driven)
+        together = redundant(self.unit[:, None] * border.rows[:, :n_driven]) if n_driven else border.driven
         if len(together):
-            raise SimulationError(redundant_sentence([self.system.cables.names[border.taut[i]] for i in together]))
+            raise SimulationError(redundant_sentence([self.system.actuators[border.driven[i]].name for i in together]))
 
     def _with_touch(self, data: Floats, touch: Any) -> Factorisation:
         """The factors of the tangent with contacts, whose pattern is theirs: analysed anew."""
@@ -198,7 +198,7 @@ class Statics:
         SimulationError
             Where the bordered tangent is singular.
         """
-        n = self.system.layout.first_tension_unknown
+        n = self.system.layout.first_effort_unknown
         columns = b.reshape(len(b), -1)
         out = np.zeros_like(columns)
         border = self._border
@@ -210,20 +210,20 @@ class Statics:
             y = self._sparse_solve(columns[:n])
         if k and self._columns_solved is not None:
             rows_y = border.rows.T @ y
-            rows_y[: len(border.taut)] -= columns[n + border.taut]
+            rows_y[: len(border.driven)] -= columns[n + border.driven]
             try:
                 w = np.linalg.solve(border.rows.T @ self._columns_solved - np.diag(border.corner), rows_y)
             except np.linalg.LinAlgError as error:
                 raise SimulationError("The tangent is singular.") from error
             y -= self._columns_solved @ w
-            out[n + border.taut] = w[: len(border.taut)]
+            out[n + border.driven] = w[: len(border.driven)]
         out[:n] = y
         return out.reshape(b.shape)
 
     def equilibrium(self, guess: State, controls: Controls) -> Equilibrium:
         """Newton's method from a guess. Never raises for a solve that fails: the status says why."""
         system, free = self.system, self.free_modes
-        state = replace(guess, tension=np.where(controls.is_held, controls.tension, guess.tension))
+        state = replace(guess, effort=np.where(controls.is_held, controls.effort, guess.effort))
         at = system.linearise(state, controls, self.theta)
         if not at.is_admissible:
             return Equilibrium(state, False, 0, np.inf, f"the guess cannot be: {at.why_not}")
@@ -324,12 +324,12 @@ class Statics:
     def n_unstable(self) -> int:
         """In how many independent ways the state whose tangent was factorised last leaves by itself; none is stable.
 
-        The potential has a minimum among the states with these cable lengths where the bordered tangent has as many
-        negative eigenvalues as it has multipliers: pressures, tensions of taut cables. Friction makes the border
+        The potential has a minimum among the states with these coordinates where the bordered tangent has as many
+        negative eigenvalues as it has multipliers: pressures, efforts of driven actuators. Friction makes the border
         unsymmetric; its sign changes where the tangent becomes singular, as without friction.
         """
         border = self._border
-        n = self.system.layout.first_tension_unknown
+        n = self.system.layout.first_effort_unknown
         n_negative = self._factors.n_negative
         if len(border.corner):
             if self._columns_solved is None:

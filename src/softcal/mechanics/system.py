@@ -11,7 +11,7 @@ import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.errors import SimulationError
-from softcal.mechanics.cable import CableTerm
+from softcal.mechanics.actuator import Actuator, ActuatorTerm, numbered
 from softcal.mechanics.contact import ContactTerm
 from softcal.mechanics.frame_blocks import moving_pairs
 from softcal.mechanics.layout import Layout
@@ -27,16 +27,16 @@ Kind = TypeVar("Kind", bound=Term)
 
 @dataclass(frozen=True)
 class Border:
-    """Columns and rows (n_unknowns - n_cables, k) around the sparse tangent K, with a diagonal corner (k,):
+    """Columns and rows (n_unknowns - n_actuators, k) around the sparse tangent K, with a diagonal corner (k,):
 
         [ K     columns ]
         [ rows^T corner ]
 
-    The first ones belong to the tensions of `taut` cables (corner zero: their length is prescribed), the others to the
-    turning angles of cables with friction (corner -1).
+    The first ones belong to the efforts of `driven` actuators (corner zero: their coordinate is prescribed), the others
+    to what is added to the tangent as products of columns and rows, such as friction (corner -1).
     """
 
-    taut: Ints
+    driven: Ints
     columns: Floats
     rows: Floats
     corner: Floats
@@ -52,7 +52,7 @@ class Linearisation:
     controls: those it was asked for; known: what the terms share there (`Term.kinematics`); why_not: why the state
     cannot be, in words, and nothing else is known then; full: gradient on all entities, less that in motion alone;
     reduced: on the unknowns; forces: the norm of the nodal forces before they cancel [N]; data: the sparse tangent's
-    triangle, or None; border: what tensions and the cables' friction add to it; touch: what is outside its pattern
+    triangle, or None; border: what unknown efforts and losses add to it; touch: what is outside its pattern
     (sparse, upper triangle), such as contacts, or None.
     """
 
@@ -86,9 +86,22 @@ class System:
         return tuple(term for term in self.terms if isinstance(term, kind))
 
     @cached_property
-    def cables(self) -> CableTerm:
-        """The cables, whose tensions are unknowns."""
-        return self.of(CableTerm)[0]
+    def actuated(self) -> tuple[ActuatorTerm, ...]:
+        """The terms whose efforts are unknowns."""
+        return self.of(ActuatorTerm)
+
+    @cached_property
+    def actuators(self) -> tuple[Actuator, ...]:
+        """Everything that drives the robot, in the order of the efforts."""
+        return tuple(actuator for term in self.actuated for actuator in term.actuators)
+
+    @cached_property
+    def effort_limits(self) -> tuple[Floats, Floats]:
+        """The least and the most that each actuator's effort can be (n_actuators,)."""
+        return (
+            np.array([actuator.least_effort for actuator in self.actuators]),
+            np.array([actuator.most_effort for actuator in self.actuators]),
+        )
 
     @cached_property
     def loads(self) -> Loads:
@@ -157,7 +170,7 @@ class System:
 
         if at.data is None:
             raise SimulationError("There is no tangent.")
-        n, taut = self.layout.first_tension_unknown, at.border.taut
+        n, driven = self.layout.first_effort_unknown, at.border.driven
         upper: Any = sp.csr_matrix((at.data, self.pattern.indices, self.pattern.indptr), shape=(n, n))
         if at.touch is not None:
             upper = upper + at.touch
@@ -165,21 +178,27 @@ class System:
         out = np.zeros_like(dz)
         out[:n] = upper @ x + upper.T @ x - upper.diagonal()[:, None] * x
         if len(at.border.corner):
-            k = len(taut)
-            out[:n] += columns[:, :k] @ dz[n + taut] + columns[:, k:] @ (rows[:, k:].T @ x)
-            out[n + taut] = rows[:, :k].T @ x
+            k = len(driven)
+            out[:n] += columns[:, :k] @ dz[n + driven] + columns[:, k:] @ (rows[:, k:].T @ x)
+            out[n + driven] = rows[:, :k].T @ x
         return out
 
-    def length_gradient(self, state: State, i_cable: int) -> Floats:
-        """dL/dz of one cable on the unknowns but the tensions (n_unknowns - n_cables,)."""
-        full = self.cables.length_gradient(state.x, i_cable, self.layout.n_components)
+    def coordinate_gradient(self, state: State, i: int) -> Floats:
+        """dq/dz of one actuator on the unknowns but the efforts (n_unknowns - n_actuators,)."""
+        term = self._driver(i)
+        full = term.coordinate_gradient(state.x, i - term.first, self.layout.n_components)
         return self.motion.reduce_gradient(state, full)
 
-    def pull(self, state: State, i_cable: int, theta: Theta) -> Floats:
-        """d gradient / d tension of one cable: its length's gradient, less what friction takes."""
-        factor = self.cables.loss(state.x, theta).factor
-        full = self.cables.length_gradient(state.x, i_cable, self.layout.n_components, factor)
+    def force_gradient(self, state: State, i: int, theta: Theta) -> Floats:
+        """d gradient / d effort of one actuator: the negative of its coordinate's gradient, but for losses."""
+        term = self._driver(i)
+        lost = term.losses(state.x, theta)
+        full = term.force_gradient(state.x, i - term.first, self.layout.n_components, lost)
         return self.motion.reduce_gradient(state, full)
+
+    def _driver(self, i: int) -> ActuatorTerm:
+        """The term of one actuator."""
+        return next(term for term in self.actuated if term.own.start <= i < term.own.stop)
 
     def _why_not(self, known: Sequence[Any]) -> str:
         told = (term.why_not(own) for term, own in zip(self.terms, known, strict=True))
@@ -188,21 +207,21 @@ class System:
     def _on_unknowns(self, state: State, total: Sum) -> Floats:
         """The gradient (n_unknowns,) of a sum."""
         reduced = total.own.copy()
-        reduced[: self.layout.first_tension_unknown] += self.motion.reduce_gradient(state, total.gradient)
+        reduced[: self.layout.first_effort_unknown] += self.motion.reduce_gradient(state, total.gradient)
         return reduced
 
     def _border(self, state: State, total: Sum) -> Border:
-        pairs = [*((column, row) for _, column, row in total.taut), *total.rank_one]
+        pairs = [*((column, row) for _, column, row in total.driven), *total.rank_one]
         if not pairs:
             return NO_BORDER
-        taut = np.array([i for i, *_ in total.taut], dtype=np.int64)
+        driven = np.array([i for i, *_ in total.driven], dtype=np.int64)
         columns = [self.motion.reduce_gradient(state, column) for column, _ in pairs]
         rows = [
             own if row is column else self.motion.reduce_gradient(state, row)
             for own, (column, row) in zip(columns, pairs, strict=True)
         ]
-        corner = np.concatenate([np.zeros(len(taut)), -np.ones(len(total.rank_one))])
-        return Border(taut, np.stack(columns, axis=1), np.stack(rows, axis=1), corner)
+        corner = np.concatenate([np.zeros(len(driven)), -np.ones(len(total.rank_one))])
+        return Border(driven, np.stack(columns, axis=1), np.stack(rows, axis=1), corner)
 
     def _outside(self, state: State, total: Sum) -> Any:
         """What is outside the pattern, on the unknowns: upper triangle, or None where nothing is."""
@@ -218,6 +237,7 @@ class System:
 
 def build_system(layout: Layout, terms: Sequence[Term]) -> System:
     """Plan the pattern of all terms together."""
+    terms = numbered(terms, layout)
     connected = [term.connectivity(layout) for term in terms]
     none = np.zeros((0, 2), dtype=np.int64)
     pairs = np.concatenate([none, *(moving_pairs(layout, frames) for one in connected for frames in one.frames)])

@@ -2,7 +2,7 @@
 
     Pi(z) = sum of terms,    gradient and tangent likewise
 
-Each body, each rod, the cables, the dead loads, contact, and in a time step inertia and viscosity are terms. The
+Each body, each rod, the actuators, the dead loads, contact, and in a time step inertia and viscosity are terms. The
 assembly (`system.py`) knows none of them: a term says what it connects, looks up once where its blocks go, and then
 adds to a `Sum` at every state. A new one is one file; `tests/contracts/test_term_contract.py` shows what it must keep.
 """
@@ -28,13 +28,13 @@ Theta = Mapping[str, float]
 
 @dataclass(frozen=True)
 class Controls:
-    """Per cable: is_held (its tension is given) with that tension [N], else its shortening [m]; load: factor on all
-    dead loads, one but while they are put on.
+    """Per actuator: is_held (its effort is given) with that effort, else its coordinate; load: factor on all dead
+    loads, one but while they are put on.
     """
 
     is_held: np.ndarray
-    tension: Floats
-    shortening: Floats
+    effort: Floats
+    coordinate: Floats
     load: float = 1.0
 
 
@@ -58,11 +58,11 @@ class Sum:
     """What terms add to, zero at first.
 
     full: gradient on all entities (n_components,), points its (n_points, 3); own: gradient on the unknowns
-    (n_unknowns,), for terms on frames and cables, tensions its (n_cables,); data: the tangent's long array (see
+    (n_unknowns,), for terms on frames and actuators, efforts its (n_actuators,); data: the tangent's long array (see
     `Pattern`), or None where none is wanted.
 
-    squares: of forces [N^2] that residuals are measured by, besides those in `full`. taut: (cable, column, row) that
-    border the tangent for a tension that is unknown; rank_one: (column, row) whose product is added to it (all on
+    squares: of forces [N^2] that residuals are measured by, besides those in `full`. driven: (actuator, column, row)
+    that border the tangent for an effort that is unknown; rank_one: (column, row) whose product is added to it (all on
     entities); outside: values, rows and columns of tangents on the points' components whose entries no pattern holds;
     in_motion: gradients on all entities of what acts in motion alone, which residuals are not measured by.
     """
@@ -72,12 +72,12 @@ class Sum:
         self.own: Floats = np.zeros(layout.n_unknowns)
         self.data: Floats | None = None if size is None else np.zeros(size)
         self.squares = 0.0
-        self.taut: list[tuple[int, Floats, Floats]] = []
+        self.driven: list[tuple[int, Floats, Floats]] = []
         self.rank_one: list[tuple[Floats, Floats]] = []
         self.outside: list[tuple[Floats, Ints, Ints]] = []
         self.in_motion: list[Floats] = []
         self.points: Floats = self.full[: 3 * layout.n_points].reshape(-1, 3)  # of `full`
-        self.tensions: Floats = self.own[layout.first_tension_unknown :]  # of `own`
+        self.efforts: Floats = self.own[layout.first_effort_unknown :]  # of `own`
 
     @property
     def gradient(self) -> Floats:

@@ -88,8 +88,8 @@ class InertialTerm(Term):
 
 def in_step(system: System, inertia: Inertia, damping: Damping, step: float, before: Instant, theta: Theta) -> System:
     """The system in a step [s] from an instant on: planned as it is at rest, which must connect all that has mass."""
-    state, n = before.state, system.layout.n_cables
-    held = Controls(np.ones(n, dtype=bool), state.tension, np.zeros(n))
+    state, n = before.state, system.layout.n_actuators
+    held = Controls(np.ones(n, dtype=bool), state.effort, np.zeros(n))
     of_step = TimeStep(system.layout, step, damping)
     begun = ((term, Given(state, held, theta, term.kinematics(state))) for term in system.terms)
     terms = [part for term, given in begun for part in term.in_step(given, of_step)]

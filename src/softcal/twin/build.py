@@ -162,7 +162,7 @@ def build_twin(robot: Robot) -> Twin:
         rider=np.concatenate(builder.rider),
         references=frames.references,
         n_pressures=n_pressures,
-        n_cables=len(robot.cables),
+        n_actuators=len(robot.cables),
         n_fixed_frames=frames.n_fixed,
         ties=join_ties(robot, meshes, builder.first),
     )

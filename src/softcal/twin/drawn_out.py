@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.mechanics.actuator import NO_EFFORT
+from softcal.mechanics.cable import cables_of
 from softcal.mechanics.state import State
-from softcal.mechanics.statics import SLACK_TENSION
 from softcal.mechanics.system import System
 from softcal.units import format_quantity
 
@@ -17,9 +18,9 @@ NOTICED = 1e-3  # of a cable's length
 
 def drawn_out(system: System, theta: Mapping[str, float], begin: Floats, state: State) -> dict[str, float]:
     """How much [m] longer each taut cable with friction is than under the loads alone, where its length is `begin`."""
-    cables = system.cables
+    cables = cables_of(system)
     more = cables.lengths(state.x) - begin
-    taut = state.tension > SLACK_TENSION * np.abs(state.tension).max(initial=0.0)
+    taut = state.effort > NO_EFFORT * np.abs(state.effort).max(initial=0.0)
     rough = np.array([theta[f"{name}.friction_coefficient"] > 0.0 for name in cables.names], dtype=bool)
     out = np.flatnonzero(taut & rough & (more > NOTICED * cables.rest_length))
     return {cables.names[i]: float(more[i]) for i in out}

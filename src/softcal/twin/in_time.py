@@ -214,9 +214,9 @@ class _Run:
     def _keep(self, now: Instant, n_steps: int) -> None:
         row = sense(self.twin, now.state)
         controls = self._controls(now.time)
-        slack = ~controls.is_held & (now.state.tension == 0.0)
+        slack = ~controls.is_held & (now.state.effort == 0.0)
         shortenings = 2 * np.flatnonzero(slack)  # a slack cable's shortening is what was commanded
-        row[shortenings] = controls.shortening[slack]
+        row[shortenings] = controls.coordinate[slack]
         if self.n_snapshots and len(self.rows) % max(n_steps // self.n_snapshots, 1) == 0:
             self.shapes.append(self._shape(now))
         self.times.append(now.time)

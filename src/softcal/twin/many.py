@@ -9,6 +9,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
+from softcal.mechanics.cable import cables_of
 from softcal.mechanics.crossing import Crossings
 from softcal.mechanics.state import State
 from softcal.mechanics.statics import Statics
@@ -54,8 +55,8 @@ def simulate_many(
         state = loads.state
         falls = fallen(UNDER_LOADS) if loads.falls else ""
         # Lengths as they are: a cable that is commanded in length starts at its own.
-        lengths = twin.system.cables.lengths(state.x)
-        slack = replace(slack_line(twin).at(0.0), shortening=twin.system.cables.rest_length - lengths)
+        lengths = cables_of(twin.system).lengths(state.x)
+        slack = replace(slack_line(twin).at(0.0), coordinate=cables_of(twin.system).rest_length - lengths)
         by_length = _by_length(twin, protocol)
         begun = reached = Reached(loads.state, slack, np.zeros((0, 0)), has_fallen=loads.falls)
         for i in range(protocol.n_samples):
@@ -80,7 +81,7 @@ def simulate_many(
             if crossings and twin.skins is not None:
                 crossed.append((label, twin.skins.crossings(state.x)))
             out.append((label, drawn_out(twin.system, statics.theta, lengths, state)))
-            if not met and (pairs := twin.system.cables.meeting(state.x)):
+            if not met and (pairs := cables_of(twin.system).meeting(state.x)):
                 met = f" From sample {i + 1} on {pairs}."
             values.append(_commanded(twin, protocol, i, sense(twin, state)))
             by_command = _by_command(twin, statics, state, reached.controls, by_length, commanded)
@@ -153,7 +154,7 @@ def _by_length(twin: Twin, protocol: Protocol) -> np.ndarray:
 
 
 def _target(twin: Twin, protocol: Protocol, i: int, now: Controls) -> Controls:
-    tension, shortening = np.zeros_like(now.tension), now.shortening.copy()
+    tension, shortening = np.zeros_like(now.effort), now.coordinate.copy()
     for k, cable in enumerate(twin.robot.cables):
         if cable.name in protocol.commands:
             command = protocol.commands[cable.name]
@@ -171,13 +172,13 @@ def _by_command(
     for column, name in enumerate(commanded):
         i = cables.index(name)
         if not now.is_held[i]:
-            right[layout.first_tension_unknown + i, column] = 1.0
+            right[layout.first_effort_unknown + i, column] = 1.0
         elif not by_length[i]:
-            right[: layout.first_tension_unknown, column] = twin.system.pull(state, i, statics.theta)
+            right[: layout.first_effort_unknown, column] = twin.system.force_gradient(state, i, statics.theta)
     if not commanded:
         return right
     dz = -statics.solve(right)
-    tensions = dz[layout.first_tension_unknown :]
+    tensions = dz[layout.first_effort_unknown :]
     tensions[now.is_held] = 0.0
     for column, name in enumerate(commanded):
         i = cables.index(name)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.mechanics.cable import cables_of
 from softcal.mechanics.state import State
 from softcal.twin.build import Twin
 from softcal.twin.loads import Weights
@@ -29,11 +30,11 @@ def channel_units(twin: Twin) -> dict[str, str]:
 
 def sense(twin: Twin, state: State) -> Floats:
     """The channels' values at a state, in the order of `channel_units`."""
-    cables = twin.system.cables
+    cables = cables_of(twin.system)
     lengths = cables.lengths(state.x)
     values: list[float] = []
     for i in range(cables.n_cables):
-        values += [cables.rest_length[i] - lengths[i], state.tension[i]]
+        values += [cables.rest_length[i] - lengths[i], state.effort[i]]
     for plate in twin.robot.plates:
         k = twin.frame[plate.name]
         values += [*state.position[k], *angles(state.rotation[k])]
@@ -44,12 +45,12 @@ def sense(twin: Twin, state: State) -> Floats:
 
 def sense_rates(twin: Twin, state: State, dz: Floats) -> Floats:
     """The channels' rates for rates dz (n_unknowns, k) of the unknowns; shape (n_channels, k)."""
-    layout, cables = twin.system.layout, twin.system.cables
-    tensions = dz[layout.first_tension_unknown :]
+    layout, cables = twin.system.layout, cables_of(twin.system)
+    tensions = dz[layout.first_effort_unknown :]
     rows: list[Floats] = []
     for i in range(cables.n_cables):
-        rate = twin.system.length_gradient(state, i) @ dz[: layout.first_tension_unknown]
-        rows += [-rate[None, :], tensions[i : i + 1]]
+        rate = twin.system.coordinate_gradient(state, i) @ dz[: layout.first_effort_unknown]
+        rows += [rate[None, :], tensions[i : i + 1]]
     for plate in twin.robot.plates:
         k = twin.frame[plate.name]
         first = layout.first_frame_unknown + 6 * k
@@ -58,7 +59,7 @@ def sense_rates(twin: Twin, state: State, dz: Floats) -> Floats:
         else:
             rows.append(np.zeros((6, dz.shape[1])))
     for marker in twin.robot.markers:
-        rows.append(_point_rates(twin, state, twin.markers[marker.name]) @ dz[: layout.first_tension_unknown])
+        rows.append(_point_rates(twin, state, twin.markers[marker.name]) @ dz[: layout.first_effort_unknown])
     return np.concatenate(rows) if rows else np.zeros((0, dz.shape[1]))
 
 
@@ -68,7 +69,7 @@ def sense_by_parameters(twin: Twin, state: State, by_parameter: Floats, names: S
     A routing offset changes a cable's length where the robot is still, too.
     """
     rates = sense_rates(twin, state, by_parameter)
-    of_itself = twin.system.cables.shortening_by_offset(state.x)
+    of_itself = cables_of(twin.system).shortening_by_offset(state.x)
     for i, cable in enumerate(twin.robot.cables):
         if (name := f"{cable.name}.routing_offset") in names:
             rates[2 * i, list(names).index(name)] += of_itself[i]

@@ -8,6 +8,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
+from softcal.mechanics.cable import cables_of
 from softcal.mechanics.node import Line, Node, node_at
 from softcal.mechanics.path import follow
 from softcal.mechanics.rod import RodTerm
@@ -29,7 +30,7 @@ def fallen(where: str) -> str:
 
 def slack_line(twin: Twin) -> Line:
     """Every cable held at tension zero."""
-    n = twin.system.cables.n_cables
+    n = cables_of(twin.system).n_cables
     return Line(np.ones(n, dtype=bool), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n))
 
 
@@ -81,7 +82,7 @@ def snapshot(twin: Twin, state: State, controls: dict[str, float], drive: float,
     cables = {name: np.array([place(weights) for weights in via]) for name, via in twin.via.items()}
     markers = {name: place(weights) for name, weights in twin.markers.items()}
     plates = {name: (state.position[i].copy(), state.rotation[i].copy()) for name, i in twin.frame.items()}
-    tensions = {cable.name: float(state.tension[i]) for i, cable in enumerate(robot.cables)}
+    tensions = {cable.name: float(state.effort[i]) for i, cable in enumerate(robot.cables)}
     return Snapshot(
         _label(drive, unit),
         points,

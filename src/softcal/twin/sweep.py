@@ -8,6 +8,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
+from softcal.mechanics.cable import cables_of
 from softcal.mechanics.node import Line, Node, node_at
 from softcal.mechanics.path import Path, between, follow, go_on_from, interpolated, neighbours
 from softcal.mechanics.state import State
@@ -69,7 +70,7 @@ class Sweep:
 
     @property
     def _length(self) -> float:
-        return float(self.twin.system.cables.rest_length[self._i_cable])
+        return float(cables_of(self.twin.system).rest_length[self._i_cable])
 
     @property
     def _line(self) -> Line:
@@ -86,7 +87,7 @@ class Sweep:
         return replace(node_at(self.statics, self._line, c, start.state, self.names), is_fallen=start.falls)
 
     def _shortening(self, state: State) -> float:
-        return self._length - float(self.twin.system.cables.lengths(state.x)[self._i_cable])
+        return self._length - float(cables_of(self.twin.system).lengths(state.x)[self._i_cable])
 
     def _slack_node(self, start: Node) -> Node:
         """The same state with the driven cable slack: nothing moves as it is pulled in."""
@@ -273,7 +274,7 @@ class Sweep:
         if after.is_fallen or self.twin.system.free_way(before.state, guess) < 1.0:
             return None
         held = slack_line(self.twin).at(0.0)
-        held = replace(held, tension=np.where(np.arange(len(held.tension)) == self._i_cable, T, 0.0))
+        held = replace(held, effort=np.where(np.arange(len(held.effort)) == self._i_cable, T, 0.0))
         go_on_from(self.statics, before)
         solved = self.statics.equilibrium(guess, held)
         if not solved.converged:
@@ -291,7 +292,7 @@ class Sweep:
         i = self._i_cable
         step = FIRST_STEP * self._length
         if np.isfinite(until):
-            stiffness = start.slope[self.twin.system.layout.first_tension_unknown + i]
+            stiffness = start.slope[self.twin.system.layout.first_effort_unknown + i]
             if stiffness > 0.0:
                 step = min(step, 0.35 * until / stiffness)
         return follow(
@@ -301,7 +302,7 @@ class Sweep:
             end,
             first_step=step,
             names=self.names,
-            stop=lambda node: bool(node.state.tension[i] >= until),
+            stop=lambda node: bool(node.state.effort[i] >= until),
             largest_step=3.0 * FIRST_STEP * self._length if not np.isfinite(until) else max(step, 0.25 * self._length),
         )
 
@@ -325,7 +326,7 @@ class Sweep:
         if not self.snapshots:
             return ()
         i = self._i_cable
-        commands = [node.c if unit == "m" else float(node.state.tension[i]) for node in path.nodes]
+        commands = [node.c if unit == "m" else float(node.state.effort[i]) for node in path.nodes]
         return tuple(self._shape(node, told, unit) for node, told in zip(path.nodes, commands, strict=True))
 
     def _shape(self, node: Node, command: float, unit: str) -> Snapshot:
@@ -353,7 +354,7 @@ class Sweep:
         """From where on via points have met, in a sentence with a blank before it; not of a cable that is wound up."""
         for node in path.nodes:
             if node.c < self._length * (1.0 - WOUND_UP) * (1.0 - SAME) and (
-                pairs := self.twin.system.cables.meeting(node.state.x)
+                pairs := cables_of(self.twin.system).meeting(node.state.x)
             ):
                 return f" From {1e3 * node.c:.4g} mm of shortening of {self.cable} on {pairs}."
         return ""

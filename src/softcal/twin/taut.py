@@ -8,13 +8,14 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
+from softcal.mechanics.cable import SLACK_LENGTH, cables_of
 from softcal.mechanics.node import Line, Node, node_at, pushing
 from softcal.mechanics.path import follow
 from softcal.mechanics.redundancy import DEPENDENT
 from softcal.mechanics.snap_through import stable_node_at
 from softcal.mechanics.stability import fall
 from softcal.mechanics.state import State
-from softcal.mechanics.statics import SLACK_LENGTH, Statics
+from softcal.mechanics.statics import Statics
 from softcal.mechanics.system import Controls
 
 SAME = 1e-9  # of the largest command: commands as near as this are one
@@ -33,7 +34,7 @@ class Way:
         held = line.is_held
         start = np.where(held, line.tension, line.shortening)
         rate = np.where(held, line.tension_rate, line.shortening_rate)
-        wanted = np.where(held, target.tension, target.shortening)
+        wanted = np.where(held, target.effort, target.coordinate)
         if not np.any(rate):
             return None
         c = float((wanted - start) @ rate / (rate @ rate))
@@ -73,11 +74,11 @@ def reach(statics: Statics, last: Reached, target: Controls, by_length: np.ndarr
     SimulationError
         Where there is no equilibrium, or none was found.
     """
-    cables = statics.system.cables
+    cables = cables_of(statics.system)
     state, falls = last.state, False
     # A taut cable goes from its present length to the target's; a slack one waits for the check.
     held = last.controls.is_held
-    start = Controls(held, np.where(held, last.controls.tension, 0.0), cables.rest_length - cables.lengths(state.x))
+    start = Controls(held, np.where(held, last.controls.effort, 0.0), cables.rest_length - cables.lengths(state.x))
     way, end = last.way, None if last.way is None else last.way.to(target)
     for _ in range(4 * cables.n_cables + 4):
         if way is None or end is None:
@@ -91,7 +92,9 @@ def reach(statics: Statics, last: Reached, target: Controls, by_length: np.ndarr
         else:
             begin = way.nodes or (replace(node_at(statics, line, 0.0, state, ()), has_fallen=has_fallen),)
             path = follow(statics, line, begin, end, first_step=end - begin[-1].c, names=names)
-            first = next((i for i, node in enumerate(path.nodes) if (taut & pushing(node.state)).any()), None)
+            first = next(
+                (i for i, node in enumerate(path.nodes) if (taut & pushing(statics.system, node.state)).any()), None
+            )
             node = path.nodes[-1]
             if not path.reached and first is not None and DEPENDENT not in path.status:
                 # States with a cable that pushes are none: the way goes on from the first of them, with that one slack.
@@ -103,8 +106,8 @@ def reach(statics: Statics, last: Reached, target: Controls, by_length: np.ndarr
             way = Way(line, path.nodes[-2:])
         state, here = node.state, line.at(node.c)
         lengths = cables.lengths(state.x)
-        pushes = taut & pushing(state)
-        gap = lengths - cables.rest_length + target.shortening
+        pushes = taut & pushing(statics.system, state)
+        gap = lengths - cables.rest_length + target.coordinate
         too_long = by_length & start.is_held & (gap > SLACK_LENGTH * cables.rest_length) & (node.c == end)
         if not pushes.any() and not too_long.any():
             return Reached(
@@ -113,11 +116,11 @@ def reach(statics: Statics, last: Reached, target: Controls, by_length: np.ndarr
         if falls:
             break  # to where cables that stay taut or slack let it fall, which is elsewhere
         is_held = (start.is_held | pushes) & ~too_long
-        tension = np.where(is_held, np.where(by_length, np.maximum(state.tension, 0.0), here.tension), 0.0)
+        tension = np.where(is_held, np.where(by_length, np.maximum(state.effort, 0.0), here.effort), 0.0)
         start = Controls(is_held, np.where(pushes, 0.0, tension), cables.rest_length - lengths)
         if pushes.any():
             state = _released(statics, state, start, pushes)
-            start = replace(start, shortening=cables.rest_length - cables.lengths(state.x))
+            start = replace(start, coordinate=cables.rest_length - cables.lengths(state.x))
         way = None
     return _fallen(statics, last, target, by_length, names)
 
@@ -132,18 +135,20 @@ def _fallen(
     SimulationError
         Where it comes to none.
     """
-    cables = statics.system.cables
+    cables = cables_of(statics.system)
 
     def switched(state: State, controls: Controls) -> Controls:
-        gap = cables.lengths(state.x) - cables.rest_length + target.shortening
+        gap = cables.lengths(state.x) - cables.rest_length + target.coordinate
         held = controls.is_held
-        is_held = np.where(held, ~by_length | (gap <= SLACK_LENGTH * cables.rest_length), ~held & pushing(state))
+        is_held = np.where(
+            held, ~by_length | (gap <= SLACK_LENGTH * cables.rest_length), ~held & pushing(statics.system, state)
+        )
         return controls if np.all(is_held == held) else replace(controls, is_held=is_held)
 
     fallen = fall(statics, last.state, replace(target, is_held=last.controls.is_held), switched)
     if not fallen.converged:
         raise SimulationError(f"cables keep switching between taut and slack: {fallen.status}.")
-    controls = switched(fallen.state, replace(target, is_held=~by_length | (fallen.state.tension == 0.0)))
+    controls = switched(fallen.state, replace(target, is_held=~by_length | (fallen.state.effort == 0.0)))
     statics.seeks_free_modes = True
     node = stable_node_at(statics, _line(controls, controls), 1.0, fallen.state, names)
     return Reached(node.state, controls, node.by_parameter, falls=True, has_fallen=True)
@@ -153,10 +158,10 @@ def _line(start: Controls, target: Controls) -> Line:
     """From the start (c = 0) to the target (c = 1)."""
     return Line(
         start.is_held,
-        start.tension,
-        start.shortening,
-        np.where(start.is_held, target.tension - start.tension, 0.0),
-        target.shortening - start.shortening,
+        start.effort,
+        start.coordinate,
+        np.where(start.is_held, target.effort - start.effort, 0.0),
+        target.coordinate - start.coordinate,
     )
 
 
@@ -169,13 +174,13 @@ def _released(statics: Statics, state: State, held: Controls, pushes: np.ndarray
     SimulationError
         Where there is none on the way.
     """
-    slack = replace(state, tension=np.where(pushes, 0.0, state.tension))
+    slack = replace(state, effort=np.where(pushes, 0.0, state.effort))
     released = statics.equilibrium(slack, held)
     if released.converged:
         return released.state
-    push = np.where(pushes, state.tension, 0.0)
+    push = np.where(pushes, state.effort, 0.0)
     none = np.zeros_like(push)
-    line = Line(held.is_held, held.tension + push, held.shortening, -push, none)
+    line = Line(held.is_held, held.effort + push, held.coordinate, -push, none)
     path = follow(statics, line, node_at(statics, line, 0.0, state, ()), 1.0, first_step=0.2)
     if not path.reached:
         raise SimulationError(f"no equilibrium as a cable goes slack: {path.status}.")

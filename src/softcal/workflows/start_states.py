@@ -9,8 +9,8 @@ import numpy as np
 
 from softcal.calibration.experiment import Experiment
 from softcal.checks import Ints
+from softcal.mechanics.actuator import NO_EFFORT
 from softcal.mechanics.state import rest_state
-from softcal.mechanics.statics import SLACK_TENSION
 from softcal.project.project import Project
 from softcal.twin.build import twin_of
 from softcal.twin.parameters import parameter_values, robot_parameters, with_parameters
@@ -127,7 +127,7 @@ def _end_summary(experiment: Experiment, response: Response, undeformed: Snapsho
         parts.append(
             f"{cable} {format_quantity(float(pulled[last]), 'm')}, {format_quantity(float(tension[last]), 'N')}"
         )
-        slack = tension <= SLACK_TENSION * tension.max()
+        slack = tension <= NO_EFFORT * tension.max()
         if channel.rpartition(".")[2] == "shortening" and np.count_nonzero(slack) > 1:
             begin = float(pulled.min())
             travel = f"{1e3 * (pulled[slack].max() - begin):.3g} of {1e3 * np.ptp(pulled):.3g} mm"

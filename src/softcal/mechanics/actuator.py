@@ -1,0 +1,121 @@
+"""What drives the robot: actuators, each with a coordinate of the shape and an effort that works on it.
+
+    Pi_a = -e (q(x) - q*)
+
+The effort e does the work e dq: a cable's tension on its shortening, a chamber's pressure on its volume. One of the two
+is given. Where it is the effort, the actuator is *held* at it. Where it is the coordinate, q = q*, the effort is an
+unknown: the multiplier of that condition, which borders the tangent.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.mechanics.layout import Layout
+from softcal.mechanics.term import Given, Sum, Term, Theta
+
+NO_EFFORT = 1e-7  # of the largest effort around: less is none
+
+
+@dataclass(frozen=True)
+class Actuator:
+    """What an actuator's coordinate and effort are called, their SI units, and between what the effort can be."""
+
+    name: str
+    coordinate: str
+    coordinate_unit: str
+    effort: str
+    effort_unit: str
+    least_effort: float = -np.inf
+    most_effort: float = np.inf
+
+
+@dataclass(frozen=True)
+class ActuatorTerm(Term):
+    """Actuators of one kind. first: the number of its first one among the system's, which `build_system` gives it."""
+
+    first: int = field(default=0, kw_only=True)
+
+    @property
+    @abstractmethod
+    def actuators(self) -> Sequence[Actuator]:
+        """Its actuators, in the order of their efforts."""
+
+    @abstractmethod
+    def coordinates(self, x: Floats) -> Floats:
+        """q (n,) at positions of the points (n_points, 3)."""
+
+    @abstractmethod
+    def coordinate_gradient(self, x: Floats, i: int, size: int) -> Floats:
+        """dq/dx of its i-th actuator on all entities (size,)."""
+
+    @abstractmethod
+    def add_forces(self, x: Floats, effort: Floats, into: Sum, lost: Any) -> None:
+        """Add -e dq/dx to the gradient and, where `into` has `data`, -e d2q/dx2; effort (n,), lost: see `losses`."""
+
+    def losses(self, x: Floats, theta: Theta) -> Any:
+        """What is lost between the effort and the coordinate, such as by friction; None where nothing is."""
+        return None
+
+    def force_gradient(self, x: Floats, i: int, size: int, lost: Any) -> Floats:
+        """d gradient / d effort of its i-th actuator on all entities (size,): -dq/dx, but for losses."""
+        return -self.coordinate_gradient(x, i, size)
+
+    def add_losses(self, into: Sum, given: Given, lost: Any) -> None:
+        """Add what losses put into the tangent besides."""
+
+    def coordinate_scales(self, extent: float) -> Floats:
+        """What errors of its coordinates are measured by (n,), of a robot of this extent [m]."""
+        return np.full(len(self.actuators), extent)
+
+    @cached_property
+    def own(self) -> slice:
+        """Where its actuators stand among the system's."""
+        return slice(self.first, self.first + len(self.actuators))
+
+    def add(self, into: Sum, given: Given) -> None:
+        """The forces of the efforts, the errors of the coordinates that are prescribed, and a border for these."""
+        x, own, size = given.state.x, self.own, len(into.full)
+        is_held, lost = given.controls.is_held[own], self.losses(x, given.theta)
+        self.add_forces(x, given.state.effort[own], into, lost)
+        into.efforts[own] += np.where(is_held, 0.0, given.controls.coordinate[own] - self.coordinates(x))
+        if into.data is None:
+            return
+        for i in np.flatnonzero(~is_held).tolist():
+            column = self.force_gradient(x, i, size, lost)
+            row = column if lost is None else -self.coordinate_gradient(x, i, size)
+            into.driven.append((self.first + i, column, row))
+        if lost is not None:
+            self.add_losses(into, given, lost)
+
+    def energy(self, given: Given) -> float:
+        """Without losses; of the efforts that are given, up to a constant."""
+        own = self.own
+        wanted = np.where(given.controls.is_held[own], 0.0, given.controls.coordinate[own])
+        return float(given.state.effort[own] @ (wanted - self.coordinates(given.state.x)))
+
+
+def numbered(terms: Sequence[Term], layout: Layout) -> tuple[Term, ...]:
+    """The terms with their actuators numbered one after the other.
+
+    Raises
+    ------
+    ValueError
+        Where they have more actuators than the layout has efforts.
+    """
+    first, out = 0, list[Term]()
+    for term in terms:
+        if isinstance(term, ActuatorTerm):
+            term = replace(term, first=first)
+            first += len(term.actuators)
+        out.append(term)
+    if first > layout.n_actuators:
+        raise ValueError(f"{first} actuators, and {layout.n_actuators} efforts in the layout")
+    return tuple(out)

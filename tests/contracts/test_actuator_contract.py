@@ -1,0 +1,243 @@
+"""What an actuator must keep: its gradient is its coordinate's, and its effort and its coordinate give one state.
+
+Beside the cables, a pressure chamber that no part of softcal knows: its coordinate is the volume that a closed set of
+faces surrounds, its effort the pressure inside.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from mechanics_cases import column_robot, elastic, full_matrix, side_cable
+
+from softcal.geometry.mesh import TetMesh
+from softcal.geometry.primitives import box_mesh
+from softcal.geometry.quality import drop_unreferenced
+from softcal.geometry.surface import boundary_faces
+from softcal.mechanics.actuator import Actuator, ActuatorTerm
+from softcal.mechanics.node import Line, node_at
+from softcal.mechanics.path import follow
+from softcal.mechanics.state import State, moved, rest_state
+from softcal.mechanics.statics import Statics
+from softcal.mechanics.system import System, build_system
+from softcal.mechanics.term import Connectivity, Controls
+from softcal.twin.build import build_twin
+from softcal.twin.parameters import parameter_values
+from softcal.twin.robot import Body, Robot
+
+EDGE = 0.04
+PRESSURE = 4.0e4
+
+
+@dataclass(frozen=True)
+class ChamberTerm(ActuatorTerm):
+    """V = sum over faces of s a . (b x c) / 6. faces: points (n, 3), ascending; sign (n,): whether that turned them."""
+
+    faces: np.ndarray
+    sign: np.ndarray
+    rest: float
+    places: tuple[np.ndarray, ...] = ()
+
+    @property
+    def actuators(self):
+        return (Actuator("chamber", "volume", "m^3", "pressure", "Pa"),)
+
+    def connectivity(self, layout):
+        return Connectivity([self.faces])
+
+    def plan(self, layout, pattern):
+        pairs = ((0, 1), (0, 2), (1, 2))
+        return replace(self, places=tuple(pattern.pair(self.faces[:, i], self.faces[:, j]) for i, j in pairs))
+
+    def coordinates(self, x):
+        a, b, c = np.moveaxis(x[self.faces], 1, 0)
+        return np.array([self.sign @ np.einsum("ni,ni->n", a, np.cross(b, c)) / 6.0])
+
+    def coordinate_gradient(self, x, i, size):
+        corners = np.moveaxis(x[self.faces], 1, 0)
+        gradient = np.zeros(size)
+        points = gradient[: x.size].reshape(-1, 3)
+        for k in range(3):
+            normal = np.cross(corners[k - 2], corners[k - 1])
+            np.add.at(points, self.faces[:, k], self.sign[:, None] * normal / 6.0)
+        return gradient
+
+    def add_forces(self, x, effort, into, lost):
+        into.full -= effort[0] * self.coordinate_gradient(x, 0, len(into.full))
+        if into.data is None:
+            return
+        a, b, c = np.moveaxis(x[self.faces], 1, 0)
+        for places, arm in zip(self.places, (-c, b, -a), strict=True):
+            block = -effort[0] / 6.0 * self.sign[:, None, None] * np.cross(arm[:, None, :], np.eye(3)).swapaxes(1, 2)
+            np.add.at(into.data, places[:, :, None] + np.arange(3), block)
+
+    def coordinate_scales(self, extent):
+        return np.array([self.rest])
+
+
+def hollow() -> TetMesh:
+    """A box with a cavity of half its edges in the middle."""
+    mesh = box_mesh((EDGE,) * 3, (4, 4, 4), origin=(-EDGE / 2,) * 3)
+    inside = (np.abs(mesh.points[mesh.tets].mean(axis=1)) < EDGE / 4).all(axis=1)
+    return drop_unreferenced(TetMesh(mesh.points, mesh.tets[~inside], {"foot": mesh.node_sets["z0"]}))
+
+
+def chamber() -> tuple[System, dict[str, float]]:
+    mesh = hollow()
+    body = Body("box", mesh, fixed=mesh.node_sets["foot"], parameters=elastic(1e6, 0.4), element="P1")
+    robot = Robot((body,))
+    twin = build_twin(robot)
+    outwards = boundary_faces(mesh)
+    faces = outwards[(np.abs(mesh.points[outwards]) < 0.26 * EDGE).all(axis=(1, 2))]
+    order = np.argsort(faces, axis=1)
+    # Out of the body is into the cavity, whose own faces look the other way.
+    sign = -np.linalg.det(np.eye(3)[order])
+    term = ChamberTerm(np.take_along_axis(faces, order, axis=1), sign, (EDGE / 2) ** 3)
+    layout = replace(twin.system.layout, n_actuators=1)
+    return build_system(layout, (*twin.system.terms, term)), parameter_values(robot)
+
+
+def cables() -> tuple[System, dict[str, float]]:
+    robot = column_robot(cables=(side_cable("front", (0.05, 0.0)), side_cable("left", (0.0, 0.05))))
+    return build_twin(robot).system, parameter_values(robot)
+
+
+def both() -> tuple[System, dict[str, float]]:
+    """A cable across the hollow box and its chamber, numbered one after the other."""
+    system, _ = chamber()
+    mesh = hollow()
+    body = Body("box", mesh, fixed=mesh.node_sets["foot"], parameters=elastic(1e6, 0.4), element="P1")
+    corner = EDGE / 2
+    cable = side_cable("front", (corner, corner))
+    via = (replace(cable.via_points[0], on="box", at=np.array([corner] * 3)), cable.via_points[-1])
+    robot = Robot((body,), cables=(replace(cable, via_points=via),))
+    twin = build_twin(robot)
+    (term,) = system.of(ChamberTerm)
+    layout = replace(twin.system.layout, n_actuators=2)
+    return build_system(layout, (*twin.system.terms, term)), parameter_values(robot)
+
+
+CASES: dict[str, Callable[[], tuple[System, dict[str, float]]]] = {"cables": cables, "chamber": chamber, "both": both}
+every_case = pytest.mark.parametrize("case", CASES)
+EFFORT = {"tension": 0.4, "pressure": PRESSURE}
+
+
+def efforts(system: System) -> np.ndarray:
+    return np.array([EFFORT[actuator.effort] for actuator in system.actuators])
+
+
+def coordinates(system: System, state: State) -> np.ndarray:
+    return np.concatenate([term.coordinates(state.x) for term in system.actuated])
+
+
+def some_state(system: System) -> State:
+    rng = np.random.default_rng(3)
+    state = moved(system.layout, rest_state(system.layout), 1e-3 * rng.uniform(-1, 1, system.layout.n_unknowns))
+    return replace(state, effort=efforts(system))
+
+
+@every_case
+def test_actuators_are_numbered_one_after_the_other_and_told_in_words(case):
+    system, _ = CASES[case]()
+    assert [i for term in system.actuated for i in range(term.own.start, term.own.stop)] == [
+        *range(len(system.actuators))
+    ]
+    assert len({actuator.name for actuator in system.actuators}) == system.layout.n_actuators
+    for actuator in system.actuators:
+        assert actuator.coordinate
+        assert actuator.effort
+        assert actuator.least_effort < actuator.most_effort
+
+
+@every_case
+def test_gradients_are_those_of_the_coordinates(case):
+    system, theta = CASES[case]()
+    layout, state = system.layout, some_state(system)
+    dz = np.random.default_rng(5).uniform(-1, 1, layout.n_unknowns)
+    h = 1e-7
+    ahead, behind = (coordinates(system, moved(layout, state, s * h * dz)) for s in (1, -1))
+    for i, rate in enumerate((ahead - behind) / (2 * h)):
+        gradient = system.coordinate_gradient(state, i)
+        assert gradient @ dz[: len(gradient)] == pytest.approx(rate, rel=1e-6)
+        np.testing.assert_allclose(system.force_gradient(state, i, theta), -gradient, rtol=1e-12)
+
+
+@every_case
+@pytest.mark.parametrize("is_held", [True, False])
+def test_tangent_is_that_of_the_gradient(case, is_held):
+    system, theta = CASES[case]()
+    layout, state = system.layout, some_state(system)
+    n = layout.n_actuators
+    controls = Controls(np.full(n, is_held), efforts(system), 1.01 * coordinates(system, state))
+    K = full_matrix(system, system.linearise(state, controls, theta))
+    rng = np.random.default_rng(7)
+    dz = rng.uniform(-1, 1, layout.n_unknowns)
+    dz[layout.first_effort_unknown :] *= 0.0 if is_held else efforts(system)
+    h = 1e-6
+    ahead, behind = (
+        system.linearise(moved(layout, state, s * h * dz), controls, theta, tangent=False).reduced for s in (1, -1)
+    )
+    slope, found = (ahead - behind) / (2 * h), K @ dz
+    parts = slice(layout.first_effort_unknown), slice(layout.first_effort_unknown, None)
+    for part in parts:
+        np.testing.assert_allclose(found[part], slope[part], atol=1e-5 * max(np.abs(slope[part]).max(), 1e-12))
+
+
+@every_case
+def test_driven_by_the_effort_or_by_the_coordinate_it_comes_to_one_state(case):
+    system, theta = CASES[case]()
+    n, statics = system.layout.n_actuators, Statics(system, theta)
+    rest, none = rest_state(system.layout), np.zeros(system.layout.n_actuators)
+    line = Line(np.full(n, True), none, none, efforts(system), none)
+    start = node_at(statics, line, 0.0, rest, ())
+    by_effort = follow(statics, line, start, 1.0, first_step=0.5)
+    assert by_effort.reached, by_effort.status
+    found = by_effort.nodes[-1].state
+    way = coordinates(system, found) - coordinates(system, rest)
+    assert (np.abs(way) > 0.01 * np.abs(coordinates(system, found))).all()
+
+    line = Line(np.full(n, False), none, coordinates(system, rest), none, way)
+    by_coordinate = follow(statics, line, node_at(statics, line, 0.0, rest, ()), 1.0, first_step=0.5)
+    assert by_coordinate.reached, by_coordinate.status
+    again = by_coordinate.nodes[-1].state
+    np.testing.assert_allclose(again.effort, efforts(system), rtol=1e-6)
+    np.testing.assert_allclose(again.x, found.x, atol=1e-8 * EDGE)
+    statics.release()
+
+
+def test_a_chamber_swells_as_its_walls_give_way():
+    """A small pressure does the work that the walls store: dV/dp = 2 U / p^2."""
+    system, theta = chamber()
+    statics, pressure = Statics(system, theta), 20.0
+    rest = rest_state(system.layout)
+    controls = Controls(np.array([True]), np.array([pressure]), np.zeros(1))
+    found = statics.equilibrium(rest, controls)
+    assert found.converged
+    swollen = coordinates(system, found.state)[0] - coordinates(system, rest)[0]
+    zero = replace(controls, effort=np.zeros(1))
+    stored = sum(
+        term.energy(given) - term.energy(begun)
+        for term in system.terms
+        if not isinstance(term, ActuatorTerm)
+        for given in [_given(found.state, zero, theta)]
+        for begun in [_given(rest, zero, theta)]
+    )
+    assert coordinates(system, rest)[0] == pytest.approx((EDGE / 2) ** 3)
+    assert swollen > 0.0
+    assert stored == pytest.approx(0.5 * pressure * swollen, rel=1e-3)
+    statics.release()
+
+
+def test_more_actuators_than_efforts_are_refused():
+    system, _ = chamber()
+    with pytest.raises(ValueError, match="1 actuators, and 0 efforts in the layout"):
+        build_system(replace(system.layout, n_actuators=0), system.terms)
+
+
+def _given(state, controls, theta):
+    from softcal.mechanics.term import Given
+
+    return Given(state, controls, theta)

@@ -79,6 +79,16 @@ def test_no_file_hides_its_purpose():
     assert not [path for path in SOURCE.rglob("*.py") if path.name in vague]
 
 
+def test_no_class_name_stands_for_two_things():
+    of: dict[str, list[str]] = {}
+    for path in SOURCE.rglob("*.py"):
+        if "sofa_files" not in path.parts:  # runs in SOFA's Python, beside its own names
+            for node in ast.parse(path.read_text(encoding="utf-8")).body:
+                if isinstance(node, ast.ClassDef):
+                    of.setdefault(node.name, []).append(path.name)
+    assert {name: files for name, files in of.items() if len(files) > 1} == {}
+
+
 def test_no_file_needs_scrolling():
     long = {path.name: n for path in SOURCE.rglob("*.py") if (n := path.read_text(encoding="utf-8").count("\n")) > 400}
     assert not long

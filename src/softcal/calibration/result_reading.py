@@ -202,7 +202,7 @@ def _number(path: Path, cell: str, row: int, *, missing: bool = False) -> float:
     return value
 
 
-class _Row(Record):
+class _TrialRow(Record):
     """A row of the table of trials, its empty cells left out."""
 
     number: Count
@@ -213,7 +213,7 @@ class _Row(Record):
     n_factorisations: Count
 
 
-_ROW = TypeAdapter(_Row)
+_ROW = TypeAdapter(_TrialRow)
 
 
 def _trials(path: Path) -> tuple[Trial, ...]:

@@ -56,12 +56,12 @@ class _Settings(Record):
     batch: Annotated[int, Field(ge=1, le=_LARGEST_BATCH)] = 1
 
 
-class _Run(Record):
+class _RunRecord(Record):
     identity: dict[str, str]
     settings: _Settings
 
 
-class _Row(Record):
+class _StoredRow(Record):
     """A row of `trials`."""
 
     number: Count
@@ -78,7 +78,7 @@ class _Row(Record):
     payload: bytes | None
 
     @model_validator(mode="after")
-    def _whole(self) -> _Row:
+    def _whole(self) -> _StoredRow:
         if (self.state == "COMPLETE") != (self.loss is not None):
             raise ValueError(f"trial {self.number} is {self.state}, and its loss is {self.loss}")
         return self
@@ -151,7 +151,7 @@ class RunStore:
         path = folder / "run.json"
         if not path.is_file():
             raise StorageError(Fault("there is no run to resume", where=str(folder), attempt="without --resume"))
-        held = read_record(_Run, path, "the record of the run", _FORMAT)
+        held = read_record(_RunRecord, path, "the record of the run", _FORMAT)
         held_identity, held_settings = held.identity, held.settings.model_dump()
         faults = [
             *_other_things(path, held_identity, identity),
@@ -214,10 +214,10 @@ class RunStore:
             Where the file cannot be read, or is damaged.
         """
         path, what = self.folder / TRIALS, "the trials of the run"
-        columns = list(_Row.model_fields)
+        columns = list(_StoredRow.model_fields)
         try:
             rows = self._trials.execute(f"SELECT {', '.join(columns)} FROM trials ORDER BY number").fetchall()
-            held = [_Row.model_validate(dict(zip(columns, row, strict=True))) for row in rows]
+            held = [_StoredRow.model_validate(dict(zip(columns, row, strict=True))) for row in rows]
         except ValidationError as error:
             raise damaged(path, what, error) from error
         except sqlite3.Error as error:
@@ -225,7 +225,7 @@ class RunStore:
         return {row.number: _stored(row) for row in held}
 
 
-def _stored(row: _Row) -> StoredTrial:
+def _stored(row: _StoredRow) -> StoredTrial:
     trial = Trial(
         row.number,
         row.theta,

@@ -21,7 +21,7 @@ import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.mechanics.actuator import Actuator, ActuatorTerm
-from softcal.mechanics.cable_friction import Loss, factor_rates, friction_loss, loss_border
+from softcal.mechanics.cable_friction import CapstanLoss, factor_rates, friction_loss, loss_border
 from softcal.mechanics.layout import FIXED, Layout
 from softcal.mechanics.pattern import Pattern
 from softcal.mechanics.term import Connectivity, Given, Sum, Theta
@@ -95,17 +95,17 @@ class CableTerm(ActuatorTerm):
     def coordinate_gradient(self, x: Floats, i: int, size: int) -> Floats:
         return -self.length_gradient(x, i, size)
 
-    def losses(self, x: Floats, theta: Theta) -> Loss | None:
+    def losses(self, x: Floats, theta: Theta) -> CapstanLoss | None:
         loss = self.loss(x, theta)
         return loss if len(loss.mu) else None
 
-    def add_forces(self, x: Floats, effort: Floats, into: Sum, lost: Loss | None) -> None:
+    def add_forces(self, x: Floats, effort: Floats, into: Sum, lost: CapstanLoss | None) -> None:
         self.pull(x, effort[self.cable] * (1.0 if lost is None else lost.factor), into.full, into.data)
 
-    def force_gradient(self, x: Floats, i: int, size: int, lost: Loss | None) -> Floats:
+    def force_gradient(self, x: Floats, i: int, size: int, lost: CapstanLoss | None) -> Floats:
         return self.length_gradient(x, i, size, 1.0 if lost is None else lost.factor)
 
-    def add_losses(self, into: Sum, given: Given, lost: Loss) -> None:
+    def add_losses(self, into: Sum, given: Given, lost: CapstanLoss) -> None:
         x, tension = given.state.x, given.state.effort[self.own]
         columns, rows = loss_border(self, x, lost, tension, self.places.moves, len(into.full))
         into.rank_one.extend(zip(columns.T, rows.T, strict=True))
@@ -221,7 +221,7 @@ class CableTerm(ActuatorTerm):
                 gradient[at : at + 3] += self.sigma[s] * (tension[k] * turned + tension_rate[k] * n)
         return gradient
 
-    def loss(self, x: Floats, theta: Theta, *, by_all: bool = False) -> Loss:
+    def loss(self, x: Floats, theta: Theta, *, by_all: bool = False) -> CapstanLoss:
         """What friction takes from the tensions."""
         mu = np.array([theta[f"{name}.friction_coefficient"] for name in self.names])
         return friction_loss(self, x, mu, by_all=by_all)

@@ -24,7 +24,7 @@ SMOOTH = 1e-4
 
 
 @dataclass(frozen=True)
-class Loss:
+class CapstanLoss:
     """factor (n_segments,): T_k over T. by_mu (n_segments,): d factor / d mu of its cable.
 
     Inner via points of cables with friction, each cable's from the pulled end on: near, far (n_vias,): its segment
@@ -40,7 +40,7 @@ class Loss:
     mu: Floats
 
 
-def friction_loss(term: CableTerm, x: Floats, mu: Floats, *, by_all: bool = False) -> Loss:
+def friction_loss(term: CableTerm, x: Floats, mu: Floats, *, by_all: bool = False) -> CapstanLoss:
     """The losses at positions x (n_points, 3) with friction coefficients mu (n_cables,).
 
     by_all: `by_mu` of every cable, also where mu is zero; what has no friction is left out otherwise.
@@ -67,10 +67,12 @@ def friction_loss(term: CableTerm, x: Floats, mu: Floats, *, by_all: bool = Fals
             turns.append((by_near, by_far))
             of_vias.append(np.full(len(after), mu[c]))
     by_near, by_far = (np.concatenate(parts) for parts in zip(*turns, strict=True))
-    return Loss(factor, by_mu, np.concatenate(near), np.concatenate(far), by_near, by_far, np.concatenate(of_vias))
+    return CapstanLoss(
+        factor, by_mu, np.concatenate(near), np.concatenate(far), by_near, by_far, np.concatenate(of_vias)
+    )
 
 
-def factor_rates(loss: Loss, v_rates: Floats) -> Floats:
+def factor_rates(loss: CapstanLoss, v_rates: Floats) -> Floats:
     """Rates of the factors (n_segments,) for rates (n_segments, 3) of the segments' vectors."""
     out = np.zeros(len(loss.factor))
     turned = 0.0
@@ -83,7 +85,7 @@ def factor_rates(loss: Loss, v_rates: Floats) -> Floats:
 
 
 def loss_border(
-    term: CableTerm, x: Floats, loss: Loss, tension: Floats, moves: np.ndarray, size: int
+    term: CableTerm, x: Floats, loss: CapstanLoss, tension: Floats, moves: np.ndarray, size: int
 ) -> tuple[Floats, Floats]:
     """Columns and rows, (size, k) each on all entities, with K_unsymmetric = sum_j column_j row_j^T.
 

@@ -83,7 +83,7 @@ def simulate_in_time(
         parts = ", ".join(part.name for part in (*robot.bodies, *robot.rods, *robot.plates))
         raise ParameterError(Fault("nothing that moves has mass", parts, attempt="a density, or a plate's mass"))
     dynamics = Dynamics(twin.system, inertia, theta, settings.rayleigh, settings.scheme)
-    run = _Run(twin, schedule, settings, snapshots, progress)
+    run = _Motion(twin, schedule, settings, snapshots, progress)
     try:
         run.tell(0.0)
         start = _start(twin, theta, settings)
@@ -107,7 +107,7 @@ def _start(twin: Twin, theta: Mapping[str, float], settings: TimeSettings) -> St
 
 
 @dataclass
-class _Run:
+class _Motion:
     """A run as it goes: what was seen so far."""
 
     twin: Twin

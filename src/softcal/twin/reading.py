@@ -13,7 +13,7 @@ from softcal.twin.sensors import sense, sense_by_parameters, sense_rates
 
 
 @dataclass(frozen=True)
-class Reading:
+class SensorReading:
     """The channels at a node with their exact derivatives.
 
     values, slopes (n_channels,): the channels, and by the control; by_parameter, mixed (n_channels, k): by parameters
@@ -26,7 +26,7 @@ class Reading:
     mixed: Floats
 
 
-def read(twin: Twin, statics: Statics, node: Node, names: tuple[str, ...]) -> Reading:
+def read(twin: Twin, statics: Statics, node: Node, names: tuple[str, ...]) -> SensorReading:
     """Read the sensors at a node. names (k,): the parameters that the node's derivatives are by."""
     slopes = sense_rates(twin, node.state, node.slope[:, None])[:, 0]
     mixed = sense_rates(twin, node.state, node.mixed)
@@ -35,4 +35,4 @@ def read(twin: Twin, statics: Statics, node: Node, names: tuple[str, ...]) -> Re
         before, after = (sense_by_parameters(twin, state, node.by_parameter, names) for state in beside)
         mixed += (after - before) / (2.0 * h)
     by_parameter = sense_by_parameters(twin, node.state, node.by_parameter, names)
-    return Reading(sense(twin, node.state), slopes, by_parameter, mixed)
+    return SensorReading(sense(twin, node.state), slopes, by_parameter, mixed)

@@ -17,7 +17,7 @@ from softcal.twin.build import Twin
 from softcal.twin.crossings import crossed_on_path
 from softcal.twin.curve import Curve
 from softcal.twin.protocol import Protocol
-from softcal.twin.reading import Reading, read
+from softcal.twin.reading import SensorReading, read
 from softcal.twin.response import Response, Shown, Snapshot
 from softcal.twin.sensors import channel_units
 from softcal.twin.start import UNDER_LOADS, fallen, loaded, slack_line, snapshot
@@ -43,7 +43,7 @@ class Sweep:
     tolerance: float
     snapshots: Shown
     crossings: bool = True
-    readings: dict[Node, Reading] = field(default_factory=dict[Node, Reading])
+    readings: dict[Node, SensorReading] = field(default_factory=dict[Node, SensorReading])
 
     def response(self, protocol: Protocol) -> Response:
         """See `simulate`."""
@@ -108,7 +108,7 @@ class Sweep:
             c, values, slopes, by_parameter, mixed, np.array([node.is_fallen for node in nodes[1:]], dtype=bool)
         )
 
-    def _reading(self, node: Node) -> Reading:
+    def _reading(self, node: Node) -> SensorReading:
         """A node is read once, however often a curve is drawn through it."""
         if node not in self.readings:
             self.readings[node] = read(self.twin, self.statics, node, self.names)

@@ -56,7 +56,7 @@ class _Settings(Record):
     batch: Annotated[int, Field(ge=1, le=_LARGEST_BATCH)] = 1
 
 
-class _RunRecord(Record):
+class _StoredRun(Record):
     identity: dict[str, str]
     settings: _Settings
 
@@ -151,7 +151,7 @@ class RunStore:
         path = folder / "run.json"
         if not path.is_file():
             raise StorageError(Fault("there is no run to resume", where=str(folder), attempt="without --resume"))
-        held = read_record(_RunRecord, path, "the record of the run", _FORMAT)
+        held = read_record(_StoredRun, path, "the record of the run", _FORMAT)
         held_identity, held_settings = held.identity, held.settings.model_dump()
         faults = [
             *_other_things(path, held_identity, identity),

@@ -104,9 +104,8 @@ class Sweep:
         by_parameter = np.array([reading.by_parameter for reading in readings])
         mixed = np.array([reading.mixed for reading in readings])
         c = np.array([node.c for node in nodes])
-        return Curve(
-            c, values, slopes, by_parameter, mixed, np.array([node.is_fallen for node in nodes[1:]], dtype=bool)
-        )
+        fallen_to = np.array([node.is_fallen for node in nodes[1:]], dtype=bool)
+        return Curve(c, values, slopes, by_parameter, mixed, fallen_to)
 
     def _reading(self, node: Node) -> SensorReading:
         """A node is read once, however often a curve is drawn through it."""

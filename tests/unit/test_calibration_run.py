@@ -203,6 +203,21 @@ def test_tpe_resumed_with_more_workers_keeps_its_course_and_takes_more_trials(tm
     same(calibrate(problem_of(), method="tpe", trials=16, seed=3), more)
 
 
+def test_a_lock_that_a_killed_run_left_stops_no_resume(tmp_path: Path) -> None:
+    options: dict[str, Any] = {"method": "tpe", "seed": 3}
+    folder = tmp_path / "run"
+    calibrate(problem_of(), **options, trials=4, store=folder)
+    (folder / "optuna.journal.lock").symlink_to("run/optuna.journal")  # Optuna's own, of a path relative to elsewhere
+    patience = signal.signal(signal.SIGALRM, lambda *_: pytest.fail("The lock is waited for."))
+    signal.alarm(15)
+    try:
+        resumed = calibrate(problem_of(), **options, trials=6, store=folder, resume=True)
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, patience)
+    same(calibrate(problem_of(), **options, trials=6), resumed)
+
+
 def test_optunas_own_tools_read_the_run(tmp_path: Path) -> None:
     import optuna
     from optuna.storages.journal import JournalFileBackend

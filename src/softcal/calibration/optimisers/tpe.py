@@ -18,6 +18,7 @@ from softcal.errors import Fault, StorageError
 
 if TYPE_CHECKING:
     import optuna
+    from optuna.storages.journal import JournalFileOpenLock
 
 
 @register_optimiser
@@ -100,7 +101,7 @@ class OptunaJournal:
         self._path = path
         self._distributions = distributions(space)
         with self._whole():
-            storage = optuna.storages.JournalStorage(JournalFileBackend(str(path)))
+            storage = optuna.storages.JournalStorage(JournalFileBackend(str(path), lock_obj=_no_lock(path)))
             self._study = optuna.create_study(storage=storage, study_name="softcal", load_if_exists=True)
             self._held = self._study.get_trials(deepcopy=False)
 
@@ -145,3 +146,20 @@ class OptunaJournal:
     def _damaged(self, why: str) -> StorageError:
         attempt = f"move it away: it is written again from {TRIALS}"
         return StorageError(Fault("Optuna's journal of the run cannot be read", str(self._path), why, attempt=attempt))
+
+
+def _no_lock(path: Path) -> JournalFileOpenLock:
+    """A lock that is always free: `trials.sqlite` is locked by the one process that writes in the folder.
+
+    Optuna's is a file, which a process that is killed leaves behind, and which the next one waits for.
+    """
+    from optuna.storages.journal import JournalFileOpenLock
+
+    class NoLock(JournalFileOpenLock):
+        def acquire(self) -> bool:
+            return True
+
+        def release(self) -> None:
+            pass
+
+    return NoLock(str(path))

@@ -6,8 +6,9 @@ from mechanics_cases import column_robot, elastic, pulled
 
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
+from softcal.geometry.quadratic import to_quadratic
 from softcal.twin.protocol import Protocol
-from softcal.twin.robot import Body, Robot, SurfaceLoad
+from softcal.twin.robot import Body, Marker, Robot, SurfaceLoad
 from softcal.twin.simulate import simulate
 
 
@@ -68,3 +69,25 @@ def test_forces_made_by_rounding_do_not_keep_newton_busy():
     response = simulate(Robot((body,), loads=(shear,)), Protocol({}))
     assert response.succeeded, response.status
     assert response.n_factorisations <= 4
+
+
+def test_a_traction_on_linear_tets_of_a_quadratic_mesh_is_that_of_the_linear_mesh():
+    """Also where the corners are not numbered first, as in most mesh files."""
+    linear = box_mesh((50.0, 10.0, 10.0), (4, 1, 1))
+    whole = to_quadratic(linear)
+    shuffled = np.random.default_rng(0).permutation(whole.n_points)
+    number = np.argsort(shuffled)
+    mixed = TetMesh(
+        whole.points[shuffled],
+        number[whole.tets],
+        node_sets={name: number[nodes] for name, nodes in whole.node_sets.items()},
+        face_sets={name: number[faces] for name, faces in whole.face_sets.items()},
+    )
+    tips = []
+    for mesh in (linear, mixed):
+        body = Body("bar", mesh, fixed=mesh.node_sets["x0"], parameters=elastic(1.0, 0.3), element="P1")
+        shear = SurfaceLoad("shear", "bar", mesh.face_sets["x1"], np.array([0.0, 1e-4, 0.0]))
+        tip = Marker("tip", "bar", np.array([50.0, 5.0, 5.0]))
+        response = simulate(Robot((body,), loads=(shear,), markers=(tip,)), Protocol({}))
+        tips.append([response.channels[f"tip.{axis}"][0] for axis in "xyz"])
+    np.testing.assert_allclose(tips[1], tips[0], rtol=1e-9)

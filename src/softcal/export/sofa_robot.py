@@ -10,6 +10,7 @@ from softcal.checks import Ints
 from softcal.errors import Fault, ParameterError
 from softcal.export.sofa_rods import linear_rod
 from softcal.geometry.mesh import TetMesh
+from softcal.geometry.quadratic import linear_numbers
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.elements import P1
 from softcal.twin.bores import bores
@@ -151,7 +152,5 @@ def _corner_mesh(mesh: TetMesh) -> TetMesh:
 
 def _renumbered(mesh: TetMesh, nodes: Ints) -> Ints:
     """New numbers of corner nodes; nodes of a list that are no corners are omitted."""
-    new = np.full(mesh.n_points, -1, dtype=np.int64)
-    new[mesh.corners] = np.arange(len(mesh.corners))
-    found = new[nodes]
+    found = linear_numbers(mesh)[nodes]
     return found[found >= 0] if found.ndim == 1 else found

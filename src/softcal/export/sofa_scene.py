@@ -220,7 +220,7 @@ def _loads(robot: Robot, still: tuple[str, ...], meshes: Mapping[str, TetMesh]) 
             loads[load.name] = {"on": load.on, "at": load.at.tolist(), "force": load.force.tolist()}
             continue
         total = np.zeros((meshes[load.on].n_points, 3))
-        for _, weights, force in surface_forces(load, dict(meshes), {load.on: 0}):
+        for _, weights, force in surface_forces(load, dict(meshes), dict(meshes), {load.on: 0}):
             for node, weight in weights:
                 total[node] += weight * force
         nodes = np.flatnonzero(total.any(axis=1))

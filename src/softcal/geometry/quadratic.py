@@ -43,17 +43,22 @@ def to_linear(mesh: TetMesh) -> TetMesh:
     """
     if mesh.cell is LINEAR:
         return mesh
-    corners = mesh.corners
-    new = np.full(mesh.n_points, -1, dtype=np.int64)
-    new[corners] = np.arange(len(corners))
+    new = linear_numbers(mesh)
     node_sets = {name: new[nodes][new[nodes] >= 0] for name, nodes in mesh.node_sets.items()}
     return TetMesh(
-        mesh.points[corners],
+        mesh.points[mesh.corners],
         new[mesh.tets[:, :4]],
         node_sets=node_sets,
         face_sets={name: new[faces[:, :3]] for name, faces in mesh.face_sets.items()},
         element_sets=dict(mesh.element_sets),
     )
+
+
+def linear_numbers(mesh: TetMesh) -> Ints:
+    """The number of each node in `to_linear(mesh)`, shape (n_points,); -1 for mid-edge nodes."""
+    new = np.full(mesh.n_points, -1, dtype=np.int64)
+    new[mesh.corners] = np.arange(len(mesh.corners))
+    return new
 
 
 def _numbered_edges(mesh: TetMesh) -> tuple[Ints, Ints]:

@@ -143,6 +143,7 @@ def build_twin(robot: Robot) -> Twin:
     by_offset = {cable.name: away(cable) for cable in robot.cables}
     markers = {marker.name: support(marker.at, marker.on, marker.name, may_stand_off=True) for marker in robot.markers}
     forces: list[PointForce] = []
+    given = {body.name: body.mesh for body in robot.bodies}
     for plate in robot.plates:
         assert plate.centre_of_mass is not None  # noqa: S101
         forces.append((f"{plate.name}.mass", support(plate.centre_of_mass, plate.name, plate.name), robot.gravity))
@@ -150,7 +151,7 @@ def build_twin(robot: Robot) -> Twin:
         if isinstance(load, PointLoad):
             forces.append((f"{load.name}.force", support(load.at, load.on, load.name), np.asarray(load.direction)))
         else:
-            forces.extend(surface_forces(load, meshes, builder.first))
+            forces.extend(surface_forces(load, given, meshes, builder.first))
 
     if robot.contact is not None:
         for plate in robot.plates:

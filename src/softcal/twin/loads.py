@@ -6,7 +6,9 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import Fault, MeshError
+from softcal.geometry.cell import LINEAR
 from softcal.geometry.mesh import TetMesh
+from softcal.geometry.quadratic import linear_numbers
 from softcal.geometry.surface import matching_faces
 from softcal.mechanics.elements import ELEMENTS
 from softcal.mechanics.loads import Loads
@@ -17,8 +19,12 @@ Weights = list[tuple[int, float]]
 PointForce = tuple[str | None, Weights, Floats]
 
 
-def surface_forces(load: SurfaceLoad, meshes: dict[str, TetMesh], first: dict[str, int]) -> list[PointForce]:
+def surface_forces(
+    load: SurfaceLoad, given: dict[str, TetMesh], meshes: dict[str, TetMesh], first: dict[str, int]
+) -> list[PointForce]:
     """Consistent nodal forces of a constant traction; quadratic straight faces load their middle nodes alone.
+
+    given: the bodies' meshes in whose node numbers the load's faces are; meshes: those of the bodies' elements.
 
     Raises
     ------
@@ -27,8 +33,11 @@ def surface_forces(load: SurfaceLoad, meshes: dict[str, TetMesh], first: dict[st
     """
     if load.on not in meshes:
         raise MeshError(Fault("there is no such body", where=load.name, got=load.on, allowed=", ".join(meshes)))
-    mesh = meshes[load.on]
-    faces = matching_faces(mesh, load.faces, where=load.name)
+    mesh, own = meshes[load.on], given[load.on]
+    faces = matching_faces(own, load.faces, where=load.name)
+    if mesh.cell is LINEAR and own.cell is not LINEAR:
+        faces = linear_numbers(own)[faces[:, :3]]
+    faces = matching_faces(mesh, faces, where=load.name)
     a, b, c = np.moveaxis(mesh.points[faces[:, :3]], 1, 0)
     area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
     return [

@@ -1,4 +1,4 @@
-"""How far a search is from the minimum, in standard errors: the step that Gauss-Newton would still take."""
+"""Distance of a search from the minimum, in standard errors: the length of the next Gauss-Newton step."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from softcal.checks import Floats
 
 NEAR = 0.1
 """Standard errors: g' C g = 0.01 variances. A search that is as near has converged."""
-# Half a standard error of loss still to be gained counts as a step of a tenth.
+# An attainable reduction of the loss by half a standard error counts as a step of a tenth.
 _GAIN = 0.2
-# Of a channel's root mean square: the twin reads its curves between equilibria no better than that.
+# Of a channel's root mean square: the interpolation error of the twin's curves between equilibria.
 _TWIN_ROUNDING = 1e-5
 
 
 def distance_to_minimum(space: SearchSpace, loss: Loss, here: Point) -> float:
-    """How far a simulated point is from the minimum within the bounds, in standard errors.
+    """Distance of a simulated point from the minimum within the bounds, in standard errors.
 
-    The larger of two measures: the length of Gauss-Newton's step, and a fifth of what is still to be gained. That is
-    sqrt((n - k) (S - S_min) / S), with the sum of squares S of n residuals and k parameters, and its minimum S_min by
-    the model that knows how forces scale: towards a bound that is far away the loss may fall by much, while a straight
-    line through a large misfit sees little of it.
+    The larger of two measures: the length of Gauss-Newton's step, and a fifth of the attainable reduction of the loss.
+    The latter is sqrt((n - k) (S - S_min) / S), with the sum of squares S of n residuals and k parameters, and its
+    minimum S_min by the model with the scaling of forces: towards a distant bound the loss may decrease by much, of
+    which a linearisation at a large misfit shows little.
     """
     plain = LocalModel(space, loss, here, plain=True)
     step = plain.minimise(np.zeros(space.size), np.ones(space.size)) - here.z
@@ -40,16 +40,17 @@ def distance_to_minimum(space: SearchSpace, loss: Loss, here: Point) -> float:
 
 
 def _rounding(block: Block) -> Block:
-    """The block with residuals of the size that the twin rounds to."""
+    """The block with residuals of the size of the twin's rounding error."""
     return replace(block, residual=np.full(len(block.residual), _TWIN_ROUNDING * rms(block.measured)))
 
 
 def in_standard_errors(space: SearchSpace, loss: Loss, here: Point, step: Floats) -> float:
-    """The length sqrt(p' C^-1 p) of a step p in the unit box; no parameter moves by more of its standard errors.
+    """The length sqrt(p' C^-1 p) of a step p in the unit box, an upper bound for the step of each parameter in its
+    standard errors.
 
     C is Gauss-Newton's covariance. For the step to the minimum, p = C g, the length is sqrt(g' C g), with the gradient
-    g of half the loss. The noise of each group of channels is what its own residuals are: one channel that is missed
-    by far does not hide how well another tells a parameter. Nothing is known better than the twin rounds.
+    g of half the loss. The noise of each group of channels is estimated from its own residuals: a channel with a large
+    misfit does not hide how well another determines a parameter. No noise is below the twin's rounding error.
     """
     theta = step * space.jacobian(here.z)
     moved: dict[str, float] = {}

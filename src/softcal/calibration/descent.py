@@ -1,17 +1,19 @@
-"""One local search by exact sensitivities: a trust region around a local model, asked and told.
+"""One local search by exact sensitivities: a trust-region method around a local model, driven by ask and tell.
 
-Three rules make it quick and safe:
+Three rules make it fast and robust:
 
-- points are compared by their loss after the moduli are rescaled (`LocalModel.rescaled`), as in variable
-  projection (Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973). Else the search would creep along the narrow, curved
-  valley in which E makes up for what Poisson's ratio does. Where that leads nowhere, the loss alone decides.
+- points are compared by their loss after the moduli are rescaled (`LocalModel.rescaled`), as in variable projection
+  (Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973). Otherwise the search would take tiny steps along the narrow,
+  curved valley in which E compensates Poisson's ratio. Where rescaling gives no progress, the loss alone decides.
 - it has converged where Gauss-Newton's step to the minimum is shorter than a tenth of a standard error at the lowest
-  point simulated, and hardly anything is to be gained (`distance_to_minimum`); whatever else ends it says so.
-- a model that does not reproduce the twin at its own point is dropped for Gauss-Newton's.
+  point simulated, and hardly any reduction of the loss is left (`distance_to_minimum`); the status reports any other
+  end.
+- a model that does not reproduce the twin at its own point is replaced by Gauss-Newton's.
 
-Why not `scipy.optimize.least_squares`: it cannot be told that a point has no equilibrium (here the trust region shrinks
-and the search goes on from where it was), it minimises sums of squares while the papers' loss is a sum of RMSEs, and it
-calls the function itself, so that starts cannot share workers nor a run resume. What a step solves is SciPy's.
+Why not `scipy.optimize.least_squares`: it cannot handle a point without an equilibrium (here the trust region shrinks
+and the search continues from the last point), it minimises sums of squares while the papers' loss is a sum of RMSEs,
+and it calls the function itself, so that starts cannot share workers nor a run be resumed. Each step's subproblem is
+solved by SciPy.
 """
 
 from __future__ import annotations
@@ -28,21 +30,21 @@ from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.problem import Evaluation
 from softcal.checks import Floats
 
-_SETTLED = 0.01  # of the loss by squares: with no more to gain, the search goes on by the loss itself
-_RESCALED = 1e-6  # of the loss after rescaling: with no more to gain, the loss without it decides
+_SETTLED = 0.01  # of the smooth surrogate: with less reduction left, the search continues with the loss itself
+_RESCALED = 1e-6  # of the loss after rescaling: with less reduction left, the loss without it decides
 _SHORTEST = 0.01 * NEAR  # standard errors: no shorter step is tried
-_EDGE = 1e-4  # of the search range: how near to what cannot be simulated a search goes
+_EDGE = 1e-4  # of the search range: smallest distance kept from points that cannot be simulated
 # Steps after a failed one in which the region does not grow: a quarter of it fits three times before the edge.
 _WARY = 3
-_RETREATS = 8  # halvings of the way from a start that cannot be simulated to the middle of the box
-_MEMORY = 4  # points, the last ones, by which models are compared
+_RETREATS = 8  # halvings of the distance from a start that cannot be simulated to the middle of the box
+_MEMORY = 4  # most recent points, by which models are compared
 
 
 @dataclass(eq=False)
 class Descent:
-    """A search from one start; `z` is where it is, `best` what was found there, `next` the point to be evaluated.
+    """A search from one start; `z`: its present point; `best`: its best point; `next`: the point to be evaluated.
 
-    `next` is None when the search is over; `converged` says whether it has reached a minimum.
+    `next` is None when the search is over; `converged` is whether it has reached a minimum.
     """
 
     space: SearchSpace
@@ -58,7 +60,7 @@ class Descent:
         self.evaluations = 0
         self.converged = False
         self.left = False
-        # The way in goes by what is smooth, the end by the loss itself.
+        # Far from the minimum a smooth surrogate is minimised, near it the loss itself.
         self._merit: Loss = self.loss.surrogate
         self._rescaling = True
         self._radius = 1.0
@@ -68,7 +70,7 @@ class Descent:
         self._seen: list[tuple[Point, Evaluation]] = []
 
     def tell(self, evaluation: Evaluation) -> None:
-        """What came of `next`; decides the next `next`."""
+        """Record the evaluation of `next` and decide on the following point."""
         if self.next is None:
             raise RuntimeError("the descent is over")
         self.evaluations += 1
@@ -85,12 +87,12 @@ class Descent:
             self._end(f"Not converged after {counted(self.evaluations)}, the most that were allowed{self._away()}")
 
     def leave(self, reason: str) -> None:
-        """End the search because nothing better is to be expected of it."""
+        """Abandon the search: no better minimum is expected of it."""
         self.left = True
         self._end(reason)
 
     def forecast(self) -> tuple[Floats, float]:
-        """Where in the unit box the search would end, and with what loss, as far as the last point tells."""
+        """Predicted minimum (in the unit box) and loss of this search, by its local model."""
         model = self._model(self.loss)
         z = model.minimise(np.zeros(self.space.size), np.ones(self.space.size))
         return z, model.loss(z)
@@ -109,7 +111,7 @@ class Descent:
             return
         self._since_failure += 1
         before, after = self._losses(self._here()), self._losses(tried)
-        # The loss after rescaling counts as long as there is something to gain by it.
+        # The loss after rescaling counts as long as it can be reduced.
         which = int(before[1] - self._promised > _RESCALED * before[1])
         gain, promised = before[which] - after[which], before[which] - self._promised
         if gain <= 0.0 and after[0] >= before[0]:
@@ -127,12 +129,12 @@ class Descent:
     def _move(self, to: Point, evaluation: Evaluation) -> None:
         self.z, self.best = to.z, evaluation
         self._distance = distance_to_minimum(self.space, self.loss, to)
-        # The region lies about the moduli that points are compared with: else one far off would bound the others.
+        # The region is centred at the rescaled moduli: else one that is far off would bound the other parameters.
         self._centre = LocalModel(self.space, self._merit, to).rescaled() if self._rescaling else to.z
         self._propose()
 
     def _propose(self) -> None:
-        """Decide on the next point, or that there is none."""
+        """Decide on the next point, or end the search."""
         lowest, found = min(self._seen, key=lambda seen: total(self.loss, seen[0].blocks))
         if self._distance <= NEAR:
             if lowest.z is not self.z:
@@ -164,12 +166,12 @@ class Descent:
             )
 
     def _by_the_loss_alone(self, lowest: Point, found: Evaluation) -> None:
-        """Go on from the lowest point, without rescaling."""
+        """Continue from the lowest point, without rescaling."""
         self._merit, self._rescaling, self._radius = self.loss, False, 1.0
         self._move(lowest, found)
 
     def _losses(self, point: Point) -> tuple[float, float]:
-        """What the search goes by at a point: as it is, and after the moduli are rescaled."""
+        """The losses that the search compares at a point: as it is, and after the moduli are rescaled."""
         plain = total(self._merit, point.blocks)
         if not self._rescaling:
             return plain, plain
@@ -177,7 +179,9 @@ class Descent:
         return plain, model.loss(model.rescaled())
 
     def _model(self, merit: Loss) -> LocalModel:
-        """The model from here that foretells the last points best, bent to the nearest of them."""
+        """The model around this point with the smallest prediction error at the last points, bent to the nearest of
+        them.
+        """
         here = self._here()
         others = [point for point, _ in self._seen[-_MEMORY:] if point.z is not self.z]
         models = [LocalModel(self.space, merit, here, reciprocal=reciprocal) for reciprocal in (True, False)]

@@ -1,4 +1,4 @@
-"""The minimum of a loss as an estimator: how far noise moves it, whatever the loss (an M-estimator).
+"""The minimum of a loss as an estimator: its covariance under noise, for any loss (an M-estimator).
 
 Near the minimum the residuals are linear in z, the point of the unit box: r = e + J (z - truth). The loss's own weights
 W and Hessian A then give
@@ -6,15 +6,15 @@ W and Hessian A then give
     z - truth = -A^-1 sum J^T W e,    covariance = A^-1 (sum J^T W Var(e) W J) A^-1
 
 (the sandwich: Huber 1967, White 1980). For a likelihood with the right noise it is the inverse of A; for a sum of
-RMSEs, whose weights are not one over the variances, it is not. A has the curvature of the root in each RMSE.
+RMSEs, whose weights are not one over the variances, it is not. A includes the curvature of the root in each RMSE.
 
 The noise is independent from sample to sample. Its size is the same within a group of channels (`Loss.noise_group`) and
-is taken from what the group's residuals leave, such that the estimate has no bias:
+is estimated from the group's residuals without bias:
 
     E |r_g|^2 = sum_h s_h^2 |M_gh|^2,    M = I - J A^-1 J^T W
 
-Where the loss states the noise, it is at least what is stated. A prior is a measurement whose noise is known: misfit
-does not widen it.
+Where the loss states the noise, the estimate is at least the stated one. A prior is a measurement of known noise:
+misfit does not widen it.
 """
 
 from __future__ import annotations
@@ -27,20 +27,21 @@ import numpy as np
 from softcal.calibration.loss import Block, Loss
 from softcal.checks import Floats
 
-# Singular value over the largest, in units of the search range, below which a direction counts as not seen at all.
+# Singular value over the largest, in units of the search range, below which a direction counts as unidentifiable.
 _BLIND = 1e-7
 PRIOR = ""
 """The group of the priors."""
 _ITERATIONS = 200
-_SPENT = 0.5  # degrees of freedom below which nothing can be told of a group's noise
+_SPENT = 0.5  # degrees of freedom below which a group's noise cannot be estimated
 _ROUNDING = 1e-12  # of the search range: no standard error is smaller
 
 
 @dataclass(frozen=True)
 class Noise:
-    """The noise of a group of channels: over what is stated where that is known, else in the channels' unit [SI].
+    """The noise of a group of channels.
 
-    dof: degrees of freedom that it is known from, infinite where it is taken from the statement.
+    size is over the stated noise where that is known, else in the channels' unit [SI]. dof: degrees of freedom of its
+    estimate, infinite where the stated noise is used.
     """
 
     size: float
@@ -50,12 +51,12 @@ class Noise:
 
 @dataclass(frozen=True)
 class Estimator:
-    """The minimum's linear answer to noise, in the unit box.
+    """Linear response of the minimum to noise, in the unit box.
 
-    root: `root.T @ root` is the covariance of z, shape (size, size); zero in directions that are not seen. minimum: of
-    the quadratic model, where nothing bounds it, shape (size,). unseen: directions that no residual feels, rows. dof:
-    of each parameter's variance (Satterthwaite), shape (size,), infinite where all noise is known. noise: by group.
-    spent: groups whose residuals tell nothing of their noise, as parameters meet them whatever it is.
+    root: `root.T @ root` is the covariance of z, shape (size, size); zero in unidentifiable directions. minimum: of the
+    unbounded quadratic model, shape (size,). unseen: unidentifiable directions, to which no residual is sensitive,
+    rows. dof: of each parameter's variance (Satterthwaite), shape (size,), infinite where all noise is known. noise: by
+    group. spent: groups whose noise cannot be estimated, since the parameters fit them exactly whatever it is.
     """
 
     root: Floats
@@ -106,13 +107,13 @@ def estimator(loss: Loss, z: Floats, slopes: Floats, blocks: Sequence[Block]) ->
 def _inverse_hessian(
     loss: Loss, blocks: Sequence[Block], jacobians: Sequence[Floats], weights: Sequence[Floats], gradient: Floats
 ) -> tuple[Floats, Floats]:
-    """The inverse of half the loss's Hessian in the directions that are seen, and those that are not."""
+    """The inverse of half the loss's Hessian in the identifiable directions, and the unidentifiable ones."""
     rows = [np.sqrt(w)[:, None] * J for J, w in zip(jacobians, weights, strict=True)]
     size = len(gradient)
     left, sizes, directions = np.linalg.svd(np.concatenate([*rows, np.zeros((size, size))]), full_matrices=False)
     seen = sizes > _BLIND * max(float(sizes[0]), 1e-300)
     root = directions[seen] / sizes[seen, None]
-    # The roots curve as they do at the minimum, where the residuals hold what no step takes away.
+    # The curvature of the roots is that at the minimum: of the residuals only the part that no step removes is left.
     step = root.T @ (root @ gradient)
     hessian = np.eye(int(seen.sum()))
     places = np.split(left[:, seen], np.cumsum([len(own) for own in rows]))
@@ -127,7 +128,7 @@ def _inverse_hessian(
 
 
 def _noise(parts: Sequence[_Part], inverse: Floats) -> tuple[dict[str, Noise], tuple[str, ...]]:
-    """The noise of every group, and the groups that tell nothing of theirs."""
+    """The noise of every group, and the groups whose noise cannot be estimated."""
     groups = list(dict.fromkeys(part.group for part in parts if part.group != PRIOR))
     held = {group: [part for part in parts if part.group == group] for group in groups}
     answers = {g: sum(part.answer.T @ part.answer for part in held[g]) for g in groups}

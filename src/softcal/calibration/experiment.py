@@ -1,6 +1,6 @@
 """One bench test as the calibration sees it: what drives the twin, what is compared, and the rig between the two.
 
-The rig stands between the twin and the instruments:
+The rig relates the twin to the instruments:
 
     shortening on the bench = the cable's shortening + slack
     tension in the dataset  = T exp(n theta (mu - mu_nominal)) + tension offset   (loading: `experiments/steps/pulleys`)
@@ -8,11 +8,11 @@ The rig stands between the twin and the instruments:
     position of a marker    = R(frame) (the twin's position) + t(frame)
 
 The dataset's tension is T_UTM exp(-n theta mu_nominal): the neck's side under the *nominal* friction. It stays so while
-mu is free; the twin's tension is brought to that side instead. Were the data corrected by the free mu, a large mu
-would shrink both curves and the residual with them, and the search would run off to it.
+mu is free; the twin's tension is converted to that side instead. Were the data corrected by the free mu, a large mu
+would shrink both curves and with them the residual, and the search would diverge to large mu.
 
-Channels of a dataset go by the twin's names (`cable1.tension`, `S4.pitch`, `m4.x`). With one cable and one plate, their
-channels may go by the last part alone (`tension`, `pitch`).
+Channels of a dataset have the twin's names (`cable1.tension`, `S4.pitch`, `m4.x`). With one cable and one plate, the
+last part alone will do (`tension`, `pitch`).
 """
 
 from __future__ import annotations
@@ -69,8 +69,8 @@ class Rig:
     """Nominal values of the bench.
 
     slack [m] and tension_offset [N] of every cable; angle_offsets [rad] by channel; the pulleys; frame: `x`, `y`, `z`
-    [m], `rx`, `ry`, `rz` [rad, rotation vector] of the frame that positions were measured in, 0 where not given;
-    length [m]: what distances are told in per cent of, or None.
+    [m], `rx`, `ry`, `rz` [rad, rotation vector] of the frame that positions were measured in, 0 where not given; length
+    [m]: of which reports give distances in per cent, or None.
     """
 
     slack: float = 0.0
@@ -87,14 +87,14 @@ class Rig:
 
 @dataclass(frozen=True)
 class Experiment:
-    """A prepared dataset, what drives the twin, what is compared with it, and how the rig reads it.
+    """A prepared dataset, what drives the twin, what is compared with it, and the rig.
 
     drive: "shortening" or "tension" of `cable`; or channels of the dataset such as ("cable1.tension",
-    "cable6.tension"), each row a state of its own; none for a robot that only stands or hangs under its loads.
-    compared: channels of the dataset; when empty, all that the twin answers and that does not drive it (of a cable and
-    plate by their short names: tension or shortening, and pitch; paper A, Eq. 4).
-    settings: parameters [SI] of the robot or the rig that have this value in this experiment.
-    set_up: name of what it shares with other experiments, such as the place of the cameras; "" for one by itself.
+    "cable6.tension"), each row a state of its own; none for a robot under its dead loads alone. compared: channels of
+    the dataset; when empty, all that the twin has and that do not drive it (of a cable and plate by their short names:
+    tension or shortening, and pitch; paper A, Eq. 4). settings: parameters [SI] of the robot or the rig that have this
+    value in this experiment. set_up: name of what it shares with other experiments, such as the place of the cameras;
+    "" where it shares none.
 
     Raises
     ------
@@ -135,7 +135,7 @@ class Experiment:
 
     @property
     def cables(self) -> tuple[str, ...]:
-        """The cables that are driven or seen."""
+        """The cables that are driven or measured."""
         seen = [name.rsplit(".", 1)[0] for name in map(self.twin_channel, self._cable_channels())]
         return tuple(dict.fromkeys([*([self.cable] if self.cable else []), *seen]))
 
@@ -145,7 +145,7 @@ class Experiment:
         return tuple(dict.fromkeys(p for c in self.compared if (p := self.point_of(c))))
 
     def twin_channel(self, channel: str) -> str:
-        """The name under which the twin answers a channel of the dataset, such as `front.tension`."""
+        """The twin's name of a channel of the dataset, such as `front.tension`."""
         if "." in channel:
             return channel
         return f"{self.cable}.{channel}" if channel in CABLE_CHANNELS else f"{self.plate}.{channel}"
@@ -156,7 +156,9 @@ class Experiment:
         return owner if kind in AXES else ""
 
     def seen(self, channel: str) -> np.ndarray:
-        """Which samples of a compared channel were measured: of a position, those where all its compared parts were."""
+        """Mask of the measured samples of a compared channel; of a position, those with all its compared
+        coordinates.
+        """
         point = self.point_of(channel)
         parts = [c for c in self.compared if self.point_of(c) == point] if point else [channel]
         parts = [c for c in parts if c in self.dataset.channels]
@@ -254,7 +256,7 @@ def rig_parameters(experiments: Iterable[Experiment]) -> dict[str, ParameterInfo
 
 
 def rig_kind(name: str) -> Quantity | None:
-    """The kind of quantity of a rig parameter by its dotted name, or None where it is none of the rig's."""
+    """The kind of quantity of a rig parameter by its dotted name; None where the rig has no such parameter."""
     owner, _, kind = name.rpartition(".")
     if name == PULLEY_FRICTION:
         return QUANTITIES["friction coefficient"]

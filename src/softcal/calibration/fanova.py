@@ -22,7 +22,7 @@ def distributions(space: SearchSpace) -> dict[str, optuna.distributions.BaseDist
 
 
 def fanova_importance(space: SearchSpace, trials: list[tuple[dict[str, float], float]], seed: int) -> dict[str, float]:
-    """fANOVA importances by label from completed trials (theta, loss); empty where they cannot tell.
+    """fANOVA importances by label from completed trials (theta, loss); empty where they are not defined.
 
     That is with fewer than two trials, or when all losses are equal.
     """

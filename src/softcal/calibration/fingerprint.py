@@ -17,7 +17,7 @@ class _Digest(Protocol):
 
 
 def fingerprints(problem: Problem) -> dict[str, str]:
-    """SHA-256 of each part of a problem by a name that a person understands."""
+    """SHA-256 of each part of a problem, by a readable name."""
     return {
         "robot": fingerprint(problem.robot),
         "free parameters": fingerprint(problem.space),
@@ -32,7 +32,7 @@ def fingerprint(data: object) -> str:
     Raises
     ------
     TypeError
-        For anything else, whose content could change unseen.
+        For any other type, whose content could change without changing the hash.
     """
     digest = hashlib.sha256()
     _feed(digest, data)

@@ -1,4 +1,4 @@
-"""How well one experiment is met: errors by channel, distances by marker, and what was not seen."""
+"""Goodness of fit of one experiment: errors by channel, distances by marker, and the samples without a measurement."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from softcal.checks import Floats
 
 
 def experiment_fit(experiment: Experiment, seen: Observation) -> ExperimentFit:
-    """The errors of what the bench would have read."""
+    """The errors of the predicted measurements `seen`."""
     channels = experiment.dataset.channels
     errors = {
         channel: (seen.predicted[channel] - channels[channel].values)[experiment.seen(channel)]
@@ -32,7 +32,9 @@ def experiment_fit(experiment: Experiment, seen: Observation) -> ExperimentFit:
 
 
 def missing_rows(experiment: Experiment) -> dict[str, list[int]]:
-    """Rows (from 0) in which a marker or a compared channel was not measured, by its name; none where all were."""
+    """Rows (from 0) in which a marker or a compared channel was not measured, by its name; only names with
+    such rows.
+    """
     rows: dict[str, list[int]] = {}
     for channel in experiment.compared:
         name = experiment.point_of(channel) or channel
@@ -45,7 +47,7 @@ def _missing(experiment: Experiment) -> dict[str, int]:
 
 
 def _distances(experiment: Experiment, errors: dict[str, Floats]) -> dict[str, Distance]:
-    """Of every marker and plate of which all three coordinates are compared."""
+    """The distances of every marker and plate with all three coordinates compared."""
     found: dict[str, Distance] = {}
     for point in experiment.points:
         parts = {c.rsplit(".", 1)[-1]: c for c in experiment.compared if experiment.point_of(c) == point}

@@ -1,4 +1,4 @@
-"""The frame of a rig: where a camera's or a motion capture's frame stands as seen from the robot's."""
+"""The frame of a rig: pose of the frame of a camera or motion capture relative to the robot's."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from softcal.checks import Floats
 
-# Below this angle [rad] the series of the coefficients is nearer to them than the quotients are.
+# Below this angle [rad] the coefficients are computed by their series, which is then more accurate than the quotients.
 _SMALL = 1e-2
 
 

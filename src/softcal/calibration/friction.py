@@ -1,4 +1,6 @@
-"""Friction is modelled with the sign of a cable that is pulled: tests that let one go are refused, with the reason."""
+"""Friction is modelled with the sign of a cable that is pulled: tests that release a cable are refused, with the
+reason.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,7 @@ def friction_faults(robot: Robot, experiment: Experiment, free: Collection[str])
 
 
 def pulley_faults(experiment: Experiment) -> list[Fault]:
-    """Tensions that were corrected for the pulleys as on one branch, where the samples are of both."""
+    """Tensions corrected for the pulleys as on one branch although the samples are of both branches."""
     corrected = any(s.name == PULLEY_STEP and s.settings["exponent"] > 0.0 for s in experiment.dataset.provenance)
     turning = experiment.rig.pulleys is not None and experiment.rig.pulleys.turning > 0.0
     tensions = [c for c in (*experiment.drives, *experiment.compared) if c.rsplit(".", 1)[-1] == "tension"]
@@ -51,9 +53,9 @@ def _cable_faults(robot: Robot, experiment: Experiment, free: Collection[str]) -
 
 
 def _lets_go(experiment: Experiment) -> bool:
-    """Whether the samples, one after the other, pull the one cable that is driven and let it go again.
+    """Whether the samples, one after the other, pull the one driven cable and release it again.
 
-    Samples with labels, and those of several cables, are states by themselves.
+    Samples with labels, and those of several cables, are independent states.
     """
     dataset, drive = experiment.dataset, experiment.drive
     if dataset.labels or not isinstance(drive, str) or not experiment.cable:

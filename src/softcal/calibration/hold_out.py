@@ -1,7 +1,7 @@
-"""Experiments that are kept out of a fit and predicted by it afterwards: how far the twin can be trusted elsewhere.
+"""Experiments that are kept out of a fit and predicted by it afterwards: a test of the twin beyond the fitted data.
 
-What is shared by all experiments keeps the value that was found without them. What is an experiment's own (the frame of
-its set-up, its slack) nothing else can know; it is fitted to the experiment that is predicted, and nothing but that.
+Parameters shared by all experiments keep the value that was found without these. An experiment's own parameters (the
+frame of its set-up, its slack) cannot be known from others; these alone are fitted to the predicted experiment.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from softcal.calibration.result import HeldOut
 from softcal.errors import Fault, ParameterError, nearest
 from softcal.twin.parameters import robot_parameters
 
-# Trajectories for the fit of an experiment's own nuisances; they are near linear.
+# Trajectories for the fit of an experiment's own nuisances; the problem is nearly linear.
 _BUDGET = 30
 
 
@@ -57,7 +57,7 @@ def fitted_part(problem: Problem, hold_out: Sequence[str]) -> Problem:
 def predicted(
     problem: Problem, theta: Mapping[str, float], hold_out: Sequence[str]
 ) -> tuple[dict[str, HeldOut], tuple[str, ...]]:
-    """Each experiment of `hold_out` as the twin at theta predicts it, and sentences on those that it cannot."""
+    """The twin's prediction at theta of each experiment of `hold_out`, and sentences on those that failed."""
     found: dict[str, HeldOut] = {}
     notes: list[str] = []
     for experiment in problem.experiments:

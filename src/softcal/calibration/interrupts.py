@@ -35,7 +35,9 @@ def exit_code(stop: KeyboardInterrupt) -> int:
 
 @contextmanager
 def stop_signals_raised() -> Generator[None]:
-    """Raise `StopSignal` for SIGTERM and SIGHUP in here, where they would end the program without a word."""
+    """Raise `StopSignal` for SIGTERM and SIGHUP within this block, where they would end the program without a
+    message.
+    """
     terminals = [number for number in range(3) if os.isatty(number)]
 
     def answer(number: int, frame: FrameType | None) -> NoReturn:
@@ -49,7 +51,7 @@ def stop_signals_raised() -> Generator[None]:
 
 @contextmanager
 def interrupts_held() -> Generator[None]:
-    """Let a stop that is asked for in here wait for the end, and come then.
+    """Defer stop signals within this block to its end (a critical section).
 
     Only the main thread is ever interrupted, so in others this does nothing.
     """
@@ -68,7 +70,7 @@ def interrupts_held() -> Generator[None]:
 
 @dataclass
 class Stop:
-    """What asked to stop, the user or another program; None where nothing has."""
+    """The request to stop, by the user or another program; None where there is none."""
 
     by: KeyboardInterrupt | None = None
 
@@ -86,7 +88,7 @@ class Stop:
 
 @contextmanager
 def stoppable() -> Generator[Stop]:
-    """Note that a stop was asked for in here, so that what follows is not begun."""
+    """Record a request to stop within this block, so that the following work is not begun."""
     stop = Stop()
 
     def noted(answer: _Handler) -> _Handler:
@@ -111,12 +113,12 @@ def _heard() -> dict[int, _Handler]:
 
 @contextmanager
 def _answered(answers: Mapping[int, _Handler]) -> Generator[None]:
-    """Have signals answered by other handlers in here; only the main thread can have that."""
+    """Install other handlers for signals within this block; only the main thread can do that."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     with ExitStack() as stack:
-        # Each is put back, also where a signal that still has, or has again, its own handler raises meanwhile.
+        # Each handler is restored, also where a signal whose own handler is (again) installed raises meanwhile.
         for number in answers:
             stack.callback(signal.signal, number, signal.getsignal(number))
         for number, answer in answers.items():
@@ -125,7 +127,7 @@ def _answered(answers: Mapping[int, _Handler]) -> Generator[None]:
 
 
 def _leave_closed_terminals(numbers: list[int]) -> None:
-    """Let what is written to a terminal that has been closed go nowhere: it would be an error."""
+    """Discard output to a terminal that has been closed: writing there would be an error."""
     gone = [number for number in numbers if not os.isatty(number)]
     if gone:
         nowhere = os.open(os.devnull, os.O_RDWR)

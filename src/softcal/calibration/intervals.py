@@ -1,15 +1,16 @@
-"""95 % intervals: the values that the loss near its minimum does not exclude, among those that were allowed.
+"""95 % intervals: the values within the bounds that the loss near its minimum does not exclude.
 
-The minimum's noise is a normal distribution in the unit box of the search, where a logarithm that is searched is a
-straight line. The interval of a parameter is that of the profile: the values at which the distance from the quadratic
-model's minimum, in the metric of the covariance and least over all other parameters, has a square at most t^2 above the
-least in the box, t being Student's. Every parameter stays within its bounds, the others too. Where no bound is near
-this is the usual value -+ t standard errors. An end at a bound says that the data does not exclude the bound; and a
-parameter that is at its bound may leave it, as far as the data lets it, and take the others with it.
+The minimum's noise is a normal distribution in the unit box of the search, where a parameter searched by its logarithm
+is represented by that logarithm. The interval of a parameter is a profile interval: it contains the values at which the
+squared distance from the quadratic model's minimum, in the metric of the covariance and minimised over all other
+parameters, exceeds the least one in the box by at most t^2, t being Student's. Every parameter stays within its bounds,
+the others too. Where no bound is near this is the usual value -+ t standard errors. An end at a bound means that the
+data do not exclude the bound; a parameter at its bound may move off it, as far as the data allow, and the others with
+it.
 
-The standard error is half the interval's length over t, were the parameter's own bounds away. A variable that has the
-bounds at infinity (a logit) would not do: the answer of elements that do not lock is smooth up to nu = 0.5, and an
-interval in logit(nu) leaves out what lies next to it, however little the data tells.
+The standard error is half the interval's length over t, computed without the parameter's own bounds. A variable that
+maps the bounds to infinity (a logit) would not do: the response of elements that do not lock is smooth up to nu = 0.5,
+and an interval in logit(nu) excludes the values next to it, however uninformative the data.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ def box_intervals(z: Floats, minimum: Floats, root: Floats, dof: Floats) -> tupl
     Parameters
     ----------
     z, minimum
-        What was found, within the box, and the minimum of the quadratic model where nothing bounds it, shape (size,).
+        The estimate, within the box, and the minimum of the unbounded quadratic model, shape (size,).
     root
         `root.T @ root` is the covariance of the minimum.
     dof
@@ -50,10 +51,10 @@ def box_intervals(z: Floats, minimum: Floats, root: Floats, dof: Floats) -> tupl
 
 
 def beyond_bounds(minimum: Floats, root: Floats) -> Floats:
-    """How many standard errors each parameter's own bounds are from what fits best without them, shape (size,).
+    """Distance of each parameter's own bounds from the best value without them, in standard errors, shape (size,).
 
-    The square is by how much the distance from the minimum would fall, the others staying within their bounds; zero
-    where the parameter's bounds hold nothing. minimum, root: as for `box_intervals`.
+    Its square is the decrease of the squared distance from the minimum when these bounds are removed and the others
+    stay; zero where the parameter's bounds are not active. minimum, root: as for `box_intervals`.
     """
     profile = _Profile(minimum, root)
     return np.array([profile.held_by(j) for j in range(len(minimum))])
@@ -71,7 +72,7 @@ class _Profile:
     """The squared distance from the minimum in the metric of the covariance, least over the others within the box."""
 
     def __init__(self, minimum: Floats, root: Floats) -> None:
-        # In units of standard errors, such that every column is of the size of one.
+        # In units of standard errors, so that every column has norm about one.
         self._errors = np.linalg.norm(root, axis=0)
         spread = root / self._errors
         self._rows = np.linalg.inv(np.linalg.qr(spread)[1]).T
@@ -82,7 +83,7 @@ class _Profile:
         self._base = self._distance(self._best)
 
     def end(self, j: int, side: float, t: float, error: float) -> float:
-        """How far parameter j goes on one side, its own bounds away."""
+        """Distance of the interval's end from parameter j on one side, without its own bounds."""
         from scipy.optimize import brentq
 
         away = side * t * self._covariance[j]
@@ -103,14 +104,14 @@ class _Profile:
         return float(self._minimum[j] + found * error)
 
     def held_by(self, j: int) -> float:
-        """By how many standard errors parameter j's bounds hold it."""
+        """Distance from parameter j's active bound to its best value without the bound, in standard errors."""
         away = np.arange(len(self._minimum)) == j
         low, high = np.where(away, -np.inf, self._low), np.where(away, np.inf, self._high)
         free = self._nearest(self._rows, np.zeros(len(away)), low, high)
         return float(np.sqrt(max(self._base - self._distance(free), 0.0)))
 
     def _least(self, j: int | None, step: float) -> Floats:
-        """The nearest point of the box to the minimum, where parameter j is a step away from it; all in steps."""
+        """The nearest point of the box to the minimum with parameter j displaced by a step; all as steps."""
         size = len(self._minimum)
         others = np.array([i for i in range(size) if i != j])
         point = np.zeros(size)

@@ -1,4 +1,5 @@
-"""A model of all residuals around one simulated point, from its exact derivatives and how forces scale with moduli.
+"""A model of all residuals around one simulated point, from its exact derivatives and the scaling of forces with
+moduli.
 
 By dimensional analysis, at prescribed displacements the force of an elastic robot is proportional to its moduli, and
 under prescribed loads its displacements depend on load over modulus. So, with s = E / E_0 for each modulus,
@@ -7,16 +8,16 @@ under prescribed loads its displacements depend on load over modulus. So, with s
     place or angle:  y = y_0 + sum g (1 - 1 / s) +   D (w - w_0) + L (p - p_0) / s
 
 with g = d y / d ln E, p the loads (forces, masses, densities), w all other parameters (lengths, angles, ratios), and D
-and L the derivatives by them. Where there are several moduli, the s that multiplies is the product of their powers,
-the exponents being their shares in g. Poisson's ratio enters as itself or, where elements lock, as 1 / (ceiling - nu),
-which goes like the bulk modulus over E.
+and L the derivatives by them. Where there are several moduli, the s that multiplies is the product of their powers, the
+exponents being their shares in g. Poisson's ratio enters as itself or, where elements lock, as 1 / (ceiling - nu),
+which is proportional to the bulk modulus over E near the ceiling.
 
-A second simulated point bends it: what the model misses there is taken off along the line to it, as the square of the
-way (`bend`; compare tensor methods, Schnabel and Frank, SIAM J. Numer. Anal. 21, 1984).
+A second simulated point bends it: the model's error there is subtracted along the line to it, growing with the square
+of the distance (`bend`; compare tensor methods, Schnabel and Frank, SIAM J. Numer. Anal. 21, 1984).
 
-Value and first derivative at the point are the twin's, whatever the formulas make of the way from there
-(`reproduces`): only the number of trajectories hangs on them. The plain model leaves them out; it is Gauss-Newton's,
-linear in the search's own variables.
+Value and first derivative at the point are the twin's, whatever the formulas predict away from it (`reproduces`): only
+the number of trajectories depends on them. The plain model omits the formulas; it is Gauss-Newton's, linear in the
+search's own variables.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from softcal.checks import Floats
 
 _MODULUS, _LOADS = "Pa", ("N", "kg", "kg/m^3")  # units of moduli, and of loads
 _LARGEST_LOG = 500.0  # exp(700) is near the largest double; a model that far off is refused by the trust region
-_BEND_REACH = 1.5  # of the way to the other point, before and behind: there a bend goes on as a straight line
+_BEND_REACH = 1.5  # of the distance to the other point, on both sides: beyond, a bend is continued linearly
 _REPRODUCED = 1e-9  # of a block's root mean square, and of its largest derivative
 
 
@@ -67,10 +68,10 @@ class LocalModel:
         self._along, self._bends = np.zeros(space.size), [np.zeros(1)] * len(here.blocks)
 
     def bend(self, to: Point) -> None:
-        """Let the residuals curve along the line to another simulated point, so that the model has its values too.
+        """Add a curvature along the line to another simulated point, so that the model reproduces its values too.
 
-        Without it, the steps along a valley in which parameters make up for each other overshoot in turn. How moduli
-        scale is known, so the bend is one by the other parameters.
+        Without it, the steps along a valley in which parameters compensate each other overshoot alternately. The
+        scaling with moduli is known, so the curvature is by the other parameters.
         """
         w, _ = self._coordinates(to.z)
         way = w - self._w
@@ -83,7 +84,7 @@ class LocalModel:
         size = sum(
             float(m @ m) / max(float(b.measured @ b.measured), 1e-300) for m, b in zip(missed, to.blocks, strict=True)
         )
-        # What the model misses altogether is no curvature.
+        # An error above half of the predicted change is not a curvature.
         if 0.0 < size <= 0.25 * length:
             self._along = felt * way / length
             scales = [self._scale(b, d, way)[0] for b, d in zip(to.blocks, self._derivatives, strict=True)]
@@ -109,11 +110,11 @@ class LocalModel:
         return True
 
     def minimise(self, lower: Floats, upper: Floats, *, max_iterations: int = 60) -> Floats:
-        """The minimiser of the modelled loss in a box, sought from the box's point nearest to z.
+        """The minimiser of the modelled loss in a box, searched from the point of the box nearest to z.
 
-        Each pass solves the bounded linear least squares that touches the loss from above. For the likelihood that is
-        Gauss-Newton; for a sum of RMSEs it is reweighting, which ends at the minimiser of the sum itself and not of
-        a sum of squares. No pass costs a simulation.
+        Each pass solves the bounded linear least squares that touch the loss from above. For the likelihood that is
+        Gauss-Newton; for a sum of RMSEs it is iterative reweighting, which ends at the minimiser of the sum itself and
+        not of a sum of squares. No pass needs a simulation.
         """
         from scipy.optimize import lsq_linear
 
@@ -137,7 +138,9 @@ class LocalModel:
         return x
 
     def rescaled(self) -> Floats:
-        """z with the moduli that have the least modelled loss, all else as it is: one point tells of all moduli."""
+        """z with the moduli of least modelled loss, all else unchanged: one simulated point determines the residuals at
+        any moduli.
+        """
         z = self._here.z
         if not len(self._moduli):
             return z
@@ -183,7 +186,9 @@ class LocalModel:
         return found
 
     def _scale(self, block: Block, derivatives: Floats, moved: Floats) -> tuple[float, Floats]:
-        """By what the moduli multiply what is proportional to them or to one over them, and their shares in it."""
+        """Factor by which the moduli multiply what is proportional to them or to one over them, and their
+        shares in it.
+        """
         size = (derivatives[:, self._moduli] ** 2).sum(axis=0)
         shares = size / size.sum() if size.sum() > 0 else np.zeros(len(self._moduli))
         sign = 1.0 if block.grows_with_moduli else -1.0

@@ -23,7 +23,7 @@ from softcal.quantities import Quantity
 
 # What else the `calibration` of a project file has: no option can be called so.
 TAKEN = ("fit", "hold_out", "loss", "method", "options", "seed", "split", "starts", "trials")
-# RMSE over the root mean square of the measurement up to which a channel counts as met exactly.
+# RMSE over the root mean square of the measurement up to which a channel counts as fitted exactly.
 MET = 1e-6
 
 
@@ -46,13 +46,15 @@ class Block:
 
     @property
     def grows_with_moduli(self) -> bool:
-        """Whether it is proportional to moduli, as forces are and the prior of a modulus; no place or angle is."""
+        """Whether it is proportional to moduli, as forces and the prior of a modulus are; positions and
+        angles are not.
+        """
         return not self.experiment or self.channel.rpartition(".")[2] == "tension"
 
 
 @dataclass(frozen=True)
 class Option:
-    """A number that project files can give a loss under `calibration`, such as alpha, and what it is else [SI]."""
+    """A number that project files can give a loss under `calibration`, such as alpha, and its default [SI]."""
 
     name: str
     quantity: Quantity
@@ -92,24 +94,26 @@ class Loss(ABC):
 
     @classmethod
     def made(cls, options: Mapping[str, float], length: float | None) -> Loss:
-        """The loss with its options [SI by name] and, where it needs it, the length [m], as fields of these names."""
+        """The loss with its options [SI by name] and, where it needs one, the length [m], as fields of these names."""
         given: dict[str, Any] = {option.name: options[option.name] for option in cls.options}
         return cls(**given, **({"length": length} if cls.needs_length else {}))
 
     @property
     def surrogate(self) -> Loss:
-        """A smooth loss by which least squares goes until it is near the minimum; itself where it has no kinks."""
+        """A smooth loss that least squares minimises until it is near the minimum; the loss itself where it has no
+        kinks.
+        """
         return self
 
     def precisions(self, block: Block, rounding: float) -> Floats:
-        """One over the variance (n,) of each sample, but for a factor that all blocks have in common.
+        """One over the variance (n,) of each sample, up to a factor that all blocks have in common.
 
-        rounding: what the twin rounds the channel to [SI]; nothing is known better.
+        rounding: the twin's rounding error of the channel [SI]; no noise is below it.
         """
         return self.square_weights(block, block.residual)
 
     def squares(self, value: float) -> float:
-        """What a value of the loss is as a sum of squares: the square of a root."""
+        """A value of the loss as a sum of squares: the square of a root."""
         return value ** (2 / self.degree)
 
     @abstractmethod
@@ -125,18 +129,18 @@ class Loss(ABC):
         """The factor of every block in the sum, such as one over the number of experiments."""
 
     def straight_along(self, block: Block, residual: Floats) -> Floats | None:
-        """The unit direction (n,) in which block_value grows in a straight line; None where it curves in all.
+        """The unit direction (n,) in which block_value is linear; None where it curves in all.
 
         Half the Hessian of block_value by the residual is sqrt(W) (I - u u^T) sqrt(W), u being this direction.
         """
         return None
 
     def stated_noise(self, block: Block) -> Floats | None:
-        """The standard deviation (n,) that the loss takes the samples to have, None where it does not say."""
+        """The standard deviation (n,) that the loss assumes for the samples; None where it assumes none."""
         return None
 
     def noise_group(self, block: Block) -> str:
-        """What the noise of a block shares its size with: channels of one kind, such as every marker's x."""
+        """The group of channels of one kind, such as every marker's x, whose noise has one size."""
         return block.channel.rpartition(".")[2]
 
     @abstractmethod
@@ -210,7 +214,7 @@ def gradient(loss: Loss, blocks: Sequence[Block]) -> Floats:
         if block.jacobian is not None
     ]
     summed = loss.share(blocks) * np.sum(parts, axis=0)
-    # Where all is met exactly the root has no gradient, only a kink.
+    # Where all is fitted exactly the root has no gradient, only a kink.
     return summed / (2 * max(total(loss, blocks), 1e-300)) if loss.rooted else summed
 
 
@@ -226,7 +230,7 @@ def by_experiment(loss: Loss, blocks: Sequence[Block]) -> dict[str, float]:
 def errors_by_point(blocks: Sequence[Block]) -> dict[str, dict[str, float]]:
     """Experiment -> marker, plate or channel -> root mean square of the distance [m] or the error [SI].
 
-    A position of which not all three coordinates are compared is told coordinate by coordinate.
+    A position of which not all three coordinates are compared is reported by coordinate.
     """
     found: dict[str, dict[str, list[Floats]]] = {}
     for block in blocks:
@@ -259,7 +263,7 @@ def rms(values: Floats) -> float:
 
 
 def rms_detrended(values: Floats) -> float:
-    """Root mean square of what the best straight line over the samples leaves."""
+    """Root mean square after removal of the best straight line over the samples."""
     position = np.linspace(-1.0, 1.0, len(values)) if len(values) > 1 else np.zeros(1)
     centred = values - values.mean()
     span = float(position @ position)

@@ -1,4 +1,6 @@
-"""What the bench would have read, had the twin stood on it, with exact derivatives by robot and rig."""
+"""Predicted measurements: the twin's response seen through the rig (slack, offsets, friction, frame), with exact
+derivatives.
+"""
 
 from __future__ import annotations
 
@@ -23,11 +25,10 @@ Derivatives = dict[str, Floats]
 
 @dataclass(frozen=True)
 class Observation:
-    """What the bench would have read, had the twin stood on it.
+    """Predicted measurements.
 
-    predicted: channel of the dataset -> values [SI], shape (n_samples,).
-    derivatives: channel -> parameter -> d predicted / d parameter, shape (n_samples,).
-    response: the twin's own channels by dotted name, [SI]; units: theirs.
+    predicted: channel of the dataset -> values [SI], shape (n_samples,). derivatives: channel -> parameter -> d
+    predicted / d parameter, shape (n_samples,). response: the twin's own channels by dotted name, [SI]; units: theirs.
     """
 
     predicted: Mapping[str, Floats]
@@ -37,7 +38,7 @@ class Observation:
 
 
 def commands(experiment: Experiment, rig: Mapping[str, float]) -> dict[str, Command]:
-    """What the twin's cables are told to do, sample by sample, under the given rig values."""
+    """The commands to the twin's cables, sample by sample, under the given rig values."""
     told: dict[str, Command] = {}
     for channel in experiment.drives:
         cable, _, control = experiment.twin_channel(channel).rpartition(".")
@@ -48,13 +49,13 @@ def commands(experiment: Experiment, rig: Mapping[str, float]) -> dict[str, Comm
 
 
 def control_parameters(experiment: Experiment) -> set[str]:
-    """The rig parameters that change what the twin's cables are told to do."""
+    """The rig parameters on which the commands to the twin's cables depend."""
     rig = experiment.rig_values()
     return {name for channel in experiment.drives for name in _controls(experiment, rig, channel)[1]}
 
 
 def slack_faults(experiment: Experiment) -> list[Fault]:
-    """Cables whose slack is never taken up would never be taut: nothing could be learnt from such a test."""
+    """Cables whose slack is never taken up: they would never be taut, and the test would identify nothing."""
     rig = experiment.rig_values()
     longest: dict[str, float] = {}
     for channel in experiment.dataset.channels:
@@ -131,7 +132,7 @@ def _slope(
     name: str,
     parameter: str,
 ) -> Floats:
-    """d (a channel of the twin) / d parameter: by itself, and by what it does to the commands."""
+    """d (a channel of the twin) / d parameter: directly, and by way of the commands."""
     own = response.sensitivities.get(name, {})
     slope = own[parameter][samples] if parameter in own else np.zeros(len(response.channels[name][samples]))
     for channel, changed in by_control.items():
@@ -174,7 +175,7 @@ def _read(
     raw: Floats,
     slopes: Mapping[str, Floats],
 ) -> tuple[Floats, Derivatives]:
-    """A channel of the twin as its instrument shows it: gain and offset, and the derivatives."""
+    """A channel of the twin as measured by its instrument: gain and offset, and the derivatives."""
     name = experiment.twin_channel(channel)
     owner, _, kind = name.rpartition(".")
     gain, by_friction = _pulley_gain(experiment, rig) if kind == "tension" else (1.0, 0.0)
@@ -192,7 +193,7 @@ def _controls(experiment: Experiment, rig: Mapping[str, float], channel: str) ->
     cable, _, control = experiment.twin_channel(channel).rpartition(".")
     measured = experiment.dataset.values(channel)
     if control == "shortening":
-        # Below zero too: a cable that the sagging robot has drawn out is slack there, and taut at zero.
+        # Negative values too: a cable drawn out by the sagging robot is slack there, and taut at zero.
         return measured - rig[f"{cable}.slack"], {f"{cable}.slack": -np.ones_like(measured)}
     gain, by_friction = _pulley_gain(experiment, rig)
     free = (measured - rig[f"{cable}.tension_offset"]) / gain

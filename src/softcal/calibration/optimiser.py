@@ -1,4 +1,4 @@
-"""What every search promises: it asks for points and is told what came of them. It never simulates."""
+"""The interface of every search: `ask` gives points, `tell` takes their evaluations. A search never simulates."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Proposal:
 
 
 class Journal(Protocol):
-    """A file of the search's own that follows the trials."""
+    """A file of the search's own that records the trials."""
 
     def keep(self, trial: Trial) -> None:
         """Add a trial that the file does not have yet."""
@@ -34,34 +34,35 @@ class Journal(Protocol):
 class Optimiser(ABC):
     """A search by ask and tell.
 
-    The same seed and the same answers give the same questions, however many workers find the answers: `ask` gives a
-    whole generation, and the generation is told in the order of its numbers before the next is asked for. So a search
-    resumes by being told again what it was told before.
+    The same seed and the same answers give the same questions, for any number of workers: `ask` gives a whole
+    generation, which is passed to `tell` in the order of its numbers before the next `ask`. So a search is resumed by
+    passing it the recorded evaluations again.
 
     Attributes
     ----------
     name
         The `method` of project files and options.
     title
-        What reports call it.
+        Its name in reports.
     default_trials
         The budget where none is given.
     needs_jacobian
         Whether evaluations come with their derivatives.
     statistics
-        What is told of the parameters at the end: "sensitivity", the standard errors, intervals and shares that follow
-        from the jacobian at the best point, or "fanova", each one's share in how the losses of all trials differ.
+        The statistics of the parameters at the end: "sensitivity", the standard errors, intervals and shares that
+        follow from the jacobian at the best point, or "fanova", each one's share in the variance of the losses of all
+        trials.
     heeds
-        Those of the settings `starts` and `axes` that it goes by.
+        Those of the settings `starts` and `axes` that it uses.
     batch
-        Points that it is asked for before the first of them is told, where that decides its course: as many workers
-        can share it.
+        Points that it gives before the evaluation of the first is needed, where that decides its course: as many
+        workers can share it.
     grows
-        Whether a run can be gone on with to another number of trials.
+        Whether a run can be resumed with another number of trials.
     expected
-        Evaluations that it takes as a rule, fewest and most; None where it takes all of its budget.
+        Typical number of evaluations, fewest and most; None where it uses all of its budget.
     in_parallel
-        Whether workers share its evaluations as a rule.
+        Whether workers share its evaluations by default.
     """
 
     name: ClassVar[str]
@@ -87,12 +88,12 @@ class Optimiser(ABC):
         Raises
         ------
         ParameterError
-            For a number that makes no sense, or axes that are not heeded.
+            For a number that makes no sense, or axes that the method does not use.
         """
         return settings.complete(trials=cls.default_trials, batch=cls.batch, heeded=cls.heeds)
 
     def journal(self, folder: Path) -> Journal | None:
-        """A file beside the run's own store that follows the trials, such as for another program's tools."""
+        """A file beside the run's own store that records the trials, such as for another program's tools."""
         return None
 
     @abstractmethod
@@ -101,21 +102,21 @@ class Optimiser(ABC):
 
     @abstractmethod
     def tell(self, proposal: Proposal, evaluation: Evaluation) -> None:
-        """What came of a proposal; a failed simulation is told like any other."""
+        """Record the evaluation of a proposal; a failed simulation is recorded like any other."""
 
     @property
     @abstractmethod
     def total(self) -> int:
-        """How many proposals there will be, or at most."""
+        """The number of proposals, or its upper limit."""
 
     @property
     @abstractmethod
     def status(self) -> str:
-        """How the search stands or how it ended, as a sentence."""
+        """State of the search, or how it ended, as a sentence."""
 
     @property
     def converged(self) -> bool | None:
-        """Whether the best point is a minimum of the loss; None of a search that looks for none."""
+        """Whether the best point is a minimum of the loss; None for a search that looks for none."""
         return None
 
 
@@ -141,7 +142,7 @@ O = TypeVar("O", bound=type[Optimiser])  # noqa: E741
 
 
 def register_optimiser(optimiser: O) -> O:
-    """Add an optimiser of one's own: project files, `--method`, results and reports know it by its name from then on.
+    """Add an optimiser: project files, `--method`, results and reports then accept its name.
 
     A package does the same for every process by an entry point of the group `softcal.optimisers` that names the class.
 

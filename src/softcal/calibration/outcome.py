@@ -1,4 +1,4 @@
-"""The result of a search: values, bounds, errors, importances, and what a person should know about them."""
+"""The result of a search: values, bounds, errors, importances, and notes on how far they can be trusted."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ NO_ERRORS = (
 
 @dataclass(frozen=True)
 class Account:
-    """How a search went: its settings and final sentence, its cost (wall_s [s]), and what identifies it.
+    """Summary of a search: its settings and final sentence, its cost (wall_s [s]), and what identifies it.
 
-    converged: whether it came to a minimum; None where it looks for none.
+    converged: whether it reached a minimum; None where it looks for none.
     """
 
     settings: SearchSettings
@@ -87,7 +87,7 @@ def conclude(problem: Problem, best: Evaluation, trials: tuple[Trial, ...], acco
 
 
 def installed_versions() -> dict[str, str]:
-    """Versions of what decides a result."""
+    """Versions of the packages on which a result depends."""
     versions = {"python": platform.python_version()}
     for package in ("softcal", "numpy", "scipy", "numba", "pypardiso", "optuna", "scikit-learn"):
         try:
@@ -103,7 +103,7 @@ def _global_statistics(problem: Problem, trials: tuple[Trial, ...], seed: int) -
     try:
         return Statistics(errors, fanova_importance(problem.space, completed, seed), (NO_ERRORS,))
     except KeyboardInterrupt:
-        # It takes long after a thousand trials, and what was searched for is found: only the importances are missing.
+        # It takes long after a thousand trials, and the estimates are already found: only the importances are missing.
         missing = "The importances are missing: their computation was stopped by the user."
         return Statistics(errors, {}, (NO_ERRORS, missing))
 
@@ -131,7 +131,7 @@ def _notes(problem: Problem, parameters: Mapping[str, Estimate], trials: tuple[T
 
 
 def bound_note(label: str, estimate: Estimate) -> str:
-    """Sentence on a parameter at the nearer of its bounds, and on the value that the data want."""
+    """Sentence on a parameter at the nearer of its bounds, and on its best value without the bound."""
     lower, upper, value = estimate.lower, estimate.upper, estimate.value
     above = abs(value - upper) <= abs(value - lower)
     side, nearer = ("upper", upper) if above else ("lower", lower)

@@ -1,4 +1,4 @@
-"""The search space: what is free, between which bounds, and the unit interval in which the optimisers walk."""
+"""The search space: the free parameters, their bounds, and the unit box in which the optimisers search."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ _ROUNDING = 1e-14  # of the search range
 class FreeParameter:
     """A parameter to be found: dotted name, SI unit, lower and upper bound [unit].
 
-    scale: "log" searches the logarithm. start [unit]: where a local search begins; None for the robot's own value.
-    of: the parameters that all have this value; none for the one that `name` names.
-    per_experiment: a nuisance with a value of its own in every experiment; per_set_up: in every set-up.
-    prior_mean, prior_sd [unit]: a normal prior, counted by the likelihood loss. experiment: whose value it is once
-    expanded, "" when shared; or the set-up whose it is, and `members` the experiments that were done in it.
-    floor, ceiling [unit]: what the parameter may never reach, such as 0.5 for Poisson's ratio.
+    scale: "log" searches the logarithm. start [unit]: initial value of a local search; None for the robot's own value.
+    of: the parameters tied to this value; none for the one that `name` names. per_experiment: a nuisance with a value
+    of its own in every experiment; per_set_up: in every set-up. prior_mean, prior_sd [unit]: a normal prior, counted by
+    the likelihood loss. experiment: after expansion, the experiment or set-up whose value it is, "" when shared;
+    `members`: the experiments of that set-up. floor, ceiling [unit]: limits that the parameter may never reach, such as
+    0.5 for Poisson's ratio.
     """
 
     name: str
@@ -96,7 +96,7 @@ class SearchSpace:
 
     @property
     def start(self) -> dict[str, float]:
-        """Where a search begins [SI], by label: a parameter's start, or the middle of its range."""
+        """Initial point of a search [SI], by label: a parameter's start, or the middle of its range."""
         middle = self.to_model(np.full(self.size, 0.5))
         return {p.label: middle[p.label] if p.start is None else p.start for p in self.parameters}
 
@@ -137,7 +137,7 @@ class SearchSpace:
         return {target for p in self.parameters if p.serves(experiment) for target in p.targets}
 
     def at_bound(self, theta: Mapping[str, float], *, within: float = 1e-3) -> dict[str, bool]:
-        """Whether each parameter stands within that share of its range from a bound, by label."""
+        """Whether each parameter lies within that share of its range from a bound, by label."""
         z = self.to_search(theta)
         return {label: bool(min(value, 1 - value) <= within) for label, value in zip(self.labels, z, strict=True)}
 

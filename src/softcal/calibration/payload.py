@@ -1,4 +1,4 @@
-"""Observations as bytes and back, bit by bit: what a resumed search must be told again."""
+"""Observations as bytes and back, bit by bit: the record from which a search is resumed."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from softcal.checks import Floats
 
 # Between the parts of a key; a character that no name holds.
 _SEPARATOR = "\x1f"
-# What NumPy and zipfile raise for bytes that are none of theirs, or not all.
+# What NumPy and zipfile raise for bytes of another format, or incomplete ones.
 _BROKEN = (
     ValueError, KeyError, IndexError, TypeError, EOFError, OSError, MemoryError, NotImplementedError, RuntimeError,
     zipfile.BadZipFile, zlib.error, struct.error,
@@ -42,7 +42,8 @@ def encode(observations: Mapping[str, Observation]) -> bytes:
 
 
 def decode(payload: bytes, path: Path, what: str) -> dict[str, Observation]:
-    """The observations that `encode` was given; path and what: where they were kept, and of what they are.
+    """The observations that were passed to `encode`; path and what: where they were stored, and to what they belong
+    (for messages).
 
     Raises
     ------

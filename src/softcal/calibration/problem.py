@@ -29,7 +29,7 @@ from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response
 from softcal.twin.robot import Robot
 
-SOFTCAL = "softcal"  # the engine that computes where no other simulator is named
+SOFTCAL = "softcal"  # the engine used where no other simulator is named
 
 
 class Simulate(TypingProtocol):
@@ -48,12 +48,12 @@ class Simulate(TypingProtocol):
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What came of one theta [SI by label].
+    """The evaluation at one theta [SI by label].
 
-    loss None and failure a sentence where the twin could not be simulated in every state: fewer states would compare
-    too well. blocks: residuals (and jacobians) of the states that were solved; observations by experiment, and errors
-    (those of a `Trial`): of experiments whose every state was. gradient: d loss / d theta, or None. n_solves: forward
-    trajectories.
+    loss None and failure a sentence where the twin could not be simulated in every state: a loss over fewer states
+    would be too low. blocks: residuals (and jacobians) of the states that were solved; observations by experiment, and
+    errors (those of a `Trial`): of experiments whose every state was. gradient: d loss / d theta, or None. n_solves:
+    forward trajectories.
     """
 
     theta: Mapping[str, float]
@@ -71,13 +71,13 @@ class Evaluation:
 
 @dataclass(frozen=True)
 class Problem:
-    """A robot, the experiments it was put through, what is free, and the loss.
+    """A robot, its experiments, the free parameters, and the loss.
 
     Raises
     ------
     InputError
-        For two experiments of one name, a cable or plate that the robot does not have, a free parameter of no effect,
-        a prior that the loss does not count, or a channel that the loss cannot judge.
+        For two experiments of one name, a cable or plate that the robot does not have, a free parameter of no effect, a
+        prior that the loss does not count, or a channel that the loss cannot judge.
     """
 
     robot: Robot
@@ -100,7 +100,7 @@ class Problem:
         return {**robot_parameters(self.robot), **rig_parameters(self.experiments)}
 
     def alone(self, experiment: str) -> Problem:
-        """The problem of one experiment by itself."""
+        """The problem of one experiment alone."""
         return self.only([experiment])
 
     def only(self, experiments: Sequence[str]) -> Problem:
@@ -251,8 +251,8 @@ class Problem:
         return [Trajectory(thetas[key], tuple(members)) for key, members in groups.items()]
 
     def n_simulations(self, *, jacobian: bool = False) -> int:
-        """How many simulations an evaluation asks of an engine without derivatives of its own: one for each trajectory,
-        and with the jacobian one more for each parameter or command that it is derived by.
+        """Number of simulations of an evaluation by an engine without derivatives of its own: one for each trajectory,
+        and with the jacobian one more for each parameter or command of a derivative.
         """
         groups = self._trajectories(self.space.start)
         return sum(1 + len(self._derived_by(group) if jacobian else ()) for group in groups)

@@ -1,4 +1,4 @@
-"""A trial of an earlier session, told again to a search that goes on: as it was, or not at all."""
+"""A trial of an earlier session, passed again to a resumed search: unchanged, or refused."""
 
 from __future__ import annotations
 

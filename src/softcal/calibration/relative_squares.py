@@ -1,4 +1,4 @@
-"""The way in to a minimum for losses that are not smooth: relative squares."""
+"""A smooth surrogate for losses with kinks, far from the minimum: relative squares."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from softcal.errors import Fault
 
 @dataclass(frozen=True)
 class RelativeSquares(Loss):
-    """sum of mean squares, each over the mean square of what was measured: smooth where the papers' loss has kinks.
+    """sum of mean squares, each over the mean square of the measurement: smooth where the papers' loss has kinks.
 
-    No loss to judge a result by, and none that is registered: a search goes by it until it is near.
+    It judges no result and is not registered: a search minimises it until it is near the minimum.
     """
 
     name: str = "relative squares"

@@ -1,4 +1,4 @@
-"""What a calibration found: frozen, hashed, with every trial's state and reason."""
+"""The result of a calibration: frozen, hashed, with the state of every trial and the reason of every failure."""
 
 from __future__ import annotations
 
@@ -13,16 +13,35 @@ from softcal.calibration.parameters import Scale
 from softcal.checks import Floats
 
 BEYOND = 2.0  # standard errors
-"""A parameter at a bound that is further than this from what the data want is held there by it."""
+"""A bound is active where the best value without it lies further beyond it than this."""
 
 TrialState = Literal["COMPLETE", "FAILED"]
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One evaluation of the loss: theta [SI] by parameter name, loss where COMPLETE, reason where FAILED.
+    """One evaluation of the loss.
 
-    errors: experiment -> marker, plate or channel -> the root mean square of its distance [m] or error [SI].
+    Attributes
+    ----------
+    number
+        Its number in the search.
+    theta
+        Label of the free parameter -> value [SI].
+    state
+        COMPLETE or FAILED.
+    loss
+        Value of the joint loss; None where FAILED.
+    reason
+        Why it FAILED, a sentence; "" where COMPLETE.
+    seconds
+        Wall time of the evaluation [s].
+    n_factorisations
+        Factorisations of the tangent that it took.
+    experiment_losses
+        Experiment -> its loss taken alone.
+    errors
+        Experiment -> marker, plate or channel -> root mean square of its distance [m] or error [SI].
     """
 
     number: int
@@ -38,12 +57,30 @@ class Trial:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A calibrated parameter: value [unit, SI], whether it stands at a bound, and the bounds it had.
+    """A calibrated parameter.
 
-    interval: 95 %, within the bounds; also of a parameter at a bound, which has no standard error. of: the parameters
-    that were tied to have this value; none where the name says which it is. beyond: of a parameter at a bound, how many
-    standard errors the bound is from the value that fits best without it; None where that is not known. scale: on which
-    it was searched.
+    Attributes
+    ----------
+    value
+        The estimate [unit].
+    unit
+        Its SI unit.
+    at_bound
+        Whether the estimate is at a bound of the search.
+    lower, upper
+        The bounds of the search [unit].
+    standard_error
+        [unit]; None at a bound, and where none can be computed.
+    interval
+        Ends (lower, upper) of the 95 % interval [unit], within the bounds; given at a bound too. None where none can be
+        computed.
+    of
+        Names of the parameters that were tied to have this value; empty where the label itself names the parameter.
+    beyond
+        At a bound: the distance from the bound to the value that fits best without it, in standard errors [-]; None
+        where that is not known.
+    scale
+        Scale on which the parameter was searched, such as "linear" or "log".
     """
 
     value: float
@@ -59,9 +96,9 @@ class Estimate:
 
     @property
     def is_held(self) -> bool:
-        """Whether its bound keeps it from the value that the data want, beyond what noise explains.
+        """Whether the bound is active: without it the best value would lie beyond it by more than noise explains.
 
-        Not of one whose interval is all of its range: the data do not tell one value in it from another.
+        False where the 95 % interval is the whole range: the data then do not distinguish any two values in it.
         """
         whole = self.interval is not None and self.interval[0] <= self.lower and self.interval[1] >= self.upper
         return self.beyond is not None and self.beyond > BEYOND and not whole
@@ -74,7 +111,15 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Distance:
-    """How far a marker or plate of the twin is from where it was measured [m], over n states."""
+    """Distance between the simulated and the measured position of a marker or plate, over the samples of an experiment.
+
+    Attributes
+    ----------
+    mean, max, rms
+        Mean, largest and root-mean-square distance [m].
+    n
+        Number of measured positions.
+    """
 
     mean: float
     max: float
@@ -84,13 +129,28 @@ class Distance:
 
 @dataclass(frozen=True)
 class ExperimentFit:
-    """How well one experiment is met: SI root-mean-square errors of the channels that are compared.
+    """Goodness of fit of one experiment: errors of the compared channels and distances of markers and plates.
 
-    `measured`: every channel of the dataset, NaN where a value is missing; `simulated`: the compared ones, as the bench
-    would have read them; "detrended" removes the best straight line of the error over the samples (paper A, Table II).
-    response: the twin's own channels by dotted name (`front.tension`), without the rig. units: of all three.
-    distances: by marker or plate; length [m]: what they are told in per cent of, or None. missing: how many states were
-    left out, by marker, plate or channel.
+    Attributes
+    ----------
+    rmse
+        Channel ("tension", "pitch", "m4.x") -> root-mean-square error [SI].
+    rmse_detrended
+        As rmse, with the best straight line of the error over the samples removed (paper A, Table II).
+    measured
+        Every channel of the dataset -> values (n_samples,) [SI], NaN where a value is missing.
+    simulated
+        Every compared channel -> predicted measurement (n_samples,) [SI]: the twin's response seen through the rig.
+    units
+        Channel of `measured`, `simulated` and `response` -> its SI unit.
+    response
+        The twin's own channels by dotted name (`front.tension`), without the rig -> values (n_samples,) [SI].
+    distances
+        Marker or plate -> its distances [m].
+    length
+        Length [m] of which reports give distances in per cent; None where not given.
+    missing
+        Marker, plate or channel -> number of samples without a measured value.
     """
 
     rmse: Mapping[str, float]  # channel ("tension", "pitch", "m4.x") -> RMSE
@@ -105,7 +165,7 @@ class ExperimentFit:
 
     @property
     def n_values(self) -> int:
-        """How many measured values were compared."""
+        """Number of measured values that were compared."""
         return sum(int(np.isfinite(self.measured[c]).sum()) for c in self.simulated if c in self.measured)
 
     @property
@@ -122,9 +182,17 @@ class ExperimentFit:
 
 @dataclass(frozen=True)
 class HeldOut:
-    """An experiment that was predicted, not fitted: its loss, its errors, and its own nuisances [SI] by label.
+    """An experiment that was predicted, not fitted.
 
-    The nuisances (a frame, a slack) belong to its set-up alone and were fitted to it; nothing else was.
+    Attributes
+    ----------
+    loss
+        Its loss, taken alone.
+    fit
+        Its errors.
+    own
+        Label -> value [SI] of its own nuisances (a frame, a slack): they belong to its set-up alone and were fitted to
+        it; nothing else was.
     """
 
     loss: float
@@ -136,7 +204,42 @@ class HeldOut:
 class CalibrationResult:
     """The outcome of one calibration (one experiment, or several jointly).
 
-    converged: whether the search came to a minimum of the loss; None of a method that looks for none (tpe, grid).
+    Attributes
+    ----------
+    parameters
+        Label -> estimate of each free parameter.
+    loss, loss_name
+        Lowest loss found, and the name of the loss.
+    method, seed
+        Name of the optimiser, and the seed of its random numbers.
+    n_solves
+        Number of simulated trajectories.
+    n_factorisations
+        Number of factorisations of the tangent.
+    wall_s
+        Wall time [s].
+    status
+        How the search ended, a sentence.
+    experiments
+        Experiment -> goodness of fit at the estimates.
+    importance
+        Label -> share of the parameter [-], sum 1; `extra["importance_kind"]` names the measure.
+    trials
+        Every evaluation, in order.
+    n_failed_trials
+        Number of those without a loss.
+    hashes
+        What identifies the run: name of the input -> hash.
+    versions
+        Package -> version.
+    notes
+        Sentences on how far the result can be trusted.
+    extra
+        Settings of the search, and the kind of the importances.
+    held_out
+        Experiment -> its prediction, for those that were not fitted.
+    converged
+        Whether the search reached a minimum of the loss; None for a method that looks for none (tpe, grid).
     """
 
     parameters: Mapping[str, Estimate]
@@ -161,10 +264,14 @@ class CalibrationResult:
 
     @property
     def is_saturated(self) -> bool:
-        """Whether as many parameters as measured values were fitted, or more: these are met whatever the truth is."""
+        """Whether at least as many parameters as measured values were fitted: the fit is then exact whatever the true
+        values.
+        """
         return sum(fit.n_values for fit in self.experiments.values()) <= len(self.parameters)
 
     @property
     def is_sweep(self) -> bool:
-        """Whether every cell of a grid over given values was looked at, rather than a best value for."""
+        """Whether the search was a sweep: every cell of a grid over given values, rather than a search for the best
+        value.
+        """
         return "axes" in self.extra

@@ -20,7 +20,7 @@ TRIAL_COLUMNS = ("number", "state", "loss", "seconds [s]", "n_factorisations", "
 
 
 def write_result(result: CalibrationResult, folder: Path) -> None:
-    """Write the result's files into a folder; result.json last, so that it stands only beside complete tables.
+    """Write the result's files into a folder; result.json last, so that it exists only beside complete tables.
 
     Raises
     ------
@@ -34,10 +34,10 @@ def write_result(result: CalibrationResult, folder: Path) -> None:
 
 
 def result_json(result: CalibrationResult) -> dict[str, Any]:
-    """What result.json holds.
+    """The contents of result.json.
 
-    Of an experiment of one cable and one plate (paper A's), the errors of tension and pitch stand there in any case,
-    null where they were not compared; of any other, those alone that were.
+    An experiment of one cable and one plate (paper A's) always has the errors of tension and pitch, null where they
+    were not compared; any other has those alone that were.
     """
     return {
         "format": FORMAT,
@@ -149,6 +149,6 @@ def _trials_csv(result: CalibrationResult) -> str:
 
 
 def _told(fit: ExperimentFit) -> dict[str, str]:
-    """The unit of every error of an experiment: of markers and plates, and of the channels that are none of them."""
+    """The unit of every reported error of an experiment: of markers and plates, and of all other channels."""
     others = {c: fit.units[c] for c in fit.rmse if c.rpartition(".")[0] not in fit.distances}
     return {**dict.fromkeys(fit.distances, "m"), **others}

@@ -40,7 +40,7 @@ class _HeldOut(_Fit):
 
 
 class _Extra(Record):
-    """How the search was set; of a sweep the values of every axis."""
+    """Settings of the search; of a sweep the values of every axis."""
 
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, str | float | None]  # pyright: ignore[reportIncompatibleVariableOverride]

@@ -1,4 +1,4 @@
-"""calibrate(problem): ask, evaluate, keep, tell, until the search is over; then say what was found."""
+"""calibrate(problem): ask, evaluate, store, tell, until the search is over; then build the result."""
 
 from __future__ import annotations
 
@@ -28,9 +28,10 @@ from softcal.errors import CalibrationError, Fault, ParameterError, StorageError
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a calibration is: trials done and in all (at most), failed ones, and the best so far (None before it).
+    """Progress of a calibration: trials done and in all (at most), failed ones, and the best so far (None before the
+    first).
 
-    stage: what is computed now, where that is no trial: what follows the search and takes long.
+    stage: the present computation, where it is not a trial: those after the search may take long.
     """
 
     done: int
@@ -58,28 +59,28 @@ def calibrate(
 ) -> CalibrationResult:
     """Find the free parameters of a problem, all its experiments jointly.
 
-    Ctrl-C ends the search (as other signals do, see `interrupts`); what was found by then is the result, and says so in
-    its status.
-    With more than one worker a script must guard its own start with `if __name__ == "__main__":`.
+    Ctrl-C ends the search (as other signals do, see `interrupts`); the result is then the best of the trials so far,
+    and its status says so. With more than one worker a script must guard its own start with `if __name__ ==
+    "__main__":`.
 
     Parameters
     ----------
     problem
-        What is to be met by what.
+        The robot, the experiments, the free parameters and the loss.
     settings
-        How it is searched; `SearchSettings()` when None.
+        Settings of the search; `SearchSettings()` when None.
     workers
         Processes. Every method gives the same result for any number, up to the last digits, in which the linear
-        solver's threads (cores over workers) round differently. `tpe` asks for four trials at a time, so more than
-        four workers do not help it; a resumed run keeps the number that it began with.
+        solver's threads (cores over workers) round differently. `tpe` asks for four trials at a time, so more than four
+        workers do not help it; a resumed run keeps the number that it began with.
     store
-        Run folder: every trial is kept there as it comes, and the result at the end. None keeps nothing.
+        Run folder: every trial is stored there at once, and the result at the end. None stores nothing.
     resume
-        Go on with the run in `store`, exactly as if it had not stopped.
+        Resume the run in `store`, exactly as if it had not stopped.
     hashes, files
-        What else identifies the run (a resume with another is refused), and texts to keep with it.
+        What else identifies the run (a resume with another is refused), and texts to store with it.
     progress
-        Called after every trial, and before what follows the search and takes long (its `stage` says what that is).
+        Called after every trial, and before a long computation after the search (its `stage` names that).
     changes
         Settings by their names, such as `method="tpe", trials=100`, in the place of those in `settings`.
 
@@ -90,7 +91,7 @@ def calibrate(
     StorageError
         Where the folder cannot be used, or holds a run of something else.
     CalibrationError
-        Where no trial could be simulated, or a worker died. The trials are kept.
+        Where no trial could be simulated, or a worker died. The trials are stored.
     """
     began = time.perf_counter()
     settings = _settled((settings or SearchSettings()).changed(**changes), workers)
@@ -131,7 +132,7 @@ def calibrate(
 def calibrate_each(
     problem: Problem, *, store: Path | None = None, resume: bool = False, **options: Any
 ) -> dict[str, CalibrationResult]:
-    """Every experiment by itself, as paper A does; result by experiment, run folders below `store`.
+    """Calibrate every experiment alone, as paper A does; result by experiment, run folders below `store`.
 
     Options as for `calibrate`. When resumed, experiments that were not begun are begun.
 
@@ -152,7 +153,7 @@ def calibrate_each(
 
 @dataclass
 class _Tally:
-    """What is known so far, and where it is kept."""
+    """The trials of a run so far, and the folder they are stored in."""
 
     problem: Problem
     run: RunStore | None
@@ -179,7 +180,7 @@ class _Tally:
         return recalled(self.problem, proposal, stored, self.run.folder)
 
     def note(self, number: int, evaluation: Evaluation, *, jacobian: bool) -> None:
-        """Count a trial, and keep it if it is new."""
+        """Count a trial, and store it if it is new."""
         complete = evaluation.loss is not None
         trial = Trial(
             number,
@@ -208,7 +209,7 @@ class _Tally:
 
 
 def _search(optimiser: Optimiser, evaluator: Evaluator, tally: _Tally, progress: Observer | None) -> str:
-    """Run the search to its end; what stopped it before, "" where nothing did."""
+    """Run the search to its end; returns what interrupted it, "" where nothing did."""
     try:
         with stoppable() as stop:
             while proposals := optimiser.ask():

@@ -1,4 +1,4 @@
-"""What the jacobian at the optimum tells: standard errors, intervals, and which parameters the data feels.
+"""Statistics from the jacobian at the optimum: standard errors, intervals, and the parameters that the data identify.
 
 The covariance is the loss's own (`softcal.calibration.estimator`), the intervals stay within the bounds of the search
 (`softcal.calibration.intervals`). Both hold for noise that is independent from sample to sample. Neighbouring samples
@@ -20,7 +20,7 @@ from softcal.calibration.result import Estimate
 from softcal.checks import Floats
 from softcal.units import plain
 
-# A parameter whose share of an unseen direction is above this is not told from the others in it.
+# A parameter with a larger share of an unidentifiable direction cannot be distinguished from the others in it.
 _MIXED = 0.01
 # Residuals this many times what the stated noise explains are worth a sentence.
 _TOO_LARGE = 1.5
@@ -32,9 +32,9 @@ NOISE_ALONE = (
 
 @dataclass(frozen=True)
 class Statistics:
-    """Standard errors and 95 % intervals [SI] by label (None where they make no sense), importances (sum 1), notes.
+    """Standard errors and 95 % intervals [SI] by label (None where they are not defined), importances (sum 1), notes.
 
-    beyond: of the parameters at a bound, how many standard errors it is from what fits best without it.
+    beyond: of each parameter at a bound, its distance from the best value without the bound, in standard errors.
     """
 
     standard_errors: Mapping[str, float | None]
@@ -44,7 +44,7 @@ class Statistics:
     beyond: Mapping[str, float] = field(default_factory=dict[str, float])
 
     def estimates(self, space: SearchSpace, theta: Mapping[str, float]) -> dict[str, Estimate]:
-        """The values theta [SI by label] with what is known of each."""
+        """The values theta [SI by label] with the statistics of each."""
         at_bound = space.at_bound(theta)
         return {
             p.label: Estimate(
@@ -66,10 +66,9 @@ class Statistics:
 def local_statistics(space: SearchSpace, loss: Loss, theta: Mapping[str, float], blocks: Sequence[Block]) -> Statistics:
     """Standard errors, intervals and importances at theta [SI by label]; the blocks must have jacobians.
 
-    A parameter at a bound has an interval, but no standard error; nothing has either where there are as many parameters
-    as measurements. The importance of a parameter is the share of the
-    squared change of all channels, over what each is missed by, per range of the parameter: a local measure, unlike
-    fANOVA.
+    A parameter at a bound has an interval, but no standard error; with as many parameters as measurements, none has
+    either. The importance of a parameter is its share of the squared change of all channels, over each channel's
+    misfit, per range of the parameter: a local measure, unlike fANOVA.
     """
     z = np.clip(space.to_search(theta), 0.0, 1.0)
     slopes = space.jacobian(z)

@@ -1,4 +1,4 @@
-"""How a search is set: one object from the project file and the command line to the optimiser."""
+"""The settings of a search: one object from the project file and the command line to the optimiser."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from softcal.errors import Fault, ParameterError, nearest
 
 @dataclass(frozen=True)
 class SearchSettings:
-    """What decides the course of a search.
+    """The settings of a search.
 
     Attributes
     ----------
@@ -23,17 +23,17 @@ class SearchSettings:
         Budget: trials, grid points at most, or trajectories of each start of "least-squares". The optimiser's own when
         None.
     seed
-        Of the starts and of TPE. Everything else has no chance in it.
+        Of the starts and of TPE. Everything else is deterministic.
     starts
         Local searches of "least-squares": the first from the parameters' start, the others from a Latin hypercube, in
-        case the first ends in a minimum that is not the lowest. Each costs one trajectory where it sees no minimum
-        that is lower by a hundredth, and none where the first has met the measurements exactly.
+        case the first ends in a minimum that is not the lowest. Each costs one trajectory where its model predicts no
+        minimum that is lower by a hundredth, and none where the first has fitted the measurements exactly.
     hold_out
         Experiments that are not fitted but predicted afterwards; see `softcal.calibration.hold_out`.
     axes
         Of "grid", in the place of trials: the values [SI] of every parameter, by label.
     batch
-        Points that are asked for before the first of them is told; the optimiser's own when None.
+        Points asked for before the first of them is evaluated; the optimiser's own when None.
     """
 
     method: str = "least-squares"
@@ -69,7 +69,7 @@ class SearchSettings:
         return replace(self, **given)
 
     def record(self) -> dict[str, Any]:
-        """The settings as a run keeps them and a result tells them, once they are `complete`."""
+        """The `complete` settings as a run stores them and a result reports them."""
         recorded: dict[str, Any] = {
             name: getattr(self, name) for name in ("method", "trials", "seed", "starts", "batch")
         }
@@ -80,12 +80,12 @@ class SearchSettings:
         return recorded
 
     def complete(self, *, trials: int, batch: int, heeded: frozenset[str]) -> SearchSettings:
-        """The settings with an optimiser's own where none is given, and without those that it does not heed.
+        """The settings with the optimiser's own where none is given, and without those that it does not use.
 
         Raises
         ------
         ParameterError
-            For a number that makes no sense, or axes that the optimiser does not heed.
+            For a number that makes no sense, or axes that the optimiser does not use.
         """
         budget = self.trials if self.trials is not None else trials
         faults: list[Fault] = []

@@ -40,7 +40,7 @@ CREATE TABLE IF NOT EXISTS trials (
 
 @dataclass(frozen=True)
 class StoredTrial:
-    """A trial on disk; elapsed [s]: wall time of the run when it was told; payload: its arrays, or None."""
+    """A trial on disk; elapsed [s]: wall time of the run when it was recorded; payload: its arrays, or None."""
 
     trial: Trial
     n_solves: int
@@ -49,7 +49,7 @@ class StoredTrial:
 
 
 class _Settings(Record):
-    """How a search was set; what is not named here is compared with what is asked for, and used nowhere else."""
+    """The settings of a search; those not named here are only compared with the requested ones."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -87,7 +87,7 @@ class _StoredRow(Record):
 class RunStore:
     """An open run folder. Use `create` or `resume`, and close it (or use it in `with`).
 
-    batch: the number of points that the search asks for at once, with which the run was begun.
+    batch: the number of points that the search asked for at once when the run was begun.
     """
 
     def __init__(self, folder: Path, batch: int = 1) -> None:
@@ -141,7 +141,7 @@ class RunStore:
     def resume(
         cls, folder: Path, *, identity: Mapping[str, str], settings: Mapping[str, Any], grows: bool = True
     ) -> RunStore:
-        """The run in a folder, to go on with, by the settings it began with; `grows`: but for the number of trials.
+        """The run in a folder, resumed with the settings it began with; `grows`: except the number of trials.
 
         Raises
         ------
@@ -175,17 +175,17 @@ class RunStore:
         self.close()
 
     def close(self) -> None:
-        """Give the folder free for others."""
+        """Release the folder for other processes."""
         with storing(self.folder):
             self._trials.close()
 
     def append(self, stored: StoredTrial) -> None:
-        """Keep a trial; it is on disk when this returns.
+        """Store a trial; it is on disk when this returns.
 
         Raises
         ------
         StorageError
-            For a full disk or a folder that has gone.
+            For a full disk or a folder that no longer exists.
         """
         trial = stored.trial
         row = (
@@ -263,7 +263,7 @@ def write_text(path: Path, text: str) -> None:
 
 @contextlib.contextmanager
 def storing(path: Path) -> Generator[None]:
-    """Turn what the system says into one sentence about `path`.
+    """Turn an error of the operating system into one sentence about `path`.
 
     Raises
     ------
@@ -287,7 +287,9 @@ def storing(path: Path) -> Generator[None]:
 
 
 def _other_things(path: Path, held: Mapping[str, str], given: Mapping[str, str]) -> list[Fault]:
-    """In what the identity differs; of another engine one fault, since its settings are then all there or all not."""
+    """The items in which the identity differs; of another engine one fault, since its settings then differ all
+    together.
+    """
     what, engines = "the run calibrates something else", (held.get("engine", SOFTCAL), given.get("engine", SOFTCAL))
     if engines[0] == engines[1]:
         return _differences(what, path, held, given)

@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from softcal.errors import Fault, StorageError
 
 _LARGEST = 2**28  # bytes of a record; those of long searches have some hundred thousand
-_N_NAMED = 5  # faults of one record that are told
+_N_NAMED = 5  # faults of one record that are reported
 
 Count = Annotated[int, Field(ge=0, lt=2**53)]
 Amount = Annotated[float, Field(ge=0)]
@@ -36,7 +36,7 @@ R = TypeVar("R", bound=Record)
 
 
 def read_record(model: type[R], path: Path, what: str, form: int | None = None) -> R:
-    """The record in a file. what: it is, as in "the result"; form: the number of its format, None where it has none.
+    """The record in a file. what: its name, as in "the result"; form: the number of its format, None where it has none.
 
     Raises
     ------

@@ -32,7 +32,9 @@ class Trajectory:
         )
 
     def controls(self, free: set[str]) -> list[str]:
-        """The commands to derive the response by too: those of several cables, where free rig values change them."""
+        """The commands with respect to which the response is derived too: those of several cables, where free rig
+        values change them.
+        """
         _, told = self.members[0]
         if len(told) < 2 or not any(free & control_parameters(experiment) for experiment, _ in self.members):
             return []
@@ -40,13 +42,15 @@ class Trajectory:
 
     def samples(self) -> list[tuple[Experiment, Samples]]:
         if not self.members[0][1]:
-            # Nothing is driven: every row of every table is the one state of rest.
+            # Nothing is driven: every row of every table is the one equilibrium under the dead loads.
             return [(experiment, np.zeros(experiment.dataset.n_samples, dtype=int)) for experiment, _ in self.members]
         ends = np.cumsum([0, *(experiment.dataset.n_samples for experiment, _ in self.members)])
         return [(member[0], slice(int(a), int(b))) for member, a, b in zip(self.members, ends, ends[1:], strict=False)]
 
     def failure(self, response: Response) -> str:
-        """Why the response does not serve every experiment, a sentence beginning with their names; "" where it does."""
+        """Why the response lacks states of some experiments, a sentence beginning with their names; "" where it lacks
+        none.
+        """
         whole = response.over(self.protocol().n_samples)
         lacking: dict[str, str] = {}
         for experiment, samples in self.samples():

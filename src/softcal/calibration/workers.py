@@ -1,4 +1,4 @@
-"""Evaluations in worker processes, or here when there is one worker; answers come in the order of the questions."""
+"""Evaluations in worker processes, or in this one when there is one worker; results in the order of the proposals."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class Evaluator:
                 yield proposal, self._problem.evaluate(proposal.theta, jacobian=self._jacobian)
             return
         try:
-            # Submitting starts workers; one whose parent is interrupted meanwhile gets half of what it is to read.
+            # Submitting starts workers; a worker whose parent is interrupted meanwhile receives its input incompletely.
             with interrupts_held(), _born_deaf():
                 pool = self._pool or self._start()
                 futures = [pool.submit(_evaluate, dict(proposal.theta), self._jacobian) for proposal in proposals]

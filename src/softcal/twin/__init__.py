@@ -1,1 +1,1 @@
-"""What the robot is, what is done to it, and what its sensors would read."""
+"""The robot, its loads and commands, and the predicted readings of its sensors."""

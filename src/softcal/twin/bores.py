@@ -1,4 +1,4 @@
-"""Which via points of a robot lie in a bore of their body, so that the bore's wall all around holds them."""
+"""The via points of a robot that lie in a bore of their body, and are supported by the bore's wall all around."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from softcal.twin.robot import Robot
 
 
 def bores(robot: Robot) -> dict[str, dict[int, float]]:
-    """Cable -> the numbers of its via points in bores, from 0, with the bores' diameters [m]; cables with any."""
+    """Cable -> the numbers of its via points in bores, from 0, with the bores' diameters [m]; only cables with such
+    points.
+    """
     meshes = {body.name: body.mesh for body in robot.bodies}
     found: dict[str, dict[int, float]] = {}
     for cable in robot.cables:

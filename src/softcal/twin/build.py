@@ -1,4 +1,4 @@
-"""From a robot to the system of equations that its statics solves."""
+"""Build the system of equations of a robot's statics."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from softcal.twin.routing import offset_rate
 
 @dataclass(frozen=True)
 class Twin:
-    """A robot's system, and where its parts stand in it.
+    """A robot's system, and the numbering of its parts in it.
 
     first_point: body or rod (and plate, where surfaces may touch) -> its first point; meshes: body -> the mesh of its
     element; frame: plate -> its frame; via: cable -> its via points as weighted points; markers: marker -> its weighted
@@ -51,7 +51,7 @@ class Twin:
 
     @cached_property
     def skins(self) -> Skins | None:
-        """The skins of the bodies, where nothing keeps them from passing through each other."""
+        """The skins of the bodies, where no contact keeps them from passing through each other."""
         return build_skins(self.robot, self.system.layout, self.meshes, self.first_point)
 
 
@@ -61,7 +61,8 @@ def build_twin(robot: Robot) -> Twin:
     Raises
     ------
     MeshError
-        For a node that is held twice or a part that nothing holds, a plate without nodes, a via point outside its body.
+        For a node that is fixed twice or a part that is not supported, a plate without nodes, a via point outside its
+        body.
     """
     frames = number_frames(robot)
     builder = _Points()
@@ -123,7 +124,9 @@ def build_twin(robot: Robot) -> Twin:
     }
 
     def away(cable: Cable) -> list[Weights]:
-        """Of each via point, its derivative by the routing offset: it less what of its part lies on the axis."""
+        """Derivative of each via point by the routing offset: the point less its foot on the axis, over their
+        distance.
+        """
         if cable.routing_axis is None:
             return []
         found: list[Weights] = []
@@ -176,12 +179,12 @@ def build_twin(robot: Robot) -> Twin:
 
 
 def twin_of(robot: Robot, theta: Mapping[str, float] | None = None) -> Twin:
-    """`build_twin`, remembered for each robot: what is built depends on no parameter but those of its shape.
+    """`build_twin`, cached for each robot: the assembled system depends on no parameter values but those of its shape.
 
     Parameters
     ----------
     theta
-        Values [SI] of parameters by dotted name; where one shapes the robot, the twin is that of the robot so shaped.
+        Values [SI] of parameters by dotted name; where one changes the shape, the twin is that of the robot so shaped.
 
     Raises
     ------
@@ -204,7 +207,7 @@ def twin_of(robot: Robot, theta: Mapping[str, float] | None = None) -> Twin:
 
 
 CACHE_SIZE = 8
-_CACHE: OrderedDict[Hashable, tuple[Robot, Twin]] = OrderedDict()  # keeps the robot alive, and so its identity its own
+_CACHE: OrderedDict[Hashable, tuple[Robot, Twin]] = OrderedDict()  # keeps the robot alive, so that its id is not reused
 
 
 class _Points:
@@ -226,7 +229,7 @@ class _Points:
 
 
 def _riders(body: Body, mesh: TetMesh, robot: Robot, frame: dict[str, int]) -> Ints:
-    """What each node of the body moves with: see `Layout`. frame: plate -> its frame."""
+    """The frame, or other support, that each node of the body follows: see `Layout`. frame: plate -> its frame."""
     rider = np.full(mesh.n_points, FREE, dtype=np.int64)
     for plate in robot.plates:
         if body.name not in plate.nodes:
@@ -267,7 +270,7 @@ def _riders(body: Body, mesh: TetMesh, robot: Robot, frame: dict[str, int]) -> I
 
 
 def _deforms(body: Body, mesh: TetMesh, rider: Ints) -> NDArray[np.bool_]:
-    """Which tets can deform: one whose nodes are all fixed, or all on one plate, stays as it is, free of stress."""
+    """Which tets can deform: one whose nodes are all fixed, or all on one plate, moves rigidly and is stress-free."""
     riders = rider[mesh.tets]
     stiff = (riders == riders[:, :1]).all(axis=1) & (riders[:, 0] != FREE) & (riders[:, 0] != TIED)
     if stiff.all():

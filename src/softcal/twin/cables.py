@@ -1,4 +1,4 @@
-"""What a cable is: the points that it runs through, and the axis that they can be moved away from together."""
+"""The geometry of a cable: its via points, and the axis from which they can all be offset."""
 
 from __future__ import annotations
 
@@ -55,10 +55,18 @@ class RoutingAxis:
 
 @dataclass(frozen=True)
 class ViaPoint:
-    """A point that a cable runs through; at [m] in the rest frame; on: a body's or plate's name, or "" for space.
+    """A point that a cable runs through.
 
-    radius [m]: of what holds the cable in a body, such as a knot; its force is spread over a ball of that size. Zero:
-    the force of a point, which sinks in without bound as the mesh gets finer.
+    radius spreads its force over a ball; the force of a point indents a body without bound as the mesh gets finer.
+
+    Attributes
+    ----------
+    at
+        Position (3,) [m] in the rest frame.
+    on
+        Name of the body or plate that it moves with; "" for a point fixed in space.
+    radius
+        Radius [m] of the part that fixes the cable in a body, such as a knot; zero for a point force.
     """
 
     at: Floats
@@ -77,9 +85,9 @@ class ViaPoint:
 class Cable:
     """A cable through via points, its fixed end first or last; length L = sum |p_{i+1} - p_i|.
 
-    friction_coefficient [-]: Euler-Eytelwein loss at each inner via point; `pulled_end` says at which end the
-    cable's tension is prescribed or measured ("first" or "last" via point).
-    routing_axis: what the via points move away from with `routing_offset` [m]; they include it already.
+    friction_coefficient [-]: Euler-Eytelwein loss at each inner via point; `pulled_end`: the end at which the cable's
+    tension is prescribed or measured ("first" or "last" via point). routing_axis: the axis from which the via points
+    are offset by `routing_offset` [m]; their positions include it already.
     """
 
     name: str
@@ -125,13 +133,13 @@ class Cable:
 
     @property
     def least_offset(self) -> float:
-        """The routing offset [m] at which a via point comes to the routing axis; minus infinity without an axis."""
+        """The routing offset [m] at which a via point reaches the routing axis; minus infinity without an axis."""
         if self.routing_axis is None:
             return -np.inf
         return self.routing_offset - float(self.routing_axis.away(self._points)[1].min())
 
     def offset_by(self, offset: float) -> Cable:
-        """The same cable with another routing offset [m], its via points moved to there."""
+        """The same cable with another routing offset [m], its via points moved accordingly."""
         if self.routing_axis is None or offset == self.routing_offset:
             return self
         points = self._points + (offset - self.routing_offset) * self.routing_axis.away(self._points)[0]

@@ -1,4 +1,4 @@
-"""Which surfaces of the robot can touch: the skins of its bodies, and the wires of its rods."""
+"""The surfaces of the robot that can touch: the skins of its bodies, and the wires of its rods."""
 
 from __future__ import annotations
 
@@ -28,7 +28,9 @@ NO_PAIRS: Ints = np.zeros((0, 2), dtype=np.int64)
 
 
 def fitting_contact(robot: Robot) -> Contact:
-    """A contact whose gap is small beside the robot's meshes and wires, and whose barrier is near its stiffness."""
+    """A contact with a gap small relative to meshes and wires, and a barrier stiffness proportional to the largest
+    modulus.
+    """
     lengths = [mean_edge(body.mesh) for body in robot.bodies] + [wire_diameter(rod) for rod in robot.rods]
     moduli = [LAWS.named(body.law).youngs_modulus(body.parameters) for body in robot.bodies]
     moduli += [rod.parameters["youngs_modulus"] for rod in robot.rods]
@@ -87,7 +89,7 @@ def build_contacts(
             near = [_ends_on_disc(rod, plate, first, NEIGHBOURS * diameter) for rod in rods for plate in robot.plates]
             edges = np.concatenate([wires, edges_of(faces)])
             term = _term(robot.contact, layout, edges, faces, 0.5 * diameter, np.concatenate(near))
-            # Discs with discs, and wires with wires, are other terms' matter.
+            # Contact between discs, and between wires, is in other terms.
             terms.append(replace(term, patch=np.isin(term.points, faces).astype(np.int64)))
     for term in terms:
         _check_apart(term, layout)
@@ -127,7 +129,7 @@ def _term(contact: Contact, layout: Layout, edges: Ints, faces: Ints, thickness:
 
 
 def moving_together(layout: Layout, points: Ints) -> Ints:
-    """Patches of what never moves relative to each other: the riders of a frame, or all that is fixed; else -1."""
+    """Patches of points without relative motion: the followers of a frame, or all that is fixed; else -1."""
     rider = layout.rider[points]
     return np.where(rider == FIXED, layout.n_frames, np.maximum(rider, -1))
 
@@ -182,10 +184,10 @@ def _around(rod: Rod, nodes: Ints, distance: float) -> Ints:
 
 
 def across_seams(robot: Robot, layout: Layout, meshes: dict[str, TetMesh], on_skin: dict[str, Ints]) -> Ints:
-    """Pairs of points of tied bodies close to where they are bonded: what is one there does not touch."""
+    """Pairs of points of tied bodies close to their bond: bonded parts do not touch."""
     from scipy.spatial import KDTree
 
-    given = {body.name: body.mesh for body in robot.bodies}  # their numbering is the ties'
+    given = {body.name: body.mesh for body in robot.bodies}  # the ties number these
     pairs = [NO_PAIRS]
     for tie in robot.ties:
         sides = [on_skin[name] for name in (tie.body, tie.on)]

@@ -1,4 +1,4 @@
-"""Where bodies of the robot pass through themselves or each other on the way, in words."""
+"""Sentences on bodies of the robot that pass through themselves or each other along the load path."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from softcal.twin.contacts import across_seams, mean_edge, moving_together
 from softcal.twin.robot import Robot
 from softcal.units import format_quantity
 
-INSET = 0.01  # of a skin's mean edge: what touches does not cross
+INSET = 0.01  # of a skin's mean edge: touching skins do not count as crossing
 BISECTIONS = 6
 
 Pair = tuple[str, str]
 
 
 def build_skins(robot: Robot, layout: Layout, meshes: dict[str, TetMesh], first: dict[str, int]) -> Skins | None:
-    """The skins among which crossings are looked for; None where there is no body, or contact keeps them apart."""
+    """The skins that are checked for crossings; None where there is no body, or contact prevents crossings."""
     if robot.contact is not None or not meshes:
         return None
     triangles = {name: first[name] + boundary_triangles(mesh.tets) for name, mesh in meshes.items()}
@@ -45,7 +45,7 @@ def build_skins(robot: Robot, layout: Layout, meshes: dict[str, TetMesh], first:
 
 
 def crossed_on_path(skins: Skins | None, layout: Layout, nodes: Sequence[Node], end: float, cable: str) -> str:
-    """The sentences on what crosses along a path of one cable's shortening, up to `end` [m]."""
+    """The sentences on crossings along a path of one cable's shortening, up to `end` [m]."""
     if skins is None:
         return ""
     found = [skins.pairs(node.state.x) for node in nodes]
@@ -71,7 +71,7 @@ def crossed_on_path(skins: Skins | None, layout: Layout, nodes: Sequence[Node], 
 
 
 def span_in_words(begin: float | None, stop: float | None, cable: str) -> str:
-    """From where to where it crosses [m of shortening]; None: from the start, and to the end."""
+    """The range of shortening [m] with the crossing, in words; None: from the start, and to the end."""
     of = f" mm of shortening of {cable}"
     if begin is None:
         return "from the start on" if stop is None else f"from the start to {1e3 * stop:.3g}{of}"
@@ -81,7 +81,7 @@ def span_in_words(begin: float | None, stop: float | None, cable: str) -> str:
 def _spans(
     nodes: Sequence[Node], crosses: Sequence[bool], between: Callable[[Node, Node, float], bool]
 ) -> list[tuple[float, float | None]]:
-    """Where it crosses: from, and to (None: to the end), with the changes between two nodes narrowed down."""
+    """Ranges of the control with the crossing (end None: to the end), their ends located between two nodes."""
     spans: list[tuple[float, float | None]] = []
     begin = nodes[0].c
     for i, node in enumerate(nodes):
@@ -94,7 +94,9 @@ def _spans(
 
 
 def _change(a: Node, b: Node, crosses: Callable[[Node, Node, float], bool], at_b: bool) -> float:
-    """The control at which it changes between two nodes; the robot jumps to a node that it falls to."""
+    """The control between two nodes at which the crossing begins or ends; at a snap-through, that of the node
+    after it.
+    """
     low, high = a.c, b.c
     for _ in range(0 if b.is_fallen else BISECTIONS):
         middle = 0.5 * (low + high)
@@ -106,7 +108,7 @@ def _change(a: Node, b: Node, crosses: Callable[[Node, Node, float], bool], at_b
 
 
 def crossed_at(found: Sequence[tuple[str, dict[Pair, float]]]) -> str:
-    """The sentences on what crosses in states that are told by a label each, in their order."""
+    """The sentences on crossings in labelled states, in their order."""
     sentences: list[str] = []
     for pair in sorted({pair for _, one in found for pair in one}):
         labels = [label for label, one in found if pair in one]

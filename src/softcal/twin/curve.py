@@ -1,4 +1,6 @@
-"""The response along one control: nodes solved exactly, and in between cubic Hermite pieces of stated error."""
+"""The response along one control: exactly solved nodes, and between them cubic Hermite pieces with an error
+estimate.
+"""
 
 from __future__ import annotations
 
@@ -9,15 +11,15 @@ from scipy.interpolate import CubicHermiteSpline
 
 from softcal.checks import Floats
 
-FINE = 65  # points of an interval at which its cubic is looked at
+FINE = 65  # points of an interval at which its cubic is evaluated
 
 
 @dataclass(frozen=True)
 class Curve:
-    """Channels along the control c. c (n,); values, slopes (n, n_channels); by_parameter, and its slopes by c
-    (n, n_channels, k).
+    """Channels along the control c. c (n,); values, slopes (n, n_channels); by_parameter, and its slopes by c (n,
+    n_channels, k).
 
-    is_jump (n - 1,): intervals in which the robot falls from one node to the next: they are straight.
+    is_jump (n - 1,): intervals with a snap-through from one node to the next; they are linear.
     """
 
     c: Floats
@@ -40,7 +42,7 @@ class Curve:
         slopes = spline(c, 1)
         i = np.searchsorted(self.c, c)
         at_node = self.c[np.minimum(i, len(self.c) - 1)] == c
-        slopes[at_node] = self.slopes[i[at_node]]  # theirs, not a fall's
+        slopes[at_node] = self.slopes[i[at_node]]  # of this interval, not of a jump
         return spline(c), slopes, self._cubics(self.by_parameter, self.by_parameter_slopes)(c)
 
     def spline(self) -> CubicHermiteSpline:
@@ -55,7 +57,9 @@ class Curve:
         return spline
 
     def error(self) -> Floats:
-        """Estimated error of the channels in each interval, (n - 1, n_channels); infinite where it is unknown."""
+        """Estimated error of the channels in each interval, (n - 1, n_channels); infinite where it cannot be
+        estimated.
+        """
         return self._error(self.values, self.slopes)
 
     def error_by_parameter(self) -> Floats:
@@ -67,8 +71,8 @@ class Curve:
 
     def _error(self, values: Floats, slopes: Floats) -> Floats:
         """A cubic Hermite piece errs by f'''' h^4 / 384, with f'''' from the change of the pieces' third derivative at
-        a node. That is blind to the odd part of f'''' around the node, which the slope there shows: of a x^5 the pieces
-        err by 0.156 a h^5, and one cubic over both by a h^4 in that slope.
+        a node. That estimate misses the odd part of f'''' around the node, which the slope there shows: of a x^5 the
+        pieces err by 0.156 a h^5, and one cubic over both by a h^4 in that slope.
         """
         h = np.diff(self.c)[:, None]
         if len(h) < 2:
@@ -80,7 +84,7 @@ class Curve:
         slope = 6.0 * t * (1.0 - t) * (values[2:] - values[:-2]) / both
         slope += (1.0 - t) * (1.0 - 3.0 * t) * slopes[:-2] + t * (3.0 * t - 2.0) * slopes[2:]
         at_nodes += 0.156 * np.abs(slope - slopes[1:-1]) * 0.5 * both / (h[:-1] * h[1:]) ** 2
-        at_nodes[self.is_jump[1:] | self.is_jump[:-1]] = np.nan  # nothing goes on across a jump
+        at_nodes[self.is_jump[1:] | self.is_jump[:-1]] = np.nan  # no derivative is continuous across a jump
         none = np.full((1, at_nodes.shape[1]), np.nan)
         largest = np.fmax(np.concatenate([none, at_nodes]), np.concatenate([at_nodes, none]))
         error = np.where(np.isnan(largest), np.inf, largest) * h**4
@@ -88,7 +92,9 @@ class Curve:
         return error
 
     def may_pass(self, channel: int, targets: Floats) -> np.ndarray:
-        """In which intervals (n - 1,) a channel may reach one of the targets for the first time, its error granted."""
+        """Which intervals (n - 1,) may contain the first passage of a channel through one of the targets, given its
+        error.
+        """
         fine = self.c[:-1] + np.linspace(0.0, 1.0, FINE)[:, None] * np.diff(self.c)
         top = self.spline()(fine)[:, :, channel].max(axis=0)
         before = np.maximum.accumulate(np.append(self.values[0, channel], top))[:-1]
@@ -97,7 +103,8 @@ class Curve:
     def first_passage(self, channel: int, targets: Floats) -> Floats:
         """The smallest c at which a channel reaches each target (m,); NaN where it never does.
 
-        What a machine sees that prescribes the channel and lets c go: past a maximum it snaps to the next branch.
+        This is the response of a machine that prescribes the channel, c being free: past a maximum the robot snaps to
+        the next branch.
         """
         spline = self.spline()
         pieces = zip(self.c[:-1], self.c[1:], strict=True)

@@ -1,4 +1,6 @@
-"""Cables with friction that others draw out while they pull: their friction works the other way than it is modelled."""
+"""Cables with friction that other cables draw out while they pull: the friction then acts opposite to the modelled
+direction.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,7 @@ NOTICED = 1e-3  # of a cable's length
 
 
 def drawn_out(system: System, theta: Mapping[str, float], begin: Floats, state: State) -> dict[str, float]:
-    """How much [m] longer each taut cable with friction is than under the loads alone, where its length is `begin`."""
+    """Elongation [m] of each taut cable with friction beyond its length `begin` under the loads alone."""
     cables = cables_of(system)
     more = cables.lengths(state.x) - begin
     taut = state.effort > NO_EFFORT * np.abs(state.effort).max(initial=0.0)
@@ -27,7 +29,7 @@ def drawn_out(system: System, theta: Mapping[str, float], begin: Floats, state: 
 
 
 def drawn_out_at(found: Sequence[tuple[str, dict[str, float]]]) -> str:
-    """The sentences on them, with a blank before each, in samples that are told by a label each."""
+    """The sentences on these cables, with a blank before each, in labelled samples."""
     sentences: list[str] = []
     for cable in dict.fromkeys(name for _, one in found for name in one):
         labels = [label for label, one in found if cable in one]

@@ -1,4 +1,4 @@
-"""Which way a robot and its plates face, and how wide plates of unknown shape are, for whoever shows them."""
+"""Viewing direction of a robot, normals of its plates, and radii of plates of unknown shape, for figures."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from softcal.twin.robot import Plate, Robot
 
 
 def up_direction(robot: Robot) -> Floats:
-    """What is up in a picture: against gravity; without it, the way the first plate faces; else z."""
+    """The upward direction of a picture: against gravity; without it, the normal of the first plate; else z."""
     weight = float(np.linalg.norm(robot.gravity))
     if weight > 0.0:
         return -robot.gravity / weight
@@ -17,7 +17,9 @@ def up_direction(robot: Robot) -> Floats:
 
 
 def plate_normal(robot: Robot, plate: Plate) -> Floats:
-    """Unit normal of a plate at rest: its disc's axis, else away from what is fixed, or of the rod that it holds."""
+    """Unit normal of a plate at rest: its disc's axis, else pointing away from fixed parts, or along the rod clamped to
+    it.
+    """
     if plate.disc is not None:
         return np.asarray(plate.disc.axis)
     tied = [body.mesh.points[plate.nodes[body.name]] for body in robot.bodies if body.name in plate.nodes]

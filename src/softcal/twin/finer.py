@@ -1,4 +1,4 @@
-"""The same robot on better discretisations that need no mesher: elements halved, or of a higher kind."""
+"""The same robot on better discretisations that need no mesher: refined elements, or elements of higher order."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _OURS = "of the robot: "
 
 @dataclass(frozen=True)
 class Size:
-    """How large a robot's discretisation is: tets, elements of rods, and unknowns (those of held nodes among them)."""
+    """Size of a robot's discretisation: tets, elements of rods, and unknowns (those of fixed nodes included)."""
 
     tets: int
     rod_elements: int
@@ -27,7 +27,7 @@ class Size:
 
 
 def size(robot: Robot, halvings: int = 0) -> Size:
-    """The size of a robot with its elements halved so many times; nothing is made for it."""
+    """The size of a robot with its elements halved so many times; no mesh is built for it."""
     bodies: list[tuple[Body, MeshCounts]] = []
     for body in robot.bodies:
         counts = count(body.mesh)
@@ -58,9 +58,9 @@ def _is_lower(body: Body, element: str) -> bool:
 
 
 def halved(robot: Robot) -> Robot:
-    """The robot with every tet in eight and every element of a rod in two, held, tied and loaded in the same places.
+    """The robot with every tet in eight and every element of a rod in two; supports, ties and loads are unchanged.
 
-    What was near enough to a body to be tied to it stays so, whatever the finer mesh would allow by default.
+    Tied nodes stay tied, also where the finer mesh's default tolerance would exclude them.
     """
     bodies = {body.name: _refined_body(body, robot) for body in robot.bodies}
     meshes = {name: mesh for name, (_, mesh) in bodies.items()}

@@ -28,7 +28,7 @@ from softcal.twin.start import UNDER_LOADS, Start, fallen, loaded, snapshot
 from softcal.twin.time_settings import Settling, TimeSettings
 
 DEFAULT = TimeSettings()
-# Told at the beginning and after each step: the time, and when the schedule is over, both [s]; later, it settles.
+# Called at the beginning and after each step: the time, and the end of the schedule, both [s]; settling follows that.
 Observer = Callable[[float, float], None]
 
 
@@ -45,12 +45,12 @@ def simulate_in_time(
     Parameters
     ----------
     robot, schedule, settings
-        What moves, what is done to it, and how that is computed.
+        The robot, its commands, and the settings of the time integration.
     snapshots
-        How many shapes to draw are kept, evenly over the run's steps; 0 keeps none.
+        Number of shapes to draw that are kept, evenly over the run's steps; 0 keeps none.
     progress
-        Called at the beginning and after each step with the time so far [s] and that at which the schedule is over [s];
-        a motion that is to settle goes on after that.
+        Called at the beginning and after each step with the present time [s] and that at which the schedule is over
+        [s]; a motion that is to settle continues after that.
 
     Returns
     -------
@@ -108,7 +108,7 @@ def _start(twin: Twin, theta: Mapping[str, float], settings: TimeSettings) -> St
 
 @dataclass
 class _Motion:
-    """A run as it goes: what was seen so far."""
+    """A run in progress: its response so far."""
 
     twin: Twin
     schedule: Schedule
@@ -124,7 +124,7 @@ class _Motion:
     succeeded: bool = True
 
     def to_the_end(self, dynamics: Dynamics, now: Instant) -> None:
-        """Step until the schedule is over, and then until nothing moves where that is asked for."""
+        """Step until the schedule is over, and then, if requested, until the robot is at rest."""
         h, settling = self.settings.time_step, self.settings.settle
         n_steps = self._n_steps
         longest = n_steps + (0 if settling is None else int(np.ceil(settling.longest / h)))
@@ -151,16 +151,16 @@ class _Motion:
             self.shapes.append(self._shape(now))
 
     def tell(self, time: float) -> None:
-        """Tell who looks on how far it is."""
+        """Report the progress."""
         if self.progress is not None:
             self.progress(time, self._n_steps * self.settings.time_step)
 
     def fail(self, why: str) -> None:
-        """No motion was found."""
+        """End the run: no motion was found."""
         self.status, self.succeeded = why, False
 
     def response(self, dynamics: Dynamics) -> Response:
-        """What was seen."""
+        """The response so far."""
         units = {"time": "s", **channel_units(self.twin)}
         table = np.array(self.rows).reshape(len(self.rows), len(units) - 1)
         crossings = crossed_at(self.crossed)
@@ -179,7 +179,7 @@ class _Motion:
 
     @property
     def _n_steps(self) -> int:
-        """Of the schedule."""
+        """Number of steps of the schedule."""
         return max(int(np.ceil(float(self.schedule.times[-1]) / self.settings.time_step - 1e-9)), 0)
 
     @property
@@ -215,7 +215,7 @@ class _Motion:
         row = sense(self.twin, now.state)
         controls = self._controls(now.time)
         slack = ~controls.is_held & (now.state.effort == 0.0)
-        shortenings = 2 * np.flatnonzero(slack)  # a slack cable's shortening is what was commanded
+        shortenings = 2 * np.flatnonzero(slack)  # a slack cable's shortening is the command
         row[shortenings] = controls.coordinate[slack]
         if self.n_snapshots and len(self.rows) % max(n_steps // self.n_snapshots, 1) == 0:
             self.shapes.append(self._shape(now))
@@ -228,7 +228,7 @@ class _Motion:
         return snapshot(self.twin, now.state, self.schedule.at(now.time), now.time, "s")
 
     def _speed(self, now: Instant) -> float:
-        """Of what is watched [m/s]."""
+        """Speed of the watched points [m/s]."""
         settling, velocities = self.settings.settle, now.velocities
         on = "" if settling is None else settling.on
         if on in self.twin.frame:

@@ -1,4 +1,4 @@
-"""How the robot's parts meet: the frames that plates and rods share, and the ties between bodies."""
+"""Connections of the robot's parts: the frames that plates and rods share, and the ties between bodies."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from softcal.units import format_quantity
 @dataclass(frozen=True)
 class Frames:
     """references (n_frames, 3) [m], the moving ones first; of_plate: plate -> its frame; of_rod: rod -> the frame of
-    each of its nodes; n_fixed: how many do not move.
+    each of its nodes; n_fixed: number of fixed frames.
     """
 
     references: Floats
@@ -30,12 +30,12 @@ class Frames:
 
 
 def number_frames(robot: Robot) -> Frames:
-    """The frames of plates and rods: one per plate, one per node of a rod that no plate holds, one for all fixed nodes.
+    """The frames of plates and rods: one per plate, one per node of a rod that is not clamped, one for all fixed nodes.
 
     Raises
     ------
     MeshError
-        For a rod that is clamped to a plate that does not exist, or that nothing holds; a plate on nothing.
+        For a rod that is clamped to a plate that does not exist, or that is not supported; a plate on nothing.
     """
     plates = {plate.name: plate for plate in robot.plates}
     moving = [plate for plate in robot.plates if not plate.fixed]
@@ -78,12 +78,12 @@ def number_frames(robot: Robot) -> Frames:
 
 
 def join_ties(robot: Robot, meshes: dict[str, TetMesh], first: dict[str, int]) -> Ties:
-    """What the tied nodes follow: each the element of the other body next to it.
+    """The masters of the tied nodes: the nearest element of the other body for each.
 
     Raises
     ------
     MeshError
-        For bodies that do not exist, and nodes that touch nothing.
+        For bodies that do not exist, and nodes too far from the other body.
     """
     point: list[Ints] = []
     master: list[Ints] = []
@@ -109,7 +109,7 @@ def join_ties(robot: Robot, meshes: dict[str, TetMesh], first: dict[str, int]) -
 
 
 def tie_fault(tie: Tie, mesh: TetMesh, on: TetMesh) -> Fault | None:
-    """What is wrong with where a tie's nodes lie: too far from the body that they are to be bonded to.
+    """The fault of a tie whose nodes lie too far from the body that they are to be bonded to.
 
     mesh: that of the tied body, whose numbering the tie's nodes have.
     """

@@ -1,4 +1,4 @@
-"""Several driven cables: every sample is solved, slack cables found as slack."""
+"""Several driven cables: every sample is solved; which cables are slack follows from equilibrium."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ def simulate_many(
     crossings: bool = True,
     commanded: tuple[str, ...] = (),
 ) -> Response:
-    """See `simulate`. Slopes are not given, there being no single control, but derivatives by the commands of the
-    cables that `commanded` names.
+    """See `simulate`. Slopes are not given, since there is no single control, but derivatives by the commands of the
+    cables in `commanded`.
     """
     units = channel_units(twin)
     values: list[Floats] = []
@@ -54,7 +54,7 @@ def simulate_many(
         loads = loaded(twin, statics)
         state = loads.state
         falls = fallen(UNDER_LOADS) if loads.falls else ""
-        # Lengths as they are: a cable that is commanded in length starts at its own.
+        # A cable that is commanded in length starts at its present length.
         lengths = cables_of(twin.system).lengths(state.x)
         slack = replace(slack_line(twin).at(0.0), coordinate=cables_of(twin.system).rest_length - lengths)
         by_length = _by_length(twin, protocol)
@@ -67,7 +67,7 @@ def simulate_many(
             try:
                 reached = reach(statics, reached, target, by_length, names)
             except SimulationError:
-                # The way from the sample before may lead through states that have no equilibrium.
+                # The line from the sample before may pass commands without an equilibrium.
                 try:
                     reached = reach(statics, begun, target, by_length, names)
                 except SimulationError as error:
@@ -118,7 +118,9 @@ def simulate_many(
 
 
 def _beyond(protocol: Protocol, i: int, failed: Iterable[int]) -> str:
-    """Why a sample need not be tried: it is further on the same straight way than one that was not reached; else ""."""
+    """Why a sample is not tried: it lies beyond a sample without an equilibrium, on the same line from zero commands;
+    else "".
+    """
     commands = np.array([command.values for command in protocol.commands.values()])
     for k in failed:
         size = float(np.abs(commands[:, k]).max())
@@ -188,7 +190,9 @@ def _by_command(
 
 
 def _commanded_rates(twin: Twin, protocol: Protocol, commanded: tuple[str, ...], rates: Floats) -> Floats:
-    """The rates of the channels by the commands; a shortening that is commanded follows its own alone, taut or not."""
+    """The rates of the channels by the commands; a commanded shortening depends on its own command alone, taut or
+    slack.
+    """
     out = rates.copy()
     for k, cable in enumerate(twin.robot.cables):
         command = protocol.commands.get(cable.name)
@@ -198,7 +202,7 @@ def _commanded_rates(twin: Twin, protocol: Protocol, commanded: tuple[str, ...],
 
 
 def _commanded(twin: Twin, protocol: Protocol, i: int, values: Floats) -> Floats:
-    """A slack cable's shortening is what was commanded."""
+    """The channels' values, with a slack cable's shortening equal to its command."""
     for k, cable in enumerate(twin.robot.cables):
         command = protocol.commands.get(cable.name)
         if command is not None and command.control == "shortening":
@@ -207,7 +211,7 @@ def _commanded(twin: Twin, protocol: Protocol, i: int, values: Floats) -> Floats
 
 
 def _pulls(protocol: Protocol, i: int) -> str:
-    """What pulls in a sample, in brackets after a blank; "" where nothing does."""
+    """The pulled cables of a sample, in brackets after a blank; "" where none is pulled."""
     commands = {name: (command.values[i], _UNITS[command.control]) for name, command in protocol.commands.items()}
     told = ", ".join(f"{name} {format_quantity(float(v), unit)}" for name, (v, unit) in commands.items() if v != 0.0)
     return f" ({told})" if told else ""

@@ -1,4 +1,4 @@
-"""What a robot's parts weigh on in motion: bodies' elements, rods' nodes and their sections, plates."""
+"""Mass matrices of bodies, rods and plates."""
 
 from __future__ import annotations
 

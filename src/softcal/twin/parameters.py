@@ -1,4 +1,4 @@
-"""The robot's parameters by dotted name: what there is, its unit, its hard limits; a robot with others."""
+"""The robot's parameters by dotted name: their units and hard limits, and a robot with changed values."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ KINDS: Mapping[str, Quantity] = {
 
 
 def kind_by_name(name: str) -> Quantity | None:
-    """The kind of quantity that a robot parameter of this dotted name is, as far as the name tells; None for others."""
+    """The kind of quantity of a robot parameter by its dotted name alone; None where the name does not determine it."""
     key = name.rsplit(".", 1)[-1]
     constant = constants_of(LAWS).get(key)
     return constant.quantity if constant is not None else KINDS.get(key)
@@ -118,9 +118,9 @@ def value_faults(known: Mapping[str, ParameterInfo], theta: Mapping[str, float])
 
 
 def with_parameters(robot: Robot, values: Mapping[str, float]) -> Robot:
-    """The same robot with some parameters changed; itself where none is.
+    """The same robot with some parameters changed; the robot itself where none is.
 
-    For what keeps or writes a robot. To simulate one robot at many values, give `simulate` theta.
+    For storing or exporting a robot. To simulate one robot at many values, give `simulate` theta.
 
     Raises
     ------
@@ -147,7 +147,8 @@ def with_parameters(robot: Robot, values: Mapping[str, float]) -> Robot:
 
 
 def with_shape(robot: Robot, theta: Mapping[str, float]) -> Robot:
-    """The robot with those of the values that its undeformed shape depends on; itself where theta changes none.
+    """The robot with those of the values that its undeformed shape depends on; the robot itself where theta changes
+    none.
 
     Raises
     ------

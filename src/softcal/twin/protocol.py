@@ -1,4 +1,4 @@
-"""What is done to the robot: each cable's tension or shortening, sample by sample."""
+"""The commands of a quasi-static test: each cable's tension or shortening, sample by sample."""
 
 from __future__ import annotations
 
@@ -27,11 +27,10 @@ class Command:
 class Protocol:
     """Commands by cable name, all of one length. A cable that is not named is slack (tension zero).
 
-    Samples are quasi-static states; the robot is elastic, so their order and repetition do not matter. Where friction
-    acts along cables, each sample is the state that the cables are pulled to from rest, and never let go to.
+    Samples are quasi-static states; the robot is elastic, so their order and repetition do not matter. With friction
+    along cables, each sample is the state reached by pulling the cables from rest, without ever releasing them.
 
-    Where it falls from one state to another, one driven cable is taken to be pulled on and on, and several as the
-    samples follow.
+    At snap-through a single driven cable is assumed to be pulled monotonically; several cables follow the sample order.
     """
 
     commands: Mapping[str, Command]
@@ -56,18 +55,18 @@ def furthest_state(protocol: Protocol) -> Protocol:
     return Protocol({n: Command(c.control, c.values[at : at + 1]) for n, c in protocol.commands.items()})
 
 
-LET_GO = 0.02  # of the range: what goes back by less is the noise of a machine that pulls
+LET_GO = 0.02  # of the range: a smaller decrease is noise of a machine that pulls
 
 
 def lets_go(values: Floats) -> bool:
-    """Whether what is pulled more and more, sample by sample, is let go again."""
+    """Whether a command that increases, sample by sample, is reduced again."""
     return bool(np.max(np.maximum.accumulate(values) - values) > LET_GO * np.ptp(values))
 
 
 def let_go_faults(robot: Robot, protocol: Protocol) -> list[Fault]:
-    """That one cable with friction is pulled and let go again: its friction would have to turn round.
+    """The fault of a single driven cable with friction that is pulled and released again: its friction would reverse.
 
-    The samples of several driven cables are states by themselves, each pulled to from rest.
+    The samples of several driven cables are independent states, each reached from rest.
     """
     driven = {name: command for name, command in protocol.commands.items() if np.any(command.values != 0.0)}
     rough = {cable.name for cable in robot.cables if cable.friction_coefficient > 0.0}
@@ -81,7 +80,7 @@ def let_go_faults(robot: Robot, protocol: Protocol) -> list[Fault]:
 
 
 def let_go_fault(where: str, cable: str, got: str) -> Fault:
-    """That a test lets a cable with friction go."""
+    """The fault of a test that releases a cable with friction."""
     return Fault(
         f"the friction of {cable} is modelled for a cable that is pulled: it turns round where the cable is let go",
         where=where,
@@ -92,7 +91,7 @@ def let_go_fault(where: str, cable: str, got: str) -> Fault:
 
 
 def command_faults(robot: Robot, protocol: Protocol) -> list[Fault]:
-    """What no cable of the robot can follow: an unknown cable, a push, a cable pulled in beyond its length."""
+    """Commands that no cable of the robot can follow: an unknown cable, a push, a cable shortened beyond its length."""
     cables = {cable.name: cable for cable in robot.cables}
     faults: list[Fault] = []
     for name, command in protocol.commands.items():

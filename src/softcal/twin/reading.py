@@ -1,4 +1,4 @@
-"""What the sensors tell at a node of a path, and how that changes with the control and with parameters."""
+"""Readings of the sensors at a node of a path, with their derivatives by the control and by parameters."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class SensorReading:
 
 
 def read(twin: Twin, statics: Statics, node: Node, names: tuple[str, ...]) -> SensorReading:
-    """Read the sensors at a node. names (k,): the parameters that the node's derivatives are by."""
+    """Read the sensors at a node. names (k,): the parameters of the node's derivatives."""
     slopes = sense_rates(twin, node.state, node.slope[:, None])[:, 0]
     mixed = sense_rates(twin, node.state, node.mixed)
     if names:

@@ -1,4 +1,4 @@
-"""What the twin answers: channels over the samples of a protocol, and their derivatives by parameters."""
+"""The twin's response: channels over the samples of a protocol, and their derivatives by parameters."""
 
 from __future__ import annotations
 
@@ -17,10 +17,31 @@ Shown = bool | Literal["samples"]
 class Snapshot:
     """A solved shape to draw: positions of every body's mesh points, cable polylines, plate poses.
 
-    rod_strains: of every rod, the root mean square over its elements of what its axis is stretched and sheared by.
-
-    drive: where it stands in a film: the shortening [m] or tension [N] of the one cable that is driven, or the time
-    [s]; with several driven cables the number of the sample, from 1, in the unit "".
+    Attributes
+    ----------
+    label
+        Text of the sample, control or time.
+    points
+        Body -> positions (n_points, 3) [m] of the points of the element's own mesh.
+    cables
+        Cable -> its via points (n_via, 3) [m].
+    plates
+        Plate -> position (3,) [m] and rotation (3, 3) [-].
+    controls
+        Cable -> commanded tension [N] or shortening [m].
+    tensions
+        Cable -> tension [N].
+    rods
+        Rod -> positions of its nodes (n_nodes, 3) [m].
+    pressures
+        Material of a P2P1 body -> nodal pressure (n_points,) [Pa], zero at nodes other than corners.
+    markers
+        Marker -> position (3,) [m].
+    drive, drive_unit
+        Place in an animation: shortening [m] or tension [N] of the one driven cable, or time [s]; with several driven
+        cables the number of the sample, from 1, in the unit "".
+    rod_strains
+        Rod -> root mean square over its elements of stretch and shear [-].
     """
 
     label: str
@@ -43,15 +64,36 @@ class Snapshot:
 class Response:
     """Channels by name, each of shape (n_samples,), in SI.
 
-    Names: `<cable>.shortening` [m], `<cable>.tension` [N], `<cable>.slack` [-] (1 where slack),
-    `<plate>.x`, `.y`, `.z` [m], `<plate>.pitch`, `.roll`, `.yaw` [rad], `<marker>.x`, `.y`, `.z` [m].
-    sensitivities: channel -> parameter -> d channel / d parameter, shape (n_samples,).
-    slopes: channel -> d channel / d control, shape (n_samples,), along the one cable that is driven.
-    status: a sentence; falls: what of it tells where the robot was not stable, or ""; crossings: which bodies pass
-    through themselves or each other, and where, or ""; drawn_out: which cables with friction slide the other way than
-    it is modelled for, or "".
-    samples: which of the protocol's samples, counted from 0, the channels hold. None: all, or those before the first
-    one that could not be reached.
+    Attributes
+    ----------
+    channels
+        `<cable>.shortening` [m], `<cable>.tension` [N], `<cable>.slack` [-] (1 where slack), `<plate>.x`, `.y`, `.z`
+        [m], `<plate>.pitch`, `.roll`, `.yaw` [rad], `<marker>.x`, `.y`, `.z` [m]; values (n_samples,).
+    units
+        Channel -> SI unit.
+    status
+        How the simulation ended, in sentences; includes the warnings.
+    succeeded
+        Whether every sample was reached.
+    n_factorisations
+        Number of factorisations of the tangent.
+    sensitivities
+        Channel -> parameter -> d channel / d parameter, shape (n_samples,).
+    slopes
+        Channel -> d channel / d control, shape (n_samples,), along the one driven cable; empty for several.
+    snapshots
+        Shapes to draw.
+    tets
+        Body -> connectivity (n_tets, 4 or 10) of `Snapshot.points`.
+    falls
+        Sentences on snap-through or buckling along the load path, or "".
+    crossings
+        Sentence on bodies that pass through themselves or each other, and where, or "".
+    drawn_out
+        Sentence on cables with friction that slide opposite to the modelled direction, or "".
+    samples
+        Numbers, from 0, of the protocol's samples in the channels. None: all, or those before the first one that could
+        not be reached.
     """
 
     channels: Mapping[str, Floats]
@@ -70,7 +112,7 @@ class Response:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What must be known of shapes that were solved, a sentence each: falls, crossings, cables drawn out."""
+        """What must be known of the solved shapes, a sentence each: snap-through, crossings, cables drawn out."""
         return tuple(told for told in (self.falls, self.crossings, self.drawn_out) if told)
 
     def over(self, n_samples: int) -> Response:

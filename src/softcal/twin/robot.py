@@ -1,4 +1,4 @@
-"""What the robot is: deformable bodies, rods, rigid plates, cables, loads, markers. Frozen; numbers in SI."""
+"""The robot: deformable bodies, rods, rigid plates, cables, loads, markers. Frozen; numbers in SI."""
 
 from __future__ import annotations
 
@@ -26,9 +26,14 @@ Control = Literal["tension", "shortening"]
 
 @dataclass(frozen=True)
 class Material:
-    """What some tets of a mesh are made of: parameters of a law [SI], density [kg/m^3], and the tets' numbers.
+    """A material of some tets of a mesh.
 
-    name: the first part of its parameters' names.
+    Attributes
+    ----------
+    name : First part of its parameters' names
+    tets : Numbers of its tets (n,)
+    parameters : Constants of the law [SI] by name
+    density : [kg/m^3]
     """
 
     name: str
@@ -45,13 +50,16 @@ class Material:
 class Body:
     """A deformable body.
 
-    mesh [m]: linear or quadratic; it is made what the element needs, a linear one quadratic with straight edges.
-    element: the name of one of softcal's (P1, P2, P2P1; see `softcal.mechanics.elements`), or of a registered one.
-    law: the name of one of softcal's, or of one that was registered; parameters: the law's constants, SI
-    (neo-hooke: youngs_modulus [Pa], poissons_ratio [-]).
-    density [kg/m^3]; fixed: node numbers of the mesh that do not move.
-    inclusions: tets of other materials of the same law, which share their nodes with the rest; the body's constants
-    stand for those that they do not give.
+    Attributes
+    ----------
+    name : First part of its parameters' names
+    mesh : Linear or quadratic [m]; converted to the element's order, with straight edges where nodes are added
+    fixed : Numbers of the mesh nodes that do not move (n,)
+    parameters : The law's constants [SI] by name (neo-hooke: youngs_modulus [Pa], poissons_ratio [-])
+    law : Name of one of softcal's laws, or of a registered one
+    element : Name of one of softcal's elements (P1, P2, P2P1; see `softcal.mechanics.elements`), or of a registered one
+    density : [kg/m^3]
+    inclusions : Tets of other materials of the same law, with shared nodes; constants not given are the body's
     """
 
     name: str
@@ -99,10 +107,14 @@ class Body:
 class Rod:
     """A slender elastic part as a geometrically exact rod: a backbone, or the wire of a helical spring.
 
-    centreline [m]: its undeformed, stress-free shape; section: its cross-section.
-    parameters: youngs_modulus [Pa], poissons_ratio [-]; density [kg/m^3].
-    clamped: plate name -> node numbers of the centreline that move with the plate as one.
-    fixed: node numbers that do not move.
+    Attributes
+    ----------
+    name : First part of its parameters' names
+    centreline, section : Undeformed, stress-free shape [m], and cross-section
+    parameters : youngs_modulus [Pa], poissons_ratio [-]
+    clamped : Plate name -> numbers of the centreline nodes (n,) that move rigidly with the plate
+    fixed : Numbers of the nodes that do not move (n,)
+    density : [kg/m^3]
     """
 
     name: str
@@ -130,9 +142,12 @@ class Rod:
 
 @dataclass(frozen=True)
 class Disc:
-    """The shape of a plate: a flat cylinder. centre [m]; axis: made a unit vector; diameter, thickness [m].
+    """The shape of a plate: a flat cylinder, drawn and kept clear of bodies; the statics do not need it.
 
-    hole_diameter [m] of the plate's guide holes. It is drawn and kept clear of bodies; the statics do not need it.
+    Attributes
+    ----------
+    centre, axis : Centre (3,) [m] and direction (3,), stored as a unit vector, in the rest frame
+    diameter, thickness, hole_diameter : [m]; the last one is that of the plate's guide holes
     """
 
     centre: Floats
@@ -164,11 +179,18 @@ class Disc:
 class Plate:
     """A rigid plate tied to nodes of one body (or of several), or clamped to rods.
 
-    nodes: body name -> node numbers of its mesh. reference: point whose position and rotation is the pose [m].
-    mass [kg] at centre_of_mass [m] (rest frame). fixed: whether it does not move at all.
-    inertia: its tensor about the centre of mass [kg m^2] (rest frame), which counts in time alone; None: that of its
-    disc with its mass, or of a point where there is no disc.
-    holes: name -> point [m] (rest frame) where a cable may run through. disc: its shape, where known.
+    Attributes
+    ----------
+    name : First part of its channels' names
+    nodes : Body name -> numbers of its mesh nodes (n,) that move with the plate
+    reference : Point (3,) [m], rest frame, whose position and rotation is the pose
+    mass, centre_of_mass : [kg], and point (3,) [m] in the rest frame, by default `reference`
+    fixed : Whether the plate does not move at all
+    holes : Name -> point (3,) [m], rest frame, through which a cable may run
+    disc : Its shape, where known
+    inertia
+        Tensor (3, 3) about the centre of mass [kg m^2], rest frame, used in dynamics alone; None: that of its disc with
+        its mass, or of a point mass without a disc.
     """
 
     name: str
@@ -219,7 +241,7 @@ def inertia_tensor(values: Floats, name: str) -> Floats:
     tensor = frozen_floats(values, name=name, shape=(3, 3))
     moments = np.linalg.eigvalsh(tensor)
     size = float(np.abs(tensor).max())
-    # Of mass that is nowhere negative, none exceeds the sum of the other two.
+    # For a non-negative mass distribution, no principal moment exceeds the sum of the other two.
     if np.abs(tensor - tensor.T).max() > 1e-9 * size or not moments[2] <= (1.0 + 1e-9) * (moments[0] + moments[1]):
         raise InputError(
             Fault(
@@ -236,7 +258,11 @@ def inertia_tensor(values: Floats, name: str) -> Floats:
 class Tie:
     """Nodes of a body bonded to another body, whose mesh need not match; tie the finer side to the coarser.
 
-    tolerance [m]: how far from it the nodes may lie; by default a quarter of an edge of the nearest tet.
+    Attributes
+    ----------
+    name, body, nodes : Names of the tie and of the tied body, and numbers of its mesh nodes (n,)
+    on : Name of the body that they are bonded to
+    tolerance : Largest distance [m] of the nodes from it; None: a quarter of an edge of the nearest tet
     """
 
     name: str
@@ -251,9 +277,14 @@ class Tie:
 
 @dataclass(frozen=True)
 class Marker:
-    """A point whose position is seen: at [m] in the rest frame; on: the plate or body that it is stuck to.
+    """A point whose position is measured.
 
-    On a body it may stand off: it then follows the nearest element as if that went on.
+    A marker outside its body follows the nearest element, whose deformation is extrapolated.
+
+    Attributes
+    ----------
+    name, on : Names of the marker and of the plate or body that carries it
+    at : Position (3,) [m] in the rest frame
     """
 
     name: str
@@ -266,9 +297,14 @@ class Marker:
 
 @dataclass(frozen=True)
 class PointLoad:
-    """A dead force [N] at a point [m] (rest frame) of a body or plate.
+    """A dead force at a point of a body or plate.
 
-    direction: unit vector of the force, needed where its magnitude is zero now and another value later.
+    Attributes
+    ----------
+    name, on : Names of the load and of the body or plate
+    at : Point (3,) [m] in the rest frame
+    force : (3,) [N]
+    direction : Unit vector (3,) of the force; needed where its magnitude is zero now and another value later
     """
 
     name: str
@@ -288,7 +324,14 @@ class PointLoad:
 
 @dataclass(frozen=True)
 class SurfaceLoad:
-    """A dead traction [Pa] per undeformed area on triangles (k, 3 or 6) of a body's mesh."""
+    """A dead traction on a part of a body's surface.
+
+    Attributes
+    ----------
+    name, on : Names of the load and of the body
+    faces : Node numbers of triangles (k, 3 or 6) of the body's mesh
+    traction : Force per undeformed area (3,) [Pa]
+    """
 
     name: str
     on: str
@@ -302,12 +345,17 @@ class SurfaceLoad:
 
 @dataclass(frozen=True)
 class Contact(Declared):
-    """That surfaces of bodies, and wires of rods, do not pass through each other.
+    """Contact between surfaces of bodies and wires of rods, which prevents interpenetration.
 
-    gap [m]: distance at which they begin to push; stiffness [Pa] of the barrier: both say how far apart what touches
-    stays, not with what force. `softcal.twin.contacts.fitting_contact` chooses them for a robot.
-    friction_coefficient [-]: Coulomb's, in motion in time alone, since rest under friction depends on the way there;
-    creep [m/s]: sliding slower than that takes less friction.
+    gap and stiffness set the remaining distance of touching surfaces, not their contact force.
+    `softcal.twin.contacts.fitting_contact` chooses them for a robot.
+
+    Attributes
+    ----------
+    gap : Distance [m] at which the barrier begins to act
+    stiffness : Stiffness [Pa] of the barrier
+    friction_coefficient : Coulomb's [-], in dynamics alone: equilibria with friction depend on the load path
+    creep : Sliding speed [m/s] below which the friction is reduced
     """
 
     gap: Size
@@ -318,7 +366,14 @@ class Contact(Declared):
 
 @dataclass(frozen=True)
 class Robot:
-    """Bodies, rods, plates, ties, cables, loads and markers; gravity [m/s^2]; contact, or None: parts may overlap."""
+    """Bodies, rods, plates, ties, cables, loads and markers, with gravity and contact.
+
+    Attributes
+    ----------
+    bodies, plates, cables, loads, rods, ties, markers : The parts; no two share a name
+    gravity : Acceleration (3,) [m/s^2]
+    contact : Contact of the parts; None: they may overlap
+    """
 
     bodies: tuple[Body, ...] = ()
     plates: tuple[Plate, ...] = ()

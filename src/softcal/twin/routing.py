@@ -1,7 +1,7 @@
-"""Where a cable runs between two of its via points in one body: in a bore, that goes with the body.
+"""The routing of a cable between two of its via points in one body: in a bore, which moves with the body.
 
-Straight from point to point it would leave the bore of a body that bends, towards the inside of the bend, and pull on a
-longer and longer arm; a soft body then folds between two via points as a column under its own load.
+A straight segment would leave the bore of a bending body, towards the inside of the bend, with a growing lever arm; a
+soft body then folds between two via points as a column buckles under its own load.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from softcal.mechanics.attachment import attach_rate
 from softcal.twin.cables import RoutingAxis, ViaPoint
 
 SPACING = 0.25  # of an edge of the tets around: the distance of the points that stand for a bore
-SKIN = 0.05  # of an edge: a line as near as that to the surface runs on it, and nothing keeps it there
+SKIN = 0.05  # of an edge: a line as near as that to the surface runs on it and is not guided
 
 
 def bored(via_points: Sequence[ViaPoint], meshes: Mapping[str, TetMesh]) -> tuple[ViaPoint, ...]:
-    """The via points, and between two neighbours in one body as many more as follow the bore that leads from one to the
-    other: wherever the line between them runs inside the body's material, or inside a bore of its mesh.
+    """The via points, with additional ones along the bore between two neighbours in one body: wherever the line between
+    them runs inside the body's material, or inside a bore of its mesh.
 
     meshes [m]: by body's name. Across a gap of the body the cable runs straight.
     """
@@ -38,7 +38,7 @@ def bored(via_points: Sequence[ViaPoint], meshes: Mapping[str, TetMesh]) -> tupl
 
 
 def offset_rate(mesh: TetMesh, via: ViaPoint, way: Floats, *, where: str = "") -> tuple[Ints, Floats]:
-    """Nodes and rates [1/m] of the weights of a via point in a body that moves along a way (3,).
+    """Nodes and rates [1/m] of the weights of a via point in a body that moves along a direction (3,).
 
     Raises
     ------
@@ -74,7 +74,7 @@ def require_movable(via_points: Sequence[ViaPoint], axis: RoutingAxis, meshes: M
 
 
 def _inside(mesh: TetMesh, start: Floats, end: Floats) -> Floats:
-    """Points between two others, evenly spaced, without those that no material surrounds."""
+    """Points between two others, evenly spaced, only those surrounded by material."""
     edge = float(mean_edges(mesh, nearest_places(mesh, np.stack([start, end])).tets).mean())
     pieces = max(1, int(np.ceil(float(np.linalg.norm(end - start)) / (SPACING * edge))))
     points = start + (end - start) * (np.arange(1, pieces) / pieces)[:, None]

@@ -1,4 +1,4 @@
-"""What is done to the robot over time."""
+"""The commands of a motion over time."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from softcal.twin.robot import Control
 
 @dataclass(frozen=True)
 class Schedule:
-    """Commands by cable over time: values at `times` (n,) [s], from 0 on and ascending; straight between, then held.
+    """Commands by cable over time: values at `times` (n,) [s], from 0 on and ascending; linear in between, then
+    constant.
 
     A cable that is not named is slack.
     """
@@ -44,12 +45,12 @@ class Schedule:
         return {name: float(np.interp(time, self.times, c.values)) for name, c in self.commands.items()}
 
     def held(self, duration: float) -> Schedule:
-        """Its last commands held for a time [s] more."""
+        """The schedule with its last commands kept for a time [s] more."""
         held = {n: Command(c.control, np.append(c.values, c.values[-1])) for n, c in self.commands.items()}
         return Schedule(np.append(self.times, self.times[-1] + duration), held)
 
 
 def ramp(targets: Mapping[str, tuple[Control, float]], duration: float) -> Schedule:
-    """From nothing to each cable's target, such as {"front": ("tension", 5.0)}, at a constant rate [duration in s]."""
+    """From zero to each cable's target, such as {"front": ("tension", 5.0)}, at a constant rate [duration in s]."""
     commands = {name: Command(control, np.array([0.0, value])) for name, (control, value) in targets.items()}
     return Schedule(np.array([0.0, duration]), commands)

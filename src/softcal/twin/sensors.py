@@ -1,4 +1,4 @@
-"""Virtual sensors: from a state, and a rate of the unknowns, to channels and their rates."""
+"""Virtual sensors: the channels and their rates, from a state and a rate of the unknowns."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def sense_rates(twin: Twin, state: State, dz: Floats) -> Floats:
 def sense_by_parameters(twin: Twin, state: State, by_parameter: Floats, names: Sequence[str]) -> Floats:
     """The channels' derivatives by parameters (n_channels, k), of the unknowns' (n_unknowns, k).
 
-    A routing offset changes a cable's length where the robot is still, too.
+    A routing offset also changes a cable's length at fixed unknowns.
     """
     rates = sense_rates(twin, state, by_parameter)
     of_itself = cables_of(twin.system).shortening_by_offset(state.x)
@@ -91,8 +91,8 @@ def _point_rates(twin: Twin, state: State, weights: Weights) -> Floats:
 def angles(R: Floats) -> tuple[float, float, float]:
     """pitch, roll, yaw [rad] of a rotation: pitch = atan2(R02, R22), roll = -asin R12, yaw = atan2(R10, R11).
 
-    Pitch is the inclination towards +x, roll the one about x, yaw the turn about z; each is the whole of it when the
-    others are zero (R = Ry(pitch) Rx(roll) Rz(yaw)).
+    Pitch is the inclination towards +x, roll the one about x, yaw the rotation about z; each is the whole rotation
+    angle when the others are zero (R = Ry(pitch) Rx(roll) Rz(yaw)).
     """
     return (
         float(np.arctan2(R[0, 2], R[2, 2])),

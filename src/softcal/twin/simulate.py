@@ -1,4 +1,4 @@
-"""simulate(robot, protocol): what the bench would see."""
+"""simulate(robot, protocol): the quasi-static response."""
 
 from __future__ import annotations
 
@@ -33,9 +33,10 @@ def simulate(
     """The twin's quasi-static response to a protocol.
 
     With one driven cable the response is one curve: it is solved at a few well-placed nodes, with exact slopes, and
-    read off between them by cubic Hermite pieces whose error stays below `curve_tolerance` times the channel's largest
-    value; 0 solves every sample. With several driven cables every sample is solved. A cable driven by tension is
-    followed in its shortening, so that folding necks and cables wound up to zero length are states, not failures.
+    interpolated between them by cubic Hermite pieces whose error stays below `curve_tolerance` times the channel's
+    largest value; 0 solves every sample. With several driven cables every sample is solved. With a cable driven by
+    tension the load path is followed in its shortening, so that folding necks and cables wound up to zero length are
+    states, not failures.
 
     Parameters
     ----------
@@ -43,21 +44,21 @@ def simulate(
         Values [SI] of robot parameters by dotted name, in the place of the robot's own. One robot at many values is
         built once; what `with_parameters` returns is another robot.
     sensitivities
-        Dotted names of robot parameters, or commands of the protocol (`cable1.tension`); the response then holds exact
+        Dotted names of robot parameters, or commands of the protocol (`cable1.tension`); the response then has exact
         derivatives of every channel by each.
     snapshots
-        Whether shapes to draw are kept: at rest, and at every solved node. With "samples", at every sample and nowhere
-        else, in their order, and every sample is solved.
+        Whether shapes to draw are kept: at rest, and at every solved node. With "samples", only at every sample, in
+        their order, and every sample is solved.
 
     crossings
-        Whether to look, at every solved state, for bodies that pass through themselves or each other.
+        Whether to check every solved state for bodies that pass through themselves or each other.
 
     Returns
     -------
     Response
         With `succeeded` False and a sentence in `status` where a sample could not be reached. With one driven cable the
-        channels then end before it; with several the others are solved, and `samples` says which the channels hold.
-        Never raises for a robot that has no equilibrium.
+        channels then end before it; with several the others are solved, and `samples` gives the numbers of the samples
+        in the channels. Never raises for a robot that has no equilibrium.
 
     Raises
     ------
@@ -108,7 +109,9 @@ def simulate(
 
 
 def _with_commands(response: Response, protocol: Protocol, driven: Sequence[str], commanded: Sequence[str]) -> Response:
-    """The response with its slopes as derivatives by the driven cable's command; a slack cable's changes nothing."""
+    """The response with its slopes as derivatives by the driven cable's command; that of a slack cable has no
+    effect.
+    """
     if not commanded:
         return response
     sensitivities = {

@@ -1,4 +1,4 @@
-"""Rods as solids: the same parts with meshes of tets in the place of their rods, to check rods or to do without."""
+"""Rods as solids: the same parts with meshes of tets in the place of their rods, to verify or replace rods."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from softcal.mechanics.elements import DEFAULT
 from softcal.twin.manipulator import ManipulatorShape
 from softcal.twin.robot import Body, Plate, Robot, Rod
 
-# Sections whose constants agree to this are the same.
+# Sections whose constants agree to this relative tolerance are the same.
 SAME_SECTION = 1e-6
 
 
@@ -72,7 +72,7 @@ def elements_for_solid(shape: ManipulatorShape, *, rings: int = 1, layers_per_tu
 
 
 def solid_body(rod: Rod, *, rings: int = 1, element: str = DEFAULT.name) -> Body:
-    """A rod as a body, its fixed end faces among what does not move; see `with_solid_rods`.
+    """A rod as a body, its fixed end faces among the fixed nodes; see `with_solid_rods`.
 
     Raises
     ------
@@ -121,7 +121,7 @@ def _end_nodes(rod: Rod, held: Ints, start: Ints, end: Ints) -> Ints:
 
 
 def _diameter(section: CrossSection) -> float | None:
-    """Of the full circle that the section is [m], or None."""
+    """Diameter [m] of the section if it is a full circle, else None."""
     diameter = math.sqrt(4.0 * section.area / math.pi)
     round_bar = circular(diameter)
     pairs = [(getattr(section, key), getattr(round_bar, key)) for key in ("I1", "I2", "J")]

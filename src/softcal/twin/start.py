@@ -1,4 +1,4 @@
-"""Where every protocol starts: the robot under its dead loads, all cables slack."""
+"""The start of every protocol: the robot under its dead loads, all cables slack."""
 
 from __future__ import annotations
 
@@ -24,26 +24,26 @@ UNDER_LOADS = "under its loads"
 
 
 def fallen(where: str) -> str:
-    """The sentence, with a blank before it, on a robot that is not stable there."""
+    """The sentence, with a blank before it, on a robot that snaps or buckles there."""
     return f" Not stable {where}, the robot buckles or snaps to another equilibrium."
 
 
 def slack_line(twin: Twin) -> Line:
-    """Every cable held at tension zero."""
+    """Controls with every cable at prescribed tension zero."""
     n = cables_of(twin.system).n_cables
     return Line(np.ones(n, dtype=bool), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n))
 
 
 @dataclass(frozen=True)
 class Start:
-    """The robot under its dead loads. falls: whether it buckles or snaps as they are put on."""
+    """The robot under its dead loads. falls: whether it buckles or snaps through as they are applied."""
 
     state: State
     falls: bool = False
 
 
 def loaded(twin: Twin, statics: Statics) -> Start:
-    """The stable equilibrium under the dead loads, put on in as many steps as it takes.
+    """The stable equilibrium under the dead loads, applied in adaptive steps.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def loaded(twin: Twin, statics: Statics) -> Start:
 
 
 def snapshot(twin: Twin, state: State, controls: dict[str, float], drive: float, unit: str) -> Snapshot:
-    """A state's shape, to draw."""
+    """The shape of a state, to draw."""
     robot = twin.robot
     points = {
         name: state.x[first : first + twin.meshes[name].n_points].copy()

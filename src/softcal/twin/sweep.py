@@ -1,4 +1,4 @@
-"""One driven cable: the whole protocol is one curve in its shortening."""
+"""One driven cable: the response to a protocol is one curve in its shortening."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ FIRST_STEP = 0.12  # of the driven cable's length
 WOUND_UP = 1e-3  # of its length: a cable shorter than this is wound up
 SAME = 1e-9  # of its length: two nodes closer than this are one
 DERIVATIVES = 10.0  # times the curve's tolerance: that of the channels' derivatives by parameters
-FEW_NODES, NODES_FOR_DERIVATIVES = 16, 4  # that derivatives may ask for, and for each of the values': kinks never end
-LEAST_MOTION = 1e-4  # [rad], or of the robot's extent: channels are resolved no finer than if they moved by this
+FEW_NODES, NODES_FOR_DERIVATIVES = 16, 4  # limit for derivatives, and per node for the values: kinks never converge
+LEAST_MOTION = 1e-4  # [rad], or of the robot's extent: lower limit of a channel's scale
 LEAST_SENSITIVITY = 1e-3  # of the most sensitive channel's: the same for derivatives
-MAX_REFINEMENTS = 24  # a knee may be some thousand times as narrow as the curve is long
+MAX_REFINEMENTS = 24  # a region of high curvature may be a thousandth of the curve's length
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Sweep:
         except SimulationError as error:
             return self._response(np.zeros((0, len(self._units))), None, None, str(error), False)
 
-    # The line of equilibria: the driven cable's shortening c from where it just goes taut, all others slack.
+    # The path of equilibria: by the driven cable's shortening c, from where it just becomes taut, all others slack.
 
     @property
     def _units(self) -> dict[str, str]:
@@ -90,14 +90,14 @@ class Sweep:
         return self._length - float(cables_of(self.twin.system).lengths(state.x)[self._i_cable])
 
     def _slack_node(self, start: Node) -> Node:
-        """The same state with the driven cable slack: nothing moves as it is pulled in."""
+        """The same state with the driven cable slack: taking up its slack moves nothing."""
         line = slack_line(self.twin)
         return node_at(self.statics, line, start.c, start.state, self.names)
 
     def _curve(self, nodes: tuple[Node, ...]) -> Curve:
         readings = [self._reading(node) for node in nodes]
         values = np.array([reading.values for reading in readings])
-        # A neck that folds past half a turn turns on: atan2's jump is none of the curve's.
+        # A neck may fold past half a turn: atan2's jump there is not the curve's.
         turns = [k for k, unit in enumerate(self._units.values()) if unit == "rad"]
         values[:, turns] = np.unwrap(values[:, turns], axis=0)
         slopes = np.array([reading.slopes for reading in readings])
@@ -108,13 +108,13 @@ class Sweep:
         return Curve(c, values, slopes, by_parameter, mixed, fallen_to)
 
     def _reading(self, node: Node) -> SensorReading:
-        """A node is read once, however often a curve is drawn through it."""
+        """The reading of a node, cached."""
         if node not in self.readings:
             self.readings[node] = read(self.twin, self.statics, node, self.names)
         return self.readings[node]
 
     def _refined(self, path: Path, tensions: Floats | None = None) -> tuple[Path, Curve]:
-        """The path with nodes added until the curve is as exact as asked for, or where these tensions are read."""
+        """The path, refined until the curve is within tolerance, or only where it may reach one of these tensions."""
         curve = self._curve(path.nodes)
         most = np.inf  # nodes; known once the values are exact enough
         for _ in range(MAX_REFINEMENTS):
@@ -145,7 +145,7 @@ class Sweep:
 
     @property
     def _least(self) -> Floats:
-        """What channels must reach to be more than rounding, (n_channels, 1)."""
+        """Smallest values of the channels above rounding error, (n_channels, 1)."""
         least = {"rad": LEAST_MOTION, "m": LEAST_MOTION * self.statics.length}
         return np.array([[least.get(unit, 0.0)] for unit in self._units.values()])
 
@@ -154,13 +154,13 @@ class Sweep:
         return replace(path, nodes=tuple(sorted([*path.nodes, *extra], key=lambda node: node.c)))
 
     def _missing(self, path: Path, c: Floats) -> Floats:
-        """Those of c that no node stands at."""
+        """Those values of c without a node."""
         have = np.array([node.c for node in path.nodes])
         unique = np.unique(c)
         nearest = np.abs(unique[:, None] - have[None, :]).min(axis=1)
         return unique[nearest > SAME * self._length]
 
-    # The two ways to drive it.
+    # Control by shortening or by tension.
 
     def _by_shortening(self, start: Node, d: Floats) -> Response:
         end = float(d.max())
@@ -170,7 +170,7 @@ class Sweep:
         taut = d > start.c
         if not _falls_on(path):
             path, _ = self._refined(path)
-        if falls := _falls_on(path):  # what comes after is not smooth enough to be read, nor reached from both sides
+        if falls := _falls_on(path):  # beyond a snap-through the curve is neither smooth nor reached from both sides
             path = self._by_samples(start, np.unique(d[taut]))
         curve = self._curve(path.nodes)
         reached = path.nodes[-1].c
@@ -183,7 +183,7 @@ class Sweep:
         if slack.any():
             still = self._curve((self._slack_node(start),))
             values[slack], slopes[slack], by_parameter[slack] = still.values, still.slopes, still.by_parameter
-        # A slack cable's shortening is what was commanded, not what would make it taut.
+        # A slack cable's shortening is the command, not the shortening that would make it taut.
         values[:, 2 * self._i_cable] = d[:n]
         slopes[:, 2 * self._i_cable] = 1.0
         by_parameter[:, 2 * self._i_cable] = 0.0
@@ -216,7 +216,7 @@ class Sweep:
             path = self._at_tensions(path, c, T)
             curve = self._curve(path.nodes)
             c = curve.first_passage(i_tension, T)
-        # What is left: where the curve that is solved reaches a tension elsewhere than the one that was read.
+        # The rest: tensions that the solved curve reaches at another shortening than the interpolated one.
         while self.tolerance <= 0.0:
             missing = self._missing(path, c[np.isfinite(c)])
             if len(missing) == 0:
@@ -242,12 +242,12 @@ class Sweep:
         if self.snapshots:
             path = self._up_to(path, float(at.max(initial=start.c)))
         shapes = self._shapes(path, at, T[:n], "N")
-        # Where the drive ends short, what crosses on the way there may be why.
+        # Where the path ends early, crossings up to its end may be the cause.
         remarks = self._remarks(path, float(at.max(initial=start.c)) if n == len(T) else np.inf)
         return self._response(values, slopes, by_parameter, status, n == len(T), shapes, remarks)
 
     def _by_samples(self, start: Node, c: Floats) -> Path:
-        """The path through every one of c, in their order."""
+        """The path through every value of c, in their order."""
         path = Path((start,), True, names=self.names)
         for value in c:
             leg = self._follow(path.nodes[-1], float(value))
@@ -283,7 +283,7 @@ class Sweep:
         return node if node is not None and node.is_stable else None
 
     def _up_to(self, path: Path, c: float) -> Path:
-        """The path up to c, with a node there: one to a tension ends beyond it."""
+        """The path up to c, with a node there: a path to a tension ends beyond it."""
         path = self._with_nodes(path, self._missing(path, np.array([c])))
         return replace(path, nodes=tuple(node for node in path.nodes if node.c <= c + SAME * self._length))
 
@@ -305,7 +305,7 @@ class Sweep:
             largest_step=3.0 * FIRST_STEP * self._length if not np.isfinite(until) else max(step, 0.25 * self._length),
         )
 
-    # What comes out.
+    # The response.
 
     def _at_rest(self, start: Node, n: int) -> Response:
         numbers = range(1, n + 1) if self.snapshots == "samples" else (0,)
@@ -314,7 +314,7 @@ class Sweep:
         return self._response(*self._curve((start,)).at(np.zeros(n)), status, True, shapes, remarks)
 
     def _shapes(self, path: Path, c: Floats, commands: Floats, unit: str) -> tuple[Snapshot, ...]:
-        """What is to be drawn: the samples that the commands [unit] bring to c, or the path that leads there."""
+        """The shapes to draw: at samples with commands [unit] and shortenings c, or at every node of the path."""
         if self.snapshots != "samples":
             return self._solved(path, unit)
         have = np.array([node.c for node in path.nodes])
@@ -343,14 +343,14 @@ class Sweep:
         )
 
     def _remarks(self, path: Path, end: float = np.inf) -> tuple[str, str]:
-        """Where it falls, and what crosses up to `end`: sentences with a blank before each, or nothing."""
+        """Snap-throughs, and crossings up to `end`: sentences with a blank before each, or nothing."""
         if not self.crossings:
             return self._falls(path), ""
         layout = self.twin.system.layout
         return self._falls(path), crossed_on_path(self.twin.skins, layout, path.nodes, end, self.cable or "")
 
     def _met(self, path: Path) -> str:
-        """From where on via points have met, in a sentence with a blank before it; not of a cable that is wound up."""
+        """Sentence, after a blank, on the shortening from which on via points coincide; not for a wound-up cable."""
         for node in path.nodes:
             if node.c < self._length * (1.0 - WOUND_UP) * (1.0 - SAME) and (
                 pairs := cables_of(self.twin.system).meeting(node.state.x)
@@ -396,5 +396,5 @@ class Sweep:
 
 
 def _falls_on(path: Path) -> bool:
-    """Whether the robot falls on the way, and not under its loads alone."""
+    """Whether a snap-through occurs along the path, other than under the loads alone."""
     return any(node.is_fallen for node in path.nodes[1:])

@@ -1,4 +1,4 @@
-"""From one set of commands to the next: which cables are taut and which are slack is found on the way."""
+"""From one set of commands to the next, with an active-set method for taut and slack cables."""
 
 from __future__ import annotations
 
@@ -18,18 +18,20 @@ from softcal.mechanics.state import State
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.system import Controls
 
-SAME = 1e-9  # of the largest command: commands as near as this are one
+SAME = 1e-9  # of the largest command: closer commands count as equal
 
 
 @dataclass(frozen=True)
 class Way:
-    """A straight way through the commands, and the last nodes on it."""
+    """A straight line through the space of commands, and the last nodes on it."""
 
     line: Line
     nodes: tuple[Node, ...]
 
     def to(self, target: Controls) -> float | None:
-        """Where on it the commands are reached further on; None where they lie elsewhere."""
+        """The line's parameter at which the commands are reached beyond the last node; None where they are not on the
+        line.
+        """
         line = self.line
         held = line.is_held
         start = np.where(held, line.tension, line.shortening)
@@ -47,7 +49,7 @@ class Way:
 class Reached:
     """An equilibrium at some commands.
 
-    falls: whether the robot fell on the way, has_fallen: or before; way: the one that led there.
+    falls: whether the robot snapped through on the line to it, has_fallen: or before; way: the line to it.
     """
 
     state: State
@@ -59,8 +61,8 @@ class Reached:
 
 
 def reach(statics: Statics, last: Reached, target: Controls, by_length: np.ndarray, names: tuple[str, ...]) -> Reached:
-    """Equilibrium at the target: along a straight line with the cables taut or slack as they are, then switched where
-    a taut one would push or a slack one would be too long, and again, until none is.
+    """Solve at the target with an active-set loop: follow a straight line with each cable's taut or slack state kept,
+    release cables in compression, engage over-long ones, and repeat until unchanged.
 
     Parameters
     ----------
@@ -76,7 +78,7 @@ def reach(statics: Statics, last: Reached, target: Controls, by_length: np.ndarr
     """
     cables = cables_of(statics.system)
     state, falls = last.state, False
-    # A taut cable goes from its present length to the target's; a slack one waits for the check.
+    # A taut cable moves from its present length to the target's; the check below engages slack ones.
     held = last.controls.is_held
     start = Controls(held, np.where(held, last.controls.effort, 0.0), cables.rest_length - cables.lengths(state.x))
     way, end = last.way, None if last.way is None else last.way.to(target)
@@ -97,7 +99,7 @@ def reach(statics: Statics, last: Reached, target: Controls, by_length: np.ndarr
             )
             node = path.nodes[-1]
             if not path.reached and first is not None and DEPENDENT not in path.status:
-                # States with a cable that pushes are none: the way goes on from the first of them, with that one slack.
+                # A state with a cable in compression is not admissible: continue from the first one, with it slack.
                 path = replace(path, nodes=path.nodes[: first + 1])
                 node = node_at(statics, line, path.nodes[-1].c, path.nodes[-1].state, names, mixed=False)
             elif not path.reached:
@@ -114,7 +116,7 @@ def reach(statics: Statics, last: Reached, target: Controls, by_length: np.ndarr
                 state, replace(target, is_held=start.is_held), node.by_parameter, falls, last.has_fallen or falls, way
             )
         if falls:
-            break  # to where cables that stay taut or slack let it fall, which is elsewhere
+            break  # the snap-through was found with fixed taut and slack states; with switching ones it ends elsewhere
         is_held = (start.is_held | pushes) & ~too_long
         tension = np.where(is_held, np.where(by_length, np.maximum(state.effort, 0.0), here.effort), 0.0)
         start = Controls(is_held, np.where(pushes, 0.0, tension), cables.rest_length - lengths)
@@ -128,12 +130,12 @@ def reach(statics: Statics, last: Reached, target: Controls, by_length: np.ndarr
 def _fallen(
     statics: Statics, last: Reached, target: Controls, by_length: np.ndarray, names: tuple[str, ...]
 ) -> Reached:
-    """The equilibrium that the robot falls to from the last one, its cables going taut and slack on the way down.
+    """The equilibrium reached by snap-through from the last one, with cables becoming taut or slack meanwhile.
 
     Raises
     ------
     SimulationError
-        Where it comes to none.
+        Where none is reached.
     """
     cables = cables_of(statics.system)
 
@@ -155,7 +157,7 @@ def _fallen(
 
 
 def _line(start: Controls, target: Controls) -> Line:
-    """From the start (c = 0) to the target (c = 1)."""
+    """The line from the start (c = 0) to the target (c = 1)."""
     return Line(
         start.is_held,
         start.effort,
@@ -166,13 +168,13 @@ def _line(start: Controls, target: Controls) -> Line:
 
 
 def _released(statics: Statics, state: State, held: Controls, pushes: np.ndarray) -> State:
-    """The equilibrium once the cables that push are slack: at once where that works, else their push taken off bit by
-    bit.
+    """The equilibrium with the cables in compression slack: directly where that converges, else by reducing their
+    compression in steps.
 
     Raises
     ------
     SimulationError
-        Where there is none on the way.
+        Where an equilibrium in between does not exist.
     """
     slack = replace(state, effort=np.where(pushes, 0.0, state.effort))
     released = statics.equilibrium(slack, held)

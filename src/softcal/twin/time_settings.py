@@ -1,4 +1,4 @@
-"""How motion in time is computed: the `dynamics` of a project file."""
+"""Settings of the time integration: the `dynamics` of a project file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MassMatrix = Literal["consistent", "lumped"]
 
 @dataclass(frozen=True)
 class Settling(Declared):
-    """When a robot has come to rest, after its schedule: nothing faster than `speed` [m/s] for `hold` [s].
+    """Criterion of rest after the schedule: no speed above `speed` [m/s] for `hold` [s].
 
     on: the plate or marker that is watched; "" watches every point. longest: time [s] after the schedule to give up.
     """
@@ -28,15 +28,15 @@ class Settling(Declared):
 
 @dataclass(frozen=True)
 class TimeSettings(Declared):
-    """How motion is computed.
+    """Settings of the time integration.
 
-    time_step [s]; rayleigh_stiffness [s] and rayleigh_mass [1/s]: damping, paper A's by default.
-    scheme: `converged` solves each step by Newton's method; `one-solve` takes its first iteration, as SOFA does.
-    damping of bodies: on the `strain`, or with the `tangent` of their forces, which is SOFA's and gives energy to a
-    body that is pressed beyond its own buckling load; by default the first in converged steps, else the second.
-    masses: `consistent` or `lumped`, of bodies. start: at equilibrium under the dead loads, or at rest without them.
-    ramp [s]: how long a project's pulls grow; a `Schedule` has times of its own. After the schedule, its last commands
-    are held for `hold` [s], or until nothing moves as `settle` says; in a project file that is so by default.
+    time_step [s]; rayleigh_stiffness [s] and rayleigh_mass [1/s]: damping, paper A's by default. scheme: `converged`
+    solves each step by Newton's method; `one-solve` takes its first iteration, as SOFA does. damping of bodies: on the
+    `strain`, or with the `tangent` of their forces, which is SOFA's and adds energy to a body compressed beyond its own
+    buckling load; by default the first in converged steps, else the second. masses: `consistent` or `lumped`, of
+    bodies. start: at equilibrium under the dead loads, or at rest without them. ramp [s]: duration of a project's
+    ramps; a `Schedule` has times of its own. After the schedule, its last commands are kept for `hold` [s], or until
+    the robot is at rest as `settle` defines; in a project file the latter by default.
     """
 
     time_step: Duration = 0.01

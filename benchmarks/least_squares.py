@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import itertools
 import time
 from pathlib import Path
@@ -12,13 +11,14 @@ from benchmarks.problems import BOUNDS, N_SAMPLES, NU, SIGMA_PITCH, SIGMA_TENSIO
 from benchmarks.section import Goal, Section, run_alone
 from softcal.calibration.problem import Problem
 from softcal.calibration.run import calibrate
+from softcal.calibration.settings import SearchSettings
 from softcal.project.project import load
 from softcal.workflows.calibration import make_problem
 
 LIMIT = 12
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "neck" / "project.yaml"
 MIDDLE = (2.0e6, 0.45)
-DEFAULT_STARTS: int = inspect.signature(calibrate).parameters["starts"].default
+DEFAULT_STARTS = SearchSettings().starts
 
 
 HEADER = ["data", "start (E in MPa, ν)", "starts", "free", "trajectories", "factorisations", "seconds", "E in MPa", "ν"]

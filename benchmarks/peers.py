@@ -55,7 +55,7 @@ def softcal_assembler(task: Task) -> Assembler:
     nu = 0.5 * task.lmbda / (task.lmbda + task.mu)
     theta = {"body.youngs_modulus": 2.0 * task.mu * (1.0 + nu), "body.poissons_ratio": nu}
     rest = rest_state(layout)
-    state = State(X + task.u, rest.position, rest.rotation, rest.pressure, rest.tension)
+    state = State(X + task.u, rest.position, rest.rotation, rest.pressure, rest.effort)
     controls = Controls(np.zeros(0, dtype=bool), none, none)
 
     def common(at: Any) -> Common:

@@ -18,6 +18,7 @@ from softcal.calibration.problem import Problem, make_problem
 from softcal.calibration.result import CalibrationResult
 from softcal.calibration.result_reading import load_result
 from softcal.calibration.run import calibrate
+from softcal.calibration.settings import SearchSettings
 from softcal.errors import ParameterError
 
 CAMERA = (0.01, -0.02, 0.03, 0.05, -0.1, 0.2)
@@ -80,7 +81,9 @@ def test_a_modulus_for_each_spring_predicts_better_than_one_for_all() -> None:
     tied = bench("cable1", "cable5", "cable6", parameters=(TIED, *FRAMES), noise=5e-4)
     folds = folds_of(tied, [["cable6"]])
     models = {"one": tied, "each": with_split(tied, TIED.label)}
-    found = Validation({label: leave_out(problem, folds, starts=1) for label, problem in models.items()})
+    found = Validation(
+        {label: leave_out(problem, folds, SearchSettings(starts=1)) for label, problem in models.items()}
+    )
     one, each = found.errors("one")["distance"], found.errors("each")["distance"]
     assert each < 2e-3
     assert one > 3 * each

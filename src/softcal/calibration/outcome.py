@@ -13,7 +13,7 @@ from softcal.calibration.fit import experiment_fit, missing_rows
 from softcal.calibration.optimiser import OPTIMISERS
 from softcal.calibration.problem import Evaluation, Problem
 from softcal.calibration.result import CalibrationResult, Estimate, Trial
-from softcal.calibration.sensitivity import Statistics, local_statistics
+from softcal.calibration.sensitivity import EXCESS, Statistics, local_statistics
 from softcal.calibration.settings import SearchSettings
 from softcal.units import AS_WRITTEN, format_quantity
 
@@ -142,8 +142,8 @@ def bound_note(label: str, estimate: Estimate) -> str:
 
 
 def is_warning(note: str) -> bool:
-    """Whether a note is a warning: that a parameter is at a bound, or that there are too many of them."""
-    return any(words in note for words in (BY_THE_BOUNDS, BEYOND_THE_BOUNDS, SATURATED))
+    """Whether a note is a warning: a parameter at a bound, too many parameters, residuals beyond the noise."""
+    return any(words in note for words in (BY_THE_BOUNDS, BEYOND_THE_BOUNDS, SATURATED, EXCESS))
 
 
 def _saturated_note(result: CalibrationResult) -> str:

@@ -22,6 +22,7 @@ from softcal.units import plain
 
 # A parameter with a larger share of an unidentifiable direction cannot be distinguished from the others in it.
 _MIXED = 0.01
+EXCESS = "what the stated noise explains"
 # Residuals this many times what the stated noise explains are worth a sentence.
 _TOO_LARGE = 1.5
 NOISE_ALONE = (
@@ -123,7 +124,7 @@ def _notes(space: SearchSpace, found: Estimator, mixed: np.ndarray, *, saturated
 
 def _excess_note(channel: str, factor: float, *, widened: bool, priors: bool) -> str:
     text = (
-        f"The residuals of {channel} are {plain(factor, 2)} times what the stated noise explains: the twin or the "
+        f"The residuals of {channel} are {plain(factor, 2)} times {EXCESS}: the twin or the "
         "rig's model misses something, or the noise was stated too small."
     )
     if not widened:

@@ -14,12 +14,13 @@ _MAX_TENSION = 5e3  # [N]
 _MAX_SPEED = 1.0  # [m/s]
 _MIN_ANGLE = 1e-3  # [rad]
 _BINS = 20
+_REPEATED = 0.1  # share of rows that may repeat the one before, as at a standstill that is coarsely resolved
 _FLOOR = 0.1  # share of the force's range that still counts as slack
 
 
 def check_plausible(dataset: Dataset) -> tuple[str, ...]:
     """One sentence for each suspected wrong unit, sign or column; empty if there is none."""
-    return (*_stiffness(dataset), *_ranges(dataset), *_angles(dataset), *_time(dataset))
+    return (*_stiffness(dataset), *_ranges(dataset), *_angles(dataset), *_time(dataset), *_repeated(dataset))
 
 
 def _stiffness(dataset: Dataset) -> list[str]:
@@ -103,3 +104,15 @@ def _time(dataset: Dataset) -> list[str]:
     if speed > _MAX_SPEED:
         return [f"{dataset.name}: the crosshead moves at {speed:.3g} m/s, above {_MAX_SPEED:g} m/s: time in min or ms?"]
     return []
+
+
+def _repeated(dataset: Dataset) -> list[str]:
+    """Rows written more than once would count as measurements of their own."""
+    table = np.column_stack([channel.values for channel in dataset.channels.values()])
+    repeats = int(np.sum(np.all(table[1:] == table[:-1], axis=1)))
+    if repeats <= _REPEATED * dataset.n_samples:
+        return []
+    return [
+        f"{dataset.name}: {repeats} of {dataset.n_samples} rows repeat the one before in every channel. Each counts as "
+        f"a measurement of its own, so standard errors come out too small where rows were written more than once."
+    ]

@@ -105,7 +105,7 @@ def closeness(misses: Iterable[Miss]) -> tuple[str, Tone]:
         return "that is within the stated noise", "good"
     shares = [(miss.share, miss.word) for miss in beyond if miss.share is not None]
     if not shares:
-        return "the measurement is constant, so the error has no share of its range", "note"
+        return "that is poor (the measurement is constant, and the twin is not)", "warning"
     share, word = max(shares)
     close, poor = number(100 * CLOSE, 1), number(100 * POOR, 2)
     if share <= CLOSE:

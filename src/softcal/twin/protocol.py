@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import get_args
 
 import numpy as np
 
@@ -20,7 +21,12 @@ class Command:
     values: Floats
 
     def __post_init__(self) -> None:
+        if self.control not in get_args(Control):
+            allowed = ", ".join(get_args(Control))
+            raise InputError(Fault("a cable cannot be driven by this", "command", f"'{self.control}'", allowed))
         object.__setattr__(self, "values", frozen_floats(self.values, name=self.control, shape=(None,)))
+        if len(self.values) == 0:
+            raise InputError(Fault("the command has no sample", self.control, allowed="one value or more"))
 
 
 @dataclass(frozen=True)

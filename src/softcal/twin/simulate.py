@@ -69,8 +69,11 @@ def simulate(
         For a robot that cannot be built.
     """
     known, theta = robot_parameters(robot), theta or {}
+    sensitivities = (sensitivities,) if isinstance(sensitivities, str) else sensitivities
     commands = {f"{cable}.{command.control}": cable for cable, command in protocol.commands.items()}
     faults = [unknown_name(name, {**known, **commands}) for name in sensitivities if name not in {**known, **commands}]
+    if snapshots not in (False, True, "samples"):
+        faults.append(Fault("there are no such snapshots", "snapshots", repr(snapshots), "True, False or 'samples'"))
     values = parameter_values(robot, theta)
     faults += value_faults(known, values)
     if robot.contact is not None and robot.contact.friction_coefficient > 0.0:

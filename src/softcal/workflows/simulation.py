@@ -73,6 +73,9 @@ def simulate(
         with friction.
     """
     robot = twin.robot if isinstance(twin, Project) else twin
+    if experiment and (protocol is not None or not isinstance(twin, Project)):
+        what = "an experiment has a protocol of its own" if protocol is not None else "a robot alone has no experiments"
+        raise ParameterError(Fault(what, "experiment", f"'{experiment}'", "a project's, without a protocol"))
     if protocol is not None and (faults := let_go_faults(with_parameters(robot, theta or {}), protocol)):
         raise ParameterError(faults)
     if protocol is None:
@@ -176,8 +179,10 @@ def pull(robot: Robot, cable: str, control: Control, end: float, samples: int = 
     known = [part.name for part in robot.cables]
     if cable not in known:
         raise ParameterError(Fault("the robot has no such cable", got=f"'{cable}'", allowed=", ".join(known)))
-    if not end > 0 or samples < 2:
-        got = format_quantity(end, "m" if control == "shortening" else "N") if samples >= 2 else f"{samples} samples"
+    if samples < 2 or samples != int(samples):
+        raise ParameterError(Fault("a pull cannot have so many samples", "samples", f"{samples:g}", "2, 3, …"))
+    if not end > 0:
+        got = format_quantity(end, "m" if control == "shortening" else "N")
         raise ParameterError(Fault("the end of a pull must be positive", f"{cable}.{control}", got))
     return Protocol({cable: Command(control, np.linspace(0.0, end, samples))})
 

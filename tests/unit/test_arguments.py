@@ -1,0 +1,63 @@
+"""Arguments in Python that make no sense are refused and not ignored."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from project_case import bar_robot, write_project
+
+import softcal
+from softcal.errors import InputError, ParameterError
+from softcal.experiments.dataset import Channel, Dataset
+from softcal.experiments.plausibility import check_plausible
+from softcal.twin.protocol import Command, Protocol
+
+PULL = Protocol({"front": Command("shortening", np.array([0.0, 0.002]))})
+
+
+def test_an_experiment_goes_with_a_project_and_without_a_protocol(tmp_path: Path) -> None:
+    project = softcal.load(write_project(tmp_path))
+    with pytest.raises(ParameterError, match="an experiment has a protocol of its own; got 'pull'"):
+        softcal.simulate(project, PULL, experiment="pull")
+    with pytest.raises(ParameterError, match="a robot alone has no experiments; got 'pull'"):
+        softcal.simulate(bar_robot(), experiment="pull")
+
+
+def test_snapshots_are_none_all_or_those_of_samples() -> None:
+    with pytest.raises(ParameterError, match="no such snapshots; got 'sample'; allowed: True, False or 'samples'"):
+        softcal.simulate(bar_robot(), PULL, snapshots="sample")  # type: ignore[arg-type]
+    assert len(softcal.simulate(bar_robot(), PULL, snapshots="samples").snapshots) == 2
+
+
+def test_one_sensitivity_may_be_named_alone() -> None:
+    response = softcal.simulate(bar_robot(), PULL, sensitivities="bar.youngs_modulus")
+    assert set(response.sensitivities["front.tension"]) == {"bar.youngs_modulus"}
+
+
+def test_a_command_drives_what_a_cable_has() -> None:
+    with pytest.raises(InputError, match="cannot be driven by this; got 'force'; allowed: tension, shortening"):
+        Command("force", np.array([1.0]))  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="tension: the command has no sample"):
+        Command("tension", np.array([]))
+
+
+@pytest.mark.parametrize("samples", [1, 0, 2.5])
+def test_a_pull_has_two_samples_or_more(samples: float) -> None:
+    with pytest.raises(ParameterError, match=f"samples: a pull cannot have so many samples; got {samples:g}"):
+        softcal.pull(bar_robot(), "front", "tension", 1.0, samples)  # type: ignore[arg-type]
+
+
+def test_rows_that_are_written_several_times_are_warned_of() -> None:
+    d = np.linspace(0.0, 0.04, 50)
+    rows = {"time": 0.1 * np.arange(50), "shortening": d, "tension": 100.0 * d, "pitch": 5.0 * d}
+    units = {"time": "s", "shortening": "m", "tension": "N", "pitch": "rad"}
+
+    def warned(repeats: int) -> str:
+        channels = {name: Channel(np.repeat(values, repeats), units[name]) for name, values in rows.items()}
+        return " ".join(check_plausible(Dataset("pull", channels)))
+
+    assert warned(1) == ""
+    assert "pull: 50 of 100 rows repeat the one before in every channel" in warned(2)
+    assert "standard errors come out too small" in warned(3)

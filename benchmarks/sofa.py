@@ -56,7 +56,7 @@ def measure(quick: bool) -> Section:
     notes = [
         f"The P1 neck of {robot.bodies[0].mesh.n_tets:,} tets pulled to 40 mm, {SAMPLES} samples; one thread, one "
         f"process at a time; softcal's times are medians of {REPEATS}. *Settled curve*: in SOFA the engine's "
-        f"{engine.states} states run to rest, with what was begun again; the samples between by a spline. "
+        f"{engine.settings.states} states run to rest, with what was begun again; the samples between by a spline. "
         "*Pull in time*: paper A's 2 mm/s with its step of 0.01 s and its damping, the exported scene and its "
         "controller as they are, without start and loading; beside it softcal's settled curve, which is how the papers "
         "read it. *Studies* of 1000 trials are **extrapolated**: the one from that pull times 1000; the other "

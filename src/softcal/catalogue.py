@@ -1,4 +1,4 @@
-"""Families that others can add to, such as laws: their members by name, softcal's own and those from outside."""
+"""Extensible families, such as laws: their members by name, softcal's own and those registered from outside."""
 
 from __future__ import annotations
 
@@ -67,11 +67,11 @@ class Catalogue(Mapping[str, T], Generic[T]):
 
     @property
     def registered(self) -> tuple[T, ...]:
-        """The members that are not softcal's own, as another process would have to be told."""
+        """The members that are not softcal's own, to be passed on to another process."""
         return tuple(member for name, member in self._all().items() if name not in self._own)
 
     def named(self, name: str, where: str = "") -> T:
-        """The member of a name; where: what the message begins with, or what a member is called.
+        """The member of a name; where: the beginning of the message, or the kind of member.
 
         Raises
         ------
@@ -83,7 +83,7 @@ class Catalogue(Mapping[str, T], Generic[T]):
         return self[name]
 
     def unknown(self, name: str, where: str = "") -> Fault:
-        """That there is no member of a name."""
+        """The fault of a name without a member."""
         return Fault(f"there is no such {self.what}", where, f"'{name}'", ", ".join(sorted(self)), nearest(name, self))
 
     def add(self, member: T) -> None:
@@ -109,7 +109,7 @@ class Catalogue(Mapping[str, T], Generic[T]):
             self._own.add(name)
 
     def remove(self, name: str) -> None:
-        """Forget a member that was registered from outside.
+        """Remove a member that was registered from outside.
 
         Raises
         ------

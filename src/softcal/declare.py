@@ -1,7 +1,8 @@
-"""What a project file can state: frozen dataclasses that pydantic reads as they are annotated; Python needs it not.
+"""Declarations for project files: frozen dataclasses that pydantic reads by their annotations; Python users need no
+pydantic.
 
 The annotations carry kinds of quantity and limits of counts (`softcal.quantities`, `softcal.limits`): a file's "38 mm"
-comes in through them, a Python user gives numbers in SI. Pydantic is imported only where a file is read.
+is read by them, a Python user gives numbers in SI. Pydantic is imported only where a file is read.
 """
 
 from __future__ import annotations
@@ -22,14 +23,14 @@ FAULT = "softcal_fault"
 
 
 class Declared:
-    """Base of the frozen dataclasses that a mapping of a project file can state, key by key as the fields are called.
+    """Base of the frozen dataclasses that a mapping of a project file can describe, its keys being the fields.
 
-    An unknown key is a fault that names the nearest known one. What `__post_init__` refuses stands at the field that
-    the fault's `where` names, or at the mapping.
+    An unknown key is a fault that names the nearest known one. A fault raised by `__post_init__` is reported at the
+    field that its `where` names, or at the mapping.
     """
 
     def __post_init__(self) -> None:
-        """Refuse numbers outside the ranges that annotate them: in a file they are refused as they are read.
+        """Refuse numbers outside the ranges of their annotations: in a file they are refused as they are read.
 
         Raises
         ------
@@ -40,7 +41,7 @@ class Declared:
             raise InputError(faults)
 
     def range_faults(self) -> list[Fault]:
-        """What is wrong with the numbers, each by the name of its field."""
+        """The faults of the numbers, each by the name of its field."""
         given = {name: value for name in _ranges(type(self)) if (value := getattr(self, name)) is not None}
         faults = (_ranges(type(self))[name].fault(value, name) for name, value in given.items())
         return [fault for fault in faults if fault]
@@ -64,10 +65,10 @@ class Declared:
 
 
 class Range(Protocol):
-    """What a number may be, such as a kind of quantity, or a limit of a count."""
+    """The admissible range of a number, such as a kind of quantity, or a limit of a count."""
 
     def fault(self, value: float, where: str = "") -> Fault | None:
-        """What is wrong with a number, or None."""
+        """The fault of a number, or None."""
         ...
 
 
@@ -90,7 +91,7 @@ def _ranges(cls: type) -> dict[str, Range]:
 
 @dataclass(frozen=True)
 class Reading:
-    """How a field is read, by a function that raises InputErrors: before or after its type is seen to, or instead."""
+    """Reads a field by a function that raises InputErrors: before, after or instead of the conversion of its type."""
 
     function: Callable[[Any], Any]
     when: Literal["before", "after", "instead"] = "before"
@@ -112,12 +113,12 @@ class Reading:
 
 
 def listed(value: object) -> object:
-    """One entry as a list of it."""
+    """A single entry as a list of one."""
     return [value] if isinstance(value, str | dict) else value
 
 
 def shown(value: object) -> str:
-    """A value as it is told in a message, cut where it is long."""
+    """A value as messages show it, shortened where it is long."""
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "…"
 
@@ -146,7 +147,7 @@ def read_mapping(
     from pydantic_core import InitErrorDetails, ValidationError
 
     unknown = [key for key in given if key not in known]
-    # A required key that was only mistyped is one mistake, told once.
+    # A required key that was only mistyped is one mistake, reported once.
     meant = {(nearest(str(key), known).strip("'"),) for key in unknown}
     found = [
         InitErrorDetails(

@@ -1,8 +1,8 @@
-"""What a number of the user's may be: the kinds of quantity, each with its unit and the range it must lie in.
+"""Kinds of quantity: the unit and the admissible range of every number that a user gives.
 
-The project file, `--set`, the bounds of free parameters and the options of commands all ask here, so that no number is
-right in one of them and wrong in another. The ranges are wide: they end where no robot that is pulled by cables
-could be, so that a number outside is a slip of unit or sign.
+The project file, `--set`, the bounds of free parameters and the options of commands all use these, so that no number is
+valid in one of them and invalid in another. The ranges are wide: they end beyond any robot that is pulled by cables, so
+that a number outside is a slip of unit or sign.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Quantity:
-    """A kind of quantity: the unit it is held in, and the range [unit] in which it must lie.
+    """A kind of quantity: its unit, and the range [unit] in which it must lie.
 
-    It annotates the fields of what a project file can state: `Annotated[float, QUANTITIES["speed"]]`, or `Speed` below.
+    It annotates the fields that a project file can give: `Annotated[float, QUANTITIES["speed"]]`, or `Speed` below.
 
-    ends: which ends of the range belong to it, as intervals are written. least [unit]: what its size must reach, for a
-    factor that must not be zero. attempt, attempt_below: what to try for a value above, or below, the range or at
-    that end of it.
+    ends: which ends of the range belong to it, in the notation of intervals. least [unit]: smallest magnitude, for a
+    factor that must not be zero. attempt, attempt_below: suggestion for a value above, or below, the range or at that
+    end of it.
     """
 
     name: str
@@ -54,7 +54,7 @@ class Quantity:
         return f"{text}, and not 0" if self.least else text
 
     def fault(self, value: float, where: str = "") -> Fault | None:
-        """What is wrong with a number [unit], or None."""
+        """The fault of a number [unit], or None."""
         if self.allows(value):
             return None
         return Fault(
@@ -78,7 +78,7 @@ class Quantity:
         return value
 
     def read(self, value: object, *, where: str = "") -> float:
-        """The number [unit] that text with a unit says.
+        """The number [unit] in a text with a unit.
 
         Raises
         ------
@@ -115,7 +115,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         Quantity("tension", "N", 0.0, 1e8),
         Quantity("tension offset", "N", -1e6, 1e6),
         Quantity("pressure", "Pa", -1e13, 1e13),
-        # The softest gels have some 1 Pa; far below no equilibrium is found, after minutes.
+        # The softest gels have some 1 Pa; far below, the solver fails only after minutes.
         Quantity("modulus", "Pa", 1e-3, 1e13, attempt="another unit", attempt_below="another unit, such as MPa"),
         Quantity("coefficient", "Pa", -1e13, 1e13),
         Quantity("Poisson's ratio", "1", -1.0, 0.5, "()", attempt="0.4999 instead of 0.5, with element P2P1"),
@@ -156,7 +156,7 @@ def quantity(kind: str) -> Quantity:
     Raises
     ------
     ParameterError
-        For a kind that there is not.
+        For an unknown kind.
     """
     if kind not in QUANTITIES:
         raise ParameterError(
@@ -165,7 +165,7 @@ def quantity(kind: str) -> Quantity:
     return QUANTITIES[kind]
 
 
-# Fields of what a project file can state; in Python they are floats in SI.
+# Types of fields that a project file can give; in Python they are floats in SI.
 Length = Annotated[float, QUANTITIES["length"]]
 Size = Annotated[float, QUANTITIES["size"]]
 Clearance = Annotated[float, QUANTITIES["clearance"]]

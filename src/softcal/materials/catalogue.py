@@ -1,4 +1,4 @@
-"""The laws there are, by name: softcal's own, and those that are registered from outside."""
+"""The laws by name: softcal's own, and those that are registered from outside."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from softcal.materials.neo_hooke import NEO_HOOKE, NEO_HOOKE_ISOCHORIC
 from softcal.materials.parameter import Parameter
 from softcal.materials.yeoh import YEOH
 
-# What else a body has in a project file: no constant can be called so.
+# The other keys of a body in a project file: reserved names.
 TAKEN = ("density", "element", "fixed", "law", "materials", "mesh", "placement", "region", "regions")
 
 

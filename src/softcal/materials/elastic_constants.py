@@ -13,5 +13,5 @@ SHEAR_MODULUS = "E/(2*(1 + nu))"
 LAME_MODULUS = "E*nu/((1 + nu)*(1 - 2*nu))"
 BULK_MODULUS = "E/(3*(1 - 2*nu))"
 
-# The constants of what is linearly elastic, as rods are.
+# The constants of linearly elastic parts, such as rods.
 LINEAR_ELASTIC = (YOUNGS_MODULUS, POISSONS_RATIO)

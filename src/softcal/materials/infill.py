@@ -11,7 +11,7 @@ from softcal.quantities import Exponent, Infill, Modulus
 
 @dataclass(frozen=True)
 class PrintInfill(Declared):
-    """Eq. (5) of paper A: E_eff = E_bulk * phi**gamma, with the ranges that are taken for plausible.
+    """Eq. (5) of paper A: E_eff = E_bulk * phi**gamma, with plausible ranges of its constants.
 
     bulk_youngs_modulus [Pa]: lowest and highest; infill phi [-], 0 < phi <= 1; exponent gamma [-]: lowest and highest.
     """

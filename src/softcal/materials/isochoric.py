@@ -9,7 +9,7 @@ BULK = Parameter("bulk_modulus", "kappa", "κ", QUANTITIES["modulus"], typical=5
 
 
 def first(name: str, label: str) -> Parameter:
-    """The coefficient [Pa] that carries the shear modulus: above zero, and always given."""
+    """The coefficient [Pa] that carries the shear modulus: above zero, and required."""
     return Parameter(name, name, label, QUANTITIES["modulus"], typical=5e6)
 
 

@@ -2,9 +2,9 @@
 
     psi(F; theta) = psi_d(I1, I2, J; theta) + kappa(theta)/2 g(J)^2
 
-with I1 = tr C, I2 = (I1^2 - tr C^2)/2, J = det F, C = F^T F, per undeformed volume. The volumetric part is kept
-apart so that it can enter as it stands, or as p g(J) - p^2 / (2 kappa) with a pressure p of its own, which holds
-no large number as nu -> 0.5.
+with I1 = tr C, I2 = (I1^2 - tr C^2)/2, J = det F, C = F^T F, per undeformed volume. The volumetric part is separate so
+that it can enter unchanged, or as p g(J) - p^2 / (2 kappa) with a pressure p as an unknown, which has no large number
+as nu -> 0.5.
 """
 
 from __future__ import annotations

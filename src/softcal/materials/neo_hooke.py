@@ -20,7 +20,7 @@ from softcal.materials.law import Law
 # goes from 2/3 at nu = -1/2 to 0 at 1/2, where it matters least.
 NEO_HOOKE = Law(
     name="neo-hooke",
-    # With lambda < 0 an even compression to lengths below sqrt(-3 nu / (1 - 2 nu)) needs less and less pressure: 0.87
+    # With lambda < 0 a uniform compression to lengths below sqrt(-3 nu / (1 - 2 nu)) softens: 0.87
     # at -0.5, 0.98 at -0.9.
     parameters=(
         YOUNGS_MODULUS,

@@ -1,4 +1,4 @@
-"""A constant of a material: what it is called, what it may be, and how it is written."""
+"""A constant of a material: its name, its range, and its notation."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from softcal.quantities import Quantity
 
 @dataclass(frozen=True)
 class Parameter:
-    """A constant that a law, or a rod, owns.
+    """A constant of a law, or of a rod.
 
     Attributes
     ----------
     name
         The key in project files and in dotted names, such as `youngs_modulus`.
     symbol
-        The letter that stands for it in the law's texts, such as `E`.
+        Its letter in the law's texts, such as `E`.
     label
-        How charts and reports write it, such as `ν`.
+        Its notation in charts and reports, such as `ν`.
     quantity
-        The kind of quantity: its unit and the range in which the law is of use.
+        The kind of quantity: its unit and the range in which the law is valid.
     typical
-        A value [unit of the quantity] of a soft print: what messages suggest, and what tests of the law begin with.
+        A value [unit of the quantity] of a soft print: suggested in messages, and used by tests of the law.
     default
-        The value [unit of the quantity] where none is given; None where one must be.
+        The value [unit of the quantity] where none is given; None where one is required.
     """
 
     name: str
@@ -43,7 +43,7 @@ def complete(given: Mapping[str, float], constants: Sequence[Parameter], *, owne
     Raises
     ------
     ParameterError
-        For constants that there are not, and for missing ones without a default; all at once.
+        For unknown constants, and for missing ones without a default; all at once.
     """
     names = [constant.name for constant in constants]
     allowed = ", ".join(names)

@@ -1,1 +1,1 @@
-"""The forward problem: terms, their sum, its equilibria and their sensitivities. Only here iterations run."""
+"""The forward problem: terms, their sum, its equilibria and their sensitivities. All iterative solvers are here."""

@@ -1,10 +1,10 @@
-"""What drives the robot: actuators, each with a coordinate of the shape and an effort that works on it.
+"""The actuators that drive the robot, each with a coordinate of the shape and an effort conjugate to it.
 
     Pi_a = -e (q(x) - q*)
 
 The effort e does the work e dq: a cable's tension on its shortening, a chamber's pressure on its volume. One of the two
-is given. Where it is the effort, the actuator is *held* at it. Where it is the coordinate, q = q*, the effort is an
-unknown: the multiplier of that condition, which borders the tangent.
+is prescribed. Where it is the effort, the actuator is *held* at it. Where it is the coordinate, q = q*, the effort is
+an unknown: the multiplier of that condition, which borders the tangent.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from softcal.checks import Floats
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.term import Given, Sum, Term, Theta
 
-NO_EFFORT = 1e-7  # of the largest effort around: less is none
+NO_EFFORT = 1e-7  # of the largest effort: a smaller one counts as zero
 
 
 @dataclass(frozen=True)
 class Actuator:
-    """What an actuator's coordinate and effort are called, their SI units, and between what the effort can be."""
+    """Names of an actuator's coordinate and effort, their SI units, and the limits of the effort."""
 
     name: str
     coordinate: str
@@ -39,7 +39,7 @@ class Actuator:
 
 @dataclass(frozen=True)
 class ActuatorTerm(Term):
-    """Actuators of one kind. first: the number of its first one among the system's, which `build_system` gives it."""
+    """Actuators of one kind. first: the number of its first one among the system's, set by `build_system`."""
 
     first: int = field(default=0, kw_only=True)
 
@@ -61,27 +61,27 @@ class ActuatorTerm(Term):
         """Add -e dq/dx to the gradient and, where `into` has `data`, -e d2q/dx2; effort (n,), lost: see `losses`."""
 
     def losses(self, x: Floats, theta: Theta) -> Any:
-        """What is lost between the effort and the coordinate, such as by friction; None where nothing is."""
+        """Losses between the effort and the coordinate, such as by friction; None where there are none."""
         return None
 
     def force_gradient(self, x: Floats, i: int, size: int, lost: Any) -> Floats:
-        """d gradient / d effort of its i-th actuator on all entities (size,): -dq/dx, but for losses."""
+        """d gradient / d effort of its i-th actuator on all entities (size,): -dq/dx, apart from losses."""
         return -self.coordinate_gradient(x, i, size)
 
     def add_losses(self, into: Sum, given: Given, lost: Any) -> None:
-        """Add what losses put into the tangent besides."""
+        """Add the losses' own contribution to the tangent."""
 
     def coordinate_scales(self, extent: float) -> Floats:
-        """What errors of its coordinates are measured by (n,), of a robot of this extent [m]."""
+        """Scales of the errors of its coordinates (n,), of a robot of this extent [m]."""
         return np.full(len(self.actuators), extent)
 
     @cached_property
     def own(self) -> slice:
-        """Where its actuators stand among the system's."""
+        """Numbers of its actuators among the system's."""
         return slice(self.first, self.first + len(self.actuators))
 
     def add(self, into: Sum, given: Given) -> None:
-        """The forces of the efforts, the errors of the coordinates that are prescribed, and a border for these."""
+        """Add the forces of the efforts, the errors of the prescribed coordinates, and a border for these."""
         x, own, size = given.state.x, self.own, len(into.full)
         is_held, lost = given.controls.is_held[own], self.losses(x, given.theta)
         self.add_forces(x, given.state.effort[own], into, lost)
@@ -96,7 +96,7 @@ class ActuatorTerm(Term):
             self.add_losses(into, given, lost)
 
     def energy(self, given: Given) -> float:
-        """Without losses; of the efforts that are given, up to a constant."""
+        """Without losses; of the prescribed efforts, up to a constant."""
         own = self.own
         wanted = np.where(given.controls.is_held[own], 0.0, given.controls.coordinate[own])
         return float(given.state.effort[own] @ (wanted - self.coordinates(given.state.x)))

@@ -1,4 +1,6 @@
-"""Points bonded to a mesh: as weighted sums of the nodes of the element they lie in, or next to, or all around them."""
+"""Points bonded to a mesh: weighted sums of the nodes of the element around them, next to them, or of several around
+them.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,7 @@ from softcal.geometry.mesh import TetMesh
 
 # Weights this small are rounding, of weights of about one.
 NO_WEIGHT = 1e-14
-STRAIGHT = 1e-6  # of an edge: a point that its element, were it straight, places as near as that
+STRAIGHT = 1e-6  # of an edge: tolerance of a point located in the straight-edged element
 BALL_POINTS = 300  # that stand for a ball
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
@@ -23,7 +25,7 @@ def attach(mesh: TetMesh, points: Floats, *, tolerance: float | None = None, whe
     """Nodes (n, 4 or 10) and weights of the points (n, 3) [m], with sum of w = 1 and sum of w X = the point exactly.
 
     So a point follows rigid motions, and constant strain, without error. One outside the mesh, by `tolerance` [m] at
-    most (see `locate_points`), goes on from the nearest element along its deformation gradient.
+    most (see `locate_points`), is extrapolated from the nearest element along its deformation gradient.
 
     Raises
     ------
@@ -48,7 +50,7 @@ class Attachment(NamedTuple):
 def attach_point(mesh: TetMesh, point: Floats, *, may_stand_off: bool = False, where: str = "") -> Attachment:
     """A point (3,) [m] in or near the mesh as by `attach`; one in a bore by the bore's wall all around it.
 
-    may_stand_off: such as a marker on a stalk; it goes on from the nearest element however far that is.
+    may_stand_off: for a point such as a marker on a stalk, extrapolated from the nearest element at any distance.
 
     In a bore it is the sum of points of the wall with the smallest weights that give it exactly. So it follows rigid
     motions and constant strain, and a force on it is passed on to the wall with no moment added.
@@ -76,7 +78,7 @@ def attach_point(mesh: TetMesh, point: Floats, *, may_stand_off: bool = False, w
 
 
 def attach_rate(mesh: TetMesh, point: Floats, way: Floats, *, where: str = "") -> tuple[Ints, Floats]:
-    """Nodes and rates [1/m] of the weights of a point (3,) [m] inside the mesh that moves along a way (3,).
+    """Nodes and rates [1/m] of the weights of a point (3,) [m] inside the mesh that moves along a direction (3,).
 
     Raises
     ------
@@ -106,7 +108,7 @@ def attach_ball(mesh: TetMesh, centre: Floats, radius: float, *, where: str = ""
     """A point (3,) [m] as the mean of the body around it, out to a radius [m]: a force on it is spread over that ball.
 
     Where the surface cuts the ball off, it is the sum with the smallest weights that gives the point exactly. A force
-    on one point alone sinks in without bound as the mesh gets finer.
+    on one point alone gives a displacement that grows without bound as the mesh gets finer.
 
     Raises
     ------
@@ -116,7 +118,7 @@ def attach_ball(mesh: TetMesh, centre: Floats, radius: float, *, where: str = ""
     k = np.arange(BALL_POINTS) + 0.5
     height, turn = 1.0 - 2.0 * k / BALL_POINTS, np.pi * (1.0 + np.sqrt(5.0)) * k
     across = np.sqrt(1.0 - height**2)
-    # The order of the radii has nothing to do with that of the directions; the ball is filled evenly.
+    # Radii and directions are ordered independently, so that the ball is filled evenly.
     far = radius * ((k * GOLDEN) % 1.0) ** (1.0 / 3.0)
     ball = centre + far[:, None] * np.column_stack([across * np.cos(turn), across * np.sin(turn), height])
     ball = ball[tets_holding(mesh, ball) >= 0]
@@ -142,6 +144,6 @@ def _in_elements(mesh: TetMesh, points: Floats, tets: Ints, barycentric: Floats)
     N = mesh.cell.functions(inside)
     dN = mesh.cell.gradients(inside)
     dN = dN[:, :, 1:] - dN[:, :, :1]
-    left = points - np.einsum("na,nai->ni", N, X)  # to where the element's map does not reach
+    left = points - np.einsum("na,nai->ni", N, X)  # to points outside the range of the element's map
     local = np.linalg.solve(np.einsum("nai,nak->nik", X, dN), left[:, :, None])[:, :, 0]
     return nodes, N + np.einsum("nak,nk->na", dN, local)

@@ -2,11 +2,11 @@
 
     Pi_c = -T (q - d),   q = L0 - L,   L = sum over segments of |sum_s sigma_s x_s|
 
-A segment's ends may be points or weighted sums of points (a via point inside a tet), so a segment is a list of
-entities with signed weights sigma_s. As an actuator its coordinate is its shortening q, its effort the tension T.
+A segment's ends may be points or weighted sums of points (a via point inside a tet), so a segment is a list of entities
+with signed weights sigma_s. As an actuator its coordinate is its shortening q, its effort the tension T.
 
-Two neighbouring via points that the cable pulls onto each other have *met*: nearer than `MET` the length |v| is rounded
-off to a smooth minimum, so that the force between them is the one that they bear, up to the tension.
+Two neighbouring via points that the cable pulls onto each other have *met*: below the length `MET` the segment length
+|v| is replaced by a smooth function with a minimum, so that they can transmit any force between them up to the tension.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ from softcal.mechanics.term import Connectivity, Given, Sum, Theta
 if TYPE_CHECKING:
     from softcal.mechanics.system import System
 
-SLACK_LENGTH = 1e-9  # of a cable's length: longer by less is as long
-MET = 1e-3  # of a segment's length at rest: shorter than that its ends have met
+SLACK_LENGTH = 1e-9  # of a cable's length: a smaller excess counts as zero
+MET = 1e-3  # of a segment's length at rest: below it the segment's ends have met
 
 
 @dataclass(frozen=True)
 class CablePlaces:
-    """Where the segments' blocks stand in the tangent's long array; moves (n_points,): whether a point can."""
+    """Places of the segments' blocks in the tangent's long array; moves (n_points,): whether a point can move."""
 
     pairs: Ints  # (n_pairs, 3)
     pair_ptr: Ints  # (n_segments + 1,)
@@ -49,9 +49,9 @@ UNPLANNED = CablePlaces(np.zeros((0, 3), dtype=np.int64), np.zeros(1, dtype=np.i
 class CableTerm(ActuatorTerm):
     """Segments of all cables. support[ptr[k]:ptr[k+1]]: the points of segment k, ascending; sigma: their signed
     weights; cable: the cable each segment belongs to; rest_length (n_cables,) [m]; pulled_last (n_cables,): whether the
-    tension is that of the last segment (or of the first), which counts where there is friction; met (n_segments,) [m]:
-    the length below which a segment's ends have met. by_offset, aligned with sigma: d sigma / d routing offset of the
-    own cable [1/m]; rest_by_offset (n_cables,): d rest_length / d routing offset.
+    tension is that of the last segment (or of the first), which matters with friction; met (n_segments,) [m]: the
+    length below which a segment's ends have met. by_offset, aligned with sigma: d sigma / d routing offset of the own
+    cable [1/m]; rest_by_offset (n_cables,): d rest_length / d routing offset.
     """
 
     names: tuple[str, ...]
@@ -129,11 +129,11 @@ class CableTerm(ActuatorTerm):
         return np.add.reduceat(self.sigma[:, None] * x[self.support], self.ptr[:-1], axis=0)
 
     def vectors_by_offset(self, x: Floats) -> Floats:
-        """d segment vectors / d routing offset of their cable (n_segments, 3), the points that carry them at rest."""
+        """d segment vectors / d routing offset of their cable (n_segments, 3), with the supporting points fixed."""
         return np.add.reduceat(self.by_offset[:, None] * x[self.support], self.ptr[:-1], axis=0)
 
     def lengths_by_offset(self, x: Floats) -> Floats:
-        """d length of each cable / d its routing offset (n_cables,), the points that carry it at rest."""
+        """d length of each cable / d its routing offset (n_cables,), with the supporting points fixed."""
         by_offset = np.zeros(self.n_cables)
         if len(self.cable):
             v = self.vectors(x)
@@ -142,7 +142,7 @@ class CableTerm(ActuatorTerm):
         return by_offset
 
     def shortening_by_offset(self, x: Floats) -> Floats:
-        """d shortening of each cable / d its routing offset (n_cables,), the robot at rest."""
+        """d shortening of each cable / d its routing offset (n_cables,), at fixed unknowns."""
         return self.rest_by_offset - self.lengths_by_offset(x)
 
     def lengths(self, x: Floats) -> Floats:
@@ -157,7 +157,7 @@ class CableTerm(ActuatorTerm):
         return lengths
 
     def meeting(self, x: Floats) -> str:
-        """Which via points have met, as part of a sentence; "" where none have."""
+        """The via points that have met, as part of a sentence; "" where none have."""
         if len(self.cable) == 0:
             return ""
         now = np.linalg.norm(self.vectors(x), axis=1)
@@ -170,7 +170,9 @@ class CableTerm(ActuatorTerm):
         return ", ".join(pairs)
 
     def pull(self, x: Floats, segment_tension: Floats, gradient: Floats, data: Floats | None) -> None:
-        """Add the tensions' pull to the gradient and, where `data` is given, T times the length's second derivative."""
+        """Add the forces of the tensions to the gradient and, where `data` is given, T times the length's second
+        derivative.
+        """
         if len(self.cable) == 0:
             return
         v = self.vectors(x)
@@ -222,7 +224,7 @@ class CableTerm(ActuatorTerm):
         return gradient
 
     def loss(self, x: Floats, theta: Theta, *, by_all: bool = False) -> CapstanLoss:
-        """What friction takes from the tensions."""
+        """The friction losses of the tensions."""
         mu = np.array([theta[f"{name}.friction_coefficient"] for name in self.names])
         return friction_loss(self, x, mu, by_all=by_all)
 
@@ -232,7 +234,7 @@ class CableTerm(ActuatorTerm):
 
 
 def cables_of(system: System) -> CableTerm:
-    """The cables of a system, for who asks what only they know."""
+    """The cables of a system, for callers that need cables."""
     return system.of(CableTerm)[0]
 
 

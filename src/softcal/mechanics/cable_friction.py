@@ -1,9 +1,10 @@
-"""Euler-Eytelwein friction of a cable that is pulled: at each inner via point its tension falls by the turning angle.
+"""Euler-Eytelwein friction of a cable that is pulled: at each inner via point its tension decreases by the turning
+angle.
 
     T_k = T exp(-mu sum_j phi_j),  j the via points between the pulled end and segment k
 
-The force is no gradient of a potential, so the tangent gains an unsymmetric part; it is of low rank, one column and
-one row per inner via point that moves, and borders the symmetric tangent as the tensions do.
+The force is no gradient of a potential, so the tangent gains an unsymmetric part; it is of low rank, one column and one
+row per inner via point that moves, and borders the symmetric tangent as the tensions do.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ class CapstanLoss:
 def friction_loss(term: CableTerm, x: Floats, mu: Floats, *, by_all: bool = False) -> CapstanLoss:
     """The losses at positions x (n_points, 3) with friction coefficients mu (n_cables,).
 
-    by_all: `by_mu` of every cable, also where mu is zero; what has no friction is left out otherwise.
+    by_all: compute `by_mu` for every cable, also where mu is zero; otherwise cables without friction are omitted.
     """
     n = len(term.cable)
     factor, by_mu = np.ones(n), np.zeros(n)
@@ -94,7 +95,7 @@ def loss_border(
     """
     columns: list[Floats] = []
     rows: list[Floats] = []
-    beyond = np.zeros(size)  # of what the angle changes: the pull of all segments beyond the via point
+    beyond = np.zeros(size)  # the angle changes the tension of all segments beyond the via point
     for j in range(len(loss.far) - 1, -1, -1):
         near, far = int(loss.near[j]), int(loss.far[j])
         if j + 1 == len(loss.far) or loss.near[j + 1] != far:  # the last one of its cable

@@ -1,11 +1,11 @@
-"""Contact that cannot be crossed: the barrier of IPC Toolkit between surfaces, and between round rods.
+"""Contact without interpenetration: the barrier of IPC Toolkit between surfaces, and between round rods.
 
     Pi = sum over contacts of area * kappa * b(d - thickness),   b = 0 beyond `gap`, infinite at touch
 
 with areas of the undeformed surface, so that kappa [Pa] means the same on every mesh (Li et al., 2020, Incremental
-potential contact; 2023, Convergent incremental potential contact). Equilibrium sets the force; kappa and `gap` only set
-how far apart what touches stays: between nothing and `gap`. Neighbouring pairs count each: taking the nearest alone
-instead, as the convergent formulation does, has kinks at which Newton's method stops.
+potential contact; 2023, Convergent incremental potential contact). Equilibrium determines the force; kappa and `gap`
+only determine the remaining distance: between zero and `gap`. Each of several neighbouring pairs counts: taking the
+nearest alone instead, as the convergent formulation does, has kinks at which Newton's method stops.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from softcal.checks import Floats, Ints
 from softcal.mechanics.damping import TimeStep
 from softcal.mechanics.term import Given, Sum, Term
 
-CLEARANCE = 0.8  # of the way to touch, at most, in one step
-CCD_ITERATIONS = 1000  # of the search for the time of touch, which stays on the safe side
+CLEARANCE = 0.8  # of the distance to touch, at most, in one step
+CCD_ITERATIONS = 1000  # of the search for the time of touch, which is conservative
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class ContactTerm(Term):
     step: float = 0.0
 
     def add(self, into: Sum, given: Given) -> None:
-        """Which points touch is found anew at every state, so the tangent is no part of the pattern."""
+        """The set of contacts is found anew at every state, so the tangent is outside the pattern."""
         place = (3 * self.points[:, None] + np.arange(3)).ravel()
         for potential, contacts, at in self._pushing(self._vertices(given.state.x)):
             into.points[self.points] += potential.gradient(contacts, self._mesh, at).reshape(-1, 3)
@@ -67,12 +67,12 @@ class ContactTerm(Term):
         return float(sum(potential(contacts, self._mesh, at) for potential, contacts, at in self._pushing(V)))
 
     def in_step(self, before: Given, step: TimeStep) -> Sequence[Term]:
-        """Where there is friction, it is a force like others."""
+        """The term with friction, where there is any."""
         rubs = self.friction_coefficient > 0.0
         return (replace(self, before=self._vertices(before.state.x), step=step.length) if rubs else self,)
 
     def free_way(self, x: Floats, to: Floats) -> float:
-        """How far one may go straight from x to `to` before anything touches, as a fraction (one: all the way)."""
+        """Fraction of the straight line from x to `to` that is free of contact (one: all of it)."""
         import ipctk
 
         before, after = self._vertices(x), self._vertices(to)
@@ -81,7 +81,7 @@ class ContactTerm(Term):
         return float(free)
 
     def smallest_distance(self, x: Floats) -> float:
-        """The smallest distance within `gap` [m], less the thickness; infinite where nothing is as near."""
+        """The smallest distance within `gap` [m], less the thickness; infinite where none is within it."""
         V = self._vertices(x)
         collisions = self._collisions(V)
         if len(collisions) == 0:
@@ -104,7 +104,7 @@ class ContactTerm(Term):
 
     @cached_property
     def _rubbing(self) -> Any:
-        """The contacts at the step's start, with the forces that friction goes by, or None."""
+        """The contacts at the step's start, with the normal forces for friction, or None."""
         import ipctk
 
         if self.before is None:
@@ -117,7 +117,9 @@ class ContactTerm(Term):
         return rubbing
 
     def _pushing(self, V: Floats) -> list[tuple[Any, Any, Floats]]:
-        """What pushes with vertices at V (n, 3): potentials, the contacts they are of, and what they are taken at."""
+        """The active potentials with vertices at V (n, 3), each with its contacts, and the positions or slips of its
+        evaluation.
+        """
         import ipctk
 
         collisions = self._collisions(V)
@@ -144,7 +146,7 @@ class ContactTerm(Term):
 
 
 def collision_mesh(X: Floats, edges: Ints, faces: Ints, patch: Ints, apart: Ints) -> Any:
-    """The surfaces as IPC Toolkit has them; see `ContactTerm` for what of them never touches."""
+    """The surfaces as a mesh of IPC Toolkit; see `ContactTerm` for the pairs excluded from contact."""
     import ipctk
 
     edges_and_faces = (np.asfortranarray(part.astype(np.int32)) for part in (edges, faces))

@@ -1,6 +1,6 @@
-"""Whether skins of bodies pass through themselves or each other, where no contact keeps them apart.
+"""Detection of skins of bodies that pass through themselves or each other, where no contact keeps them apart.
 
-Every skin is taken in by a small part of its edges first: what only touches, or is bonded face to face, does not cross.
+Every skin is first inset by a small part of its edges: skins that only touch, or are bonded face to face, do not cross.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ class Skins:
     patch: Ints
 
     def crossings(self, x: Floats) -> Crossings:
-        """The bodies that cross at positions x (n_points, 3) [m], but for those that do so at rest already."""
+        """The bodies that cross at positions x (n_points, 3) [m], except those that cross at rest already."""
         found = self._crossings(x[self.points])
         return {pair: depth for pair, depth in found.items() if pair not in self._at_rest}
 
     def pairs(self, x: Floats) -> frozenset[tuple[str, str]]:
-        """The same without how deep they are, which for one body is found much faster."""
+        """The same without depths, which for one body is found much faster."""
         if len(self.names) == 1 and not self._at_rest:
             return frozenset(
                 [(self.names[0], self.names[0])] if self._intersect(self._taken_in(x[self.points])) else []

@@ -1,4 +1,4 @@
-"""Rayleigh's damping, and the time step that it acts in."""
+"""Rayleigh damping, and the time step in which it acts."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Literal
 if TYPE_CHECKING:
     from softcal.mechanics.layout import Layout
 
-# How a step is solved: by Newton's method, or by its first iteration.
+# Solution of a step: by Newton's method, or by its first iteration.
 Scheme = Literal["converged", "one-solve"]
-# Of bodies: on strains, which never gives energy; or with the tangent of their forces, as in SOFA.
+# Of bodies: on strains, which never adds energy; or with the tangent of their forces, as in SOFA.
 DampingKind = Literal["strain", "tangent"]
 
 
@@ -33,5 +33,5 @@ class TimeStep:
 
     @property
     def share(self) -> float:
-        """r_s / h: what a strain's change in the step adds to it."""
+        """r_s / h: damping's factor on the strain's change in the step."""
         return self.damping.stiffness / self.length

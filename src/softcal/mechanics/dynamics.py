@@ -1,10 +1,10 @@
 """Motion in time by backward Euler: each step converged by Newton's method, or one linear solve as in SOFA.
 
-A converged step is an equilibrium of the system with inertia (`time_step.py`), found like any other, with cables'
-forces at the step's end. One linear solve is the first iteration of that from the step's start, with the cables taken
-out and put back as constraints: their directions are those at the step's start, a prescribed tension adds its force
-along them, and a prescribed length is met to first order by the tensions that take the free motion there. That is
-SOFA's sequence of free motion and correction, with one exception: no cable ever pushes.
+A converged step is an equilibrium of the system with inertia (`time_step.py`), found like any other, with the cables'
+forces at the step's end. One linear solve is the first Newton iteration from the step's start, with the cables applied
+as constraints: their directions are those at the step's start, a prescribed tension adds its force along them, and a
+prescribed length is satisfied to first order by the tensions that correct the free motion. That is SOFA's sequence of
+free motion and correction, with one exception: no cable is ever in compression.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from softcal.mechanics.system import System
 from softcal.mechanics.term import Controls
 from softcal.mechanics.time_step import Instant, after, coasting, in_step
 
-# Controls by time: `is_held` says which cables have their tension given, all others their length.
+# Controls by time: `is_held` marks the cables with prescribed tension; all others have a prescribed length.
 Drive = Callable[[float], Controls]
 
 MAX_HALVINGS = 6
@@ -34,7 +34,7 @@ ADVICE = "Try a shorter time step, a slower pull, or converged steps."
 
 
 class Dynamics:
-    """A system with mass and damping at parameters theta, and the factorisation that goes from step to step."""
+    """A system with mass and damping at parameters theta, and the factorisation kept from step to step."""
 
     def __init__(
         self,
@@ -54,24 +54,24 @@ class Dynamics:
 
     @property
     def n_factorisations(self) -> int:
-        """Of all steps so far."""
+        """Number in all steps so far."""
         return self._statics.n_factorisations
 
     def advance(self, now: Instant, step: float, drive: Drive) -> Instant:
-        """The instant one step [s] later. A step that cannot be converged is taken in halves, and these again.
+        """The instant one step [s] later. A step that does not converge is halved, repeatedly.
 
         Raises
         ------
         SimulationError
-            Where a step of 1/64 of the length does not converge either; at once with one linear solve, which would not
-            be itself with another step.
+            Where a step of 1/64 of the length does not converge either; at once with one linear solve, whose result
+            depends on the step.
         """
         if self.scheme == "one-solve":
             return self._one_solve(now, step, drive(now.time + step))
         return self._halved(now, step, drive, MAX_HALVINGS)
 
     def release(self) -> None:
-        """Give the factors' memory back."""
+        """Release the factors' memory."""
         self._statics.release()
 
     def _begin(self, now: Instant, step: float) -> System:
@@ -91,7 +91,7 @@ class Dynamics:
         return self._halved(middle, 0.5 * step, drive, halvings - 1)
 
     def _converged(self, now: Instant, step: float, wanted: Controls) -> Instant:
-        """Newton's method from where the velocities lead, or else from the step's start."""
+        """Newton's method from the state extrapolated by the velocities, or else from the step's start."""
         self._begin(now, step)
         try:
             ahead = self._statics.reachable(now.state, coasting(self.system.layout, now, step))
@@ -100,8 +100,8 @@ class Dynamics:
             return after(now, self._equilibrium(now.state, wanted), step)
 
     def _equilibrium(self, state: State, wanted: Controls) -> State:
-        """With inertia, cables of prescribed length switched between taut and slack until none pushes and none is too
-        long.
+        """Equilibrium with inertia; cables of prescribed length switch between taut and slack until none is in
+        compression or too long.
         """
         cables = cables_of(self.system)
         by_length = ~wanted.is_held
@@ -121,7 +121,7 @@ class Dynamics:
         raise SimulationError("cables keep switching between taut and slack.")
 
     def _excess(self, state: State, wanted: Controls) -> Floats:
-        """By how much each cable is longer than its prescribed length (n_cables,) [m]."""
+        """Excess of each cable's length over its prescribed length (n_cables,) [m]."""
         cables = cables_of(self.system)
         return cables.lengths(state.x) - cables.rest_length + wanted.coordinate
 

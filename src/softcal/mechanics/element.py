@@ -1,4 +1,4 @@
-"""What a finite element of solids is: shape functions of displacement and pressure, and a rule of quadrature."""
+"""Finite elements of solids: shape functions of displacement and pressure, and a quadrature rule."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The elements there are, by name: softcal's own, and those that are registered from outside."""
+"""The elements by name: softcal's own, and those that are registered from outside."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ ELEMENTS = Catalogue("element", "softcal.elements", _faults, own=(P1, P2, P2P1))
 
 
 def higher_elements() -> tuple[str, ...]:
-    """The names of those that bodies can be raised to: all but the lowest."""
+    """The names of the elements that bodies can be raised to: all but the lowest."""
     lowest = min(element.rank for element in ELEMENTS.values())
     return tuple(name for name, element in ELEMENTS.items() if element.rank > lowest)
 

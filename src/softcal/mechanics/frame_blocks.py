@@ -1,4 +1,4 @@
-"""Where the blocks of terms that connect frames with each other stand in the gradient and in the tangent."""
+"""Places in the gradient and in the tangent of the blocks of terms that connect frames with each other."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def moving_pairs(layout: Layout, frames: Ints) -> Ints:
 
 
 def frame_blocks(layout: Layout, pattern: Pattern, frames: Ints) -> FrameBlocks:
-    """Look up, once, where the blocks of elements between frames (n, m) go."""
+    """Look up, once, the places of the blocks of elements between frames (n, m)."""
     unknown = frame_unknowns(layout, frames)
     i, j = np.triu_indices(unknown.shape[1])
     low, high = np.minimum(unknown[:, i], unknown[:, j]), np.maximum(unknown[:, i], unknown[:, j])

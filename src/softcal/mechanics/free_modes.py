@@ -1,7 +1,7 @@
-"""Motions of an equilibrium that need no force: a round column that has buckled turns about its axis as it likes.
+"""Modes of motion without force at an equilibrium: a buckled round column turns freely about its axis.
 
-The tangent is singular along them up to rounding, whose size and sign mean nothing. They are found by inverse
-iteration, and solutions are kept from moving along them.
+The tangent is singular along them up to rounding, whose size and sign are arbitrary. They are found by inverse
+iteration, and solutions are constrained to have no part along them.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ MOST_MODES = 6
 
 
 def exclude_free_modes(statics: Statics, at: Linearisation) -> Floats:
-    """Find the free modes of an equilibrium, linearised and factorised last, and keep solutions from moving along them.
+    """Find the free modes of an equilibrium, linearised and factorised last, and exclude them from later solutions.
 
-    Returns them as `Statics.exclude` takes them, (n_unknowns - n_actuators, k).
+    Returns them as arguments of `Statics.exclude`, (n_unknowns - n_actuators, k).
     """
     moving = slice(statics.system.layout.first_pressure_unknown)
     force = statics.force_scale(at)
@@ -32,7 +32,7 @@ def exclude_free_modes(statics: Statics, at: Linearisation) -> Floats:
             mode -= found @ (found.T @ mode)
             load = np.zeros(statics.system.layout.n_unknowns)
             load[: len(mode)] = mode / (np.linalg.norm(mode) * statics.unit)
-            motion = statics.solve(load)  # what this load moves
+            motion = statics.solve(load)  # the displacement by this load
             mode[moving] = (motion[: len(mode)] / statics.unit)[moving]
         if statics.measured(load, force) * statics.length > FREE * statics.reach(motion):
             break

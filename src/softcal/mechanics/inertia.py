@@ -2,9 +2,9 @@
 
     T = 1/2 sum over points a, b of M_ab v_a . v_b  +  1/2 sum over frames and their particles of m |c' + R' s|^2
 
-What a frame carries enters by its moments: mass sum m, first sum m s and second sum m s s^T, with arms s from the
-reference point in the axes at rest. They hold the whole of a rigid body's inertia: with S the last, its tensor is
-J = tr(S) I - S. Points that ride on frames, or are tied, carry their mass along as P^T M P.
+The mass on a frame enters by its moments: mass sum m, first sum m s and second sum m s s^T, with arms s from the
+reference point in the axes at rest. They determine the whole inertia of a rigid body: with S the last, its tensor is J
+= tr(S) I - S. Points that follow frames, or are tied, add their mass to their masters as P^T M P.
 
 The acceleration of a particle on a frame is A + B s with A = c'' and B = R'', so that gyroscopic moments are in it.
 """
@@ -29,7 +29,9 @@ CHUNK = 2000  # tets at a time
 
 
 class FrameMasses(NamedTuple):
-    """What the frames carry: mass (n_frames,) [kg], first (n_frames, 3) [kg m], second (n_frames, 3, 3) [kg m^2]."""
+    """Moments of the mass on frames: mass (n_frames,) [kg], first (n_frames, 3) [kg m], second (n_frames, 3, 3) [kg
+    m^2].
+    """
 
     mass: Floats
     first: Floats
@@ -80,7 +82,7 @@ class Inertia:
     blocks: FrameBlocks
 
     def planned(self, pattern: Pattern) -> Inertia:
-        """With places in a pattern that connects what the mass matrix does."""
+        """The inertia with its places in a pattern that contains the mass matrix's connectivity."""
         upper = self.pairs
         data = np.zeros(pattern.size)
         if upper.nnz:
@@ -171,13 +173,15 @@ def build_inertia(
 
 
 def no_frame_masses(layout: Layout) -> FrameMasses:
-    """Frames that carry nothing, to add to."""
+    """Frames without mass, to add to."""
     n = layout.n_frames
     return FrameMasses(np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3, 3)))
 
 
 def ride_along(carried: FrameMasses, layout: Layout, points: Ints, masses: Floats) -> None:
-    """Put the mass of elements (points (n, k), matrices (n, k, k) [kg]) all of whose nodes ride on one frame there."""
+    """Add the mass of elements (points (n, k), matrices (n, k, k) [kg]) whose nodes all follow one frame to
+    that frame.
+    """
     frames = layout.rider[points[:, 0]]
     arms = layout.X[points] - layout.references[frames][:, None, :]
     of_nodes = masses.sum(axis=2)
@@ -192,7 +196,7 @@ def second_moments(tensor: Floats) -> Floats:
 
 
 def element_masses(mesh: TetMesh, *, lumped: bool = False) -> Floats:
-    """Integrals of N_a N_b over each tet (n_tets, k, k) [m^3], what is to be multiplied by its density.
+    """Integrals of N_a N_b over each tet (n_tets, k, k) [m^3], to be multiplied by its density.
 
     Lumped, the diagonal of that matrix scaled to the tet's volume: Hinton, Rock and Zienkiewicz (1976); for linear tets
     a quarter of it on each node.

@@ -1,10 +1,10 @@
-"""Which point moves how, and where its unknowns stand.
+"""The supports of points, and the numbering of unknowns.
 
 Points are every body's nodes and the few extra ones that actuators, masses and loads need. A point is free, fixed,
-rides on a frame, or is tied to other points as their weighted sum. A frame is a pose with six unknowns: a rigid
-plate's, or that of a rod's cross-section. Points and nodal pressures are the *entities* that terms connect; the
-unknowns z are the free points, then six per moving frame, then the pressures, then the actuators' efforts. The tangent
-of all but the efforts is a sparse matrix; the few efforts border it.
+follows a frame, or is tied to other points as their weighted sum. A frame is a pose with six unknowns: a rigid plate's,
+or that of a rod's cross-section. Points and nodal pressures are the *entities* that terms connect; the unknowns z are
+the free points, then six per moving frame, then the pressures, then the actuators' efforts. The tangent of all but the
+efforts is a sparse matrix; the few efforts border it.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ FREE, FIXED, TIED = -1, -2, -3
 
 @dataclass(frozen=True)
 class Layout:
-    """X: rest positions (n_points, 3) [m]; rider: FREE, FIXED, TIED or the frame's number, per point;
-    references: rest positions of the frames' reference points (n_frames, 3) [m], of which the last `n_fixed_frames`
-    do not move; ties: what the tied points follow.
+    """X: rest positions (n_points, 3) [m]; rider: FREE, FIXED, TIED or the frame's number, per point; references: rest
+    positions of the frames' reference points (n_frames, 3) [m], of which the last `n_fixed_frames` do not move; ties:
+    the masters of the tied points.
     """
 
     X: Floats
@@ -63,7 +63,7 @@ class Layout:
 
     @cached_property
     def links(self) -> Links:
-        """How the points that are neither free nor fixed follow those that are, and the moving frames."""
+        """The dependence of the points that are neither free nor fixed on the free ones and the moving frames."""
         rider = np.where(self.rider >= self.n_moving_frames, FIXED, self.rider)
         return compose(self.X, rider, rider == FREE, self.references, self.ties)
 

@@ -32,14 +32,14 @@ class Factorisation(Protocol):
 
 
 def factorisation(indptr: Ints, indices: Ints) -> Factorisation:
-    """The best factorisation this machine has, for a fixed pattern (upper triangle, compressed rows, sorted)."""
+    """The fastest available factorisation, for a fixed pattern (upper triangle, compressed rows, sorted)."""
     if _mkl_pardiso() is not None:
         return Pardiso(indptr, indices)
     return SuperLU(indptr, indices)
 
 
 class _Handle(NamedTuple):
-    """What PARDISO keeps between calls: its own memory, its options, the pattern counted from one."""
+    """PARDISO's state between calls: its own memory, its options, the pattern counted from one."""
 
     memory: Ints
     options: np.ndarray
@@ -96,7 +96,7 @@ class Pardiso:
         return int(self._handle.options[22])
 
     def release(self) -> None:
-        """Give the factors' memory back."""
+        """Release the factors' memory."""
         self._finalizer()
 
     def _call(self, phase: int, b: Floats) -> Floats:
@@ -133,7 +133,7 @@ def _pardiso(handle: _Handle, phase: int, data: Floats, b: Floats, x: Floats) ->
 
 
 class SuperLU:
-    """SciPy's SuperLU in symmetric mode: slower, everywhere."""
+    """SciPy's SuperLU in symmetric mode: slower, available everywhere."""
 
     def __init__(self, indptr: Ints, indices: Ints) -> None:
         self._indptr = indptr
@@ -173,19 +173,19 @@ class SuperLU:
     def n_negative(self) -> int:
         """How many eigenvalues of the matrix factorised last are negative."""
         lu = self._lu
-        if np.any(lu.perm_r != lu.perm_c):  # its pivots tell only where all stand on the diagonal
+        if np.any(lu.perm_r != lu.perm_c):  # its pivots give the inertia only where all are on the diagonal
             lu = self._factors(0.0)
         return int(np.count_nonzero(lu.U.diagonal() < 0.0))
 
     def release(self) -> None:
-        """Give the factors' memory back."""
+        """Release the factors' memory."""
         self._matrix = self._lu = None
 
 
 @functools.cache
 def _mkl_pardiso() -> Any:
     """MKL's function, or None where MKL is absent."""
-    # Where pip put it; pypardiso would search all installed files for it, which takes longer than many a solve.
+    # Where pip installed it; pypardiso would search all installed files for it, which may take longer than a solve.
     path = _mkl_file()
     if path is not None:
         return ctypes.CDLL(path)["pardiso"]

@@ -2,8 +2,8 @@
 
     x_p = anchor_p + sum over free points m of w_m x_m + sum over frames k of (w_k c_k + R_k s_k)
 
-A rider is the case of one frame with weight one and arm s = X - c at rest. A tied point's weights come from the
-element it is bonded to; masters that ride on frames, or are fixed, pass the tie on.
+A point on one frame is the case with weight one and arm s = X - c at rest. A tied point's weights come from the element
+it is bonded to; masters that follow frames, or are fixed, pass the tie on.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ NO_TIES = Ties(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zero
 
 @dataclass(frozen=True)
 class Links:
-    """followers: the points that follow; anchor (n_followers, 3) [m]: what of them does not move.
+    """followers: the points that follow; anchor (n_followers, 3) [m]: the constant part of their positions.
 
     Links to free points: follower (its place in `followers`), master, weight. Links to frames: frame_follower, frame,
     frame_weight, arm (n, 3) [m] at rest.
@@ -73,7 +73,7 @@ class Links:
 
 
 def compose(X: Floats, rider: Ints, is_free: np.ndarray, references: Floats, ties: Ties) -> Links:
-    """The links of every rider and tied point.
+    """The links of every point on a frame and every tied point.
 
     Raises
     ------
@@ -115,7 +115,7 @@ def compose(X: Floats, rider: Ints, is_free: np.ndarray, references: Floats, tie
     anchor = X[followers].copy()
     np.subtract.at(anchor, follower, master_weight[:, None] * X[master])
     np.subtract.at(anchor, keys // n_frames, frame_weight[:, None] * references[keys % n_frames] + arms)
-    anchor[: len(riders)] = 0.0  # exactly: what is left there is rounding
+    anchor[: len(riders)] = 0.0  # exactly: the remainder there is rounding error
     return Links(
         followers, anchor, follower, master, master_weight, keys // n_frames, keys % n_frames, frame_weight, arms
     )

@@ -1,10 +1,10 @@
-"""How the derivatives by parameters change along a path: what a cubic between two nodes needs of them.
+"""Derivatives of the sensitivities along a path, needed for a cubic interpolation between two nodes.
 
 K z_theta = -r_theta holds all along the path z(c); differentiated by c,
 
     K z_theta_c = -d/dc r_theta - (dK/dc) z_theta,
 
-and the right-hand side, at fixed z_theta, is a central difference of two assemblies close by: no factorisation.
+and the right-hand side, at fixed z_theta, is a central difference of two nearby assemblies: no factorisation.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from softcal.mechanics.state import State, moved
 from softcal.mechanics.system import System
 from softcal.mechanics.term import Controls
 
-STEP = 1e-5  # of the robot's extent, or radians: how far the robot moves to either side
+STEP = 1e-5  # of the robot's extent, or radians: the step to either side
 
 
 class Solved(Protocol):

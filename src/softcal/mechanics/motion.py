@@ -1,4 +1,4 @@
-"""How the points follow the unknowns: dx = P dz, and what that makes of forces and tangents."""
+"""Motion of the points by the unknowns: dx = P dz, and the reduction of forces and tangents by P."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ WEIGHTS_OF_FRAME_LINK = 7  # its weight w, its arm s, and -s
 
 @dataclass(frozen=True)
 class Motion:
-    """Followers move as dx = sum of w dx_m + w_k dc_k + omega_k x s_k (see `Links`); all others freely or not at all.
+    """Followers move as dx = sum of w dx_m + w_k dc_k + omega_k x s_k (see `Links`); all other points are free or
+    fixed.
 
     source, weight_a, weight_b, target: data[target] += data[source] w[weight_a] w[weight_b] folds the side blocks of
     the tangent into its triangle, K_z = P^T K P.
@@ -57,7 +58,9 @@ class Motion:
         return out
 
     def reduce_tangent(self, state: State, gradient: Floats, data: Floats) -> None:
-        """Fold the side blocks of `data` into the triangle, and add what the forces do as the frames turn."""
+        """Fold the side blocks of `data` into the triangle, and add the change of the forces' moments as the frames
+        turn.
+        """
         links = self.layout.links
         if len(links.followers) == 0:
             return
@@ -66,7 +69,7 @@ class Motion:
         _turn(data, gradient, links.followers, links.frame_follower, links.frame, arms, self.frame_diagonal)
 
     def matrix(self, state: State) -> Any:
-        """P itself, sparse, (3 n_points + n_pressures, n_unknowns - n_actuators): for what is planned in no pattern."""
+        """P itself, sparse, (3 n_points + n_pressures, n_unknowns - n_actuators): for matrices outside any pattern."""
         import scipy.sparse as sp
 
         ptr, unknown, weight = self._rows
@@ -156,7 +159,7 @@ def _folding(layout: Layout, pattern: Pattern) -> tuple[Ints, Ints, Ints, Ints]:
             at_a, at_b = ptr[row_a][pair] + first, ptr[row_b][pair] + second
             ua, ub = unknown[at_a], unknown[at_b]
             source = (start[ok, i] + j)[pair]
-            # An off-diagonal entry stands for its mirror image too.
+            # An off-diagonal entry represents its mirror image too.
             mirrored = ~(same[ok][pair] & (i == j))
             low, high = np.minimum(ua, ub), np.maximum(ua, ub)
             target = pattern.entry(low, high)

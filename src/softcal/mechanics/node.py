@@ -17,7 +17,19 @@ from softcal.mechanics.system import Controls, System
 
 @dataclass(frozen=True)
 class Line:
-    """Controls that move along a straight line: at(c) = start + c * rate, cables held or not throughout."""
+    """Controls along a straight line: at(c) = start + c * rate.
+
+    Attributes
+    ----------
+    is_held
+        Per cable, whether its tension is prescribed (else its shortening), along the whole line (n_cables,).
+    tension, tension_rate
+        Tension at c = 0 (n_cables,) [N], and its derivative by c.
+    shortening, shortening_rate
+        Shortening at c = 0 (n_cables,) [m], and its derivative by c.
+    load, load_rate
+        Factor on all dead loads at c = 0 [-], and its derivative by c.
+    """
 
     is_held: np.ndarray
     tension: Floats
@@ -39,12 +51,29 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """An equilibrium on the path; no two are equal. slope: dz/dc (n_unknowns,); by_parameter: dz/dtheta at fixed c
-    (n_unknowns, k); mixed: d2z/dc dtheta (n_unknowns, k);
-    is_stable: whether it is one of least energy, or one that a cable would have to push for, which is none anyway;
-    is_fallen: whether the robot fell to it from an unstable one (it buckled, or snapped); has_fallen: whether it did so
-    before; free: the modes (n_unknowns - n_actuators, k) along which the robot moves without force, and slope
-    and by_parameter do not.
+    """An equilibrium on the path; no two compare equal.
+
+    Attributes
+    ----------
+    c
+        Parameter of the line of controls.
+    state
+        The equilibrium.
+    slope
+        dz/dc (n_unknowns,).
+    by_parameter
+        dz/dtheta at fixed c (n_unknowns, k).
+    mixed
+        d2z/dc dtheta (n_unknowns, k).
+    is_stable
+        Whether its energy is a minimum; also True where a cable would be in compression, which is no equilibrium
+        anyway.
+    is_fallen
+        Whether the robot reached it by snap-through or buckling, from an unstable equilibrium.
+    has_fallen
+        Whether it did so before this node.
+    free
+        Modes (n_unknowns - n_actuators, k) of motion without force; slope and by_parameter have no part along them.
     """
 
     c: float
@@ -63,7 +92,7 @@ def node_at(
 ) -> Node:
     """The node of an equilibrium: one factorisation, then a substitution for the slope and two per parameter.
 
-    mixed: whether the mixed derivatives are wanted, to read between this node and the next; zero otherwise.
+    mixed: whether the mixed derivatives are computed, to interpolate between this node and the next; zero otherwise.
 
     Raises
     ------
@@ -78,7 +107,7 @@ def node_at(
     stable = bool(pushing(statics.system, state).any()) or statics.n_unstable() == 0
     by_theta = statics.system.gradient_by_parameters(state, at, statics.theta, names)
     dz = -statics.solve(np.column_stack([by_control, by_theta]))
-    # A held cable's tension is given: its rate is the line's.
+    # A held cable's tension is prescribed: its rate is the line's.
     tensions = dz[statics.system.layout.first_effort_unknown :]
     tensions[line.is_held, 0] = line.tension_rate[line.is_held]
     slope, by_parameter = dz[:, 0], dz[:, 1:]
@@ -87,8 +116,8 @@ def node_at(
 
 
 def pushing(system: System, state: State) -> np.ndarray:
-    """Which actuators' efforts are beyond what they can be (n_actuators,), as of a cable that pushes: such a state is
-    on the way to another at most.
+    """Which actuators' efforts are outside their limits (n_actuators,), as of a cable in compression: such a state is
+    at most an intermediate one.
     """
     (least, most), none = system.effort_limits, NO_EFFORT * np.abs(state.effort).max(initial=0.0)
     return (state.effort < least - none) | (state.effort > most + none)

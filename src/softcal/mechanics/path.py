@@ -16,13 +16,13 @@ from softcal.mechanics.snap_through import fallen, is_nearly_free, is_no_fall, s
 from softcal.mechanics.state import State, difference, distance, moved
 from softcal.mechanics.statics import Statics
 
-SMALLEST_STEP = 1e-4  # of the whole range: where equilibria end
-CLOSE = 1e-3  # of the way so far: where they cease to be stable
-SAME = 1e-6  # of the robot's extent: states as near as this are one
-MOST_FALLS = 20  # of a path: beyond it is not a robot's, and every one takes as long as many steps
-GROWTH, CUT = 2.0, 0.4  # of a step, where it was easy, and where it failed
-CUTS = 1  # of a step, before the robot is let settle: Newton's method may find its way in a shorter one
-SHORTER, SHORTEST = 0.7, 0.05  # of a predicted step: where branches turn as roots do less of it serves better
+SMALLEST_STEP = 1e-4  # of the whole range: smallest step, at a limit point
+CLOSE = 1e-3  # of the path so far: accuracy with which a loss of stability is located
+SAME = 1e-6  # of the robot's extent: closer states count as equal
+MOST_FALLS = 20  # of a path: more are unphysical, and each costs as much as many steps
+GROWTH, CUT = 2.0, 0.4  # of a step, after fast convergence, and after a failure
+CUTS = 1  # of a step, before relaxation by `settled`: Newton's method may converge in a shorter step
+SHORTER, SHORTEST = 0.7, 0.05  # of a predicted step: near square-root branches a part of it is a better guess
 EASY, HARD = 7, 12  # iterations (with kept factorisations) below which steps grow, above which they shrink
 
 
@@ -38,7 +38,7 @@ class Path:
 
 @dataclass(frozen=True)
 class _Attempt:
-    """A step to c: its length, the state that is predicted there, and the one to solve from."""
+    """A step to c: its length, the predicted state there, and the initial state of the solve."""
 
     c: float
     step: float
@@ -48,9 +48,10 @@ class _Attempt:
 
 @dataclass
 class _Continuation:
-    """A path as it grows: its nodes, how far the next step goes, and what failed since the last node.
+    """A path under construction: its nodes, the length of the next step, and the failed attempts since the last node.
 
-    before: nodes that tell how the path turns; unstable: the nearest equilibrium ahead that was found unstable.
+    before: earlier nodes, for the curvature of the path; unstable: the nearest equilibrium ahead that was found
+    unstable.
     """
 
     statics: Statics
@@ -81,7 +82,7 @@ class _Continuation:
         return self.last.c < self.end - 1e-12 * self.whole
 
     def advance(self) -> str:
-        """Attempt a step, and find a way past where it fails; returned is why there is none, or nothing."""
+        """Attempt a step, and recover where it fails; returns why it cannot, or ""."""
         attempt, last = self._attempt(), self.last
         solved = self.statics.equilibrium(attempt.begin, self.line.at(attempt.c))
         node = None
@@ -98,7 +99,7 @@ class _Continuation:
         return "" if self._settle() or self._shorten(attempt, node) else self._snap(attempt, node, solved.status)
 
     def _attempt(self) -> _Attempt:
-        """The next step, such that steps fill what is left evenly, and its prediction."""
+        """The next step, with its prediction; steps divide the remaining range evenly."""
         last, remaining = self.last, self.end - self.last.c
         step = min(remaining / max(1, int(np.ceil(remaining / self.length - 1e-9))), self.largest_step)
         if self.unstable is not None:
@@ -110,7 +111,7 @@ class _Continuation:
         return _Attempt(c, step, guess, _nearer(self.statics, self.line, c, last, guess))
 
     def _settle(self) -> bool:
-        """Let the robot settle where modes are nearly free, once for a few steps that failed, at the first of them."""
+        """Relax the robot where modes are nearly free: once per few failed steps, at the first of them."""
         if len(self.tried) % (CUTS + 1) != 0:
             return False
         first = self.tried[-1 - CUTS]
@@ -120,7 +121,7 @@ class _Continuation:
         return node is not None
 
     def _shorten(self, attempt: _Attempt, unstable: Node | None) -> bool:
-        """Make the step shorter, down to where the limit point or the loss of stability is close enough."""
+        """Shorten the step, until the limit point or the loss of stability is located closely enough."""
         close = self._close(attempt.c)
         if unstable is None:  # a branch's first steps are shorter yet
             close = min(SMALLEST_STEP * self.whole, close)
@@ -130,12 +131,14 @@ class _Continuation:
         return True
 
     def _snap(self, attempt: _Attempt, unstable: Node | None, why: str) -> str:
-        """Fall to another equilibrium from a limit point, or from where stability is lost; or why it is none."""
+        """Snap through to another equilibrium from a limit point or a loss of stability; returns why it
+        cannot, or "".
+        """
         if unstable is None and pushing(self.statics.system, self.last.state).any():
             return why
         if sum(node.is_fallen for node in self.nodes) == MOST_FALLS:
             return f"it buckles or snaps more than {MOST_FALLS} times"
-        # Not from the nearest unstable one: a branch's first steps are hard.
+        # Not from the unstable equilibrium nearest to the bifurcation: the first steps of a branch converge badly.
         begin = self.unstable or unstable
         c, state = (begin.c, begin.state) if begin else (attempt.c, self.last.state)
         try:
@@ -144,13 +147,13 @@ class _Continuation:
             return why or str(error)
         if is_no_fall(self.statics, self.last.state, attempt.guess, node.state):
             node = replace(node, is_fallen=False)
-        # Where many branches begin at once they are told apart further on.
+        # Where many branches begin at once they separate further on.
         is_among_many = node.is_fallen and is_nearly_free(node)
         self._add(node, max(attempt.step, self.first_step) if is_among_many else attempt.step)
         return ""
 
     def _add(self, node: Node, length: float) -> None:
-        """The next node, and the length of the step from there."""
+        """Append a node, and set the length of the step from there."""
         self.nodes.append(replace(node, has_fallen=self.last.has_fallen or self.last.is_fallen))
         self.length = length
         self.tried.clear()
@@ -172,10 +175,10 @@ def follow(
     stop: Callable[[Node], bool] = lambda node: False,
     largest_step: float = np.inf,
 ) -> Path:
-    """Stable equilibria from a node to c = end, or to where `stop` says so. A failed step is cut and tried again.
+    """Stable equilibria from a node to c = end, or to where `stop` is true. A failed step is shortened and repeated.
 
-    start: the node, or several of which it is the last: the others tell how the path turns.
-    Where they cease to be stable the robot falls: the next node is the stable equilibrium that it comes to.
+    start: the node, or several of which it is the last: the others give the curvature of the path. At a limit point or
+    a loss of stability the robot snaps through: the next node is the stable equilibrium that it reaches.
     """
     before, start = (start[:-1], start[-1]) if isinstance(start, tuple) else ((), start)
     way = _Continuation(statics, line, names, before, [start], end, first_step, largest_step)
@@ -186,26 +189,27 @@ def follow(
 
 
 def _next_length(step: float, n_iterations: int) -> float:
-    """How far the next step goes after one that took so many iterations."""
+    """Length of the next step after one with this number of iterations."""
     if n_iterations <= EASY:
         return GROWTH * step
     return 0.5 * step if n_iterations >= HARD else step
 
 
 def go_on_from(statics: Statics, node: Node) -> None:
-    """Free modes come with the first buckling, and are those of the node before until they are found anew."""
+    """Continue from a node: free modes appear with the first buckling, and are the node's until they are found anew."""
     statics.free_modes, statics.seeks_free_modes = node.free, node.has_fallen or node.is_fallen
 
 
 def _ended(statics: Statics, nodes: list[Node], status: str, names: tuple[str, ...]) -> Path:
-    """A path that goes no further, with the physical cause where it is known."""
+    """A path that ends early, with the physical cause where it is known."""
     met = cables_of(statics.system).meeting(nodes[-1].state.x)
     return Path(tuple(nodes), False, f"{status}; {met}" if met else status, names)
 
 
 def _strays(statics: Statics, before: State, guess: State, found: State) -> bool:
-    """Whether an equilibrium is further from what was predicted than that is from the one before, or a cable's segment
-    was reversed on the way: it may be on another branch. Where surfaces touch predictions are worth less.
+    """Whether an equilibrium may be on another branch: it is further from the prediction than that is from the
+    equilibrium before, or a cable's segment was reversed. With contact only the latter counts, since predictions are
+    less accurate.
     """
     cables = cables_of(statics.system)
     if len(cables.cable) and np.any((cables.vectors(before.x) * cables.vectors(found.x)).sum(axis=1) < 0.0):
@@ -257,7 +261,7 @@ def interpolated(layout: Layout, before: Node, after: Node, c: float) -> State:
 
 
 def _nearer(statics: Statics, line: Line, c: float, last: Node, guess: State) -> State:
-    """The state on the way to a predicted one with the least residual."""
+    """The state between the last one and the predicted one with the least residual."""
     if not is_nearly_free(last):
         return guess
     layout = statics.system.layout
@@ -278,7 +282,7 @@ def _predicted_step(layout: Layout, nodes: list[Node], c: float) -> Floats:
     last = nodes[-1]
     h = c - last.c
     dz = h * last.slope
-    # Beside a fall a branch turns as no parabola does: one may lead to the branch that was left.
+    # Near a snap-through a branch is not parabolic: a parabola may lead back to the former branch.
     if len(nodes) > 1 and not any(node.is_fallen for node in nodes[-2:]):
         before = nodes[-2]
         width = last.c - before.c

@@ -1,9 +1,9 @@
 """The sparsity of the tangent, planned once.
 
 One long array `data` holds, one after the other: the upper triangle of the symmetric tangent on the unknowns z
-(compressed rows, what the factorisation reads); *side* blocks for pairs of entities of which at least one follows
-others; and a waste slot for pairs with a fixed point. Terms add straight into `data`; `Motion.reduce` then folds the
-side blocks into the triangle by the frames' present rotations. So nothing is sorted, searched or copied in a Newton
+(compressed rows, input of the factorisation); *side* blocks for pairs of entities of which at least one follows others;
+and a waste slot for pairs with a fixed point. Terms add straight into `data`; `Motion.reduce` then folds the side
+blocks into the triangle by the frames' present rotations. So nothing is sorted, searched or copied in a Newton
 iteration.
 """
 

@@ -1,4 +1,4 @@
-"""Cables that are driven in length together, and whose lengths cannot all be chosen."""
+"""Cables driven in length together whose lengths depend on each other (redundant constraints)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def redundant(gradients: Floats) -> Ints:
 
     gradients: of each cable's length by the unknowns, (n_unknowns, n_cables).
     """
-    # Of the few products alone: this is asked at every step of Newton's.
+    # From the few products alone: this is computed at every Newton step.
     products = gradients.T @ gradients
     sizes = np.sqrt(products.diagonal())
     sizes[sizes == 0.0] = 1.0
@@ -30,7 +30,7 @@ def redundant(gradients: Floats) -> Ints:
 
 
 def redundant_sentence(names: Sequence[str]) -> str:
-    """Why there is no state, and what to do about it."""
+    """Sentence on why there is no such state, and what to do about it."""
     if len(names) == 1:
         return f"Nothing that can move changes the length of cable {names[0]}: it cannot be driven in length."
     together = f"{', '.join(names[:-1])} and {names[-1]}"

@@ -52,7 +52,7 @@ N_SERIES = 28
 
 class RodForces(NamedTuple):
     """energy [J]; gradient (n, 12) by (dc_a, omega_a, dc_b, omega_b) of each element; tangent (n, 12, 12) or None;
-    turn: the largest angle between two neighbouring nodes [rad], which must stay well below pi.
+    turn: the largest angle between two neighbouring nodes [rad], which must be well below pi.
     """
 
     energy: float
@@ -143,7 +143,7 @@ class RodTerm(Term):
         sizes.frames.append(frames[frames < sizes.layout.n_moving_frames])
 
     def in_step(self, before: Given, step: TimeStep) -> Sequence[Term]:
-        """Stiffer by 1 + r_s / h, about the strain in between that at rest and that at the step's start."""
+        """Stiffness times 1 + r_s / h, about a strain between that at rest and that at the step's start."""
         if step.share == 0.0:
             return (self,)
         xi, _ = before.known
@@ -203,10 +203,10 @@ class RodTerm(Term):
         """Section forces (n, 6), linear in increments (n, 12) of each element from the given poses, for `assemble` at
         the moved ones.
 
-        A step that turns a rod also stretches it, to second order, and where it is stiff that makes large forces which
-        the next step takes back. In the tangent they do harm; Newton's method for the mixed problem, where section
-        forces are unknowns, never sees them, and goes many times further in one load step. This is that method with the
-        section forces eliminated (Magisano, Leonetti and Garcea, 2017: mixed integration points); where it ends, the
+        A step that turns a rod also stretches it, to second order; in a stiff rod that gives large forces which the
+        next step removes. They spoil the tangent; Newton's method for the mixed problem, where section forces are
+        unknowns, does not have them, and converges for load steps many times larger. This is that method with the
+        section forces eliminated (Magisano, Leonetti and Garcea, 2017: mixed integration points); at convergence the
         tangent is the exact one.
         """
         rate = np.empty_like(self.xi_rest)

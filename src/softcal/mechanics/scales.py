@@ -1,4 +1,4 @@
-"""The sizes by which a robot's equations are scaled, as its terms tell them."""
+"""The sizes by which a robot's equations are scaled, collected from its terms."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ from softcal.mechanics.state import State, rest_state
 
 @dataclass
 class Sizes:
-    """Gathered from terms (`Term.measure`).
+    """Collected from terms (`Term.measure`).
 
     shear_modulus: the largest [Pa]; volume: of all material [m^3]; meshed: that of the tets alone, n_tets of them;
-    stiffness: diagonal of the frames' own tangent at rest, on the unknowns; frames: those that have it, by term.
+    stiffness: diagonal of the frames' own tangent at rest, on the unknowns; frames: those with such a stiffness, by
+    term.
     """
 
     layout: Layout
@@ -36,7 +37,7 @@ class Sizes:
 
     @property
     def force(self) -> float:
-        """What bends the whole robot visibly [N]: shear modulus times the square of area over length."""
+        """A force [N] that bends the whole robot visibly: shear modulus times the square of area over length."""
         return self.shear_modulus * (self.volume / self.extent**2) ** 2
 
     def positions(self) -> Ints:
@@ -45,7 +46,7 @@ class Sizes:
         return np.concatenate([np.arange(first), *(first + 6 * f + i for f in self.frames for i in range(3))])
 
     def units(self) -> Floats:
-        """Units of the unknowns in which the tangent's entries are of one size; pivots are judged against each other.
+        """Units of the unknowns in which the tangent's entries are of one size; pivots are compared with each other.
 
         That size is the one of a free point's entries in metres: shear modulus times length of an element.
         """

@@ -1,4 +1,4 @@
-"""Snap-through: the robot falls from where its branch ends, or is stable no longer, to another equilibrium."""
+"""Snap-through: the jump to another equilibrium, from a limit point or a loss of stability."""
 
 from __future__ import annotations
 
@@ -10,33 +10,36 @@ from softcal.mechanics.stability import fall
 from softcal.mechanics.state import State, difference
 from softcal.mechanics.statics import FREE, Statics
 
-NO_FALL = 1e-4  # of the robot's extent: what moves it no farther, a tenth of the nudge, is no fall
+NO_FALL = 1e-4  # of the robot's extent: a smaller displacement (a tenth of the nudge) is no snap-through
 
 
 def stable_node_at(statics: Statics, line: Line, c: float, state: State, names: tuple[str, ...]) -> Node:
-    """The node of an equilibrium, or of the stable one that the robot falls to from there.
+    """The node of an equilibrium, or of the stable one reached from it by snap-through.
 
     Raises
     ------
     SimulationError
-        Where the tangent is singular, or the robot falls to no other equilibrium.
+        Where the tangent is singular, or the robot reaches no other equilibrium.
     """
     node = node_at(statics, line, c, state, names, mixed=False)
     return node if node.is_stable else fallen(statics, line, c, state, names)
 
 
 def is_nearly_free(node: Node) -> bool:
-    """Whether the robot has buckled in many ways at once: it then moves in several ways that take hardly any force."""
+    """Whether the robot has several free modes after buckling: it then moves along several modes almost
+    without force.
+    """
     return (node.has_fallen or node.is_fallen) and node.free.shape[1] > 1
 
 
 def settled(
     statics: Statics, line: Line, last: Node, c: float, begin: State, guess: State, names: tuple[str, ...]
 ) -> Node | None:
-    """The stable node at c that the robot settles to where Newton's method finds no way along modes that are nearly
-    free. begin: where from; guess: what was predicted.
+    """The stable node at c found by overdamped motion, where Newton's method fails because of nearly free modes. begin:
+    initial state; guess: predicted state.
 
-    None where it has none, or where it settles to none that is close, or that so little force leads to.
+    None where there is no such node, or where it is far from the prediction and reached with more than a negligible
+    force.
     """
     if not is_nearly_free(last) or pushing(statics.system, last.state).any():
         return None
@@ -52,19 +55,19 @@ def settled(
 
 
 def is_no_fall(statics: Statics, before: State, guess: State, found: State) -> bool:
-    """Whether a fall ends where it began, or where a step would have led: it was none."""
+    """Whether an alleged snap-through ends near its start, or about as near as a regular step would."""
     layout = statics.system.layout
     ahead, way = (statics.reach(difference(layout, state, before)) for state in (guess, found))
     return way <= NO_FALL * statics.length + 2.0 * ahead
 
 
 def fallen(statics: Statics, line: Line, c: float, state: State, names: tuple[str, ...]) -> Node:
-    """The stable node at c that the robot falls to from a state.
+    """The stable node at c that the robot snaps through to from a state.
 
     Raises
     ------
     SimulationError
-        Where it comes to none.
+        Where it reaches none.
     """
     ended = fall(statics, state, line.at(c))
     if not ended.converged:

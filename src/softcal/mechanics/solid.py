@@ -28,7 +28,7 @@ Kinematics = tuple[Floats, Floats, Floats, Floats]
 
 @dataclass(frozen=True)
 class SolidPlaces:
-    """Where a solid's element blocks stand in the tangent's long array (see `Pattern`)."""
+    """Places of a solid's element blocks in the tangent's long array (see `Pattern`)."""
 
     displacement: Places  # (n_tets, pairs, 3)
     coupling: Places  # (n_tets, n_a, n_b, 3) or empty
@@ -207,7 +207,7 @@ class SolidTerm(Term):
         return replace(self, w=(1.0 + step.share) * self.w), Loads(step.share * held.points, {})
 
     def rest_moduli(self, theta: Theta) -> tuple[float, float]:
-        """Lamé's moduli [Pa] of the undeformed body, those of psi_d alone where pressures carry the rest."""
+        """Lamé's moduli [Pa] of the undeformed body; with pressures, those of psi_d alone."""
         values = self._theta(theta)
         derivatives = self.compiled.distortional if self.is_mixed else self.compiled.full
         rows = stacked(derivatives(np.full(1, 3.0), np.full(1, 3.0), np.ones(1), *values), 1)[:, 0]
@@ -217,8 +217,8 @@ class SolidTerm(Term):
         return lmbda, -2.0 * psi_2 - psi_J
 
     def _softened(self, known: Kinematics, theta: Theta) -> float:
-        """The least volume ratio J < 1 at a quadrature point whose law takes less pressure for more compression there,
-        d2psi/dJ2 < 0 along F -> J^(1/3) F; 1 where there is none.
+        """The least volume ratio J < 1 at a quadrature point whose law softens in compression, d2psi/dJ2 < 0 along F ->
+        J^(1/3) F; 1 where there is none.
         """
         _, I1, I2, J = (values.ravel() for values in known)
         rows = stacked(self.compiled.full(I1, I2, J, *self._theta(theta)), J.size)

@@ -1,4 +1,4 @@
-"""Where the robot goes from an equilibrium that is not stable: down, as through honey, until it stands."""
+"""Find the stable equilibrium reached from an unstable one by overdamped motion (gradient flow)."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from softcal.mechanics.state import State, difference
 from softcal.mechanics.statics import FREE, NO_MODES, TOLERANCE, TORN, Equilibrium, Statics
 from softcal.mechanics.system import Controls, Linearisation
 
-NUDGE = 1e-3  # of the robot's extent: how far it is pushed off at first
-LEAST_DRAG, MOST_DRAG = 1e-11, 1e6  # of the tangent's usual diagonal entry; what rounding makes is below
-MORE, LESS, MUCH_LESS = 4.0, 0.3, 0.1  # drag after steps that went wrong, well, and as far as they may
+NUDGE = 1e-3  # of the robot's extent: size of the initial perturbation
+LEAST_DRAG, MOST_DRAG = 1e-11, 1e6  # of the tangent's typical diagonal entry; rounding errors are below
+MORE, LESS, MUCH_LESS = 4.0, 0.3, 0.1  # factors on the drag after failure, convergence, and easy convergence
 INVERSE_ITERATIONS = 12
 MAX_STEPS = 120
-ASK_AGAIN = 10  # steps after which it may stand, though the residual is no smaller
+ASK_AGAIN = 10  # steps after which equilibrium is tested, even though the residual is no smaller
 SOLVES = 12  # with one factorisation, about
 ITERATIONS = 6  # of Newton's method in a step
-SERVES = 0.5  # of the correction before: larger ones ask for a new factorisation, or for more drag
-CLOSE = 0.3  # of a step: it ends with corrections as small, the next one makes up for what is left
+SERVES = 0.5  # of the correction before: larger ones require a new factorisation, or more drag
+CLOSE = 0.3  # of a step: it ends with corrections as small; the next one corrects the remaining error
 
 Switched = Callable[[State, Controls], Controls]
 
@@ -31,12 +31,12 @@ Switched = Callable[[State, Controls], Controls]
 def fall(
     statics: Statics, state: State, controls: Controls, switched: Switched = lambda state, controls: controls
 ) -> Equilibrium:
-    """The stable equilibrium that an overdamped robot comes to from a state under these controls.
+    """The stable equilibrium that an overdamped robot reaches from a state under these controls.
 
-    From an unstable equilibrium it is pushed off in the direction in which it falls fastest, always to the same side:
-    of a symmetric robot's two ways one is taken. Implicit Euler steps with drag, g(z) + drag (z - z before) = 0, go
-    down in energy; the drag is as small as Newton's method allows. Never raises: the status says why where none is
-    found. switched: the controls to go on with from a state, cables taut or slack as they are there.
+    An unstable equilibrium is perturbed in its most unstable direction, always with the same sign: of a symmetric
+    robot's two branches one is taken. Implicit Euler steps with drag, g(z) + drag (z - z before) = 0, decrease the
+    energy; the drag is as small as Newton's method allows. Never raises: the status says why where none is found.
+    switched: the controls to continue with from a state, with cables taut or slack as they are there.
     """
     statics.free_modes = NO_MODES
     residual, tried, work = np.inf, np.inf, 0.0
@@ -59,7 +59,7 @@ def fall(
                     drag = _holding(statics, statics.tangent_at(ended.state, controls), least)
                     state = statics.reachable(ended.state, _push(statics))
                     at = statics.system.linearise(state, controls, statics.theta)
-                    tried = statics.norm(at)  # that it stands is no news before it has gone on
+                    tried = statics.norm(at)  # no new test for equilibrium before it has moved on
                 elif not ended.converged and residual < TOLERANCE:
                     return replace(ended, n_iterations=step)
             way = _down(statics, state, controls, at, drag)
@@ -72,8 +72,8 @@ def fall(
 
 
 def is_stable(statics: Statics, at: Linearisation) -> bool:
-    """Whether an equilibrium, linearised and factorised last, is one of least energy. One that can move without force
-    counts as stable: rounding alone decides on the sign of its eigenvalue.
+    """Whether the energy of an equilibrium, linearised and factorised last, is a minimum. One with free modes counts as
+    stable: the sign of their eigenvalues is rounding error.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def is_stable(statics: Statics, at: Linearisation) -> bool:
 
 
 def _at_rest(statics: Statics, state: State, controls: Controls) -> Equilibrium:
-    """The equilibrium close to a state but for motions that need no force, its tangent factorised without them.
+    """The equilibrium close to a state up to free modes, its tangent factorised without them.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def _at_rest(statics: Statics, state: State, controls: Controls) -> Equilibrium:
 
 
 def _holding(statics: Statics, at: Linearisation, drag: float) -> float:
-    """Factorise with the least drag, of those from `drag` on, with which no direction is left to fall in."""
+    """Factorise with the least drag, from `drag` upwards, at which no direction is unstable."""
     most = MOST_DRAG * statics.stiffness(at)
     while drag < most:
         statics.factorise(at, drag)
@@ -116,7 +116,7 @@ def _holding(statics: Statics, at: Linearisation, drag: float) -> float:
 
 
 def _push(statics: Statics) -> Floats:
-    """A small step in the direction that the drag factorised last barely holds: (K + drag) dz = least * drag dz
+    """A small step in the direction that the drag factorised last barely stabilises: (K + drag) dz = least * drag dz
     (inverse iteration, in the units in which the drag is the same for all).
     """
     layout = statics.system.layout
@@ -136,7 +136,9 @@ def _push(statics: Statics) -> Floats:
 
 @dataclass(frozen=True)
 class _Way:
-    """A way down: where it leads, the energy that it gives off [J], the drag that it took, and whether less will do."""
+    """Several steps of overdamped motion: their end, the energy released [J], the drag used, and whether less
+    would do.
+    """
 
     state: State
     work: float
@@ -145,8 +147,7 @@ class _Way:
 
 
 def _down(statics: Statics, state: State, controls: Controls, at: Linearisation, drag: float) -> _Way:
-    """Down in as many steps as one factorisation serves for, two where the first step needs it, with as much drag as it
-    takes.
+    """As many steps as one factorisation serves, two where the first step needs it, with as much drag as necessary.
 
     Raises
     ------
@@ -170,7 +171,7 @@ def _down(statics: Statics, state: State, controls: Controls, at: Linearisation,
 
 @dataclass(frozen=True)
 class _Step:
-    """A step's end, linearised, the energy that it gives off [J], and the solves that it took."""
+    """A step's end, linearised, the energy released [J], and the number of solves."""
 
     state: State
     at: Linearisation
@@ -181,9 +182,9 @@ class _Step:
 def _step(
     statics: Statics, begin: State, controls: Controls, start: Linearisation, drag: float, *, may_factorise: bool
 ) -> _Step | None:
-    """One implicit Euler step with the factors at hand; None where it is not found.
+    """One implicit Euler step with the present factors; None where it does not converge.
 
-    may_factorise: the factors are those of the beginning, and new ones may be made where they do not serve.
+    may_factorise: the factors are those at the step's start, and may be replaced where they do not serve.
     """
     layout = statics.system.layout
     moving, tensions = slice(layout.first_pressure_unknown), slice(layout.first_effort_unknown, None)
@@ -200,7 +201,7 @@ def _step(
                 return None
             dz = -statics.solve(r)
             size = float(np.linalg.norm(dz[moving] / unit))
-        part = statics.limited(dz)  # lengths that are given lead far whatever the drag
+        part = statics.limited(dz)  # prescribed lengths cause large steps at any drag
         if part == 1.0 and size > SERVES * before:
             return None
         here, is_fresh = statics.reachable(here, part * dz), False
@@ -215,7 +216,7 @@ def _step(
         is_close = n > 1 and size < CLOSE * float(np.linalg.norm(way / unit))
         if part == 1.0 and (is_close or statics.measured(r, statics.force_scale(at)) < TOLERANCE):
             work = -0.5 * float(way @ (start.reduced + at.reduced)[moving])
-            # Energies compare among states with the lengths that are given: to these, first.
+            # Energies can be compared only among states that satisfy the prescribed lengths: reach these first.
             has_lengths = float(np.abs(start.reduced[tensions]).max(initial=0.0)) < FREE * statics.length
             return None if work < 0.0 and has_lengths else _Step(here, at, work, n)
         before = size if part == 1.0 else np.inf

@@ -1,4 +1,4 @@
-"""One configuration of the robot, and how a step of the unknowns changes it."""
+"""One configuration of the robot, and its update by a step of the unknowns."""
 
 from __future__ import annotations
 
@@ -13,8 +13,20 @@ from softcal.mechanics.layout import Layout
 
 @dataclass(frozen=True)
 class State:
-    """x: positions of all points (n_points, 3) [m]; position (n_frames, 3) [m] and rotation (n_frames, 3, 3) of the
-    frames; pressure (n_pressures,) [Pa]; effort (n_actuators,): of its actuators.
+    """One configuration of the robot.
+
+    Attributes
+    ----------
+    x
+        Positions of all points (n_points, 3) [m].
+    position
+        Positions of the frames (n_frames, 3) [m].
+    rotation
+        Rotations of the frames (n_frames, 3, 3) [-].
+    pressure
+        Nodal pressures (n_pressures,) [Pa].
+    effort
+        Efforts of the actuators (n_actuators,), each in its own unit, such as a cable's tension [N].
     """
 
     x: Floats
@@ -69,7 +81,7 @@ def difference(layout: Layout, after: State, before: State) -> Floats:
 
 
 def distance(layout: Layout, one: State, other: State) -> float:
-    """How far two states are apart: the norm of the dz of points and frames, metres and radians alike."""
+    """Distance of two states: the norm of the dz of points and frames, with metres and radians weighted alike."""
     return float(np.linalg.norm(difference(layout, one, other)[: layout.first_pressure_unknown]))
 
 

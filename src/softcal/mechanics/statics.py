@@ -1,4 +1,4 @@
-"""Equilibrium at given controls: Newton's method that keeps a factorisation as long as it serves."""
+"""Equilibrium at given controls: a modified Newton method that keeps a factorisation as long as it converges fast."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from softcal.mechanics.state import State, moved
 from softcal.mechanics.system import NO_BORDER, Border, Controls, Linearisation, System
 
 TOLERANCE = 1e-9  # residual over its scale
-FREE = 1e-6  # of the forces: what a free mode takes for a motion as long as the robot, at most; along it less is none
-ROUNDING = 4.0 * float(np.finfo(float).eps)  # of the farthest coordinate: what positions are known to
+FREE = 1e-6  # of the forces: largest force along a free mode, for a motion as long as the robot; less counts as zero
+ROUNDING = 4.0 * float(np.finfo(float).eps)  # of the largest coordinate: rounding error of positions
 MAX_ITERATIONS = 25
 PATIENCE = 6  # iterations without a smaller residual
 WITH_CONTACT = 4  # times as many of both where surfaces may touch: the set of contacts must be found too
@@ -34,7 +34,23 @@ MOVE_PER_STEP = 0.33  # of the robot's extent, at most
 
 @dataclass(frozen=True)
 class Equilibrium:
-    """A state and whether it is one of equilibrium. status: a sentence where it is not; work: of a fall [J]."""
+    """The result of a solve for equilibrium.
+
+    Attributes
+    ----------
+    state
+        The last state.
+    converged
+        Whether it is an equilibrium.
+    n_iterations
+        Number of iterations.
+    residual
+        Residual over its scale [-].
+    status
+        Why it did not converge, a sentence; "" where it did.
+    work
+        Energy released in a snap-through [J].
+    """
 
     state: State
     converged: bool
@@ -45,14 +61,14 @@ class Equilibrium:
 
 
 class Statics:
-    """A system at parameters theta, and the factorisation of its tangent that goes from solve to solve.
+    """A system at parameters theta, and the factorisation of its tangent kept from solve to solve.
 
     The tangent of all unknowns but the efforts is sparse and symmetric, K; efforts and friction border it:
 
         [ K   C ] [dz]   [b]
         [ R^T D ] [dw] = [c]    =>  dw = (R^T K^-1 C - D)^-1 (R^T K^-1 b - c),  dz = K^-1 (b - C dw)
 
-    so the factorisation never meets the zeros on the diagonal.
+    so the factorisation has no zeros on the diagonal.
     """
 
     def __init__(self, system: System, theta: Mapping[str, float]) -> None:
@@ -77,15 +93,15 @@ class Statics:
         self._unit_entries = entries[self._unit_places]
         self._border = NO_BORDER
         self._columns_solved: Floats | None = None
-        # Modes (n_unknowns - n_actuators, k) that no step of `equilibrium` goes along, see `exclude`: they come with
-        # the first buckling, and until then nothing is spent on them.
+        # Modes (n_unknowns - n_actuators, k) excluded from the steps of `equilibrium`, see `exclude`: they appear with
+        # the first buckling, and are not computed before.
         self.free_modes, self.seeks_free_modes = NO_MODES, False
 
     def norm(self, at: Linearisation) -> float:
         """The residual over its scale: forces over the reactions, volumes over a node's, coordinates over theirs.
 
-        Forces that the rounding of the positions makes count as none: with linear elements near nu = 0.5 and small
-        loads they exceed TOLERANCE times the reactions, and no iteration can remove them.
+        Forces due to the rounding of the positions count as zero: with linear elements near nu = 0.5 and small loads
+        they exceed TOLERANCE times the reactions, and no iteration can remove them.
         """
         return self.measured(at.reduced, self.force_scale(at))
 
@@ -103,16 +119,16 @@ class Statics:
         return float(np.sqrt(max(part @ part for part in parts)))
 
     def force_scale(self, at: Linearisation) -> float:
-        """The force [N] that residual forces are measured by."""
+        """The scale [N] of residual forces."""
         return max(at.forces, self._force_floor, self._rounding / TOLERANCE)
 
     def stiffness(self, at: Linearisation) -> float:
-        """The usual diagonal entry of a tangent [N/m], by its points and frames in their units.
+        """The typical diagonal entry of a tangent [N/m], by its points and frames in their units.
 
         Raises
         ------
         SimulationError
-            Where no tangent was asked for.
+            Where no tangent was requested.
         """
         if at.data is None:
             raise SimulationError("There is no tangent.")
@@ -121,15 +137,15 @@ class Statics:
         return float(np.abs(diagonal * self.unit[moving] ** 2).mean())
 
     def factorise(self, at: Linearisation, drag: float = 0.0, free: Floats = NO_MODES) -> None:
-        """Factorise the tangent of a linearisation, for the solves to come.
+        """Factorise the tangent of a linearisation, for the following solves.
 
-        drag: of every point and frame against its motion [N/m], see `stiffness`.
-        free: modes that solutions do not move along, see `exclude`.
+        drag: of every point and frame against its motion [N/m], see `stiffness`. free: modes excluded from solutions,
+        see `exclude`.
 
         Raises
         ------
         SimulationError
-            Where the tangent is singular, or actuators are driven to coordinates that follow from each other's.
+            Where the tangent is singular, or actuators are driven to coordinates that depend on each other.
         """
         if at.data is None:
             raise SimulationError("There is no tangent to factorise.")
@@ -152,14 +168,14 @@ class Statics:
             self.exclude(free)
 
     def exclude(self, modes: Floats) -> None:
-        """Let no solution dz of the factorised tangent move along modes (n_unknowns - n_actuators, k): modes^T dz = 0.
+        """Exclude modes (n_unknowns - n_actuators, k) from solutions dz of the factorised tangent: modes^T dz = 0.
 
-        Their multipliers are forces along the modes; where the robot moves along these without force, they are zero.
+        Their multipliers are forces along the modes; for free modes of the robot, they are zero.
         """
         border = self._border
         solved = self._sparse_solve(border.columns.reshape(len(modes), -1), modes)
         k = len(border.corner)
-        # A mode that needs no force would fill the multipliers' matrix with numbers too large for the others.
+        # A free mode would give entries of the multipliers' matrix that are too large beside the others.
         size = np.sqrt(np.abs(np.einsum("nk,nk->k", modes, solved[:, k:])))
         solved[:, k:] /= size
         self._border = Border(
@@ -171,14 +187,16 @@ class Statics:
         self._columns_solved = solved
 
     def _require_independent(self, border: Border) -> None:
-        """Without this rounding alone would choose the efforts, where the border is not singular to the last digit."""
+        """Without this check, rounding would determine the efforts where the border is singular except for the last
+        digit.
+        """
         n_driven = len(border.driven)
         together = redundant(self.unit[:, None] * border.rows[:, :n_driven]) if n_driven else border.driven
         if len(together):
             raise SimulationError(redundant_sentence([self.system.actuators[border.driven[i]].name for i in together]))
 
     def _with_touch(self, data: Floats, touch: Any) -> Factorisation:
-        """The factors of the tangent with contacts, whose pattern is theirs: analysed anew."""
+        """The factors of the tangent with contacts, whose pattern differs: analysed anew."""
         import scipy.sparse as sp
 
         pattern = self.system.pattern
@@ -221,7 +239,7 @@ class Statics:
         return out.reshape(b.shape)
 
     def equilibrium(self, guess: State, controls: Controls) -> Equilibrium:
-        """Newton's method from a guess. Never raises for a solve that fails: the status says why."""
+        """Newton's method from a guess. Never raises where it fails: the status says why."""
         system, free = self.system, self.free_modes
         state = replace(guess, effort=np.where(controls.is_held, controls.effort, guess.effort))
         at = system.linearise(state, controls, self.theta)
@@ -246,7 +264,7 @@ class Statics:
                     state, False, iteration, residual, f"Newton's method diverged (residual {residual:.1e})"
                 )
             if free.size and across < TOLERANCE:
-                free = NO_MODES  # the modes take a force after all: what is left is along them
+                free = NO_MODES  # the modes need a force after all: the remaining residual is along them
             try:
                 if at.data is not None:
                     self.factorise(at, free=free)
@@ -262,9 +280,9 @@ class Statics:
                 candidate, part = self._before_touch(state, step * dz)
                 step, serves = step * part, serves and part == 1.0
                 at = system.linearise(candidate, controls, self.theta, tangent=not serves)
-                # The line search: a step must not lead to what cannot be, nor leave more work along itself than it
-                # began with. Small residuals are let through; there Newton's method converges by itself, but for what
-                # is about to touch.
+                # The line search: a step must not lead to an inadmissible state, nor leave more work along itself than
+                # it began with. Small residuals are exempt; there Newton's method converges by itself, except where
+                # surfaces are about to touch.
                 trusted = residual < SMALL_START and not system.contacts
                 if at.is_admissible and (trusted or abs(dz @ at.reduced) <= abs(work)):
                     break
@@ -290,11 +308,11 @@ class Statics:
         return out
 
     def reachable(self, state: State, dz: Floats) -> State:
-        """The state after a step dz, or as far that way as nothing passes through anything."""
+        """The state after a step dz, or after the part of it before the first contact."""
         return self._before_touch(state, dz)[0]
 
     def _before_touch(self, state: State, dz: Floats) -> tuple[State, float]:
-        """The state after dz, or after the part of it, also given, that leads through no contact."""
+        """The state after dz, or after the part of it (also returned) that is free of contact."""
         part = 1.0
         candidate = moved(self.system.layout, state, dz)
         for _ in range(MAX_CUTS):
@@ -306,7 +324,9 @@ class Statics:
         return state, 0.0
 
     def is_torn(self, state: State) -> bool:
-        """Whether the robot is stretched as no law is meant for: loads beyond a fold may pull it to any length."""
+        """Whether the robot is stretched beyond the validity of any law: past a limit point loads may pull it to any
+        length.
+        """
         return float(np.ptp(state.x, axis=0).max()) > FARTHEST * self.length
 
     def tangent_at(self, state: State, controls: Controls) -> Linearisation:
@@ -322,7 +342,7 @@ class Statics:
         return at
 
     def n_unstable(self) -> int:
-        """In how many independent ways the state whose tangent was factorised last leaves by itself; none is stable.
+        """Number of unstable directions of the state whose tangent was factorised last; zero where it is stable.
 
         The potential has a minimum among the states with these coordinates where the bordered tangent has as many
         negative eigenvalues as it has multipliers: pressures, efforts of driven actuators. Friction makes the border
@@ -339,12 +359,12 @@ class Statics:
         return n_negative - self.system.layout.n_pressures - len(border.corner)
 
     def release(self) -> None:
-        """Give the factors' memory back."""
+        """Release the factors' memory."""
         self._factors.release()
         self._planned.release()
 
     def _sparse_solve(self, *blocks: Floats) -> Floats:
-        """K^-1 of the blocks' columns, side by side, in the columns' order of storage that the factors read."""
+        """K^-1 of the blocks' columns, side by side, in column order as the factors require."""
         scaled = np.empty((len(self.unit), sum(block.shape[1] for block in blocks)), order="F")
         first = 0
         for block in blocks:
@@ -355,7 +375,7 @@ class Statics:
         return solved
 
     def reach(self, dz: Floats) -> float:
-        """The farthest that a step moves anything [m]; a frame turns an arm as long as the robot."""
+        """The largest displacement by a step [m]; a frame turns an arm as long as the robot."""
         layout = self.system.layout
         frames = dz[layout.first_frame_unknown : layout.first_pressure_unknown].reshape(-1, 6)
         return max(

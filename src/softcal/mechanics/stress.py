@@ -1,4 +1,4 @@
-"""Stress and strain inside a solid, as means over its elements."""
+"""Stress and strain in a solid, as means over its elements."""
 
 from __future__ import annotations
 

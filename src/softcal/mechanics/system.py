@@ -33,7 +33,7 @@ class Border:
         [ rows^T corner ]
 
     The first ones belong to the efforts of `driven` actuators (corner zero: their coordinate is prescribed), the others
-    to what is added to the tangent as products of columns and rows, such as friction (corner -1).
+    to parts of the tangent that are products of columns and rows, such as friction (corner -1).
     """
 
     driven: Ints
@@ -49,11 +49,26 @@ NO_BORDER = Border(np.zeros(0, dtype=np.int64), np.zeros((0, 0)), np.zeros((0, 0
 class Linearisation:
     """Gradient and tangent at a state.
 
-    controls: those it was asked for; known: what the terms share there (`Term.kinematics`); why_not: why the state
-    cannot be, in words, and nothing else is known then; full: gradient on all entities, less that in motion alone;
-    reduced: on the unknowns; forces: the norm of the nodal forces before they cancel [N]; data: the sparse tangent's
-    triangle, or None; border: what unknown efforts and losses add to it; touch: what is outside its pattern
-    (sparse, upper triangle), such as contacts, or None.
+    Attributes
+    ----------
+    controls
+        The controls.
+    known
+        Per term, its `Term.kinematics` at the state.
+    why_not
+        Why the state is inadmissible, in words, and then all below is empty; "" where it is admissible.
+    full
+        Gradient on all entities (n_components,), without forces of motion.
+    reduced
+        Gradient on the unknowns (n_unknowns,).
+    forces
+        Norm of the nodal forces before they cancel [N].
+    data
+        Upper triangle of the sparse tangent (nnz,), or None where it was not requested.
+    border
+        Columns and rows added by unknown efforts and by losses.
+    touch
+        Part of the tangent outside its pattern (sparse, upper triangle), such as contacts, or None.
     """
 
     controls: Controls
@@ -68,13 +83,27 @@ class Linearisation:
 
     @property
     def is_admissible(self) -> bool:
-        """Whether the state can be: no element is inverted, no rod winds by half a turn between two nodes."""
+        """Whether the state is admissible: no element is inverted, no rod turns by half a revolution between
+        two nodes.
+        """
         return not self.why_not
 
 
 @dataclass(frozen=True)
 class System:
-    """Everything about the robot that no parameter changes; parameters theta [SI] come with each call."""
+    """The discretised robot without its parameter values; parameters theta [SI] are arguments of each call.
+
+    Attributes
+    ----------
+    layout
+        Numbering of points, frames and unknowns.
+    pattern
+        Sparsity of the tangent.
+    motion
+        Map from the unknowns to the points.
+    terms
+        Summands of the total potential.
+    """
 
     layout: Layout
     pattern: Pattern
@@ -82,7 +111,7 @@ class System:
     terms: tuple[Term, ...]
 
     def of(self, kind: type[Kind]) -> tuple[Kind, ...]:
-        """The terms of one kind, for who asks what only that knows; no sum does."""
+        """The terms of one kind, for callers that need that kind; the assembly does not."""
         return tuple(term for term in self.terms if isinstance(term, kind))
 
     @cached_property
@@ -92,12 +121,12 @@ class System:
 
     @cached_property
     def actuators(self) -> tuple[Actuator, ...]:
-        """Everything that drives the robot, in the order of the efforts."""
+        """All actuators, in the order of the efforts."""
         return tuple(actuator for term in self.actuated for actuator in term.actuators)
 
     @cached_property
     def effort_limits(self) -> tuple[Floats, Floats]:
-        """The least and the most that each actuator's effort can be (n_actuators,)."""
+        """Lower and upper limit of each actuator's effort (n_actuators,)."""
         return (
             np.array([actuator.least_effort for actuator in self.actuators]),
             np.array([actuator.most_effort for actuator in self.actuators]),
@@ -110,7 +139,7 @@ class System:
 
     @cached_property
     def contacts(self) -> tuple[ContactTerm, ...]:
-        """Surfaces that may touch."""
+        """The contact terms of surfaces."""
         return self.of(ContactTerm)
 
     def linearise(self, state: State, controls: Controls, theta: Theta, *, tangent: bool = True) -> Linearisation:
@@ -140,22 +169,22 @@ class System:
         return out
 
     def why_not(self, state: State) -> str:
-        """Why a state cannot be, as part of a sentence; "" where it can."""
+        """Why a state is inadmissible, as part of a sentence; "" where it is admissible."""
         return self._why_not([term.kinematics(state) for term in self.terms])
 
     def remarks(self, state: State, theta: Theta) -> str:
-        """What a user should know of a solution: sentences with a blank before each, or ""."""
+        """Remarks on a solution for the user: sentences with a blank before each, or ""."""
         return "".join(term.remark(state, theta) for term in self.terms)
 
     def sizes(self, theta: Theta) -> Sizes:
-        """What the scales of the equations are made of."""
+        """The sizes by which the equations are scaled."""
         sizes = Sizes(self.layout)
         for term in self.terms:
             term.measure(sizes, theta)
         return sizes
 
     def free_way(self, state: State, to: State) -> float:
-        """The part of the straight way between two states that leads through no contact, one where all of it does."""
+        """Fraction of the straight line between two states that is free of contact; one where all of it is."""
         return min((term.free_way(state.x, to.x) for term in self.terms), default=1.0)
 
     def tangent_times(self, at: Linearisation, dz: Floats) -> Floats:
@@ -224,7 +253,7 @@ class System:
         return Border(driven, np.stack(columns, axis=1), np.stack(rows, axis=1), corner)
 
     def _outside(self, state: State, total: Sum) -> Any:
-        """What is outside the pattern, on the unknowns: upper triangle, or None where nothing is."""
+        """The tangent outside the pattern, on the unknowns: upper triangle, or None where there is none."""
         import scipy.sparse as sp
 
         if not total.outside:

@@ -3,8 +3,9 @@
     Pi(z) = sum of terms,    gradient and tangent likewise
 
 Each body, each rod, the actuators, the dead loads, contact, and in a time step inertia and viscosity are terms. The
-assembly (`system.py`) knows none of them: a term says what it connects, looks up once where its blocks go, and then
-adds to a `Sum` at every state. A new one is one file; `tests/contracts/test_term_contract.py` shows what it must keep.
+assembly (`system.py`) is the same for all of them: a term states its connectivity, looks up its places in the tangent
+once, and then adds to a `Sum` at every state. A new term is one file; `tests/contracts/test_term_contract.py` tests its
+interface.
 """
 
 from __future__ import annotations
@@ -28,8 +29,8 @@ Theta = Mapping[str, float]
 
 @dataclass(frozen=True)
 class Controls:
-    """Per actuator: is_held (its effort is given) with that effort, else its coordinate; load: factor on all dead
-    loads, one but while they are put on.
+    """Per actuator: is_held (its effort is prescribed) with that effort, else its coordinate; load: factor on all dead
+    loads, below one only while they are applied.
     """
 
     is_held: np.ndarray
@@ -39,7 +40,7 @@ class Controls:
 
 
 class Given(NamedTuple):
-    """What a sum is taken at; known: what the term's own `kinematics` gave there."""
+    """The arguments of a sum; known: the result of the term's own `kinematics`."""
 
     state: State
     controls: Controls
@@ -48,23 +49,25 @@ class Given(NamedTuple):
 
 
 class Connectivity(NamedTuple):
-    """What a term's tangent connects: groups of entities, arrays (n, k) with ascending rows, and of frames (n, 2)."""
+    """The connectivity of a term's tangent: groups of entities, arrays (n, k) with ascending rows, and of frames (n,
+    2).
+    """
 
     entities: Sequence[Ints] = ()
     frames: Sequence[Ints] = ()
 
 
 class Sum:
-    """What terms add to, zero at first.
+    """Accumulator of the terms' gradients and tangents, zero at first.
 
     full: gradient on all entities (n_components,), points its (n_points, 3); own: gradient on the unknowns
     (n_unknowns,), for terms on frames and actuators, efforts its (n_actuators,); data: the tangent's long array (see
-    `Pattern`), or None where none is wanted.
+    `Pattern`), or None where none is requested.
 
-    squares: of forces [N^2] that residuals are measured by, besides those in `full`. driven: (actuator, column, row)
-    that border the tangent for an effort that is unknown; rank_one: (column, row) whose product is added to it (all on
-    entities); outside: values, rows and columns of tangents on the points' components whose entries no pattern holds;
-    in_motion: gradients on all entities of what acts in motion alone, which residuals are not measured by.
+    squares: of forces [N^2] in the scale of the residual, besides those in `full`. driven: (actuator, column, row) that
+    border the tangent for an unknown effort; rank_one: (column, row) whose product is added to it (all on entities);
+    outside: values, rows and columns of tangents on the points' components outside the pattern; in_motion: gradients on
+    all entities of forces in motion alone, which are not in the scale of the residual.
     """
 
     def __init__(self, layout: Layout, size: int | None = None) -> None:
@@ -86,9 +89,9 @@ class Sum:
 
 
 class Term(ABC):
-    """One summand of the potential. Frozen: parameters theta [SI] and the state come with each call.
+    """One summand of the potential. Frozen: parameters theta [SI] and the state are arguments of each call.
 
-    Only `add` and `energy` are a must; the rest is for terms that have it.
+    Only `add` and `energy` are required; the other methods have defaults.
     """
 
     @property
@@ -97,19 +100,21 @@ class Term(ABC):
         return ()
 
     def connectivity(self, layout: Layout) -> Connectivity:
-        """What its tangent connects: at least every block that `add` writes to."""
+        """The connectivity of its tangent: at least every block that `add` writes to."""
         return Connectivity()
 
     def plan(self, layout: Layout, pattern: Pattern) -> Self:
-        """The term with the places of its blocks, looked up once; `add` is called of planned terms alone."""
+        """The term with the places of its blocks in the tangent, looked up once; `add` is called only on
+        planned terms.
+        """
         return self
 
     def kinematics(self, state: State) -> Any:
-        """What gradient and derivatives share at a state; they find it in `Given.known`."""
+        """Quantities that gradient and derivatives share at a state; passed to them as `Given.known`."""
         return None
 
     def why_not(self, known: Any) -> str:
-        """Why the state cannot be, as part of a sentence; "" where it can."""
+        """Why the state is inadmissible, as part of a sentence; "" where it is admissible."""
         return ""
 
     @abstractmethod
@@ -124,18 +129,22 @@ class Term(ABC):
         """The potential [J] whose derivative the gradient is; without friction, which has none."""
 
     def measure(self, sizes: Sizes, theta: Theta) -> None:  # noqa: B027
-        """Add what the scales of the robot's equations are made of."""
+        """Add its contribution to the sizes by which the robot's equations are scaled."""
 
     def remark(self, state: State, theta: Theta) -> str:
-        """What a user should know of a solution, as a sentence with a blank before it; "" where nothing."""
+        """Remark on a solution for the user, as a sentence with a blank before it; "" where there is none."""
         return ""
 
     def free_way(self, x: Floats, to: Floats) -> float:
-        """The part of the straight way between positions (n_points, 3) that the term lets the robot go, one for all."""
+        """Fraction of the straight line between positions (n_points, 3) that the term admits; one where it admits all
+        of it.
+        """
         return 1.0
 
     def in_step(self, before: Given, step: TimeStep) -> Sequence[Term]:
-        """What it is in a time step from there on: itself, and what its damping adds, or with friction from there."""
+        """The term within a time step from a state on: itself, plus its damping, or its friction relative to that
+        state.
+        """
         return (self,)
 
 
@@ -143,6 +152,6 @@ Of = TypeVar("Of")
 
 
 def part_theta(theta: Mapping[str, Of], name: str) -> dict[str, Of]:
-    """What belongs to one body or rod, without its name in front."""
+    """The entries of one body or rod, without its name in front."""
     prefix = f"{name}."
     return {key.removeprefix(prefix): value for key, value in theta.items() if key.startswith(prefix)}

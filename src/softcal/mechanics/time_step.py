@@ -1,4 +1,4 @@
-"""One time step: what backward Euler makes of mass and damping is a term like any other.
+"""One time step: backward Euler turns mass and damping into terms of a potential.
 
 With x_n, v_n at the step's start, h its length, and Rayleigh's coefficients r_m [1/s] and r_s [s], a step solves
 
@@ -7,12 +7,12 @@ With x_n, v_n at the step's start, h its length, and Rayleigh's coefficients r_m
 where g is the gradient of the total potential and d that of damping. So
 
 - mass is a spring of stiffness k = (1 + h r_m) / h^2 to x_n + h v_n / (1 + h r_m), for rotation matrices too;
-- damping of bodies acts on their strains (`viscosity.py`) or, as Rayleigh's r_s K v and SOFA's, on their forces:
-  d = r_s (g_int(x) - g_int(x_n)) / h, which multiplies their energy by 1 + r_s / h, less a dead force;
-- damping of rods acts on their strains, xi: their energy is stiffer by 1 + r_s / h about a strain at rest in between,
+- damping of bodies acts on their strains (`viscosity.py`) or, as Rayleigh's r_s K v and SOFA's, on their forces: d =
+  r_s (g_int(x) - g_int(x_n)) / h, which multiplies their energy by 1 + r_s / h, less a dead force;
+- damping of rods acts on their strains, xi: their energy is stiffer by 1 + r_s / h about a rest strain in between,
   (xi_0 + r_s / h xi_n) / (1 + r_s / h).
 
-Every term says what it is within a step (`Term.in_step`), mass is one more, and the tangent is exact and symmetric.
+Every term has its form within a step (`Term.in_step`), mass is one more term, and the tangent is exact and symmetric.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from softcal.mechanics.term import Connectivity, Controls, Given, Sum, Term, The
 
 @dataclass(frozen=True)
 class Instant:
-    """The robot at a time [s]: where it is and how it moves, velocities [m/s] and rotations' R' [1/s]."""
+    """The robot at a time [s]: its state, velocities [m/s] and the rotations' R' [1/s]."""
 
     time: float
     state: State
@@ -68,7 +68,7 @@ class InertialTerm(Term):
             self.inertia.blocks.add_tangent(into.data, self.inertia.tangent(rotation, accelerations, self._rate))
 
     def energy(self, given: Given) -> float:
-        """The kinetic energy that its accelerations would have as velocities, over their rate."""
+        """The kinetic energy at velocities equal to its accelerations, over their rate."""
         return self.inertia.momentum(given.state, self._accelerations(given.state)).kinetic_energy / self._rate
 
     @property
@@ -77,7 +77,7 @@ class InertialTerm(Term):
         return (1.0 + self.step * self.damping) / self.step**2
 
     def _accelerations(self, state: State) -> Rates:
-        """What makes r_m M v + M (v - v_n) / h."""
+        """The accelerations with M a = r_m M v + M (v - v_n) / h."""
         old, moving = self.before.state, self.before.velocities
         return Rates(
             self._rate * (state.x - old.x) - moving.points / self.step,
@@ -97,7 +97,7 @@ def in_step(system: System, inertia: Inertia, damping: Damping, step: float, bef
 
 
 def at_rest(state: State, time: float = 0.0) -> Instant:
-    """A state that does not move."""
+    """A state with zero velocities."""
     still = Rates(np.zeros_like(state.x), np.zeros_like(state.position), np.zeros_like(state.rotation))
     return Instant(time, state, still)
 
@@ -113,7 +113,7 @@ def after(before: Instant, state: State, step: float) -> Instant:
 
 
 def coasting(layout: Layout, now: Instant, step: float) -> Floats:
-    """The step of the unknowns (n_unknowns,) with velocities as they are: a guess."""
+    """The step of the unknowns (n_unknowns,) at constant velocities: a guess."""
     n = layout.n_moving_frames
     dz = np.zeros(layout.n_unknowns)
     dz[: layout.first_frame_unknown] = now.velocities.points[layout.free_points].ravel()

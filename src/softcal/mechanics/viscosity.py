@@ -2,9 +2,9 @@
 
     S_v = r_s / h (lambda tr(E - E_n) I + 2 mu (E - E_n)),   E = (F^T F - I) / 2
 
-with the moduli of the undeformed body and E_n at the step's start (Kelvin and Voigt). It does nothing in rigid motion
-and takes energy in any other. Rayleigh's r_s K is the same in small strains about the undeformed body; in a compressed
-or buckled one K has negative eigenvalues, and gives energy.
+with the moduli of the undeformed body and E_n at the step's start (Kelvin and Voigt). It is zero in rigid motion and
+dissipates energy in any other. Rayleigh's r_s K is the same in small strains about the undeformed body; in a compressed
+or buckled one K has negative eigenvalues, and adds energy.
 """
 
 from __future__ import annotations

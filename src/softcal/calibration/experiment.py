@@ -89,12 +89,26 @@ class Rig:
 class Experiment:
     """A prepared dataset, what drives the twin, what is compared with it, and the rig.
 
-    drive: "shortening" or "tension" of `cable`; or channels of the dataset such as ("cable1.tension",
-    "cable6.tension"), each row a state of its own; none for a robot under its dead loads alone. compared: channels of
-    the dataset; when empty, all that the twin has and that do not drive it (of a cable and plate by their short names:
-    tension or shortening, and pitch; paper A, Eq. 4). settings: parameters [SI] of the robot or the rig that have this
-    value in this experiment. set_up: name of what it shares with other experiments, such as the place of the cameras;
-    "" where it shares none.
+    Attributes
+    ----------
+    name
+        Name in results.
+    dataset
+        The measurements.
+    cable, plate
+        Cable and plate whose channels have short names (`tension`, `pitch`).
+    drive
+        "shortening" or "tension" of `cable`; or channels of the dataset such as ("cable1.tension", "cable6.tension"),
+        each row a state of its own; none for a robot under its dead loads alone.
+    compared
+        Channels of the dataset; when empty, all that the twin has and that do not drive it (of a cable and plate by
+        their short names: tension or shortening, and pitch; paper A, Eq. 4).
+    rig
+        Nominal values of the bench.
+    settings
+        Parameter of the robot or the rig -> its value [SI] in this experiment.
+    set_up
+        Name of what it shares with other experiments, such as the place of the cameras; "" where it shares none.
 
     Raises
     ------

@@ -20,14 +20,32 @@ _ROUNDING = 1e-14  # of the search range
 
 @dataclass(frozen=True)
 class FreeParameter:
-    """A parameter to be found: dotted name, SI unit, lower and upper bound [unit].
+    """A parameter to be found.
 
-    scale: "log" searches the logarithm. start [unit]: initial value of a local search; None for the robot's own value.
-    of: the parameters tied to this value; none for the one that `name` names. per_experiment: a nuisance with a value
-    of its own in every experiment; per_set_up: in every set-up. prior_mean, prior_sd [unit]: a normal prior, counted by
-    the likelihood loss. experiment: after expansion, the experiment or set-up whose value it is, "" when shared;
-    `members`: the experiments of that set-up. floor, ceiling [unit]: limits that the parameter may never reach, such as
-    0.5 for Poisson's ratio.
+    Attributes
+    ----------
+    name
+        Dotted name of the parameter, or of the common value of tied ones.
+    unit
+        Its SI unit.
+    lower, upper
+        Bounds [unit].
+    scale
+        "log" searches the logarithm.
+    start
+        Initial value of a local search [unit]; None for the robot's own value.
+    per_experiment, per_set_up
+        Whether it is a nuisance with a value of its own in every experiment, or in every set-up.
+    prior_mean, prior_sd
+        A normal prior [unit], counted by the likelihood loss; None without one.
+    experiment
+        After expansion, the experiment or set-up whose value it is; "" when shared.
+    floor, ceiling
+        Limits that the parameter may never reach [unit], such as 0.5 for Poisson's ratio.
+    of
+        Parameters tied to this value; empty for the one that `name` names.
+    members
+        Experiments of the set-up whose value it is.
     """
 
     name: str

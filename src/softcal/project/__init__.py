@@ -1,1 +1,1 @@
-"""The project file, and what is made of it: the only package that knows YAML and run folders."""
+"""The project file and its contents: the only package that reads YAML and run folders."""

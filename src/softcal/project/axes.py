@@ -1,4 +1,4 @@
-"""The axes of a sweep as people write them: values and ranges start:stop:step, every number with its unit."""
+"""The axes of a sweep in text form: values and ranges start:stop:step, every number with its unit."""
 
 from __future__ import annotations
 
@@ -21,7 +21,9 @@ _NEAREST_RATIO = 0.4999
 
 @dataclass(frozen=True)
 class Axis:
-    """A swept parameter: its name in the sweep, what it stands for, its unit, and its values [unit, SI] in order."""
+    """A swept parameter: its name in the sweep, the parameters it sets, its unit, and its values [unit, SI]
+    in order.
+    """
 
     name: str
     targets: tuple[str, ...]
@@ -41,11 +43,11 @@ def parse_axis(
     known: Mapping[str, ParameterInfo],
     tied: Mapping[str, Sequence[str]],
 ) -> Axis:
-    """The axis of a parameter, of parameters that are tied under a name, or of all that a pattern fits.
+    """The axis of a parameter, of parameters that are tied under a name, or of all that match a pattern.
 
-    written: values (`0.45`, `2.3 MPa`) and ranges (`10 GPa:1 GPa:1 GPa`; the stop is the last value where a step meets
-    it), one to an entry or several with commas between. A step tells how far apart values are; without a sign it goes
-    from the start towards the stop. tied: the names or patterns of what is tied, by name.
+    written: values (`0.45`, `2.3 MPa`) and ranges (`10 GPa:1 GPa:1 GPa`; the stop is the last value where a step
+    reaches it), one to an entry or several with commas between. A step is the difference of values; without a sign it
+    goes from the start towards the stop. tied: the names or patterns of tied parameters, by name.
 
     Raises
     ------
@@ -55,7 +57,7 @@ def parse_axis(
     UnitError
         For a unit that is missing or wrong.
     """
-    # Brackets tell whose a value is in results, so no class of characters may stand in a name.
+    # Brackets mark the owner of a value in results, so a pattern must not contain a class of characters.
     wanted = tied.get(name, [] if "[" in name else [name])
     targets = tuple(target for target in known if any(fnmatchcase(target, one) for one in wanted))
     if not targets:
@@ -80,7 +82,7 @@ def shown_configurations(
     known: Mapping[str, ParameterInfo],
     tied: Mapping[str, Sequence[str]],
 ) -> dict[str, dict[str, float]]:
-    """The configurations that a sweep is to show, as values [SI] by parameter.
+    """The configurations that a sweep shows, as values [SI] by parameter.
 
     Raises
     ------
@@ -108,7 +110,7 @@ def shown_configurations(
 
 
 def doubled(axes: Sequence[Axis], held: Collection[str]) -> list[Fault]:
-    """The faults of what is swept twice, or swept and held at once."""
+    """The faults of parameters that are swept twice, or both swept and fixed."""
     faults: list[Fault] = []
     seen: dict[str, str] = {}
     for axis in axes:
@@ -182,7 +184,7 @@ def _incompressible(name: str, value: float, terms: Sequence[str]) -> Fault:
 
 
 def _mended(terms: Sequence[str]) -> str:
-    """The same values, but the nearest allowed ratio for those that are not."""
+    """The same values, with the nearest allowed ratio in the place of those that are not allowed."""
     kept: list[str] = []
     for term in terms:
         values = _range(term, "1", "") if ":" in term else [_number(term, "1", "")]

@@ -1,4 +1,4 @@
-"""What stands still on a bench with markers: one marker, several at places to be found, or those of a base file."""
+"""The fixed markers of a bench: one marker, several at unknown places, or those of a base file."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Turn = tuple[Angle, Angle, Angle]
 
 @dataclass(frozen=True)
 class Base:
-    """Markers that stand still: at known places in the base's frame, at places to be found, and sizes that differ."""
+    """Markers that do not move: at known places in the base's frame, at unknown places, and sizes that differ."""
 
     placed: Mapping[int, Pose]
     companions: tuple[int, ...] = ()
@@ -29,7 +29,7 @@ class Base:
 
 
 class BaseMarkerSection(Section):
-    """Where a marker of the base is."""
+    """Place of a marker of the base."""
 
     at: tuple[Length, Length, Length]
     rotation_vector: Turn = (0.0, 0.0, 0.0)
@@ -37,7 +37,7 @@ class BaseMarkerSection(Section):
 
 
 def read_base(text: str) -> Base:
-    """The base from `0`, from `0,5,6` (the first gives the frame, the others stand still with it) or from a file.
+    """The base from `0`, from `0,5,6` (the first defines the frame, the others are fixed to it) or from a file.
 
     Raises
     ------

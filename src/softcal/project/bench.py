@@ -40,7 +40,7 @@ class Bench:
     """An experiment with the records it came from.
 
     record: as read, on one clock; corrected: every sample after the corrections, with its cycle where cycles were
-    looked for, before a branch, cycles or a window were chosen. None where nothing was chosen, or there are no times.
+    detected, before a branch, cycles or a window were chosen. None where nothing was chosen, or there are no times.
     """
 
     experiment: Experiment
@@ -57,9 +57,9 @@ def build_bench(
     findings: Findings,
     built: Robot | None = None,
 ) -> Bench | None:
-    """One experiment, or None where something of it is wrong; every fault goes to `findings`.
+    """One experiment, or None where it has a fault; every fault goes to `findings`.
 
-    steps: how its data are prepared; built: the robot, None where it has faults of its own.
+    steps: the preparation of its data; built: the robot, None where it has faults of its own.
     """
     path: KeyPath = ("experiments", name)
     n_faults = len(findings.faults)
@@ -119,7 +119,7 @@ def build_bench(
 
 
 def _without_the_unseen(data: Dataset, path: KeyPath, findings: Findings) -> Dataset:
-    """The dataset without what was not measured in any row; a warning names it."""
+    """The dataset without channels that were not measured in any row; a warning names them."""
     empty = {name for name in data.incomplete if np.isnan(data.values(name)).all()}
     gone = dict.fromkeys(_owner(name) for name in sorted(empty) if not is_deviation(name))
     for name in gone:
@@ -135,7 +135,7 @@ def _owner(channel: str) -> str:
 
 
 def _with_tensions(record: Dataset, robot: Robot | None, path: KeyPath, findings: Findings) -> Dataset:
-    """The record with the weight of what hangs from a cable as its tension."""
+    """The record with the weights of masses that hang from cables as tensions."""
     hanging = [name for name in record.channels if name.rsplit(".", 1)[-1] == MASS]
     if not hanging or robot is None:
         return record
@@ -155,7 +155,7 @@ def _with_tensions(record: Dataset, robot: Robot | None, path: KeyPath, findings
 
 @dataclass
 class _Prepared:
-    """A dataset on its way through the steps, and what it was while it still held every sample or cycle."""
+    """A dataset during its preparation, and its last version with every sample or cycle."""
 
     now: Dataset
     corrected: Dataset | None = None
@@ -194,7 +194,7 @@ def _read(name: str, section: ExperimentSection, i: int, files: InputFiles, find
 
 
 def _joined(section: ExperimentSection, records: list[Dataset], path: KeyPath, findings: Findings) -> Dataset | None:
-    """One record of all files: by the labels of their rows, one clock, or cross-correlation of what moves in both."""
+    """One record of all files: by the labels of their rows, one clock, or cross-correlation of the motion in both."""
     told = section.synchronise
     if len(section.files) == 1:
         return records[0] if records else None
@@ -215,7 +215,7 @@ def _joined(section: ExperimentSection, records: list[Dataset], path: KeyPath, f
 
 
 def _branch(steps: Sequence[PlannedStep]) -> Branch:
-    """The branch that the steps will take: the pulleys' friction is corrected for that one."""
+    """The branch that the steps will choose: the pulleys' friction is corrected for that one."""
     taken = (step.settings.get("branch", "loading") for step in steps if step.name == BRANCH_STEP)
     return next(taken, "loading")
 

@@ -1,4 +1,4 @@
-"""Whether the twin can do what the bench did: by the values of the project file, and by those held from outside."""
+"""Check that the twin can follow the bench: with the values of the project file, and with those fixed from outside."""
 
 from __future__ import annotations
 
@@ -18,9 +18,11 @@ from softcal.twin.robot import Robot
 def check_test(
     robot: Robot, experiment: Experiment, free: Collection[str], held: Mapping[str, float], findings: Findings
 ) -> list[Fault]:
-    """What of a test the twin could not do: what the file says goes to `findings`, what held values make is returned.
+    """Commands of a test that the twin cannot follow: faults of the file's values go to `findings`, those of fixed
+    values are returned.
 
-    free: the parameters that are found from the test. held [SI]: they replace the file's, so those may be at fault.
+    free: the parameters that are found from the test. held [SI]: fixed values; they replace the file's, so those may be
+    at fault.
     """
     place = ("experiments", experiment.name)
     written, told = _faults(robot, experiment, free, {}), list[Fault]()
@@ -39,13 +41,13 @@ def check_test(
 
 
 def held_robot(robot: Robot, held: Mapping[str, float]) -> Robot:
-    """The robot with its own values that are held."""
+    """The robot with those of its values that are fixed."""
     of_robot = robot_parameters(robot)
     return with_parameters(robot, {name: value for name, value in held.items() if name in of_robot})
 
 
 def held_rig(experiment: Experiment, held: Mapping[str, float]) -> Experiment:
-    """The experiment with the rig values that are held."""
+    """The experiment with those of its rig values that are fixed."""
     own = {name: held[name] for name in experiment.rig_values() if name in held}
     return replace(experiment, settings={**experiment.settings, **own})
 
@@ -53,7 +55,7 @@ def held_rig(experiment: Experiment, held: Mapping[str, float]) -> Experiment:
 def _faults(
     robot: Robot, experiment: Experiment, free: Collection[str], held: Mapping[str, float]
 ) -> dict[tuple[str, str], Fault]:
-    """What cannot be done under the values held, by what it is and where."""
+    """Faults of the commands under the fixed values, by their text and place."""
     robot, experiment = held_robot(robot, held), held_rig(experiment, held)
     told = Protocol(commands(experiment, experiment.rig_values()))
     faults = [

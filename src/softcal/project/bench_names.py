@@ -102,7 +102,7 @@ def table_layout(file: FileSection) -> dict[str, Any]:
 
 
 def channels_named(name: str, channels: Iterable[str]) -> list[str]:
-    """The channels that a name stands for: itself, a marker's three, or those that a pattern (`m*`) fits."""
+    """The channels of a name: itself, a marker's three, or those that match a pattern (`m*`)."""
     found: list[str] = []
     for channel in channels:
         owner, _, kind = channel.rpartition(".")
@@ -114,7 +114,7 @@ def channels_named(name: str, channels: Iterable[str]) -> list[str]:
 def compared_channels(
     section: ExperimentSection, channels: Iterable[str], path: KeyPath, findings: Findings
 ) -> tuple[str, ...]:
-    """The channels that are to be compared; none where the section does not say."""
+    """The channels to be compared; none where the section does not name any."""
     known = [channel for channel in channels if not is_deviation(channel)]
     found: dict[str, None] = {}
     for i, name in enumerate(section.compare or ()):
@@ -128,7 +128,7 @@ def compared_channels(
 def noise_of(
     given: Mapping[str, str | float], channels: Iterable[str] | None, path: KeyPath, findings: Findings
 ) -> dict[str, tuple[str, float]]:
-    """Standard deviation [SI] by channel, with the key that said it; channels None where they are not known.
+    """Standard deviation [SI] by channel, with the key that gave it; channels None where they are not known.
 
     Raises
     ------
@@ -149,7 +149,7 @@ def noise_of(
 
 
 def experiments_named(wanted: Iterable[str], known: Iterable[str]) -> list[str]:
-    """The experiments that names and patterns (`load52*`) mean; a name that fits none stands as it is."""
+    """The experiments that match names and patterns (`load52*`); a name without a match is kept as it is."""
     there = list(known)
     found = [name for want in wanted for name in [n for n in there if fnmatchcase(n, want)] or [want]]
     return list(dict.fromkeys(found))
@@ -183,7 +183,7 @@ def settings_of(
 
 
 def _weight(load: PointLoad, mass: float, robot: Robot) -> float:
-    """The force [N] along the load's direction by which a mass [kg] pulls that hangs there.
+    """The force [N] along the load's direction of a hanging mass [kg].
 
     Raises
     ------

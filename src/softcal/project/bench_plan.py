@@ -1,4 +1,4 @@
-"""What an experiment's section says about its files and their preparation, checked before any of them is read."""
+"""An experiment's files and preparation steps, checked before any file is read."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def plan_bench(
     files: InputFiles,
     findings: Findings,
 ) -> tuple[PlannedStep, ...]:
-    """How the data of an experiment are prepared; every fault goes to `findings`, and its steps are then left out.
+    """The preparation of an experiment's data; every fault goes to `findings`, and its steps are then left out.
 
     robot: its section, None where that has faults of its own.
     """
@@ -73,7 +73,7 @@ def _planned(step: str | Mapping[str, Any], path: KeyPath, findings: Findings) -
 
 
 def _check_clocks(section: ExperimentSection, path: KeyPath, findings: Findings) -> None:
-    """How the clocks of several files are related must be said, and of one file cannot be."""
+    """Several files need a relation of their clocks; a single file must have none."""
     if len(section.files) == 1:
         if section.synchronise is not None:
             findings.add((*path, "synchronise"), "there is nothing to synchronise", got="one file")

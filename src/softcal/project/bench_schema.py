@@ -1,4 +1,4 @@
-"""What may stand in the `rig` and `experiments` sections of a project file."""
+"""Schema of the `rig` and `experiments` sections of a project file."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ class PulleysSection(Section):
 
 
 class RigSection(Section):
-    """What stands between the robot and the instruments."""
+    """The rig between the robot and the instruments."""
 
     pulleys: PulleysSection | None = None
     length: Size | None = None
 
 
 class ColumnSection(Section):
-    """Where a channel stands in a file; the unit may be left out where the file names it."""
+    """Column of a channel in a file; the unit may be omitted where the file names it."""
 
     name: str
     unit: str | None = None
@@ -40,7 +40,7 @@ class ColumnSection(Section):
 
 
 def _named(value: object) -> object:
-    """Names as a mapping: each stands for itself."""
+    """Names as a mapping of each to itself."""
     return {str(name): name for name in value} if isinstance(value, list) else value
 
 
@@ -93,7 +93,7 @@ def _step(value: object) -> object:
 
 
 class SynchroniseSection(Section):
-    """How records of two clocks are matched: by the motion that both saw."""
+    """Synchronisation of records of two clocks: by the motion that both measured."""
 
     max_lag: Duration | None = None
     reference: str = "shortening"
@@ -117,7 +117,7 @@ Synchronise = Annotated[
 
 
 class FrameSection(Section):
-    """Where the frame of the measured positions is, as far as it is known: translation, and a rotation vector."""
+    """The frame of the measured positions, as far as it is known: translation, and a rotation vector."""
 
     x: Length = 0.0
     y: Length = 0.0
@@ -135,7 +135,7 @@ def _drive(value: object) -> object:
 
 
 class ExperimentSection(Section):
-    """One bench test: what was pulled, what was written, and what is done to it before it is compared."""
+    """One bench test: what was pulled, what was recorded, and how the data are prepared for comparison."""
 
     cable: str | None = None
     plate: str | None = None

@@ -28,7 +28,7 @@ from softcal.twin.time_settings import TimeSettings
 def build_project(
     path: Path, document: Document, sections: Sections, files: InputFiles, values: Mapping[str, str | float]
 ) -> Project:
-    """The project whose sections are in order, with everything that they name; values: parameters to hold.
+    """The project of fault-free sections, with everything that they name; values: parameters to fix.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def _known(built: BuiltRobot, benches: Mapping[str, Bench]) -> dict[str, Paramet
 
 
 def _with_held_friction(rig: RigSection, given: Mapping[str, str | float]) -> RigSection:
-    """The rig with the pulleys' friction that is held: the data are prepared under it."""
+    """The rig with the fixed value of the pulleys' friction: the data are prepared under it."""
     if PULLEY_FRICTION not in given or rig.pulleys is None:
         return rig
     friction = rig_value(PULLEY_FRICTION, given[PULLEY_FRICTION])
@@ -112,7 +112,7 @@ def _with_held_friction(rig: RigSection, given: Mapping[str, str | float]) -> Ri
 
 
 def _check_settling(settings: TimeSettings, built: BuiltRobot | None, findings: Findings) -> None:
-    """What is watched for rest must be there."""
+    """The part that is watched for rest must exist."""
     if settings.settle is None or built is None:
         return
     watched = [part.name for part in (*built.robot.plates, *built.robot.markers)]

@@ -1,4 +1,4 @@
-"""What may stand in the `parameters` and `calibration` sections of a project file."""
+"""Schema of the `parameters` and `calibration` sections of a project file."""
 
 from __future__ import annotations
 
@@ -17,14 +17,16 @@ from softcal.project.section import Given, Section, member_of, read_quantities
 
 
 class PriorSection(Section):
-    """What is known of a parameter beforehand, counted by the likelihood loss."""
+    """Prior knowledge of a parameter, counted by the likelihood loss."""
 
     mean: Given
     sd: Given
 
 
 class ParameterSection(Section):
-    """A free parameter: its bounds, whether every experiment or set-up has its own, what is tied to have its value."""
+    """A free parameter: its bounds, whether every experiment or set-up has its own, and the parameters tied to its
+    value.
+    """
 
     of: Annotated[list[str], BeforeValidator(listed), Field(min_length=1)] | None = None
     bounds: tuple[Given, Given]
@@ -35,7 +37,7 @@ class ParameterSection(Section):
 
 
 class CalibrationSection(Section):
-    """How the free parameters are looked for. The options [SI] of all losses are keys of the file, by their names."""
+    """Settings of the calibration. The options [SI] of all losses are keys of the file, by their names."""
 
     loss: Annotated[str, member_of(LOSSES)] = "papers"
     options: Mapping[str, float] = Field(default_factory=dict)
@@ -66,5 +68,5 @@ class CalibrationSection(Section):
 
     @property
     def search(self) -> SearchSettings:
-        """What decides the course of the search."""
+        """The settings of the search."""
         return SearchSettings(self.method, self.trials, self.seed, self.starts, tuple(self.hold_out))

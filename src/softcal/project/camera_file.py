@@ -1,4 +1,4 @@
-"""The camera file: what `softcal camera` found, with units, for people to read and `softcal markers` to use."""
+"""The camera file: the result of `softcal camera`, with units, readable and used by `softcal markers`."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class DistortionSection(Section):
 
 
 class CameraSection(Section):
-    """What of a camera file is needed to use the camera; the rest tells how it came about."""
+    """The part of a camera file needed to use the camera; the rest documents the calibration."""
 
     camera: int
     resolution: tuple[Width, Width]

@@ -1,4 +1,4 @@
-"""Sections whose keys are also a law's constants: which they are is known only once the law is."""
+"""Sections whose keys include a law's constants: which ones is known only once the law is."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class ConstantsSection(Section):
 
     @classmethod
     def _read(cls, given: Mapping[str, Any]) -> tuple[dict[str, Any], list[InitErrorDetails]]:
-        """The constants among the keys, read as the quantities that they are, and taken together."""
+        """The constants among the keys, read as quantities of their kinds, and collected."""
         fields = super()._allowed(given)
         own = {key: value for key, value in given.items() if key in fields}
         kinds = {name: constant.quantity for name, constant in cls._of_law(given).items()}

@@ -1,4 +1,4 @@
-"""A file as plain data that remembers its lines, and the place where everything wrong with it is collected."""
+"""A file as plain data with line numbers, and the collection of its faults."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 from softcal.errors import Fault, InputError, ProjectFileError, nearest
 
-# The way to a value: keys of mappings and numbers of list entries.
+# The path to a value: keys of mappings and numbers of list entries.
 KeyPath = tuple[str | int, ...]
 
 
@@ -34,7 +34,7 @@ class Document:
 
 @dataclass
 class Findings:
-    """Everything that is wrong with a document, gathered so that it can be told at once."""
+    """Everything that is wrong with a document, collected so that it is reported at once."""
 
     document: Document
     faults: list[Fault] = field(default_factory=list[Fault])
@@ -52,7 +52,7 @@ class Findings:
         self.warnings.append(Fault(what, self.document.where(path), got, allowed, attempt))
 
     def unknown(self, path: KeyPath, kind: str, got: str, known: Iterable[str]) -> None:
-        """Record a name that stands for nothing, with the nearest that does."""
+        """Record a name that does not exist, with the nearest that does."""
         known = sorted(known)
         self.add(
             path,
@@ -64,7 +64,7 @@ class Findings:
 
     @contextmanager
     def at(self, path: KeyPath) -> Generator[None]:
-        """Record what an `InputError` raised inside says, as found at `path`."""
+        """Record the faults of an `InputError` raised inside, as found at `path`."""
         try:
             yield
         except InputError as error:
@@ -74,12 +74,12 @@ class Findings:
                 self.faults.append(replace(fault, where=place if said else f"{place}: {fault.where}"))
 
     def raise_if_any(self) -> None:
-        """Raise what was found, each fault once and in the order of the lines.
+        """Raise the recorded faults, each once and in the order of the lines.
 
         Raises
         ------
         ProjectFileError
-            Where anything was found.
+            Where there are any.
         """
         if self.faults:
             raise ProjectFileError(sorted(dict.fromkeys(self.faults), key=_line))

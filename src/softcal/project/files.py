@@ -1,4 +1,4 @@
-"""The files a project names: found beside it, remembered, hashed, and found again in a run's own copy."""
+"""The files a project names: found beside it, recorded, hashed, and found again in a run's own copy."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ OTHER_KINDS = {
 
 @dataclass
 class InputFiles:
-    """Resolves paths as they are written in a project file, and remembers which were asked for.
+    """Resolves paths as they are written in a project file, and records which were requested.
 
-    folder: where the project file lies. copies: path as written -> path of its copy in `folder`, for a project that
-    is read back from a run.
+    folder: the project file's folder. copies: path as written -> path of its copy in `folder`, for a project that is
+    read back from a run.
     """
 
     folder: Path
@@ -34,12 +34,12 @@ class InputFiles:
     used: dict[str, Path] = field(default_factory=dict[str, Path])
 
     def find(self, written: str, kind: str, limit: Limit | None = None) -> Path:
-        """The path of a file that is there, and not larger than its kind may be.
+        """The path of an existing file, not larger than its kind may be.
 
         Raises
         ------
         StorageError
-            Where it is not, or it is too large.
+            Where it does not exist, or is too large.
         """
         try:
             path = self.folder / Path(self.copies.get(written, written)).expanduser()
@@ -70,7 +70,7 @@ def stored_mesh(body: str) -> str:
 
 
 def not_a_file(path: Path) -> str:
-    """What stands at a path where a file is to be read; nothing where it is a file."""
+    """What is at a path in the place of a file to be read; nothing where it is a file."""
     try:
         kind = stat.S_IFMT(path.stat().st_mode)
     except (FileNotFoundError, NotADirectoryError):

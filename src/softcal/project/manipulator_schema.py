@@ -1,4 +1,4 @@
-"""What may stand under `robot.manipulator` in a project file; what is left out is as in `ManipulatorShape`."""
+"""Schema of `robot.manipulator` in a project file; omitted values are as in `ManipulatorShape`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from softcal.twin.cables import Cable
 from softcal.twin.manipulator import BASE, ELEMENTS_PER_TURN, ManipulatorShape
 from softcal.twin.robot import Rod
 
-# Where each field of the shape stands in the section.
+# The place of each field of the shape in the section.
 KEYS: Mapping[str, tuple[str, ...]] = {
     "total_length": ("total_length",),
     "n_sections": ("sections",),
@@ -50,7 +50,7 @@ class BaseSection(Section):
 
 
 class DiscsSection(Section):
-    """The discs that move, all alike; without a mass, they weigh their volume times the springs' density."""
+    """The discs that move, all alike; without a mass, it is their volume times the springs' density."""
 
     diameter: Size | None = None
     thickness: Size | None = None
@@ -67,7 +67,7 @@ def _moduli(value: object) -> float | dict[str, float]:
 
 
 class SpringsSection(Section):
-    """The springs, all alike but, where given by name, in their modulus; rods, or solid.
+    """The springs, all alike except for moduli given by name; rods, or solid.
 
     elements_per_turn: of rods; rings, layers_per_turn, element: of solid ones.
     """

@@ -1,4 +1,4 @@
-"""What may stand under `mesh` and `regions` of a body in a project file."""
+"""Schema of `mesh` and `regions` of a body in a project file."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class MeshFile(Section):
 
 
 class MeshNeck(Section):
-    """The soft neck, made by Gmsh from its lengths; what is left out is as published, scaled to the outer diameter."""
+    """The soft neck, made by Gmsh from its lengths; omitted ones are as published, scaled to the outer diameter."""
 
     primitive: Literal["neck"]
     outer_diameter: Size = NeckShape.outer_diameter

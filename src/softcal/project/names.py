@@ -1,4 +1,4 @@
-"""What a name may be: of experiments, of parts, of whatever else gives a file, a column or a parameter its name."""
+"""Rules for names of experiments, of parts, and of all else that names a file, a column or a parameter."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ALLOWED = "letters, digits, and _ - + . ( ) or blanks between them"
 
 
 def name_fault(name: str, reserved: Iterable[str] = ()) -> Fault | None:
-    """What is wrong with a name that may become a file's and is typed on the command line, or None."""
+    """The fault of a name that would name a file or is typed on the command line, or None."""
     if fault := LIMITS["characters in a name"].fault(len(name)):
         return fault
     if _NAME.fullmatch(name) is None or not name.isprintable():
@@ -32,7 +32,9 @@ def name_fault(name: str, reserved: Iterable[str] = ()) -> Fault | None:
 
 
 def check_names(names: Mapping[str, KeyPath], findings: Findings, reserved: Iterable[str] = ()) -> None:
-    """Record names that cannot be, and those that differ in nothing but capitals: one file could not hold both."""
+    """Record names that are not allowed, and those that differ only in capitals: a file system may not distinguish
+    them.
+    """
     seen: dict[str, str] = {}
     for name, path in names.items():
         if (fault := name_fault(name, reserved)) is not None:
@@ -42,5 +44,5 @@ def check_names(names: Mapping[str, KeyPath], findings: Findings, reserved: Iter
 
 
 def folded(name: str) -> str:
-    """The name as a file system that knows no capitals keeps it."""
+    """The name as stored by a file system that ignores case."""
     return unicodedata.normalize("NFC", name).casefold()

@@ -1,4 +1,4 @@
-"""load(path): a project file, its meshes and its bench data as one frozen Project, or every fault of them at once."""
+"""load(path): a project file, its meshes and its bench data as one frozen Project, or every fault in them at once."""
 
 from __future__ import annotations
 
@@ -30,15 +30,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Project:
-    """Everything a project file describes; numbers in SI.
+    """The contents of a project file; numbers in SI.
 
     path: of the file. experiments, records (as read), corrected (every sample after the corrections, before any were
     chosen; None where there is no such record): by experiment. space: the free parameters, None where none is free.
-    tied: what has one value in common, names or patterns, by the name of that value. held: parameters given from
-    outside.
-    hashes: SHA-256 of the project file and of every file it names. inputs: those files by path as written.
-    generated: body -> the mesh that Gmsh made of it, before it was put in place.
-    warnings: what is allowed but looks wrong.
+    tied: names or patterns of tied parameters, by the name of their common value. held: parameters fixed from outside
+    [SI]. hashes: SHA-256 of the project file and of every file it names. inputs: those files by path as written.
+    generated: body -> the mesh that Gmsh made of it, before its placement. warnings: what is allowed but looks wrong.
     """
 
     path: Path
@@ -81,10 +79,10 @@ def load(
     path
         The project file; paths in it are relative to its folder.
     values
-        Parameters to hold, by dotted name: text with a unit (`{"neck.youngs_modulus": "2.3 MPa"}`) or numbers in SI.
-        They replace what the file says, and are no longer free.
+        Parameters to fix, by dotted name: text with a unit (`{"neck.youngs_modulus": "2.3 MPa"}`) or numbers in SI.
+        They replace the file's values, and are no longer free.
     copies
-        Where files lie that the project names: path as written -> path relative to the project file. For runs.
+        Copies of the files that the project names: path as written -> path relative to the project file. For runs.
 
     Raises
     ------
@@ -99,7 +97,7 @@ def load(
     document = read_document(path)
     files = InputFiles(path.parent, dict(copies or {}))
     sections = read_sections(document, files)
-    # Only now what reads meshes and data: a slip in the file is told at once.
+    # Meshes and data are read only now: a mistake in the file is reported at once.
     from softcal.project.building import build_project
 
     return build_project(path, document, sections, files, dict(values or {}))

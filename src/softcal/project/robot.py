@@ -1,4 +1,4 @@
-"""From the project's `robot` section to a Robot: every part built, names resolved, the whole looked over."""
+"""From the project's `robot` section to a Robot: every part built, names resolved, the whole checked."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from softcal.twin.solid_rods import elements_for_solid, with_solid_rods
 
 @dataclass(frozen=True)
 class BuiltRobot:
-    """A robot, what was found out about its meshes, and the named regions (nodes) of each body.
+    """A robot, the reports on its meshes, and the named regions (nodes) of each body.
 
-    made: body -> its mesh before it was put in place.
+    made: body -> its mesh before its placement.
     """
 
     robot: Robot
@@ -37,7 +37,7 @@ class BuiltRobot:
 
 
 def build_robot(section: RobotSection, make_mesh: MeshMaker, findings: Findings) -> BuiltRobot | None:
-    """The robot of a project, or None where something of it is wrong; every fault goes to `findings`."""
+    """The robot of a project, or None where it has a fault; every fault goes to `findings`."""
     n_faults = len(findings.faults)
     gravity = frozen_floats(section.gravity, name="gravity")
     given = None if section.manipulator is None else _manipulator(section.manipulator, gravity, findings)
@@ -86,7 +86,7 @@ def _contact(section: ContactSection, robot: Robot) -> Contact:
 
 
 def _manipulator(section: ManipulatorSection, gravity: Floats, findings: Findings) -> Robot | None:
-    """The manipulator's parts as a robot of their own, or None with its faults recorded where their keys stand."""
+    """The manipulator's parts as a robot of their own, or None with its faults recorded at their keys."""
     path: KeyPath = ("robot", "manipulator")
     springs = section.springs
     names = [*section.part_names("rods"), *section.part_names("bodies")]

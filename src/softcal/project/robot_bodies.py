@@ -1,4 +1,4 @@
-"""From a project's `bodies` to Bodies: meshes made and put in place, regions selected, materials checked."""
+"""From a project's `bodies` to Bodies: meshes made and placed, regions selected, materials checked."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from softcal.quantities import QUANTITIES
 from softcal.twin.parameters import out_of_range, robot_parameters
 from softcal.twin.robot import Body, Material, Robot
 
-# Makes the mesh of a body from its section; the project decides where files lie.
+# Makes the mesh of a body from its section; the project determines the folders of files.
 MeshMaker = Callable[[str, BodySection], TetMesh]
 
 
 @dataclass
 class BuiltBodies:
-    """What has come of the bodies so far, by name.
+    """The bodies built so far, by name.
 
-    sections: as written, whether in order or not; made: meshes before they are put in place; meshes: in place;
-    regions: name -> node numbers.
+    sections: as written, with or without faults; made: meshes before their placement; meshes: placed; regions: name ->
+    node numbers.
     """
 
     sections: Mapping[str, BodySection]
@@ -58,7 +58,7 @@ class BuiltBodies:
         return list(dict.fromkeys(names))
 
     def faces(self, load: LoadSection, path: KeyPath, findings: Findings) -> Ints | None:
-        """The triangles that a load presses on, or None with the fault recorded."""
+        """The triangles that a load acts on, or None with the fault recorded."""
         if load.on not in self.sections:
             findings.unknown((*path, "on"), "body", load.on, self.sections)
         elif load.on in self.meshes and load.region is not None:
@@ -73,7 +73,7 @@ class BuiltBodies:
 
 
 def build_bodies(sections: Mapping[str, BodySection], make_mesh: MeshMaker, findings: Findings) -> BuiltBodies:
-    """Every body that is in order; every fault goes to `findings`."""
+    """Every body without a fault; every fault goes to `findings`."""
     built = BuiltBodies(sections)
     for name, body in sections.items():
         path = ("robot", "bodies", name)
@@ -135,13 +135,13 @@ def _inclusions(
 
 
 def _poor(quality: MeshReport, mesh: TetMesh, fixed: Ints) -> str:
-    """What is poor about a mesh where it matters: a sliver that is fixed throughout is not computed with."""
+    """Sentence on poor elements of a mesh; slivers with all nodes fixed are ignored, since they do not deform."""
     slivers = tuple(tet for tet in quality.slivers if not np.isin(mesh.tets[tet], fixed).all())
     return replace(quality, slivers=slivers).warning
 
 
 def _regions(body: BodySection, mesh: TetMesh, path: KeyPath, findings: Findings) -> dict[str, Ints]:
-    """Selected before the body is put in place, as its own frame has them."""
+    """Selected before the body's placement, in its own frame."""
     found: dict[str, Ints] = {}
     for name, region in body.regions.items():
         with findings.at((*path, "regions", name)):

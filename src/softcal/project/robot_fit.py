@@ -1,4 +1,4 @@
-"""What only the whole robot shows: parts that nothing holds, nodes held twice, parts that overlap at rest."""
+"""Checks of the whole robot: parts without support, nodes fixed twice, parts that overlap at rest."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from softcal.twin.robot import Body, Disc, Plate, Robot, Rod
 from softcal.units import format_quantity
 
 GROUND = ""
-# Discs may touch: less than this of the thickness is rounding.
+# Discs may touch: an overlap below this part of the thickness is rounding error.
 TOUCHING = 1e-6
 
 
 def check_whole(robot: Robot, findings: Findings, *, generated: Iterable[str] = ()) -> None:
-    """Record what is wrong with the robot as a whole; `generated` parts do not stand in the file by themselves."""
+    """Record the faults of the robot as a whole; `generated` parts have no section of their own in the file."""
     where = _Where(robot, set(generated))
     n_faults = len(findings.faults)
     _check_held(robot, where, findings)
@@ -30,7 +30,7 @@ def check_whole(robot: Robot, findings: Findings, *, generated: Iterable[str] = 
 
 
 class _Where:
-    """Where in the file a part stands."""
+    """The key path of a part in the file."""
 
     def __init__(self, robot: Robot, generated: set[str]) -> None:
         kinds = {"bodies": robot.bodies, "rods": robot.rods, "plates": robot.plates}
@@ -42,7 +42,7 @@ class _Where:
 
 
 def _check_held(robot: Robot, where: _Where, findings: Findings) -> None:
-    """Every body, rod and plate must hang together with something that does not move."""
+    """Every body, rod and plate must be connected to something fixed."""
     links: dict[str, set[str]] = {part.name: set() for part in (*robot.bodies, *robot.rods, *robot.plates)}
     links[GROUND] = set()
 
@@ -114,7 +114,7 @@ def _check_held_once(robot: Robot, findings: Findings) -> None:
 
 
 def _check_overlaps(robot: Robot, where: _Where, findings: Findings) -> None:
-    """Bodies and discs that lie in each other are faults; a rod through what does not hold it is a warning."""
+    """Overlapping bodies and discs are faults; a rod through a part that does not clamp it is a warning."""
     deepest: dict[tuple[str, str], tuple[float, int]] = {}
 
     def note(one: str, other: str, depth: Floats, allowed: Floats | float) -> None:

@@ -1,4 +1,4 @@
-"""The names of a robot's parts: what they may be, and that no two parts share one."""
+"""The names of a robot's parts: their rules, and that no two parts share one."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ KINDS = ("bodies", "rods", "plates", "ties", "cables", "loads", "markers")
 
 
 def generated_names(section: RobotSection, kind: str) -> list[str]:
-    """The parts of a kind that a manipulator brings with it."""
+    """The parts of a kind that a manipulator generates."""
     return section.manipulator.part_names(kind) if section.manipulator else []
 
 
 def check_part_names(section: RobotSection, findings: Findings) -> None:
-    """All parts share one space of names: parameters and channels are called by them."""
+    """All parts share one namespace, since parameters and channels are named after them."""
     seen: dict[str, str] = {
         folded(name): "the manipulator's own" for kind in KINDS for name in generated_names(section, kind)
     }

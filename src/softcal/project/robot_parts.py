@@ -1,4 +1,4 @@
-"""From a project's plates, ties, cables, loads and markers to the robot's, names and holes resolved."""
+"""Build a project's plates, ties, cables, loads and markers, with names and holes resolved."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ from softcal.units import format_quantity
 
 @dataclass(frozen=True)
 class Carriers:
-    """What points can be on: bodies, and plates by name with their holes' names as written.
+    """The parts that points can be on: bodies, and plates by name with their holes' names as written.
 
-    plates: those in order; holes: of all plates that are named, in order or not; built: the bodies.
+    plates: those without faults; holes: of all named plates, with or without faults; built: the bodies.
     """
 
     built: BuiltBodies
@@ -58,7 +58,7 @@ class Carriers:
         return None if where.at is None else frozen_floats(where.at, name="point")
 
     def support(self, on: str, at: Floats | None, path: KeyPath, *, may_stand_off: bool = False) -> None:
-        """Record that something is on nothing, or outside the body that it is on."""
+        """Record that a part's carrier does not exist, or that its point is outside the carrying body."""
         if on and on not in self.built.sections and on not in self.holes:
             self.findings.unknown((*path, "on"), "body or plate", on, [*self.built.sections, *self.holes])
         elif on in self.built.meshes and at is not None and not may_stand_off:
@@ -91,7 +91,7 @@ class Carriers:
 
 
 def build_plate(name: str, plate: PlateSection, built: BuiltBodies, findings: Findings) -> Plate | None:
-    """One plate, or None where something of it is wrong."""
+    """One plate, or None where it has a fault."""
     path = ("robot", "plates", name)
     nodes = {}
     for body, region in plate.tied.items():
@@ -136,7 +136,7 @@ def _ring(ring: RingSection, reference: Floats) -> dict[str, Floats]:
 
 
 def build_tie(name: str, tie: TieSection, built: BuiltBodies, findings: Findings) -> Tie | None:
-    """One tie, or None where something of it is wrong, such as that it touches nothing."""
+    """One tie, or None where it has a fault, such as that it touches nothing."""
     path = ("robot", "ties", name)
     for key, body in (("body", tie.body), ("on", tie.on)):
         if body not in built.sections:
@@ -158,7 +158,7 @@ def build_tie(name: str, tie: TieSection, built: BuiltBodies, findings: Findings
 
 
 def build_cable(name: str, cable: CableSection, carriers: Carriers) -> Cable | None:
-    """One cable, or None where something of it is wrong."""
+    """One cable, or None where it has a fault."""
     path = ("robot", "cables", name)
     via: list[ViaPoint] = []
     on_body: dict[str, dict[KeyPath, Floats]] = {}
@@ -200,7 +200,7 @@ def build_cable(name: str, cable: CableSection, carriers: Carriers) -> Cable | N
 
 
 def build_load(name: str, load: LoadSection, gravity: Floats, carriers: Carriers) -> PointLoad | SurfaceLoad | None:
-    """One load, or None where something of it is wrong."""
+    """One load, or None where it has a fault."""
     path = ("robot", "loads", name)
     findings = carriers.findings
     if load.traction is not None:
@@ -247,7 +247,7 @@ def _force(
 
 
 def build_marker(name: str, marker: MarkerSection, carriers: Carriers) -> Marker | None:
-    """One marker, or None where something of it is wrong; on a body it may stand off."""
+    """One marker, or None where it has a fault; it may be outside its body."""
     path = ("robot", "markers", name)
     at = carriers.place(marker, path)
     if marker.hole is None:

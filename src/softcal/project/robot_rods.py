@@ -1,4 +1,4 @@
-"""From a project's `rods` to Rods: centrelines with nodes at every station, sections, what holds them."""
+"""From a project's `rods` to Rods: centrelines with nodes at every station, sections, supports."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from softcal.project.rod_schema import BarSection, HelixSection, RodSection
 from softcal.twin.manipulator import ELEMENTS_PER_TURN
 from softcal.twin.robot import Rod
 
-ELEMENTS = 40  # of a straight rod where it is not said
+ELEMENTS = 40  # of a straight rod by default
 
 
 def build_rod(name: str, rod: RodSection, plates: Iterable[str], findings: Findings) -> Rod | None:
-    """One rod, or None where something of it is wrong; every fault goes to `findings`."""
+    """One rod, or None where it has a fault; every fault goes to `findings`."""
     path: KeyPath = ("robot", "rods", name)
     n_faults = len(findings.faults)
     plates = list(plates)
@@ -92,7 +92,7 @@ def _pitch(shape: HelixSection) -> float:
 
 
 def _check_coils(shape: HelixSection, section: CrossSection) -> None:
-    """Coils of one wire that lie in each other; the wire's thickness is that of a round one like it."""
+    """Coils of one wire that overlap; the wire's thickness is its section's outer diameter."""
     pitch = _pitch(shape)
     apart = pitch / math.hypot(1.0, pitch / (math.pi * shape.coil_diameter))
     if shape.turns > 1.0 and apart < section.outer_diameter:
@@ -150,6 +150,6 @@ def _elements(rod: RodSection) -> int:
 
 
 def _nodes(line: Centreline, length: float, arcs: list[float]) -> Ints:
-    """The nodes that stand at arc lengths; the curve through refined points may differ in length by rounding."""
+    """The nodes at arc lengths; the curve through refined points may differ in length by rounding."""
     stations = line.stations * (length / line.stations[-1])
     return np.unique([int(np.argmin(np.abs(stations - arc))) for arc in arcs]).astype(np.int64)

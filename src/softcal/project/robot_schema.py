@@ -1,4 +1,4 @@
-"""What may stand in the `robot` section of a project file. Names are not resolved and files not read here."""
+"""Schema of the `robot` section of a project file. Names are not resolved and files not read here."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ from softcal.twin.robot import Body, Contact, Disc, Plate
 
 
 class MaterialSection(ConstantsSection):
-    """What a region of a body is made of; what is left out begins at the body's value. region: by default its name."""
+    """The material of a region of a body; omitted values are the body's. region: by default its name."""
 
     region: str | None = None
     density: Density | None = None
 
 
 class BodySection(LawSection):
-    """A deformable body: its mesh, material, fixed region, and where it is put."""
+    """A deformable body: its mesh, material, fixed region, and placement."""
 
     mesh: Mesh
     element: Element = Body.element
@@ -167,7 +167,7 @@ class TieSection(Section):
 class ViaSection(Section):
     """A point that a cable runs through: on a plate, in a hole of it, on a body, or fixed in space.
 
-    radius: of what holds the cable in a body, such as a knot.
+    radius: of the part that fixes the cable in a body, such as a knot.
     """
 
     on: str = ""
@@ -182,7 +182,7 @@ class ViaSection(Section):
 
 
 class MarkerSection(Section):
-    """A point whose position is seen, on a plate or body."""
+    """A point whose position is measured, on a plate or body."""
 
     on: str
     at: Point | None = None
@@ -208,10 +208,10 @@ class RoutingAxisSection(Section):
 
 
 class CableSection(Section):
-    """A cable through two or more points; it is pulled at its last one unless said otherwise.
+    """A cable through two or more points; it is pulled at its last one by default.
 
-    route: between two via points in one body, in a bore that goes with the body, or straight.
-    routing_axis: what the cable's routing offset moves its via points away from; without it there is none.
+    route: between two via points in one body, in a bore that moves with the body, or straight. routing_axis: axis from
+    which the cable's routing offset moves its via points; None: it has no routing offset.
     """
 
     via: Annotated[list[ViaSection], Field(min_length=2), LIMITS["points of a line"]]
@@ -269,7 +269,9 @@ class LoadSection(Section):
 
 
 class ContactSection(Section):
-    """That parts do not pass through each other; gap and stiffness of the barrier fit the robot where left out."""
+    """Contact without interpenetration of parts; gap and stiffness of the barrier are chosen for the robot where
+    omitted.
+    """
 
     gap: Size | None = None
     stiffness: Modulus | None = None

@@ -1,4 +1,4 @@
-"""What may stand under `rods` in a project file."""
+"""Schema of `rods` in a project file."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ Stations = Annotated[list[Station], BeforeValidator(lambda value: value if isins
 
 
 class RodSection(Section):
-    """A slender elastic part: its shape, section, material, and what holds it."""
+    """A slender elastic part: its shape, section, material, and supports."""
 
     straight: StraightSection | None = None
     helix: HelixSection | None = None

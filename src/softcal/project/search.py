@@ -1,4 +1,4 @@
-"""From the project's `parameters` section to a SearchSpace, and values given from outside to parameters held."""
+"""From the project's `parameters` section to a SearchSpace, and from values given from outside to fixed parameters."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ def build_search(
     held: Collection[str],
     findings: Findings,
 ) -> SearchSpace | None:
-    """The search space of the free parameters that are not held, or None where there is none or a fault.
+    """The search space of the free parameters that are not fixed, or None where there is none or a fault.
 
-    known: the parameters there are; None where the robot or an experiment has faults of its own, so that names cannot
-    be checked, but bounds still are. experiments: the values of the rig's parameters in each. set_ups: what each was
-    done in, "" where by itself. Holding one of several tied parameters takes it from them.
+    known: all parameters; None where the robot or an experiment has faults of its own, so that names cannot be checked,
+    but bounds still are. experiments: the values of the rig's parameters in each. set_ups: the set-up of each, "" where
+    it has none. Fixing one of several tied parameters unties it.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def _targets(name: str, section: ParameterSection, known: Mapping[str, Parameter
 
 
 def untied(given: Mapping[str, str | float], sections: Mapping[str, ParameterSection]) -> dict[str, str | float]:
-    """Given values with those of tied parameters given to each pattern or name that is tied."""
+    """Given values, with the value of tied parameters given to each tied pattern or name."""
     found: dict[str, str | float] = {}
     for name, value in given.items():
         section = sections.get(name)
@@ -110,7 +110,7 @@ def held_values(given: Mapping[str, str | float], known: Mapping[str, ParameterI
 
 
 def names_held(given: Iterable[str], known: Iterable[str]) -> list[str]:
-    """The parameters that given names and patterns mean; a name that fits none stands as it is."""
+    """The parameters that match given names and patterns; a name without a match is kept as it is."""
     there = list(known)
     return [name for wanted in given for name in [n for n in there if fnmatchcase(n, wanted)] or [wanted]]
 

@@ -1,4 +1,4 @@
-"""How a section of the project file is read: a model of pydantic's, or what is declared in Python; and its faults."""
+"""Reading of sections of the project file: by a pydantic model, or by a declaration in Python; and their faults."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from softcal.quantities import Quantity
 
 
 def fault_error(what: str, *, got: str = "", allowed: str = "", attempt: str = "") -> PydanticCustomError:
-    """An error to raise in a validator, which ends as a `Fault` at the key that was being read."""
+    """An error to raise in a validator, which becomes a `Fault` at the key that is being read."""
     return as_pydantic(Fault(what, "", got, allowed, attempt))
 
 
@@ -59,7 +59,7 @@ class Section(BaseModel):
 
     @classmethod
     def _read(cls, given: Mapping[str, Any]) -> tuple[dict[str, Any], list[InitErrorDetails]]:
-        """The fields' values as pydantic is to read them, and what is wrong with the others."""
+        """The fields' values as input of pydantic, and the faults of the others."""
         return dict(given), []
 
 

@@ -46,7 +46,7 @@ FORMAT = 1
 
 @dataclass(frozen=True)
 class Sections:
-    """A project file whose sections are in order; steps: how the data of each experiment are prepared."""
+    """The sections of a project file, without faults; steps: the preparation of each experiment's data."""
 
     robot: RobotSection
     rig: RigSection
@@ -92,7 +92,7 @@ def read_sections(document: Document, files: InputFiles) -> Sections:
     build_search(parameters, None, {key: {} for key in experiments}, set_ups, (), findings)
     tied = [name for name, section in parameters.items() if section.of]
     _check_calibration(calibration, rig or RigSection(), experiments, tied, findings)
-    if findings.faults:  # else the columns are looked for where the tables are read, and all are told at once there
+    if findings.faults:  # else the columns are checked where the tables are read, and all are reported at once there
         for name, experiment in experiments.items():
             check_headers(name, experiment, files, findings)
     findings.raise_if_any()
@@ -102,10 +102,10 @@ def read_sections(document: Document, files: InputFiles) -> Sections:
 
 
 def _find_meshes(document: Document, files: InputFiles, findings: Findings) -> None:
-    """The mesh files of the bodies that are in order, whatever is wrong with the rest of the robot."""
+    """The mesh files of the bodies without faults, whatever is wrong with the rest of the robot."""
     bodies = _raw(document, "robot").get("bodies")
     for name, given in bodies.items() if isinstance(bodies, dict) else ():
-        # What is wrong with a body is among the findings already.
+        # The faults of a body are among the findings already.
         body = validated(BodySection, given, (), Findings(document))
         if body is not None and isinstance(body.mesh, MeshFile) and stored_mesh(name) not in files.copies:
             with findings.at(("robot", "bodies", name, "mesh")):
@@ -142,7 +142,7 @@ def _raw(document: Document, key: str) -> Mapping[str, Any]:
 
 
 def _entries(model: type[S], key: str, document: Document, findings: Findings) -> dict[str, S]:
-    """The entries of a mapping of sections that are in order, each checked by itself."""
+    """The entries without faults of a mapping of sections, each checked by itself."""
     data = document.data.get(key)
     if data is not None and not isinstance(data, dict):
         findings.add((key,), "this is of the wrong kind", got=repr(data)[:60], allowed="a mapping of names")
@@ -195,14 +195,14 @@ def _check_names(document: Document, experiments: Mapping[str, ExperimentSection
 
 
 def _check_set_ups(set_ups: Mapping[str, str], findings: Findings) -> None:
-    """A set-up cannot have the name of an experiment outside it: results are called by both."""
+    """A set-up must not have the name of an experiment outside it: results are labelled by both."""
     for name, set_up in set_ups.items():
         if set_ups.get(set_up, set_up) != set_up:
             findings.add(("experiments", name, "set_up"), "an experiment has the name of the set-up", got=f"'{set_up}'")
 
 
 def _dynamics(document: Document, findings: Findings) -> TimeSettings | None:
-    """A project's motion goes on until nothing moves, unless it is said how it ends."""
+    """A project's motion continues until the robot is at rest, unless the file defines another end."""
     given = _section(TimeSettings, "dynamics", document, findings, {})
     if given is None:
         return None

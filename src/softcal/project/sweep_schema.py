@@ -1,4 +1,4 @@
-"""What may stand in the `sweep` section of a project file."""
+"""Schema of the `sweep` section of a project file."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from softcal.project.section import Given, Section, fault_error, numbered
 class SweepSection(Section):
     """A grid over parameters: the values of each, and the experiments that it is judged by (all by default).
 
-    show: configurations of the twin to draw side by side, by name; what one leaves out is nominal.
+    show: configurations of the twin to draw side by side, by name; omitted parameters are nominal.
     """
 
     over: Annotated[

@@ -167,7 +167,7 @@ class _Reader:
                 return number
         except (ValueError, KeyError):
             if kind == "float" and plain.lower().lstrip("+-") in _NO_NUMBERS:
-                return text  # whoever reads it says what it should be
+                return text  # the reader of the value reports the expected type
             self.add(path, node, "the value is not what its tag says", f"'{text[:40]}', {kind}", "a plain value")
         return text
 

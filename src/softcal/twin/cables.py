@@ -85,9 +85,20 @@ class ViaPoint:
 class Cable:
     """A cable through via points, its fixed end first or last; length L = sum |p_{i+1} - p_i|.
 
-    friction_coefficient [-]: Euler-Eytelwein loss at each inner via point; `pulled_end`: the end at which the cable's
-    tension is prescribed or measured ("first" or "last" via point). routing_axis: the axis from which the via points
-    are offset by `routing_offset` [m]; their positions include it already.
+    Attributes
+    ----------
+    name
+        First part of its channels' and parameters' names.
+    via_points
+        The points that it runs through, in order; at least two.
+    friction_coefficient
+        Coefficient [-] of the Euler-Eytelwein loss at each inner via point.
+    pulled_end
+        End at which the tension is prescribed or measured: "first" or "last" via point.
+    routing_axis
+        Axis from which the via points are offset, or None.
+    routing_offset
+        Offset [m] from the axis; the positions of the via points include it already.
     """
 
     name: str

@@ -17,7 +17,16 @@ MassMatrix = Literal["consistent", "lumped"]
 class Settling(Declared):
     """Criterion of rest after the schedule: no speed above `speed` [m/s] for `hold` [s].
 
-    on: the plate or marker that is watched; "" watches every point. longest: time [s] after the schedule to give up.
+    Attributes
+    ----------
+    speed
+        Largest speed at rest [m/s].
+    hold
+        Time for which it must not be exceeded [s].
+    longest
+        Time after the schedule at which to give up [s].
+    on
+        Plate or marker that is watched; "" watches every point.
     """
 
     speed: Speed = 1e-6
@@ -30,13 +39,27 @@ class Settling(Declared):
 class TimeSettings(Declared):
     """Settings of the time integration.
 
-    time_step [s]; rayleigh_stiffness [s] and rayleigh_mass [1/s]: damping, paper A's by default. scheme: `converged`
-    solves each step by Newton's method; `one-solve` takes its first iteration, as SOFA does. damping of bodies: on the
-    `strain`, or with the `tangent` of their forces, which is SOFA's and adds energy to a body compressed beyond its own
-    buckling load; by default the first in converged steps, else the second. masses: `consistent` or `lumped`, of
-    bodies. start: at equilibrium under the dead loads, or at rest without them. ramp [s]: duration of a project's
-    ramps; a `Schedule` has times of its own. After the schedule, its last commands are kept for `hold` [s], or until
-    the robot is at rest as `settle` defines; in a project file the latter by default.
+    Attributes
+    ----------
+    time_step
+        [s].
+    rayleigh_stiffness, rayleigh_mass
+        Rayleigh damping [s], [1/s]; paper A's by default.
+    scheme
+        `converged` solves each step by Newton's method; `one-solve` takes its first iteration, as SOFA does.
+    damping
+        Of bodies: on the `strain`, or with the `tangent` of their forces, which is SOFA's and adds energy to a body
+        compressed beyond its own buckling load; by default the first in converged steps, else the second.
+    masses
+        `consistent` or `lumped`, of bodies.
+    start
+        At equilibrium under the dead loads, or at rest without them.
+    ramp
+        Duration of a project's ramps [s]; a `Schedule` has times of its own.
+    hold
+        Time after the schedule for which its last commands are kept [s].
+    settle
+        Criterion of rest that ends the motion instead; in a project file the default.
     """
 
     time_step: Duration = 0.01

@@ -25,9 +25,18 @@ class Quantity:
 
     It annotates the fields that a project file can give: `Annotated[float, QUANTITIES["speed"]]`, or `Speed` below.
 
-    ends: which ends of the range belong to it, in the notation of intervals. least [unit]: smallest magnitude, for a
-    factor that must not be zero. attempt, attempt_below: suggestion for a value above, or below, the range or at that
-    end of it.
+    Attributes
+    ----------
+    name, unit
+        Name of the kind, and its unit.
+    lower, upper
+        Ends of the range [unit].
+    ends
+        Which ends belong to the range, in the notation of intervals.
+    least
+        Smallest magnitude [unit], for a factor that must not be zero.
+    attempt, attempt_below
+        Suggestion for a value above, or below, the range or at that end of it.
     """
 
     name: str

@@ -1,8 +1,8 @@
-"""How far the twin is from the bench, as one number, with exact gradients.
+"""The distance of the twin from the bench, as one number, with exact gradients.
 
 Every loss here is a sum over blocks, or the root of one, a block being one channel of one experiment, and each block's
 share is a convex function of its residual. The least-squares optimiser uses just that: `square_weights` gives, for the
-residuals at hand, the weighted squares that touch the sum from above.
+present residuals, the weighted squares that touch the sum from above.
 """
 
 from __future__ import annotations

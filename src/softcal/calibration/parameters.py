@@ -133,7 +133,7 @@ class SearchSpace:
         )
 
     def restricted(self, *experiments: str) -> SearchSpace:
-        """The space of some experiments alone: what is shared, and their own nuisances."""
+        """The space of some experiments alone: the shared parameters, and their own nuisances."""
         return SearchSpace(tuple(p for p in self.parameters if p.serves(*experiments)))
 
     def without(self, names: Collection[str]) -> SearchSpace:
@@ -262,7 +262,7 @@ def _started(parameter: FreeParameter, present: float) -> FreeParameter:
 
 
 def _doubled(parameters: Iterable[FreeParameter]) -> list[Fault]:
-    """The faults of what is free twice, be it by itself or tied to others, in all experiments or in one."""
+    """The faults of parameters that are free twice, alone or tied to others, in all experiments or in one."""
     given = tuple(parameters)
     holders: dict[str, list[FreeParameter]] = {}
     for p in given:

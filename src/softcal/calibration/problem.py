@@ -174,7 +174,7 @@ class Problem:
         n_factorisations: int,
         seconds: float,
     ) -> Evaluation:
-        """The evaluation that follows from observations made at theta."""
+        """The evaluation of observations made at theta."""
         blocks = (*self._blocks(observations), *self._priors(theta))
         with_jacobian = all(block.jacobian is not None for block in blocks)
         return Evaluation(

@@ -23,7 +23,7 @@ from softcal.units import plain
 # A parameter with a larger share of an unidentifiable direction cannot be distinguished from the others in it.
 _MIXED = 0.01
 EXCESS = "what the stated noise explains"
-# Residuals this many times what the stated noise explains are worth a sentence.
+# Residuals this many times larger than the stated noise are reported in a note.
 _TOO_LARGE = 1.5
 NOISE_ALONE = (
     "The standard errors hold for independent noise alone; what the mesh, the law and the rig's model get wrong is not "

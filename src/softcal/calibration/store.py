@@ -1,11 +1,11 @@
-"""A run folder: what was asked, every trial as soon as it is known, and at the end the result.
+"""A run folder: the problem, every trial as soon as it is evaluated, and at the end the result.
 
     run.json        what is calibrated (hashes), how (settings), with what (versions)
-    trials.sqlite   one row per trial, committed as it comes; with the arrays that a resumed search needs
+    trials.sqlite   one row per trial, committed at once; with the arrays that a resumed search needs
     optuna.journal  the same trials for Optuna's own tools (method tpe)
     result.json, trials.csv, response-<experiment>.csv   see `result_files`
 
-Nothing is ever overwritten unasked: a folder that holds something is refused unless the run in it is to be resumed.
+Nothing is ever overwritten unasked: a folder that is not empty is refused unless the run in it is to be resumed.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""One reader for every file that softcal has stored: a record of a known format, or what is wrong with it.
+"""One reader for every file that softcal has stored: a record of a known format, or its faults.
 
 A record is JSON by a schema (pydantic): its own types and no others, no NaN, no infinity. A table is CSV with the same
 number of cells in every row.

@@ -146,7 +146,7 @@ _here: dict[str, Problem] = {}
 
 def _begin(registered: bytes, problem: bytes) -> None:
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    # Ctrl-C reaches the whole process group; only the parent answers it, so that no trial is lost half-told.
+    # Ctrl-C reaches the whole process group; only the parent answers it, so that no trial is recorded incompletely.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})

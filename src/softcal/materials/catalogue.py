@@ -75,7 +75,7 @@ LAWS = Catalogue("law", "softcal.laws", _faults, own=(NEO_HOOKE, NEO_HOOKE_ISOCH
 
 
 def register_law(law: Law) -> Law:
-    """Add a law of one's own: project files, parameters, charts and checks know it by its name from then on.
+    """Add a law: project files, parameters, charts and checks then accept its name.
 
     A package does the same for every process by an entry point of the group `softcal.laws` that names the `Law`.
 
@@ -87,12 +87,12 @@ def register_law(law: Law) -> Law:
     Returns
     -------
     Law
-        The same law, so that the call can stand around its definition.
+        The same law, so that the call can enclose its definition.
 
     Raises
     ------
     ParameterError
-        Where another law has the name, a constant's name is taken with another unit, or names cannot be told apart.
+        Where another law has the name, a constant's name is taken with another unit, or names are ambiguous.
     """
     LAWS.add(law)
     return law

@@ -17,7 +17,7 @@ from softcal.geometry.mesh import TetMesh
 # Weights this small are rounding, of weights of about one.
 NO_WEIGHT = 1e-14
 STRAIGHT = 1e-6  # of an edge: tolerance of a point located in the straight-edged element
-BALL_POINTS = 300  # that stand for a ball
+BALL_POINTS = 300  # that represent a ball
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 

@@ -16,7 +16,7 @@ DampingKind = Literal["strain", "tangent"]
 
 @dataclass(frozen=True)
 class Damping:
-    """Rayleigh's coefficients: stiffness [s] and mass [1/s], C = stiffness K + mass M; kind: what K is for bodies."""
+    """Rayleigh's coefficients: stiffness [s] and mass [1/s], C = stiffness K + mass M; kind: choice of K for bodies."""
 
     stiffness: float = 0.0
     mass: float = 0.0

@@ -106,7 +106,9 @@ class Element:
         return np.ascontiguousarray(dN_dX), det * self.quadrature.weights
 
     def nodal_volumes(self, points: Floats, tets: Ints) -> Floats:
-        """Integral of each node's shape function over a mesh (n_points,) [m^3]: what its density weighs there."""
+        """Integral of each node's shape function over a mesh (n_points,) [m^3]: times density, the consistent nodal
+        mass.
+        """
         _, w = self.gradients(points, tets)
         volumes = np.zeros(len(points))
         np.add.at(volumes, tets, w @ self.cell.functions(self.quadrature.points))

@@ -30,7 +30,7 @@ def redundant(gradients: Floats) -> Ints:
 
 
 def redundant_sentence(names: Sequence[str]) -> str:
-    """Sentence on why there is no such state, and what to do about it."""
+    """Sentence on why there is no such state, and on how to avoid it."""
     if len(names) == 1:
         return f"Nothing that can move changes the length of cable {names[0]}: it cannot be driven in length."
     together = f"{', '.join(names[:-1])} and {names[-1]}"

@@ -41,7 +41,7 @@ def relative(La: Floats, Lb: Floats, Q: Floats) -> None:
 
 @numba.njit(cache=True, error_model="numpy")
 def rotation_vector(Q: Floats, out: Floats) -> None:
-    """Logarithm of a rotation by way of the unit quaternion's largest entry, so that no angle is ill-conditioned."""
+    """Logarithm of a rotation by the unit quaternion's largest entry, so that no angle is ill-conditioned."""
     trace = Q[0, 0] + Q[1, 1] + Q[2, 2]
     k = 0
     if Q[1, 1] > Q[0, 0]:

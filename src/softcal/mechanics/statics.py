@@ -81,7 +81,7 @@ class Statics:
         self._force_floor = 1e-4 * sizes.force
         self.length = sizes.extent
         self._farthest = float(np.abs(system.layout.X).max())
-        # The diagonal stands first in each row of an upper triangle.
+        # The diagonal is first in each row of an upper triangle.
         self._diagonal = system.pattern.indptr[sizes.positions()]
         self._rounding = 0.0
         self._volume = sizes.meshed / max(system.layout.n_pressures, 1)

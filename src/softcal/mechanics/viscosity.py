@@ -24,8 +24,8 @@ from softcal.mechanics.term import Connectivity, Given, Sum, Term
 
 @dataclass(frozen=True)
 class ViscousTerm(Term):
-    """A body's viscosity in one step, between its points conn: lmbda and mu are r_s / h times its moduli [Pa];
-    C_n (n_tets, n_q, 3, 3): F^T F at the step's start; places: where its blocks stand, as the body's do.
+    """A body's viscosity in one step, between its points conn: lmbda and mu are r_s / h times its moduli [Pa]; C_n
+    (n_tets, n_q, 3, 3): F^T F at the step's start; places: of its blocks in the tangent, as the body's.
     """
 
     conn: Ints

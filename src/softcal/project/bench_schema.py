@@ -55,8 +55,8 @@ def _separating(value: str) -> str:
 class FileSection(Section):
     """One bench file.
 
-    markers: marker or plate of the robot -> what its columns in the file begin with (`m4` for `m4.x`); in a .c3d file,
-    its label.
+    markers: marker or plate of the robot -> the beginning of its columns' names in the file (`m4` for `m4.x`); in a
+    .c3d file, its label.
     """
 
     path: str

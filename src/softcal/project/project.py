@@ -32,11 +32,37 @@ if TYPE_CHECKING:
 class Project:
     """The contents of a project file; numbers in SI.
 
-    path: of the file. experiments, records (as read), corrected (every sample after the corrections, before any were
-    chosen; None where there is no such record): by experiment. space: the free parameters, None where none is free.
-    tied: names or patterns of tied parameters, by the name of their common value. held: parameters fixed from outside
-    [SI]. hashes: SHA-256 of the project file and of every file it names. inputs: those files by path as written.
-    generated: body -> the mesh that Gmsh made of it, before its placement. warnings: what is allowed but looks wrong.
+    Attributes
+    ----------
+    path, name
+        The file, and the project's name.
+    robot
+        The robot, its dead loads included.
+    experiments, records, corrected
+        By experiment: the experiment; its record as read; every sample after the corrections, before any were chosen
+        (None where there is no such record).
+    space
+        The free parameters; None where none is free.
+    tied
+        Name of a common value -> names or patterns of the parameters tied to it.
+    calibration, sweep, dynamics, engines
+        The settings of these sections; sweep is None where the file has none.
+    print_infill
+        Infill of the print, or None where not given.
+    held
+        Parameters fixed from outside -> value [SI].
+    hashes
+        SHA-256 of the project file and of every file it names, by path as written.
+    inputs
+        Those files by path as written.
+    generated
+        Body -> the mesh that Gmsh made of it, before its placement.
+    qualities
+        Body -> report on its mesh.
+    regions
+        Body -> region -> node numbers (n,).
+    warnings
+        What is allowed but is probably a mistake.
     """
 
     path: Path

@@ -70,7 +70,7 @@ T = TypeVar("T")
 def read_quantities(
     given: Mapping[str, Any], kinds: Mapping[str, Quantity]
 ) -> tuple[dict[str, float], list[InitErrorDetails]]:
-    """Those of the keys that are given, each read as the kind of quantity that it is, and what is wrong with others."""
+    """Those of the keys that are given, each read as a quantity of its kind, and the faults of the others."""
     found: dict[str, float] = {}
     errors: list[InitErrorDetails] = []
     for name in (name for name in kinds if name in given):
@@ -113,7 +113,7 @@ def _reader(model: type[T]) -> TypeAdapter[T]:
 
 
 def validated(model: type[T], data: object, path: KeyPath, findings: Findings) -> T | None:
-    """`data` as a section or as what is declared in Python, or None with every fault of it recorded."""
+    """`data` as a section or as a class declared in Python, or None with every fault of it recorded."""
     try:
         return _reader(model).validate_python(data)
     except ValidationError as error:
@@ -154,7 +154,7 @@ def _fault(found: Any, where: str) -> Fault:
 
 
 def _keys(location: tuple[str | int, ...], data: object) -> tuple[str | int, ...]:
-    """The part of a pydantic location that stands in the file: the tags of unions do not."""
+    """The part of a pydantic location that is in the file, without the tags of unions."""
     keys: list[str | int] = []
     here: Any = data
     for i, part in enumerate(location):

@@ -33,7 +33,7 @@ def read_document(
 ) -> Document:
     """Parse a YAML file; equal keys and the like are kept as faults of the document.
 
-    `kind`, `keys` and `attempt` tell in messages what the file is, what stands in it and where to get one.
+    `kind`, `keys` and `attempt` state in messages the kind of file, its keys and how to obtain one.
 
     Raises
     ------

@@ -94,7 +94,7 @@ def halved(robot: Robot) -> Robot:
 
 
 def _refined_body(body: Body, robot: Robot) -> tuple[Body, TetMesh]:
-    """The body on its refined mesh, and that mesh with what the robot does to the body among its sets."""
+    """The body on its refined mesh, and that mesh with the robot's supports, ties and loads on it as sets."""
     node_sets = {_OURS + "fixed": body.fixed}
     node_sets |= {f"{_OURS}plate {p.name}": p.nodes[body.name] for p in robot.plates if body.name in p.nodes}
     node_sets |= {f"{_OURS}tie {tie.name}": tie.nodes for tie in robot.ties if tie.body == body.name}

@@ -28,11 +28,29 @@ ELEMENTS_PER_TURN = 12  # of a rod that is a helical spring
 class ManipulatorShape:
     """The lengths [m] and angles [rad] of a manipulator; the defaults are paper B's where it gives them.
 
-    total_length: from the base's mounting face to the far face of the last disc; the springs share what discs leave.
-    cable_ends: the discs at which cables end, by number, each with `cables_per_end` of them, evenly spaced from the
-    azimuth in `first_azimuths`. cable_radius: of the circle of guide holes. cable_exit: how far behind the base the
-    cables are pulled. turns, left_handed, spring_azimuth: of every spring's wire, which starts at that azimuth.
-    marker_radius, marker_azimuth: where on the middle plane of each disc its marker is.
+    Attributes
+    ----------
+    total_length
+        From the base's mounting face to the far face of the last disc [m]; the springs share the length without discs.
+    n_sections
+        Number of discs that move, and of springs.
+    hanging
+        Whether the manipulator hangs, along -z; else it points along +z.
+    base_diameter, base_thickness, disc_diameter, disc_thickness
+        Of the base and of the moving discs [m].
+    hole_diameter
+        Of the guide holes [m].
+    coil_diameter, wire_diameter, turns, left_handed, spring_azimuth
+        Of every spring: mean coil and wire diameter [m], turns [-], sense, and azimuth of the wire's start [rad].
+    cable_radius
+        Radius of the circle of guide holes [m].
+    cable_ends, cables_per_end, first_azimuths
+        Numbers of the discs at which cables end; number of cables at each, evenly spaced from the azimuth [rad] given
+        for it.
+    cable_exit
+        Distance behind the base at which the cables are pulled [m].
+    marker_radius, marker_azimuth
+        Place of each disc's marker in its middle plane [m], [rad].
     """
 
     total_length: float = 0.425
@@ -71,7 +89,7 @@ class ManipulatorShape:
 
     @property
     def springs(self) -> tuple[str, ...]:
-        """Names of the springs; spring k stands before disc k."""
+        """Names of the springs; spring k is before disc k."""
         return tuple(f"spring{k + 1}" for k in range(self.n_sections))
 
     @property
@@ -274,7 +292,7 @@ def _range_faults(shape: ManipulatorShape) -> list[Fault]:
 
 
 def _fit_faults(shape: ManipulatorShape) -> list[Fault]:
-    """What does not fit together though every length by itself may be."""
+    """The faults of lengths that do not fit together, though each by itself is allowed."""
     faults: list[Fault] = []
     if shape.spring_length <= 0.0:
         thick = shape.total_length - shape.n_sections * shape.spring_length

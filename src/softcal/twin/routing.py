@@ -19,7 +19,7 @@ from softcal.geometry.mesh import TetMesh
 from softcal.mechanics.attachment import attach_rate
 from softcal.twin.cables import RoutingAxis, ViaPoint
 
-SPACING = 0.25  # of an edge of the tets around: the distance of the points that stand for a bore
+SPACING = 0.25  # of an edge of the tets around: the spacing of the points that represent a bore
 SKIN = 0.05  # of an edge: a line as near as that to the surface runs on it and is not guided
 
 

@@ -1,1 +1,1 @@
-"""softcal's own losses, one a file: each registers itself and needs to be named nowhere else."""
+"""softcal's own losses, one per file: each registers itself."""

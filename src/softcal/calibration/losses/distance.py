@@ -1,4 +1,4 @@
-"""Paper B's loss: how far markers are from where they were seen, in per cent of the robot's length."""
+"""Paper B's loss: distances of simulated from measured markers, in per cent of the robot's length."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from softcal.errors import Fault
 class DistanceLoss(Loss):
     """Paper B's Eq. (1), d = |r - s| / L_T 100 %: the root of its mean square over all markers, states and experiments.
 
-    Not the plain mean: the root of the mean square is smooth where one marker is met exactly, and its minimiser is that
-    of least squares, with their standard errors. length: L_T [m].
+    Not the plain mean: the root of the mean square is smooth where one marker is fitted exactly, and its minimiser is
+    that of least squares, with their standard errors. length: L_T [m].
     """
 
     length: float

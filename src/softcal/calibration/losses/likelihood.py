@@ -18,7 +18,7 @@ from softcal.errors import Fault
 class LikelihoodLoss(Loss):
     """sum (residual / sigma)^2 over all samples and experiments, plus ((theta - mean) / sd)^2 of the priors.
 
-    sigma is each sample's own where the dataset has it. sigmas: noise [SI] by channel, in the place of what it says.
+    sigma is each sample's own where the dataset has it. sigmas: noise [SI] by channel, in the place of the dataset's.
     """
 
     sigmas: Mapping[str, float] = field(default_factory=dict[str, float])

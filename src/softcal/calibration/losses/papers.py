@@ -51,20 +51,20 @@ class PapersLoss(Loss):
 
     @property
     def surrogate(self) -> RelativeSquares:
-        # A sum of RMSEs has a kink where one channel is met almost exactly, which lets only short steps lower it.
+        # A sum of RMSEs has a kink where one channel is fitted almost exactly; near it only short steps lower the sum.
         return RelativeSquares()
 
     def block_value(self, block: Block, residual: Floats) -> float:
         return self.weights[block.channel] * rms(residual)
 
     def square_weights(self, block: Block, residual: Floats) -> Floats:
-        # A block that is met exactly has no gradient; the floor keeps its weight finite and still very large.
+        # A block that is fitted exactly has no gradient; the floor keeps its weight finite and still very large.
         floor = 1e-12 * rms(block.measured) + 1e-300
         weight = self.weights[block.channel] / (2 * len(residual) * max(rms(residual), floor))
         return np.full(len(residual), weight)
 
     def straight_along(self, block: Block, residual: Floats) -> Floats | None:
-        # An RMSE is a cone: along the residual itself it grows in a straight line.
+        # An RMSE is a cone: along the residual itself it is linear.
         return None if rms(residual) <= MET * rms(block.measured) else residual / np.linalg.norm(residual)
 
     def precisions(self, block: Block, rounding: float) -> Floats:

@@ -1,1 +1,1 @@
-"""softcal's own optimisers, one a file: each registers itself and needs to be named nowhere else."""
+"""softcal's own optimisers, one per file: each registers itself."""

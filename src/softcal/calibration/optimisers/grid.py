@@ -13,7 +13,7 @@ from softcal.calibration.problem import Evaluation, Problem
 from softcal.calibration.settings import SearchSettings
 from softcal.errors import Fault, ParameterError
 
-# Small enough that an interrupted run has told nearly all it found, large enough to keep many workers busy.
+# Small enough that an interrupted run has recorded nearly all its evaluations, large enough for many workers.
 _GENERATION = 32
 
 
@@ -65,7 +65,7 @@ class GridOptimiser(Optimiser):
         return generation
 
     def tell(self, proposal: Proposal, evaluation: Evaluation) -> None:
-        """A grid does not learn."""
+        """Nothing to do: the points of a grid do not depend on evaluations."""
 
     @property
     def total(self) -> int:

@@ -14,11 +14,11 @@ from softcal.checks import Floats
 
 # A start above this share of the range below a ceiling may lie where elements lock.
 _NEAR_CEILING = 0.75
-# A search that is seen to end this near (of the search range) to a minimum already found ends at it.
+# A search predicted to end within this distance (of the search range) of a known minimum ends at that one.
 _SAME_MINIMUM = 0.02
 # Of the loss: a minimum that is lower by less is not worth a search; the noise of 200 samples moves it by more.
 _WORTH = 0.01
-# RMSE over the root mean square of the measurement, in every channel: no other minimum is lower to speak of.
+# RMSE over the root mean square of the measurement, in every channel: below it further starts are skipped.
 _MET = 1e-6
 
 
@@ -28,12 +28,12 @@ class LeastSquaresOptimiser(Optimiser):
 
     The first start is the parameters' own (the middle of the range where there is none); the others are a Latin
     hypercube by `seed`. The first descent runs alone, then the others together. Once a descent has converged, the
-    models of the others say where they would end; one is left when that is the same minimum or none that is lower by a
-    hundredth. So a start costs one trajectory where there is one minimum, and none where the first has met the
-    measurements exactly.
+    models of the others predict their minima; a descent is abandoned when that is the same minimum or none that is
+    lower by a hundredth. So a start costs one trajectory where there is one minimum, and none where the first has
+    fitted the measurements exactly.
 
-    Where elements lock, close to Poisson's ratio 0.5, a search ends in what minimum is next. So before a first start
-    near such a ceiling comes one with that parameter in the middle of its range; the two share their budget.
+    Where elements lock, close to Poisson's ratio 0.5, a search ends in the nearest local minimum. So a first start near
+    such a ceiling is preceded by one with that parameter in the middle of its range; the two share their budget.
     """
 
     name = "least-squares"
@@ -95,7 +95,7 @@ class LeastSquaresOptimiser(Optimiser):
         return f"{sentence} {n_spared} of {n_starts} starts were left, for nothing better was in sight from them."
 
     def _told_of_the_extra_start(self) -> str:
-        """That there was another start than those that were asked for, and what all took; "" where there was none."""
+        """Sentence on a start in addition to the requested ones, and the total cost; "" where there was none."""
         begun = [descent for wave in self._waves for descent in wave if descent.evaluations]
         if all(descent in self._descents for descent in begun):
             return ""

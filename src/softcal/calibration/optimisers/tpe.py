@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @register_optimiser
 class TpeOptimiser(Optimiser):
-    """TPE by Optuna. batch: points asked for before the first is told; it decides the course of the search.
+    """TPE by Optuna. batch: points asked for before the first is evaluated; it decides the course of the search.
 
     Optuna 5 changed its defaults (multivariate sampling, constant liar); the paper's are pinned here.
     """
@@ -88,10 +88,10 @@ class TpeOptimiser(Optimiser):
 
 
 class OptunaJournal:
-    """The trials in a file that Optuna's own tools read (study "softcal"); the run's own store stays the truth.
+    """The trials in a file that Optuna's own tools read (study "softcal"); the run's own store is authoritative.
 
-    Optuna cannot go on with a search where it stopped, since its sampler's random state is not stored; therefore a
-    resumed search is told again what `trials.sqlite` holds, and this file only follows.
+    Optuna cannot resume a search where it stopped, since its sampler's random state is not stored; therefore a resumed
+    search is given the recorded trials of `trials.sqlite` again, and this file only follows.
     """
 
     def __init__(self, path: Path, space: SearchSpace) -> None:
@@ -133,7 +133,7 @@ class OptunaJournal:
 
     @contextlib.contextmanager
     def _whole(self) -> Generator[None]:
-        """Turn what Optuna raises for a journal that is damaged, or cut off, into a sentence."""
+        """Turn an error of Optuna's for a damaged or truncated journal into a sentence."""
         import optuna
 
         broken = (ValueError, LookupError, TypeError, AttributeError, AssertionError, optuna.exceptions.OptunaError)

@@ -48,7 +48,7 @@ def test_a_schedule_is_straight_between_its_times_and_held_after():
     [
         ([0.0, 2.0, 1.0], [0, 0, 0], "the times of a schedule do not ascend from 0; got 0, 2, 1"),
         ([1.0, 2.0], [0, 0], "do not ascend from 0; got 1, 2"),
-        ([], [], "do not ascend from 0; got none"),
+        ([], [0], "do not ascend from 0; got none"),
         ([0.0, 1.0], [0, 0, 0], "front: a command has not one value per time; got 3; allowed: 2"),
     ],
 )

@@ -168,7 +168,7 @@ def test_predictor_takes_no_parabola_through_a_fall():
     layout = statics.system.layout
     smooth = path_module._predicted_step(layout, [one, two], 0.021)
     assert np.abs(smooth - 0.001 * two.slope).max() > 1e-6
-    for nodes in ([replace(one, is_fallen=True), two], [one, replace(two, is_fallen=True)]):
+    for nodes in ([replace(one, is_snapped=True), two], [one, replace(two, is_snapped=True)]):
         np.testing.assert_allclose(path_module._predicted_step(layout, nodes, 0.021), 0.001 * two.slope, rtol=1e-9)
 
 

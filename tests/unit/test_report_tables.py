@@ -162,7 +162,7 @@ def test_a_twin_that_falls_in_its_furthest_test_is_a_warning():
     twin = twin_view(column_mesh())
     told = "Not stable at 12 mm of shortening of front, the robot buckles or snaps to another equilibrium."
     assert "stable" not in texts(replace(small_content(), twin=twin), "warning")
-    assert told in texts(replace(small_content(), twin=replace(twin, falls=told)), "warning")
+    assert told in texts(replace(small_content(), twin=replace(twin, instabilities=told)), "warning")
 
 
 def test_a_twin_that_passes_through_itself_in_its_furthest_test_is_a_warning():

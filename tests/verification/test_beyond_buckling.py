@@ -38,16 +38,16 @@ def test_three_cables_by_length_press_a_rod_far_beyond_its_buckling(elements: in
     commands = {f"c{i}": Command("shortening", part * d) for i, part in enumerate(share)}
     response = simulate(tentacle(elements, 4), Protocol(commands), sensitivities=NAMES)
     assert response.succeeded, response.status
-    assert response.falls.count("on the way to sample") == 1
+    assert response.instabilities.count("on the way to sample") == 1
     # Pulled equally, up to six modes buckle at once, and rounding decides on the way: 490 to 1,240 factorisations were
     # seen for it, on different processors and orders of summation, where it took 6,281.
     equal = len(set(share)) == 1
-    assert equal or "later" not in response.falls
+    assert equal or "later" not in response.instabilities
     assert response.n_factorisations < (3000 if equal else 1200)
     tension = np.array([response.channels[f"c{i}.tension"] for i in range(3)])
     assert tension.min() >= 0.0
     # The spans buckle one by one, as columns that are held at both ends but for their turning.
-    first = int(response.falls.split("sample ")[1].split()[0]) - 1
+    first = int(response.instabilities.split("sample ")[1].split()[0]) - 1
     assert tension[:, first].sum() == pytest.approx(16.0 * EULER, rel=0.02)
     for i in range(3):  # everything scales with the modulus
         slope = E * response.sensitivities[f"c{i}.tension"][NAMES[0]]

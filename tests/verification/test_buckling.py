@@ -82,10 +82,10 @@ def test_it_is_told_where_it_buckles() -> None:
     assert "Not stable at " in response.status
     at = float(response.status.split("Not stable at ")[1].split(" mm of shortening of front")[0])
     assert critical * (1.0 - 1e-3) < at < critical * (1.0 + 5e-3)  # shear, and how closely it is looked for
-    assert response.falls == response.status[response.status.index("Not stable") :]
+    assert response.instabilities == response.status[response.status.index("Not stable") :]
     straight_on = simulate(column(cables=(axial(),)), pulled(0.9e-3 * critical))
     assert "stable" not in straight_on.status
-    assert straight_on.falls == ""
+    assert straight_on.instabilities == ""
     assert straight_on.channels["top.x"][0] == straight_on.channels["top.y"][0] == pytest.approx(0.0, abs=1e-12)
 
 
@@ -217,11 +217,11 @@ def test_a_node_that_is_put_in_beyond_a_fall_knows_of_it() -> None:
     line = Line(np.array([False]), np.zeros(1), np.zeros(1), np.zeros(1), np.ones(1))
     start = node_at(statics, line, 0.0, rest_state(twin.system.layout), ())
     path = follow(statics, line, start, 2e-4, first_step=2e-5)
-    fell = next(i for i, node in enumerate(path.nodes) if node.is_fallen)
+    fell = next(i for i, node in enumerate(path.nodes) if node.is_snapped)
     upright = statics.equilibrium(start.state, line.at(2e-4)).state
     unseen = replace(path, nodes=(start, replace(node_at(statics, line, 2e-4, upright, ()), is_stable=True)))
-    assert between(statics, line, unseen, 1e-4).is_fallen
-    assert not between(statics, line, path, 0.5 * path.nodes[fell - 1].c).is_fallen
+    assert between(statics, line, unseen, 1e-4).is_snapped
+    assert not between(statics, line, path, 0.5 * path.nodes[fell - 1].c).is_snapped
     # A tension that rounding makes negative is no push: it must not hide that the straight column is not stable.
     twice = replace(upright, effort=np.array([*upright.effort, -1e-12]))
     assert not node_at(statics, line, 2e-4, upright, ()).is_stable
@@ -253,13 +253,13 @@ def test_three_cables_fold_a_round_column_up_once() -> None:
     robot = column(circular(0.006), cables=tendons(), elements=16)
     response = simulate(robot, Protocol({cable.name: Command("tension", alike) for cable in robot.cables}))
     assert response.succeeded, response.status
-    assert response.falls.count("on the way to sample") == 1
+    assert response.instabilities.count("on the way to sample") == 1
     assert "have met (0.1" in response.status
     assert response.n_factorisations < 900
 
 
 def test_what_falls_too_often_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(path_module, "MOST_FALLS", 0)
+    monkeypatch.setattr(path_module, "MOST_SNAPS", 0)
     response = simulate(column(cables=(axial(),)), pulled(0.001))
     assert not response.succeeded
     assert "it buckles or snaps more than 0 times" in response.status
@@ -277,8 +277,8 @@ def test_a_round_column_buckles_once_and_stays_in_its_plane(elements: int, share
     response = simulate(column(circular(0.006), cables=(axial(),), elements=elements), protocol)
     assert response.succeeded, response.status
     assert response.n_factorisations < 300
-    assert response.falls.count("mm of shortening") == 1
-    assert "," not in response.falls.split("Not stable at")[1].split(" mm of")[0]
+    assert response.instabilities.count("mm of shortening") == 1
+    assert "," not in response.instabilities.split("Not stable at")[1].split(" mm of")[0]
     places = np.stack([response.channels[f"top.{axis}"][1:] for axis in "xy"])
     middle = places / np.linalg.norm(places, axis=0)
     assert abs(middle[:, 0] @ middle[:, 1]) == pytest.approx(1.0, abs=1e-6)
@@ -311,8 +311,8 @@ def test_three_tendons_pulled_alike_buckle_a_round_column_once(control: str) -> 
     commands = {cable.name: Command(control, share * np.array([0.2, 1.0])) for cable in robot.cables}
     response = simulate(robot, Protocol(commands))
     assert response.succeeded, response.status
-    assert response.falls.count("on the way to sample") == 1
-    assert "later" not in response.falls
+    assert response.instabilities.count("on the way to sample") == 1
+    assert "later" not in response.instabilities
     assert response.n_factorisations < 700
     aside = np.hypot(response.channels["top.x"], response.channels["top.y"])
     assert aside[0] < 1e-9
@@ -329,7 +329,7 @@ def test_free_modes_are_found_where_there_are_some() -> None:
         )
         assert path.nodes[0].free.size == 0
         assert path.reached
-        fell = next(i for i, node in enumerate(path.nodes) if node.is_fallen)
+        fell = next(i for i, node in enumerate(path.nodes) if node.is_snapped)
         for node in path.nodes[fell:]:
             assert (node.free.shape[1] if node.free.size else 0) == n_free
             if n_free:  # the slope does not go along it

@@ -10,7 +10,7 @@ from mechanics_cases import elastic, pulled
 import softcal
 from softcal.geometry.centreline import straight
 from softcal.geometry.section import rectangular
-from softcal.mechanics.stability import fall
+from softcal.mechanics.stability import overdamped_equilibrium
 from softcal.mechanics.state import rest_state
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.term import Controls
@@ -90,7 +90,9 @@ def test_a_force_that_the_roof_cannot_bear_snaps_it_through(roof: Robot, by: str
         twin, none = build_twin(roof), np.zeros(1)
         statics = Statics(twin.system, parameter_values(roof))
         rest = rest_state(twin.system.layout)
-        ends = [fall(statics, rest, Controls(np.array([True]), none + s * limit, none)) for s in shares]
+        ends = [
+            overdamped_equilibrium(statics, rest, Controls(np.array([True]), none + s * limit, none)) for s in shares
+        ]
         assert all(end.converged for end in ends), [end.status for end in ends]
         low = RISE - np.array([end.state.position[twin.frame["ridge"], 2] for end in ends])
         statics.release()
@@ -111,5 +113,5 @@ def test_a_slender_robot_falls_along_a_narrow_curved_valley() -> None:
     soft = with_parameters(robot, {f"spring{k}.youngs_modulus": 0.2236e9 for k in range(1, 5)})
     response = simulate(soft, Protocol({"cable1": Command("tension", np.array([9.81, 19.62]))}), curve_tolerance=0.0)
     assert response.succeeded, response.status
-    assert response.falls.count(" mm of") == 1
+    assert response.instabilities.count(" mm of") == 1
     assert response.n_factorisations < 900

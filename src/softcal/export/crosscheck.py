@@ -50,7 +50,7 @@ class EngineComparison:
         Compared quantities.
     changed
         Changes of the robot's law and elements from the project's, in both programs.
-    falls
+    instabilities
         Sentence on instabilities along softcal's load path, or "".
     left_out
         `Engine.leaves_out` at this state.
@@ -59,7 +59,7 @@ class EngineComparison:
     engine: str
     differences: tuple[Difference, ...]
     changed: tuple[str, ...]
-    falls: str = ""
+    instabilities: str = ""
     left_out: tuple[float, str] = (0.0, "")
 
     @property
@@ -84,8 +84,8 @@ class EngineComparison:
             f"{self.engine} and softcal differ by {worst.absolute:.3g} {worst.unit} in {worst.quantity}, "
             f"{worst.relative:.1e} relative; the limit is {self.limit:.1g}"
         )
-        if self.falls:
-            text += f". {self.falls} Two engines may reach different ones of several equilibria"
+        if self.instabilities:
+            text += f". {self.instabilities} Two engines may reach different ones of several equilibria"
         return text
 
     @property
@@ -167,7 +167,9 @@ def crosscheck(
             continue
         differences = tuple(_differences(own, ours, theirs))
         left_out = engine.leaves_out(response.snapshots[-1])
-        comparisons.append(EngineComparison(name, differences, tuple(_changes(robot, own)), response.falls, left_out))
+        comparisons.append(
+            EngineComparison(name, differences, tuple(_changes(robot, own)), response.instabilities, left_out)
+        )
     return Crosscheck(tuple(comparisons), absent, refused, failed, tuple(still))
 
 

@@ -68,9 +68,9 @@ class Node:
     is_stable
         Whether its energy is a minimum; also True where a cable would be in compression, which is no equilibrium
         anyway.
-    is_fallen
+    is_snapped
         Whether the robot reached it by snap-through or buckling, from an unstable equilibrium.
-    has_fallen
+    has_snapped
         Whether it did so before this node.
     free
         Modes (n_unknowns - n_actuators, k) of motion without force; slope and by_parameter have no part along them.
@@ -82,8 +82,8 @@ class Node:
     by_parameter: Floats
     mixed: Floats
     is_stable: bool = True
-    is_fallen: bool = False
-    has_fallen: bool = False
+    is_snapped: bool = False
+    has_snapped: bool = False
     free: Floats = field(default_factory=lambda: NO_MODES)
 
 

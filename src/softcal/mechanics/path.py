@@ -12,14 +12,14 @@ from softcal.errors import SimulationError
 from softcal.mechanics.cable import cables_of
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.node import Line, Node, node_at, pushing
-from softcal.mechanics.snap_through import fallen, is_nearly_free, is_no_fall, settled
+from softcal.mechanics.snap_through import is_nearly_free, is_no_snap, settled, snapped
 from softcal.mechanics.state import State, difference, distance, moved
 from softcal.mechanics.statics import Statics
 
 SMALLEST_STEP = 1e-4  # of the whole range: smallest step, at a limit point
 CLOSE = 1e-3  # of the path so far: accuracy with which a loss of stability is located
 SAME = 1e-6  # of the robot's extent: closer states count as equal
-MOST_FALLS = 20  # of a path: more are unphysical, and each costs as much as many steps
+MOST_SNAPS = 20  # of a path: more are unphysical, and each costs as much as many steps
 GROWTH, CUT = 2.0, 0.4  # of a step, after fast convergence, and after a failure
 CUTS = 1  # of a step, before relaxation by `settled`: Newton's method may converge in a shorter step
 SHORTER, SHORTEST = 0.7, 0.05  # of a predicted step: near square-root branches a part of it is a better guess
@@ -136,25 +136,25 @@ class _Continuation:
         """
         if unstable is None and pushing(self.statics.system, self.last.state).any():
             return why
-        if sum(node.is_fallen for node in self.nodes) == MOST_FALLS:
-            return f"it buckles or snaps more than {MOST_FALLS} times"
+        if sum(node.is_snapped for node in self.nodes) == MOST_SNAPS:
+            return f"it buckles or snaps more than {MOST_SNAPS} times"
         # Not from the unstable equilibrium nearest to the bifurcation: the first steps of a branch converge badly.
         begin = self.unstable or unstable
         c, state = (begin.c, begin.state) if begin else (attempt.c, self.last.state)
         try:
-            node = fallen(self.statics, self.line, c, state, self.names)
+            node = snapped(self.statics, self.line, c, state, self.names)
         except SimulationError as error:
             return why or str(error)
-        if is_no_fall(self.statics, self.last.state, attempt.guess, node.state):
-            node = replace(node, is_fallen=False)
+        if is_no_snap(self.statics, self.last.state, attempt.guess, node.state):
+            node = replace(node, is_snapped=False)
         # Where many branches begin at once they separate further on.
-        is_among_many = node.is_fallen and is_nearly_free(node)
+        is_among_many = node.is_snapped and is_nearly_free(node)
         self._add(node, max(attempt.step, self.first_step) if is_among_many else attempt.step)
         return ""
 
     def _add(self, node: Node, length: float) -> None:
         """Append a node, and set the length of the step from there."""
-        self.nodes.append(replace(node, has_fallen=self.last.has_fallen or self.last.is_fallen))
+        self.nodes.append(replace(node, has_snapped=self.last.has_snapped or self.last.is_snapped))
         self.length = length
         self.tried.clear()
         if self.unstable is not None and self.unstable.c - node.c < self._close(node.c):
@@ -197,7 +197,7 @@ def _next_length(step: float, n_iterations: int) -> float:
 
 def go_on_from(statics: Statics, node: Node) -> None:
     """Continue from a node: free modes appear with the first buckling, and are the node's until they are found anew."""
-    statics.free_modes, statics.seeks_free_modes = node.free, node.has_fallen or node.is_fallen
+    statics.free_modes, statics.seeks_free_modes = node.free, node.has_snapped or node.is_snapped
 
 
 def _ended(statics: Statics, nodes: list[Node], status: str, names: tuple[str, ...]) -> Path:
@@ -236,11 +236,11 @@ def between(statics: Statics, line: Line, path: Path, c: float) -> Node:
         if solved.converged:
             node = node_at(statics, line, c, solved.state, path.names)
             if node.is_stable:
-                return replace(node, has_fallen=before.has_fallen or before.is_fallen)
+                return replace(node, has_snapped=before.has_snapped or before.is_snapped)
     way = follow(statics, line, before, c, first_step=0.3 * (c - before.c), names=path.names)
     if not way.reached:
         raise SimulationError(f"No equilibrium between two neighbouring ones: {way.status}.")
-    return replace(way.nodes[-1], is_fallen=any(node.is_fallen for node in way.nodes[1:]))
+    return replace(way.nodes[-1], is_snapped=any(node.is_snapped for node in way.nodes[1:]))
 
 
 def neighbours(path: Path, c: float) -> tuple[Node, Node]:
@@ -283,7 +283,7 @@ def _predicted_step(layout: Layout, nodes: list[Node], c: float) -> Floats:
     h = c - last.c
     dz = h * last.slope
     # Near a snap-through a branch is not parabolic: a parabola may lead back to the former branch.
-    if len(nodes) > 1 and not any(node.is_fallen for node in nodes[-2:]):
+    if len(nodes) > 1 and not any(node.is_snapped for node in nodes[-2:]):
         before = nodes[-2]
         width = last.c - before.c
         back = difference(layout, before.state, last.state)  # z(c - width) - z(c)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from softcal.errors import SimulationError
 from softcal.mechanics.node import Line, Node, node_at, pushing
-from softcal.mechanics.stability import fall
+from softcal.mechanics.stability import overdamped_equilibrium
 from softcal.mechanics.state import State, difference
 from softcal.mechanics.statics import FREE, Statics
 
@@ -22,14 +22,14 @@ def stable_node_at(statics: Statics, line: Line, c: float, state: State, names: 
         Where the tangent is singular, or the robot reaches no other equilibrium.
     """
     node = node_at(statics, line, c, state, names, mixed=False)
-    return node if node.is_stable else fallen(statics, line, c, state, names)
+    return node if node.is_stable else snapped(statics, line, c, state, names)
 
 
 def is_nearly_free(node: Node) -> bool:
     """Whether the robot has several free modes after buckling: it then moves along several modes almost
     without force.
     """
-    return (node.has_fallen or node.is_fallen) and node.free.shape[1] > 1
+    return (node.has_snapped or node.is_snapped) and node.free.shape[1] > 1
 
 
 def settled(
@@ -43,25 +43,25 @@ def settled(
     """
     if not is_nearly_free(last) or pushing(statics.system, last.state).any():
         return None
-    ended = fall(statics, begin, line.at(c))
+    ended = overdamped_equilibrium(statics, begin, line.at(c))
     if not ended.converged:
         return None
     way = statics.reach(difference(statics.system.layout, ended.state, last.state))
     at = statics.system.linearise(ended.state, line.at(c), statics.theta, tangent=False)
     is_driven = ended.work >= FREE * statics.force_scale(at) * way
-    if is_driven and not is_no_fall(statics, last.state, guess, ended.state):
+    if is_driven and not is_no_snap(statics, last.state, guess, ended.state):
         return None
     return node_at(statics, line, c, ended.state, names)
 
 
-def is_no_fall(statics: Statics, before: State, guess: State, found: State) -> bool:
+def is_no_snap(statics: Statics, before: State, guess: State, found: State) -> bool:
     """Whether an alleged snap-through ends near its start, or about as near as a regular step would."""
     layout = statics.system.layout
     ahead, way = (statics.reach(difference(layout, state, before)) for state in (guess, found))
     return way <= NO_FALL * statics.length + 2.0 * ahead
 
 
-def fallen(statics: Statics, line: Line, c: float, state: State, names: tuple[str, ...]) -> Node:
+def snapped(statics: Statics, line: Line, c: float, state: State, names: tuple[str, ...]) -> Node:
     """The stable node at c that the robot snaps through to from a state.
 
     Raises
@@ -69,8 +69,8 @@ def fallen(statics: Statics, line: Line, c: float, state: State, names: tuple[st
     SimulationError
         Where it reaches none.
     """
-    ended = fall(statics, state, line.at(c))
+    ended = overdamped_equilibrium(statics, state, line.at(c))
     if not ended.converged:
-        raise SimulationError(f"the robot is not stable there, and falls to no other equilibrium: {ended.status}")
+        raise SimulationError(f"the robot is not stable there, and snaps to no other equilibrium: {ended.status}")
     statics.seeks_free_modes = True
-    return replace(node_at(statics, line, c, ended.state, names), is_fallen=True)
+    return replace(node_at(statics, line, c, ended.state, names), is_snapped=True)

@@ -28,7 +28,7 @@ CLOSE = 0.3  # of a step: it ends with corrections as small; the next one correc
 Switched = Callable[[State, Controls], Controls]
 
 
-def fall(
+def overdamped_equilibrium(
     statics: Statics, state: State, controls: Controls, switched: Switched = lambda state, controls: controls
 ) -> Equilibrium:
     """The stable equilibrium that an overdamped robot reaches from a state under these controls.

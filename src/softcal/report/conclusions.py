@@ -311,8 +311,8 @@ def _plausible(content: ReportContent) -> Iterable[Sentence]:
 
 
 def _stability(content: ReportContent) -> Iterable[Sentence]:
-    if content.twin is not None and content.twin.falls:
-        text = f"In the test with the largest drive: {content.twin.falls} The bench should show it too."
+    if content.twin is not None and content.twin.instabilities:
+        text = f"In the test with the largest drive: {content.twin.instabilities} The bench should show it too."
         yield Sentence(text, "warning")
     if content.twin is not None and content.twin.crossings:
         yield Sentence(f"In the test with the largest drive, {content.twin.crossings}", "warning")

@@ -23,8 +23,8 @@ class TwinView:
         The two states.
     tets
         Body -> connectivity of `Snapshot.points` (`Response.tets`), of order one or two.
-    falls
-        Sentence on instabilities along the load path (`Response.falls`), or "".
+    instabilities
+        Sentence on instabilities along the load path (`Response.instabilities`), or "".
     crossings
         Sentence on bodies that penetrate themselves or each other (`Response.crossings`), or "".
     drawn_out
@@ -35,7 +35,7 @@ class TwinView:
     rest: Snapshot
     bent: Snapshot
     tets: Mapping[str, Ints]
-    falls: str = ""
+    instabilities: str = ""
     crossings: str = ""
     drawn_out: str = ""
 

@@ -98,7 +98,7 @@ def _change(a: Node, b: Node, crosses: Callable[[Node, Node, float], bool], at_b
     after it.
     """
     low, high = a.c, b.c
-    for _ in range(0 if b.is_fallen else BISECTIONS):
+    for _ in range(0 if b.is_snapped else BISECTIONS):
         middle = 0.5 * (low + high)
         if crosses(a, b, middle) == at_b:
             high = middle

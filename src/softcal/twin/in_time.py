@@ -24,7 +24,7 @@ from softcal.twin.response import Response, Snapshot
 from softcal.twin.robot import Robot
 from softcal.twin.schedule import Schedule
 from softcal.twin.sensors import channel_units, sense
-from softcal.twin.start import UNDER_LOADS, Start, fallen, loaded, snapshot
+from softcal.twin.start import UNDER_LOADS, Start, instability, loaded, snapshot
 from softcal.twin.time_settings import Settling, TimeSettings
 
 DEFAULT = TimeSettings()
@@ -87,7 +87,7 @@ def simulate_in_time(
     try:
         run.tell(0.0)
         start = _start(twin, theta, settings)
-        run.falls = fallen(UNDER_LOADS) if start.falls else ""
+        run.instabilities = instability(UNDER_LOADS) if start.snaps else ""
         run.to_the_end(dynamics, at_rest(start.state))
     except SimulationError as error:
         run.fail(str(error))
@@ -119,7 +119,7 @@ class _Motion:
     rows: list[Floats] = field(default_factory=list[Floats])
     shapes: list[Snapshot] = field(default_factory=list[Snapshot])
     status: str = ""
-    falls: str = ""
+    instabilities: str = ""
     crossed: list[tuple[str, Crossings]] = field(default_factory=list[tuple[str, Crossings]])
     succeeded: bool = True
 
@@ -168,9 +168,9 @@ class _Motion:
         return Response(
             channels=dict(zip(units, columns, strict=True)),
             units=units,
-            status=self.status + self.falls + crossings,
+            status=self.status + self.instabilities + crossings,
             succeeded=self.succeeded,
-            falls=self.falls.strip(),
+            instabilities=self.instabilities.strip(),
             crossings=crossings.strip(),
             n_factorisations=dynamics.n_factorisations,
             snapshots=tuple(self.shapes),

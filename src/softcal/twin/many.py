@@ -20,7 +20,7 @@ from softcal.twin.drawn_out import drawn_out, drawn_out_at
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response, Shown, Snapshot
 from softcal.twin.sensors import channel_units, sense, sense_by_parameters, sense_rates
-from softcal.twin.start import UNDER_LOADS, fallen, loaded, slack_line, snapshot
+from softcal.twin.start import UNDER_LOADS, instability, loaded, slack_line, snapshot
 from softcal.twin.taut import Reached, reach
 from softcal.units import format_quantity
 
@@ -45,7 +45,7 @@ def simulate_many(
     values: list[Floats] = []
     rates: list[Floats] = []
     shapes: list[Snapshot] = []
-    falls, met, falls_at = "", "", list[int]()
+    instabilities, met, snaps_at = "", "", list[int]()
     solved: list[int] = []
     failed: dict[int, str] = {}
     crossed: list[tuple[str, Crossings]] = []
@@ -53,12 +53,12 @@ def simulate_many(
     try:
         loads = loaded(twin, statics)
         state = loads.state
-        falls = fallen(UNDER_LOADS) if loads.falls else ""
+        instabilities = instability(UNDER_LOADS) if loads.snaps else ""
         # A cable that is commanded in length starts at its present length.
         lengths = cables_of(twin.system).lengths(state.x)
         slack = replace(slack_line(twin).at(0.0), coordinate=cables_of(twin.system).rest_length - lengths)
         by_length = _by_length(twin, protocol)
-        begun = reached = Reached(loads.state, slack, np.zeros((0, 0)), has_fallen=loads.falls)
+        begun = reached = Reached(loads.state, slack, np.zeros((0, 0)), has_snapped=loads.snaps)
         for i in range(protocol.n_samples):
             target = _target(twin, protocol, i, slack)
             if why := _beyond(protocol, i, failed):
@@ -75,8 +75,8 @@ def simulate_many(
                     continue
             solved.append(i)
             state = reached.state
-            if reached.falls:
-                falls_at.append(i)
+            if reached.snaps:
+                snaps_at.append(i)
             label = f"sample {i + 1}{_pulls(protocol, i)}"
             if crossings and twin.skins is not None:
                 crossed.append((label, twin.skins.crossings(state.x)))
@@ -94,9 +94,9 @@ def simulate_many(
     status = f"Solved: {protocol.n_samples} equilibria, {statics.n_factorisations} factorisations.{met}"
     if failed:
         status = _not_reached(protocol, failed, len(solved))
-    if falls_at:
-        later = f" and {len(falls_at) - 1} later ones" if len(falls_at) > 1 else ""
-        falls += fallen(f"on the way to sample {falls_at[0] + 1}{_pulls(protocol, falls_at[0])}{later}")
+    if snaps_at:
+        later = f" and {len(snaps_at) - 1} later ones" if len(snaps_at) > 1 else ""
+        instabilities += instability(f"on the way to sample {snaps_at[0] + 1}{_pulls(protocol, snaps_at[0])}{later}")
     told, slid = crossed_at(crossed), drawn_out_at(out)
     table = np.array(values).reshape(len(values), len(units))
     labels = (*names, *(f"{cable}.{protocol.commands[cable].control}" for cable in commanded))
@@ -104,9 +104,9 @@ def simulate_many(
     return Response(
         channels={name: table[:, k] for k, name in enumerate(units)},
         units=units,
-        status=status + falls + told + slid,
+        status=status + instabilities + told + slid,
         succeeded=not failed,
-        falls=falls.strip(),
+        instabilities=instabilities.strip(),
         crossings=told.strip(),
         drawn_out=slid.strip(),
         n_factorisations=statics.n_factorisations,

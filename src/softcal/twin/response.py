@@ -85,7 +85,7 @@ class Response:
         Shapes to draw.
     tets
         Body -> connectivity (n_tets, 4 or 10) of `Snapshot.points`.
-    falls
+    instabilities
         Sentences on snap-through or buckling along the load path, or "".
     crossings
         Sentence on bodies that pass through themselves or each other, and where, or "".
@@ -105,7 +105,7 @@ class Response:
     slopes: Mapping[str, Floats] = field(default_factory=dict)
     snapshots: tuple[Snapshot, ...] = ()
     tets: Mapping[str, Ints] = field(default_factory=dict)  # body -> connectivity of `Snapshot.points`
-    falls: str = ""
+    instabilities: str = ""
     crossings: str = ""
     drawn_out: str = ""
     samples: tuple[int, ...] | None = None
@@ -113,7 +113,7 @@ class Response:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What must be known of the solved shapes, a sentence each: snap-through, crossings, cables drawn out."""
-        return tuple(told for told in (self.falls, self.crossings, self.drawn_out) if told)
+        return tuple(told for told in (self.instabilities, self.crossings, self.drawn_out) if told)
 
     def over(self, n_samples: int) -> Response:
         """The response with a row for each of the protocol's samples: NaN for those that were not reached."""

@@ -23,7 +23,7 @@ from softcal.units import format_quantity
 UNDER_LOADS = "under its loads"
 
 
-def fallen(where: str) -> str:
+def instability(where: str) -> str:
     """The sentence, with a blank before it, on a robot that snaps or buckles there."""
     return f" Not stable {where}, the robot buckles or snaps to another equilibrium."
 
@@ -36,10 +36,10 @@ def slack_line(twin: Twin) -> Line:
 
 @dataclass(frozen=True)
 class Start:
-    """The robot under its dead loads. falls: whether it buckles or snaps through as they are applied."""
+    """The robot under its dead loads. snaps: whether it buckles or snaps through as they are applied."""
 
     state: State
-    falls: bool = False
+    snaps: bool = False
 
 
 def loaded(twin: Twin, statics: Statics) -> Start:
@@ -63,7 +63,7 @@ def loaded(twin: Twin, statics: Statics) -> Start:
     if not path.reached:
         reached = 100.0 * path.nodes[-1].c
         raise SimulationError(f"No equilibrium under the dead loads beyond {reached:.3g} % of them: {path.status}.")
-    return Start(path.nodes[-1].state, any(node.is_fallen for node in path.nodes))
+    return Start(path.nodes[-1].state, any(node.is_snapped for node in path.nodes))
 
 
 def snapshot(twin: Twin, state: State, controls: dict[str, float], drive: float, unit: str) -> Snapshot:

@@ -20,7 +20,7 @@ from softcal.twin.protocol import Protocol
 from softcal.twin.reading import SensorReading, read
 from softcal.twin.response import Response, Shown, Snapshot
 from softcal.twin.sensors import channel_units
-from softcal.twin.start import UNDER_LOADS, fallen, loaded, slack_line, snapshot
+from softcal.twin.start import UNDER_LOADS, instability, loaded, slack_line, snapshot
 
 FIRST_STEP = 0.12  # of the driven cable's length
 WOUND_UP = 1e-3  # of its length: a cable shorter than this is wound up
@@ -84,7 +84,7 @@ class Sweep:
         """The robot under its loads, with the driven cable just taut: c there is L0 - L."""
         start = loaded(self.twin, self.statics)
         c = 0.0 if self.cable is None else self._shortening(start.state)
-        return replace(node_at(self.statics, self._line, c, start.state, self.names), is_fallen=start.falls)
+        return replace(node_at(self.statics, self._line, c, start.state, self.names), is_snapped=start.snaps)
 
     def _shortening(self, state: State) -> float:
         return self._length - float(cables_of(self.twin.system).lengths(state.x)[self._i_cable])
@@ -104,8 +104,8 @@ class Sweep:
         by_parameter = np.array([reading.by_parameter for reading in readings])
         mixed = np.array([reading.mixed for reading in readings])
         c = np.array([node.c for node in nodes])
-        fallen_to = np.array([node.is_fallen for node in nodes[1:]], dtype=bool)
-        return Curve(c, values, slopes, by_parameter, mixed, fallen_to)
+        snapped_to = np.array([node.is_snapped for node in nodes[1:]], dtype=bool)
+        return Curve(c, values, slopes, by_parameter, mixed, snapped_to)
 
     def _reading(self, node: Node) -> SensorReading:
         """The reading of a node, cached."""
@@ -168,14 +168,14 @@ class Sweep:
         if end > start.c + SAME * self._length:
             path = self._follow(start, end)
         taut = d > start.c
-        if not _falls_on(path):
+        if not _snaps_on(path):
             path, _ = self._refined(path)
-        if falls := _falls_on(path):  # beyond a snap-through the curve is neither smooth nor reached from both sides
+        if snaps := _snaps_on(path):  # beyond a snap-through the curve is neither smooth nor reached from both sides
             path = self._by_samples(start, np.unique(d[taut]))
         curve = self._curve(path.nodes)
         reached = path.nodes[-1].c
         n = len(d) if path.reached else int(np.argmax(np.append(d, np.inf) > reached))
-        if self.tolerance <= 0.0 and not falls:
+        if self.tolerance <= 0.0 and not snaps:
             path = self._with_nodes(path, self._missing(path, d[:n][taut[:n]]))
             curve = self._curve(path.nodes)
         values, slopes, by_parameter = curve.at(np.maximum(d[:n], start.c))
@@ -270,7 +270,7 @@ class Sweep:
         """The node at a tension between the two nodes around c; None where no stable equilibrium was found there."""
         before, after = neighbours(path, c)
         guess = interpolated(self.twin.system.layout, before, after, c)
-        if after.is_fallen or self.twin.system.free_way(before.state, guess) < 1.0:
+        if after.is_snapped or self.twin.system.free_way(before.state, guess) < 1.0:
             return None
         held = slack_line(self.twin).at(0.0)
         held = replace(held, effort=np.where(np.arange(len(held.effort)) == self._i_cable, T, 0.0))
@@ -359,9 +359,9 @@ class Sweep:
         return ""
 
     def _falls(self, path: Path) -> str:
-        loads = [fallen(UNDER_LOADS)] if path.nodes[0].is_fallen else []
-        at = ", ".join(f"{1e3 * node.c:.4g}" for node in path.nodes[1:] if node.is_fallen)
-        return "".join([*loads, *([fallen(f"at {at} mm of shortening of {self.cable}")] if at else [])])
+        loads = [instability(UNDER_LOADS)] if path.nodes[0].is_snapped else []
+        at = ", ".join(f"{1e3 * node.c:.4g}" for node in path.nodes[1:] if node.is_snapped)
+        return "".join([*loads, *([instability(f"at {at} mm of shortening of {self.cable}")] if at else [])])
 
     def _response(
         self,
@@ -385,7 +385,7 @@ class Sweep:
             units=units,
             status=status + "".join(remarks),
             succeeded=succeeded,
-            falls=remarks[0].strip(),
+            instabilities=remarks[0].strip(),
             crossings=remarks[1].strip(),
             n_factorisations=self.statics.n_factorisations,
             sensitivities=sensitivities,
@@ -395,6 +395,6 @@ class Sweep:
         )
 
 
-def _falls_on(path: Path) -> bool:
+def _snaps_on(path: Path) -> bool:
     """Whether a snap-through occurs along the path, other than under the loads alone."""
-    return any(node.is_fallen for node in path.nodes[1:])
+    return any(node.is_snapped for node in path.nodes[1:])

@@ -13,7 +13,7 @@ from softcal.mechanics.node import Line, Node, node_at, pushing
 from softcal.mechanics.path import follow
 from softcal.mechanics.redundancy import DEPENDENT
 from softcal.mechanics.snap_through import stable_node_at
-from softcal.mechanics.stability import fall
+from softcal.mechanics.stability import overdamped_equilibrium
 from softcal.mechanics.state import State
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.system import Controls
@@ -49,14 +49,14 @@ class Way:
 class Reached:
     """An equilibrium at some commands.
 
-    falls: whether the robot snapped through on the line to it, has_fallen: or before; way: the line to it.
+    snaps: whether the robot snapped through on the line to it, has_snapped: or before; way: the line to it.
     """
 
     state: State
     controls: Controls
     by_parameter: Floats
-    falls: bool = False
-    has_fallen: bool = False
+    snaps: bool = False
+    has_snapped: bool = False
     way: Way | None = None
 
 
@@ -77,7 +77,7 @@ def reach(statics: Statics, last: Reached, target: Controls, by_length: np.ndarr
         Where there is no equilibrium, or none was found.
     """
     cables = cables_of(statics.system)
-    state, falls = last.state, False
+    state, snaps = last.state, False
     # A taut cable moves from its present length to the target's; the check below engages slack ones.
     held = last.controls.is_held
     start = Controls(held, np.where(held, last.controls.effort, 0.0), cables.rest_length - cables.lengths(state.x))
@@ -85,14 +85,14 @@ def reach(statics: Statics, last: Reached, target: Controls, by_length: np.ndarr
     for _ in range(4 * cables.n_cables + 4):
         if way is None or end is None:
             way, end = Way(_line(start, target), ()), 1.0
-        line, has_fallen = way.line, last.has_fallen or falls
-        statics.seeks_free_modes = has_fallen
+        line, has_snapped = way.line, last.has_snapped or snaps
+        statics.seeks_free_modes = has_snapped
         taut = by_length & ~start.is_held
         if not np.any(line.tension_rate[start.is_held]) and not np.any(line.shortening_rate[~start.is_held]):
             node, way = stable_node_at(statics, line, end, state, names), None
-            falls |= node.is_fallen
+            snaps |= node.is_snapped
         else:
-            begin = way.nodes or (replace(node_at(statics, line, 0.0, state, ()), has_fallen=has_fallen),)
+            begin = way.nodes or (replace(node_at(statics, line, 0.0, state, ()), has_snapped=has_snapped),)
             path = follow(statics, line, begin, end, first_step=end - begin[-1].c, names=names)
             first = next(
                 (i for i, node in enumerate(path.nodes) if (taut & pushing(statics.system, node.state)).any()), None
@@ -104,7 +104,7 @@ def reach(statics: Statics, last: Reached, target: Controls, by_length: np.ndarr
                 node = node_at(statics, line, path.nodes[-1].c, path.nodes[-1].state, names, mixed=False)
             elif not path.reached:
                 raise SimulationError(f"no equilibrium beyond {100 * node.c / end:.3g} % of the step: {path.status}.")
-            falls |= any(node.is_fallen for node in path.nodes[1:])
+            snaps |= any(node.is_snapped for node in path.nodes[1:])
             way = Way(line, path.nodes[-2:])
         state, here = node.state, line.at(node.c)
         lengths = cables.lengths(state.x)
@@ -113,9 +113,9 @@ def reach(statics: Statics, last: Reached, target: Controls, by_length: np.ndarr
         too_long = by_length & start.is_held & (gap > SLACK_LENGTH * cables.rest_length) & (node.c == end)
         if not pushes.any() and not too_long.any():
             return Reached(
-                state, replace(target, is_held=start.is_held), node.by_parameter, falls, last.has_fallen or falls, way
+                state, replace(target, is_held=start.is_held), node.by_parameter, snaps, last.has_snapped or snaps, way
             )
-        if falls:
+        if snaps:
             break  # the snap-through was found with fixed taut and slack states; with switching ones it ends elsewhere
         is_held = (start.is_held | pushes) & ~too_long
         tension = np.where(is_held, np.where(by_length, np.maximum(state.effort, 0.0), here.effort), 0.0)
@@ -147,13 +147,13 @@ def _fallen(
         )
         return controls if np.all(is_held == held) else replace(controls, is_held=is_held)
 
-    fallen = fall(statics, last.state, replace(target, is_held=last.controls.is_held), switched)
-    if not fallen.converged:
-        raise SimulationError(f"cables keep switching between taut and slack: {fallen.status}.")
-    controls = switched(fallen.state, replace(target, is_held=~by_length | (fallen.state.effort == 0.0)))
+    snapped = overdamped_equilibrium(statics, last.state, replace(target, is_held=last.controls.is_held), switched)
+    if not snapped.converged:
+        raise SimulationError(f"cables keep switching between taut and slack: {snapped.status}.")
+    controls = switched(snapped.state, replace(target, is_held=~by_length | (snapped.state.effort == 0.0)))
     statics.seeks_free_modes = True
-    node = stable_node_at(statics, _line(controls, controls), 1.0, fallen.state, names)
-    return Reached(node.state, controls, node.by_parameter, falls=True, has_fallen=True)
+    node = stable_node_at(statics, _line(controls, controls), 1.0, snapped.state, names)
+    return Reached(node.state, controls, node.by_parameter, snaps=True, has_snapped=True)
 
 
 def _line(start: Controls, target: Controls) -> Line:

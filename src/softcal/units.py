@@ -259,6 +259,16 @@ def digits_showing(step: float, size: float, least: int = 4) -> int:
     return min(max(least, above + 2), AS_WRITTEN)
 
 
+def interval_digits(ends: tuple[float, float], bounds: tuple[float, float], least: int = 4) -> tuple[int, int]:
+    """Significant digits of an interval's ends: those that show its width, and all of an end that is a bound."""
+    digits = digits_showing(ends[1] - ends[0], max(map(abs, ends)), least)
+    low, high = (
+        AS_WRITTEN if math.isclose(end, bound, rel_tol=1e-9) else digits
+        for end, bound in zip(ends, bounds, strict=True)
+    )
+    return low, high
+
+
 def readable_unit(value: float, si_unit: str) -> str:
     """Display unit of `value` [si_unit]."""
     if si_unit == "Pa":

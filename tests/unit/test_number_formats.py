@@ -172,3 +172,11 @@ def test_where_something_crosses():
     assert span_in_words(None, 0.0123, "front") == "from the start to 12.3 mm of shortening of front"
     assert span_in_words(0.0123, None, "front") == "from 12.3 mm of shortening of front on"
     assert span_in_words(0.0123, 0.02, "front") == "from 12.3 to 20 mm of shortening of front"
+
+
+def test_an_end_that_is_a_bound_is_shown_as_it_was_written():
+    """A Poisson's ratio of 0.5 is not allowed, and none was asked for."""
+    nu = Estimate(0.43, "1", False, 0.4, 0.4999, 0.02, (0.4, 0.4999))
+    assert interval_text(nu) == "0.4 to 0.4999"
+    inside = Estimate(0.43, "1", False, 0.1, 0.4999, 0.02, (0.391, 0.469123456))
+    assert interval_text(inside) == "0.391 to 0.469"

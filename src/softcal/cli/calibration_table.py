@@ -121,13 +121,14 @@ def _count(result: CalibrationResult) -> str:
 
 def interval_text(estimate: Estimate) -> str:
     """The 95 % interval with its unit, or ""."""
-    from softcal.units import digits_showing, format_quantity, readable_unit
+    from softcal.units import format_quantity, interval_digits, readable_unit
 
     if estimate.interval is None:
         return ""
-    unit, ends = readable_unit(estimate.value, estimate.unit), estimate.interval
-    digits = digits_showing(ends[1] - ends[0], max(map(abs, ends)), 3)
-    low, high = (format_quantity(end, estimate.unit, unit, digits=digits) for end in ends)
+    unit = readable_unit(estimate.value, estimate.unit)
+    digits = interval_digits(estimate.interval, (estimate.lower, estimate.upper), 3)
+    ends = zip(estimate.interval, digits, strict=True)
+    low, high = (format_quantity(end, estimate.unit, unit, digits=n) for end, n in ends)
     within = ", within the bounds" if estimate.is_held else ""
     return f"{low.removesuffix(f' {unit}')} to {high}{within}"
 

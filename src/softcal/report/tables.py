@@ -30,7 +30,7 @@ from softcal.report.format import (
     scale_of,
     with_error,
 )
-from softcal.units import AS_WRITTEN, digits_showing, plain
+from softcal.units import AS_WRITTEN, interval_digits, plain
 
 Cell = str | float | int | None
 
@@ -133,9 +133,10 @@ def importance_note(content: ReportContent) -> str:
     return "".join(f" {_IMPORTANCES[kind]}" for kind in kinds if kind in _IMPORTANCES)
 
 
-def _interval(ends: tuple[float, float], scale: Scale) -> str:
-    digits = digits_showing(ends[1] - ends[0], max(map(abs, ends)))
-    return " to ".join(plain(end / scale.factor, digits) for end in ends)
+def _interval(ends: tuple[float, float], bounds: tuple[float, float], scale: Scale) -> str:
+    return " to ".join(
+        plain(end / scale.factor, digits) for end, digits in zip(ends, interval_digits(ends, bounds), strict=True)
+    )
 
 
 def all_parameters_table(content: ReportContent) -> ReportTable:
@@ -149,7 +150,8 @@ def all_parameters_table(content: ReportContent) -> ReportTable:
             value = with_error(estimate.value / scale.factor, None if error is None else error / scale.factor)
             low, high = (plain(bound / scale.factor, AS_WRITTEN) for bound in (estimate.lower, estimate.upper))
             within = ", within the bounds" if estimate.is_held else ""
-            interval = None if estimate.interval is None else _interval(estimate.interval, scale) + within
+            bounds = (estimate.lower, estimate.upper)
+            interval = None if estimate.interval is None else _interval(estimate.interval, bounds, scale) + within
             at_bound = "yes" if estimate.at_bound else "no"
             rows.append(
                 (

@@ -16,6 +16,7 @@ from softcal.export.sofa_scene import ASSUMED_DENSITY, scene_parameters
 from softcal.geometry.centreline import Centreline, helix, straight
 from softcal.geometry.section import circular, rectangular
 from softcal.mechanics.rod import build_rod
+from softcal.twin.protocol import Protocol
 from softcal.twin.robot import Cable, Disc, Marker, Plate, PointLoad, Robot, Rod, ViaPoint
 
 N = 6  # elements of the spring
@@ -112,7 +113,7 @@ def test_rod_on_no_moving_plate_is_one_node(tmp_path, monkeypatch):
     use_fake(monkeypatch)
     rod = Rod("rod", straight((0, 0, 0), (0.1, 0, 0), 4), circular(0.004), elastic(1e9, 0.4), fixed=[0, 1])
     robot = Robot(rods=(rod,), gravity=(0.0, 0.0, -9.81))
-    root, _ = recorded(robot, tensed(cable="none"), tmp_path)
+    root, _ = recorded(robot, Protocol({}), tmp_path)
     (node,) = root.children[0].children
     assert node.name == "rod"
     assert node.own("FixedProjectiveConstraint").indices.value == list(range(SEGMENTS + 1))
@@ -208,7 +209,7 @@ def test_elements_of_two_lengths_have_two_flexibilities(tmp_path, monkeypatch):
     use_fake(monkeypatch)
     line = straight((0, 0, 0), (0.03, 0.05, 0.1), [0.0, 0.1, 0.2, 0.6, 1.0])
     robot = Robot(rods=(Rod("rod", line, circular(0.004), elastic(1e9, 0.4), fixed=[0]),))
-    _, parameters = recorded(robot, tensed(cable="none"), tmp_path)
+    _, parameters = recorded(robot, Protocol({}), tmp_path)
     written = parameters["rods"]["rod"]
     assert written["kinds"] == [0] * 2 * SEGMENTS + [1] * 2 * SEGMENTS
     rod = finer(robot.rods[0], SEGMENTS)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from softcal.checks import Floats
 from softcal.mechanics.mixed import neighbours_along
 from softcal.mechanics.node import Node
 from softcal.mechanics.statics import Statics
 from softcal.twin.build import Twin
-from softcal.twin.sensors import sense, sense_by_parameters, sense_rates
+from softcal.twin.sensors import own_rates, sense, sense_by_parameters, sense_rates
 
 
 @dataclass(frozen=True)
@@ -28,11 +30,12 @@ class SensorReading:
 
 def read(twin: Twin, statics: Statics, node: Node, names: tuple[str, ...]) -> SensorReading:
     """Read the sensors at a node. names (k,): the parameters of the node's derivatives."""
-    slopes = sense_rates(twin, node.state, node.slope[:, None])[:, 0]
-    mixed = sense_rates(twin, node.state, node.mixed)
+    k = len(names)
+    rates = sense_rates(twin, node.state, np.column_stack([node.slope, node.mixed, node.by_parameter]))
+    slopes, mixed = rates[:, 0], rates[:, 1 : 1 + k]
+    by_parameter = rates[:, 1 + k :] + own_rates(twin, node.state, names)
     if names:
         h, *beside = neighbours_along(statics, node.state, node.slope)
         before, after = (sense_by_parameters(twin, state, node.by_parameter, names) for state in beside)
         mixed += (after - before) / (2.0 * h)
-    by_parameter = sense_by_parameters(twin, node.state, node.by_parameter, names)
     return SensorReading(sense(twin, node.state), slopes, by_parameter, mixed)

@@ -64,15 +64,19 @@ def sense_rates(twin: Twin, state: State, dz: Floats) -> Floats:
 
 
 def sense_by_parameters(twin: Twin, state: State, by_parameter: Floats, names: Sequence[str]) -> Floats:
-    """The channels' derivatives by parameters (n_channels, k), of the unknowns' (n_unknowns, k).
+    """The channels' derivatives by parameters (n_channels, k), of the unknowns' (n_unknowns, k)."""
+    return sense_rates(twin, state, by_parameter) + own_rates(twin, state, names)
 
-    A routing offset also changes a cable's length at fixed unknowns.
-    """
-    rates = sense_rates(twin, state, by_parameter)
-    of_itself = cables_of(twin.system).shortening_by_offset(state.x)
-    for i, cable in enumerate(twin.robot.cables):
-        if (name := f"{cable.name}.routing_offset") in names:
-            rates[2 * i, list(names).index(name)] += of_itself[i]
+
+def own_rates(twin: Twin, state: State, names: Sequence[str]) -> Floats:
+    """The channels' derivatives by parameters at fixed unknowns (n_channels, k): a routing offset changes a length."""
+    rates = np.zeros((len(channel_units(twin)), len(names)))
+    offsets = {f"{cable.name}.routing_offset": i for i, cable in enumerate(twin.robot.cables)}
+    if any(name in offsets for name in names):
+        of_itself = cables_of(twin.system).shortening_by_offset(state.x)
+        for k, name in enumerate(names):
+            if name in offsets:
+                rates[2 * offsets[name], k] = of_itself[offsets[name]]
     return rates
 
 
@@ -101,13 +105,15 @@ def angles(R: Floats) -> tuple[float, float, float]:
     )
 
 
+# omega x, for omega along each axis
+_SPINS = np.cross(np.eye(3)[:, None, :], np.eye(3)[None, :, :]).swapaxes(1, 2)
+
+
 def _angle_rates(R: Floats) -> Floats:
     """d(pitch, roll, yaw)/d omega for R <- exp(omega) R; shape (3, 3)."""
     rates = np.zeros((3, 3))
     for k in range(3):
-        e = np.zeros(3)
-        e[k] = 1.0
-        dR = np.cross(e, R.T).T  # omega x each column
+        dR = _SPINS[k] @ R  # omega x each column
         rates[0, k] = (R[2, 2] * dR[0, 2] - R[0, 2] * dR[2, 2]) / (R[0, 2] ** 2 + R[2, 2] ** 2)
         rates[1, k] = -dR[1, 2] / np.sqrt(max(1.0 - R[1, 2] ** 2, 1e-300))
         rates[2, k] = (R[1, 1] * dR[1, 0] - R[1, 0] * dR[1, 1]) / (R[1, 0] ** 2 + R[1, 1] ** 2)

@@ -82,9 +82,10 @@ class Catalogue(Mapping[str, T], Generic[T]):
             raise ParameterError(self.unknown(name, where or self.what))
         return self[name]
 
-    def unknown(self, name: str, where: str = "") -> Fault:
-        """The fault of a name without a member."""
-        return Fault(f"there is no such {self.what}", where, f"'{name}'", ", ".join(sorted(self)), nearest(name, self))
+    def unknown(self, name: str, where: str = "", among: Sequence[str] = ()) -> Fault:
+        """The fault of a name without a member; among: the names that are allowed, where not just all members'."""
+        allowed = among or sorted(self)
+        return Fault(f"there is no such {self.what}", where, f"'{name}'", ", ".join(allowed), nearest(name, allowed))
 
     def add(self, member: T) -> None:
         """Add a member.

@@ -19,6 +19,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -34,7 +35,6 @@ from softcal.errors import MeshError, SimulationError
 from softcal.mechanics.elements import DEFAULT, ELEMENTS
 from softcal.twin.finer import Size, elevated, halved, has_lower, size
 from softcal.twin.parameters import robot_parameters
-from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
@@ -274,16 +274,9 @@ def _evaluated(
     done = 0
     solve = problem.simulate or partial(simulate, curve_tolerance=TOLERANCE)
 
-    def counted(
-        robot: Robot,
-        protocol: Protocol,
-        theta: Mapping[str, float] | None = None,
-        *,
-        sensitivities: Sequence[str] = (),
-        snapshots: bool = False,
-    ) -> Response:
+    def counted(*given: Any, **options: Any) -> Response:
         nonlocal done
-        response = solve(robot, protocol, theta, sensitivities=sensitivities, snapshots=snapshots)
+        response = solve(*given, **options)
         done += 1
         observer(done, n_trajectories)
         return response

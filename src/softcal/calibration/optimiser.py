@@ -45,7 +45,7 @@ class Optimiser(ABC):
     title
         Its name in reports.
     default_trials
-        The budget where none is given.
+        Default budget of trials.
     needs_jacobian
         Whether evaluations come with their derivatives.
     statistics
@@ -138,10 +138,10 @@ OPTIMISERS: Catalogue[type[Optimiser]] = Catalogue(
     "method", "softcal.optimisers", _faults, home="softcal.calibration.optimisers"
 )
 
-O = TypeVar("O", bound=type[Optimiser])  # noqa: E741
+OptimiserClass = TypeVar("OptimiserClass", bound=type[Optimiser])
 
 
-def register_optimiser(optimiser: O) -> O:
+def register_optimiser(optimiser: OptimiserClass) -> OptimiserClass:
     """Add an optimiser: project files, `--method`, results and reports then accept its name.
 
     A package does the same for every process by an entry point of the group `softcal.optimisers` that names the class.

@@ -80,7 +80,7 @@ class SearchSettings:
         return recorded
 
     def complete(self, *, trials: int, batch: int, heeded: frozenset[str]) -> SearchSettings:
-        """The settings with the optimiser's own where none is given, and without those that it does not use.
+        """These settings with the optimiser's defaults filled in, and without those that it does not use.
 
         Raises
         ------

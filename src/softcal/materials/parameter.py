@@ -26,7 +26,7 @@ class Parameter:
     typical
         A value [unit of the quantity] of a soft print: suggested in messages, and used by tests of the law.
     default
-        The value [unit of the quantity] where none is given; None where one is required.
+        Default value [unit of the quantity]; None if a value is required.
     """
 
     name: str

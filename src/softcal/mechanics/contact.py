@@ -81,7 +81,7 @@ class ContactTerm(Term):
         return float(free)
 
     def smallest_distance(self, x: Floats) -> float:
-        """The smallest distance within `gap` [m], less the thickness; infinite where none is within it."""
+        """The smallest distance [m], less the thickness; infinite if none is below `gap`."""
         V = self._vertices(x)
         collisions = self._collisions(V)
         if len(collisions) == 0:

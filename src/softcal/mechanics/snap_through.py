@@ -10,7 +10,7 @@ from softcal.mechanics.stability import overdamped_equilibrium
 from softcal.mechanics.state import State, difference
 from softcal.mechanics.statics import FREE, Statics
 
-NO_FALL = 1e-4  # of the robot's extent: a smaller displacement (a tenth of the nudge) is no snap-through
+NO_SNAP = 1e-4  # of the robot's extent: a smaller displacement (a tenth of the nudge) is no snap-through
 
 
 def stable_node_at(statics: Statics, line: Line, c: float, state: State, names: tuple[str, ...]) -> Node:
@@ -58,7 +58,7 @@ def is_no_snap(statics: Statics, before: State, guess: State, found: State) -> b
     """Whether an alleged snap-through ends near its start, or about as near as a regular step would."""
     layout = statics.system.layout
     ahead, way = (statics.reach(difference(layout, state, before)) for state in (guess, found))
-    return way <= NO_FALL * statics.length + 2.0 * ahead
+    return way <= NO_SNAP * statics.length + 2.0 * ahead
 
 
 def snapped(statics: Statics, line: Line, c: float, state: State, names: tuple[str, ...]) -> Node:

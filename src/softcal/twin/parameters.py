@@ -118,7 +118,7 @@ def value_faults(known: Mapping[str, ParameterInfo], theta: Mapping[str, float])
 
 
 def with_parameters(robot: Robot, values: Mapping[str, float]) -> Robot:
-    """The same robot with some parameters changed; the robot itself where none is.
+    """The robot with some parameters changed; the same object if none differs.
 
     For storing or exporting a robot. To simulate one robot at many values, give `simulate` theta.
 
@@ -155,8 +155,11 @@ def with_shape(robot: Robot, theta: Mapping[str, float]) -> Robot:
     ParameterError
         For a shape that it cannot have.
     """
+    if not theta:
+        return robot
     known = robot_parameters(robot)
-    return with_parameters(robot, {name: theta[name] for name, info in known.items() if info.shapes and name in theta})
+    shape = {name: theta[name] for name, info in known.items() if info.shapes and name in theta}
+    return with_parameters(robot, shape) if shape else robot
 
 
 def _with_materials(body: Body, values: Mapping[str, float]) -> Body:

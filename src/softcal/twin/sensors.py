@@ -65,19 +65,21 @@ def sense_rates(twin: Twin, state: State, dz: Floats) -> Floats:
 
 def sense_by_parameters(twin: Twin, state: State, by_parameter: Floats, names: Sequence[str]) -> Floats:
     """The channels' derivatives by parameters (n_channels, k), of the unknowns' (n_unknowns, k)."""
-    return sense_rates(twin, state, by_parameter) + own_rates(twin, state, names)
-
-
-def own_rates(twin: Twin, state: State, names: Sequence[str]) -> Floats:
-    """The channels' derivatives by parameters at fixed unknowns (n_channels, k): a routing offset changes a length."""
-    rates = np.zeros((len(channel_units(twin)), len(names)))
-    offsets = {f"{cable.name}.routing_offset": i for i, cable in enumerate(twin.robot.cables)}
-    if any(name in offsets for name in names):
-        of_itself = cables_of(twin.system).shortening_by_offset(state.x)
-        for k, name in enumerate(names):
-            if name in offsets:
-                rates[2 * offsets[name], k] = of_itself[offsets[name]]
+    rates = sense_rates(twin, state, by_parameter)
+    add_own_rates(twin, state, names, rates)
     return rates
+
+
+def add_own_rates(twin: Twin, state: State, names: Sequence[str], into: Floats) -> None:
+    """Add to the channels' derivatives by parameters (n_channels, k) those at fixed unknowns: a routing offset changes
+    its cable's length.
+    """
+    offsets = {f"{cable.name}.routing_offset": i for i, cable in enumerate(twin.robot.cables)}
+    changed = [(offsets[name], k) for k, name in enumerate(names) if name in offsets]
+    if changed:
+        by_offset = cables_of(twin.system).shortening_by_offset(state.x)
+        for i, k in changed:
+            into[2 * i, k] += by_offset[i]
 
 
 def _point_rates(twin: Twin, state: State, weights: Weights) -> Floats:

@@ -11,7 +11,7 @@ from softcal.errors import Fault, ParameterError
 from softcal.mechanics.statics import Statics
 from softcal.twin.build import twin_of
 from softcal.twin.many import simulate_many
-from softcal.twin.parameters import parameter_values, robot_parameters, unknown_name, value_faults, with_shape
+from softcal.twin.parameters import robot_parameters, unknown_name, value_faults, with_shape
 from softcal.twin.protocol import Protocol, command_faults
 from softcal.twin.response import Response, Shown
 from softcal.twin.robot import Robot
@@ -74,7 +74,7 @@ def simulate(
     faults = [unknown_name(name, {**known, **commands}) for name in sensitivities if name not in {**known, **commands}]
     if snapshots not in (False, True, "samples"):
         faults.append(Fault("there are no such snapshots", "snapshots", repr(snapshots), "True, False or 'samples'"))
-    values = parameter_values(robot, theta)
+    values = {**{name: info.value for name, info in known.items()}, **theta}
     faults += value_faults(known, values)
     if robot.contact is not None and robot.contact.friction_coefficient > 0.0:
         faults.append(

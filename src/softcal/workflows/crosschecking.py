@@ -9,7 +9,7 @@ from pathlib import Path
 from softcal.calibration.outcome import installed_versions
 from softcal.calibration.problem import SOFTCAL
 from softcal.csv_text import csv_text
-from softcal.errors import Fault, InputError, nearest
+from softcal.errors import Fault, InputError
 from softcal.export.crosscheck import AGREES, Crosscheck, crosscheck
 from softcal.export.engine import ENGINES, Running
 from softcal.project.project import Project
@@ -40,17 +40,7 @@ def crosscheck_project(
     """
     known = [SOFTCAL, *ENGINES]
     chosen = list(dict.fromkeys(engines)) or known
-    faults = [
-        Fault(
-            "there is no such engine",
-            "--engines",
-            f"'{name}'",
-            ", ".join(known),
-            nearest(name, known),
-        )
-        for name in chosen
-        if name not in known
-    ]
+    faults = [ENGINES.unknown(name, "--engines", known) for name in chosen if name not in known]
     if not faults and chosen == [SOFTCAL]:
         faults.append(Fault("there is nothing to compare softcal with", "--engines", SOFTCAL, ", ".join(known)))
     if timeout is not None and not timeout > 0.0:

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 from softcal.calibration.problem import SOFTCAL, Simulate
-from softcal.errors import Fault, ParameterError, nearest
+from softcal.errors import ParameterError
 from softcal.export.sofa_settings import Engines
 from softcal.twin.robot import Robot
 
@@ -30,12 +30,10 @@ def engine_for(name: str, robot: Robot, settings: Engines) -> Simulate | None:
         return None
     from softcal.export.engine import ENGINES
 
-    able = [SOFTCAL, *(one for one, engine in ENGINES.items() if engine.simulator is not None)]
-    if name not in able or (simulator := ENGINES[name].simulator) is None:
-        raise ParameterError(
-            Fault("there is no such engine", "--engine", f"'{name}'", ", ".join(able), nearest(name, able))
-        )
-    return simulator(getattr(settings, name, None), robot)
+    simulators = {one: engine.simulator for one, engine in ENGINES.items() if engine.simulator is not None}
+    if name not in simulators:
+        raise ParameterError(ENGINES.unknown(name, "--engine", [SOFTCAL, *simulators]))
+    return simulators[name](getattr(settings, name, None), robot)
 
 
 def engine_identity(name: str, settings: Engines) -> dict[str, str]:

@@ -57,6 +57,9 @@ if TYPE_CHECKING:
     from softcal.project.project import load as load
     from softcal.quantities import Quantity as Quantity
     from softcal.quantities import quantity as quantity
+    from softcal.report.content import ReportContent as ReportContent
+    from softcal.report.figure import Drawing as Drawing
+    from softcal.report.figure import register_figure as register_figure
     from softcal.twin.cables import RoutingAxis as RoutingAxis
     from softcal.twin.in_time import simulate_in_time as simulate_in_time
     from softcal.twin.manipulator import ManipulatorShape as ManipulatorShape
@@ -107,6 +110,7 @@ _HOMES = {
     "Dataset": "softcal.experiments.dataset",
     "DatasetError": "softcal.errors",
     "Disc": "softcal.twin.robot",
+    "Drawing": "softcal.report.figure",
     "Engine": "softcal.export.engine",
     "Experiment": "softcal.calibration.experiment",
     "Fault": "softcal.errors",
@@ -129,6 +133,7 @@ _HOMES = {
     "Protocol": "softcal.twin.protocol",
     "Quantity": "softcal.quantities",
     "RecordFit": "softcal.analysis.record",
+    "ReportContent": "softcal.report.content",
     "Response": "softcal.twin.response",
     "Robot": "softcal.twin.robot",
     "Rod": "softcal.twin.robot",
@@ -164,6 +169,7 @@ _HOMES = {
     "read_mesh": "softcal.geometry.read",
     "rectangular": "softcal.geometry.section",
     "register_engine": "softcal.export.engine",
+    "register_figure": "softcal.report.figure",
     "register_law": "softcal.materials.catalogue",
     "register_loss": "softcal.calibration.loss",
     "register_optimiser": "softcal.calibration.optimiser",
@@ -190,6 +196,7 @@ __all__ = [
     "Dataset",
     "DatasetError",
     "Disc",
+    "Drawing",
     "Engine",
     "Experiment",
     "Fault",
@@ -212,6 +219,7 @@ __all__ = [
     "Protocol",
     "Quantity",
     "RecordFit",
+    "ReportContent",
     "Response",
     "Robot",
     "Rod",
@@ -247,6 +255,7 @@ __all__ = [
     "read_mesh",
     "rectangular",
     "register_engine",
+    "register_figure",
     "register_law",
     "register_loss",
     "register_optimiser",

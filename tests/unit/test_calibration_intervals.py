@@ -23,7 +23,7 @@ from softcal.calibration.run import calibrate
 from softcal.calibration.sensitivity import local_statistics
 from softcal.cli.calibration_table import print_results
 from softcal.experiments.dataset import Step
-from softcal.report.chart_parameters import draw_forest
+from softcal.report.figures.parameter import draw_forest
 
 T = 2.0484071417952445  # Student's, 28 degrees of freedom, 97.5 %
 NORMAL = 1.959963984540054

@@ -198,7 +198,7 @@ def test_shapes_are_solved_once_for_the_warnings_and_the_report(
     home = shutil.copytree(finished, tmp_path / "home")
     solved: list[str] = []
     monkeypatch.setattr(furthest, "simulate", lambda *a, **k: solved.append(k["experiment"]) or simulate(*a, **k))
-    monkeypatch.setattr(reporting, "write_content", lambda content, out, progress: ReportPaths(out, (), ()))
+    monkeypatch.setattr(reporting, "write_content", lambda content, out, **_: ReportPaths(out, (), ()))
     code, _, err = run(capsys, "calibrate", home / "p" / "project.yaml", "--out", home / "run", "--resume")
     assert code == 0, err
     assert solved == ["pull"]
@@ -356,7 +356,7 @@ def test_report_from_a_moved_run(capsys: pytest.CaptureFixture[str], finished: P
 
     seen: list[ReportContent] = []
 
-    def written(content: ReportContent, folder: Path, *, progress: object) -> ReportPaths:
+    def written(content: ReportContent, folder: Path, **_: object) -> ReportPaths:
         seen.append(content)
         return ReportPaths(folder / "report.html", (), ())
 

@@ -13,6 +13,7 @@ from softcal.calibration.loss import LOSSES
 from softcal.calibration.optimiser import OPTIMISERS
 from softcal.experiments.step import STEPS
 from softcal.materials.catalogue import LAWS
+from softcal.report.figure import FIGURES
 
 
 def test_the_blocks_run_in_their_order(
@@ -23,7 +24,7 @@ def test_the_blocks_run_in_their_order(
     assert len(blocks) > 6
     monkeypatch.chdir(tmp_path)
     names: dict = {}
-    families = (LAWS, LOSSES, OPTIMISERS, STEPS)
+    families = (FIGURES, LAWS, LOSSES, OPTIMISERS, STEPS)
     before = [set(family) for family in families]
     try:
         for block in blocks:

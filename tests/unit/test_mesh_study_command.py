@@ -16,8 +16,8 @@ import softcal
 from softcal.analysis.mesh_study import UNKNOWNS
 from softcal.cli import main, mesh_study_command
 from softcal.report.all_tables import all_tables
-from softcal.report.chart_mesh import drawn_parameters
-from softcal.report.figures import report_pictures
+from softcal.report.figure import report_pictures
+from softcal.report.figures.mesh_study import drawn_parameters
 from softcal.report.html import render_page
 from softcal.workflows.mesh_study import study
 from softcal.workflows.mesh_study_files import FOLDER, read_study

@@ -14,10 +14,10 @@ from softcal.calibration.result import CalibrationResult, Distance, Estimate, Ex
 from softcal.cli.calibration_table import print_results
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.materials.infill import PrintInfill
-from softcal.report.chart_parameters import forest_caption
 from softcal.report.conclusions import conclusions, headline_sentence
 from softcal.report.content import ExperimentContent, ReportContent
-from softcal.report.figures import steps_between
+from softcal.report.figures.force_displacement import steps_between
+from softcal.report.figures.parameter import forest_caption
 from softcal.report.tables import all_parameters_table, parameters_table
 
 D = np.linspace(0.0, 0.02, 41)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from softcal.calibration.result import Distance, ExperimentFit
-from softcal.report.chart_comparison import draw_comparison
-from softcal.report.chart_positions import draw_distances
 from softcal.report.comparison import NominalComparison
+from softcal.report.figures.distances import draw_distances
+from softcal.report.figures.nominal_and_tuned import draw_comparison
 from softcal.report.positions import Place
 from softcal.report.style import overlapping
 

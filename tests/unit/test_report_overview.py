@@ -8,8 +8,9 @@ import pytest
 from matplotlib.figure import Figure
 from report_example import bench_experiment, example_content, fit_of, tpe_result
 
-from softcal.report.chart_bench import draw_overview, draw_record, draw_trajectory
-from softcal.report.series import TrajectoryPanels, trajectory_panels
+from softcal.report.figures.force_displacement import draw_record
+from softcal.report.figures.overview import draw_overview
+from softcal.report.figures.trajectory import TrajectoryPanels, draw_trajectory, trajectory_panels
 
 
 def overview(n: int) -> Figure:

@@ -13,8 +13,8 @@ from report_example import column_mesh, neck_robot, twin_view
 from softcal.geometry.cell import TET_EDGES
 from softcal.geometry.surface import boundary_triangles
 from softcal.report import scene_render
-from softcal.report.chart_twin import draw_side_by_side, draw_twin
 from softcal.report.check_figures import region_colours, robot_scenes
+from softcal.report.figures.twin import draw_twin
 from softcal.report.scene import (
     Arrow,
     Label,
@@ -22,6 +22,7 @@ from softcal.report.scene import (
     alike,
     extent_points,
 )
+from softcal.report.scene_figure import draw_side_by_side
 from softcal.report.scene_render import Rendering, draw_flat, panel_size, render_scenes
 from softcal.report.scene_twin import twin_parts, twin_scenes
 from softcal.report.scene_worker import from_behind

@@ -11,8 +11,10 @@ from hypothesis import strategies as st
 from report_example import E_NAME, NU_NAME, bench_experiment, example_content, fit_of, tpe_result
 
 from softcal.calibration.result import Trial
-from softcal.report.chart_parameters import forest_rows
-from softcal.report.series import grid_of_trials, search_history, trajectory_panels
+from softcal.report.figures.history import search_history
+from softcal.report.figures.loss import grid_of_trials
+from softcal.report.figures.parameter import forest_rows
+from softcal.report.figures.trajectory import trajectory_panels
 
 
 def test_residual_is_simulated_minus_measured_in_shown_units() -> None:

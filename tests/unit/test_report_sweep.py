@@ -11,14 +11,15 @@ from sweep_case import FORCES, LENGTH, MODULUS, RATIO, robot, write_sweep
 
 from softcal.errors import InputError
 from softcal.project.project import Project, load
-from softcal.report import chart_configurations, chart_twin
 from softcal.report.all_tables import all_tables
-from softcal.report.chart_comparison import draw_comparison
-from softcal.report.chart_surface import draw_curves, draw_surfaces
 from softcal.report.comparison import comparison, improvement_table, improvements
 from softcal.report.conclusions import conclusions, headline_sentence
 from softcal.report.content import ReportContent
-from softcal.report.figures import report_pictures
+from softcal.report.figure import report_pictures
+from softcal.report.figures import configurations, twin
+from softcal.report.figures.error_curves import draw_curves
+from softcal.report.figures.error_surfaces import draw_surfaces
+from softcal.report.figures.nominal_and_tuned import draw_comparison
 from softcal.report.html import render_page
 from softcal.report.scene_render import Rendering
 from softcal.report.surfaces import error_curves, error_surfaces, swept_pair
@@ -56,7 +57,7 @@ def calibrated(tmp_path_factory: pytest.TempPathFactory) -> ReportContent:
 @pytest.fixture
 def flat(monkeypatch: pytest.MonkeyPatch) -> None:
     """No 3-D renderer: scenes are drawn flat."""
-    for module in (chart_configurations, chart_twin):
+    for module in (configurations, twin):
         monkeypatch.setattr(module, "render_scenes", lambda *_: Rendering((), ""))
 
 

@@ -20,7 +20,7 @@ from softcal.report import check_figures
 from softcal.report.all_tables import all_tables
 from softcal.report.check_figures import draw_check
 from softcal.report.content import Landscape, ReportContent
-from softcal.report.figures import report_pictures
+from softcal.report.figure import report_pictures
 from softcal.report.html import render_page
 from softcal.report.scene_render import Rendering
 from softcal.report.write import ReportPaths, write_files, write_report

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -133,17 +133,23 @@ def report(
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Where it goes; into the run folder by default.")
     ] = None,
+    figures: Annotated[
+        str,
+        typer.Option(metavar="NAMES", help="Only these figures (twin,overview); by default all.", show_default=False),
+    ] = "",
 ) -> None:
     """Write the report of a run: one HTML page, figures as PNG and SVG, tables as CSV."""
-    report_run(run, out)
+    report_run(run, out, figures=names(figures))
 
 
-def report_run(run: Path, out: Path | None, solved: Mapping[str, Response] | None = None) -> None:
+def report_run(
+    run: Path, out: Path | None, solved: Mapping[str, Response] | None = None, figures: Sequence[str] = ()
+) -> None:
     """Write a run's report and say where it lies; solved: what `write_report` need not solve again."""
     from softcal.workflows.reporting import write_report
 
     with clock() as show:
-        paths = write_report(run, out, solved=solved, progress=show)
+        paths = write_report(run, out, figures=figures, solved=solved, progress=show)
     for note in paths.notes:
         typer.echo(f"Note: {note}", err=True)
     typer.echo(f"Report: {paths.page}")

@@ -13,8 +13,7 @@ from softcal.experiments.dataset import Dataset
 from softcal.geometry.pose import Pose
 from softcal.geometry.ring import across
 from softcal.geometry.surface import boundary_triangles
-from softcal.report.chart_bench import draw_record
-from softcal.report.chart_twin import draw_side_by_side
+from softcal.report.figures.force_displacement import draw_record
 from softcal.report.format import file_stem, number
 from softcal.report.robot_view import plate_rim, plate_surface, robot_points
 from softcal.report.scene import (
@@ -32,6 +31,7 @@ from softcal.report.scene import (
     length_scale,
     refined,
 )
+from softcal.report.scene_figure import draw_side_by_side
 from softcal.report.scene_render import render_scenes
 from softcal.report.scene_twin import cable_radius
 from softcal.report.shapes import rod_surface

@@ -74,7 +74,7 @@ class Landscape:
 
 @dataclass(frozen=True)
 class ReportContent:
-    """Input of `write_report`.
+    """What a report is about: results, measurements, shapes; a figure draws from it.
 
     A simulated channel without a measured one (pitch without an IMU) belongs in `ExperimentFit.simulated`.
 
@@ -157,9 +157,14 @@ class ReportContent:
         return self.results[self.headline]
 
     @property
+    def searched(self) -> dict[str, CalibrationResult]:
+        """The results of searches, which sweeps are not."""
+        return {label: result for label, result in self.results.items() if not result.is_sweep}
+
+    @property
     def judged(self) -> Mapping[str, CalibrationResult]:
         """The results that are judged: the headline, or all fits if each experiment was fitted by itself."""
         first = self.headline_result
         if first.is_sweep or len(first.experiments) > 1:
             return {self.headline: first}
-        return {label: one for label, one in self.results.items() if not one.is_sweep and len(one.experiments) == 1}
+        return {label: one for label, one in self.searched.items() if len(one.experiments) == 1}

@@ -12,7 +12,7 @@ from softcal.calibration.result import CalibrationResult
 from softcal.report.comparison import improvements
 from softcal.report.conclusions import conclusions, headline_sentence
 from softcal.report.content import ReportContent
-from softcal.report.figures import Picture
+from softcal.report.figure import Picture
 from softcal.report.format import (
     SI_UNITS_OF,
     channel_label,

@@ -7,6 +7,10 @@ from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from softcal.checks import Floats
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
@@ -20,6 +24,8 @@ BLUE, ORANGE, GREEN, RED, SKY, PURPLE = "#0072b2", "#e69f00", "#009e73", "#d55e0
 SERIES = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY)
 MEASURED, SIMULATED = INK, RED
 SEQUENTIAL = "viridis"
+# An axis is logarithmic if the ratio of its largest to its smallest step is at least this.
+UNEVEN = 4.0
 DPI = 200  # dots per inch of pictures in files
 DISPLACEMENT = "YlGnBu"  # pale at rest, so that the shape itself stays readable
 
@@ -117,6 +123,12 @@ def keep_tick_labels_apart(axes: Axes) -> None:
         lay_out(axes)
         if not overlapping(axes.get_xticklabels()):
             return
+
+
+def is_uneven(values: Floats) -> bool:
+    """Whether values are so unevenly spaced that a logarithmic axis shows them better."""
+    steps = np.diff(values)
+    return bool(len(values) > 2 and values[0] > 0 and steps.max() > UNEVEN * steps.min() and values[-1] > 5 * values[0])
 
 
 def plain_log_axis(axes: Axes, low: float, high: float) -> None:

@@ -11,8 +11,7 @@ from softcal.analysis.sweep import ALL, ErrorSection, least_cell, section_errors
 from softcal.calibration.loss import LOSSES
 from softcal.calibration.result import CalibrationResult, Trial
 from softcal.checks import Floats
-from softcal.report.format import Scale, scale_of
-from softcal.report.series import searched_pair
+from softcal.report.format import Scale, find_parameter, scale_of
 
 
 @dataclass(frozen=True)
@@ -52,6 +51,15 @@ class ErrorCurve:
     unit: str
     x: Floats
     error: Floats
+
+
+def searched_pair(result: CalibrationResult) -> tuple[str, str] | None:
+    """The modulus and Poisson's ratio of a result, or the first two parameters; None if there is only one."""
+    modulus = find_parameter(result.parameters, "youngs_modulus")
+    ratio = find_parameter(result.parameters, "poissons_ratio")
+    rest = [name for name in result.parameters if name not in (modulus, ratio)]
+    names = [name for name in (modulus, ratio) if name is not None] + rest
+    return (names[0], names[1]) if len(names) >= 2 else None
 
 
 def swept_pair(result: CalibrationResult) -> tuple[str, str] | None:

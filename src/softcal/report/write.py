@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from softcal.errors import Fault, StorageError
 from softcal.report.all_tables import all_tables
 from softcal.report.content import ReportContent
-from softcal.report.figures import report_pictures
+from softcal.report.figure import report_pictures
 from softcal.report.html import render_page
 
 Observer = Callable[[str], None]  # called with the name of each stage
@@ -26,20 +26,28 @@ class ReportPaths:
     notes: tuple[str, ...] = ()
 
 
-def write_report(content: ReportContent, out_dir: str | Path, *, progress: Observer | None = None) -> ReportPaths:
+def write_report(
+    content: ReportContent,
+    out_dir: str | Path,
+    *,
+    figures: Collection[str] = (),
+    progress: Observer | None = None,
+) -> ReportPaths:
     """Write `report.html`, `figures/*.png`, `figures/*.svg` and `tables/*.csv` into a folder.
 
     An older report in the folder is replaced file by file; other files are kept. All figures are drawn before any file
-    is written. progress: called with the name of each stage.
+    is written. figures: names of those that are drawn, by default all. progress: called with the name of each stage.
 
     Raises
     ------
+    ParameterError
+        For a name without a figure.
     StorageError
         Where the folder cannot be written.
     """
     folder, begin = Path(out_dir), progress or (lambda stage: None)
     begin("Drawing the figures")
-    pictures, tables = report_pictures(content), all_tables(content)
+    pictures, tables = report_pictures(content, figures), all_tables(content)
     files: dict[Path, bytes] = {}
     for picture in pictures:
         files[folder / "figures" / f"{picture.name}.png"] = picture.png
@@ -51,8 +59,8 @@ def write_report(content: ReportContent, out_dir: str | Path, *, progress: Obser
     files[page] = render_page(content, pictures, tables).encode()
     write_files(files)
     notes = tuple(picture.note for picture in pictures if picture.note)
-    figures, csv_files = (tuple(p for p in files if p.parent.name == name) for name in ("figures", "tables"))
-    return ReportPaths(page, figures, csv_files, notes)
+    drawn, csv_files = (tuple(p for p in files if p.parent.name == name) for name in ("figures", "tables"))
+    return ReportPaths(page, drawn, csv_files, notes)
 
 
 def write_files(files: Mapping[Path, bytes]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from softcal.calibration.result import CalibrationResult
 from softcal.project.calibration_schema import CalibrationSection
 from softcal.project.project import Project
 from softcal.report.content import ExperimentContent, Landscape, ReportContent
+from softcal.report.figure import named_figures
 from softcal.report.twin_view import TwinView
 from softcal.report.write import Observer, ReportPaths
 from softcal.report.write import write_report as write_content
@@ -37,6 +38,7 @@ def write_report(
     run: str | Path,
     out: str | Path | None = None,
     *,
+    figures: Collection[str] = (),
     solved: Mapping[str, Response] | None = None,
     progress: Observer | None = None,
 ) -> ReportPaths:
@@ -48,6 +50,8 @@ def write_report(
         A folder that `calibrate` wrote; it may have been moved.
     out
         Where the report goes; by default into the run folder.
+    figures
+        Names of the figures that are drawn; by default all that the run has data for.
     solved
         Calibration -> furthest response (see `softcal.workflows.furthest`), if already solved.
     progress
@@ -55,15 +59,18 @@ def write_report(
 
     Raises
     ------
+    ParameterError
+        For a name without a figure.
     StorageError
         Where there is no run with a result, or the folder cannot be written.
     """
     begin = progress or (lambda stage: None)
+    named_figures(figures)
     begin("Reading the run")
     read = load_run(run)
     begin("Simulating the calibrated twin")
     content = report_content(read, solved or {})
-    return write_content(content, Path(out) if out is not None else read.folder, progress=begin)
+    return write_content(content, Path(out) if out is not None else read.folder, figures=figures, progress=begin)
 
 
 def report_content(run: Run, solved: Mapping[str, Response] | None = None) -> ReportContent:

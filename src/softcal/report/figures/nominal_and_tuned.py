@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import groupby
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.report.comparison import NominalComparison
+from softcal.report.comparison import NominalComparison, comparison
+from softcal.report.content import ReportContent
+from softcal.report.figure import Drawing, register_figure
 from softcal.report.style import (
     BLUE,
     FAINT,
@@ -31,6 +33,17 @@ if TYPE_CHECKING:
 _NUMBERED = 24
 _LABELLED = 60  # states; of more, only the experiments are named
 _BAR = 0.4
+
+
+@register_figure("compared", place=2)
+def nominal_and_tuned(content: ReportContent) -> Iterator[Drawing]:
+    """The distance of every marker in every state, at the nominal values and at the tuned ones."""
+    found = comparison(content)
+    if found is not None:
+        caption = (
+            f"Distance of every marker from its measured position, nominal and {found.tuned_name}, in every state."
+        )
+        yield Drawing(draw_comparison(found), caption)
 
 
 def draw_comparison(found: NominalComparison) -> Figure:

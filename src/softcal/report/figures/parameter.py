@@ -1,29 +1,35 @@
-"""Charts of the estimates: intervals by calibration, and the plausible range of Eq. (5)."""
+"""The estimates of a parameter with their intervals, by calibration."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from softcal.calibration.result import CalibrationResult, Estimate
-from softcal.materials.infill import PrintInfill
+from softcal.report.content import ReportContent
+from softcal.report.figure import Drawing, register_figure
 from softcal.report.format import (
     NORMAL_95,
     Scale,
     estimate_scale,
     estimate_text,
-    find_parameter,
-    number,
+    ordered_parameters,
     parameter_label,
     parameter_name,
     result_label,
-    scale_of,
 )
-from softcal.report.style import BLUE, FAINT, GREEN, INK, MUTED, RED, house_style, new_figure, plain_log_axis
+from softcal.report.style import BLUE, FAINT, INK, MUTED, RED, house_style, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+
+@register_figure("parameters", place=1)
+def parameter(content: ReportContent) -> Iterator[Drawing]:
+    """Every parameter's estimates and 95 % intervals, by calibration."""
+    for name in dict.fromkeys(parameter_name(name).base for name in ordered_parameters(content.results)):
+        yield Drawing(draw_forest(name, content.results), forest_caption(name, content.results), of=name)
 
 
 def forest_rows(base: str, results: Mapping[str, CalibrationResult]) -> dict[str, Estimate]:
@@ -46,9 +52,9 @@ def draw_forest(name: str, results: Mapping[str, CalibrationResult]) -> Figure:
         axes = figure.add_subplot()
         first = next(iter(rows.values()))
         scale = estimate_scale(first)
-        _draw_rows(axes, rows, scale)
+        draw_rows(axes, rows, scale)
         low, high = min(e.lower for e in rows.values()), max(e.upper for e in rows.values())
-        reach = [edge for estimate in rows.values() for edge in _interval(estimate)]
+        reach = [edge for estimate in rows.values() for edge in interval(estimate)]
         near_low, near_high = min(reach), max(reach)
         margin = 0.15 * (near_high - near_low) or 0.1 * abs(near_high) or 1.0
         left, right = (
@@ -77,46 +83,13 @@ def forest_caption(name: str, results: Mapping[str, CalibrationResult]) -> str:
     return f"{parameter_label(name)} ({name}) by calibration; {bars}{marker}."
 
 
-def draw_plausible_modulus(infill: PrintInfill, results: Mapping[str, CalibrationResult]) -> Figure | None:
-    """Eq. (5): plausible range of E for this print, with the estimates; None if no E was calibrated."""
-    rows: dict[str, Estimate] = {}
-    for label, result in results.items():
-        name = find_parameter(result.parameters, "youngs_modulus")
-        if name is not None:
-            rows[label] = result.parameters[name]
-    if not rows:
-        return None
-    scale = scale_of("Pa")
-    low, high = (bound / scale.factor for bound in infill.effective_modulus)
-    bulk = [bound / scale.factor for bound in infill.bulk_youngs_modulus]
-    with house_style():
-        figure = new_figure(5.2, 1.9 + 0.38 * len(rows))
-        axes = figure.add_subplot()
-        axes.axvspan(low, high, color=GREEN, alpha=0.18, linewidth=0)
-        axes.axvspan(*bulk, color=MUTED, alpha=0.15, linewidth=0)
-        _draw_rows(axes, rows, scale)
-        values = [edge / scale.factor for estimate in rows.values() for edge in _interval(estimate)]
-        plain_log_axis(axes, min(low, *(v for v in values if v > 0)) / 1.5, max(*bulk, *values) * 1.5)
-        top = axes.get_xaxis_transform()
-        axes.text((low * high) ** 0.5, 1.02, f"printed: {number(low)}–{number(high)} MPa", transform=top,
-                  ha="center", va="bottom", fontsize=8.5, color=INK)  # fmt: skip
-        axes.text((bulk[0] * bulk[1]) ** 0.5, 1.02, f"bulk: {bulk[0]:.3g}–{bulk[1]:.3g} MPa", transform=top,
-                  ha="center", va="bottom", fontsize=8.5, color=MUTED)  # fmt: skip
-        axes.set_xlabel("E [MPa]")
-        gamma = f"{infill.exponent[0]:.3g}–{infill.exponent[1]:.3g}"
-        figure.suptitle(
-            f"$E_\\mathrm{{eff}} = E_\\mathrm{{bulk}}\\,\\phi^\\gamma$,  φ = {infill.infill:.3g}, γ = {gamma}",
-            fontsize=10,
-        )
-        return figure
-
-
-def _draw_rows(axes: Axes, rows: Mapping[str, Estimate], scale: Scale) -> None:
+def draw_rows(axes: Axes, rows: Mapping[str, Estimate], scale: Scale) -> None:
+    """A row of each label: its estimate with its interval."""
     for row, (label, estimate) in enumerate(rows.items()):
         joint = label == "joint"
         colour = RED if estimate.at_bound else INK if joint else BLUE
         value = estimate.value / scale.factor
-        low, high = (edge / scale.factor for edge in _interval(estimate))
+        low, high = (edge / scale.factor for edge in interval(estimate))
         axes.plot([low, high], [row, row], color=colour, linewidth=2.0, solid_capstyle="butt")
         axes.plot(
             [value], [row], marker="D" if joint else "o", markersize=6, color=colour,
@@ -133,7 +106,7 @@ def _draw_rows(axes: Axes, rows: Mapping[str, Estimate], scale: Scale) -> None:
     axes.grid(axis="y", color=FAINT, alpha=0.4)
 
 
-def _interval(estimate: Estimate) -> tuple[float, float]:
+def interval(estimate: Estimate) -> tuple[float, float]:
     """The 95 % interval; the value twice if there is no standard error."""
     if estimate.interval is not None:
         return estimate.interval

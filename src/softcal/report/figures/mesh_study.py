@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from softcal.analysis.mesh_study import MeshStudy
+from softcal.report.content import ReportContent
+from softcal.report.figure import Drawing, register_figure
 from softcal.report.format import estimate_scale, number, parameter_label
 from softcal.report.style import BLUE, FAINT, INK, MUTED, RED, house_style, new_figure
 
@@ -14,6 +17,18 @@ if TYPE_CHECKING:
 
 MOST = 6  # parameters in the chart, the robot's first
 _MARKERS = ("s", "^", "v", "P", "X", "*")
+
+
+@register_figure("mesh")
+def mesh_study(content: ReportContent) -> Iterator[Drawing]:
+    """What the mesh contributes to each estimate, beside its interval from noise."""
+    figure = None if content.mesh_study is None else draw_mesh_study(content.mesh_study)
+    if figure is not None:
+        caption = (
+            "Uncertainty from noise (blue: 95 % interval) and shift by the mesh (orange: to the value expected on the "
+            "best of the finer meshes); open markers: the value expected on each of them."
+        )
+        yield Drawing(figure, caption)
 
 
 def drawn_parameters(study: MeshStudy) -> list[str]:

@@ -11,10 +11,8 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.report.scene import Projection, Scene, Surface
-from softcal.report.scene_render import Rendering, draw_flat, panel_size, render_scenes
-from softcal.report.scene_twin import twin_scenes
+from softcal.report.scene_render import Rendering, draw_flat, panel_size
 from softcal.report.style import DISPLACEMENT, FAINT, INK, MUTED, house_style, new_figure
-from softcal.report.twin_view import TwinView
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,13 +28,6 @@ class ScenePicture:
 
     figure: Figure
     note: str
-
-
-def draw_twin(view: TwinView) -> ScenePicture:
-    """Paper A's Figs 2 and 4: the twin at rest and bent, coloured by displacement."""
-    found = twin_scenes(view)
-    cameras = (found.camera, found.camera)
-    return draw_side_by_side(found.scenes, cameras, render_scenes(found.scenes, cameras), largest=found.largest)
 
 
 def draw_side_by_side(

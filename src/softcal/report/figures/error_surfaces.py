@@ -1,9 +1,9 @@
-"""Paper B's Fig. 3: the error of each section over the grid, cell by cell."""
+"""Paper B's Fig. 3: the error of each section over the grid of a sweep, cell by cell."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,29 +11,45 @@ import numpy as np
 from softcal.analysis.sweep import ALL
 from softcal.calibration.result import CalibrationResult
 from softcal.checks import Floats
-from softcal.report.format import Scale, number, parameter_label, scale_of
+from softcal.report import surfaces
+from softcal.report.content import ReportContent
+from softcal.report.figure import Drawing, register_figure
+from softcal.report.format import Scale, joined, number, parameter_label, scale_of
 from softcal.report.style import (
     FAINT,
     INK,
-    MUTED,
     ORANGE,
     SEQUENTIAL,
-    SERIES,
     house_style,
+    is_uneven,
     new_figure,
-    plain_log_axis,
     plain_log_ticks,
 )
-from softcal.report.surfaces import ErrorCurve, ErrorSurface
+from softcal.report.surfaces import ErrorSurface
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# An axis is logarithmic if the ratio of its largest to its smallest step is at least this.
-_UNEVEN = 4.0
 # The colour scale covers the lower part of the errors; the few largest share the last colour.
 _SHOWN = 0.95
+
+
+@register_figure("compared", place=1)
+def error_surfaces(content: ReportContent) -> Iterator[Drawing]:
+    """The error of each section over two parameters of a sweep, cell by cell."""
+    result, compared = content.headline_result, content.compared
+    pair, found = surfaces.swept_pair(result), surfaces.error_surfaces(result)
+    if pair is None or not found:
+        return
+    nominal = {} if compared is None or compared.nominal is None else compared.nominal.parameters
+    others = [parameter_label(name) for name in result.parameters if name not in pair]
+    held = f", {joined(others)} as in the best cell" if others else ""
+    caption = (
+        f"Error in every cell of the sweep, section by section{held}; dark is better, each panel has its own "
+        "scale; star: best cell; empty: not simulated."
+    )
+    yield Drawing(draw_surfaces(result, pair, found, nominal), caption)
 
 
 def draw_surfaces(
@@ -81,43 +97,6 @@ def _legend(figure: Figure, drawn: Sequence[Axes], empty: Sequence[Axes]) -> Non
         figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=3)
 
 
-def draw_curves(result: CalibrationResult, curves: Sequence[ErrorCurve]) -> Figure:
-    """The error of every section over one parameter, the best values marked, failed ones left out."""
-    (name,) = result.parameters
-    scale = scale_of(result.parameters[name].unit, result.parameters[name].upper)
-    units = list(dict.fromkeys(curve.unit for curve in curves))
-    with house_style():
-        figure = new_figure(5.2, 0.9 + 2.6 * len(units))
-        stack = figure.subplots(len(units), 1, squeeze=False, sharex=True)[:, 0]
-        for axes, unit in zip(stack, units, strict=True):
-            for k, curve in enumerate(c for c in curves if c.unit == unit):
-                colour, whole = SERIES[(k - 1) % len(SERIES)], curve.section == ALL
-                x = curve.x / scale.factor
-                axes.plot(
-                    x, curve.error, color=INK if whole else colour, marker="o", markersize=3.5,
-                    linewidth=2.0 if whole else 1.3, label="all sections" if whole else curve.section,
-                )  # fmt: skip
-                if np.isfinite(curve.error).any():
-                    least = int(np.nanargmin(curve.error))
-                    axes.plot(x[least], curve.error[least], marker="*", markersize=13, color=ORANGE,
-                              markeredgecolor=INK, linestyle="", zorder=5)  # fmt: skip
-            axes.set_ylabel(f"Error [{unit}]" if unit else "Loss")
-            axes.set_ylim(bottom=0.0)
-            axes.legend(loc="best", ncols=2)
-        failed = [trial.theta[name] / scale.factor for trial in result.trials if trial.loss is None]
-        if failed:
-            stack[-1].plot(
-                failed, np.zeros(len(failed)), "x", color=MUTED, markersize=5, clip_on=False,
-                label="could not be simulated",
-            )  # fmt: skip
-            stack[-1].legend(loc="best", ncols=2)
-        values = np.unique([trial.theta[name] / scale.factor for trial in result.trials])
-        if _is_uneven(values):
-            plain_log_axis(stack[-1], float(values[0]) / 1.1, float(values[-1]) * 1.1)
-        stack[-1].set_xlabel(scale.axis(parameter_label(name, result.parameters)))
-        return figure
-
-
 def _draw_cells(figure: Figure, axes: Axes, surface: ErrorSurface, x_scale: Scale, y_scale: Scale) -> None:
     x, y = surface.x / x_scale.factor, surface.y / y_scale.factor
     known = surface.error[np.isfinite(surface.error)]
@@ -140,9 +119,9 @@ def _draw_cells(figure: Figure, axes: Axes, surface: ErrorSurface, x_scale: Scal
     at = (surface.best[0] / x_scale.factor, surface.best[1] / y_scale.factor)
     axes.plot(*at, "*", markersize=13, color=ORANGE, markeredgecolor=INK, linestyle="", zorder=6, label="best cell")
     for values, set_scale in ((x, axes.set_xscale), (y, axes.set_yscale)):
-        if _is_uneven(values):
+        if is_uneven(values):
             set_scale("log")
-    if _is_uneven(x):
+    if is_uneven(x):
         plain_log_ticks(axes.xaxis, float(x[0]), float(x[-1]))
     axes.grid(False)
 
@@ -161,18 +140,10 @@ def _edges(values: Floats) -> Floats:
     if len(values) == 1:
         reach = 0.5 * abs(float(values[0])) or 0.5
         return np.array([values[0] - reach, values[0] + reach])
-    shown = np.log(values) if _is_uneven(values) else values
+    shown = np.log(values) if is_uneven(values) else values
     middles = 0.5 * (shown[1:] + shown[:-1])
     edges = np.concatenate([[2 * shown[0] - middles[0]], middles, [2 * shown[-1] - middles[-1]]])
-    return np.exp(edges) if _is_uneven(values) else edges
-
-
-def _is_uneven(values: Floats) -> bool:
-    """Whether values are so unevenly spaced that a logarithmic axis shows them better."""
-    steps = np.diff(values)
-    return bool(
-        len(values) > 2 and values[0] > 0 and steps.max() > _UNEVEN * steps.min() and values[-1] > 5 * values[0]
-    )
+    return np.exp(edges) if is_uneven(values) else edges
 
 
 def _inside(axes: Axes, at: tuple[float, ...]) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,10 @@ import numpy as np
 from softcal.calibration.result import ExperimentFit
 from softcal.checks import Floats, Ints
 from softcal.geometry.surface import boundary_triangles
+from softcal.report.content import ReportContent
 from softcal.report.equilibrium_shapes import EquilibriumShapes
+from softcal.report.figure import Drawing, register_figure
+from softcal.report.format import result_label
 from softcal.report.outline import View, outline, two_views
 from softcal.report.robot_view import robot_points
 from softcal.report.style import FAINT, INK, MUTED, SERIES, house_style, new_figure
@@ -27,6 +30,26 @@ _PANEL, _WIDEST = 3.4, 9.0
 _LEFT, _GAP, _HEAD, _FOOT = 0.6, 0.25, 0.35, 0.85
 _COLUMNS = 6
 _THIN = 1e-6  # of the markers' largest extent: a smaller second extent means that they are collinear
+
+
+@register_figure("fit", place=1)
+def places(content: ReportContent) -> Iterator[Drawing]:
+    """Measured and simulated marker positions of the headline calibration, in two views with the twin's shapes."""
+    if content.equilibria is None:
+        return
+    fits = content.headline_result.experiments
+    found = {name: markers_of(fits[name]) for name in content.equilibria.shapes if name in fits}
+    markers = {name: one for name, one in found.items() if one is not None}
+    if not markers:
+        return
+    title = result_label(content.headline)
+    caption = (
+        f"{title}: measured and simulated marker positions in the robot's frame, with the shapes of the calibrated "
+        "twin."
+    )
+    left = len(fits) - len(content.equilibria.shapes)
+    caption += f" {left} further experiments are omitted." if left > 0 else ""
+    yield Drawing(draw_places(title, content.equilibria, markers), caption)
 
 
 @dataclass(frozen=True)
@@ -63,9 +86,9 @@ def draw_places(title: str, equilibria: EquilibriumShapes, markers: Mapping[str,
     """Open circles: measured; crosses: simulated; the twin's shape in each experiment, undeformed in grey."""
     from matplotlib.lines import Line2D
 
-    places = np.concatenate([part for one in markers.values() for part in (one.measured, one.simulated)])
+    known = np.concatenate([part for one in markers.values() for part in (one.measured, one.simulated)])
     bodies = [points for shape in equilibria.shapes.values() for points in shape.points.values()]
-    extent = np.concatenate([robot_points(equilibria.robot), places, *bodies])
+    extent = np.concatenate([robot_points(equilibria.robot), known, *bodies])
     views = two_views(extent, up_direction(equilibria.robot))
     frames = [_frame(view.flat(extent)) for view in views]
     shares = [(right - left) / (top - bottom) for left, right, bottom, top in frames]

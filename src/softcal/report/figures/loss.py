@@ -1,14 +1,16 @@
-"""Charts of the search: the loss over two parameters, and the best loss so far."""
+"""Paper A's Fig. 5: the loss over the searched parameters."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from softcal.calibration.result import CalibrationResult, Estimate
 from softcal.materials.catalogue import LAWS, constants_of
-from softcal.report.content import Landscape
+from softcal.report.content import Landscape, ReportContent
+from softcal.report.figure import Drawing, register_figure
 from softcal.report.format import (
     Scale,
     estimate_scale,
@@ -16,29 +18,64 @@ from softcal.report.format import (
     number,
     parameter_label,
     parameter_name,
+    result_label,
     scale_of,
 )
-from softcal.report.series import SearchHistory, searched_pair
 from softcal.report.style import (
     BLUE,
     FAINT,
     INK,
     MUTED,
     ORANGE,
-    RED,
     SEQUENTIAL,
     house_style,
     new_figure,
     plain_log_axis,
     plain_log_ticks,
 )
+from softcal.report.surfaces import searched_pair
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 # Above this many points a scatter is rasterised inside the SVG, which keeps the file small.
-_MANY_POINTS = 300
+MANY_POINTS = 300
+
+
+@register_figure("search", place=1)
+def loss(content: ReportContent) -> Iterator[Drawing]:
+    """The loss over one or two searched parameters, on a grid or at the trials, with the optimum."""
+    for label, result in content.searched.items():
+        grid = content.landscapes.get(label) or grid_of_trials(result)
+        title = result_label(label)
+        figure = draw_loss_map(title, result, grid) or draw_loss_profile(title, result)
+        if figure is not None:
+            what = "on a grid" if grid else "at the trials"
+            others = len(result.parameters) - 2
+            seen = f", seen along {others} further parameter{'s' * (others > 1)}" if others > 0 and not grid else ""
+            caption = f"{title}: the loss {what}{seen}; star: the optimum; dashed: the bounds of the search."
+            yield Drawing(figure, caption, of=label)
+
+
+def grid_of_trials(result: CalibrationResult) -> Landscape | None:
+    """The trials as a grid over both parameters; None if they do not fill a grid."""
+    pair = searched_pair(result)
+    if pair is None or len(result.parameters) != 2:
+        return None
+    x_name, y_name = pair
+    trials = [trial for trial in result.trials if x_name in trial.theta and y_name in trial.theta]
+    x = np.unique([trial.theta[x_name] for trial in trials])
+    y = np.unique([trial.theta[y_name] for trial in trials])
+    if min(len(x), len(y)) < 3 or len(x) * len(y) != len(trials):
+        return None
+    loss = np.zeros((len(y), len(x)))
+    failed = np.ones((len(y), len(x)), dtype=np.int64)
+    for trial in trials:
+        if trial.loss is not None and trial.state == "COMPLETE":
+            at = np.searchsorted(y, trial.theta[y_name]), np.searchsorted(x, trial.theta[x_name])
+            loss[at], failed[at] = trial.loss, 0
+    return Landscape(x_name, y_name, x, y, loss, failed)
 
 
 def draw_loss_map(title: str, result: CalibrationResult, landscape: Landscape | None) -> Figure | None:
@@ -137,8 +174,8 @@ def _draw_trials(axes: Axes, result: CalibrationResult, pair: tuple[str, str], s
     at = [[trial.theta[name] / scale.factor for trial in done] for name, scale in zip(pair, scales, strict=True)]
     loss = np.array([trial.loss for trial in done], dtype=np.float64)
     return axes.scatter(
-        *at, c=loss, cmap=SEQUENTIAL, norm=_loss_norm(loss)[0], s=14 if len(done) > _MANY_POINTS else 26,
-        edgecolors="none", rasterized=len(done) > _MANY_POINTS, label=f"trials ({len(done)})",
+        *at, c=loss, cmap=SEQUENTIAL, norm=_loss_norm(loss)[0], s=14 if len(done) > MANY_POINTS else 26,
+        edgecolors="none", rasterized=len(done) > MANY_POINTS, label=f"trials ({len(done)})",
     )  # fmt: skip
 
 
@@ -197,29 +234,3 @@ def _half(axes: Axes, x: float, y: float) -> tuple[bool, bool]:
     """Whether a point is in the right half and in the upper half of the axes."""
     across, up = axes.transAxes.inverted().transform(axes.transData.transform((x, y)))
     return bool(across > 0.5), bool(up > 0.5)
-
-
-def draw_history(title: str, history: SearchHistory) -> Figure:
-    """Each trial's loss, the best so far, and the failed trials."""
-    with house_style():
-        figure = new_figure(5.2, 3.2)
-        axes = figure.add_subplot()
-        many = len(history.losses) > _MANY_POINTS
-        axes.plot(
-            history.numbers, history.losses, linestyle="", marker="o", markersize=2.5 if many else 4, color=MUTED,
-            alpha=0.45, markeredgewidth=0, rasterized=many, label="trials",
-        )  # fmt: skip
-        axes.step(history.numbers, history.best, where="post", color=BLUE, linewidth=2.0, label="best so far")
-        if len(history.losses) and history.losses.min() > 0:
-            axes.set_yscale("log")
-            plain_log_ticks(axes.yaxis, *axes.get_ylim())
-        if len(history.failed):
-            axes.plot(
-                history.failed, np.full(len(history.failed), 0.97), "x", color=RED, markersize=5,
-                transform=axes.get_xaxis_transform(), label=f"failed ({len(history.failed)})", clip_on=False,
-            )  # fmt: skip
-        axes.set_xlabel("Trial")
-        axes.set_ylabel("Loss")
-        axes.set_title(title)
-        figure.legend(loc="outside lower center", ncols=3)
-        return figure

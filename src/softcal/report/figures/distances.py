@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from softcal.report.positions import MM, Place
+from softcal.report.content import ReportContent
+from softcal.report.figure import Drawing, register_figure
+from softcal.report.format import result_label
+from softcal.report.positions import MM, Place, places
 from softcal.report.style import INK, SERIES, house_style, keep_tick_labels_apart, new_figure
 
 if TYPE_CHECKING:
@@ -14,6 +17,20 @@ if TYPE_CHECKING:
 
 # Hatching distinguishes markers once the colours repeat.
 _HATCHES = ("", "////", "....", "xxxx")
+
+
+@register_figure("fit", place=2)
+def distances(content: ReportContent) -> Iterator[Drawing]:
+    """The distance of every marker from its measured position, by experiment."""
+    for label, result in content.results.items():
+        if found := places(result):
+            caption = (
+                f"{result_label(label)}: distance of every marker from its measured position; bars are means over "
+                "the states, lines go to the largest"
+            )
+            held_out = any(place.held_out for place in found)
+            caption += "; pale: held out of the fit and predicted." if held_out else "."
+            yield Drawing(draw_distances(result_label(label), found), caption, of=label)
 
 
 def draw_distances(title: str, found: Sequence[Place]) -> Figure:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softcal.report.chart_twin import ScenePicture, draw_side_by_side
 from softcal.report.compared import Compared, Configuration
+from softcal.report.content import ReportContent
+from softcal.report.figure import Drawing, register_figure
+from softcal.report.figures.overview import has_curves
 from softcal.report.format import number, parameter_label, scale_of
 from softcal.report.robot_view import robot_points
 from softcal.report.scene import Ball, Part, Scene, Tube, bending_camera, extent_points, length_scale
+from softcal.report.scene_figure import ScenePicture, draw_side_by_side
 from softcal.report.scene_render import render_scenes
 from softcal.report.scene_twin import displacements, twin_parts
 from softcal.twin.facing import up_direction
@@ -19,6 +23,21 @@ if TYPE_CHECKING:
     from softcal.report.twin_view import TwinView
 
 _LONGEST = 30  # characters of parameters above a shape
+
+
+@register_figure("compared", place=3)
+def configurations(content: ReportContent) -> Iterator[Drawing]:
+    """The twin's shapes at selected values, beside the measured markers."""
+    compared = content.compared
+    if compared is None or len(compared.configurations) < 2:
+        return
+    drawn = draw_configurations(compared)
+    caption = (
+        f"{compared.state}: the twin at selected values, with the root mean square distance of its markers (blue) "
+        "from their measured positions (red). Colour: displacement from rest, one scale for all."
+    )
+    section = "compared" if has_curves(content) else "overview"
+    yield Drawing(drawn.figure, caption, shown="png", note=drawn.note, section=section)
 
 
 def draw_configurations(compared: Compared) -> ScenePicture:

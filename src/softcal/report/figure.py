@@ -1,0 +1,176 @@
+"""A figure of the report: its name, the section that it stands in, and the function that draws it from the content."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, TypeVar, get_args
+
+from softcal.catalogue import Catalogue
+from softcal.errors import Fault, ParameterError
+from softcal.report.content import ReportContent
+from softcal.report.format import file_stem
+from softcal.report.style import encode
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Section = Literal["overview", "compared", "twin", "fit", "record", "bench", "parameters", "mesh", "search"]
+LAST = 100  # of the figures of its section: one of a user's own
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """One drawing of a figure of the report, with its caption.
+
+    Attributes
+    ----------
+    figure : matplotlib.figure.Figure
+        The drawing.
+    caption : str
+        Sentences beneath it.
+    of : str
+        Where there are several drawings: what this one is of, such as a calibration; it ends the file's name.
+    shown : {"svg", "png"}
+        The format in the page; a rendered scene is a PNG.
+    note : str
+        An emphasised remark on how it was drawn, or "".
+    section : str or None
+        Where it stands, if not in its figure's section.
+    """
+
+    figure: Figure
+    caption: str
+    of: str = ""
+    shown: Literal["png", "svg"] = "svg"
+    note: str = ""
+    section: Section | None = None
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A drawing as files: file stem, section of the page, caption, bytes as PNG and SVG; see `Drawing`."""
+
+    name: str
+    section: Section
+    caption: str
+    png: bytes
+    svg: bytes
+    shown: Literal["png", "svg"] = "svg"
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class ReportFigure:
+    """A figure that a report can have.
+
+    Attributes
+    ----------
+    name : str
+        That of the function, with hyphens.
+    function : callable
+        From the report's content to drawings; none where the content lacks what the figure needs.
+    section : str
+        Where it stands.
+    place : int
+        Its place among the figures of its section, from the lowest to the highest.
+    """
+
+    name: str
+    function: Callable[[ReportContent], Iterable[Drawing]]
+    section: Section
+    place: int = LAST
+
+    @property
+    def summary(self) -> str:
+        """What the figure shows, in a sentence."""
+        return (inspect.getdoc(self.function) or "").partition("\n")[0]
+
+    @property
+    def module(self) -> str:
+        """Where the function is defined."""
+        return self.function.__module__ or ""
+
+    def pictures(self, content: ReportContent) -> Iterator[Picture]:
+        """Every drawing, as files."""
+        for one in self.function(content):
+            stem = f"{self.name}-{file_stem(one.of)}" if one.of else self.name
+            files = encode(one.figure)
+            yield Picture(stem, one.section or self.section, one.caption, *files, one.shown, one.note)
+
+
+def _faults(figure: ReportFigure, _: Mapping[str, ReportFigure]) -> list[Fault]:
+    """What is wrong with a figure that is to be registered."""
+    if not isinstance(figure, ReportFigure):  # pyright: ignore[reportUnnecessaryIsInstance] (an entry point may be anything)
+        allowed = "what softcal.register_figure returns for a function"
+        return [Fault("this is no figure", "figure", repr(figure)[:60], allowed)]
+    where, sections = f"figure {figure.name}", get_args(Section)
+    faults = [] if figure.summary else [Fault("it says nowhere what it shows", where, attempt="a docstring")]
+    if figure.section not in sections:
+        faults.append(Fault("the report has no such section", where, f"'{figure.section}'", ", ".join(sections)))
+    return faults
+
+
+FIGURES: Catalogue[ReportFigure] = Catalogue(
+    "figure",
+    "softcal.figures",
+    _faults,
+    home="softcal.report.figures",
+    member_of=lambda function: getattr(function, "report_figure", function),
+)
+
+F = TypeVar("F", bound=Callable[[ReportContent], Iterable[Drawing]])
+
+
+def register_figure(section: Section, place: int = LAST) -> Callable[[F], F]:
+    """Add a figure of one's own: from then on reports have it, and `softcal report --figures` knows its name.
+
+    A package does the same for every process by an entry point of the group `softcal.figures` that names the function.
+
+    Parameters
+    ----------
+    section
+        Where in the page it stands: overview, compared, twin, fit, record, bench, parameters, mesh or search.
+    place
+        Its place among the figures of the section, from the lowest to the highest; softcal's own have 1 to 3.
+
+    Returns
+    -------
+    callable
+        The decorator of the function, which stays as it is: from a `ReportContent` to any number of `Drawing`, none
+        where the content lacks what it needs. Its name, with hyphens, is the figure's; its docstring says what it
+        shows.
+
+    Raises
+    ------
+    ParameterError
+        Where another figure has the name, there is no such section, or the function says nowhere what it shows.
+    """
+
+    def register(function: F) -> F:
+        made = ReportFigure(function.__name__.replace("_", "-"), function, section, place)
+        FIGURES.add(made)
+        function.__dict__["report_figure"] = made  # for entry points, which name the function
+        return function
+
+    return register
+
+
+def named_figures(names: Collection[str]) -> list[ReportFigure]:
+    """The figures of these names, or all of them where there are none, as they stand in their sections.
+
+    Raises
+    ------
+    ParameterError
+        For names without a figure; all at once.
+    """
+    faults = [FIGURES.unknown(name, "figures") for name in names if name not in FIGURES]
+    if faults:
+        raise ParameterError(faults)
+    return sorted((FIGURES[name] for name in FIGURES if name in names or not names), key=lambda figure: figure.place)
+
+
+def report_pictures(content: ReportContent, figures: Collection[str] = ()) -> list[Picture]:
+    """Draw all figures for which the content has data, or just those of some names."""
+    return [picture for figure in named_figures(figures) for picture in figure.pictures(content)]

@@ -1,0 +1,157 @@
+"""Paper A's Fig. 3: the measured force over displacement, and any other record as it is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.experiments.dataset import Dataset
+from softcal.experiments.names import is_deviation
+from softcal.experiments.steps.noise import NOISE_STEPS
+from softcal.report.content import ExperimentContent, ReportContent
+from softcal.report.figure import Drawing, register_figure
+from softcal.report.format import channel_label, joined, scale_of
+from softcal.report.style import BLUE, LOOP, MUTED, ORANGE, house_style, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_ANGLES = ("pitch", "roll", "yaw")
+
+
+@register_figure("bench")
+def force_displacement(content: ReportContent) -> Iterator[Drawing]:
+    """The measurements: force over displacement with the samples of the fit, else each channel over time."""
+    for name, experiment in content.experiments.items():
+        if _is_of_states(experiment):
+            continue
+        if has_force_displacement(experiment.prepared) or has_force_displacement(experiment.raw):
+            yield Drawing(draw_force_displacement(experiment), _caption(experiment), of=name)
+        else:
+            later = steps_between(experiment.prepared, len(experiment.raw.provenance))
+            used = f"; the fit uses it after {joined(later)}" if later else ""
+            yield Drawing(draw_record(experiment.raw), f"{name}: the record{used}.", of=name)
+
+
+def _is_of_states(experiment: ExperimentContent) -> bool:
+    """Whether the rows are states with positions, for which a chart over the samples is of no use."""
+    return any(name.rpartition(".")[2] in ("x", "y", "z") and "." in name for name in experiment.raw.channels)
+
+
+def _caption(experiment: ExperimentContent) -> str:
+    drawn = experiment.corrected or experiment.raw
+    later = steps_between(experiment.prepared, len(drawn.provenance))
+    caption = f"{experiment.name}: the record in light tones, the samples used for the fit in blue."
+    if drawn.cycle is None and later:
+        caption += f" Between the two {'lie' if len(later) > 1 else 'lies'}: {joined(later)}."
+    return caption
+
+
+def steps_between(data: Dataset, after: int) -> list[str]:
+    """Steps after the first `after` that changed samples, each once; stating noise changes none."""
+    return list(dict.fromkeys(step.name for step in data.provenance[after:] if step.name not in NOISE_STEPS))
+
+
+def has_force_displacement(data: Dataset) -> bool:
+    """Whether a dataset has the channels of a force–displacement chart."""
+    return "shortening" in data.channels and "tension" in data.channels
+
+
+def draw_force_displacement(experiment: ExperimentContent) -> Figure:
+    """Paper A's Fig. 3: all cycles in light tones, the first one distinct, the fitted branch on top."""
+    with house_style():
+        figure = new_figure()
+        axes = figure.add_subplot()
+        record = experiment.corrected or experiment.raw
+        if has_force_displacement(record):
+            draw_cycles(axes, record)
+        if has_force_displacement(experiment.prepared):
+            data = experiment.prepared
+            few = data.n_samples <= 25
+            for piece in _cycle_pieces(data):
+                axes.plot(
+                    *_over_displacement(data, piece), color=BLUE, linewidth=2.2, marker="o" if few else "",
+                    markersize=3.5, label="used for the fit" if piece.start == 0 else None, zorder=4,
+                )  # fmt: skip
+        force_displacement_axes(axes, experiment.name)
+        axes.legend(loc="upper left")
+        return figure
+
+
+def draw_record(data: Dataset) -> Figure:
+    """A dataset as recorded: force and angles over displacement if measured, otherwise each channel over time."""
+    with house_style():
+        if has_force_displacement(data):
+            angles = [name for name in _ANGLES if name in data.channels]
+            figure = new_figure(5.2, 3.5 + 2.1 * len(angles))
+            axes, *beneath = figure.subplots(1 + len(angles), 1, squeeze=False)[:, 0]
+            draw_cycles(axes, data)
+            force_displacement_axes(axes, data.name)
+            axes.legend(loc="upper left")
+            for below, name in zip(beneath, angles, strict=True):
+                draw_cycles(below, data, name)
+                below.set_xlabel("Displacement [mm]")
+                below.set_ylabel(scale_of("rad").axis(channel_label(name)))
+                below.set_xlim(axes.get_xlim())
+            return figure
+        names = [name for name in data.channels if name != "time" and not is_deviation(name)] or ["time"]
+        figure = new_figure(5.2, 1.2 + 1.5 * len(names))
+        stack = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
+        timed = "time" in data.channels and names != ["time"]
+        x = data.values("time") if timed else np.arange(data.n_samples)
+        for axes, name in zip(stack, names, strict=True):
+            scale = scale_of(data.channels[name].unit)
+            axes.plot(x, data.values(name) / scale.factor, color=BLUE, linewidth=1.2)
+            axes.set_ylabel(scale.axis(channel_label(name)))
+        stack[0].set_title(data.name)
+        stack[-1].set_xlabel("Time [s]" if timed else "Sample")
+        return figure
+
+
+def draw_cycles(axes: Axes, data: Dataset, channel: str = "tension") -> None:
+    """Cycles of force, or another channel, over displacement: samples outside cycles, the first cycle, later ones."""
+    if data.cycle is None:
+        axes.plot(*_over_displacement(data, slice(None), channel), color=MUTED, linewidth=1.0, label="as measured")
+        return
+    seen: set[str] = set()
+    first = float(np.min(data.cycle[data.cycle >= 0], initial=np.inf))
+    last = int(np.max(data.cycle, initial=0))
+    for piece in _cycle_pieces(data):
+        number = data.cycle[piece.start]
+        if number < 0:
+            label, colour, line = "outside any cycle", MUTED, ":"
+        elif number == first:
+            label, colour, line = f"cycle {int(number) + 1}", ORANGE, "-"
+        else:
+            label, colour, line = f"cycles {int(first) + 2} to {last + 1}", LOOP, "-"
+        axes.plot(
+            *_over_displacement(data, piece, channel), color=colour, linestyle=line, linewidth=1.2,
+            label=None if label in seen else label, zorder=3 if number == first else 2,
+        )  # fmt: skip
+        seen.add(label)
+
+
+def _cycle_pieces(data: Dataset) -> list[slice]:
+    if data.cycle is None:
+        return [slice(0, data.n_samples)]
+    cuts = [0, *(np.flatnonzero(np.diff(data.cycle)) + 1).tolist(), data.n_samples]
+    return [slice(start, stop) for start, stop in pairwise(cuts)]
+
+
+def _over_displacement(data: Dataset, rows: slice, channel: str = "tension") -> tuple[Floats, Floats]:
+    shown = data.values(channel)[rows] / scale_of(data.channels[channel].unit).factor
+    return data.values("shortening")[rows] / scale_of("m").factor, shown
+
+
+def force_displacement_axes(axes: Axes, title: str) -> None:
+    """Title and axes of a chart of force over displacement, which begin at zero."""
+    axes.set_title(title)
+    axes.set_xlabel("Displacement [mm]")
+    axes.set_ylabel("Cable force [N]")
+    axes.set_xlim(left=min(0.0, axes.get_xlim()[0]))
+    axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))

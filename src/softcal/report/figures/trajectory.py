@@ -1,0 +1,175 @@
+"""Paper A's Fig. 6: channels over the trajectory, measured and simulated, with their residuals."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from softcal.calibration.result import ExperimentFit
+from softcal.checks import Floats
+from softcal.experiments.dataset import Dataset
+from softcal.report.content import ExperimentContent, ReportContent
+from softcal.report.figure import Drawing, register_figure
+from softcal.report.format import SI_UNITS_OF, Scale, channel_label, file_stem, joined, result_label, scale_of
+from softcal.report.style import INK, MEASURED, MUTED, SIMULATED, house_style, new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+@register_figure("fit", place=2)
+def trajectory(content: ReportContent) -> Iterator[Drawing]:
+    """Every channel of every experiment over its samples, measured and simulated, with the residual beneath."""
+    for label, result in content.results.items():
+        for name, fit in result.experiments.items():
+            path = trajectory_panels(content.experiments[name], fit)
+            if not path.panels:
+                continue
+            alone = file_stem(label) == file_stem(name)
+            who = name if alone else f"{name}, {result_label(label).lower() if label == 'joint' else label}"
+            caption = f"{who}: measured and simulated; the residual is simulated minus measured."
+            silent = [panel.label.lower() for panel in path.panels if panel.measured is None]
+            if silent:
+                caption += f" The {joined(silent)} was not measured; only the simulated one is shown."
+            if path.abscissa.note:
+                caption += f" {path.abscissa.note}"
+            yield Drawing(draw_trajectory(path), caption, of=name if alone else f"{name} by {label}")
+
+
+@dataclass(frozen=True)
+class Abscissa:
+    """The horizontal axis of a trajectory in display units; note: why it is not the expected one, or ""."""
+
+    values: Floats
+    label: str
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class TrajectoryPanel:
+    """One channel over the trajectory in display units; measured and residual are None if not measured."""
+
+    channel: str
+    label: str
+    scale: Scale
+    measured: Floats | None
+    simulated: Floats
+    residual: Floats | None
+
+
+@dataclass(frozen=True)
+class TrajectoryPanels:
+    """One experiment, measured and simulated. pieces: slices of consecutive samples that a line joins."""
+
+    experiment: str
+    abscissa: Abscissa
+    panels: tuple[TrajectoryPanel, ...]
+    pieces: tuple[slice, ...]
+
+
+def trajectory_panels(experiment: ExperimentContent, fit: ExperimentFit) -> TrajectoryPanels:
+    """Panels in order: force, pitch, shortening, other non-position channels."""
+    order = ("tension", "pitch", "shortening")
+    names = [name for name in order if name in fit.simulated]
+    placed = {name for name in fit.simulated if name.rpartition(".")[0] in fit.distances}
+    names += [name for name in fit.simulated if name not in {*order, *placed} and name in fit.measured]
+    panels: list[TrajectoryPanel] = []
+    for name in names:
+        scale = scale_of(fit.units.get(name, SI_UNITS_OF.get(name, "1")))
+        simulated = np.asarray(fit.simulated[name], dtype=np.float64) / scale.factor
+        measured = fit.measured.get(name)
+        shown = None if measured is None else np.asarray(measured, dtype=np.float64) / scale.factor
+        residual = None if shown is None else simulated - shown
+        panels.append(TrajectoryPanel(name, channel_label(name), scale, shown, simulated, residual))
+    n_samples = len(panels[0].simulated) if panels else 0
+    abscissa = _abscissa(experiment, n_samples)
+    return TrajectoryPanels(experiment.name, abscissa, tuple(panels), _pieces(experiment.prepared, n_samples))
+
+
+def _abscissa(experiment: ExperimentContent, n_samples: int) -> Abscissa:
+    data = experiment.prepared
+    if data.n_samples != n_samples:
+        note = f"{n_samples} samples were compared, the prepared data has {data.n_samples}; the axis is their number."
+        return Abscissa(np.arange(n_samples, dtype=np.float64), "Sample", note)
+    for name in (experiment.drive, "time"):
+        if name in data.channels and np.all(np.diff(data.values(name)) >= 0):
+            scale = scale_of(data.channels[name].unit)
+            return Abscissa(data.values(name) / scale.factor, scale.axis(channel_label(name)))
+    return Abscissa(np.arange(n_samples, dtype=np.float64), "Sample")
+
+
+def _pieces(data: Dataset, n_samples: int) -> tuple[slice, ...]:
+    if data.cycle is None or data.n_samples != n_samples:
+        return (slice(0, n_samples),)
+    cuts = [0, *(np.flatnonzero(np.diff(data.cycle)) + 1).tolist(), n_samples]
+    return tuple(slice(start, stop) for start, stop in pairwise(cuts))
+
+
+def draw_trajectory(path: TrajectoryPanels, width: float = 5.2) -> Figure:
+    """Paper A's Fig. 6: measured and simulated channels over the trajectory, the residual beneath each.
+
+    width: of the figure [in].
+    """
+    rows: list[tuple[TrajectoryPanel, str]] = []
+    for panel in path.panels:
+        rows.append((panel, "values"))
+        if panel.residual is not None:
+            rows.append((panel, "residual"))
+    heights = [2.0 if kind == "values" else 0.85 for _, kind in rows]
+    with house_style():
+        figure = new_figure(width, 0.9 + sum(heights) * 0.92)
+        stack = figure.subplots(len(rows), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
+        for axes, (panel, kind) in zip(stack, rows, strict=True):
+            if kind == "values":
+                _draw_values(axes, path, panel)
+            else:
+                _draw_residual(axes, path, panel)
+        stack[0].set_title(path.experiment)
+        # Beside the title, where it covers no curve.
+        stack[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.1)
+        stack[-1].set_xlabel(path.abscissa.label)
+        figure.align_ylabels(list(stack))
+        return figure
+
+
+def _draw_values(axes: Axes, path: TrajectoryPanels, panel: TrajectoryPanel) -> None:
+    few = len(panel.simulated) <= 60
+    for piece in path.pieces:
+        named = piece.start == 0
+        x = path.abscissa.values[piece]
+        if panel.measured is not None:
+            axes.plot(
+                x, panel.measured[piece], color=MEASURED, linestyle="" if few else "-", marker="o" if few else "",
+                markersize=3.5, markerfacecolor="none", linewidth=2.6, alpha=1.0 if few else 0.45,
+                label="measured" if named else None,
+            )  # fmt: skip
+        axes.plot(
+            x, panel.simulated[piece], color=SIMULATED, marker=_lone(piece), markersize=4.5,
+            label="simulated" if named else None,
+        )  # fmt: skip
+    axes.set_ylabel(panel.scale.axis(panel.label))
+    if panel.measured is None:
+        text = f"{panel.label.lower()} was not measured"
+        axes.text(0.02, 0.95, text, transform=axes.transAxes, va="top", fontsize=8.5, color=MUTED)
+
+
+def _draw_residual(axes: Axes, path: TrajectoryPanels, panel: TrajectoryPanel) -> None:
+    assert panel.residual is not None  # noqa: S101 - the caller lists residual rows only where there is one
+    axes.axhline(0.0, color=INK, linewidth=0.8)
+    for piece in path.pieces:
+        x, off = path.abscissa.values[piece], panel.residual[piece]
+        axes.plot(x, off, color=SIMULATED, linewidth=1.2, marker=_lone(piece), markersize=4.5)
+    reach = 1.15 * float(np.nanmax(np.abs(panel.residual))) or 1.0
+    axes.set_ylim(-reach, reach)
+    axes.set_ylabel(panel.scale.axis("Residual"))
+    axes.locator_params(axis="y", nbins=3)
+
+
+def _lone(piece: slice) -> str:
+    """Plot marker for a piece of one sample, which a line does not show."""
+    return "D" if piece.stop - piece.start == 1 else ""

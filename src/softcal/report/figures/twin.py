@@ -1,0 +1,35 @@
+"""Paper A's Figs 2 and 4: the twin at rest and bent."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from softcal.report.content import ReportContent
+from softcal.report.figure import Drawing, register_figure
+from softcal.report.format import joined
+from softcal.report.scene_figure import ScenePicture, draw_side_by_side
+from softcal.report.scene_render import render_scenes
+from softcal.report.scene_twin import twin_scenes
+from softcal.report.twin_view import TwinView
+
+
+@register_figure("twin")
+def twin(content: ReportContent) -> Iterator[Drawing]:
+    """The calibrated twin at rest and bent, coloured by displacement."""
+    if content.twin is None:
+        return
+    drawn, robot = draw_twin(content.twin), content.twin.robot
+    states = "at rest and at its largest pitch" if robot.cables else "undeformed and in equilibrium"
+    drawn_as = ["colour is the displacement"]
+    drawn_as += ["fixed regions are grey"] if any(len(body.fixed) for body in robot.bodies) else []
+    drawn_as += ["the tubes are cables"] if robot.cables else []
+    drawn_as += ["the discs are rigid plates"] if robot.plates else []
+    caption = f"The calibrated twin {states}, to one scale: {joined(drawn_as)}."
+    yield Drawing(drawn.figure, caption, shown="png", note=drawn.note)
+
+
+def draw_twin(view: TwinView) -> ScenePicture:
+    """The twin at rest and bent, side by side in one projection."""
+    found = twin_scenes(view)
+    cameras = (found.camera, found.camera)
+    return draw_side_by_side(found.scenes, cameras, render_scenes(found.scenes, cameras), largest=found.largest)

@@ -1,0 +1,139 @@
+"""What every figure of a report keeps, and a figure in one file of the user's own."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import replace
+from importlib.metadata import EntryPoint
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from own_module import imported
+from project_case import write_project
+from report_example import bench_experiment, example_content, tpe_result
+from typer.testing import CliRunner
+
+from softcal import ParameterError, load, register_figure
+from softcal.cli import app
+from softcal.report.content import ReportContent
+from softcal.report.figure import FIGURES, ReportFigure, named_figures
+from softcal.report.figures import twin
+from softcal.report.scene_render import Rendering
+from softcal.workflows.calibration import calibrate
+
+HISTOGRAM = '''
+from matplotlib.figure import Figure
+
+from softcal import Drawing, register_figure
+
+
+@register_figure("fit")
+def residual_histogram(content):
+    """How often residuals of each size occur."""
+    for name, fit in content.headline_result.experiments.items():
+        for channel in fit.rmse:
+            figure = Figure()
+            figure.add_subplot().hist(fit.simulated[channel] - fit.measured[channel])
+            yield Drawing(figure, f"Residuals of {channel} in {name}.", of=f"{channel} {name}")
+'''
+
+
+@pytest.fixture(scope="module")
+def whole() -> ReportContent:
+    return example_content(n_trials=20)
+
+
+@pytest.fixture(scope="module")
+def bare() -> ReportContent:
+    """One experiment, and a calibration that keeps no trials: what every report has."""
+    experiment = bench_experiment("20mm", 0.02, 2e6, pitch=False)
+    result = replace(tpe_result([experiment], 2e6, 0.45, n_trials=4), trials=(), n_failed_trials=0)
+    return ReportContent("neck", {"20mm": result}, {"20mm": experiment})
+
+
+@pytest.mark.parametrize("name", sorted(FIGURES))
+def test_it_says_what_it_shows_and_stands_in_a_file_of_its_name(name: str) -> None:
+    figure = FIGURES[name]
+    assert figure.summary.endswith(".")
+    assert figure.module == f"softcal.report.figures.{name.replace('-', '_')}"
+
+
+@pytest.mark.parametrize("name", sorted(FIGURES))
+def test_its_drawings_have_captions_and_names_of_their_own(
+    name: str, whole: ReportContent, bare: ReportContent, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(twin, "render_scenes", lambda *_: Rendering((), ""))
+    for content in (whole, bare):
+        drawn = list(FIGURES[name].function(content))
+        assert all(one.caption.endswith(".") and one.figure.axes for one in drawn)
+        assert len({one.of for one in drawn}) == len(drawn)
+        assert all(one.of for one in drawn) or len(drawn) < 2
+
+
+def test_a_report_without_data_has_fewer_figures(whole: ReportContent, bare: ReportContent) -> None:
+    def drawn(content: ReportContent) -> set[str]:
+        return {name for name in FIGURES if name != "twin" and any(FIGURES[name].function(content))}
+
+    assert drawn(bare) == {"overview", "force-displacement", "trajectory", "loss", "parameter"}
+    assert drawn(whole) == drawn(bare) | {"history", "plausible-modulus"}
+
+
+@pytest.fixture
+def histogram(tmp_path: Path) -> Generator[ModuleType]:
+    """The figure, as a module of the user's registers it."""
+    yield imported(tmp_path / "histogram_figure.py", HISTOGRAM)
+    FIGURES.remove("residual-histogram")
+
+
+def test_a_figure_of_ones_own_is_in_the_report(histogram: ModuleType, tmp_path: Path) -> None:
+    calibrate(load(write_project(tmp_path / "p")), out=tmp_path / "run")
+    given = ["report", str(tmp_path / "run"), "--out", str(tmp_path / "r"), "--figures", "residual-histogram, overview"]
+    found = CliRunner().invoke(app, given)
+    assert found.exit_code == 0, found.output
+    stems = {path.stem for path in (tmp_path / "r" / "figures").glob("*.png")}
+    assert stems == {"overview", "residual-histogram-tension-pull", "residual-histogram-pitch-pull"}
+    page = (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
+    (section,) = [part for part in page.split("<section>") if "<h2>Measured and simulated</h2>" in part]
+    assert "<figcaption>Residuals of tension in pull.</figcaption>" in section
+    assert named_figures(())[-1].name == "residual-histogram"
+
+
+def test_a_figure_that_nobody_registered_is_refused(tmp_path: Path) -> None:
+    calibrate(load(write_project(tmp_path / "p")), out=tmp_path / "run")
+    found = CliRunner().invoke(app, ["report", str(tmp_path / "run"), "--figures", "twn,residual-histogram"])
+    told = found.output.replace("\n", " ")
+    assert found.exit_code == 2
+    assert "Error: 2 faults" in told
+    assert "figures: there is no such figure; got 'twn'" in told
+    assert "Try: 'twin'" in told
+    assert not (tmp_path / "run" / "report.html").exists()
+
+
+def test_a_package_brings_it_by_an_entry_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = HISTOGRAM.replace("def residual_histogram", "def brought")
+    (tmp_path / "brought_figure.py").write_text(text, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    point = EntryPoint("brought", "brought_figure:brought", "softcal.figures")
+    monkeypatch.setattr("softcal.catalogue.entry_points", lambda group: [point] if group == point.group else [])
+    monkeypatch.setattr(FIGURES, "_asked", False)
+    try:
+        assert FIGURES.named("brought").section == "fit"
+    finally:
+        FIGURES.remove("brought")
+
+
+def test_what_is_no_figure_is_refused(whole: ReportContent) -> None:
+    def unexplained(content: ReportContent) -> list[object]:
+        return []
+
+    with pytest.raises(ParameterError) as error:
+        register_figure("middle")(unexplained)  # type: ignore[arg-type, type-var]
+    told = str(error.value)
+    assert "figure unexplained: it says nowhere what it shows" in told
+    assert "the report has no such section; got 'middle'; allowed: overview, compared" in told
+    with pytest.raises(ParameterError, match="there is another figure of this name"):
+        FIGURES.add(ReportFigure("twin", twin.twin, "fit"))
+    with pytest.raises(ParameterError, match="this is no figure"):
+        FIGURES.add(whole)  # type: ignore[arg-type]
+    assert "unexplained" not in FIGURES

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from mechanics_cases import column_robot, constants, elastic, full_matrix, side_cable, twin_and_theta
+from slider_foundation import SliderFoundation
 
 import softcal.mechanics
 from softcal.checks import Floats, Ints
@@ -75,10 +76,10 @@ class Foundation(Term):
         return state.x[self.points] - self.X[self.points]
 
 
-def bed(twin: Twin) -> Foundation:
+def bed(twin: Twin, kind: type[Foundation | SliderFoundation] = Foundation) -> Term:
     """Under a side of the column: free points, some that ride on its plate, and some that are fixed."""
     layout, pattern = twin.system.layout, twin.system.pattern
-    return Foundation(np.flatnonzero(np.isclose(layout.X[:, 0], -0.015)), layout.X).plan(layout, pattern)
+    return kind(np.flatnonzero(np.isclose(layout.X[:, 0], -0.015)), layout.X).plan(layout, pattern)
 
 
 # Robots, and the terms in them.
@@ -175,12 +176,17 @@ class Case:
         robot = self.robot()
         own = {name: value for name, value in (changes or {}).items() if name in robot_parameters(robot)}
         twin, theta = twin_and_theta(with_parameters(robot, own))
-        theta = {**theta, "bed.stiffness": 300.0, **(changes or {})}
+        theta = {**theta, **BEDS, **(changes or {})}
         layout, term = twin.system.layout, self.pick(twin, theta)
         n = layout.n_actuators
         controls = Controls(np.arange(n) == 0, np.full(n, 0.7), np.full(n, 0.004), 0.8)
+        system = build_system(layout, (term,))
         state = moved(layout, rest_state(layout), self.move(layout))
-        return Alone(twin, term, build_system(layout, (term,)), state, controls, theta)
+        if system.remembers:  # as a sample elsewhere left it, at any parameters
+            before = moved(layout, rest_state(layout), self.move(layout, seed=9))
+            remembered = system.advanced(before, controls, {**theta, **BEDS}).memory
+            state = replace(state, memory=remembered)
+        return Alone(twin, term, system, state, controls, theta)
 
 
 @dataclass(frozen=True)
@@ -198,7 +204,18 @@ class Alone:
 
     def energy(self, dz: Floats) -> float:
         state = moved(self.system.layout, self.state, dz)
-        return sum(term.energy(Given(state, self.controls, self.theta)) for term in self.system.terms)
+        given = self.system.given(state, self.controls, self.theta)
+        return sum(term.energy(one) for term, one in zip(self.system.terms, given, strict=True))
+
+    def remembering(self, change: Floats | float) -> Alone:
+        """With another memory."""
+        memory = self.state.memory
+        return replace(self, state=replace(self.state, memory=replace(memory, values=memory.values + change)))
+
+    def advanced(self, dz: Floats | float = 0.0) -> Floats:
+        """The memory that the state, moved by dz, leaves."""
+        state = moved(self.system.layout, self.state, dz + np.zeros(self.system.layout.n_unknowns))
+        return self.system.advanced(state, self.controls, self.theta).memory.values
 
 
 CASES = {
@@ -215,7 +232,9 @@ CASES = {
     "viscosity, P2P1": Case(ViscousTerm, lambda: bent_column("P2P1"), in_motion(ViscousTerm)),
     "inertia": Case(InertialTerm, whip, in_motion(InertialTerm)),
     "foundation": Case(Foundation, bent_column, lambda twin, theta: bed(twin)),
+    "sliders": Case(SliderFoundation, bent_column, lambda twin, theta: bed(twin, SliderFoundation)),
 }
+BEDS = {"bed.stiffness": 300.0, "slider.stiffness": 300.0, "slider.yield_force": 0.3}
 WITHOUT_PARAMETERS = (ContactTerm, ViscousTerm, InertialTerm)
 
 
@@ -313,6 +332,54 @@ def test_it_writes_where_it_said_it_would(name):
     K, K_among = full_matrix(alone.system, one), full_matrix(among, other)
     np.testing.assert_allclose(K, K_among, rtol=0.0, atol=1e-13 * np.abs(K_among).max())
     np.testing.assert_allclose(one.reduced, other.reduced, rtol=0.0, atol=1e-13 * np.abs(one.reduced).max())
+
+
+REMEMBERING = [name for name, case in CASES.items() if case.kind.first_memory is not Term.first_memory]
+every_memory = pytest.mark.parametrize("name", REMEMBERING)
+
+
+@every_memory
+def test_what_a_sample_leaves_keeps_its_equilibrium(name):
+    """Otherwise the robot would move between two samples with the same controls."""
+    alone = CASES[name].at()
+    after = replace(alone, state=alone.system.advanced(alone.state, alone.controls, alone.theta))
+    assert np.abs(after.state.memory.values - alone.state.memory.values).max() > 0.0
+    before = alone.gradient()
+    np.testing.assert_allclose(after.gradient(), before, rtol=0.0, atol=1e-12 * np.abs(before).max())
+    np.testing.assert_allclose(after.advanced(), after.state.memory.values, rtol=0.0, atol=1e-12)
+
+
+@every_memory
+def test_derivatives_by_the_memory_are_those_of_differences(name):
+    alone = CASES[name].at()
+    values = alone.state.memory.values
+    rate = np.abs(values).max() * np.random.default_rng(5).uniform(-1.0, 1.0, len(values))
+    sums = Sum(alone.system.layout)
+    (given,) = alone.system.given(alone.state, alone.controls, alone.theta)
+    alone.term.add_by_memory(sums, given, rate)
+    into = replace(alone.state, memory=replace(alone.state.memory, by_parameter={"any": rate}))
+    at = alone.system.linearise(into, alone.controls, alone.theta)
+    exact = alone.system.gradient_by_parameters(into, at, alone.theta, ("any",))[:, 0]
+    ends = [alone.remembering(s * STEP * rate).gradient() for s in (1, -1)]
+    assert np.abs(sums.full).max() > 0.0
+    assert_close(alone.system.layout, exact, (ends[0] - ends[1]) / (2.0 * STEP), 1e-12)
+
+
+@every_memory
+def test_the_memorys_derivatives_are_those_of_differences(name):
+    """By each parameter, with rates of the state and of the old memory by it."""
+    case, alone = CASES[name], CASES[name].at()
+    layout, rng = alone.system.layout, np.random.default_rng(6)
+    old = alone.state.memory
+    for k, parameter in enumerate((*alone.term.parameters, "no.parameter")):
+        value = alone.theta.get(parameter, 1.0)
+        dz, rate = case.move(layout, seed=k + 1) / value, 1e-3 / value * rng.uniform(-1.0, 1.0, len(old.values))
+        state = replace(alone.state, memory=replace(old, by_parameter={parameter: rate}))
+        told = alone.system.advanced(state, alone.controls, alone.theta, dz[:, None], (parameter,))
+        h = STEP * value
+        ends = [case.at({parameter: value + s * h}).remembering(s * h * rate).advanced(s * h * dz) for s in (1, -1)]
+        exact, expected = told.memory.by_parameter[parameter], (ends[0] - ends[1]) / (2.0 * h)
+        np.testing.assert_allclose(exact, expected, rtol=0.0, atol=1e-6 * np.abs(expected).max())
 
 
 def test_a_term_that_connects_more_than_it_said_is_refused():

@@ -116,7 +116,7 @@ class Dynamics:
             pushes = by_length & ~slack & pushing(self.system, state)
             too_long = slack & (self._excess(state, wanted) > SLACK_LENGTH * cables.rest_length)
             if not pushes.any() and not too_long.any():
-                return state
+                return self._statics.system.advanced(state, controls, self.theta)
             slack = (slack | pushes) & ~too_long
         raise SimulationError("cables keep switching between taut and slack.")
 
@@ -159,7 +159,7 @@ class Dynamics:
             raise SimulationError(f"One linear solve goes too far at {time:.6g} s: {why_not}. {ADVICE}")
         if system.free_way(start, state) < 1.0:
             raise SimulationError(f"One linear solve passes through a contact at {time:.6g} s. {ADVICE}")
-        return after(now, state, step)
+        return after(now, system.advanced(state, free, self.theta), step)
 
 
 def pulls_without_push(compliance: Floats, excess: Floats) -> Floats:

@@ -76,6 +76,18 @@ class Motion:
         shape = (len(ptr) - 1, self.layout.first_effort_unknown)
         return sp.csr_matrix((self._weights(state)[weight], unknown, ptr), shape=shape)
 
+    def rates(self, state: State, dz: Floats) -> State:
+        """The rates of a state's arrays (dx, dR, ...) at rates dz (n_unknowns,) of the unknowns."""
+        layout, n = self.layout, self.layout.n_moving_frames
+        frames = dz[layout.first_frame_unknown : layout.first_pressure_unknown].reshape(-1, 6)
+        position, rotation = np.zeros_like(state.position), np.zeros_like(state.rotation)
+        position[:n] = frames[:, :3]
+        columns = np.swapaxes(state.rotation[:n], 1, 2)
+        rotation[:n] = np.swapaxes(np.cross(frames[:, None, 3:], columns), 1, 2)
+        moves = self.matrix(state)[: 3 * layout.n_points] @ dz[: layout.first_effort_unknown]
+        pressure = dz[layout.first_pressure_unknown : layout.first_effort_unknown]
+        return State(moves.reshape(-1, 3), position, rotation, pressure, dz[layout.first_effort_unknown :])
+
     def _weights(self, state: State) -> Floats:
         """The nonzeros of P: one, the ties' weights, then for every link to a frame its weight and its arm, +- ."""
         links = self.layout.links

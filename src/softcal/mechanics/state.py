@@ -9,6 +9,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.mechanics.layout import Layout
+from softcal.mechanics.memory import Memory
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,8 @@ class State:
         Nodal pressures (n_pressures,) [Pa].
     effort
         Efforts of the actuators (n_actuators,), each in its own unit, such as a cable's tension [N].
+    memory
+        What the last converged sample left to the terms; None before the first one, and where no term remembers.
     """
 
     x: Floats
@@ -34,6 +37,7 @@ class State:
     rotation: Floats
     pressure: Floats
     effort: Floats
+    memory: Memory | None = None
 
 
 def rest_state(layout: Layout) -> State:
@@ -61,6 +65,7 @@ def moved(layout: Layout, state: State, dz: Floats) -> State:
         rotation=rotation,
         pressure=state.pressure + dz[layout.first_pressure_unknown : layout.first_effort_unknown],
         effort=state.effort + dz[layout.first_effort_unknown :],
+        memory=state.memory,
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any, TypeVar
 
 import numpy as np
@@ -16,11 +17,12 @@ from softcal.mechanics.contact import ContactTerm
 from softcal.mechanics.frame_blocks import moving_pairs
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.loads import Loads
+from softcal.mechanics.memory import Memory
 from softcal.mechanics.motion import Motion, build_motion
 from softcal.mechanics.pattern import Pattern, build_pattern
 from softcal.mechanics.scales import Sizes
 from softcal.mechanics.state import State
-from softcal.mechanics.term import Controls, Given, Sum, Term, Theta
+from softcal.mechanics.term import NOTHING, Controls, Given, Sum, Term, Theta
 
 Kind = TypeVar("Kind", bound=Term)
 
@@ -148,8 +150,8 @@ class System:
         if why_not := self._why_not(known):
             return Linearisation(controls, known, why_not)
         total = Sum(self.layout, self.pattern.size if tangent else None)
-        for term, own in zip(self.terms, known, strict=True):
-            term.add(total, Given(state, controls, theta, own))
+        for term, given in zip(self.terms, self.given(state, controls, theta, known), strict=True):
+            term.add(total, given)
         forces = float(np.sqrt(np.vdot(total.points, total.points) + total.squares))
         at = Linearisation(controls, known, "", total.full, self._on_unknowns(state, total), forces)
         if total.data is None:
@@ -159,14 +161,66 @@ class System:
         return replace(at, data=data, border=self._border(state, total), touch=self._outside(state, total))
 
     def gradient_by_parameters(self, state: State, at: Linearisation, theta: Theta, names: tuple[str, ...]) -> Floats:
-        """d reduced gradient / d parameter, (n_unknowns, n_names)."""
+        """d reduced gradient / d parameter, (n_unknowns, n_names), also by way of the terms' memory."""
         sums = {name: Sum(self.layout) for name in names}
-        for term, known in zip(self.terms, at.known, strict=True):
-            term.add_by_parameters(sums, Given(state, at.controls, theta, known))
+        remembered = {} if state.memory is None else state.memory.by_parameter
+        each = zip(self.terms, self.given(state, at.controls, theta, at.known), self._owned, strict=True)
+        for term, given, own in each:
+            term.add_by_parameters(sums, given)
+            for name in remembered.keys() & sums.keys():
+                term.add_by_memory(sums[name], given, remembered[name][own])
         out = np.empty((self.layout.n_unknowns, len(names)))
         for k, name in enumerate(names):
             out[:, k] = self._on_unknowns(state, sums[name])
         return out
+
+    @cached_property
+    def remembers(self) -> bool:
+        """Whether a term does: then a protocol's samples are a way, and solved in their order."""
+        return len(self._first_memory) > 0
+
+    def given(
+        self, state: State, controls: Controls, theta: Theta, known: Sequence[Any] | None = None
+    ) -> tuple[Given, ...]:
+        """The arguments of each term; known: their `kinematics` where these are there already."""
+        known = [term.kinematics(state) for term in self.terms] if known is None else known
+        memory = self._first_memory if state.memory is None else state.memory.values
+        each = zip(known, self._owned, strict=True)
+        return tuple(Given(state, controls, theta, at, memory[own]) for at, own in each)
+
+    def advanced(
+        self,
+        state: State,
+        controls: Controls,
+        theta: Theta,
+        by_parameter: Floats | None = None,
+        names: tuple[str, ...] = (),
+    ) -> State:
+        """A converged sample's state with the memory that it leaves to the next one.
+
+        by_parameter: dz/dtheta (n_unknowns, k) of the sample by the parameters `names` (k,), by which the memory then
+        has derivatives too.
+        """
+        if not self.remembers:
+            return state
+        each = [*zip(self.terms, self.given(state, controls, theta), self._owned, strict=True)]
+        values = np.concatenate([term.advance(given) for term, given, _ in each])
+        before = {} if state.memory is None else state.memory.by_parameter
+        rates: dict[str, Floats] = {}
+        for name, dz in zip(names, () if by_parameter is None else by_parameter.T, strict=True):
+            rate, old = self.motion.rates(state, dz), before.get(name, np.zeros_like(values))
+            rates[name] = np.concatenate([term.advance_rate(given, name, rate, old[own]) for term, given, own in each])
+        return replace(state, memory=Memory(values, rates))
+
+    @cached_property
+    def _first_memory(self) -> Floats:
+        return np.concatenate([NOTHING, *(term.first_memory() for term in self.terms)])
+
+    @cached_property
+    def _owned(self) -> tuple[slice, ...]:
+        """Where each term's memory is among that of all."""
+        ends = np.cumsum([0, *(len(term.first_memory()) for term in self.terms)]).tolist()
+        return tuple(slice(*ends) for ends in pairwise(ends))
 
     def why_not(self, state: State) -> str:
         """Why a state is inadmissible, as part of a sentence; "" where it is admissible."""

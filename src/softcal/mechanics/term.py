@@ -25,6 +25,7 @@ from softcal.mechanics.scales import Sizes
 from softcal.mechanics.state import State
 
 Theta = Mapping[str, float]
+NOTHING: Floats = np.zeros(0)
 
 
 @dataclass(frozen=True)
@@ -40,12 +41,23 @@ class Controls:
 
 
 class Given(NamedTuple):
-    """The arguments of a sum; known: the result of the term's own `kinematics`."""
+    """The arguments of a term's part of a sum.
+
+    Attributes
+    ----------
+    state, controls, theta
+        The configuration, the controls, and the parameters' values [SI] by name.
+    known
+        The result of the term's own `kinematics` at the state.
+    memory
+        What the last converged sample left to this term (n,); empty for one that does not remember.
+    """
 
     state: State
     controls: Controls
     theta: Theta
     known: Any = None
+    memory: Floats = NOTHING
 
 
 class Connectivity(NamedTuple):
@@ -127,6 +139,27 @@ class Term(ABC):
     @abstractmethod
     def energy(self, given: Given) -> float:
         """The potential [J] whose derivative the gradient is; without friction, which has none."""
+
+    # A term that remembers (see `memory.py`) has these four, too.
+
+    def first_memory(self) -> Floats:
+        """Its memory before the first sample (n,), in its own units; empty where it does not remember."""
+        return NOTHING
+
+    def advance(self, given: Given) -> Floats:
+        """Its memory (n,) after the converged sample `given`. At that sample's state the new memory leaves the gradient
+        as it was.
+        """
+        return given.memory
+
+    def add_by_memory(self, into: Sum, given: Given, rate: Floats) -> None:  # noqa: B027
+        """Add d gradient / d memory times a rate (n,) of the memory."""
+
+    def advance_rate(self, given: Given, parameter: str, rate: State, memory_rate: Floats) -> Floats:
+        """The derivative (n,) of `advance` by a parameter, with those of the state's arrays (such as dx/dtheta in
+        `rate.x`) and of the memory (n,).
+        """
+        return memory_rate
 
     def measure(self, sizes: Sizes, theta: Theta) -> None:  # noqa: B027
         """Add its contribution to the sizes by which the robot's equations are scaled."""

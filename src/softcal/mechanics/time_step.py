@@ -91,7 +91,7 @@ def in_step(system: System, inertia: Inertia, damping: Damping, step: float, bef
     state, n = before.state, system.layout.n_actuators
     held = Controls(np.ones(n, dtype=bool), state.effort, np.zeros(n))
     of_step = TimeStep(system.layout, step, damping)
-    begun = ((term, Given(state, held, theta, term.kinematics(state))) for term in system.terms)
+    begun = zip(system.terms, system.given(state, held, theta), strict=True)
     terms = [part for term, given in begun for part in term.in_step(given, of_step)]
     return replace(system, terms=(*terms, InertialTerm(inertia, before, step, damping.mass)))
 

@@ -1,8 +1,10 @@
-"""Several driven cables: every sample is solved; which cables are slack follows from equilibrium."""
+"""Samples solved one by one, in their order: several driven cables, or a robot that remembers. Which cables are slack
+follows from equilibrium.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -42,6 +44,7 @@ def simulate_many(
     cables in `commanded`.
     """
     units = channel_units(twin)
+    labels = (*names, *(f"{cable}.{protocol.commands[cable].control}" for cable in commanded))
     values: list[Floats] = []
     rates: list[Floats] = []
     shapes: list[Snapshot] = []
@@ -51,7 +54,7 @@ def simulate_many(
     crossed: list[tuple[str, Crossings]] = []
     out: list[tuple[str, dict[str, float]]] = []
     try:
-        loads = loaded(twin, statics)
+        loads = loaded(twin, statics, names)
         state = loads.state
         instabilities = instability(UNDER_LOADS) if loads.snaps else ""
         # A cable that is commanded in length starts at its present length.
@@ -61,12 +64,15 @@ def simulate_many(
         begun = reached = Reached(loads.state, slack, np.zeros((0, 0)), has_snapped=loads.snaps)
         for i in range(protocol.n_samples):
             target = _target(twin, protocol, i, slack)
-            if why := _beyond(protocol, i, failed):
+            if why := _beyond(protocol, i, failed, remembers=twin.system.remembers):
                 failed[i] = why
                 continue
             try:
                 reached = reach(statics, reached, target, by_length, names)
-            except SimulationError:
+            except SimulationError as error:
+                if twin.system.remembers:  # there is one way to a sample: through those before it
+                    failed[i] = str(error)
+                    continue
                 # The line from the sample before may pass commands without an equilibrium.
                 try:
                     reached = reach(statics, begun, target, by_length, names)
@@ -85,8 +91,9 @@ def simulate_many(
                 met = f" From sample {i + 1} on {pairs}."
             values.append(_commanded(twin, protocol, i, sense(twin, state)))
             by_command = _by_command(twin, statics, state, reached.controls, by_length, commanded)
-            of_commands = _commanded_rates(twin, protocol, commanded, sense_rates(twin, state, by_command))
-            rates.append(np.hstack([sense_by_parameters(twin, state, reached.by_parameter, names), of_commands]))
+            sensed = sense_by_parameters(twin, state, reached.by_parameter, names)
+            both = np.hstack([sensed, sense_rates(twin, state, by_command)])
+            rates.append(_commanded_rates(twin, protocol, labels, both))
             if snapshots:
                 shapes.append(snapshot(twin, state, _shown(protocol, i), i + 1, ""))
     except SimulationError as error:
@@ -99,7 +106,6 @@ def simulate_many(
         instabilities += instability(f"on the way to sample {snaps_at[0] + 1}{_pulls(protocol, snaps_at[0])}{later}")
     told, slid = crossed_at(crossed), drawn_out_at(out)
     table = np.array(values).reshape(len(values), len(units))
-    labels = (*names, *(f"{cable}.{protocol.commands[cable].control}" for cable in commanded))
     by_parameter = np.array(rates).reshape(len(values), len(units), len(labels))
     return Response(
         channels={name: table[:, k] for k, name in enumerate(units)},
@@ -117,10 +123,12 @@ def simulate_many(
     )
 
 
-def _beyond(protocol: Protocol, i: int, failed: Iterable[int]) -> str:
-    """Why a sample is not tried: it lies beyond a sample without an equilibrium, on the same line from zero commands;
-    else "".
+def _beyond(protocol: Protocol, i: int, failed: Collection[int], *, remembers: bool) -> str:
+    """Why a sample is not tried: it lies beyond a sample without an equilibrium, on the same line from zero commands,
+    or comes after one in a robot that remembers; else "".
     """
+    if failed and remembers:
+        return f"the way to it leads through sample {min(failed) + 1}."
     commands = np.array([command.values for command in protocol.commands.values()])
     for k in failed:
         size = float(np.abs(commands[:, k]).max())
@@ -189,15 +197,15 @@ def _by_command(
     return dz
 
 
-def _commanded_rates(twin: Twin, protocol: Protocol, commanded: tuple[str, ...], rates: Floats) -> Floats:
-    """The rates of the channels by the commands; a commanded shortening depends on its own command alone, taut or
-    slack.
+def _commanded_rates(twin: Twin, protocol: Protocol, labels: tuple[str, ...], rates: Floats) -> Floats:
+    """The rates of the channels by parameters and commands; a commanded shortening depends on its own command alone,
+    taut or slack.
     """
     out = rates.copy()
     for k, cable in enumerate(twin.robot.cables):
         command = protocol.commands.get(cable.name)
         if command is not None and command.control == "shortening":
-            out[2 * k] = [float(name == cable.name) for name in commanded]
+            out[2 * k] = [float(label == f"{cable.name}.shortening") for label in labels]
     return out
 
 

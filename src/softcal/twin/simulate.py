@@ -9,7 +9,7 @@ import numpy as np
 
 from softcal.errors import Fault, ParameterError
 from softcal.mechanics.statics import Statics
-from softcal.twin.build import twin_of
+from softcal.twin.build import Twin, twin_of
 from softcal.twin.many import simulate_many
 from softcal.twin.parameters import robot_parameters, unknown_name, value_faults, with_shape
 from softcal.twin.protocol import Protocol, command_faults
@@ -89,17 +89,50 @@ def simulate(
     faults += command_faults(robot if faults else with_shape(robot, theta), protocol)
     if faults:
         raise ParameterError(faults)
-    twin = twin_of(robot, theta)
-    names = tuple(name for name in sensitivities if name in known)
+    return respond(
+        twin_of(robot, theta),
+        values,
+        protocol,
+        sensitivities,
+        snapshots=snapshots,
+        curve_tolerance=curve_tolerance,
+        crossings=crossings,
+    )
+
+
+def respond(
+    twin: Twin,
+    theta: Mapping[str, float],
+    protocol: Protocol,
+    sensitivities: Sequence[str] = (),
+    *,
+    snapshots: Shown = False,
+    curve_tolerance: float = CURVE_TOLERANCE,
+    crossings: bool = True,
+) -> Response:
+    """The response of a twin that is built, at the values theta of all its parameters. See `simulate`.
+
+    Where a term remembers, every sample is solved, in the order of the protocol.
+
+    Raises
+    ------
+    ParameterError
+        For a derivative by a command where a term remembers.
+    """
+    commands = {f"{cable}.{command.control}": cable for cable, command in protocol.commands.items()}
+    names = tuple(name for name in sensitivities if name not in commands)
     commanded = tuple(commands[name] for name in sensitivities if name in commands)
-    statics = Statics(twin.system, values)
+    if commanded and twin.system.remembers:
+        got, why = ", ".join(sensitivities), "a state depends on the commands of all samples before it, too"
+        raise ParameterError(Fault(why, "sensitivities", got, "parameters of the robot"))
+    statics = Statics(twin.system, theta)
     try:
         driven = [
             name
             for name, command in protocol.commands.items()
             if command.control == "shortening" or np.any(command.values != 0.0)
         ]
-        if len(driven) > 1:
+        if len(driven) > 1 or twin.system.remembers:
             return simulate_many(
                 twin, statics, protocol, names, snapshots=snapshots, crossings=crossings, commanded=commanded
             )

@@ -36,20 +36,33 @@ def slack_line(twin: Twin) -> Line:
 
 @dataclass(frozen=True)
 class Start:
-    """The robot under its dead loads. snaps: whether it buckles or snaps through as they are applied."""
+    """The robot under its dead loads, with the memory that this leaves to the first sample. snaps: whether it buckles
+    or snaps through as they are applied.
+    """
 
     state: State
     snaps: bool = False
 
 
-def loaded(twin: Twin, statics: Statics) -> Start:
-    """The stable equilibrium under the dead loads, applied in adaptive steps.
+def loaded(twin: Twin, statics: Statics, names: tuple[str, ...] = ()) -> Start:
+    """The stable equilibrium under the dead loads, applied in adaptive steps. names: of the parameters by which its
+    memory has derivatives.
 
     Raises
     ------
     SimulationError
         Where there is none.
     """
+    start = _loaded(twin, statics)
+    if not twin.system.remembers:
+        return start
+    line = slack_line(twin)
+    node = node_at(statics, line, 0.0, start.state, names, mixed=False)
+    state = twin.system.advanced(node.state, line.at(0.0), statics.theta, node.by_parameter, names)
+    return replace(start, state=state)
+
+
+def _loaded(twin: Twin, statics: Statics) -> Start:
     rest = rest_state(twin.system.layout)
     line = slack_line(twin)
     if not np.any(twin.system.loads.total(statics.theta)):

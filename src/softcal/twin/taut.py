@@ -49,7 +49,8 @@ class Way:
 class Reached:
     """An equilibrium at some commands.
 
-    snaps: whether the robot snapped through on the line to it, has_snapped: or before; way: the line to it.
+    state: with the memory that it leaves to the next one; snaps: whether the robot snapped through on the line to it,
+    has_snapped: or before; way: the line to it.
     """
 
     state: State
@@ -112,9 +113,8 @@ def reach(statics: Statics, last: Reached, target: Controls, by_length: np.ndarr
         gap = lengths - cables.rest_length + target.coordinate
         too_long = by_length & start.is_held & (gap > SLACK_LENGTH * cables.rest_length) & (node.c == end)
         if not pushes.any() and not too_long.any():
-            return Reached(
-                state, replace(target, is_held=start.is_held), node.by_parameter, snaps, last.has_snapped or snaps, way
-            )
+            controls = replace(target, is_held=start.is_held)
+            return _reached(statics, node, controls, names, snaps, last.has_snapped or snaps, way)
         if snaps:
             break  # the snap-through was found with fixed taut and slack states; with switching ones it ends elsewhere
         is_held = (start.is_held | pushes) & ~too_long
@@ -153,7 +153,23 @@ def _fallen(
     controls = switched(snapped.state, replace(target, is_held=~by_length | (snapped.state.effort == 0.0)))
     statics.seeks_free_modes = True
     node = stable_node_at(statics, _line(controls, controls), 1.0, snapped.state, names)
-    return Reached(node.state, controls, node.by_parameter, snaps=True, has_snapped=True)
+    return _reached(statics, node, controls, names, snaps=True, has_snapped=True)
+
+
+def _reached(
+    statics: Statics,
+    node: Node,
+    controls: Controls,
+    names: tuple[str, ...],
+    snaps: bool,
+    has_snapped: bool,
+    way: Way | None = None,
+) -> Reached:
+    """The sample that ends at a node: converged, and remembered."""
+    state = statics.system.advanced(node.state, controls, statics.theta, node.by_parameter, names)
+    # The nodes on the way there have the memory of its start, and are no part of what follows.
+    way = None if statics.system.remembers else way
+    return Reached(state, controls, node.by_parameter, snaps, has_snapped, way)
 
 
 def _line(start: Controls, target: Controls) -> Line:

@@ -11,7 +11,7 @@ from benchmarks.neck_case import P1_TETS, P2P1_TETS, POISSONS_RATIO, YOUNGS_MODU
 from benchmarks.peers import PEERS, Assembler, Common, Task
 from benchmarks.section import Section, run_alone
 from benchmarks.timing import interleaved, milliseconds
-from softcal.geometry.neck import neck_mesh
+from softcal.geometry.neck import Neck
 from softcal.geometry.quadratic import to_quadratic
 
 AGREEMENT = 1e-8
@@ -19,7 +19,7 @@ AGREEMENT = 1e-8
 
 def task(order: int) -> Task:
     """The neck bent and stretched by a smooth field."""
-    mesh = neck_mesh(count=P1_TETS) if order == 1 else to_quadratic(neck_mesh(count=P2P1_TETS))
+    mesh = Neck(tets=P1_TETS, order=1).mesh() if order == 1 else to_quadratic(Neck(tets=P2P1_TETS, order=1).mesh())
     x, y, z = mesh.points.T
     u = np.column_stack([4.0 * z**2 + 0.1 * y * z, 0.05 * x - 2.0 * x * z, -8.0 * x * z + 0.5 * z**2])
     mu = YOUNGS_MODULUS / (2.0 * (1.0 + POISSONS_RATIO))

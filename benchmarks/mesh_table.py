@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks.machine import load, machine
 from benchmarks.neck_case import PITCH, PULL, TENSION, neck_robot, pull
 from benchmarks.section import table
-from softcal.geometry.neck import neck_mesh
+from softcal.geometry.neck import Neck
 from softcal.twin.build import build_twin
 from softcal.twin.simulate import simulate
 
@@ -69,7 +69,7 @@ KINDS = (
 def solved(kind: Kind, count: int) -> Row:
     order = 1 if kind.element == "P1" else 2
     sectors = None if kind.sectors is None else kind.sectors[count == FINEST]
-    mesh = neck_mesh(count=count, order=order, waist_refinement=kind.waist_refinement, sectors=sectors)
+    mesh = Neck(tets=count, order=order, waist_refinement=kind.waist_refinement, sectors=sectors).mesh()
     robot = neck_robot(mesh, kind.element)
     n_unknowns = build_twin(robot).system.layout.n_unknowns
     start = time.perf_counter()
@@ -159,7 +159,7 @@ def _locking_free(families: Sequence[Sequence[Row]], best: Row) -> str:
     ]  # fmt: skip
     lines = "\n".join(table(header, rows))
     kinds = ", ".join(
-        f"*{family[0].kind.name}* `neck_mesh(order=2, waist_refinement={family[0].kind.waist_refinement:g}"
+        f"*{family[0].kind.name}* `Neck(waist_refinement={family[0].kind.waist_refinement:g}"
         + (", sectors={})`, the finest with {}".format(*family[0].kind.sectors) if family[0].kind.sectors else ")`")
         for family in families[1:]
     )

@@ -6,7 +6,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.geometry.mesh import TetMesh
-from softcal.geometry.neck import NeckShape, neck_mesh
+from softcal.geometry.neck import Neck
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Body, Cable, Plate, Robot, ViaPoint
 
@@ -19,7 +19,7 @@ TENSION, PITCH = "front.tension", "plate.pitch"
 
 def neck_robot(mesh: TetMesh, element: str, E: float = YOUNGS_MODULUS, nu: float = POISSONS_RATIO) -> Robot:
     """Clamped in its socket, a rigid plate on its collar, a cable straight down from the plate; no gravity."""
-    shape = NeckShape()
+    shape = Neck(tets=P1_TETS)
     body = Body(
         "neck",
         mesh,
@@ -34,7 +34,7 @@ def neck_robot(mesh: TetMesh, element: str, E: float = YOUNGS_MODULUS, nu: float
 
 def standard_robot(element: str, E: float = YOUNGS_MODULUS, nu: float = POISSONS_RATIO) -> Robot:
     """P1 on some 3.7k tets, P2P1 on some 1.7k curved ones."""
-    mesh = neck_mesh(count=P1_TETS) if element == "P1" else neck_mesh(count=P2P1_TETS, order=2)
+    mesh = (Neck(tets=P1_TETS, order=1) if element == "P1" else Neck(tets=P2P1_TETS)).mesh()
     return neck_robot(mesh, element, E, nu)
 
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from benchmarks.neck_case import neck_robot
 from softcal.geometry.mesh import TetMesh
-from softcal.geometry.neck import neck_mesh
+from softcal.geometry.neck import Neck
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate
 
@@ -107,7 +107,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--tets", type=int, default=900)
     parser.add_argument("--out", type=Path, default=Path(__file__).with_name("ROBUSTNESS.md"))
     options = parser.parse_args(arguments)
-    mesh = neck_mesh(count=options.tets)
+    mesh = Neck(tets=options.tets, order=1).mesh()
     draws = parameter_draws(options.draws)
     results = {}
     for element in ELEMENTS:

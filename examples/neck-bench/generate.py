@@ -29,7 +29,7 @@ from ruamel.yaml import YAML
 from scipy.interpolate import CubicSpline
 
 from softcal.checks import Floats
-from softcal.geometry.neck import NeckShape, neck_mesh
+from softcal.geometry.neck import Neck
 from softcal.geometry.write import write_mesh
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Body, Cable, Plate, Robot, ViaPoint
@@ -77,8 +77,9 @@ def si(section: Mapping[str, Any], key: str, unit: str) -> float:
 
 def solve_elastic(truth: Mapping[str, Any]) -> Elastic:
     """The curve of the finer twin, meshed by Gmsh."""
-    twin, shape = truth["twin"], NeckShape()
-    mesh = neck_mesh(shape, count=twin["tets"], order=2, waist_refinement=twin["waist_refinement"])
+    twin = truth["twin"]
+    shape = Neck(tets=twin["tets"], waist_refinement=twin["waist_refinement"])
+    mesh = shape.mesh()
     parameters = {
         "youngs_modulus": si(truth["neck"], "youngs_modulus", "Pa"),
         "poissons_ratio": float(truth["neck"]["poissons_ratio"]),
@@ -231,7 +232,7 @@ def main() -> None:
     truth = read_truth()
     told.out.mkdir(parents=True, exist_ok=True)
     if told.mesh:
-        mesh = neck_mesh(count=PROJECT_TETS, order=2)
+        mesh = Neck(tets=PROJECT_TETS).mesh()
         write_mesh(replace(mesh, points=np.round(1e3 * mesh.points, 6)), told.out / "neck.msh")  # in mm
     if told.twin:
         write_elastic(solve_elastic(truth), told.out / "truth-elastic.csv")

@@ -7,8 +7,8 @@ is read by them, a Python user gives numbers in SI. Pydantic is imported only wh
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cache
 from types import UnionType
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, Union, get_args, get_origin, get_type_hints
@@ -30,18 +30,18 @@ class Declared:
     """
 
     def __post_init__(self) -> None:
-        """Refuse numbers outside the ranges of their annotations: in a file they are refused as they are read.
+        """Refuse values outside the ranges of their annotations: in a file they are refused as they are read.
 
         Raises
         ------
         InputError
-            With every such number, by the name of its field.
+            With every such value, by the name of its field.
         """
         if faults := self.range_faults():
             raise InputError(faults)
 
     def range_faults(self) -> list[Fault]:
-        """The faults of the numbers, each by the name of its field."""
+        """The faults of the values, each by the name of its field."""
         given = {name: value for name in _ranges(type(self)) if (value := getattr(self, name)) is not None}
         faults = (_ranges(type(self))[name].fault(value, name) for name, value in given.items())
         return [fault for fault in faults if fault]
@@ -54,27 +54,22 @@ class Declared:
         known = {field.name for field in fields(cls) if field.init}
 
         def read(data: Any, read_fields: Callable[[Any], Any]) -> Any:
-            try:
-                if not isinstance(data, dict):
-                    return read_fields(data)
-                return read_mapping(cls.__name__, data, known, read_fields)
-            except InputError as error:
-                raise _located(cls.__name__, error, known, data) from error
+            return read_mapping(cls.__name__, data, known, read_fields) if isinstance(data, dict) else read_fields(data)
 
         return core_schema.no_info_wrap_validator_function(read, handler(source))
 
 
 class Range(Protocol):
-    """The admissible range of a number, such as a kind of quantity, or a limit of a count."""
+    """What a value is allowed to be, such as a kind of quantity, a limit of a count, or the members of a family."""
 
-    def fault(self, value: float, where: str = "") -> Fault | None:
-        """The fault of a number, or None."""
+    def fault(self, value: Any, where: str = "") -> Fault | None:
+        """The fault of a value, or None."""
         ...
 
 
 @cache
 def _ranges(cls: type) -> dict[str, Range]:
-    """The ranges of the fields that are numbers, or None, by name."""
+    """The ranges of the fields that are numbers or names, or None, by name."""
     hints = get_type_hints(cls, include_extras=True)
     kinds = {
         name: get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,) for name, hint in hints.items()
@@ -83,7 +78,7 @@ def _ranges(cls: type) -> dict[str, Range]:
         name: range_
         for name, several in kinds.items()
         for one in several
-        if get_origin(one) is Annotated and get_args(one)[0] in (float, int)
+        if get_origin(one) is Annotated and get_args(one)[0] in (float, int, str)
         for range_ in get_args(one)[1:]
         if hasattr(range_, "fault")
     }
@@ -110,6 +105,48 @@ class Reading:
         if self.when == "before":
             return core_schema.no_info_before_validator_function(read, handler(source))
         return core_schema.no_info_after_validator_function(read, handler(source))
+
+
+class Family(Protocol):
+    """An extensible family, such as the elements: a catalogue of its members."""
+
+    def __contains__(self, name: object, /) -> bool: ...
+
+    def unknown(self, name: str, where: str = "") -> Fault:
+        """The fault of a name without a member."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class MemberOf:
+    """Annotates the name of a member of a family that others can add to: `Annotated[str, MemberOf(ELEMENTS)]`."""
+
+    family: Family
+
+    def fault(self, value: str, where: str = "") -> Fault | None:
+        """The fault of a name, or None."""
+        return None if value in self.family else self.family.unknown(value, where)
+
+    def __get_pydantic_core_schema__(self, source: object, handler: Callable[[object], CoreSchema]) -> CoreSchema:
+        return Reading(self._checked, "after").__get_pydantic_core_schema__(source, handler)
+
+    def _checked(self, value: str) -> str:
+        if fault := self.fault(value):
+            raise InputError(fault)
+        return value
+
+
+def require_one(declared: object, keys: Sequence[str], what: str, *, nothing: str = "neither", allowed: str) -> None:
+    """Check that just one of the fields is given; `what` is wrong where it is `nothing`, or several.
+
+    Raises
+    ------
+    InputError
+        Where it is not.
+    """
+    given = [key for key in keys if getattr(declared, key) is not None]
+    if len(given) != 1:
+        raise InputError(Fault(what, "", " and ".join(given) or nothing, allowed))
 
 
 def listed(value: object) -> object:
@@ -139,6 +176,8 @@ def read_mapping(
 ) -> Any:
     """What `read` makes of the known keys of a mapping; errors: what was found wrong with it before.
 
+    A fault that `read` raises is reported at the key that its `where` names (`base.height`), or at the mapping.
+
     Raises
     ------
     pydantic_core.ValidationError
@@ -164,6 +203,8 @@ def read_mapping(
         if not found:
             raise
         found += [_again(one) for one in error.errors()]
+    except InputError as error:
+        found += _located(error, known, given)
     else:
         if not found:
             return made
@@ -183,13 +224,13 @@ def _again(found: Any) -> InitErrorDetails:
     return InitErrorDetails(type=kind, loc=found["loc"], input=found["input"], ctx=context)
 
 
-def _located(title: str, error: InputError, known: Collection[str], data: object) -> Any:
-    """The faults of a class as errors of pydantic's, each at the field that its `where` names."""
-    from pydantic_core import InitErrorDetails, ValidationError
+def _located(error: InputError, known: Collection[str], data: object) -> list[InitErrorDetails]:
+    """The faults of a mapping as errors of pydantic's."""
+    from pydantic_core import InitErrorDetails
 
     found: list[InitErrorDetails] = []
     for fault in error.faults:
-        key = fault.where if fault.where in known else ""
-        told = Fault(fault.what, "" if key else fault.where, fault.got, fault.allowed, fault.attempt)
-        found.append(InitErrorDetails(type=as_pydantic(told), loc=(key,) if key else (), input=data))
-    return ValidationError.from_exception_data(title, found)
+        keys = tuple(fault.where.split("."))
+        told = replace(fault, where="") if keys[0] in known else fault
+        found.append(InitErrorDetails(type=as_pydantic(told), loc=keys if keys[0] in known else (), input=data))
+    return found

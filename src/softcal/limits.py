@@ -90,11 +90,12 @@ LIMITS: Mapping[str, Limit] = {
         Limit("sections of a manipulator", 100),
         Limit("cables at an end", 100),
         Limit("elements of a rod", 5000, 1, "fewer elements: 100 are plenty for most rods"),
-        Limit("elements in a turn", 1000),
+        Limit("elements in a turn", 1000, 4),
+        Limit("layers in a turn", 1000, 6),  # with fewer, the curved tets of a tight coil are inverted
         Limit("layers of elements", 10_000),
         Limit("rings of elements", 20),
         Limit("bells", 50),
-        Limit("sectors", 360),
+        Limit("sectors", 360, 4),
         Limit("edges around a bore", 100, 3),
         Limit("tets", 1_000_000, 1, "check the unit of the model and of the size, or a larger size"),
         # The bench

@@ -147,7 +147,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         Quantity("infill", "1", 0.0, 1.0, "(]"),
         Quantity("exponent", "1", 0.0, 10.0),
         Quantity("number of turns", "1", 0.0, 1000.0, "(]"),
-        Quantity("refinement", "1", 0.0, 1000.0, "(]"),
+        Quantity("refinement", "1", 1.0, 1000.0),
         Quantity("scale factor", "1", -1e9, 1e9, least=1e-9),
         Quantity("noise", "1", 1e-12, 1e6),
         Quantity("pixel", "px", -1e6, 1e6),

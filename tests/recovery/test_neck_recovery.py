@@ -12,7 +12,7 @@ from softcal.calibration.problem import Problem, make_problem
 from softcal.calibration.run import calibrate
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.geometry.mesh import TetMesh
-from softcal.geometry.neck import neck_mesh
+from softcal.geometry.neck import Neck
 from softcal.geometry.quadratic import to_linear
 from softcal.geometry.read import read_mesh
 from softcal.twin.parameters import with_parameters
@@ -120,7 +120,7 @@ def test_a_thousand_trials_of_tpe_find_the_valley_of_the_neck() -> None:
     is the loss, and that E is the best one for its nu.
     """
     pytest.importorskip("gmsh")
-    robot = neck("P1", neck_mesh(count=3700))
+    robot = neck("P1", Neck(tets=3700, order=1).mesh())
     problem = problem_of(robot, np.linspace(0.0, 0.04, 41))
     result = calibrate(problem, method="tpe", trials=1000, seed=1, workers=2)
     assert len(result.trials) == 1000

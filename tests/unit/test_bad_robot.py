@@ -113,7 +113,7 @@ CASES: dict[str, tuple[Change, tuple[str, ...]]] = {
     ),
     "a helix that climbs twice": (
         (ROD, HELIX + "pitch: 9 mm, height: 36 mm}"),
-        ("rods.mast.helix", "how far the helix climbs", "pitch and height"),
+        ("rods.mast.helix", "how far the spring climbs", "pitch and height"),
     ),
     "coils in each other": (
         (ROD, HELIX + "pitch: 3 mm}"),
@@ -249,7 +249,7 @@ OWN: dict[str, tuple[Change, tuple[str, ...]]] = {
     ),
     "too few elements": (
         ("turns: 3", "turns: 3\n      elements_per_turn: 2"),
-        ("robot.manipulator.springs", "four elements or more", "got 2"),
+        ("robot.manipulator.springs.elements_per_turn", "too few elements in a turn", "got 2"),
     ),
 }
 

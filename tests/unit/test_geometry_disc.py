@@ -2,18 +2,18 @@
 
 import importlib.util
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from softcal.errors import MeshError
-from softcal.geometry.disc import DiscShape, disc_mesh
+from softcal.errors import InputError
+from softcal.geometry.disc import GuideHoles, SolidDisc
 from softcal.geometry.quality import require_sound
 
 needs_gmsh = pytest.mark.skipif(importlib.util.find_spec("gmsh") is None, reason="Gmsh is not installed")
-GUIDED = DiscShape(
-    0.060, 0.008, centre_hole=0.010, holes=3, hole_diameter=0.003, hole_radius=0.025, first_angle=math.pi / 2
-)
+HOLES = GuideHoles(3, 0.003, 0.025, math.pi / 2)
+GUIDED = SolidDisc(0.060, 0.008, centre_hole=0.010, holes=HOLES, size=0.006)
 
 
 def area(points: np.ndarray, faces: np.ndarray) -> float:
@@ -30,9 +30,9 @@ def test_holes_are_where_they_are_told():
 
 @needs_gmsh
 @pytest.mark.parametrize(("order", "error"), [(1, 0.01), (2, 2e-4)])
-@pytest.mark.parametrize("shape", [DiscShape(0.060, 0.008), GUIDED], ids=["plain", "guided"])
+@pytest.mark.parametrize("shape", [SolidDisc(0.060, 0.008, size=0.006), GUIDED], ids=["plain", "guided"])
 def test_discs_have_their_volume_and_sides(shape, order, error):
-    mesh = disc_mesh(shape, size=0.006, order=order)
+    mesh = replace(shape, order=order).mesh()
     report = require_sound(mesh)
     assert mesh.order == order
     assert report.volume == pytest.approx(shape.volume, rel=error)
@@ -53,28 +53,27 @@ def test_discs_have_their_volume_and_sides(shape, order, error):
 
 @needs_gmsh
 def test_a_target_count_is_met():
-    assert disc_mesh(GUIDED, count=3000, order=1).n_tets == pytest.approx(3000, rel=0.05)
+    assert replace(GUIDED, size=None, tets=3000, order=1).mesh().n_tets == pytest.approx(3000, rel=0.05)
 
 
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"diameter": 0.0}, "diameter must be positive"),
-        ({"thickness": -1.0}, "thickness must be positive"),
-        ({"holes": 3}, "hole diameter must be positive"),
-        ({"holes": -1}, "number of holes"),
-        ({"centre_hole": -1e-3}, "centre hole"),
+        ({"diameter": 0.0}, "^diameter: the size is out of range"),
+        ({"thickness": -1.0}, "^thickness: the size is out of range"),
+        ({"centre_hole": -1e-3}, "^centre_hole: the clearance is out of range"),
         ({"centre_hole": 0.06}, "do not fit"),
-        ({"holes": 3, "hole_diameter": 0.003, "hole_radius": 0.029}, "do not fit"),
-        ({"holes": 30, "hole_diameter": 0.006, "hole_radius": 0.02}, "do not fit"),
-        ({"holes": 3, "hole_diameter": 0.003, "hole_radius": 0.006, "centre_hole": 0.01}, "do not fit"),
+        ({"holes": GuideHoles(3, 0.003, 0.029)}, "do not fit"),
+        ({"holes": GuideHoles(30, 0.006, 0.02)}, "do not fit"),
+        ({"holes": GuideHoles(3, 0.003, 0.006), "centre_hole": 0.01}, "do not fit"),
+        ({"size": None}, "needs a target"),
     ],
 )
 def test_what_cannot_be_is_told(values, message):
-    with pytest.raises(MeshError, match=message):
-        DiscShape(**{"diameter": 0.06, "thickness": 0.008, **values})
+    with pytest.raises(InputError, match=message):
+        SolidDisc(**{"diameter": 0.06, "thickness": 0.008, "size": 0.006, **values})
 
 
-def test_a_mesh_needs_one_target():
-    with pytest.raises(MeshError, match="needs a target"):
-        disc_mesh(GUIDED)
+def test_guide_holes_that_are_none_are_told():
+    with pytest.raises(InputError, match="count: there are too few holes on a ring; got 0"):
+        GuideHoles(0, 0.003, 0.025)

@@ -5,16 +5,17 @@ import json
 import math
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from softcal.errors import MeshError
+from softcal.errors import InputError, MeshError
 from softcal.geometry import generate
 from softcal.geometry.cell import TET_EDGES
 from softcal.geometry.generate import mesh_file
-from softcal.geometry.neck import NeckShape, neck_mesh
+from softcal.geometry.neck import Neck
 from softcal.geometry.quality import check_quality, require_sound
 from softcal.geometry.read import read_mesh
 from softcal.geometry.regions import boundary_faces
@@ -31,7 +32,7 @@ def volume_of_revolution(profile: np.ndarray) -> float:
 
 
 def test_the_default_neck_is_the_published_one():
-    shape = NeckShape()
+    shape = Neck(tets=1700)
     assert shape.height == pytest.approx(0.106704, abs=1e-9)
     assert shape.collar_start == pytest.approx(0.038 * (0.617 + 4 * 0.481))
     profile = shape.profile()
@@ -42,7 +43,7 @@ def test_the_default_neck_is_the_published_one():
 
 @needs_shared
 def test_the_profile_carries_the_reference_mesh():
-    shape = NeckShape()
+    shape = Neck(tets=1700)
     mesh = read_mesh(SHARED / "neck-2792.vtu")
     description = json.loads((SHARED / "neck-shortening.json").read_text())
     assert shape.outer_diameter == description["outer_diameter_m"]
@@ -63,22 +64,30 @@ def test_the_profile_carries_the_reference_mesh():
 
 @pytest.mark.parametrize("diameter", [0.025, 0.040])
 def test_a_scaled_neck_keeps_its_proportions(diameter):
-    shape = NeckShape.of_diameter(diameter)
+    shape = Neck(diameter, tets=1700)
     assert shape.height / diameter == pytest.approx(2.808)
-    assert shape.profile() == pytest.approx(NeckShape().profile() * diameter / 0.038)
+    assert shape.profile() == pytest.approx(Neck(tets=1700).profile() * diameter / 0.038)
 
 
-def test_all_faults_of_a_shape_are_told_at_once():
-    with pytest.raises(MeshError) as caught:
-        NeckShape(waist_diameter=0.05, clamp_depth=0.0, n_bells=0)
-    assert [fault.where for fault in caught.value.faults] == ["clamp_depth", "n_bells", "waist_diameter"]
+@pytest.mark.parametrize(
+    ("lengths", "wrong"),
+    [
+        ({"waist_diameter": 0.05, "clamp_depth": 0.0, "n_bells": 0}, ["n_bells", "clamp_depth"]),
+        ({"waist_diameter": 0.05, "clamp_depth": 0.1, "sectors": 5}, ["sectors", "waist_diameter", "clamp_depth"]),
+    ],
+    ids=["out-of-range", "misfits"],
+)
+def test_all_faults_of_a_shape_are_told_at_once(lengths, wrong):
+    with pytest.raises(InputError) as caught:
+        Neck(tets=1700, **lengths)
+    assert [fault.where for fault in caught.value.faults] == wrong
 
 
 @needs_gmsh
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_neck_mesh_has_its_sets_and_planes(order):
-    shape = NeckShape()
-    mesh = neck_mesh(shape, size=0.006, order=order)
+    shape = Neck(size=0.006, order=order)
+    mesh = shape.mesh()
     report = require_sound(mesh)
     z = mesh.points[:, 2]
     exact = volume_of_revolution(shape.profile(2000))
@@ -97,7 +106,7 @@ def test_a_neck_mesh_has_its_sets_and_planes(order):
 
 @needs_gmsh
 def test_quadratic_tets_follow_the_curved_surface():
-    mesh = neck_mesh(size=0.008, order=2)
+    mesh = Neck(size=0.008).mesh()
     faces = mesh.face_sets["outer"]
     middles = np.unique(faces[:, 3:])
     skirt = middles[(mesh.points[middles, 2] > 1e-6) & (mesh.points[middles, 2] < 0.3 * 0.038)]
@@ -115,7 +124,7 @@ def test_quadratic_tets_follow_the_curved_surface():
     ("count", "order", "refinement"), [(2400, 1, 1.0), (9700, 1, 1.0), (1500, 2, 1.0), (3000, 2, 3.0)]
 )
 def test_a_target_count_is_met(count, order, refinement):
-    mesh = neck_mesh(count=count, order=order, waist_refinement=refinement)
+    mesh = Neck(tets=count, order=order, waist_refinement=refinement).mesh()
     assert mesh.n_tets == pytest.approx(count, rel=0.05)
     assert check_quality(mesh).is_sound
 
@@ -123,8 +132,8 @@ def test_a_target_count_is_met(count, order, refinement):
 @needs_gmsh
 @pytest.mark.parametrize(("count", "sectors"), [(2000, 6), (3000, 8)])
 def test_a_swept_neck_meets_its_count_and_is_its_own_mirror_image(count, sectors):
-    shape = NeckShape()
-    mesh = neck_mesh(shape, count=count, order=2, waist_refinement=12, sectors=sectors)
+    shape = Neck(tets=count, waist_refinement=12, sectors=sectors)
+    mesh = shape.mesh()
     report = require_sound(mesh)
     assert mesh.n_tets == pytest.approx(count, rel=0.05)
     assert report.volume == pytest.approx(volume_of_revolution(shape.profile(2000)), rel=4e-3)
@@ -139,7 +148,7 @@ def test_a_swept_neck_meets_its_count_and_is_its_own_mirror_image(count, sectors
 
 @needs_gmsh
 def test_a_swept_neck_can_be_linear():
-    mesh = neck_mesh(size=0.008, order=1, sectors=8)
+    mesh = Neck(size=0.008, order=1, sectors=8).mesh()
     assert mesh.order == 1
     assert require_sound(mesh).n_parts == 1
     assert len(mesh.face_sets["top"]) > 0
@@ -147,9 +156,9 @@ def test_a_swept_neck_can_be_linear():
 
 @needs_gmsh
 def test_refined_waists_have_smaller_tets():
-    shape = NeckShape()
-    even = neck_mesh(shape, size=0.006)
-    graded = neck_mesh(shape, size=0.006, waist_refinement=3.0)
+    shape = Neck(size=0.006, order=1)
+    even = shape.mesh()
+    graded = replace(shape, waist_refinement=3.0).mesh()
 
     def edge_at_waists(mesh):
         tets = mesh.points[mesh.tets]
@@ -168,26 +177,26 @@ def test_refined_waists_have_smaller_tets():
 @pytest.mark.parametrize(
     "shape",
     [
-        NeckShape(n_bells=1),
-        NeckShape(n_bells=2, collar_diameter=0.03),
-        NeckShape(n_bells=2, collar_diameter=0.01),
-        NeckShape(n_bells=2, clamp_depth=0.005),
-        NeckShape(n_bells=2, clamp_depth=0.038 * (0.617 - 0.27)),
-        NeckShape(n_bells=2, dome_height=0.481 * 0.038),
-        NeckShape(n_bells=2, dome_height=0.0076),
-        NeckShape(n_bells=2, dome_height=0.004),
+        Neck(n_bells=1, size=0.007),
+        Neck(n_bells=2, collar_diameter=0.03, size=0.007),
+        Neck(n_bells=2, collar_diameter=0.01, size=0.007),
+        Neck(n_bells=2, clamp_depth=0.005, size=0.007),
+        Neck(n_bells=2, clamp_depth=0.038 * (0.617 - 0.27), size=0.007),
+        Neck(n_bells=2, dome_height=0.481 * 0.038, size=0.007),
+        Neck(n_bells=2, dome_height=0.0076, size=0.007),
+        Neck(n_bells=2, dome_height=0.004, size=0.007),
     ],
     ids=["one-bell", "wide-collar", "thin-collar", "clamped-skirt", "clamped-rim", "no-skirt", "round", "flat"],
 )
 def test_every_length_can_be_changed(shape):
-    mesh = neck_mesh(shape, size=0.007, order=2)
+    mesh = shape.mesh()
     assert require_sound(mesh).volume == pytest.approx(volume_of_revolution(shape.profile(1000)), rel=5e-3)
     assert mesh.points[:, 2].max() == pytest.approx(shape.height)
 
 
 @needs_gmsh
 def test_the_same_input_gives_the_same_mesh():
-    one, other = (neck_mesh(size=0.009) for _ in range(2))
+    one, other = (Neck(size=0.009, order=1).mesh() for _ in range(2))
     assert np.array_equal(one.points, other.points)
     assert np.array_equal(one.tets, other.tets)
 
@@ -195,24 +204,25 @@ def test_the_same_input_gives_the_same_mesh():
 @needs_gmsh
 def test_a_target_that_cannot_be_met_is_told():
     with pytest.raises(MeshError, match=r"no mesh of about 10 tets was found; got [0-9]+ tets at best"):
-        neck_mesh(NeckShape(n_bells=1), count=10)
+        Neck(n_bells=1, tets=10, order=1).mesh()
 
 
 @pytest.mark.parametrize(
     ("target", "told"),
     [
-        ({}, "neither size nor count"),
-        ({"size": 0.01, "count": 100}, "both size and count"),
-        ({"size": -1.0}, "target size is not positive; got -1 m"),
-        ({"count": 0}, "target count is not positive"),
-        ({"size": 0.01, "waist_refinement": 0.5}, "got 0.5; allowed: >= 1"),
-        ({"size": 0.01, "sectors": 5}, "got 5 sectors; allowed: 4, 6, 8"),
+        ({}, "got neither size nor tets"),
+        ({"size": 0.01, "tets": 100}, "got size and tets"),
+        ({"size": -1.0}, "size: the size is out of range; got -1 m"),
+        ({"tets": 0}, "too few tets; got 0"),
+        ({"size": 0.01, "waist_refinement": 0.5}, "got 0.5; allowed: 1 to 1000"),
+        ({"size": 0.01, "sectors": 2}, "too few sectors; got 2; allowed: 4"),
+        ({"size": 0.01, "sectors": 5}, "got 5 sectors; allowed: an even number"),
     ],
-    ids=["none", "both", "size", "count", "refinement", "sectors"],
+    ids=["none", "both", "size", "tets", "refinement", "few-sectors", "odd-sectors"],
 )
 def test_a_wrong_target_is_refused(target, told):
-    with pytest.raises(MeshError, match=told):
-        neck_mesh(**target)
+    with pytest.raises(InputError, match=told):
+        Neck(**target)
 
 
 def tetrahedron_stl(path: Path, *, faces: int = 4) -> Path:
@@ -229,7 +239,7 @@ def tetrahedron_stl(path: Path, *, faces: int = 4) -> Path:
 @needs_gmsh
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_closed_surface_is_filled(tmp_path, order):
-    mesh = mesh_file(tetrahedron_stl(tmp_path / "t.stl"), count=3000, order=order)
+    mesh = mesh_file(tetrahedron_stl(tmp_path / "t.stl"), tets=3000, order=order)
     assert mesh.n_tets == pytest.approx(3000, rel=0.05)
     assert require_sound(mesh).volume == pytest.approx(0.03**3 / 6, rel=1e-6)
     assert len(mesh.face_sets["surface"]) == len(boundary_faces(mesh))
@@ -311,7 +321,7 @@ def fake_worker(monkeypatch, script: str) -> None:
 def test_a_worker_that_dies_or_hangs_is_told(monkeypatch, script, told):
     fake_worker(monkeypatch, script)
     with pytest.raises(MeshError, match=told):
-        neck_mesh(size=0.01, timeout=0.7)
+        Neck(size=0.01).mesh(timeout=0.7)
 
 
 @pytest.mark.parametrize(
@@ -327,4 +337,4 @@ def test_what_to_install_is_told(tmp_path, monkeypatch, gmsh, told):
     (tmp_path / "gmsh.py").write_text(gmsh or "raise ImportError('No module named gmsh')")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     with pytest.raises(MeshError, match=told):
-        neck_mesh(size=0.01)
+        Neck(size=0.01).mesh()

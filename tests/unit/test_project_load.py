@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from pathlib import Path
 
@@ -12,9 +11,6 @@ from project_case import MODULUS, bar_robot, bench_csv, bench_values, write_proj
 
 from softcal.calibration.experiment import Pulleys
 from softcal.errors import ParameterError, ProjectFileError
-from softcal.geometry.neck import NeckShape
-from softcal.project.mesh_schema import MeshNeck
-from softcal.project.meshes import LENGTHS, neck_shape
 from softcal.project.project import Project, load
 
 
@@ -240,17 +236,6 @@ def test_a_load_that_is_neither(tmp_path: Path):
     loads = "  loads: {odd: {on: bar, at: [0 mm, 0 mm, 5 mm]}}\nexperiments:"
     (told,) = faults_of(write_project(tmp_path, ("experiments:", loads)))
     assert "a force or a mass at a point, or a traction on a region" in told
-
-
-def test_every_length_of_the_neck_can_be_told():
-    lengths = {field.name for field in dataclasses.fields(NeckShape)} - {"outer_diameter"}
-    assert set(LENGTHS) == lengths
-    assert lengths | {"outer_diameter"} <= set(MeshNeck.model_fields)
-    section = MeshNeck.model_validate(
-        {"primitive": "neck", "outer_diameter": "40 mm", "waist_diameter": "20 mm", "tets": 9}
-    )
-    expected = dataclasses.replace(NeckShape.of_diameter(0.04), waist_diameter=0.02)
-    assert neck_shape(section) == expected
 
 
 def test_copies_stand_in_for_the_files(tmp_path: Path):

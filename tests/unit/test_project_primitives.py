@@ -82,9 +82,9 @@ def test_a_disc(tmp_path: Path):
         ("height: 9 mm, ", "", ("mesh", "how far the spring climbs; got neither")),
         ("height: 9 mm, ", "height: 9 mm, pitch: 6 mm, ", ("got pitch and height",)),
         ("turns: 1.5", "turn: 1.5", ("mesh.turn", "unknown key", "'turns'")),
-        ("height: 9 mm", "height: 2 mm", ("mesh", "coils touch at rest")),
+        ("height: 9 mm", "height: 2 mm", ("mesh", "coils of the spring overlap", "1.333 mm from wire to wire")),
         ("wire_diameter: 2 mm", "wire_diameter: 2 N", ("mesh.wire_diameter", "unit does not fit")),
-        ("rings: 2", "layers_per_turn: 4", ("mesh", "too few layers per turn; got 4")),
+        ("rings: 2", "layers_per_turn: 4", ("mesh.layers_per_turn", "too few layers in a turn; got 4", "6 to 1000")),
         ("region: end", "region: ends", ("plates.top.region", "'ends'", "end, skin, start")),
     ],
 )
@@ -133,7 +133,7 @@ def test_the_manipulators_springs_can_be_solid(tmp_path: Path):
     ("change", "told"),
     [
         (("model: solid", "model: tets"), ("springs.model", "'tets'", "'rod', 'solid'")),
-        (("layers_per_turn: 6", "layers_per_turn: 4"), ("springs", "too few layers per turn; got 4")),
+        (("layers_per_turn: 6", "layers_per_turn: 4"), ("springs", "too few layers in a turn; got 4")),
         (("1.6 GPa", "{spring9: 1 GPa}"), ("youngs_modulus.spring9",)),
     ],
 )

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from softcal.errors import MeshError
+from softcal.errors import InputError, MeshError
 from softcal.geometry.centreline import straight
 from softcal.geometry.section import CrossSection, circular, rectangular
 from softcal.twin.manipulator import ManipulatorShape, manipulator
@@ -64,7 +64,7 @@ def test_layers_of_a_manipulators_springs():
     assert elements_for_solid(SHAPE) == 2 * 23
     assert elements_for_solid(SHAPE, rings=2) == 2 * 45
     assert elements_for_solid(SHAPE, layers_per_turn=8) == 16
-    with pytest.raises(MeshError, match="6 or more"):
+    with pytest.raises(InputError, match="too few layers in a turn"):
         elements_for_solid(SHAPE, layers_per_turn=5)
 
 

@@ -8,7 +8,7 @@ import importlib.util
 import pytest
 
 from benchmarks.robustness import PROTOCOLS, outcomes, parameter_draws, table
-from softcal.geometry.neck import neck_mesh
+from softcal.geometry.neck import Neck
 
 N_SAMPLES = 20
 BY_LENGTH, BY_TENSION = PROTOCOLS
@@ -18,7 +18,7 @@ BY_LENGTH, BY_TENSION = PROTOCOLS
 def mesh():
     if importlib.util.find_spec("gmsh") is None:
         pytest.skip("Gmsh is not installed: no neck to draw on")
-    return neck_mesh(count=900)
+    return Neck(tets=900, order=1).mesh()
 
 
 def check(rows, drive):

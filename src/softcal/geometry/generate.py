@@ -21,6 +21,7 @@ from softcal.geometry.stl import checked_stl
 from softcal.geometry.surface import boundary_faces
 from softcal.limits import LIMITS
 from softcal.processes import run
+from softcal.quantities import QUANTITIES
 from softcal.units import unit_factor
 
 KINDS = {".stl": "stl", ".step": "step", ".stp": "step"}
@@ -59,7 +60,7 @@ def mesh_file(
     path: str | Path,
     *,
     size: float | None = None,
-    count: int | None = None,
+    tets: int | None = None,
     order: Literal[1, 2] = 1,
     unit: str = "mm",
     edges_around: int | None = None,
@@ -72,7 +73,7 @@ def mesh_file(
     ----------
     path
         The file.
-    size, count
+    size, tets
         Target edge length [m], or target number of tets, to within 5 %; one of the two.
     order
         1 for linear tets, 2 for quadratic ones, curved on curved faces.
@@ -119,7 +120,7 @@ def mesh_file(
         "kind": kind,
         "options": {**OPTIONS, "Mesh.MeshSizeFromCurvature": edges_around or 0},
         "feature_angle": feature_angle,
-        **target_of(size, count, factor, where=str(path)),
+        **target_of(size, tets, factor, where=str(path)),
         "order": order,
     }
     with tempfile.TemporaryDirectory(prefix="softcal-") as folder:
@@ -133,28 +134,36 @@ def mesh_file(
     return TetMesh(mesh.points, mesh.tets, node_sets={"surface": np.unique(faces)}, face_sets={"surface": faces})
 
 
-def target_of(size: float | None, count: int | None, factor: float, *, where: str) -> dict[str, float | int | None]:
+def require_target(size: float | None, tets: int | None, *, where: str = "") -> None:
+    """Check that a mesh has one target.
+
+    Raises
+    ------
+    MeshError
+        Where not exactly one of size and tets is given.
+    """
+    if (size is None) == (tets is None):
+        got = "neither size nor tets" if size is None else "size and tets"
+        allowed = "one of size, the length of an edge, and tets, their number"
+        raise MeshError(Fault("the mesh needs a target", where, got, allowed))
+
+
+def target_of(size: float | None, tets: int | None, factor: float, *, where: str) -> dict[str, float | int | None]:
     """The target of a job, with the size in the job's unit of `factor` metres.
 
     Raises
     ------
     MeshError
-        Where not exactly one of size and count is given, or it is not positive.
+        Where not exactly one of size and tets is given, or it is out of range.
     """
-    if (size is None) == (count is None):
-        raise MeshError(
-            Fault(
-                "a mesh needs a target",
-                where=where,
-                got="neither size nor count" if size is None else "both size and count",
-                allowed="one of size [m] and count (number of tets)",
-            )
-        )
-    if size is not None and not 0 < size < np.inf:
-        raise MeshError(Fault("the target size is not positive", where=where, got=f"{size:g} m", allowed="> 0 m"))
-    if count is not None and count < 1:
-        raise MeshError(Fault("the target count is not positive", where=where, got=str(count), allowed=">= 1 tet"))
-    return {"size": None if size is None else size / factor, "count": count}
+    require_target(size, tets, where=where)
+    faults = [
+        None if size is None else QUANTITIES["size"].fault(size, where),
+        None if tets is None else LIMITS["tets"].fault(tets, where),
+    ]
+    if found := [fault for fault in faults if fault]:
+        raise MeshError(found)
+    return {"size": None if size is None else size / factor, "count": tets}
 
 
 def run_gmsh(job: Mapping[str, Any], *, where: str, timeout: float) -> dict[str, np.ndarray[Any, Any]]:

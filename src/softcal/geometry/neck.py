@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -12,9 +12,12 @@ from softcal.checks import Floats, Ints
 from softcal.errors import Fault, MeshError
 from softcal.geometry.generate import run_gmsh, target_of
 from softcal.geometry.mesh import TetMesh
+from softcal.geometry.primitive import Filled
 from softcal.geometry.quadratic import of_order
 from softcal.geometry.surface import boundary_faces
 from softcal.geometry.sweep import sweep
+from softcal.limits import LIMITS
+from softcal.quantities import Refinement, Size
 
 Place = tuple[float, float]
 
@@ -26,36 +29,66 @@ ON_PLANE = 1e-9
 REFINED_REACH = 1.0
 
 
+# The lengths of the published neck in outer diameters.
+PUBLISHED = {
+    "bottom_link_height": 0.617,
+    "link_pitch": 0.481,
+    "dome_height": 0.27,
+    "waist_diameter": 0.6,
+    "collar_diameter": 0.6,
+    "collar_height": 0.267,
+    "clamp_depth": 0.37,
+}
+AS_PUBLISHED: Any = None  # a length in the published proportion, which `Neck` computes from its outer diameter
+
+
 @dataclass(frozen=True)
-class NeckShape:
-    """A neck as a solid of revolution about z, its base at z = 0; every length in [m].
+class Neck(Filled):
+    """The soft neck, a solid of revolution about z with its base at z = 0; lengths as published where omitted.
 
-    Each link is a cylindrical skirt under a dome, a quarter ellipse that runs from the outer diameter in to the
-    waist. The defaults are the published neck at an outer diameter of 38 mm.
+    Each link is a cylindrical skirt under a dome, a quarter ellipse that runs from the outer diameter in to the waist.
+    Meshes are Delaunay, or swept about the axis in `sectors`: elements that are long in the hoop direction and small
+    across reach the same accuracy with far fewer elements, since the stress gradient at the waists is small in the hoop
+    direction. For quadratic tets, 6 or 8 sectors with a refinement of about 12 are suitable.
 
-    n_bells: number of links; bottom_link_height: from the base to the first waist; link_pitch: from waist to waist;
-    dome_height: of every link; waist_diameter: of the core between two links; collar_diameter, collar_height: the
-    cylinder on top that is fixed to the plate; clamp_depth: length of the bottom link in the socket.
+    Attributes
+    ----------
+    outer_diameter : [m]
+    n_bells : Number of links
+    bottom_link_height : From the base to the first waist [m]
+    link_pitch : From waist to waist [m]
+    dome_height : Of every link [m]
+    waist_diameter : Of the core between two links [m]
+    collar_diameter, collar_height : Of the cylinder on top, which is fixed to the plate [m]
+    clamp_depth : Length of the bottom link in the socket [m]
+    waist_refinement
+        Ratio of element sizes away from and at the waists, where the stress is singular [-]; varied by up to a fifth at
+        some waists if needed for the target number of tets. The target size is that away from the waists.
+    sectors
+        Number of sectors of the sweep, even; the mesh is then symmetric about the plane y = 0. None: Delaunay.
     """
 
-    outer_diameter: float = 0.038
-    n_bells: int = 5
-    bottom_link_height: float = 0.617 * 0.038
-    link_pitch: float = 0.481 * 0.038
-    dome_height: float = 0.27 * 0.038
-    waist_diameter: float = 0.6 * 0.038
-    collar_diameter: float = 0.6 * 0.038
-    collar_height: float = 0.267 * 0.038
-    clamp_depth: float = 0.37 * 0.038
+    outer_diameter: Size = 0.038
+    n_bells: Annotated[int, LIMITS["bells"]] = 5
+    bottom_link_height: Size = AS_PUBLISHED
+    link_pitch: Size = AS_PUBLISHED
+    dome_height: Size = AS_PUBLISHED
+    waist_diameter: Size = AS_PUBLISHED
+    collar_diameter: Size = AS_PUBLISHED
+    collar_height: Size = AS_PUBLISHED
+    clamp_depth: Size = AS_PUBLISHED
+    waist_refinement: Refinement = 1.0
+    sectors: Annotated[int, LIMITS["sectors"]] | None = None
 
     def __post_init__(self) -> None:
-        faults = [
-            Fault("a length of the neck is not positive", where=name, got=f"{value:g} m", allowed="> 0 m")
-            for name, value in vars(self).items()
-            if name != "n_bells" and not 0 < value < math.inf
-        ]
-        if self.n_bells < 1:
-            faults.append(Fault("the neck has no bells", where="n_bells", got=str(self.n_bells), allowed=">= 1"))
+        super().__post_init__()
+        for name, share in PUBLISHED.items():
+            if getattr(self, name) is AS_PUBLISHED:
+                object.__setattr__(self, name, share * self.outer_diameter)
+        faults: list[Fault] = []
+        if self.sectors is not None and self.sectors % 2:
+            got = f"{self.sectors} sectors"
+            faults.append(Fault("the neck cannot be swept like this", "sectors", got, "an even number"))
         limits = [
             ("waist_diameter", self.waist_diameter, "outer_diameter", self.outer_diameter, False),
             ("collar_diameter", self.collar_diameter, "outer_diameter", self.outer_diameter, True),
@@ -76,14 +109,6 @@ class NeckShape:
                 )
         if faults:
             raise MeshError(faults)
-
-    @classmethod
-    def of_diameter(cls, outer_diameter: float) -> NeckShape:
-        """The published neck scaled to another outer diameter [m]."""
-        default = cls()
-        scale = outer_diameter / default.outer_diameter
-        lengths = {name: scale * value for name, value in vars(default).items() if name != "n_bells"}
-        return cls(n_bells=default.n_bells, **lengths)
 
     @property
     def waists(self) -> tuple[float, ...]:
@@ -126,91 +151,51 @@ class NeckShape:
         moved = np.linalg.norm(np.diff(line, axis=0), axis=1) > ON_PLANE * self.height
         return line[np.concatenate([[True], moved])]
 
+    def mesh(self, *, timeout: float = 300.0) -> TetMesh:
+        """A mesh that conforms to the planes of the clamp and the collar; Gmsh may take as long as `timeout` [s].
 
-def neck_mesh(
-    shape: NeckShape | None = None,
-    *,
-    size: float | None = None,
-    count: int | None = None,
-    order: Literal[1, 2] = 1,
-    waist_refinement: float = 1.0,
-    sectors: int | None = None,
-    timeout: float = 300.0,
-) -> TetMesh:
-    """A mesh of the neck, z upwards, base at z = 0, conforming to the planes of the clamp and the collar.
+        Returns
+        -------
+        TetMesh
+            With node sets "socket" (z <= clamp depth) and "collar" (z >= collar start), and node and face sets "outer",
+            "top" and "bottom".
 
-    Delaunay, or swept about the axis in `sectors`: elements that are long in the hoop direction and small across reach
-    the same accuracy with far fewer elements, since the stress gradient at the waists is small in the hoop direction.
-    For quadratic tets, 6 or 8 sectors with a refinement of about 12 are suitable.
-
-    Parameters
-    ----------
-    shape
-        The neck; by default the published one.
-    size, count
-        Target edge length away from the waists [m], or target number of tets, to within 5 %; one of the two.
-    order
-        1 for linear tets, 2 for quadratic ones, curved on the surface of revolution.
-    waist_refinement
-        Ratio of element sizes away from and at the waists, where the stress is singular [-]; varied by up to a fifth at
-        some waists if needed for the target count.
-    sectors
-        Number of sectors of the sweep, even and at least 4; the mesh is then symmetric about the plane y = 0. By
-        default the solid is meshed as a whole.
-    timeout
-        Longest time that Gmsh may take [s].
-
-    Returns
-    -------
-    TetMesh
-        With node sets "socket" (z <= clamp depth) and "collar" (z >= collar start), and node and face sets "outer",
-        "top" and "bottom".
-
-    Raises
-    ------
-    MeshError
-        If the target cannot be reached, or Gmsh is not installed, fails or takes too long.
-    """
-    shape = NeckShape() if shape is None else shape
-    where = "neck"
-    if not 1.0 <= waist_refinement < math.inf:
-        raise MeshError(
-            Fault("the refinement of the waists is too small", where=where, got=f"{waist_refinement:g}", allowed=">= 1")
-        )
-    if sectors is not None and (sectors < 4 or sectors % 2):
-        raise MeshError(
-            Fault("the neck cannot be swept like this", where=where, got=f"{sectors} sectors", allowed="4, 6, 8, ...")
-        )
-    job: dict[str, Any] = {
-        "kind": "revolution" if sectors is None else "section",
-        "sectors": sectors,
-        "regions": _regions(shape),
-        **target_of(size, count, MILLIMETRE, where=where),
-        "order": order if sectors is None else 2,
-    }
-    if waist_refinement > 1.0:
-        radius = 0.5 * shape.waist_diameter
-        circles = [_in_millimetres((radius, z)) for z in shape.waists]
-        job["refine"] = {
-            "circles": circles,
-            "ratios": [waist_refinement] * len(circles),
-            "reach": REFINED_REACH * radius / MILLIMETRE,
+        Raises
+        ------
+        MeshError
+            If the target cannot be reached, or Gmsh is not installed, fails or takes too long.
+        """
+        where = "neck"
+        job: dict[str, Any] = {
+            "kind": "revolution" if self.sectors is None else "section",
+            "sectors": self.sectors,
+            "regions": _regions(self),
+            **target_of(self.size, self.tets, MILLIMETRE, where=where),
+            "order": self.order if self.sectors is None else 2,
         }
-    arrays = run_gmsh(job, where=where, timeout=timeout)
-    if sectors is None:
-        mesh = TetMesh(MILLIMETRE * arrays["points"], arrays["tets"])
-    else:
-        mesh = sweep(MILLIMETRE * arrays["section"], arrays["triangles"], sectors=sectors)
-        mesh = of_order(mesh, order)
-    z, near = mesh.points[:, 2], ON_PLANE * shape.height
-    faces = boundary_faces(mesh)
-    bottom = (np.abs(z) <= near)[faces].all(axis=1)
-    top = (np.abs(z - shape.height) <= near)[faces].all(axis=1)
-    face_sets = {"outer": faces[~bottom & ~top], "top": faces[top], "bottom": faces[bottom]}
-    node_sets: dict[str, Ints] = {name: np.unique(rows) for name, rows in face_sets.items()}
-    node_sets["socket"] = np.flatnonzero(z <= shape.clamp_depth + near)
-    node_sets["collar"] = np.flatnonzero(z >= shape.collar_start - near)
-    return TetMesh(mesh.points, mesh.tets, node_sets=node_sets, face_sets=face_sets)
+        if self.waist_refinement > 1.0:
+            radius = 0.5 * self.waist_diameter
+            circles = [_in_millimetres((radius, z)) for z in self.waists]
+            job["refine"] = {
+                "circles": circles,
+                "ratios": [self.waist_refinement] * len(circles),
+                "reach": REFINED_REACH * radius / MILLIMETRE,
+            }
+        arrays = run_gmsh(job, where=where, timeout=timeout)
+        if self.sectors is None:
+            mesh = TetMesh(MILLIMETRE * arrays["points"], arrays["tets"])
+        else:
+            mesh = sweep(MILLIMETRE * arrays["section"], arrays["triangles"], sectors=self.sectors)
+            mesh = of_order(mesh, self.order)
+        z, near = mesh.points[:, 2], ON_PLANE * self.height
+        faces = boundary_faces(mesh)
+        bottom = (np.abs(z) <= near)[faces].all(axis=1)
+        top = (np.abs(z - self.height) <= near)[faces].all(axis=1)
+        face_sets = {"outer": faces[~bottom & ~top], "top": faces[top], "bottom": faces[bottom]}
+        node_sets: dict[str, Ints] = {name: np.unique(rows) for name, rows in face_sets.items()}
+        node_sets["socket"] = np.flatnonzero(z <= self.clamp_depth + near)
+        node_sets["collar"] = np.flatnonzero(z >= self.collar_start - near)
+        return TetMesh(mesh.points, mesh.tets, node_sets=node_sets, face_sets=face_sets)
 
 
 @dataclass(frozen=True)
@@ -222,14 +207,14 @@ class _Curve:
     dome_of: float | None = None
 
 
-def _regions(shape: NeckShape) -> list[list[dict[str, Any]]]:
+def _regions(shape: Neck) -> list[list[dict[str, Any]]]:
     """Closed outlines of the regions in the socket, between socket and collar, and in the collar, for the worker."""
     socket, rest = _cut(shape, _outline(shape), shape.clamp_depth)
     body, collar = _cut(shape, rest, shape.collar_start)
     return [[_item(shape, curve) for curve in _closed(curves)] for curves in (socket, body, collar)]
 
 
-def _outline(shape: NeckShape) -> list[_Curve]:
+def _outline(shape: Neck) -> list[_Curve]:
     outer, waist, neck = 0.5 * shape.outer_diameter, 0.5 * shape.waist_diameter, 0.5 * shape.collar_diameter
     curves: list[_Curve] = []
     place: Place = (0.0, 0.0)
@@ -250,7 +235,7 @@ def _outline(shape: NeckShape) -> list[_Curve]:
     return [curve for curve in curves if math.dist(curve.start, curve.end) > near]
 
 
-def _cut(shape: NeckShape, curves: list[_Curve], height: float) -> tuple[list[_Curve], list[_Curve]]:
+def _cut(shape: Neck, curves: list[_Curve], height: float) -> tuple[list[_Curve], list[_Curve]]:
     near = ON_PLANE * shape.height
     i = next(i for i, curve in enumerate(curves) if curve.end[1] > height + near)
     below, above = curves[:i], curves[i:]
@@ -271,7 +256,7 @@ def _closed(curves: list[_Curve]) -> list[_Curve]:
     return [*curves, *(curve for curve in closing if curve.start != curve.end)]
 
 
-def _item(shape: NeckShape, curve: _Curve) -> dict[str, Any]:
+def _item(shape: Neck, curve: _Curve) -> dict[str, Any]:
     item: dict[str, Any] = {"from": _in_millimetres(curve.start), "to": _in_millimetres(curve.end)}
     if curve.dome_of is not None:
         waist, skirt = 0.5 * shape.waist_diameter, curve.dome_of - shape.dome_height

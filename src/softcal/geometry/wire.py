@@ -4,27 +4,28 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.errors import Fault, MeshError
 from softcal.geometry.cell import TET_EDGES
-from softcal.geometry.centreline import Centreline, helix, straight
+from softcal.geometry.centreline import Centreline, straight
+from softcal.geometry.coil import Coil
 from softcal.geometry.mesh import TetMesh
+from softcal.geometry.primitive import Primitive
 from softcal.geometry.quadratic import of_order
 from softcal.geometry.quality import require_sound
 from softcal.geometry.surface import boundary_faces
 from softcal.geometry.sweep import WEDGE_TETS, upright
 from softcal.limits import LIMITS
+from softcal.quantities import QUANTITIES, Size
 
 # Triangles around the centre of a section.
 SECTORS = 6
 # A layer of one ring: a wedge of three tets over each.
 TETS_OF_A_RING = 3 * SECTORS
-# Smallest number of layers per turn of a spring: with fewer, the curved tets of a tight coil are inverted.
-LEAST_PER_TURN = 6
 # Default number of layers per turn, if the layers are then no longer than the tets are wide.
 PER_TURN = 12
 
@@ -63,7 +64,8 @@ def wire_mesh(
     MeshError
         If a dimension is out of range, or the wire is too thick for the curvature of its axis.
     """
-    faults = _faults({"diameter": diameter}, {"rings": (rings, 1)}, where)
+    found = (QUANTITIES["size"].fault(diameter, where), LIMITS["rings of elements"].fault(rings, where))
+    faults = [fault for fault in found if fault]
     n_elements = len(line.lengths)
     if n_elements % 2:
         faults.append(
@@ -101,130 +103,77 @@ def wire_mesh(
     return of_order(mesh, order)
 
 
-def rod_mesh(
-    length: float, diameter: float, *, layers: int | None = None, rings: int = 1, order: Literal[1, 2] = 2
-) -> TetMesh:
+@dataclass(frozen=True)
+class SolidRod(Primitive):
     """A straight round rod from the origin along z; see `wire_mesh`.
 
-    Parameters
+    Attributes
     ----------
-    length, diameter
-        [m].
-    layers
-        Number of layers of tets along the rod; by default layers as long as the tets are wide.
-
-    Raises
-    ------
-    MeshError
-        Where a measure is out of range.
-    """
-    where = "rod"
-    faults = _faults({"length": length, "diameter": diameter}, {"layers": (1 if layers is None else layers, 1)}, where)
-    if faults:
-        raise MeshError(faults)
-    count = _layers(length, diameter, rings) if layers is None else layers
-    _check_tets(count, rings, where)
-    line = straight((0.0, 0.0, 0.0), (0.0, 0.0, length), 2 * count, first=(1.0, 0.0, 0.0))
-    return wire_mesh(line, diameter, rings=rings, order=order, where=where)
-
-
-@dataclass(frozen=True)
-class SpringShape:
-    """A helical spring about z, its wire's axis from (coil_diameter / 2, 0, 0) upwards, with plain ends.
-
-    wire_diameter; coil_diameter: from wire centre to wire centre; pitch: rise per turn; all [m].
+    length, diameter : [m]
+    layers : Number of layers of tets along the rod; None: layers as long as the tets are wide
+    rings : Number of tets from the axis to the surface
+    order : 2 for quadratic tets, 1 for linear ones
     """
 
-    wire_diameter: float
-    coil_diameter: float
-    turns: float
-    pitch: float
-    left_handed: bool = False
+    length: Size
+    diameter: Size
+    layers: Annotated[int, LIMITS["layers of elements"]] | None = None
+    rings: Annotated[int, LIMITS["rings of elements"]] = 1
+    order: Literal[1, 2] = 2
 
-    def __post_init__(self) -> None:
-        where = "spring"
-        values = {key: getattr(self, key) for key in ("wire_diameter", "coil_diameter", "turns", "pitch")}
-        faults = _faults(values, {}, where)
-        if not faults and self.wire_diameter >= self.coil_diameter:
-            faults.append(
-                Fault(
-                    "the wire fills the coil",
-                    where,
-                    f"a wire of {1e3 * self.wire_diameter:.4g} mm",
-                    f"below the coil's diameter of {1e3 * self.coil_diameter:.4g} mm",
-                )
-            )
-        if not faults and self.turns > 1.0 and self.coil_distance <= self.wire_diameter:
-            faults.append(
-                Fault(
-                    "the spring's coils touch at rest",
-                    where,
-                    f"a wire of {1e3 * self.wire_diameter:.4g} mm, coils {1e3 * self.coil_distance:.4g} mm apart",
-                    "coils further apart than the wire is thick",
-                    "a larger pitch or a thinner wire",
-                )
-            )
-        if faults:
-            raise MeshError(faults)
-
-    @property
-    def coil_distance(self) -> float:
-        """Distance between adjacent turns of the wire's axis, normal to it [m]."""
-        return self.pitch / math.hypot(1.0, self.pitch / (math.pi * self.coil_diameter))
-
-    @property
-    def wire_length(self) -> float:
-        """Arc length of the wire's axis [m]."""
-        return self.turns * math.hypot(math.pi * self.coil_diameter, self.pitch)
-
-    def layers_per_turn(self, rings: int, given: int | None = None) -> int:
-        """Number of layers of tets per turn: the given one, or the default of `spring_mesh`.
+    def mesh(self) -> TetMesh:
+        """Its mesh [m].
 
         Raises
         ------
         MeshError
-            For fewer than six.
+            For too many tets.
         """
-        if given is None:
-            return max(PER_TURN, _layers(self.wire_length / self.turns, self.wire_diameter, rings))
-        faults = _faults({}, {"layers_per_turn": (given, LEAST_PER_TURN)}, "spring")
-        if faults:
-            raise MeshError(faults)
-        return given
-
-    def centreline(self, elements: int) -> Centreline:
-        """The wire's axis in elements of equal length."""
-        return helix(
-            (0.0, 0.0, 0.0),
-            (0.0, 0.0, 1.0),
-            diameter=self.coil_diameter,
-            pitch=self.pitch,
-            turns=self.turns,
-            at=elements,
-            towards=(1.0, 0.0, 0.0),
-            left_handed=self.left_handed,
-        )
+        count = self.layers or _layers(self.length, self.diameter, self.rings)
+        _check_tets(count, self.rings, "rod")
+        line = straight((0.0, 0.0, 0.0), (0.0, 0.0, self.length), 2 * count, first=(1.0, 0.0, 0.0))
+        return wire_mesh(line, self.diameter, rings=self.rings, order=self.order, where="rod")
 
 
-def spring_mesh(
-    shape: SpringShape, *, layers_per_turn: int | None = None, rings: int = 1, order: Literal[1, 2] = 2
-) -> TetMesh:
-    """The wire of a helical spring; see `wire_mesh`.
+@dataclass(frozen=True, kw_only=True)
+class SolidSpring(Coil, Primitive):
+    """The wire of a helical spring about z, its axis from (coil_diameter / 2, 0, 0) upwards, with plain ends.
 
-    Parameters
+    Attributes
     ----------
-    layers_per_turn
-        Number of layers of tets per turn of the wire, at least 6; by default 12, or more if they would otherwise be
-        longer than the tets are wide.
-
-    Raises
-    ------
-    MeshError
-        Where a measure is out of range.
+    wire_diameter : [m]
+    layers_per_turn : Number of layers of tets in a turn; None: 12, or more where they would be longer than wide
+    rings, order : As of a `SolidRod`
     """
-    layers = max(1, math.ceil(shape.turns * shape.layers_per_turn(rings, layers_per_turn) - 1e-9))
-    _check_tets(layers, rings, "spring")
-    return wire_mesh(shape.centreline(2 * layers), shape.wire_diameter, rings=rings, order=order, where="spring")
+
+    wire_diameter: Size
+    layers_per_turn: Annotated[int, LIMITS["layers in a turn"]] | None = None
+    rings: Annotated[int, LIMITS["rings of elements"]] = 1
+    order: Literal[1, 2] = 2
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if faults := self.wire_faults(self.wire_diameter):
+            raise MeshError(faults)
+
+    @property
+    def layers(self) -> int:
+        """Number of layers of tets in a turn."""
+        as_wide = _layers(self.wire_length / self.turns, self.wire_diameter, self.rings)
+        return self.layers_per_turn or max(PER_TURN, as_wide)
+
+    def mesh(self) -> TetMesh:
+        """Its mesh [m].
+
+        Raises
+        ------
+        MeshError
+            For too many tets, or a wire too thick for its curvature.
+        """
+        layers = max(1, math.ceil(self.turns * self.layers - 1e-9))
+        _check_tets(layers, self.rings, "spring")
+        line = self.wire(2 * layers)
+        return wire_mesh(line, self.wire_diameter, rings=self.rings, order=self.order, where="spring")
 
 
 @dataclass(frozen=True)
@@ -284,16 +233,3 @@ def _layers(length: float, diameter: float, rings: int) -> int:
 def _check_tets(layers: int, rings: int, where: str) -> None:
     if fault := LIMITS["tets"].fault(max(TETS_OF_A_RING * rings**2 * layers, 1), where):
         raise MeshError(replace(fault, attempt="fewer layers or rings, or a thicker wire"))
-
-
-def _faults(positive: dict[str, float], at_least: dict[str, tuple[int, int]], where: str) -> list[Fault]:
-    faults = [
-        Fault(f"the {name.replace('_', ' ')} must be positive", where, f"{value:.6g}", "> 0")
-        for name, value in positive.items()
-        if not 0.0 < value < math.inf
-    ]
-    return faults + [
-        Fault(f"there are too few {name.replace('_', ' ')}", where, str(value), f"{least} or more")
-        for name, (value, least) in at_least.items()
-        if value < least
-    ]

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, PlainValidator, Tag, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, Tag
 
+from softcal.declare import Reading
+from softcal.errors import Fault, InputError
 from softcal.limits import LIMITS
-from softcal.project.section import Given, Section, fault_error, numbered
+from softcal.project.section import Given, Section, numbered
 from softcal.quantities import Angle, Duration, Factor, Friction, Length, Share, Size, Slack, TensionOffset, Wrap
 
 ONE_CLOCK = "one clock"
@@ -46,8 +48,8 @@ def _named(value: object) -> object:
 
 def _separating(value: str) -> str:
     if len(value) != 1 or value.isalnum() or value in "\"'.+-_\r\n" or not (value.isprintable() or value == "\t"):
-        raise fault_error(
-            "this cannot separate columns", got=repr(value), allowed='one character, such as ",", ";" or "\\t"'
+        raise InputError(
+            Fault("this cannot separate columns", got=repr(value), allowed='one character, such as ",", ";" or "\\t"')
         )
     return value
 
@@ -65,7 +67,7 @@ class FileSection(Section):
     where: Mapping[str, Annotated[list[Given], BeforeValidator(numbered), Field(min_length=1)]] = Field(
         default_factory=dict
     )
-    delimiter: Annotated[str, AfterValidator(_separating)] | None = None
+    delimiter: Annotated[str, Reading(_separating, "after")] | None = None
     decimal: Literal[".", ","] | None = None
     header_row: Annotated[int, LIMITS["lines before the data"]] | None = None
     units_row: Annotated[int, LIMITS["lines before the data"]] | None = None
@@ -74,21 +76,21 @@ class FileSection(Section):
     axes: tuple[Axis, Axis, Axis] = ("x", "y", "z")
     rest_samples: Annotated[int, LIMITS["samples"]] = 10
 
-    @model_validator(mode="after")
-    def _something_read(self) -> FileSection:
+    def check(self) -> None:
         if not self.columns and not self.markers:
-            raise fault_error("nothing is read from the file", allowed="columns, markers, or both")
+            raise InputError(Fault("nothing is read from the file", allowed="columns, markers, or both"))
         extra = sorted(self.model_fields_set - {"path", "markers"})
         if extra and self.path.lower().endswith(MOTION_CAPTURE):
-            raise fault_error(
-                "a .c3d file is not a table", got=", ".join(extra), allowed="path, and markers with their labels"
+            raise InputError(
+                Fault("a .c3d file is not a table", got=", ".join(extra), allowed="path, and markers with their labels")
             )
-        return self
 
 
 def _step(value: object) -> object:
     if not isinstance(value, (str, dict)):
-        raise fault_error("this is no preparation step", got=repr(value), allowed="a name, or a name with settings")
+        raise InputError(
+            Fault("this is no preparation step", got=repr(value), allowed="a name, or a name with settings")
+        )
     return value
 
 
@@ -131,7 +133,7 @@ def _drive(value: object) -> object:
     if value in (None, "shortening", "tension") or (isinstance(value, list) and all(isinstance(v, str) for v in value)):
         return value
     allowed = "shortening or tension, of the cable; or a list of channels such as [cable1.tension, cable6.tension]"
-    raise fault_error("there is no such choice", got=repr(value), allowed=allowed)
+    raise InputError(Fault("there is no such choice", got=repr(value), allowed=allowed))
 
 
 class ExperimentSection(Section):
@@ -139,13 +141,13 @@ class ExperimentSection(Section):
 
     cable: str | None = None
     plate: str | None = None
-    drive: Annotated[Literal["shortening", "tension"] | list[str] | None, PlainValidator(_drive)] = None
+    drive: Annotated[Literal["shortening", "tension"] | list[str] | None, Reading(_drive, "instead")] = None
     compare: Annotated[list[str], Field(min_length=1)] | None = None
     set_up: str = ""
     files: Annotated[list[FileSection], Field(min_length=1), LIMITS["files of an experiment"]]
     label: str | None = None
     synchronise: Synchronise | None = None
-    prepare: list[Annotated[str | Mapping[str, Any], PlainValidator(_step)]] = Field(default_factory=list)
+    prepare: list[Annotated[str | Mapping[str, Any], Reading(_step, "instead")]] = Field(default_factory=list)
     noise: Mapping[str, Given] = Field(default_factory=dict)
     slack: Slack = 0.0
     tension_offset: TensionOffset = 0.0

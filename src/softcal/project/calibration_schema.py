@@ -11,9 +11,9 @@ from pydantic_core import InitErrorDetails
 from softcal.calibration.loss import LOSSES, options_of
 from softcal.calibration.optimiser import OPTIMISERS
 from softcal.calibration.settings import SearchSettings
-from softcal.declare import listed
+from softcal.declare import MemberOf, listed
 from softcal.limits import LIMITS
-from softcal.project.section import Given, Section, member_of, read_quantities
+from softcal.project.section import Given, Section, read_quantities
 
 
 class PriorSection(Section):
@@ -39,9 +39,9 @@ class ParameterSection(Section):
 class CalibrationSection(Section):
     """Settings of the calibration. The options [SI] of all losses are keys of the file, by their names."""
 
-    loss: Annotated[str, member_of(LOSSES)] = "papers"
+    loss: Annotated[str, MemberOf(LOSSES)] = "papers"
     options: Mapping[str, float] = Field(default_factory=dict)
-    method: Annotated[str, member_of(OPTIMISERS)] = SearchSettings.method
+    method: Annotated[str, MemberOf(OPTIMISERS)] = SearchSettings.method
     trials: Annotated[int, LIMITS["trials"]] | None = None
     starts: Annotated[int, LIMITS["starts"]] = SearchSettings.starts
     seed: Annotated[int, LIMITS["seeds"]] = 1

@@ -8,10 +8,11 @@ from typing import Annotated, Any
 from pydantic import Field
 from pydantic_core import InitErrorDetails
 
+from softcal.declare import MemberOf
 from softcal.materials.catalogue import LAWS, constants_of
 from softcal.materials.law import Law
 from softcal.materials.parameter import Parameter
-from softcal.project.section import Section, member_of, read_quantities
+from softcal.project.section import Section, read_quantities
 from softcal.twin.robot import Body
 
 
@@ -55,7 +56,7 @@ class ConstantsSection(Section):
 class LawSection(ConstantsSection):
     """The constants of the law that the mapping names."""
 
-    law: Annotated[str, member_of(LAWS)] = Body.law
+    law: Annotated[str, MemberOf(LAWS)] = Body.law
 
     @classmethod
     def _of_law(cls, given: Mapping[str, Any]) -> Mapping[str, Parameter]:

@@ -6,13 +6,11 @@ import re
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator
-
 from softcal.declare import Reading
+from softcal.errors import Fault, InputError
 from softcal.limits import LIMITS
-from softcal.mechanics.elements import DEFAULT
-from softcal.project.element import Element
-from softcal.project.section import Section, fault_error
+from softcal.mechanics.elements import DEFAULT, ElementName
+from softcal.project.section import Section
 from softcal.quantities import QUANTITIES, Angle, Clearance, Density, Friction, Mass, PoissonsRatio, Size, Turns
 from softcal.twin.cables import Cable
 from softcal.twin.manipulator import BASE, ELEMENTS_PER_TURN, ManipulatorShape
@@ -81,7 +79,7 @@ class SpringsSection(Section):
     elements_per_turn: Annotated[int, LIMITS["elements in a turn"]] = ELEMENTS_PER_TURN
     rings: Annotated[int, LIMITS["rings of elements"]] = 1
     layers_per_turn: Annotated[int, LIMITS["elements in a turn"]] | None = None
-    element: Element = DEFAULT.name
+    element: ElementName = DEFAULT.name
     youngs_modulus: Annotated[float | dict[str, float], Reading(_moduli, "instead")]
     poissons_ratio: PoissonsRatio
     density: Density = Rod.density
@@ -90,16 +88,18 @@ class SpringsSection(Section):
 def _disc_number(name: object) -> int:
     match = re.fullmatch(r"S(\d+)", str(name))
     if match is None:
-        raise fault_error("cables end at a disc", got=f"'{name}'", allowed="S1, S2, …")
+        raise InputError(Fault("cables end at a disc", got=f"'{name}'", allowed="S1, S2, …"))
     return int(match[1])
 
 
 def _by_disc(value: object) -> object:
     if not isinstance(value, dict) or not value:
-        raise fault_error(
-            "this is of the wrong kind",
-            got=repr(value),
-            allowed="discs with the azimuth of their first cable: {S2: 0 deg}",
+        raise InputError(
+            Fault(
+                "this is of the wrong kind",
+                got=repr(value),
+                allowed="discs with the azimuth of their first cable: {S2: 0 deg}",
+            )
         )
     given: dict[object, object] = value
     return {_disc_number(name): azimuth for name, azimuth in given.items()}
@@ -110,7 +110,7 @@ class CablesSection(Section):
 
     radius: Clearance | None = None
     per_end: Annotated[int, LIMITS["cables at an end"]] | None = None
-    ends: Annotated[dict[int, Angle] | None, BeforeValidator(_by_disc)] = None
+    ends: Annotated[dict[int, Angle] | None, Reading(_by_disc)] = None
     exit: Clearance | None = None
     friction_coefficient: Friction = Cable.friction_coefficient
 

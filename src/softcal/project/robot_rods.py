@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 
 import numpy as np
 
 from softcal.checks import Ints
-from softcal.errors import Fault, MeshError
+from softcal.errors import MeshError
 from softcal.geometry import section as sections
-from softcal.geometry.centreline import Centreline, curve_through, helix, polyline, spaced, straight
+from softcal.geometry.centreline import Centreline
 from softcal.geometry.placement import placed_centreline
 from softcal.geometry.section import CrossSection
 from softcal.limits import LIMITS
 from softcal.project.document import Findings, KeyPath
-from softcal.project.rod_schema import BarSection, HelixSection, RodSection
-from softcal.twin.manipulator import ELEMENTS_PER_TURN
+from softcal.project.rod_schema import BarSection, RodSection
 from softcal.twin.robot import Rod
-
-ELEMENTS = 40  # of a straight rod by default
 
 
 def build_rod(name: str, rod: RodSection, plates: Iterable[str], findings: Findings) -> Rod | None:
@@ -40,17 +36,18 @@ def build_rod(name: str, rod: RodSection, plates: Iterable[str], findings: Findi
         )
     with findings.at((*path, "section")):
         section = _section(rod.section)
-        shape = next(key for key in ("straight", "helix", "polyline") if getattr(rod, key) is not None)
-        with findings.at((*path, shape)):
-            length = _length(rod)
-            if rod.helix is not None:
-                _check_coils(rod.helix, section)
+        key, shape = rod.shape
+        with findings.at((*path, key)):
+            if faults := shape.section_faults(section.outer_diameter):
+                raise MeshError(faults)
             clamped = {
-                plate: _arcs(where, length, (*path, "clamped", plate), findings) for plate, where in rod.clamped.items()
+                plate: _arcs(where, shape.length, (*path, "clamped", plate), findings)
+                for plate, where in rod.clamped.items()
             }
-            fixed = _arcs(rod.fixed, length, (*path, "fixed"), findings)
-            LIMITS["elements of a rod"].check(rod.elements or _elements(rod))
-            line = _centreline(rod, sorted({*fixed, *(s for arcs in clamped.values() for s in arcs)}))
+            fixed = _arcs(rod.fixed, shape.length, (*path, "fixed"), findings)
+            elements = rod.elements or shape.elements
+            LIMITS["elements of a rod"].check(elements)
+            line = shape.centreline(sorted({*fixed, *(s for arcs in clamped.values() for s in arcs)}), elements)
             if rod.placement is not None:
                 with findings.at((*path, "placement")):
                     line = placed_centreline(line, rod.placement.pose)
@@ -58,8 +55,8 @@ def build_rod(name: str, rod: RodSection, plates: Iterable[str], findings: Findi
                 return None
             with findings.at(path):
                 parameters = {"youngs_modulus": rod.youngs_modulus, "poissons_ratio": rod.poissons_ratio}
-                held = {plate: _nodes(line, length, arcs) for plate, arcs in clamped.items()}
-                return Rod(name, line, section, parameters, held, _nodes(line, length, fixed), rod.density)
+                held = {plate: _nodes(line, shape.length, arcs) for plate, arcs in clamped.items()}
+                return Rod(name, line, section, parameters, held, _nodes(line, shape.length, fixed), rod.density)
     return None
 
 
@@ -72,38 +69,6 @@ def _section(given: BarSection) -> CrossSection:
     if given.shear_coefficients is None:
         return sections.given(*constants)
     return sections.given(*constants, shear_coefficients=given.shear_coefficients)
-
-
-def _length(rod: RodSection) -> float:
-    """The arc length of the whole rod [m]."""
-    if rod.straight is not None:
-        length = math.dist(rod.straight.start, rod.straight.end)
-        if not length > 0.0:
-            raise MeshError(Fault("a rod's ends coincide", got=str(list(rod.straight.start)), allowed="two points"))
-        return length
-    if rod.helix is not None:
-        return rod.helix.turns * math.hypot(math.pi * rod.helix.coil_diameter, _pitch(rod.helix))
-    points = [] if rod.polyline is None else rod.polyline.points
-    return float(polyline(points).stations[-1])
-
-
-def _pitch(shape: HelixSection) -> float:
-    return shape.pitch if shape.pitch is not None else (shape.height or 0.0) / shape.turns
-
-
-def _check_coils(shape: HelixSection, section: CrossSection) -> None:
-    """Coils of one wire that overlap; the wire's thickness is its section's outer diameter."""
-    pitch = _pitch(shape)
-    apart = pitch / math.hypot(1.0, pitch / (math.pi * shape.coil_diameter))
-    if shape.turns > 1.0 and apart < section.outer_diameter:
-        raise MeshError(
-            Fault(
-                "the coils of the spring overlap at rest",
-                got=f"{1e3 * apart:.4g} mm from wire to wire, {1e3 * (section.outer_diameter - apart):.3g} mm deep",
-                allowed=f"at least the wire's {1e3 * section.outer_diameter:.4g} mm",
-                attempt="a larger pitch, fewer turns or a thinner wire",
-            )
-        )
 
 
 def _arcs(stations: Iterable[float | str], length: float, path: KeyPath, findings: Findings) -> list[float]:
@@ -122,31 +87,6 @@ def _arcs(stations: Iterable[float | str], length: float, path: KeyPath, finding
         else:
             arcs.append(min(station, length))
     return arcs
-
-
-def _centreline(rod: RodSection, arcs: list[float]) -> Centreline:
-    length = _length(rod)
-    at = spaced([s / length for s in arcs], 1.0 / (rod.elements or _elements(rod)))
-    if rod.straight is not None:
-        return straight(rod.straight.start, rod.straight.end, at, first=rod.straight.first)
-    if rod.helix is not None:
-        shape = rod.helix
-        return helix(
-            shape.base,
-            shape.axis,
-            diameter=shape.coil_diameter,
-            pitch=_pitch(shape),
-            turns=shape.turns,
-            at=at,
-            towards=shape.towards,
-            left_handed=shape.left_handed,
-        )
-    points, first = ([], None) if rod.polyline is None else (rod.polyline.points, rod.polyline.first)
-    return curve_through(points, arcs, length / (rod.elements or 1), first=first)
-
-
-def _elements(rod: RodSection) -> int:
-    return ELEMENTS if rod.helix is None else math.ceil(ELEMENTS_PER_TURN * rod.helix.turns - 1e-9)
 
 
 def _nodes(line: Centreline, length: float, arcs: list[float]) -> Ints:

@@ -5,17 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, Tag
 
-from softcal.declare import Reading, listed
+from softcal.declare import Reading, listed, require_one
+from softcal.errors import Fault, InputError
 from softcal.geometry.placement import Placement
 from softcal.limits import LIMITS
+from softcal.mechanics.elements import ElementName
 from softcal.project.constants import ConstantsSection, LawSection
-from softcal.project.element import Element
 from softcal.project.manipulator_schema import ManipulatorSection
 from softcal.project.mesh_schema import Mesh, RegionSection
 from softcal.project.rod_schema import RodSection
-from softcal.project.section import Section, fault_error, require_one
+from softcal.project.section import Section
 from softcal.quantities import (
     QUANTITIES,
     Acceleration,
@@ -47,7 +48,7 @@ class BodySection(LawSection):
     """A deformable body: its mesh, material, fixed region, and placement."""
 
     mesh: Mesh
-    element: Element = Body.element
+    element: ElementName = Body.element
     density: Density = Body.density
     materials: Mapping[str, MaterialSection] = Field(default_factory=dict)
     regions: Mapping[str, RegionSection] = Field(default_factory=dict)
@@ -76,14 +77,16 @@ class RingSection(Section):
     axis: Direction = (0.0, 0.0, 1.0)
     zero: Direction = (1.0, 0.0, 0.0)
 
-    @model_validator(mode="after")
-    def _one_name_each(self) -> RingSection:
+    def check(self) -> None:
         names = self.names
         if names is not None and (len(names) != self.count or len(set(names)) != self.count):
-            raise fault_error(
-                "the ring needs one name for each hole", got=", ".join(names) or "none", allowed=f"{self.count} names"
+            raise InputError(
+                Fault(
+                    "the ring needs one name for each hole",
+                    got=", ".join(names) or "none",
+                    allowed=f"{self.count} names",
+                )
             )
-        return self
 
     @property
     def hole_names(self) -> list[str]:
@@ -97,12 +100,12 @@ class HolesSection(Section):
     points: Mapping[str, Point] = Field(default_factory=dict)
     ring: RingSection | None = None
 
-    @model_validator(mode="after")
-    def _names_once(self) -> HolesSection:
+    def check(self) -> None:
         twice = sorted(set(self.points) & set(self.ring.hole_names if self.ring else []))
         if twice:
-            raise fault_error("a hole stands in both points and ring", got=", ".join(twice), allowed="one of each name")
-        return self
+            raise InputError(
+                Fault("a hole stands in both points and ring", got=", ".join(twice), allowed="one of each name")
+            )
 
     @property
     def names(self) -> list[str]:
@@ -138,16 +141,16 @@ class PlateSection(Section):
     holes: HolesSection = HolesSection()
     disc: DiscSection | None = None
 
-    @model_validator(mode="after")
-    def _body_with_region(self) -> PlateSection:
+    def check(self) -> None:
         if (self.body is None) != (self.region is None):
             given = "body" if self.region is None else "region"
-            raise fault_error("a plate is tied to a region of a body", got=f"only {given}", allowed="body and region")
-        if self.body is not None and self.bodies:
-            raise fault_error(
-                "it is said twice what the plate is tied to", got="body and bodies", allowed="one of the two"
+            raise InputError(
+                Fault("a plate is tied to a region of a body", got=f"only {given}", allowed="body and region")
             )
-        return self
+        if self.body is not None and self.bodies:
+            raise InputError(
+                Fault("it is said twice what the plate is tied to", got="body and bodies", allowed="one of the two")
+            )
 
     @property
     def tied(self) -> Mapping[str, str]:
@@ -175,10 +178,8 @@ class ViaSection(Section):
     hole: str | None = None
     radius: Size | None = None
 
-    @model_validator(mode="after")
-    def _placed(self) -> ViaSection:
+    def check(self) -> None:
         _require_place(self)
-        return self
 
 
 class MarkerSection(Section):
@@ -188,16 +189,16 @@ class MarkerSection(Section):
     at: Point | None = None
     hole: str | None = None
 
-    @model_validator(mode="after")
-    def _placed(self) -> MarkerSection:
+    def check(self) -> None:
         _require_place(self)
-        return self
 
 
 def _require_place(point: ViaSection | MarkerSection) -> None:
     require_one(point, ("at", "hole"), "it is not said where the point is", allowed="at, or hole")
     if point.hole is not None and not point.on:
-        raise fault_error("it is not said which plate has the hole", got=f"hole {point.hole}", allowed="on: PLATE")
+        raise InputError(
+            Fault("it is not said which plate has the hole", got=f"hole {point.hole}", allowed="on: PLATE")
+        )
 
 
 class RoutingAxisSection(Section):
@@ -227,8 +228,8 @@ def _force(value: object) -> float | tuple[float, float, float]:
         return read(value)
     parts: list[Any] = value
     if len(parts) != 3:
-        raise fault_error(
-            "the list has the wrong length", got=str(len(parts)), allowed="three components, or one force"
+        raise InputError(
+            Fault("the list has the wrong length", got=str(len(parts)), allowed="three components, or one force")
         )
     return (read(parts[0]), read(parts[1]), read(parts[2]))
 
@@ -248,24 +249,30 @@ class LoadSection(Section):
     region: str | None = None
     traction: Traction | None = None
 
-    @model_validator(mode="after")
-    def _one_kind(self) -> LoadSection:
+    def check(self) -> None:
         keys = ("at", "hole", "force", "direction", "mass", "region", "traction")
         given = [key for key in keys if getattr(self, key) is not None]
         kind = {"at" if key == "hole" else key for key in given}
         if len(kind) != len(given) or kind not in (*POINT_LOADS, {"region", "traction"}):
-            raise fault_error(
-                "a load is a force or a mass at a point, or a traction on a region",
-                got=", ".join(given) or "neither",
-                allowed="at (or hole) and force; at, direction and force; at and mass; region and traction",
+            raise InputError(
+                Fault(
+                    "a load is a force or a mass at a point, or a traction on a region",
+                    got=", ".join(given) or "neither",
+                    allowed="at (or hole) and force; at, direction and force; at and mass; region and traction",
+                )
             )
         if isinstance(self.force, tuple) and self.direction is not None:
-            raise fault_error("the load's direction is given twice", got="a vector as force", allowed="force: 2 N")
-        if isinstance(self.force, float) and self.direction is None:
-            raise fault_error(
-                "the load has no direction", got="force without direction", allowed="force: [x, y, z], or a direction"
+            raise InputError(
+                Fault("the load's direction is given twice", got="a vector as force", allowed="force: 2 N")
             )
-        return self
+        if isinstance(self.force, float) and self.direction is None:
+            raise InputError(
+                Fault(
+                    "the load has no direction",
+                    got="force without direction",
+                    allowed="force: [x, y, z], or a direction",
+                )
+            )
 
 
 class ContactSection(Section):
@@ -297,13 +304,11 @@ class RobotSection(Section):
     contact: Annotated[ContactSection | None, BeforeValidator(_contact)] = None
     gravity: tuple[Acceleration, Acceleration, Acceleration] = (0.0, 0.0, 0.0)
 
-    @model_validator(mode="after")
-    def _something_bends(self) -> RobotSection:
+    def check(self) -> None:
         if not (self.bodies or self.rods or self.manipulator):
-            raise fault_error(
-                "the robot has nothing that bends", got="neither", allowed="bodies, rods, or a manipulator"
+            raise InputError(
+                Fault("the robot has nothing that bends", got="neither", allowed="bodies, rods, or a manipulator")
             )
-        return self
 
     def names(self, kind: str) -> list[str]:
         """Every part of a kind such as "plates", the manipulator's own among them."""

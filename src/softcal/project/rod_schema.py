@@ -5,64 +5,25 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field
 
-from softcal.declare import Reading
+from softcal.declare import Reading, require_one
+from softcal.errors import Fault, InputError
 from softcal.geometry.placement import Placement
+from softcal.geometry.rod_shapes import Helix, Polyline, RodShape, Straight
 from softcal.limits import LIMITS
-from softcal.project.section import Section, fault_error, require_one
+from softcal.project.section import Section
 from softcal.quantities import (
     QUANTITIES,
     Area,
     Density,
-    Direction,
     Modulus,
-    Point,
     PoissonsRatio,
     PositiveRatio,
     SecondMoment,
     Size,
-    Turns,
 )
 from softcal.twin.robot import Rod
-
-
-class StraightSection(Section):
-    """A straight rod between two points."""
-
-    start: Point
-    end: Point
-    first: Direction | None = None
-
-
-class HelixSection(Section):
-    """The wire of a helical spring; it climbs along `axis` from the level of `base`."""
-
-    base: Point
-    axis: Direction = (0.0, 0.0, 1.0)
-    coil_diameter: Size
-    turns: Turns
-    pitch: Size | None = None
-    height: Size | None = None
-    towards: Direction | None = None
-    left_handed: bool = False
-
-    @model_validator(mode="after")
-    def _one_climb(self) -> HelixSection:
-        require_climb(self, "it is not said how far the helix climbs")
-        return self
-
-
-def require_climb(section: Section, what: str) -> None:
-    """Check that a helix's climb is given per turn or in all."""
-    require_one(section, ("pitch", "height"), what, allowed="one of pitch, per turn, and height, in all")
-
-
-class PolylineSection(Section):
-    """A smooth curve through points."""
-
-    points: Annotated[list[Point], Field(min_length=2), LIMITS["points of a line"]]
-    first: Direction | None = None
 
 
 class BarSection(Section):
@@ -78,8 +39,7 @@ class BarSection(Section):
     J: SecondMoment | None = None
     shear_coefficients: tuple[PositiveRatio, PositiveRatio] | None = None
 
-    @model_validator(mode="after")
-    def _one_kind(self) -> BarSection:
+    def check(self) -> None:
         given = {key for key in type(self).model_fields if getattr(self, key) is not None}
         constants = {"area", "I1", "I2", "J"}
         kinds = (
@@ -90,12 +50,13 @@ class BarSection(Section):
             constants | {"shear_coefficients"},
         )
         if given not in kinds:
-            raise fault_error(
-                "the section is not of one kind",
-                got=", ".join(sorted(given)) or "nothing",
-                allowed="diameter (and inner_diameter), width and height, or area, I1, I2 and J",
+            raise InputError(
+                Fault(
+                    "the section is not of one kind",
+                    got=", ".join(sorted(given)) or "nothing",
+                    allowed="diameter (and inner_diameter), width and height, or area, I1, I2 and J",
+                )
             )
-        return self
 
 
 def _station(value: object) -> float | str:
@@ -103,7 +64,7 @@ def _station(value: object) -> float | str:
         return str(value)
     length = QUANTITIES["length"].read(value)
     if length < 0.0:
-        raise fault_error("the station lies off the rod", got=str(value), allowed="start, end, or an arc length")
+        raise InputError(Fault("the station lies off the rod", got=str(value), allowed="start, end, or an arc length"))
     return length
 
 
@@ -115,9 +76,9 @@ Stations = Annotated[list[Station], BeforeValidator(lambda value: value if isins
 class RodSection(Section):
     """A slender elastic part: its shape, section, material, and supports."""
 
-    straight: StraightSection | None = None
-    helix: HelixSection | None = None
-    polyline: PolylineSection | None = None
+    straight: Straight | None = None
+    helix: Helix | None = None
+    polyline: Polyline | None = None
     elements: Annotated[int, LIMITS["elements of a rod"]] | None = None
     section: BarSection
     youngs_modulus: Modulus
@@ -127,8 +88,12 @@ class RodSection(Section):
     fixed: Stations = Field(default_factory=list)
     placement: Placement | None = None
 
-    @model_validator(mode="after")
-    def _one_shape(self) -> RodSection:
+    def check(self) -> None:
         shapes = ("straight", "helix", "polyline")
         require_one(self, shapes, "a rod has one shape", nothing="none", allowed="straight, helix or polyline")
-        return self
+
+    @property
+    def shape(self) -> tuple[str, RodShape]:
+        """The key and the shape that is given."""
+        shapes = (("straight", self.straight), ("helix", self.helix), ("polyline", self.polyline))
+        return next((key, shape) for key, shape in shapes if shape is not None)

@@ -2,40 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from typing import Annotated, Any, TypeVar
 
 from pydantic import (
-    AfterValidator,
     BaseModel,
     ConfigDict,
     ModelWrapValidatorHandler,
-    PlainValidator,
     TypeAdapter,
     ValidationError,
     model_validator,
 )
-from pydantic_core import InitErrorDetails, PydanticCustomError
+from pydantic_core import InitErrorDetails
 
-from softcal.catalogue import Catalogue
-from softcal.declare import FAULT, as_pydantic, listed, read_mapping, shown
+from softcal.declare import FAULT, Reading, as_pydantic, listed, read_mapping, shown
 from softcal.errors import Fault, InputError
 from softcal.project.document import Findings, KeyPath
 from softcal.quantities import Quantity
-
-
-def fault_error(what: str, *, got: str = "", allowed: str = "", attempt: str = "") -> PydanticCustomError:
-    """An error to raise in a validator, which becomes a `Fault` at the key that is being read."""
-    return as_pydantic(Fault(what, "", got, allowed, attempt))
-
-
-def require_one(section: BaseModel, keys: Sequence[str], what: str, *, nothing: str = "neither", allowed: str) -> None:
-    """Check in a validator that just one of the keys is given; `what` is wrong where it is `nothing`, or several."""
-    given = [key for key in keys if getattr(section, key) is not None]
-    if len(given) != 1:
-        raise fault_error(what, got=" and ".join(given) or nothing, allowed=allowed)
 
 
 class Section(BaseModel):
@@ -50,7 +35,16 @@ class Section(BaseModel):
             return handler(data)
         known = cls._allowed(data)
         read, faults = cls._read({key: value for key, value in data.items() if key in known})
-        return read_mapping(cls.__name__, data, known, lambda _: handler(read), faults)
+
+        def made(_: Any) -> Any:
+            section = handler(read)
+            section.check()
+            return section
+
+        return read_mapping(cls.__name__, data, known, made, faults)
+
+    def check(self) -> None:
+        """Raise an InputError where the values do not go together, with faults at their keys or at the mapping."""
 
     @classmethod
     def _allowed(cls, given: Mapping[str, Any]) -> set[str]:
@@ -81,25 +75,14 @@ def read_quantities(
     return found, errors
 
 
-def member_of(catalogue: Catalogue[Any]) -> AfterValidator:
-    """The name of a member of a family that others can add to."""
-
-    def check(name: str) -> str:
-        if name not in catalogue:
-            raise as_pydantic(catalogue.unknown(name))
-        return name
-
-    return AfterValidator(check)
-
-
 def _given(value: object) -> str | float:
     if isinstance(value, bool) or not isinstance(value, (str, int, float)):
-        raise fault_error("this is of the wrong kind", got=shown(value), allowed="a number, or text with a unit")
+        raise InputError(Fault("this is of the wrong kind", got=shown(value), allowed="a number, or text with a unit"))
     return value
 
 
 # A quantity whose unit is not known until names are resolved, such as the bound of a parameter.
-Given = Annotated[str | float, PlainValidator(_given)]
+Given = Annotated[str | float, Reading(_given, "instead")]
 
 
 def numbered(value: object) -> object:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field
 
 from softcal.declare import listed
-from softcal.project.section import Given, Section, fault_error, numbered
+from softcal.errors import Fault, InputError
+from softcal.project.section import Given, Section, numbered
 
 
 class SweepSection(Section):
@@ -23,11 +24,11 @@ class SweepSection(Section):
     experiments: Annotated[list[str], BeforeValidator(listed)] = Field(default_factory=list)
     show: Mapping[str, Mapping[str, Given]] = Field(default_factory=dict)
 
-    @model_validator(mode="after")
-    def _shown_is_swept(self) -> SweepSection:
+    def check(self) -> None:
         for name, values in self.show.items():
             others = [key for key in values if key not in self.over]
             if others:
                 got, allowed = f"{', '.join(others)} in {name}", ", ".join(self.over)
-                raise fault_error("a configuration to show has a parameter that is not swept", got=got, allowed=allowed)
-        return self
+                raise InputError(
+                    Fault("a configuration to show has a parameter that is not swept", got=got, allowed=allowed)
+                )

@@ -16,12 +16,12 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.errors import Fault, MeshError
 from softcal.geometry.centreline import Centreline, helix
+from softcal.geometry.rod_shapes import ELEMENTS_PER_TURN
 from softcal.geometry.section import circular
 from softcal.limits import LIMITS
 from softcal.twin.robot import Cable, Disc, Marker, Plate, Robot, Rod, ViaPoint
 
 BASE = "base"
-ELEMENTS_PER_TURN = 12  # of a rod that is a helical spring
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 from softcal.checks import Ints
 from softcal.errors import Fault, MeshError
 from softcal.geometry.section import CrossSection, circular
-from softcal.geometry.wire import SpringShape, wire_mesh
+from softcal.geometry.wire import SolidSpring, wire_mesh
 from softcal.mechanics.elements import DEFAULT
 from softcal.twin.manipulator import ManipulatorShape
 from softcal.twin.robot import Body, Plate, Robot, Rod
@@ -65,10 +65,15 @@ def elements_for_solid(shape: ManipulatorShape, *, rings: int = 1, layers_per_tu
     MeshError
         For fewer than six layers.
     """
-    spring = SpringShape(
-        shape.wire_diameter, shape.coil_diameter, shape.turns, shape.spring_length / shape.turns, shape.left_handed
+    spring = SolidSpring(
+        wire_diameter=shape.wire_diameter,
+        coil_diameter=shape.coil_diameter,
+        turns=shape.turns,
+        height=shape.spring_length,
+        rings=rings,
+        layers_per_turn=layers_per_turn,
     )
-    return 2 * spring.layers_per_turn(rings, layers_per_turn)
+    return 2 * spring.layers
 
 
 def solid_body(rod: Rod, *, rings: int = 1, element: str = DEFAULT.name) -> Body:

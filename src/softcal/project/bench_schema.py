@@ -76,7 +76,7 @@ class FileSection(Section):
     axes: tuple[Axis, Axis, Axis] = ("x", "y", "z")
     rest_samples: Annotated[int, LIMITS["samples"]] = 10
 
-    def check(self) -> None:
+    def _check(self) -> None:
         if not self.columns and not self.markers:
             raise InputError(Fault("nothing is read from the file", allowed="columns, markers, or both"))
         extra = sorted(self.model_fields_set - {"path", "markers"})

@@ -34,7 +34,7 @@ class MeshFile(Section):
     order: Literal[1, 2] | None = None
     edges_around: Annotated[int, LIMITS["edges around a bore"]] | None = None
 
-    def check(self) -> None:
+    def _check(self) -> None:
         kind = PurePath(self.file).suffix.lower()
         if self.unit is None and kind not in CARRIES_UNIT:
             raise InputError(
@@ -88,7 +88,7 @@ class RegionSection(Section):
     cylinder: Cylinder | None = None
     sphere: Sphere | None = None
 
-    def check(self) -> None:
+    def _check(self) -> None:
         kinds = sorted(self.model_fields_set)
         if len(kinds) != 1:
             raise InputError(

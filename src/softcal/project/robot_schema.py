@@ -77,7 +77,7 @@ class RingSection(Section):
     axis: Direction = (0.0, 0.0, 1.0)
     zero: Direction = (1.0, 0.0, 0.0)
 
-    def check(self) -> None:
+    def _check(self) -> None:
         names = self.names
         if names is not None and (len(names) != self.count or len(set(names)) != self.count):
             raise InputError(
@@ -100,7 +100,7 @@ class HolesSection(Section):
     points: Mapping[str, Point] = Field(default_factory=dict)
     ring: RingSection | None = None
 
-    def check(self) -> None:
+    def _check(self) -> None:
         twice = sorted(set(self.points) & set(self.ring.hole_names if self.ring else []))
         if twice:
             raise InputError(
@@ -141,7 +141,7 @@ class PlateSection(Section):
     holes: HolesSection = HolesSection()
     disc: DiscSection | None = None
 
-    def check(self) -> None:
+    def _check(self) -> None:
         if (self.body is None) != (self.region is None):
             given = "body" if self.region is None else "region"
             raise InputError(
@@ -178,7 +178,7 @@ class ViaSection(Section):
     hole: str | None = None
     radius: Size | None = None
 
-    def check(self) -> None:
+    def _check(self) -> None:
         _require_place(self)
 
 
@@ -189,7 +189,7 @@ class MarkerSection(Section):
     at: Point | None = None
     hole: str | None = None
 
-    def check(self) -> None:
+    def _check(self) -> None:
         _require_place(self)
 
 
@@ -249,7 +249,7 @@ class LoadSection(Section):
     region: str | None = None
     traction: Traction | None = None
 
-    def check(self) -> None:
+    def _check(self) -> None:
         keys = ("at", "hole", "force", "direction", "mass", "region", "traction")
         given = [key for key in keys if getattr(self, key) is not None]
         kind = {"at" if key == "hole" else key for key in given}
@@ -304,7 +304,7 @@ class RobotSection(Section):
     contact: Annotated[ContactSection | None, BeforeValidator(_contact)] = None
     gravity: tuple[Acceleration, Acceleration, Acceleration] = (0.0, 0.0, 0.0)
 
-    def check(self) -> None:
+    def _check(self) -> None:
         if not (self.bodies or self.rods or self.manipulator):
             raise InputError(
                 Fault("the robot has nothing that bends", got="neither", allowed="bodies, rods, or a manipulator")

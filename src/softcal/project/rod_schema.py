@@ -39,7 +39,7 @@ class BarSection(Section):
     J: SecondMoment | None = None
     shear_coefficients: tuple[PositiveRatio, PositiveRatio] | None = None
 
-    def check(self) -> None:
+    def _check(self) -> None:
         given = {key for key in type(self).model_fields if getattr(self, key) is not None}
         constants = {"area", "I1", "I2", "J"}
         kinds = (
@@ -88,7 +88,7 @@ class RodSection(Section):
     fixed: Stations = Field(default_factory=list)
     placement: Placement | None = None
 
-    def check(self) -> None:
+    def _check(self) -> None:
         shapes = ("straight", "helix", "polyline")
         require_one(self, shapes, "a rod has one shape", nothing="none", allowed="straight, helix or polyline")
 

@@ -38,12 +38,12 @@ class Section(BaseModel):
 
         def made(_: Any) -> Any:
             section = handler(read)
-            section.check()
+            section._check()
             return section
 
         return read_mapping(cls.__name__, data, known, made, faults)
 
-    def check(self) -> None:
+    def _check(self) -> None:
         """Raise an InputError where the values do not go together, with faults at their keys or at the mapping."""
 
     @classmethod

@@ -24,7 +24,7 @@ class SweepSection(Section):
     experiments: Annotated[list[str], BeforeValidator(listed)] = Field(default_factory=list)
     show: Mapping[str, Mapping[str, Given]] = Field(default_factory=dict)
 
-    def check(self) -> None:
+    def _check(self) -> None:
         for name, values in self.show.items():
             others = [key for key in values if key not in self.over]
             if others:

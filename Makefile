@@ -24,7 +24,7 @@ help:
 	@echo "make test-slow  run the slow tests, for $(SLOW_LIMIT) at most"
 	@echo "make bench      run the benchmarks, write benchmarks/RESULTS.md"
 	@echo "make mesh-table compute docs/mesh-table.md anew: ten minutes and 4 GB"
-	@echo "make coverage   measure how often 95 % intervals hold, write docs/uncertainty.md: ten minutes"
+	@echo "make coverage   measure the coverage of 95 % intervals, write docs/uncertainty.md: ten minutes"
 	@echo "make lint       ruff, pyright, layers, licences"
 	@echo "make format     let ruff format and mend what it can"
 	@echo "make clean      remove the environment and the caches (runs are kept)"

@@ -1,4 +1,4 @@
-"""How often the stated 95 % intervals hold the truth: synthetic studies under each loss; writes docs/uncertainty.md.
+"""Coverage of the stated 95 % intervals: synthetic studies under each loss; writes docs/uncertainty.md.
 
 python -m benchmarks.coverage [--studies 200] [--cases NAME …] [--out FILE]
 
@@ -83,7 +83,7 @@ NEAR_BOUND, PAPER_RATIOS = {NU: 0.41}, (0.40, 0.4999)
 NEAR_WORDS = "ν 0.41 within bounds of 0.40 and 0.4999"
 CASES = (
     Case("likelihood", "neck, `likelihood`, a prior on the pulleys' friction", LIKELIHOOD),
-    Case("likelihood-understated", "the same, noise stated at a third", LIKELIHOOD, stated=1 / 3),
+    Case("likelihood-understated", "the same, stated noise a third of the true noise", LIKELIHOOD, stated=1 / 3),
     Case("likelihood-bound", f"the same, {NEAR_WORDS}", LIKELIHOOD, true=NEAR_BOUND, ratios=PAPER_RATIOS),
     Case("papers", "neck, `papers`, friction known", PAPERS),
     Case("papers-1000", "the same, 1000 samples", PAPERS, n=1000),
@@ -95,7 +95,7 @@ CASES = (
 
 @dataclass(frozen=True)
 class Coverage:
-    """Of one parameter of a case: how many studies gave an interval, how many of those hold the truth.
+    """Of one parameter of a case: how many studies gave an interval, how many of those contain the true value.
 
     ratio: the intervals' mean half-length over 1.96 times the estimates' root-mean-square error.
     """
@@ -201,7 +201,7 @@ def manipulator() -> tuple[Robot, ComplianceTable]:
 
 def page(found: Sequence[Coverage]) -> str:
     """docs/uncertainty.md with the table of what was found."""
-    head = ["Study", "Parameter", "Truth", "Intervals given", "Hold the truth", "Length"]
+    head = ["Study", "Parameter", "True value", "Intervals given", "Coverage", "Length"]
     rows = [
         [
             one.case.words,
@@ -239,7 +239,8 @@ def main() -> None:
         rows = coverage(case, arguments.studies)
         print(f"{case.name}: {time.perf_counter() - began:.0f} s")
         for one in rows:
-            print(f"  {one.parameter}: {one.held} of {one.given} hold ({one.studies} studies), length {one.ratio:.2f}")
+            share = f"{one.held} of {one.given} contain the true value ({one.studies} studies)"
+            print(f"  {one.parameter}: {share}, length {one.ratio:.2f}")
         found += rows
     arguments.out.write_text(page(found), encoding="utf-8")
 

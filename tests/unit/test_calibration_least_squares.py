@@ -168,7 +168,7 @@ def test_a_minimum_that_cannot_be_simulated_is_sought_up_to_the_edge_and_said_to
     descent = descend(problem, (2e6, 0.45))
     assert not descent.converged
     assert "Not converged" in descent.status
-    assert "falls towards where the twin cannot be simulated" in descent.status
+    assert "decreases towards values at which the twin cannot be simulated" in descent.status
     assert "No equilibrium beyond 12.0 mm." in descent.status
     assert descent.best is not None
     assert descent.best.theta[E] == pytest.approx(1.0e6, rel=0.01)
@@ -187,7 +187,7 @@ def test_the_budget_is_kept_and_said_to_be_spent() -> None:
     descent = descend(problem_of(PapersLoss(), drive="tension"), (0.1e6, 0.4), budget=2)
     assert descent.evaluations == 2
     assert not descent.converged
-    assert "Not converged after 2 trajectories, the most that were allowed" in descent.status
+    assert "Not converged after 2 trajectories, the largest number allowed" in descent.status
 
 
 def test_other_starts_that_see_no_better_minimum_cost_one_trajectory_each() -> None:
@@ -196,7 +196,7 @@ def test_other_starts_that_see_no_better_minimum_cost_one_trajectory_each() -> N
         n_first = search(problem, seed=seed)[1]
         _, n, status = search(problem, seed=seed, starts=4)
         assert n == n_first + 3
-        assert "3 of 4 starts were left" in status
+        assert "3 of 4 starts were abandoned" in status
 
 
 def test_where_the_first_start_meets_the_measurements_exactly_no_other_is_begun() -> None:
@@ -297,7 +297,7 @@ def test_what_the_data_cannot_tell_apart_is_named() -> None:
     evaluation = problem.evaluate({E: 2e6, "pulleys.friction_coefficient": 0.12}, jacobian=True)
     statistics = local_statistics(problem.space, problem.loss, evaluation.theta, evaluation.blocks)
     assert statistics.standard_errors == {E: None, "pulleys.friction_coefficient": None}
-    assert f"cannot tell {E} and pulleys.friction_coefficient apart" in statistics.notes[0]
+    assert f"cannot separate {E} and pulleys.friction_coefficient" in statistics.notes[0]
     assert sum(statistics.importance.values()) == pytest.approx(1.0)
 
 
@@ -306,13 +306,13 @@ def test_several_that_cannot_be_told_apart_are_listed() -> None:
     block = Block("pull", "tension", np.ones(9), np.linspace(-1, 1, 9), 0.1, np.ones((9, 3)))
     space = SearchSpace(tuple(parameters))
     told = local_statistics(space, LikelihoodLoss(), dict.fromkeys("abc", 0.5), [block])
-    assert "cannot tell a, b and c apart" in told.notes[0]
+    assert "cannot separate a, b and c" in told.notes[0]
 
 
 def test_the_status_counts_every_trajectory_and_names_the_start_that_was_not_asked_for() -> None:
-    sentence = f"of a start before the first: {NU} in the middle, where elements do not lock."
+    sentence = f"of an additional first start with {NU} in the middle of the range, where elements do not lock."
     _, n, status = search(problem_of(PapersLoss(), start=(1e6, 0.4999)))
-    assert status.endswith(f" {n} trajectories in all, with those {sentence}")
+    assert status.endswith(f" {n} trajectories in all, including those {sentence}")
     _, n, status = search(problem_of(PapersLoss(), start=(1e6, 0.45)))
     assert status.startswith(f"Converged in {n} trajectories, ")
     assert "in all" not in status
@@ -329,10 +329,10 @@ def test_what_larger_residuals_widen_is_told(factor: float, prior: bool) -> None
     blocks += [Block("", "a", np.zeros(1), np.zeros(1), 0.05, np.array([[1.0, 0.0]]))] * prior
     space = SearchSpace(tuple(FreeParameter(name, "m", 0.0, 1.0) for name in "ab"))
     told = " ".join(local_statistics(space, LikelihoodLoss(), {"a": 0.5, "b": 0.5}, blocks).notes)
-    assert ("standard errors are widened by that" in told) == (factor > 1)
+    assert ("standard errors are increased accordingly" in told) == (factor > 1)
     assert "e+" not in told
-    assert ("the share of the priors in them is not." in told) == ("prior" in told) == prior
+    assert ("accordingly, except for the share of the priors." in told) == ("prior" in told) == prior
     blind = [replace(block, jacobian=np.zeros_like(jacobian)) for block in blocks[:1]]
     told = " ".join(local_statistics(space, LikelihoodLoss(), {"a": 0.5, "b": 0.5}, blind).notes)
-    assert ("what the stated noise explains" in told) == (factor > 1)
-    assert "widened" not in told  # there are none
+    assert ("times the stated noise" in told) == (factor > 1)
+    assert "increased" not in told  # there are none

@@ -73,7 +73,8 @@ def test_a_notch_that_closes_is_told_of_from_where_on(element: str) -> None:
     assert 1e-3 < closes < 5e-3
     response = simulate(robot, pulled(6e-3))
     told = re.fullmatch(
-        r"finger crosses itself from ([\d.]+) mm of shortening of front on, by about ([\d.]+) mm: set contact: true\.",
+        r"finger intersects itself from ([\d.]+) mm of shortening of front on, "
+        r"by about ([\d.]+) mm: set contact: true\.",
         response.crossings,
     )
     assert told, response.crossings
@@ -86,7 +87,7 @@ def test_a_notch_that_closes_is_told_of_from_where_on(element: str) -> None:
 def test_what_crosses_under_the_loads_does_so_from_the_start_on() -> None:
     weight = PointLoad("weight", "top", np.array([0.0, 0.0, 0.03]), np.array([0.0, 0.0, -15.0]))
     told = simulate(replace(notched(), loads=(weight,)), pulled(2e-3)).crossings
-    assert told.startswith("finger crosses itself from the start on, by about "), told
+    assert told.startswith("finger intersects itself from the start on, by about "), told
 
 
 @pytest.mark.parametrize(
@@ -132,7 +133,7 @@ def test_where_a_drive_by_tension_ends_short_what_crosses_on_the_way_is_told(mon
     response = simulate(robot, asked)
     assert not response.succeeded
     assert "it ends here" in response.status
-    assert "crosses itself" in response.crossings
+    assert "intersects itself" in response.crossings
 
 
 def test_of_several_cables_the_samples_are_told() -> None:
@@ -146,7 +147,7 @@ def test_of_several_cables_the_samples_are_told() -> None:
         }
     )
     response = simulate(both, protocol)
-    assert "finger crosses itself at sample 3" in response.crossings
+    assert "finger intersects itself at sample 3" in response.crossings
     assert "and 1 more" in response.crossings
 
 
@@ -171,7 +172,7 @@ def two_columns(apart: float) -> Robot:
 
 def test_two_bodies_that_cross_are_named() -> None:
     response = simulate(two_columns(3e-3), pulled(6e-3, cable="across"))
-    (onset,) = re.findall(r"left and right cross from ([\d.]+) mm of shortening of across on", response.crossings)
+    (onset,) = re.findall(r"left and right intersect from ([\d.]+) mm of shortening of across on", response.crossings)
     assert float(onset) == pytest.approx(3.0, abs=0.3)
     assert simulate(two_columns(3e-3), pulled(2.5e-3, cable="across")).crossings == ""
 
@@ -257,7 +258,7 @@ def run(*arguments: object) -> str:
 
 def test_every_command_tells_of_it_once(tmp_path: Path) -> None:
     path = notched_project(tmp_path)
-    told = "bar crosses itself from"
+    told = "bar intersects itself from"
     assert run("simulate", path, "--out", tmp_path / "simulated").count(told) == 1
     assert run("export", "vtk", path, "--out", tmp_path / "vtk").count(told) == 1
     assert run("export", "calculix", path, "--out", tmp_path / "ccx").count(told) == 1

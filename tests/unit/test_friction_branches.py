@@ -207,7 +207,7 @@ def test_a_rough_cable_that_the_other_draws_out_is_told_of(mu: float, told: bool
     assert response.channels["back.shortening"][1] < -1e-3
     assert bool(response.drawn_out) == told
     if told:
-        assert response.drawn_out.startswith("The others draw back out under tension, by up to ")
+        assert response.drawn_out.startswith("The other cables pull back out under tension, by up to ")
         assert "(at sample 2" in response.drawn_out
         assert "front" not in response.drawn_out.split("(at")[0]
         assert response.status.endswith(response.drawn_out)

@@ -238,8 +238,8 @@ def said(study: MeshStudy) -> list[str]:
 def test_the_verdict_says_how_much_and_what_to_do():
     assert said(made_up(2.5e6)) == [
         "The mesh makes x too low by 20 %: 2 MPa, where 2.5 MPa is expected with every element halved. "
-        "That is 10 times its standard error, which counts independent noise alone.",
-        "Independent noise alone would not hide this: use P2P1 elements or a finer mesh, and calibrate again.",
+        "That is 10 times its standard error, which includes independent noise only.",
+        "This error exceeds the noise: use P2P1 elements or a finer mesh, and calibrate again.",
     ]
     high, advice = said(made_up(1.6e6, elements=("P2P1",)))
     assert "too high by 25 %" in high
@@ -249,7 +249,7 @@ def test_the_verdict_says_how_much_and_what_to_do():
 def test_noise_may_hide_the_mesh():
     (verdict,) = mesh_verdicts(made_up(2.02e6))
     assert verdict.tone == "good"
-    assert verdict.text == "The mesh makes x too low by 0.99 %, 0.4 times its standard error: hidden by noise."
+    assert verdict.text == "The mesh makes x too low by 0.99 %, 0.4 times its standard error: below the noise."
     (between,) = mesh_verdicts(made_up(2.1e6))
     assert between.tone == "note"
 
@@ -264,10 +264,10 @@ def test_a_ratio_is_told_by_its_difference_and_far_ones_as_a_direction():
 
 def test_bounds_are_told():
     (stays,) = mesh_verdicts(made_up(40e6, found=40e6, error=None, at_bound=True))
-    assert "is at a bound of its range, 40 MPa, and would on a finer mesh" in stays.text
+    assert "is at a bound, 40 MPa, and is expected there on a finer mesh" in stays.text
     (reached,) = said(made_up(40e6, error=None))
     assert "too low by 95 % or more" in reached
-    assert "There it is at a bound of its range. It has no standard error" in reached
+    assert "That value is a bound. It has no standard error" in reached
 
 
 def test_what_is_nothing_is_told_as_nothing():

@@ -110,7 +110,7 @@ def test_the_table_fits_eighty_columns(
     assert max(map(len, table)) <= 80
     for expected in ("as it is", "P2P1 h/2", "tension", "pitch", "bar.youngs_modulus", "s.e.)", "front.slack[pull]"):
         assert expected in told, expected
-    assert "Independent noise alone would not hide this: use P2P1 elements or a finer mesh" in told
+    assert "This error exceeds the noise: use P2P1 elements or a finer mesh" in told
     assert "Into the report" not in told
     assert (tmp_path / "study" / "mesh-study.json").is_file()
 

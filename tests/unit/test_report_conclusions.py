@@ -226,9 +226,9 @@ def test_why_a_parameter_is_at_its_bound_follows_its_interval() -> None:
         return told(content({"a": result("a", estimates={NU_NAME: ratio})}), "warning")
 
     assert "ν is at its lower bound of 0.4: the loss decreases beyond the bound." in at((0.4, 0.405))
-    assert "the data hardly determine it, its 95 % interval covers 80 % of the allowed range" in at((0.4, 0.48))
+    assert "the data hardly determine it; its 95 % interval covers 80 % of the allowed range" in at((0.4, 0.48))
     assert "covers all of the allowed range" in at((0.4, 0.5))
-    assert "the loss decreases beyond the bound, or the data do not determine it." in at(None)
+    assert "the loss decreases beyond the bound, or the data do not determine the parameter." in at(None)
 
 
 def test_what_its_bound_keeps_from_the_data_is_said_in_the_first_line(capsys: pytest.CaptureFixture[str]) -> None:
@@ -238,22 +238,22 @@ def test_what_its_bound_keeps_from_the_data_is_said_in_the_first_line(capsys: py
         return {"a": result("a", estimates=estimates, notes=(bound_note(NU_NAME, ratio),))}
 
     want = (
-        "is at its lower bound of {}: the data want a value beyond it, by some 27 standard errors; all 95 % "
-        "intervals are those within the bounds."
+        "is at its lower bound of {}: the best fit is beyond it, by about 27 standard errors; all 95 % "
+        "intervals are computed within the bounds."
     )
     held = content(at(27.0))
     assert want.format("0.4") in headline_sentence(held).text
-    assert told(held, "warning").count("the data want a value beyond it") == 1
+    assert told(held, "warning").count("the best fit is beyond it") == 1
     assert "the data want" not in told(held, "note")
     assert "0.4 to 0.401, within the bounds" in all_parameters_table(held).as_csv()
     print_results(at(27.0))
     assert f"Warning: a: {NU_NAME} {want.format('0.4')}" in capsys.readouterr().err
     whole = replace(at(27.0)["a"].parameters[NU_NAME], interval=(0.4, 0.5))
     assert "the data hardly determine it" in told(content({"a": result("a", estimates={NU_NAME: whole})}), "warning")
-    assert "not the data, decide it" in bound_note(NU_NAME, whole)
+    assert "not by the data" in bound_note(NU_NAME, whole)
     free = content(at(0.7))
     assert "the data want" not in told(free) + headline_sentence(free).text
-    assert "within noise the data agree with that value" in told(free, "warning")
+    assert "within the noise, the data agree with this value" in told(free, "warning")
     assert "within the bounds" not in all_parameters_table(free).as_csv()
 
 
@@ -296,7 +296,7 @@ def test_a_chart_says_whether_its_bars_are_intervals() -> None:
 
 
 def test_what_decides_without_angles_or_positions() -> None:
-    sentence = "Neither angles nor positions were compared in a; the fit there rests on cable force and travel."
+    sentence = "Neither angles nor positions were compared in a; the fit uses cable force and travel only."
     assert sentence in told(content({"a": result("a")}), "note")
     for channel in ("pitch", "S4.pitch", "roll", "m4.x"):
         made = replace(fit(), rmse={"tension": 0.1, channel: 0.1})

@@ -50,7 +50,7 @@ def test_the_page_says_what_a_supervisor_asks(written: ReportPaths) -> None:
     page = written.page.read_text()
     for words in (
         "Soft neck, bench of May", "1.900 ± 0.021", "MPa", "ν is not identified", "Table I.", "Table II.", "fANOVA",
-        "pulley friction", "1.17 and 2.83 MPa", "Neither angles nor positions were compared in 20 mm, 5 mm/s",
+        "pulley friction", "1.17 to 2.83 MPa (green)", "Neither angles nor positions were compared in 20 mm, 5 mm/s",
     ):  # fmt: skip
         assert words in page, words
     assert "Eq. (" not in page

@@ -10,7 +10,7 @@ from softcal.calibration.result import Estimate
 from softcal.units import format_quantity, readable_unit
 
 Tone = Literal["good", "note", "warning"]
-_COUNTS = "which counts independent noise alone"
+_COUNTS = "which includes independent noise only"
 # Shifts in standard errors: hidden by noise up to the first, a warning from the second on.
 HIDDEN, DECIDES = 1.0, 3.0
 # Shifts over a parameter's range: negligible below the first; beyond the second, local derivatives are not valid.
@@ -33,7 +33,7 @@ def mesh_verdicts(study: MeshStudy) -> tuple[MeshVerdict, ...]:
         return (MeshVerdict(f"The influence of the mesh is unknown: no finer mesh was simulated. {why}", "warning"),)
     found = [_verdict(label, study, best) for label in study.of_robot]
     if not found:
-        found = [MeshVerdict("No robot parameter was free that could absorb the error of the mesh.", "note")]
+        found = [MeshVerdict("No parameter of the robot was free, so none is biased by the mesh.", "note")]
     if any(one.tone == "warning" for one in found):
         found.append(MeshVerdict(_advice(study), "warning"))
     return tuple(found)
@@ -72,7 +72,7 @@ def _verdict(label: str, study: MeshStudy, best: Finer) -> MeshVerdict:
     here, there = (format_quantity(v, estimate.unit, unit) for v in (estimate.value, value))
     errors = shift_in_errors(estimate, value)
     if estimate.at_bound and abs(value - estimate.value) <= _NEAR * (estimate.upper - estimate.lower):
-        text = f"{label} is at a bound of its range, {here}, and would on a finer mesh."
+        text = f"{label} is at a bound, {here}, and is expected there on a finer mesh too."
         return MeshVerdict(text, "note")
     side = "low" if value > estimate.value else "high"
     change = abs(value - estimate.value)
@@ -84,12 +84,12 @@ def _verdict(label: str, study: MeshStudy, best: Finer) -> MeshVerdict:
         by = f"{100.0 * change / abs(value):.2g} %"
     least = " or more" if label in best.at_bound and not estimate.at_bound else ""
     if errors is not None and abs(errors) <= HIDDEN:
-        hidden = f"{times_text(errors)} times its standard error: hidden by noise."
+        hidden = f"{times_text(errors)} times its standard error: below the noise."
         return MeshVerdict(f"The mesh makes {label} too {side} by {by}{least}, {hidden}", "good")
     text = f"The mesh makes {label} too {side} by {by}{least}: {here}, where {there} is expected"
     text += f" {reference_text(study)}."
     if label in best.at_bound:
-        text += " There it is at a bound of its range."
+        text += " That value is a bound."
     if estimate.unit == "1" and change > _FAR * (estimate.upper - estimate.lower):
         text += " This is beyond the validity of local derivatives: only the direction is reliable."
     if errors is None:
@@ -107,4 +107,4 @@ def _advice(study: MeshStudy) -> str:
         what.append("a finer mesh")
     if study.size.rod_elements:
         what.append("more elements along the rods")
-    return f"Independent noise alone would not hide this: use {' or '.join(what)}, and calibrate again."
+    return f"This error exceeds the noise: use {' or '.join(what)}, and calibrate again."

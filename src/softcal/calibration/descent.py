@@ -84,7 +84,7 @@ class Descent:
         else:
             self._move(tried, evaluation)
         if self.evaluations >= self.budget and self.next is not None:
-            self._end(f"Not converged after {counted(self.evaluations)}, the most that were allowed{self._away()}")
+            self._end(f"Not converged after {counted(self.evaluations)}, the largest number allowed{self._away()}")
 
     def leave(self, reason: str) -> None:
         """Abandon the search: no better minimum is expected of it."""
@@ -103,8 +103,8 @@ class Descent:
             self._radius = 0.25 * float(np.abs(tried.z - self.z).max())
             if self._radius < _EDGE:
                 self._end(
-                    f"Not converged after {counted(self.evaluations)}: the loss still falls towards where the twin "
-                    f"cannot be simulated. {evaluation.failure}"
+                    f"Not converged after {counted(self.evaluations)}: the loss still decreases towards values at "
+                    f"which the twin cannot be simulated. {evaluation.failure}"
                 )
             else:
                 self._propose()
@@ -161,7 +161,7 @@ class Descent:
             self._by_the_loss_alone(lowest, found)
         else:
             self._end(
-                f"Not converged after {counted(self.evaluations)}: no step lowers the loss or can be simulated"
+                f"Not converged after {counted(self.evaluations)}: no further step lowers the loss or can be simulated"
                 f"{self._away()}"
             )
 
@@ -205,7 +205,7 @@ class Descent:
     def _away(self) -> str:
         if self.best is None:
             return "."
-        return f"; Gauss-Newton's next step is worth {self._distance:.2g} standard errors."
+        return f"; the next Gauss-Newton step is {self._distance:.2g} standard errors long."
 
     def _retreat(self, tried: Floats, reason: str) -> None:
         if self._retreats >= _RETREATS or self.evaluations >= self.budget:

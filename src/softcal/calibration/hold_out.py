@@ -71,8 +71,8 @@ def predicted(
         if unsettled:
             labels = ", ".join(p.label for p in own)
             notes.append(
-                f"{experiment.name} was held out and is predicted with values of its own that are not those of least "
-                f"loss ({labels}): {unsettled}"
+                f"{experiment.name} was held out. The fit of its own parameters ({labels}), needed for its "
+                f"prediction, did not converge: {unsettled}"
             )
         fit = experiment_fit(experiment, evaluation.observations[experiment.name])
         values = {p.label: evaluation.theta[p.label] for p in own}

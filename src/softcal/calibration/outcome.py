@@ -18,15 +18,15 @@ from softcal.calibration.settings import SearchSettings
 from softcal.units import AS_WRITTEN, format_quantity
 
 NOT_A_MINIMUM = (
-    "No standard errors and no intervals: the search did not converge, and they are those of the loss's minimum."
+    "No standard errors and no intervals: they exist only at a minimum of the loss, and the search did not converge."
 )
-BY_THE_BOUNDS = "the bounds of its range, not the data, decide it"
-BEYOND_THE_BOUNDS = "the data want a value beyond it"
-SATURATED = "which they can meet whatever the truth is"
-WITHIN_THE_BOUNDS = "all 95 % intervals are those within the bounds"
+BY_THE_BOUNDS = "the value is determined by the bound, not by the data"
+BEYOND_THE_BOUNDS = "the best fit is beyond it"
+SATURATED = "so a close fit is no evidence for these values"
+WITHIN_THE_BOUNDS = "all 95 % intervals are computed within the bounds"
 NO_ERRORS = (
-    "A search by trials gives no standard errors: its best trial lies near the loss's minimum, not at it, and how the "
-    "loss rises around it was not computed. For intervals: method least-squares."
+    "This method gives no standard errors: its best trial is near a minimum of the loss, not at it, and the "
+    "derivatives there are not computed. For intervals, use the method least-squares."
 )
 
 
@@ -124,8 +124,8 @@ def _notes(problem: Problem, parameters: Mapping[str, Estimate], trials: tuple[T
         notes.append(f"{n_failed} of {len(trials)} trials could not be simulated; the first at {where}: {first.reason}")
     if PULLEY_FRICTION in problem.space.targets:
         notes.append(
-            "Tensions and their errors are on the neck's side under the nominal pulley friction, "
-            "so that the friction that was found cannot make them look smaller."
+            "Tensions and their errors are those on the robot's side of the pulleys, computed with the nominal "
+            "friction, so that the fitted friction does not scale the errors."
         )
     return notes
 
@@ -138,7 +138,7 @@ def bound_note(label: str, estimate: Estimate) -> str:
     text = f"{label} is at its {side} bound of {format_quantity(nearer, estimate.unit, digits=AS_WRITTEN)}"
     if not estimate.is_held:
         return f"{text}: {BY_THE_BOUNDS}."
-    return f"{text}: {BEYOND_THE_BOUNDS}, by some {estimate.beyond:.0f} standard errors; {WITHIN_THE_BOUNDS}."
+    return f"{text}: {BEYOND_THE_BOUNDS}, by about {estimate.beyond:.0f} standard errors; {WITHIN_THE_BOUNDS}."
 
 
 def is_warning(note: str) -> bool:
@@ -149,7 +149,7 @@ def is_warning(note: str) -> bool:
 def _saturated_note(result: CalibrationResult) -> str:
     n, n_values = len(result.parameters), sum(fit.n_values for fit in result.experiments.values())
     text = f"{n} parameter{'s were' if n > 1 else ' was'} fitted to {n_values} measured value{'s' * (n_values > 1)}"
-    return f"{text}, {SATURATED}: that the fit is close tells nothing of the robot."
+    return f"{text}, {SATURATED}."
 
 
 def _states(labels: list[str]) -> str:

@@ -22,12 +22,12 @@ from softcal.units import plain
 
 # A parameter with a larger share of an unidentifiable direction cannot be distinguished from the others in it.
 _MIXED = 0.01
-EXCESS = "what the stated noise explains"
+EXCESS = "times the stated noise"
 # Residuals this many times larger than the stated noise are reported in a note.
 _TOO_LARGE = 1.5
 NOISE_ALONE = (
-    "The standard errors hold for independent noise alone; what the mesh, the law and the rig's model get wrong is not "
-    "in them and is usually larger."
+    "The standard errors include independent noise only. The errors of the mesh, the material law and the model of the "
+    "rig are not included, and are usually larger."
 )
 
 
@@ -124,23 +124,23 @@ def _notes(space: SearchSpace, found: Estimator, mixed: np.ndarray, *, saturated
 
 def _excess_note(channel: str, factor: float, *, widened: bool, priors: bool) -> str:
     text = (
-        f"The residuals of {channel} are {plain(factor, 2)} times {EXCESS}: the twin or the "
-        "rig's model misses something, or the noise was stated too small."
+        f"The residuals of {channel} are {plain(factor, 2)} {EXCESS}: the model of the robot or of the rig is "
+        "incomplete, or the stated noise is too small."
     )
     if not widened:
         return text
-    return f"{text} The standard errors are widened by that{', but the share of the priors in them is not' * priors}."
+    return f"{text} The standard errors are increased accordingly{', except for the share of the priors' * priors}."
 
 
 def _spent_note(groups: Sequence[str]) -> str:
     return (
-        f"There are as many parameters as measurements of {' and of '.join(groups)}: the noise cannot be told, nor "
-        "standard errors."
+        f"There are as many parameters as measurements of {' and of '.join(groups)}: neither the noise nor standard "
+        "errors can be estimated."
     )
 
 
 def _blind_note(mixed: Sequence[str]) -> str:
     if len(mixed) == 1:
-        return f"The data does not feel {mixed[0]}: its value is arbitrary and no standard error is given."
+        return f"The data do not depend on {mixed[0]}: its value is arbitrary and no standard error is given."
     named = f"{', '.join(mixed[:-1])} and {mixed[-1]}"
-    return f"The data cannot tell {named} apart: only a combination of them is found; fix one of them."
+    return f"The data cannot separate {named}: only a combination of them is determined. Fix one of them."

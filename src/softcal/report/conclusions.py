@@ -213,13 +213,13 @@ def _bounds(results: Mapping[str, CalibrationResult], *, held: bool = False) -> 
 def _why_at_bound(estimate: Estimate) -> str:
     share = interval_share(estimate)
     if estimate.is_held:
-        return f"{BEYOND_THE_BOUNDS}, by some {estimate.beyond:.0f} standard errors; {WITHIN_THE_BOUNDS}."
+        return f"{BEYOND_THE_BOUNDS}, by about {estimate.beyond:.0f} standard errors; {WITHIN_THE_BOUNDS}."
     if share is None:
-        return "the loss decreases beyond the bound, or the data do not determine it."
+        return "the loss decreases beyond the bound, or the data do not determine the parameter."
     if share < _IDENTIFIED:
-        agree = "within noise the data agree with that value, and possibly with values beyond it."
+        agree = "within the noise, the data agree with this value, and possibly with values beyond the bound."
         return "the loss decreases beyond the bound." if estimate.beyond is None else agree
-    return f"the data hardly determine it, its 95 % interval covers {_percent(share)} of the allowed range."
+    return f"the data hardly determine it; its 95 % interval covers {_percent(share)} of the allowed range."
 
 
 def _identified(results: Mapping[str, CalibrationResult]) -> Iterable[Sentence]:
@@ -286,7 +286,7 @@ def _unmeasured_pitch(results: Mapping[str, CalibrationResult]) -> Iterable[Sent
     silent = [name for name, fit in fits.items() if fit.rmse and not _sees_shape(fit)]
     if silent:
         where = joined(silent)
-        text = f"Neither angles nor positions were compared in {where}; the fit there rests on cable force and travel."
+        text = f"Neither angles nor positions were compared in {where}; the fit uses cable force and travel only."
         yield Sentence(text, "note")
 
 
@@ -312,7 +312,7 @@ def _plausible(content: ReportContent) -> Iterable[Sentence]:
 
 def _stability(content: ReportContent) -> Iterable[Sentence]:
     if content.twin is not None and content.twin.instabilities:
-        text = f"In the test with the largest drive: {content.twin.instabilities} The bench should show it too."
+        text = f"In the test with the largest drive: {content.twin.instabilities} Expect the same on the bench."
         yield Sentence(text, "warning")
     if content.twin is not None and content.twin.crossings:
         yield Sentence(f"In the test with the largest drive, {content.twin.crossings}", "warning")

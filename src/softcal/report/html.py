@@ -107,7 +107,7 @@ def key_numbers(content: ReportContent) -> list[KeyNumber]:
         estimate = result.parameters[name]
         scale = estimate_scale(estimate)
         error = None if estimate.standard_error is None else estimate.standard_error / scale.factor
-        remark = f"allowed {format_range(estimate.lower, estimate.upper, estimate.unit)}"
+        remark = f"bounds {format_range(estimate.lower, estimate.upper, estimate.unit)}"
         if estimate.at_bound:
             remark = f"at its bound; {remark}"
         value = with_error(estimate.value / scale.factor, error)

@@ -37,10 +37,11 @@ Cell = str | float | int | None
 
 # What an importance is, by `importance_kind` of the result.
 _IMPORTANCES = {
-    "fanova": "Importance of a search by trials: the share of the loss's variation over the search that a parameter "
+    "fanova": "Importance of tpe and grid: the share of the loss's variation over the search that a parameter "
     "explains (fANOVA).",
-    "sensitivity": "Importance of least squares: the share of the squared change of all channels, each over what it is "
-    "missed by, per range of the parameter, at the values found; a local measure, not fANOVA.",
+    "sensitivity": "Importance of least squares: a parameter's share of the squared sensitivities of all channels at "
+    "the estimate, scaled by the range of the parameter and by the noise or RMSE of the channel; a local measure, not "
+    "fANOVA.",
 }
 
 
@@ -172,8 +173,8 @@ def all_parameters_table(content: ReportContent) -> ReportTable:
         "Value",
         "95 % interval",
         "Unit",
-        "Lowest allowed",
-        "Highest allowed",
+        "Lower bound",
+        "Upper bound",
         "At a bound",
         "Importance",
     )

@@ -36,7 +36,7 @@ def drawn_out_at(found: Sequence[tuple[str, dict[str, float]]]) -> str:
         later = f" and {len(labels) - 1} more" if len(labels) > 1 else ""
         most = format_quantity(max(one.get(cable, 0.0) for _, one in found), "m", digits=3)
         sentences.append(
-            f" The others draw {cable} out under tension, by up to {most} (at {labels[0]}{later}): its friction "
-            "then adds to its tension, but is modelled as that of a cable that is pulled."
+            f" The other cables pull {cable} out under tension, by up to {most} (at {labels[0]}{later}). Its friction "
+            "then has the opposite sign, but is modelled as that of a cable that is pulled in."
         )
     return "".join(sentences)

@@ -92,7 +92,7 @@ class LeastSquaresOptimiser(Optimiser):
         n_spared = sum(descent.left for descent in self._descents[1:])
         if not n_spared:
             return f"{sentence} {sum(descent.converged for descent in self._descents)} of {n_starts} starts converged."
-        return f"{sentence} {n_spared} of {n_starts} starts were left, for nothing better was in sight from them."
+        return f"{sentence} {n_spared} of {n_starts} starts were abandoned: no lower minimum was predicted from them."
 
     def _told_of_the_extra_start(self) -> str:
         """Sentence on a start in addition to the requested ones, and the total cost; "" where there was none."""
@@ -102,7 +102,8 @@ class LeastSquaresOptimiser(Optimiser):
         named = " and ".join(self._in_the_middle)
         n = counted(sum(descent.evaluations for descent in begun))
         return (
-            f" {n} in all, with those of a start before the first: {named} in the middle, where elements do not lock."
+            f" {n} in all, including those of an additional first start with {named} in the middle of the range, "
+            "where elements do not lock."
         )
 
     @property
@@ -123,18 +124,18 @@ class LeastSquaresOptimiser(Optimiser):
     def _leave_if_known(self, descent: Descent) -> None:
         found = [other for wave in self._waves for other in wave if other.converged]
         if descent.next is not None and descent.evaluations >= descent.budget:
-            descent.leave("Left: the trajectories that were allowed are spent.")
+            descent.leave("Abandoned: the allowed number of trajectories is reached.")
         if descent.next is None or not found:
             return
         known = min(found, key=_value)
         if known.best is None:
             raise RuntimeError("a search has converged nowhere")
         if all(rms(block.residual) <= _MET * rms(block.measured) for block in known.best.blocks):
-            descent.leave("Left: the measurements are met already.")
+            descent.leave("Abandoned: another start already fits the measurements exactly.")
         elif descent.best is not None:
             z, loss = descent.forecast()
             if float(np.abs(z - known.z).max()) < _SAME_MINIMUM or loss >= (1 - _WORTH) * _value(known):
-                descent.leave("Left: it is not seen to end lower than a search before it.")
+                descent.leave("Abandoned: no lower minimum than that of an earlier start is predicted.")
 
 
 def _value(descent: Descent) -> float:

@@ -48,7 +48,7 @@ def _caption(experiment: ExperimentContent) -> str:
     later = steps_between(experiment.prepared, len(drawn.provenance))
     caption = f"{experiment.name}: the record in light tones, the samples used for the fit in blue."
     if drawn.cycle is None and later:
-        caption += f" Between the two {'lie' if len(later) > 1 else 'lies'}: {joined(later)}."
+        caption += f" Steps between the two: {joined(later)}."
     return caption
 
 

@@ -27,8 +27,8 @@ def history(content: ReportContent) -> Iterator[Drawing]:
         found = search_history(result.trials)
         if len(found.losses):
             caption = (
-                f"{result_label(label)}: {len(found.losses)} trials, the best loss {number(result.loss)}; "
-                f"{len(found.failed) or 'none'} could not be simulated."
+                f"{result_label(label)}: {len(found.losses)} trials, best loss {number(result.loss)}; "
+                f"{len(found.failed) or 'none'} failed."
             )
             yield Drawing(draw_history(result_label(label), found), caption, of=label)
 

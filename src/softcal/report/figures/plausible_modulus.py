@@ -25,8 +25,8 @@ def plausible_modulus(content: ReportContent) -> Iterator[Drawing]:
     if infill is not None and figure is not None:
         low, high = (number(bound / 1e6) for bound in infill.effective_modulus)
         caption = (
-            f"A print of {100 * infill.infill:.3g} % infill is expected between {low} and {high} MPa (green); "
-            "solid material lies further right (grey)."
+            f"Expected modulus of a print with {100 * infill.infill:.3g} % infill: {low} to {high} MPa (green); "
+            "solid material: grey."
         )
         yield Drawing(figure, caption)
 

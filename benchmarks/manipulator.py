@@ -16,6 +16,7 @@ from softcal.calibration.losses.distance import DistanceLoss
 from softcal.calibration.parameters import FreeParameter, split
 from softcal.calibration.problem import Problem, make_problem
 from softcal.calibration.run import calibrate
+from softcal.calibration.sweep import sweep
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.project.project import load
 from softcal.twin.protocol import Command, Protocol
@@ -64,7 +65,7 @@ def _sweep(robot: Robot, quick: bool, rows: list[list[str]]) -> Goal:
     n, whole = (int(np.prod([len(values) for values in grid.values()])) for grid in (axes, AXES))
     problem = _problem(robot, {"cable6": FORCES[-1:]}, FREE)
     began = time.perf_counter()
-    found = calibrate(problem, method="grid", axes=axes, workers=WORKERS)
+    found = sweep(problem, axes, workers=WORKERS)
     seconds = time.perf_counter() - began
     cells = [trial.seconds for trial in found.trials]
     solving = sum(cells) / WORKERS

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from softcal.calibration.parameters import FreeParameter as FreeParameter
     from softcal.calibration.problem import make_problem as make_problem
     from softcal.calibration.result import CalibrationResult as CalibrationResult
+    from softcal.calibration.result import SweepResult as SweepResult
     from softcal.calibration.settings import SearchSettings as SearchSettings
     from softcal.errors import CalibrationError as CalibrationError
     from softcal.errors import DatasetError as DatasetError
@@ -146,6 +147,7 @@ _HOMES = {
     "SoftcalError": "softcal.errors",
     "StorageError": "softcal.errors",
     "SurfaceLoad": "softcal.twin.robot",
+    "SweepResult": "softcal.calibration.result",
     "Swept": "softcal.workflows.sweep",
     "TetMesh": "softcal.geometry.mesh",
     "Tie": "softcal.twin.robot",
@@ -232,6 +234,7 @@ __all__ = [
     "SoftcalError",
     "StorageError",
     "SurfaceLoad",
+    "SweepResult",
     "Swept",
     "TetMesh",
     "Tie",

@@ -8,6 +8,7 @@ import pytest
 from fake_twin import NU, E, all_necks_fail, fake_experiment, fake_robot, fake_simulate, soft_necks_fail
 
 from softcal.calibration.optimiser import OPTIMISERS, Optimiser, Proposal
+from softcal.calibration.optimisers.grid import GridOptimiser
 from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import Evaluation, Problem, Simulate, make_problem
 from softcal.calibration.run import calibrate
@@ -18,10 +19,8 @@ Make = Callable[[Problem], Optimiser]
 
 COMMON = SearchSettings(trials=36, seed=5, starts=1)
 # What an optimiser can be told besides: cases of their own, for those that heed it.
-TOLD: Mapping[str, Mapping[str, object]] = {
-    "starts": {"starts": 3},
-    "axes": {"axes": {NU: (0.4999, 0.45, 0.4), E: (9e6, 6e6, 3e6, 2e6)}},
-}
+TOLD: Mapping[str, Mapping[str, object]] = {"starts": {"starts": 3}}
+AXES = {NU: (0.4999, 0.45, 0.4), E: (9e6, 6e6, 3e6, 2e6)}
 
 
 def cases() -> dict[str, SearchSettings]:
@@ -53,8 +52,10 @@ def play(optimiser: Optimiser, problem: Problem, limit: int = 200) -> list[tuple
     return told
 
 
-@pytest.fixture(params=CASES)
+@pytest.fixture(params=[*CASES, "grid over values"])
 def make(request: pytest.FixtureRequest) -> Make:
+    if request.param not in CASES:
+        return lambda problem: GridOptimiser.over(problem.space, AXES)
     settings = CASES[request.param]
     optimiser = OPTIMISERS[settings.method]
     return lambda problem: optimiser.begin(problem, optimiser.settled(settings))

@@ -30,7 +30,8 @@ from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import Problem, Simulate, make_problem
 from softcal.calibration.result import CalibrationResult
 from softcal.calibration.result_reading import load_result
-from softcal.calibration.run import Progress, calibrate, calibrate_each
+from softcal.calibration.run import calibrate, calibrate_each
+from softcal.calibration.search import Progress
 from softcal.errors import CalibrationError, ParameterError, StorageError
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response

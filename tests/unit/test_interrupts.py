@@ -30,7 +30,8 @@ from softcal.calibration.interrupts import (
     stoppable,
 )
 from softcal.calibration.optimisers.tpe import OptunaJournal
-from softcal.calibration.run import Progress, calibrate
+from softcal.calibration.run import calibrate
+from softcal.calibration.search import Progress
 from softcal.calibration.store import RunStore
 from softcal.errors import CalibrationError
 from softcal.project.project import load

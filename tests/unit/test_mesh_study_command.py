@@ -244,11 +244,9 @@ def test_what_is_no_calibration_is_refused(calibrated: Path, tmp_path: Path, cap
         assert message in told
 
 
-def test_a_sweep_has_no_optimum(
-    calibrated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
-    monkeypatch.setattr("softcal.calibration.result.CalibrationResult.is_sweep", True)
-    code, _, told = run(capsys, "mesh-study", calibrated, "--out", tmp_path / "study")
+def test_a_sweep_has_no_optimum(calibrated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    softcal.sweep(load_run(calibrated).project, over={"bar.youngs_modulus": ["1 MPa", "2 MPa"]}, out=tmp_path / "run")
+    code, _, told = run(capsys, "mesh-study", tmp_path / "run", "--out", tmp_path / "study")
     assert code == 2
     assert "a sweep has no optimum to study" in told
 

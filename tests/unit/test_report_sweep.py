@@ -22,11 +22,11 @@ from softcal.report.figures.error_surfaces import draw_surfaces
 from softcal.report.figures.nominal_and_tuned import draw_comparison
 from softcal.report.html import render_page
 from softcal.report.scene_render import Rendering
-from softcal.report.surfaces import error_curves, error_surfaces, swept_pair
+from softcal.report.surfaces import error_curves, error_surfaces, searched_pair
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate
 from softcal.workflows.calibration import calibrate
-from softcal.workflows.comparing import compared
+from softcal.workflows.comparing import compared_sweep
 from softcal.workflows.reporting import report_content
 from softcal.workflows.run_folder import load_run
 from softcal.workflows.sweep import sweep
@@ -65,7 +65,7 @@ def test_surfaces_hold_every_cell_in_ascending_order(content: ReportContent):
     result = content.headline_result
     surfaces = error_surfaces(result)
     assert [surface.section for surface in surfaces] == ["all", "marker1", "marker2"]
-    assert swept_pair(result) == (E, NU)
+    assert searched_pair(result) == (E, NU)
     whole = surfaces[0]
     assert whole.x.tolist() == [0.4e9, 0.8e9, 1.2e9]
     assert whole.y.tolist() == [0.1, 0.3]
@@ -186,9 +186,8 @@ def test_measured_markers_are_brought_into_the_robots_frame(project: Project, co
         )
     )
     result = replace(content.headline_result, experiments={"cable1": content.headline_result.experiments["cable1"]})
-    plain, turned = compared(project, project.calibration, result), compared(moved, moved.calibration, result)
-    assert plain is not None
-    assert turned is not None
+    plain = compared_sweep(project, project.calibration, result)
+    turned = compared_sweep(moved, moved.calibration, result)
     for name, at in plain.configurations[0].measured.items():
         x, y, z = at - np.array([0.05, 0.0, 0.0])
         np.testing.assert_allclose(turned.configurations[0].measured[name], [y, -x, z], atol=1e-12)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +16,7 @@ from sweep_case import CABLES, FORCES, LENGTH, OVER, robot, table, write_sweep
 
 from softcal.analysis.nominal import Nominal
 from softcal.analysis.sweep import ALL, best_cells, improvement, reduction, section_errors, sections
-from softcal.calibration.run import Progress
+from softcal.calibration.search import Progress
 from softcal.cli import main
 from softcal.errors import CalibrationError, InputError, StorageError
 from softcal.project.project import Project, load
@@ -25,6 +26,7 @@ from softcal.twin.parameters import parameter_values
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
 from softcal.twin.simulate import simulate
+from softcal.workflows.run import SweepRun
 from softcal.workflows.run_folder import load_run
 from softcal.workflows.sweep import Swept, sweep, sweep_csv
 
@@ -67,7 +69,7 @@ def soft_springs_fail(robot, protocol, theta=None, **options) -> Response:
 def test_the_project_says_what_is_swept_and_judged_by(swept: Swept):
     assert [(trial.theta[E], trial.theta[NU]) for trial in swept.result.trials] == GRID
     assert list(swept.result.experiments) == ["cable1"]
-    assert swept.result.is_sweep
+    assert swept.result.axes == {E: (1.2e9, 0.8e9, 0.4e9), NU: (0.1, 0.3)}
 
 
 def test_the_errors_of_a_cell_are_equation_1(swept: Swept):
@@ -137,10 +139,61 @@ def test_result_json_tells_best_cells_nominal_and_gain(swept: Swept):
 def test_a_run_folder_is_read_back(swept: Swept):
     assert swept.folder is not None
     run = load_run(swept.folder)
-    again = run.results["sweep"]
-    assert again.is_sweep
+    assert isinstance(run, SweepRun)
+    again = run.result
+    assert (again.axes, again.extra) == (swept.result.axes, swept.result.extra)
+    np.testing.assert_array_equal(again.losses, swept.result.losses)
     assert [trial.errors for trial in again.trials] == [trial.errors for trial in swept.result.trials]
     assert sweep_csv(again) == (swept.folder / "sweep.csv").read_text()
+
+
+def test_a_sweep_is_kept_as_earlier_versions_did_so_that_theirs_are_read(swept: Swept):
+    """They wrote the record of a calibration that looks for no minimum, with the grid among its settings."""
+    assert swept.folder is not None
+    kept = json.loads((swept.folder / "calibrations" / "sweep" / "result.json").read_text())
+    assert (kept["format"], kept["method"], kept["converged"]) == (1, "grid", None)
+    assert kept["extra"]["axes"] == {E: [1.2e9, 0.8e9, 0.4e9], NU: [0.1, 0.3]}
+
+
+@pytest.mark.parametrize(
+    ("axes", "message"),
+    [
+        ({E: [1.2e9, 0.8e9], NU: [0.1, 0.3]}, r"trial 4 in trials\.csv is no cell of its grid"),
+        ({NU: [0.1, 0.3], E: [1.2e9, 0.8e9, 0.4e9]}, r"trial 1 in trials\.csv is no cell of its grid"),
+    ],
+)
+def test_a_kept_sweep_whose_cells_are_not_those_of_its_grid_is_refused(
+    swept: Swept, tmp_path: Path, axes: dict[str, list[float]], message: str
+):
+    assert swept.folder is not None
+    run = Path(shutil.copytree(swept.folder, tmp_path / "run"))
+    path = run / "calibrations" / "sweep" / "result.json"
+    document = json.loads(path.read_text())
+    document["extra"]["axes"] = axes
+    path.write_text(json.dumps(document))
+    with pytest.raises(StorageError, match=message):
+        load_run(run)
+
+
+def test_a_sweep_among_calibrations_is_refused(swept: Swept, tmp_path: Path):
+    assert swept.folder is not None
+    run = Path(shutil.copytree(swept.folder, tmp_path / "run"))
+    shutil.copytree(run / "calibrations" / "sweep", run / "calibrations" / "joint")
+    record = json.loads((run / "run.json").read_text())
+    (run / "run.json").write_text(json.dumps({**record, "calibrations": ["sweep", "joint"]}))
+    with pytest.raises(StorageError, match="there is a sweep among its calibrations"):
+        load_run(run)
+
+
+def test_the_grid_of_losses_has_every_cell_and_its_best(swept: Swept):
+    result = swept.result
+    assert result.losses.shape == (3, 2)
+    assert result.losses[1, 1] == result.losses.min() == result.best.loss == result.loss
+    assert dict(result.best.theta) == {name: e.value for name, e in result.parameters.items()}
+    failed = replace(result.trials[4], loss=None, state="FAILED")
+    lost = replace(result, trials=(*result.trials[:4], failed)).losses
+    assert np.isnan(lost[2]).all()
+    np.testing.assert_array_equal(lost[:2], result.losses[:2])
 
 
 def test_all_experiments_are_pooled_over_their_states(project: Project):
@@ -167,7 +220,7 @@ def test_cells_that_fail_are_kept_with_their_reason_and_empty(
     assert last["status"] == "FAILED"
     assert "No equilibrium beyond 3 mm." in last["reason"]
     assert last["error of marker1 [%]"] == ""
-    surface = error_surfaces(load_run(tmp_path / "run").results["sweep"])[-1]
+    surface = error_surfaces(found.result)[-1]
     assert np.isnan(surface.error[:, 0]).all()
     assert np.isfinite(surface.error[:, 1:]).all()
     assert surface.failed.tolist() == [[0.4e9, 0.1], [0.4e9, 0.2], [0.4e9, 0.3]]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.calibration.experiment import rig_kind
-from softcal.calibration.result import CalibrationResult, Estimate
+from softcal.calibration.result import Estimate, SearchResult
 
 LIMIT = 0.05  # p-value below which fits count as different
 
@@ -59,11 +59,11 @@ class Agreement:
         return tuple(label for label, e in self.estimates.items() if not e.standard_error)
 
 
-def agreements(results: Mapping[str, CalibrationResult]) -> tuple[Agreement, ...]:
+def agreements(results: Mapping[str, SearchResult]) -> tuple[Agreement, ...]:
     """Agreement of each robot parameter that was estimated by several fits of one experiment each."""
     found: dict[str, dict[str, Estimate]] = {}
     for label, result in results.items():
-        if len(result.experiments) == 1 and not result.is_sweep:
+        if len(result.experiments) == 1:
             for name, estimate in result.parameters.items():
                 if "[" not in name and all(rig_kind(target) is None for target in estimate.of or (name,)):
                     found.setdefault(name, {})[label] = estimate

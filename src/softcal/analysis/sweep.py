@@ -15,7 +15,7 @@ import numpy as np
 from softcal.analysis.nominal import Nominal
 from softcal.calibration.loss import LOSSES
 from softcal.calibration.outcome import bound_note
-from softcal.calibration.result import CalibrationResult, ExperimentFit, Trial
+from softcal.calibration.result import ExperimentFit, SearchResult, SweepResult, Trial
 
 ALL = "all"
 # Relative difference up to which errors are equal: rounding changes the last digits of an error that a parameter does
@@ -99,7 +99,7 @@ def improvement(nominal: float, tuned: float) -> float:
     return 100 * (nominal / tuned - 1)
 
 
-def sections(result: CalibrationResult) -> tuple[ErrorSection, ...]:
+def sections(result: SearchResult) -> tuple[ErrorSection, ...]:
     """All compared markers, plates and other channels of the result's experiments, in their order."""
     found: dict[str, ErrorSection] = {}
     for fit in result.experiments.values():
@@ -111,7 +111,7 @@ def sections(result: CalibrationResult) -> tuple[ErrorSection, ...]:
     return tuple(found.values())
 
 
-def section_errors(result: CalibrationResult, errors: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
+def section_errors(result: SearchResult, errors: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
     """Error [SI] of every section over all experiments, from those of each (`Trial.errors`)."""
     counts = {(e, name): n for e, fit in result.experiments.items() for name, n in _counts(fit).items()}
     squares: dict[str, float] = {}
@@ -124,7 +124,7 @@ def section_errors(result: CalibrationResult, errors: Mapping[str, Mapping[str, 
     return {name: math.sqrt(squares[name] / totals[name]) for name in squares}
 
 
-def best_cells(result: CalibrationResult, nominal: Nominal) -> tuple[BestCell, ...]:
+def best_cells(result: SweepResult, nominal: Nominal) -> tuple[BestCell, ...]:
     """The best cell of all sections together, whose error is the loss, then that of each section.
 
     Empty if no cell could be simulated. Among equal cells the first is taken.
@@ -154,7 +154,7 @@ def _counts(fit: ExperimentFit) -> dict[str, int]:
     return {**{c: int(np.isfinite(fit.measured[c]).sum()) for c in fit.rmse}, **points}
 
 
-def _at_ends(result: CalibrationResult, trial: Trial) -> tuple[str, ...]:
+def _at_ends(result: SweepResult, trial: Trial) -> tuple[str, ...]:
     """Sentences on the parameters of a cell at the smallest or largest value of the sweep."""
     return tuple(
         bound_note(name, replace(p, value=trial.theta[name], beyond=None))

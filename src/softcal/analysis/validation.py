@@ -16,7 +16,8 @@ import numpy as np
 from softcal.calibration.parameters import split
 from softcal.calibration.problem import Problem
 from softcal.calibration.result import CalibrationResult, ExperimentFit, HeldOut
-from softcal.calibration.run import Progress, calibrate
+from softcal.calibration.run import calibrate
+from softcal.calibration.search import Progress
 from softcal.calibration.settings import SearchSettings
 from softcal.errors import Fault, ParameterError
 

@@ -53,7 +53,7 @@ class Optimiser(ABC):
         follow from the jacobian at the best point, or "fanova", each one's share in the variance of the losses of all
         trials.
     heeds
-        Those of the settings `starts` and `axes` that it uses.
+        Those of the settings that not every search uses (`starts`) that it does.
     batch
         Points that it gives before the evaluation of the first is needed, where that decides its course: as many
         workers can share it.
@@ -88,7 +88,7 @@ class Optimiser(ABC):
         Raises
         ------
         ParameterError
-            For a number that makes no sense, or axes that the method does not use.
+            For a number that makes no sense.
         """
         return settings.complete(trials=cls.default_trials, batch=cls.batch, heeded=cls.heeds)
 

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from importlib import metadata
+from typing import Any, TypeVar
 
 from softcal.calibration.experiment import PULLEY_FRICTION
 from softcal.calibration.fanova import fanova_importance
 from softcal.calibration.fit import experiment_fit, missing_rows
 from softcal.calibration.optimiser import OPTIMISERS
 from softcal.calibration.problem import Evaluation, Problem
-from softcal.calibration.result import CalibrationResult, Estimate, Trial
+from softcal.calibration.result import Estimate, SearchResult, Trial
 from softcal.calibration.sensitivity import EXCESS, Statistics, local_statistics
-from softcal.calibration.settings import SearchSettings
 from softcal.units import AS_WRITTEN, format_quantity
+
+R = TypeVar("R", bound=SearchResult)
 
 NOT_A_MINIMUM = (
     "No standard errors and no intervals: they exist only at a minimum of the loss, and the search did not converge."
@@ -32,12 +34,29 @@ NO_ERRORS = (
 
 @dataclass(frozen=True)
 class Account:
-    """Summary of a search: its settings and final sentence, its cost (wall_s [s]), and what identifies it.
+    """Summary of a search.
 
-    converged: whether it reached a minimum; None where it looks for none.
+    Attributes
+    ----------
+    method, seed
+        Name of the optimiser, and the seed of its random numbers.
+    settings
+        Its settings as a result reports them.
+    status
+        How it ended, a sentence.
+    n_solves
+        Number of simulated trajectories.
+    wall_s
+        Wall time [s].
+    hashes
+        What identifies the run: name of the input -> hash.
+    converged
+        Whether it reached a minimum of the loss; None where it looks for none.
     """
 
-    settings: SearchSettings
+    method: str
+    seed: int
+    settings: Mapping[str, Any]
     status: str
     n_solves: int
     wall_s: float
@@ -45,41 +64,41 @@ class Account:
     converged: bool | None = None
 
 
-def conclude(problem: Problem, best: Evaluation, trials: tuple[Trial, ...], account: Account) -> CalibrationResult:
-    """The result whose best evaluation is `best`."""
+def conclude(
+    make: Callable[..., R], problem: Problem, best: Evaluation, trials: tuple[Trial, ...], account: Account, **own: Any
+) -> R:
+    """The result whose best evaluation is `best`; make: its class, own: what that class has of its own."""
     if best.loss is None:
         raise ValueError("the best evaluation has no loss")
     space = problem.space
-    method, seed = account.settings.method, account.settings.seed
-    kind = OPTIMISERS[method].statistics
+    kind = OPTIMISERS[account.method].statistics
     if kind == "sensitivity":
         local = local_statistics(space, problem.loss, best.theta, best.blocks)
         if account.converged is False:
             local = Statistics(dict.fromkeys(space.labels), local.importance, (NOT_A_MINIMUM,))
     else:
-        local = _global_statistics(problem, trials, seed)
+        local = _global_statistics(problem, trials, account.seed)
     parameters = local.estimates(space, best.theta)
     n_failed = sum(trial.state == "FAILED" for trial in trials)
-    experiments = {e.name: experiment_fit(e, best.observations[e.name]) for e in problem.experiments}
-    result = CalibrationResult(
+    result = make(
         parameters=parameters,
         loss=best.loss,
         loss_name=problem.loss.name,
-        method=method,
-        seed=seed,
+        method=account.method,
+        seed=account.seed,
         n_solves=account.n_solves,
         n_factorisations=sum(trial.n_factorisations for trial in trials),
         wall_s=account.wall_s,
         status=account.status,
-        experiments=experiments,
+        experiments={e.name: experiment_fit(e, best.observations[e.name]) for e in problem.experiments},
         importance=local.importance,
         trials=trials,
         n_failed_trials=n_failed,
         hashes=account.hashes,
         versions=installed_versions(),
         notes=(*local.notes, *_notes(problem, parameters, trials, n_failed)),
-        extra={"importance_kind": kind, **account.settings.record()},
-        converged=account.converged,
+        extra={"importance_kind": kind, **{k: value for k, value in account.settings.items() if k not in own}},
+        **own,
     )
     if not result.is_saturated:
         return result
@@ -146,7 +165,7 @@ def is_warning(note: str) -> bool:
     return any(words in note for words in (BY_THE_BOUNDS, BEYOND_THE_BOUNDS, SATURATED, EXCESS))
 
 
-def _saturated_note(result: CalibrationResult) -> str:
+def _saturated_note(result: SearchResult) -> str:
     n, n_values = len(result.parameters), sum(fit.n_values for fit in result.experiments.values())
     text = f"{n} parameter{'s were' if n > 1 else ' was'} fitted to {n_values} measured value{'s' * (n_values > 1)}"
     return f"{text}, {SATURATED}."

@@ -1,8 +1,9 @@
-"""The result of a calibration: frozen, hashed, with the state of every trial and the reason of every failure."""
+"""The result of a search: frozen, hashed, with the state of every trial and the reason of every failure."""
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -201,13 +202,13 @@ class HeldOut:
 
 
 @dataclass(frozen=True)
-class CalibrationResult:
-    """The outcome of one calibration (one experiment, or several jointly).
+class SearchResult(ABC):
+    """The outcome of a search: the theta of the lowest loss, the twin there, and every evaluation.
 
     Attributes
     ----------
     parameters
-        Label -> estimate of each free parameter.
+        Label -> value of each searched parameter where the loss is lowest, with its bounds and what is known of it.
     loss, loss_name
         Lowest loss found, and the name of the loss.
     method, seed
@@ -221,7 +222,7 @@ class CalibrationResult:
     status
         How the search ended, a sentence.
     experiments
-        Experiment -> goodness of fit at the estimates.
+        Experiment -> goodness of fit at the values found.
     importance
         Label -> share of the parameter [-], sum 1; `extra["importance_kind"]` names the measure.
     trials
@@ -237,9 +238,7 @@ class CalibrationResult:
     extra
         Settings of the search, and the kind of the importances.
     held_out
-        Experiment -> its prediction, for those that were not fitted.
-    converged
-        Whether the search reached a minimum of the loss; None for a method that looks for none (tpe, grid).
+        Experiment -> its prediction at the values found, for those that did not count in the loss.
     """
 
     parameters: Mapping[str, Estimate]
@@ -260,7 +259,11 @@ class CalibrationResult:
     notes: tuple[str, ...] = ()
     extra: Mapping[str, Any] = field(default_factory=dict)
     held_out: Mapping[str, HeldOut] = field(default_factory=dict[str, HeldOut])
-    converged: bool | None = None
+
+    @property
+    @abstractmethod
+    def missed_minimum(self) -> bool:
+        """Whether the search was for a minimum of the loss, and ended before it reached one."""
 
     @property
     def is_saturated(self) -> bool:
@@ -269,9 +272,49 @@ class CalibrationResult:
         """
         return sum(fit.n_values for fit in self.experiments.values()) <= len(self.parameters)
 
+
+@dataclass(frozen=True)
+class CalibrationResult(SearchResult):
+    """The outcome of one calibration (one experiment, or several jointly).
+
+    Attributes
+    ----------
+    converged
+        Whether the search reached a minimum of the loss; None for a method that looks for none (tpe, grid).
+    """
+
+    converged: bool | None = None
+
     @property
-    def is_sweep(self) -> bool:
-        """Whether the search was a sweep: every cell of a grid over given values, rather than a search for the best
-        value.
-        """
-        return "axes" in self.extra
+    def missed_minimum(self) -> bool:
+        return self.converged is False
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweepResult(SearchResult):
+    """The outcome of a sweep: the loss in every cell of a grid. Its `parameters` are those of the best cell.
+
+    Attributes
+    ----------
+    axes
+        Label of each parameter -> its values [SI], in the order of the cells; the last parameter changes fastest.
+    """
+
+    axes: Mapping[str, tuple[float, ...]]
+
+    @property
+    def losses(self) -> Floats:
+        """The loss of every cell, with a dimension for each axis; NaN where it could not be, or was not, simulated."""
+        grid = np.full([len(values) for values in self.axes.values()], np.nan)
+        for cell in self.trials:
+            grid.flat[cell.number] = np.nan if cell.loss is None else cell.loss
+        return grid
+
+    @property
+    def best(self) -> Trial:
+        """The cell with the lowest loss, the first of several."""
+        return min((cell for cell in self.trials if cell.loss is not None), key=lambda cell: cell.loss or 0.0)
+
+    @property
+    def missed_minimum(self) -> bool:
+        return False

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from softcal.calibration.result import CalibrationResult, Distance, ExperimentFit, HeldOut
+from softcal.calibration.result import CalibrationResult, Distance, ExperimentFit, HeldOut, SearchResult, SweepResult
 from softcal.calibration.store import RESULT, write_text
 from softcal.checks import Floats
 from softcal.csv_text import csv_text
@@ -19,7 +19,7 @@ TRIALS = "trials.csv"
 TRIAL_COLUMNS = ("number", "state", "loss", "seconds [s]", "n_factorisations", "reason")
 
 
-def write_result(result: CalibrationResult, folder: Path) -> None:
+def write_result(result: SearchResult, folder: Path) -> None:
     """Write the result's files into a folder; result.json last, so that it exists only beside complete tables.
 
     Raises
@@ -33,13 +33,13 @@ def write_result(result: CalibrationResult, folder: Path) -> None:
     write_text(folder / RESULT, json.dumps(result_json(result), indent=2, allow_nan=False) + "\n")
 
 
-def result_json(result: CalibrationResult) -> dict[str, Any]:
+def result_json(result: SearchResult) -> dict[str, Any]:
     """The contents of result.json.
 
     An experiment of one cable and one plate (paper A's) always has the errors of tension and pitch, null where they
     were not compared; any other has those alone that were.
     """
-    return {
+    document: dict[str, Any] = {
         "format": FORMAT,
         "parameters": {
             name: {
@@ -65,7 +65,7 @@ def result_json(result: CalibrationResult) -> dict[str, Any]:
         "n_failed_trials": result.n_failed_trials,
         "wall_s": result.wall_s,
         "status": result.status,
-        "converged": result.converged,
+        "converged": None,  # of a search that looks for no minimum
         "experiments": {name: _errors(name, fit) for name, fit in result.experiments.items()},
         **(
             {"held_out": {name: _held_out_json(name, one) for name, one in result.held_out.items()}}
@@ -78,6 +78,14 @@ def result_json(result: CalibrationResult) -> dict[str, Any]:
         "versions": dict(result.versions),
         "hashes": dict(result.hashes),
     }
+    match result:
+        case CalibrationResult():
+            document["converged"] = result.converged
+        case SweepResult():
+            document["extra"]["axes"] = {name: list(values) for name, values in result.axes.items()}
+        case _:
+            raise TypeError(f"there is no file of a {type(result).__name__}")
+    return document
 
 
 def response_file(experiment: str) -> str:
@@ -85,7 +93,7 @@ def response_file(experiment: str) -> str:
     return f"response-{experiment}.csv"
 
 
-def fits_of(result: CalibrationResult) -> dict[str, ExperimentFit]:
+def fits_of(result: SearchResult) -> dict[str, ExperimentFit]:
     """Every experiment of a result, fitted or predicted."""
     return {**result.experiments, **{name: one.fit for name, one in result.held_out.items()}}
 
@@ -126,7 +134,7 @@ def _response_csv(fit: ExperimentFit) -> str:
     return csv_text(list(columns), zip(*cells, strict=True))
 
 
-def _trials_csv(result: CalibrationResult) -> str:
+def _trials_csv(result: SearchResult) -> str:
     parameters = [f"{name} [{p.unit}]" for name, p in result.parameters.items()]
     experiments = [f"loss of {name}" for name in result.experiments]
     told = {(name, of): unit for name, fit in result.experiments.items() for of, unit in _told(fit).items()}

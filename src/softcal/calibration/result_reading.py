@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,7 +12,16 @@ import numpy as np
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from softcal.calibration.loss import rms
-from softcal.calibration.result import CalibrationResult, Distance, Estimate, ExperimentFit, HeldOut, Trial
+from softcal.calibration.result import (
+    CalibrationResult,
+    Distance,
+    Estimate,
+    ExperimentFit,
+    HeldOut,
+    SearchResult,
+    SweepResult,
+    Trial,
+)
 from softcal.calibration.result_files import FORMAT, TRIAL_COLUMNS, TRIALS, response_file
 from softcal.calibration.store import RESULT
 from softcal.calibration.stored import Amount, Count, Record, contradiction, damaged, read_record, read_rows
@@ -40,7 +50,7 @@ class _HeldOut(_Fit):
 
 
 class _Extra(Record):
-    """Settings of the search; of a sweep the values of every axis."""
+    """Settings of the search; those of a sweep, and of no other search, have the values of every axis."""
 
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, str | float | None]  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -77,7 +87,7 @@ class _Result(Record):
     hashes: dict[str, str]
 
 
-def load_result(folder: Path) -> CalibrationResult:
+def load_result(folder: Path) -> CalibrationResult | SweepResult:
     """The result that `write_result` wrote.
 
     Raises
@@ -91,34 +101,46 @@ def load_result(folder: Path) -> CalibrationResult:
             Fault("there is no result", where=str(path), attempt="softcal calibrate with this folder, or --resume")
         )
     held = read_record(_Result, path, _WHAT)
-    result = CalibrationResult(
-        parameters=held.parameters,
-        loss=held.loss,
-        loss_name=held.loss_name,
-        method=held.method,
-        seed=held.seed,
-        n_solves=held.n_solves,
-        n_factorisations=held.n_factorisations,
-        wall_s=held.wall_s,
-        status=held.status,
-        converged=held.converged,
-        experiments={name: _fit(folder, name, entry) for name, entry in held.experiments.items()},
-        importance=held.importance,
-        trials=_trials(folder / TRIALS),
-        n_failed_trials=held.n_failed_trials,
-        hashes=held.hashes,
-        versions=held.versions,
-        notes=held.notes,
-        extra=held.extra.model_dump(exclude_none=True),
-        held_out={
+    shared: dict[str, Any] = {
+        "parameters": held.parameters,
+        "loss": held.loss,
+        "loss_name": held.loss_name,
+        "method": held.method,
+        "seed": held.seed,
+        "n_solves": held.n_solves,
+        "n_factorisations": held.n_factorisations,
+        "wall_s": held.wall_s,
+        "status": held.status,
+        "experiments": {name: _fit(folder, name, entry) for name, entry in held.experiments.items()},
+        "importance": held.importance,
+        "trials": _trials(folder / TRIALS),
+        "n_failed_trials": held.n_failed_trials,
+        "hashes": held.hashes,
+        "versions": held.versions,
+        "notes": held.notes,
+        "extra": held.extra.model_dump(exclude_none=True, exclude={"axes"}),
+        "held_out": {
             name: HeldOut(entry.loss, _fit(folder, name, entry), entry.own) for name, entry in held.held_out.items()
         },
-    )
+    }
+    if held.extra.axes is None:
+        result = CalibrationResult(**shared, converged=held.converged)
+    else:
+        result = SweepResult(**shared, axes={name: tuple(values) for name, values in held.extra.axes.items()})
+        _check_cells(path, result)
     _check(path, result)
     return result
 
 
-def _check(path: Path, result: CalibrationResult) -> None:
+def _check_cells(path: Path, result: SweepResult) -> None:
+    """Whether every trial of a sweep is the cell of its number."""
+    cells = list(itertools.product(*result.axes.values()))
+    for trial in result.trials:
+        if trial.number >= len(cells) or dict(zip(result.axes, cells[trial.number], strict=True)) != dict(trial.theta):
+            raise contradiction(path, _WHAT, f"trial {trial.number} in {TRIALS} is no cell of its grid")
+
+
+def _check(path: Path, result: SearchResult) -> None:
     """Whether the parts of a result agree: estimates within their bounds, and the best of the trials."""
     if not result.parameters or not result.experiments:
         raise contradiction(path, _WHAT, "it has no parameters or no experiments")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -30,8 +28,6 @@ class SearchSettings:
         minimum that is lower by a hundredth, and none where the first has fitted the measurements exactly.
     hold_out
         Experiments that are not fitted but predicted afterwards; see `softcal.calibration.hold_out`.
-    axes
-        Of "grid", in the place of trials: the values [SI] of every parameter, by label.
     batch
         Points asked for before the first of them is evaluated; the optimiser's own when None.
     """
@@ -41,13 +37,10 @@ class SearchSettings:
     seed: int = 0
     starts: int = 3
     hold_out: tuple[str, ...] = ()
-    axes: Mapping[str, Sequence[float]] | None = None
     batch: int | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "hold_out", tuple(self.hold_out))
-        if self.axes is not None:
-            object.__setattr__(self, "axes", {name: tuple(values) for name, values in self.axes.items()})
 
     def changed(self, **changes: object) -> SearchSettings:
         """The settings with some of them replaced.
@@ -73,8 +66,6 @@ class SearchSettings:
         recorded: dict[str, Any] = {
             name: getattr(self, name) for name in ("method", "trials", "seed", "starts", "batch")
         }
-        if self.axes is not None:
-            recorded["axes"] = {name: list(values) for name, values in self.axes.items()}
         if self.hold_out:
             recorded["hold_out"] = list(self.hold_out)
         return recorded
@@ -85,14 +76,10 @@ class SearchSettings:
         Raises
         ------
         ParameterError
-            For a number that makes no sense, or axes that the optimiser does not use.
+            For a number that makes no sense.
         """
         budget = self.trials if self.trials is not None else trials
         faults: list[Fault] = []
-        if self.axes is not None:
-            budget = math.prod(map(len, self.axes.values()))
-            if "axes" not in heeded:
-                faults.append(Fault(f"the method '{self.method}' heeds no axes", "axes", attempt="the method 'grid'"))
         if budget < 1:
             faults.append(Fault("there must be a trial", "trials", got=str(budget), allowed="1 or more"))
         if self.starts < 1:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from softcal.calibration.run import Progress
+    from softcal.calibration.search import Progress
     from softcal.cli.calibration_lines import CalibrationLines
 
 WIDE = 110  # columns

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import typer
 
-from softcal.calibration.run import Progress
+from softcal.calibration.search import Progress
 
 INTERVAL = 10.0  # [s] at least between two lines of one calibration
 

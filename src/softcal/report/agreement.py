@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from softcal.analysis.agreement import Agreement, agreements
-from softcal.calibration.result import CalibrationResult, Estimate
+from softcal.calibration.result import Estimate, SearchResult
 from softcal.report.format import estimate_scale, estimate_text, joined, number, parameter_label, result_label
 
 _TINY = 1e-10  # smaller probabilities are shown as "p < 1e-10"
 
 
-def agreement_sentences(results: Mapping[str, CalibrationResult]) -> list[tuple[str, Agreement]]:
+def agreement_sentences(results: Mapping[str, SearchResult]) -> list[tuple[str, Agreement]]:
     """One sentence per robot parameter that was estimated by several separate fits."""
     found = agreements(results)
     return [(agreement_text(one, parameter_label(one.name, [other.name for other in found])), one) for one in found]

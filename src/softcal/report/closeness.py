@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from softcal.calibration.result import CalibrationResult
+from softcal.calibration.result import SearchResult
 from softcal.experiments.dataset import Dataset
 from softcal.experiments.names import deviation_channel
 from softcal.report.format import joined, number, scale_of
@@ -44,7 +44,7 @@ class Miss:
         return f"{number(self.error / scale.factor)} {scale.unit}"
 
 
-def misses_of(data: Mapping[str, Dataset], result: CalibrationResult) -> Iterable[Miss]:
+def misses_of(data: Mapping[str, Dataset], result: SearchResult) -> Iterable[Miss]:
     """Errors of all channels in all experiments of a result; data: the samples by experiment."""
     for name, fit in result.experiments.items():
         for channel, word, unit in KINDS:

@@ -6,23 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softcal.analysis.nominal import Nominal
-from softcal.analysis.sweep import (
-    ALL,
-    BestCell,
-    ErrorSection,
-    best_cells,
-    improvement,
-    reduction,
-    section_errors,
-    sections,
-)
+from softcal.analysis.sweep import ALL, BestCell, improvement, reduction
 from softcal.calibration.experiment import AXES
-from softcal.calibration.result import CalibrationResult, ExperimentFit
+from softcal.calibration.result import ExperimentFit, SearchResult
 from softcal.calibration.result_files import fits_of
 from softcal.checks import Floats
 from softcal.report.content import ReportContent
 from softcal.report.format import Scale, estimate_scale, joined, number, parameter_label, scale_of
+from softcal.report.headline import Gain, headline
 from softcal.report.surfaces import section_scale
 from softcal.report.tables import Cell, Column, ReportTable
 from softcal.units import format_quantity
@@ -76,7 +67,7 @@ def comparison(content: ReportContent) -> NominalComparison | None:
         states += labels
         columns.append(pair)
     nominal, tuned = (np.concatenate([pair[k] for pair in columns], axis=1) / scale.factor for k in (0, 1))
-    called = "best cell" if result.is_sweep else "calibrated"
+    called = headline(content).tuned
     return NominalComparison(tuple(markers), tuple(experiments), tuple(states), nominal, tuned, scale.unit, called)
 
 
@@ -122,30 +113,28 @@ class Improvement:
 
 def improvements(content: ReportContent) -> list[Improvement]:
     """Improvement over all sections and in each; empty if the nominal values are unknown."""
-    result = content.headline_result
     known = None if content.compared is None else content.compared.nominal
-    if known is None:
-        return []
-    if result.is_sweep:
-        return [_improvement(b.section, b.nominal, b.error, b) for b in best_cells(result, known)]
-    return [_improvement(section, before, after) for section, before, after in _calibrated(result, known)]
+    return [] if known is None else [_improvement(gain) for gain in headline(content).gains(known)]
+
+
+def _improvement(gain: Gain) -> Improvement:
+    scale = section_scale(gain.section)
+    before = None if gain.nominal is None else gain.nominal / scale.factor
+    name = "all sections" if gain.section.name == ALL else gain.section.name
+    return Improvement(name, before, gain.tuned / scale.factor, scale.unit, gain.best)
 
 
 def improvement_table(content: ReportContent) -> ReportTable:
     """Error of each section at the nominal and tuned values, and the improvement; for a sweep with the best cells."""
-    result = content.headline_result
-    swept = result.is_sweep
-    scales = {name: estimate_scale(e) for name, e in result.parameters.items()} if swept else {}
-    columns = [
-        Column("Section"),
-        Column("Error, nominal"),
-        Column("Error, best cell" if swept else "Error, calibrated"),
-    ]
+    result, first, gains = content.headline_result, headline(content), improvements(content)
+    by_cell = any(one.best is not None for one in gains)
+    scales = {name: estimate_scale(e) for name, e in result.parameters.items()} if by_cell else {}
+    columns = [Column("Section"), Column("Error, nominal"), Column(f"Error, {first.tuned}")]
     columns += [Column(""), Column("Error reduced by", "%"), Column("Nominal / tuned − 1", "%")]
     columns += [Column(parameter_label(n, scales), scale.unit, 4) for n, scale in scales.items()]
-    columns += [Column("At the end of its range")] * swept
+    columns += [Column("At the end of its range")] * by_cell
     rows: list[tuple[Cell, ...]] = []
-    for one in improvements(content):
+    for one in gains:
         row: list[Cell] = [one.name, one.nominal, one.tuned, one.unit, one.reduction, one.improvement]
         if one.best is not None:
             row += [one.best.trial.theta[name] / scale.factor for name, scale in scales.items()]
@@ -155,45 +144,10 @@ def improvement_table(content: ReportContent) -> ReportTable:
         "Errors are root mean squares over all states. An error that was halved is reduced by 50 %; nominal / tuned "
         "- 1, which is also called the improvement, is then 100 %."
     )
-    title = "The best cell for each section" if swept else "Nominal and calibrated"
-    return ReportTable("improvement", title, tuple(columns), tuple(rows), note)
+    return ReportTable("improvement", first.gains_title, tuple(columns), tuple(rows), note)
 
 
-def _improvement(
-    section: ErrorSection, nominal: float | None, tuned: float, best: BestCell | None = None
-) -> Improvement:
-    scale = section_scale(section)
-    before = None if nominal is None else nominal / scale.factor
-    return Improvement(
-        "all sections" if section.name == ALL else section.name, before, tuned / scale.factor, scale.unit, best
-    )
-
-
-def _calibrated(result: CalibrationResult, known: Nominal) -> list[tuple[ErrorSection, float | None, float]]:
-    """(section, nominal, calibrated) for all markers together and for each."""
-    found = {
-        name: {point: distance.rms for point, distance in fit.distances.items()}
-        for name, fit in result.experiments.items()
-    }
-    before = section_errors(result, {name: known.errors[name] for name in found if name in known.errors})
-    after = section_errors(result, found)
-    placed = [section for section in sections(result) if section.name in after]
-    rows: list[tuple[ErrorSection, float | None, float]] = [(s, before.get(s.name), after[s.name]) for s in placed]
-    nominal = [fit for name, fit in known.fits.items() if name in found]
-    whole = [_pooled(fits) for fits in (nominal, list(result.experiments.values()))]
-    if len(placed) > 1 and whole[1] is not None:
-        rows.insert(0, (ErrorSection(ALL, "m", placed[0].length), whole[0], whole[1]))
-    return rows
-
-
-def _pooled(fits: list[ExperimentFit]) -> float | None:
-    """Root mean square distance of all markers in all experiments [m]."""
-    parts = [distance for fit in fits for distance in fit.distances.values()]
-    n = sum(part.n for part in parts)
-    return float(np.sqrt(sum(part.n * part.rms**2 for part in parts) / n)) if n else None
-
-
-def _ends(result: CalibrationResult, best: BestCell) -> list[str]:
+def _ends(result: SearchResult, best: BestCell) -> list[str]:
     """The parameters of a cell that are at the first or last of their values, in words."""
     found: list[str] = []
     for name, p in result.parameters.items():

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from softcal.analysis.agreement import Agreement, agreements
 from softcal.calibration.outcome import BEYOND_THE_BOUNDS, SATURATED, WITHIN_THE_BOUNDS, is_warning
-from softcal.calibration.result import CalibrationResult, Estimate, ExperimentFit
+from softcal.calibration.result import Estimate, ExperimentFit, SearchResult
 from softcal.report.agreement import agreement_sentences, chance_text, range_text, size_text
 from softcal.report.closeness import Tone, closeness, closeness_by_experiment, misses_of, worst_of
 from softcal.report.comparison import improvements
@@ -25,6 +25,7 @@ from softcal.report.format import (
     parameter_name,
     result_label,
 )
+from softcal.report.headline import headline
 from softcal.report.positions import fit_sentence, fitted_distance, prediction_sentence
 from softcal.report.record import record_sentence
 from softcal.report.tables import grouped_failures
@@ -88,18 +89,18 @@ def conclusions(content: ReportContent) -> list[Sentence]:
         *(
             Sentence(_of(label, results, f"How the search ended: {_sentence(result.status)}"), "note")
             for label, result in results.items()
-            if result.converged is not False
+            if not result.missed_minimum
         ),
     ]
     return sorted(found, key=lambda sentence: ("warning", "good", "note").index(sentence.tone))
 
 
-def _of(label: str, results: Mapping[str, CalibrationResult], text: str) -> str:
+def _of(label: str, results: Mapping[str, SearchResult], text: str) -> str:
     """A sentence, preceded by the label of its calibration if there are several."""
     return f"{result_label(label)}: {text}" if len(results) > 1 else text
 
 
-def _material(result: CalibrationResult) -> list[tuple[str, Estimate]]:
+def _material(result: SearchResult) -> list[tuple[str, Estimate]]:
     kinds = material_kinds([result])
     return [(name, e) for name, e in result.parameters.items() if parameter_name(name).kind in kinds]
 
@@ -122,17 +123,17 @@ def _estimates(content: ReportContent) -> str:
             text = f"{plain} ({range_text(one)} test by test)"
         parts.append(f"{parameter_label(name, names)} = {text}")
     summary = joined(parts)
-    return f"the best of {len(first.trials)} cells, {summary}" if summary and first.is_sweep else summary
+    return f"{headline(content).lead}{summary}" if summary else ""
 
 
-def _unconverged(results: Mapping[str, CalibrationResult]) -> Iterable[Sentence]:
+def _unconverged(results: Mapping[str, SearchResult]) -> Iterable[Sentence]:
     for label, result in results.items():
-        if result.converged is False:
+        if result.missed_minimum:
             text = f"The search did not converge, so the values do not minimise the loss: {_sentence(result.status)}"
             yield Sentence(_of(label, results, text), "warning")
 
 
-def _saturated(results: Mapping[str, CalibrationResult]) -> Iterable[Sentence]:
+def _saturated(results: Mapping[str, SearchResult]) -> Iterable[Sentence]:
     for label, result in results.items():
         for note in result.notes:
             if SATURATED in note:
@@ -155,7 +156,7 @@ def _agreement_tone(one: Agreement) -> Tone:
     return "warning" if one.differs else "note" if one.chance is None else "good"
 
 
-def _residuals(content: ReportContent, result: CalibrationResult) -> Iterable[Sentence]:
+def _residuals(content: ReportContent, result: SearchResult) -> Iterable[Sentence]:
     if result.is_saturated:
         return
     for text, tone in closeness_by_experiment(misses_of(content.samples, result)):
@@ -168,7 +169,7 @@ def _records(content: ReportContent) -> Iterable[Sentence]:
             yield Sentence(_of(label, content.judged, text), "note")
 
 
-def _positions(results: Mapping[str, CalibrationResult]) -> Iterable[Sentence]:
+def _positions(results: Mapping[str, SearchResult]) -> Iterable[Sentence]:
     for label, result in results.items():
         if text := fit_sentence(result):
             yield Sentence(_of(label, results, text), "note")
@@ -194,7 +195,7 @@ def _gain(content: ReportContent) -> Iterable[Sentence]:
     yield Sentence(f"{text}.", "good" if fell else "warning")
 
 
-def _bounds(results: Mapping[str, CalibrationResult], *, held: bool = False) -> Iterable[Sentence]:
+def _bounds(results: Mapping[str, SearchResult], *, held: bool = False) -> Iterable[Sentence]:
     """Parameters at a bound, and why; held: only those whose optimum lies beyond the bound."""
     found = [(label, *pair) for label, one in results.items() for pair in one.parameters.items() if pair[1].at_bound]
     if held:
@@ -222,7 +223,7 @@ def _why_at_bound(estimate: Estimate) -> str:
     return f"the data hardly determine it; its 95 % interval covers {_percent(share)} of the allowed range."
 
 
-def _identified(results: Mapping[str, CalibrationResult]) -> Iterable[Sentence]:
+def _identified(results: Mapping[str, SearchResult]) -> Iterable[Sentence]:
     sure: list[str] = []
     for of, result in results.items():
         for name, estimate in result.parameters.items():
@@ -247,7 +248,7 @@ def _identified(results: Mapping[str, CalibrationResult]) -> Iterable[Sentence]:
         yield Sentence(f"Identified, with the 95 % interval's share of the allowed range: {'; '.join(sure)}.", "good")
 
 
-def _by_trials(result: CalibrationResult) -> bool:
+def _by_trials(result: SearchResult) -> bool:
     return result.extra.get("importance_kind") == "fanova"
 
 
@@ -281,7 +282,7 @@ def _failures(content: ReportContent) -> Iterable[Sentence]:
         yield Sentence(f"{n_failed} of {n_trials} trials could not be simulated.{most}", tone)
 
 
-def _unmeasured_pitch(results: Mapping[str, CalibrationResult]) -> Iterable[Sentence]:
+def _unmeasured_pitch(results: Mapping[str, SearchResult]) -> Iterable[Sentence]:
     fits = {name: fit for result in results.values() for name, fit in result.experiments.items()}
     silent = [name for name, fit in fits.items() if fit.rmse and not _sees_shape(fit)]
     if silent:
@@ -320,7 +321,7 @@ def _stability(content: ReportContent) -> Iterable[Sentence]:
         yield Sentence(f"In the test with the largest drive: {content.twin.drawn_out}", "warning")
 
 
-def _notes(results: Mapping[str, CalibrationResult]) -> Iterable[Sentence]:
+def _notes(results: Mapping[str, SearchResult]) -> Iterable[Sentence]:
     """What the calibrations note of themselves, once, with the labels of those that do where not all do."""
     found: dict[str, list[str]] = {}
     for label, result in results.items():

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from softcal.analysis.mesh_study import MeshStudy
 from softcal.analysis.record import RecordFit
-from softcal.calibration.result import CalibrationResult
+from softcal.calibration.result import CalibrationResult, SearchResult, SweepResult
 from softcal.checks import Floats, Ints, frozen_floats, frozen_ints
 from softcal.errors import Fault, InputError
 from softcal.experiments.dataset import Dataset
@@ -81,8 +81,8 @@ class ReportContent:
     Attributes
     ----------
     results
-        Label of a calibration -> its result: one per experiment as in paper A, and/or "joint". The label is shown;
-        `CalibrationResult.experiments` lists the fitted experiments.
+        Label -> result of each calibration, one per experiment as in paper A and/or "joint", or of a sweep. The label
+        is shown; `SearchResult.experiments` lists the fitted experiments.
     experiments
         Name -> data.
     headline
@@ -102,7 +102,7 @@ class ReportContent:
     """
 
     project_name: str
-    results: Mapping[str, CalibrationResult]
+    results: Mapping[str, SearchResult]
     experiments: Mapping[str, ExperimentContent]
     twin: TwinView | None = None
     equilibria: EquilibriumShapes | None = None
@@ -152,19 +152,24 @@ class ReportContent:
         return {name: experiment.prepared for name, experiment in self.experiments.items()}
 
     @property
-    def headline_result(self) -> CalibrationResult:
+    def headline_result(self) -> SearchResult:
         """The result shown first."""
         return self.results[self.headline]
 
     @property
-    def searched(self) -> dict[str, CalibrationResult]:
-        """The results of searches, which sweeps are not."""
-        return {label: result for label, result in self.results.items() if not result.is_sweep}
-
-    @property
-    def judged(self) -> Mapping[str, CalibrationResult]:
+    def judged(self) -> Mapping[str, SearchResult]:
         """The results that are judged: the headline, or all fits if each experiment was fitted by itself."""
         first = self.headline_result
-        if first.is_sweep or len(first.experiments) > 1:
+        if len(first.experiments) > 1:
             return {self.headline: first}
-        return {label: one for label, one in self.searched.items() if len(one.experiments) == 1}
+        return {label: one for label, one in self.results.items() if len(one.experiments) == 1}
+
+    @property
+    def calibrations(self) -> Mapping[str, CalibrationResult]:
+        """The results that are calibrations."""
+        return {label: one for label, one in self.results.items() if isinstance(one, CalibrationResult)}
+
+    @property
+    def sweeps(self) -> Mapping[str, SweepResult]:
+        """The results that are sweeps."""
+        return {label: one for label, one in self.results.items() if isinstance(one, SweepResult)}

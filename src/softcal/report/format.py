@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 from softcal.calibration.optimiser import OPTIMISERS
-from softcal.calibration.result import CalibrationResult, Estimate
+from softcal.calibration.result import Estimate, SearchResult
 from softcal.materials.catalogue import LAWS, constants_of
 from softcal.units import digits_showing, readable_unit, unit_factor
 
@@ -120,7 +120,7 @@ def _symbol(kind: str) -> str:
     return constant.label if constant is not None else _SYMBOLS.get(kind, "")
 
 
-def material_kinds(results: Iterable[CalibrationResult]) -> tuple[str, ...]:
+def material_kinds(results: Iterable[SearchResult]) -> tuple[str, ...]:
     """Calibrated material constants, in the order of their laws; E and nu if there are none."""
     kinds = {parameter_name(name).kind for result in results for name in result.parameters}
     return tuple(kind for kind in constants_of(LAWS) if kind in kinds) or ("youngs_modulus", "poissons_ratio")
@@ -184,7 +184,7 @@ def joined(parts: Iterable[str]) -> str:
     return comma.join(items[:-1]) + last + items[-1]
 
 
-def ordered_parameters(results: Mapping[str, CalibrationResult]) -> list[str]:
+def ordered_parameters(results: Mapping[str, SearchResult]) -> list[str]:
     """Every calibrated parameter once: the material's constants first, then in order of appearance."""
     names = list(dict.fromkeys(name for result in results.values() for name in result.parameters))
     rank = {kind: place for place, kind in enumerate(constants_of(LAWS))}

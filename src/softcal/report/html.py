@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from softcal.analysis.mesh_verdict import mesh_verdicts
-from softcal.calibration.result import CalibrationResult
+from softcal.calibration.result import SearchResult
 from softcal.report.comparison import improvements
 from softcal.report.conclusions import conclusions, headline_sentence
 from softcal.report.content import ReportContent
@@ -17,18 +17,15 @@ from softcal.report.format import (
     SI_UNITS_OF,
     channel_label,
     estimate_scale,
-    joined,
     material_kinds,
-    method_label,
     number,
     ordered_parameters,
     parameter_label,
     parameter_name,
-    parameters_in_words,
-    result_label,
     scale_of,
     with_error,
 )
+from softcal.report.headline import headline
 from softcal.report.positions import MM, places, pooled
 from softcal.report.tables import ReportTable, provenance_rows, share_of_peak
 from softcal.units import format_range
@@ -64,9 +61,9 @@ def render_page(content: ReportContent, pictures: Sequence[Picture], tables: Map
         sections.setdefault(picture.section, []).append(picture)
     return environment.get_template("report.html.j2").render(
         content=content,
-        subject=_subject(content),
         key_numbers=key_numbers(content),
-        headline=headline_sentence(content),
+        first=headline(content),
+        summary=headline_sentence(content),
         conclusions=conclusions(content),
         sections=sections,
         tables=tables,
@@ -77,9 +74,7 @@ def render_page(content: ReportContent, pictures: Sequence[Picture], tables: Map
             if found.failure
         ],
         provenance={name: provenance_rows(e.prepared) for name, e in content.experiments.items()},
-        result_label=result_label,
         fits_table_1=_fits_table_1(content),
-        is_sweep=content.headline_result.is_sweep,
         mesh_verdicts=() if content.mesh_study is None else mesh_verdicts(content.mesh_study),
     )
 
@@ -121,7 +116,7 @@ def key_numbers(content: ReportContent) -> list[KeyNumber]:
     return found + _key_errors(result)
 
 
-def _key_errors(result: CalibrationResult) -> list[KeyNumber]:
+def _key_errors(result: SearchResult) -> list[KeyNumber]:
     """The largest RMS error of each compared channel, and the RMS distance of all markers."""
     found: list[KeyNumber] = []
     fitted = [place for place in places(result) if not place.held_out]
@@ -144,16 +139,3 @@ def _key_errors(result: CalibrationResult) -> list[KeyNumber]:
             KeyNumber(f"{channel_label(channel)}, RMS error", number(error / scale.factor), scale.unit, remark)
         )
     return found
-
-
-def _subject(content: ReportContent) -> str:
-    result = content.headline_result
-    names = list(result.experiments)
-    if result.is_sweep:
-        n = len(result.trials)
-        return f"{parameters_in_words(result.parameters, names)} swept over {n} cells, judged by {joined(names)}."
-    parameters = parameters_in_words(ordered_parameters({"": result}), names)
-    shared = f"jointly to {len(names)} experiments ({joined(names)})" if len(names) > 1 else f"to {joined(names)}"
-    others = len(content.results) - 1
-    more = f" {others} further calibration{'s' * (others > 1)} below." if others else ""
-    return f"{parameters} fitted {shared} by {method_label(result.method)}, {len(result.trials)} trials.{more}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from softcal.calibration.result import CalibrationResult, Distance, ExperimentFit
+from softcal.calibration.result import Distance, ExperimentFit, SearchResult
 from softcal.report.content import ReportContent
 from softcal.report.format import joined, number, result_label
 from softcal.report.tables import Cell, Column, ReportTable
@@ -24,7 +24,7 @@ class Place:
     held_out: bool
 
 
-def places(result: CalibrationResult) -> list[Place]:
+def places(result: SearchResult) -> list[Place]:
     """Experiments of a result with compared positions, sorted by name."""
     found = [Place(name, fit, held_out=False) for name, fit in result.experiments.items() if fit.distances]
     found += [Place(name, one.fit, held_out=True) for name, one in result.held_out.items() if one.fit.distances]
@@ -69,14 +69,14 @@ def distance_text(distance: Distance, length: float | None) -> str:
     return f"{number(MM * distance.rms)} mm RMS{share}"
 
 
-def fitted_distance(result: CalibrationResult) -> str:
+def fitted_distance(result: SearchResult) -> str:
     """Distance of the markers over the fitted experiments, in words; "" if no positions were fitted."""
     fitted = [place for place in places(result) if not place.held_out]
     distance = pooled(fitted)
     return "" if distance is None else distance_text(distance, fitted[0].fit.length)
 
 
-def fit_sentence(result: CalibrationResult) -> str:
+def fit_sentence(result: SearchResult) -> str:
     """Overall distance of the markers and the largest one; "" if no positions were fitted."""
     fitted = [place for place in places(result) if not place.held_out]
     if not fitted:
@@ -89,7 +89,7 @@ def fit_sentence(result: CalibrationResult) -> str:
     return f"The twin reproduces the markers to {fitted_distance(result)}; the largest distance is {largest}."
 
 
-def prediction_sentence(result: CalibrationResult) -> tuple[str, bool | None]:
+def prediction_sentence(result: SearchResult) -> tuple[str, bool | None]:
     """Prediction errors of held-out experiments, and whether the fit generalises (None: in part); "" without any."""
     held = [place for place in places(result) if place.held_out]
     ahead, fitted = pooled(held), pooled(place for place in places(result) if not place.held_out)
@@ -112,7 +112,7 @@ def _judged(ratio: float) -> bool | None:
     return True if ratio <= _CARRIES_OVER else False if ratio > _DOUBTFUL else None
 
 
-def _channels_sentence(result: CalibrationResult) -> str:
+def _channels_sentence(result: SearchResult) -> str:
     errors: Mapping[str, str] = {
         name: joined(
             f"{channel} to {number(error)} {one.fit.units[channel]}" for channel, error in one.fit.rmse.items()

@@ -9,7 +9,7 @@ import numpy as np
 
 from softcal.analysis.sweep import ALL, ErrorSection, least_cell, section_errors, sections
 from softcal.calibration.loss import LOSSES
-from softcal.calibration.result import CalibrationResult, Trial
+from softcal.calibration.result import SearchResult, SweepResult, Trial
 from softcal.checks import Floats
 from softcal.report.format import Scale, find_parameter, scale_of
 
@@ -53,7 +53,7 @@ class ErrorCurve:
     error: Floats
 
 
-def searched_pair(result: CalibrationResult) -> tuple[str, str] | None:
+def searched_pair(result: SearchResult) -> tuple[str, str] | None:
     """The modulus and Poisson's ratio of a result, or the first two parameters; None if there is only one."""
     modulus = find_parameter(result.parameters, "youngs_modulus")
     ratio = find_parameter(result.parameters, "poissons_ratio")
@@ -62,17 +62,12 @@ def searched_pair(result: CalibrationResult) -> tuple[str, str] | None:
     return (names[0], names[1]) if len(names) >= 2 else None
 
 
-def swept_pair(result: CalibrationResult) -> tuple[str, str] | None:
-    """The two parameters of the grid that are drawn; None if the trials are no grid over two or more."""
-    return None if not result.is_sweep else searched_pair(result)
-
-
-def error_surfaces(result: CalibrationResult) -> list[ErrorSurface]:
-    """A surface of each section, preceded by that of all together if there are several; empty without a grid.
+def error_surfaces(result: SweepResult) -> list[ErrorSurface]:
+    """A surface of each section, preceded by that of all together if there are several; empty for one parameter.
 
     With more than two parameters, the others have their values of the best cell.
     """
-    pair = swept_pair(result)
+    pair = searched_pair(result)
     if pair is None:
         return []
     best = {name: estimate.value for name, estimate in result.parameters.items()}
@@ -92,9 +87,9 @@ def error_surfaces(result: CalibrationResult) -> list[ErrorSurface]:
     return found
 
 
-def error_curves(result: CalibrationResult) -> list[ErrorCurve]:
-    """Error of every section over the only parameter of a grid; empty if there is no such grid."""
-    if not result.is_sweep or len(result.parameters) != 1:
+def error_curves(result: SweepResult) -> list[ErrorCurve]:
+    """Error of every section over the only parameter of a sweep; empty if it has several."""
+    if len(result.parameters) != 1:
         return []
     (name,) = result.parameters
     trials = sorted(result.trials, key=lambda trial: trial.theta[name])
@@ -112,9 +107,7 @@ def section_scale(section: ErrorSection) -> Scale:
     return Scale("%", 1.0) if section.unit == "%" else scale_of(section.unit)
 
 
-def _errors_by_section(
-    result: CalibrationResult, trials: Sequence[Trial]
-) -> list[tuple[str, str, Mapping[int, float]]]:
+def _errors_by_section(result: SweepResult, trials: Sequence[Trial]) -> list[tuple[str, str, Mapping[int, float]]]:
     """(section, unit, error by cell number): all sections together first if there are several."""
     done = [trial for trial in trials if trial.loss is not None]
     if not done:

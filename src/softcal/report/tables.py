@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softcal.calibration.result import CalibrationResult, ExperimentFit
+from softcal.calibration.result import ExperimentFit, SearchResult
 from softcal.csv_text import csv_text
 from softcal.experiments.dataset import Dataset, Step
 from softcal.materials.catalogue import LAWS, constants_of
@@ -297,7 +297,7 @@ def failures_table(content: ReportContent) -> ReportTable:
     return ReportTable("failed-trials", "Trials that could not be simulated", columns, tuple(rows))
 
 
-def grouped_failures(result: CalibrationResult) -> list[tuple[str, int, int]]:
+def grouped_failures(result: SearchResult) -> list[tuple[str, int, int]]:
     """(reason of the first trial, count, number of the first trial), most frequent first."""
     failed = [trial for trial in result.trials if trial.state == "FAILED"]
     kinds = [re.sub(r"[-+]?\d+(\.\d+)?([eE][-+]?\d+)?", "#", trial.reason) for trial in failed]

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from softcal.calibration.result import CalibrationResult
+from softcal.calibration.result import SearchResult
 from softcal.project.project import Project
 from softcal.report.equilibrium_shapes import EquilibriumShapes
 from softcal.report.twin_view import TwinView
@@ -21,7 +21,7 @@ from softcal.workflows.simulation import simulate
 MANY = 6
 
 
-def calibrated_shapes(project: Project, result: CalibrationResult) -> EquilibriumShapes | None:
+def calibrated_shapes(project: Project, result: SearchResult) -> EquilibriumShapes | None:
     """The calibrated twin's shapes at the end of experiments with positions; None if there are none."""
     at_values = calibrated(project, result)
     placed = [name for name, fit in result.experiments.items() if fit.distances]

@@ -12,9 +12,9 @@ from softcal.calibration.hold_out import fitted_part
 from softcal.calibration.interrupts import stoppable
 from softcal.calibration.loss import LOSSES, Loss
 from softcal.calibration.problem import Problem
-from softcal.calibration.result import CalibrationResult
-from softcal.calibration.run import Progress
+from softcal.calibration.result import CalibrationResult, SearchResult
 from softcal.calibration.run import calibrate as calibrate_problem
+from softcal.calibration.search import Progress
 from softcal.errors import CalibrationError, Fault, InputError, ParameterError
 from softcal.project.bench_names import experiments_named
 from softcal.project.calibration_schema import CalibrationSection
@@ -203,7 +203,7 @@ def _labelled(progress: Observer | None, label: str) -> Callable[[Progress], Non
     return lambda state: progress(label, state)
 
 
-def calibrated(project: Project, result: CalibrationResult) -> Project:
+def calibrated(project: Project, result: SearchResult) -> Project:
     """The project at the values of a result: shared ones in the robot and in every rig, an experiment's own in it."""
     of_robot = robot_parameters(project.robot)
     shared: dict[str, float] = {}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +13,7 @@ from softcal.calibration.frame import rotation
 from softcal.calibration.observation import commands
 from softcal.calibration.parameters import FreeParameter, SearchSpace
 from softcal.calibration.problem import Problem
-from softcal.calibration.result import CalibrationResult
+from softcal.calibration.result import CalibrationResult, SearchResult, SweepResult
 from softcal.checks import Floats
 from softcal.project.axes import shown_configurations
 from softcal.project.calibration_schema import CalibrationSection
@@ -27,80 +27,94 @@ from softcal.units import format_quantity
 from softcal.workflows.calibration import calibrated, make_loss
 from softcal.workflows.simulation import robot_in
 
+State = tuple[str, int]
+"""An experiment, and a row of its table."""
 
-def compared(project: Project, settings: CalibrationSection, result: CalibrationResult) -> Compared | None:
+
+def compared_calibration(project: Project, settings: CalibrationSection, result: CalibrationResult) -> Compared | None:
     """Errors at the nominal values and the configurations to draw; None for a calibration without positions.
 
-    The nominal robot has the project's values. The rig has the project's values in a sweep and the calibrated ones in
-    a calibration, so that an unknown camera pose does not count as an error of the nominal robot.
+    The nominal robot has the project's values. The rig has the calibrated ones, so that an unknown camera pose does not
+    count as an error of the nominal robot.
     """
-    if not result.is_sweep and not any(fit.distances for fit in result.experiments.values()):
+    if not any(fit.distances for fit in result.experiments.values()):
         return None
+    of_robot = robot_parameters(project.robot)
+    free = [name for name, e in result.parameters.items() if all(target in of_robot for target in e.of or (name,))]
+    at_nominal = _with_rig_of(project, result)
+    known = _nominal(at_nominal, settings, result, free) if free else None
+
+    def configurations(state: State) -> list[Configuration | None]:
+        nominal = _configuration("Nominal", at_nominal, state, _nominal_values(at_nominal, result))
+        return [nominal, _at(project, "Calibrated", result, _values(result), state)]
+
+    return _compared(project, result, known, configurations)
+
+
+def compared_sweep(project: Project, settings: CalibrationSection, result: SweepResult) -> Compared:
+    """Errors at the nominal values, robot's and rig's, and the configurations to draw: those listed under `sweep.show`,
+    else nominal, best and worst cell.
+    """
+
+    def configurations(state: State) -> list[Configuration | None]:
+        present = _nominal_values(project, result)
+        if project.sweep is not None and project.sweep.show:
+            shown = shown_configurations(project.sweep.show, project.parameters, project.tied)
+            chosen = {name: {**present, **values} for name, values in shown.items()}
+        else:
+            worst = max((cell for cell in result.trials if cell.loss is not None), key=lambda cell: cell.loss or 0.0)
+            chosen = {"Nominal": present, "Best cell": _values(result), "Worst cell": worst.theta}
+        return [_at(project, name, result, theta, state) for name, theta in chosen.items()]
+
+    return _compared(project, result, _nominal(project, settings, result, list(result.parameters)), configurations)
+
+
+def _compared(
+    project: Project,
+    result: SearchResult,
+    known: Nominal | None,
+    configurations: Callable[[State], list[Configuration | None]],
+) -> Compared:
     units = {name: e.unit for name, e in result.parameters.items()}
     length = next((fit.length for fit in result.experiments.values() if fit.length is not None), None)
-    at_nominal = _nominal_project(project, result)
-    known = _nominal(at_nominal, settings, result)
     state = None if known is None else _furthest_state(project, result)
     if state is None:
         return Compared(known, (), units, length)
-    configurations = _configurations(project, at_nominal, result, state)
-    return Compared(known, tuple(configurations), units, length, _state_text(project, state))
+    there = tuple(one for one in configurations(state) if one is not None)
+    return Compared(known, there, units, length, _state_text(project, state))
 
 
-def _nominal(project: Project, settings: CalibrationSection, result: CalibrationResult) -> Nominal | None:
-    """Errors of the project's own values in a result's experiments; None if no robot parameter was calibrated."""
-    of_robot = robot_parameters(project.robot)
-    free = [
-        FreeParameter(name, e.unit, e.lower, e.upper, of=e.of)
-        for name, e in result.parameters.items()
-        if result.is_sweep or all(target in of_robot for target in e.of or (name,))
-    ]
-    if not free:
-        return None
+def _nominal(project: Project, settings: CalibrationSection, result: SearchResult, free: Sequence[str]) -> Nominal:
+    """Errors of the project's own values of the `free` parameters in a result's experiments."""
+    estimates = {name: result.parameters[name] for name in free}
+    space = SearchSpace(tuple(FreeParameter(name, e.unit, e.lower, e.upper, of=e.of) for name, e in estimates.items()))
     experiments = tuple(project.experiments[name] for name in (*result.experiments, *result.held_out))
     length = next((e.rig.length for e in experiments if e.rig.length is not None), None)
     loss = make_loss(settings.model_copy(update={"loss": result.loss_name}), length)
-    return nominal(Problem(project.robot, experiments, SearchSpace(tuple(free)), loss))
+    return nominal(Problem(project.robot, experiments, space, loss))
 
 
-def _configurations(
-    project: Project, at_nominal: Project, result: CalibrationResult, state: tuple[str, int]
-) -> list[Configuration]:
-    """The twin in one state at the nominal, best and (for a sweep) worst values, or those listed under `sweep.show`."""
-    present = {name: _present(at_nominal, e.of or (name,)) for name, e in result.parameters.items()}
-    if result.is_sweep and project.sweep is not None and project.sweep.show:
-        shown = shown_configurations(project.sweep.show, project.parameters, project.tied)
-        there = [_shown(name, project, result, state, values, present) for name, values in shown.items()]
-        return [one for one in there if one is not None]
-    found = [_configuration("Nominal", at_nominal, state, {n: v for n, v in present.items() if v is not None})]
-    best = {name: e.value for name, e in result.parameters.items()}
-    chosen = {"Best cell" if result.is_sweep else "Calibrated": best}
-    done = [trial for trial in result.trials if trial.loss is not None]
-    if result.is_sweep and done:
-        chosen["Worst cell"] = dict(max(done, key=lambda trial: trial.loss or 0.0).theta)
-    for name, theta in chosen.items():
-        there = {n: replace(e, value=theta[n]) for n, e in result.parameters.items()}
-        found.append(_configuration(name, calibrated(project, replace(result, parameters=there)), state, theta))
-    return [one for one in found if one is not None]
+def _values(result: SearchResult) -> dict[str, float]:
+    return {name: e.value for name, e in result.parameters.items()}
 
 
-def _shown(
-    name: str,
-    project: Project,
-    result: CalibrationResult,
-    state: tuple[str, int],
-    values: Mapping[str, float],
-    present: Mapping[str, float | None],
+def _nominal_values(project: Project, result: SearchResult) -> dict[str, float]:
+    """The project's values of a result's parameters, without those that have several."""
+    present = {name: _present(project, e.of or (name,)) for name, e in result.parameters.items()}
+    return {name: value for name, value in present.items() if value is not None}
+
+
+def _at(
+    project: Project, name: str, result: SearchResult, theta: Mapping[str, float], state: State
 ) -> Configuration | None:
-    """A configuration listed by the sweep; its other parameters are nominal."""
-    there = {n: replace(e, value=values[n]) for n, e in result.parameters.items() if n in values}
-    theta = {n: v for n in result.parameters if (v := values.get(n, present[n])) is not None}
-    return _configuration(name, calibrated(project, replace(result, parameters=there)), state, theta)
+    """The twin at values [SI] of a result's parameters; those that theta leaves out stay the project's."""
+    there = {n: replace(e, value=theta[n]) for n, e in result.parameters.items() if n in theta}
+    shown = {n: e.value for n, e in there.items()}
+    return _configuration(name, calibrated(project, replace(result, parameters=there)), state, shown)
 
 
-def _nominal_project(project: Project, result: CalibrationResult) -> Project:
-    if result.is_sweep:
-        return project
+def _with_rig_of(project: Project, result: CalibrationResult) -> Project:
+    """The project's robot in the calibrated rig."""
     of_robot = robot_parameters(project.robot)
     experiments = {
         name: replace(
@@ -121,9 +135,9 @@ def _present(project: Project, targets: Sequence[str]) -> float | None:
     return values.pop() if len(values) == 1 else None
 
 
-def _furthest_state(project: Project, result: CalibrationResult) -> tuple[str, int] | None:
+def _furthest_state(project: Project, result: SearchResult) -> State | None:
     """Experiment and row with the strongest pull; among equal ones, that with the largest marker error."""
-    states: dict[tuple[str, int], tuple[float, float]] = {}
+    states: dict[State, tuple[float, float]] = {}
     for name, fit in result.experiments.items():
         experiment = project.experiments[name]
         placed = [c for c in experiment.compared if experiment.point_of(c)]
@@ -136,7 +150,7 @@ def _furthest_state(project: Project, result: CalibrationResult) -> tuple[str, i
     return max(states, key=lambda state: states[state]) if states else None
 
 
-def _state_text(project: Project, state: tuple[str, int]) -> str:
+def _state_text(project: Project, state: State) -> str:
     """Description of a state: "cable6 (cable6.tension 19.62 N)"."""
     experiment = project.experiments[state[0]]
     data = experiment.dataset
@@ -147,9 +161,7 @@ def _state_text(project: Project, state: tuple[str, int]) -> str:
     return f"{experiment.name} ({', '.join(drives)})" if drives else experiment.name
 
 
-def _configuration(
-    name: str, project: Project, state: tuple[str, int], theta: Mapping[str, float]
-) -> Configuration | None:
+def _configuration(name: str, project: Project, state: State, theta: Mapping[str, float]) -> Configuration | None:
     """The twin in one state of one experiment; None if it cannot be simulated or does not move."""
     experiment, row = project.experiments[state[0]], state[1]
     rig = experiment.rig_values()

@@ -6,14 +6,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from softcal.calibration.result import CalibrationResult
+from softcal.calibration.result import SearchResult
 from softcal.project.project import Project
 from softcal.twin.response import Response
 from softcal.workflows.calibration import JOINT, calibrated
 from softcal.workflows.simulation import simulate
 
 
-def furthest_response(project: Project, result: CalibrationResult) -> Response:
+def furthest_response(project: Project, result: SearchResult) -> Response:
     """Response of the calibrated twin, with shapes, in the result's experiment with the largest drive."""
     at_values = calibrated(project, result)
 
@@ -24,7 +24,7 @@ def furthest_response(project: Project, result: CalibrationResult) -> Response:
     return simulate(at_values, experiment=max(result.experiments, key=reach), snapshots=True)
 
 
-def furthest_responses(project: Project, results: Mapping[str, CalibrationResult]) -> dict[str, Response]:
+def furthest_responses(project: Project, results: Mapping[str, SearchResult]) -> dict[str, Response]:
     """The furthest response of the joint calibration, or of each calibration if there is no joint one."""
     chosen = {JOINT: results[JOINT]} if JOINT in results else results
     return {label: furthest_response(project, result) for label, result in chosen.items()}

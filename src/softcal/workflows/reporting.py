@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from softcal.analysis.landscape import ProportionalTwin, loss_over, scales_with_modulus
 from softcal.analysis.mesh_study import MeshStudy
 from softcal.calibration.problem import Problem
-from softcal.calibration.result import CalibrationResult
+from softcal.calibration.result import CalibrationResult, SearchResult
 from softcal.project.calibration_schema import CalibrationSection
 from softcal.project.project import Project
 from softcal.report.content import ExperimentContent, Landscape, ReportContent
@@ -22,10 +23,11 @@ from softcal.report.write import write_report as write_content
 from softcal.twin.response import Response
 from softcal.workflows.calibrated_shapes import calibrated_shapes, from_undeformed
 from softcal.workflows.calibration import JOINT, calibrated, make_problem
-from softcal.workflows.comparing import compared
+from softcal.workflows.comparing import compared_calibration, compared_sweep
 from softcal.workflows.furthest import furthest_response
 from softcal.workflows.mesh_study_files import FOLDER, read_study
-from softcal.workflows.run_folder import Run, load_run
+from softcal.workflows.run import SWEEP, CalibrationRun, Run, SweepRun
+from softcal.workflows.run_folder import load_run
 from softcal.workflows.simulation import twin_view
 from softcal.workflows.whole_record import compare_records
 
@@ -73,35 +75,59 @@ def write_report(
     return write_content(content, Path(out) if out is not None else read.folder, figures=figures, progress=begin)
 
 
-def report_content(run: Run, solved: Mapping[str, Response] | None = None) -> ReportContent:
+def report_content(run: CalibrationRun | SweepRun, solved: Mapping[str, Response] | None = None) -> ReportContent:
     """Content of a run's report; solved: furthest responses that need not be solved again."""
+    match run:
+        case CalibrationRun():
+            return _calibration_content(run, solved or {})
+        case SweepRun():
+            return _sweep_content(run)
+
+
+def _calibration_content(run: CalibrationRun, solved: Mapping[str, Response]) -> ReportContent:
     project = run.project
     headline = JOINT if JOINT in run.results else next(iter(run.results))
-    equilibria = calibrated_shapes(project, run.results[headline])
-    furthest = (solved or {}).get(headline) or furthest_response(project, run.results[headline])
     mesh, mesh_note = _mesh_study(run)
     return ReportContent(
-        project_name=project.name,
         results=run.results,
-        experiments={name: _experiment(project, name) for name in _shown(run)},
-        twin=_twin(project, run.results[headline], furthest) or from_undeformed(equilibria),
-        equilibria=equilibria,
+        headline=headline,
+        experiments={name: _experiment(project, name) for name in project.experiments},
         landscapes=_landscapes(project, run.results, run.settings),
-        records={
-            label: compare_records(project, result) for label, result in run.results.items() if not result.is_sweep
-        },
-        compared=compared(project, run.settings, run.results[headline]),
+        records={label: compare_records(project, result) for label, result in run.results.items()},
+        compared=compared_calibration(project, run.settings, run.results[headline]),
         mesh_study=mesh,
         mesh_note=mesh_note,
-        print_infill=project.print_infill,
-        headline=headline,
-        versions=run.versions,
-        hashes=run.hashes,
-        created=run.created,
+        **_shared(run, run.results[headline], solved.get(headline)),
     )
 
 
-def _mesh_study(run: Run) -> tuple[MeshStudy | None, str]:
+def _sweep_content(run: SweepRun) -> ReportContent:
+    result = run.result
+    return ReportContent(
+        results={SWEEP: result},
+        experiments={name: _experiment(run.project, name) for name in result.experiments},
+        compared=compared_sweep(run.project, run.settings, result),
+        **_shared(run, result),
+    )
+
+
+def _shared(run: Run, result: SearchResult, furthest: Response | None = None) -> dict[str, Any]:
+    """What every report shows of its run, and of the twin at the values of its headline's result."""
+    project = run.project
+    equilibria = calibrated_shapes(project, result)
+    twin = _twin(project, result, furthest or furthest_response(project, result))
+    return {
+        "project_name": project.name,
+        "twin": twin or from_undeformed(equilibria),
+        "equilibria": equilibria,
+        "print_infill": project.print_infill,
+        "versions": run.versions,
+        "hashes": run.hashes,
+        "created": run.created,
+    }
+
+
+def _mesh_study(run: CalibrationRun) -> tuple[MeshStudy | None, str]:
     """The run's mesh study if it belongs to the present values, else None and why it is not shown."""
     stored = read_study(run.folder / FOLDER)
     if stored is None:
@@ -109,13 +135,6 @@ def _mesh_study(run: Run) -> tuple[MeshStudy | None, str]:
     if stored.is_of(run.results):
         return stored.study, f"Of the calibration '{stored.calibration}'." if len(run.results) > 1 else ""
     return None, f"The mesh study in {FOLDER} is not of the calibrated values: delete it and repeat it."
-
-
-def _shown(run: Run) -> list[str]:
-    """The experiments to show: for a sweep those that it was judged by, else all."""
-    if any(not result.is_sweep for result in run.results.values()):
-        return list(run.project.experiments)
-    return [name for result in run.results.values() for name in result.experiments]
 
 
 def _experiment(project: Project, name: str) -> ExperimentContent:
@@ -129,7 +148,7 @@ def _experiment(project: Project, name: str) -> ExperimentContent:
     )
 
 
-def _twin(project: Project, result: CalibrationResult, furthest: Response) -> TwinView | None:
+def _twin(project: Project, result: SearchResult, furthest: Response) -> TwinView | None:
     """The calibrated twin in the result's experiment with the largest drive."""
     return twin_view(calibrated(project, result).robot, furthest) if furthest.succeeded else None
 
@@ -138,9 +157,6 @@ def _landscapes(
     project: Project, results: Mapping[str, CalibrationResult], settings: CalibrationSection
 ) -> dict[str, Landscape]:
     """Loss over modulus and ratio of each calibration, if it is cheap and the trials do not already show it."""
-    results = {label: result for label, result in results.items() if not result.is_sweep}
-    if not results:
-        return {}
     problem = make_problem(project, settings)
     if not scales_with_modulus(problem):
         return {}

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path, PurePath
 from typing import Annotated, Any
@@ -18,11 +18,11 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, Field, ValidatorFunctionWrapHandler, WrapValidator
 
 from softcal.calibration.outcome import installed_versions
-from softcal.calibration.result import CalibrationResult, Estimate
+from softcal.calibration.result import CalibrationResult, SearchResult, SweepResult
 from softcal.calibration.result_files import fits_of, response_file, result_json
 from softcal.calibration.result_reading import load_result
 from softcal.calibration.store import write_text
-from softcal.calibration.stored import Record, read_record
+from softcal.calibration.stored import Record, contradiction, read_record
 from softcal.csv_text import csv_text
 from softcal.errors import Fault, StorageError
 from softcal.geometry.write import write_mesh
@@ -30,6 +30,7 @@ from softcal.project.calibration_schema import CalibrationSection
 from softcal.project.files import not_a_file, sha256, stored_mesh
 from softcal.project.project import Project, load
 from softcal.workflows.output import new_folder, require_writable, unwritable
+from softcal.workflows.run import SWEEP, CalibrationRun, SweepRun, headline_of
 
 FORMAT = 1
 PROJECT, RECORD, INPUTS, CALIBRATIONS = "project.yaml", "run.json", "inputs", "calibrations"
@@ -61,22 +62,6 @@ class _RunRecord(Record):
     settings: Annotated[CalibrationSection, WrapValidator(_as_written)]
     hashes: dict[str, str]
     versions: dict[str, str]
-    created: str
-
-
-@dataclass(frozen=True)
-class Run:
-    """A stored run: the project at the time of the run, and label -> result of every finished calibration.
-
-    settings: settings of the calibrations; versions, hashes, created: of the run.
-    """
-
-    folder: Path
-    project: Project
-    results: Mapping[str, CalibrationResult]
-    settings: CalibrationSection
-    versions: Mapping[str, str]
-    hashes: Mapping[str, str]
     created: str
 
 
@@ -143,10 +128,8 @@ def reopen_run(project: Project, folder: Path) -> None:
     require_writable(folder)
 
 
-def finish_run(
-    project: Project, results: Mapping[str, CalibrationResult], folder: Path, more: Mapping[str, Any] | None = None
-) -> None:
-    """Write the headline's files beside the calibrations; result.json last, with `more` in it.
+def finish_run(project: Project, results: Mapping[str, CalibrationResult], folder: Path) -> None:
+    """Write the headline's files beside the calibrations; result.json last.
 
     Raises
     ------
@@ -154,6 +137,28 @@ def finish_run(
         Where a file cannot be written.
     """
     label, headline = headline_of(results)
+    _finish(project, label, headline, results, folder, {})
+
+
+def finish_sweep(project: Project, result: SweepResult, folder: Path, told: Mapping[str, Any]) -> None:
+    """As `finish_run`, of a sweep; `told`: what result.json has of it under "sweep".
+
+    Raises
+    ------
+    StorageError
+        Where a file cannot be written.
+    """
+    _finish(project, SWEEP, result, {SWEEP: result}, folder, {SWEEP: told})
+
+
+def _finish(
+    project: Project,
+    label: str,
+    headline: SearchResult,
+    results: Mapping[str, SearchResult],
+    folder: Path,
+    more: Mapping[str, Any],
+) -> None:
     try:
         for name in fits_of(headline):
             source = calibration_folder(folder, label or name) / response_file(name)
@@ -167,12 +172,12 @@ def finish_run(
         "values": dict(project.held),
         "headline": label or "each experiment by itself",
         "calibrations": {one: _summary(result) for one, result in results.items()},
-        **(more or {}),
+        **more,
     }
     write_text(folder / "result.json", json.dumps(document, indent=2, allow_nan=False) + "\n")
 
 
-def load_run(folder: str | Path) -> Run:
+def load_run(folder: str | Path) -> CalibrationRun | SweepRun:
     """Read a run, independent of its folder's location and of the original project.
 
     Raises
@@ -202,7 +207,15 @@ def load_run(folder: str | Path) -> Run:
             raise StorageError(
                 Fault("the result is of an experiment that the run does not have", where, ", ".join(strangers))
             )
-    return Run(folder, project, results, record.settings, record.versions, record.hashes, record.created)
+    about = (folder, project, record.settings, record.versions, record.hashes, record.created)
+    calibrations = {label: result for label, result in results.items() if isinstance(result, CalibrationResult)}
+    match list(results.values()):
+        case [SweepResult() as swept]:
+            return SweepRun(*about, swept)
+        case _ if len(calibrations) == len(results):
+            return CalibrationRun(*about, calibrations)
+        case _:
+            raise contradiction(folder / CALIBRATIONS, "the run", "there is a sweep among its calibrations")
 
 
 def refuse_project_folder(folder: Path) -> None:
@@ -216,44 +229,6 @@ def refuse_project_folder(folder: Path) -> None:
     if (folder / PROJECT).is_file() and not (folder / RECORD).is_file():
         allowed = "a folder that softcal calibrate wrote, or a project file"
         raise StorageError(Fault("there is no run here", str(folder), f"no {RECORD}", allowed, str(folder / PROJECT)))
-
-
-def headline_of(results: Mapping[str, CalibrationResult]) -> tuple[str, CalibrationResult]:
-    """Label and result to show first: the joint one, the only one, or "" and all combined by `side_by_side`."""
-    if "joint" in results:
-        return "joint", results["joint"]
-    if len(results) == 1:
-        return next(iter(results.items()))
-    return "", side_by_side(results)
-
-
-def side_by_side(results: Mapping[str, CalibrationResult]) -> CalibrationResult:
-    """Separate results combined: each parameter with its experiment in brackets, losses averaged, counts added."""
-    parameters: dict[str, Estimate] = {}
-    importance: dict[str, float] = {}
-    for label, result in results.items():
-        for name, estimate in result.parameters.items():
-            own = name if name.endswith("]") else f"{name}[{label}]"
-            parameters[own] = estimate
-            if name in result.importance:
-                importance[own] = result.importance[name]
-    first = next(iter(results.values()))
-    return replace(
-        first,
-        parameters=parameters,
-        importance=importance,
-        loss=sum(result.loss for result in results.values()) / len(results),
-        n_solves=sum(result.n_solves for result in results.values()),
-        n_factorisations=sum(result.n_factorisations for result in results.values()),
-        wall_s=sum(result.wall_s for result in results.values()),
-        n_failed_trials=sum(result.n_failed_trials for result in results.values()),
-        status=" ".join(f"{label}: {result.status}" for label, result in results.items()),
-        converged=None if first.converged is None else all(result.converged for result in results.values()),
-        experiments={name: fit for result in results.values() for name, fit in result.experiments.items()},
-        held_out={},  # each calibration has its own prediction
-        trials=(),
-        notes=tuple(f"{label}: {note}" for label, result in results.items() for note in result.notes),
-    )
 
 
 def _record(folder: Path) -> _RunRecord:
@@ -315,12 +290,12 @@ def _copy_inputs(project: Project, folder: Path) -> dict[str, str]:
     return copies
 
 
-def _summary(result: CalibrationResult) -> dict[str, Any]:
+def _summary(result: SearchResult) -> dict[str, Any]:
     full = result_json(result)
     return {key: full[key] for key in full if key not in ("versions", "hashes")}
 
 
-def _trials_csv(results: Mapping[str, CalibrationResult]) -> str:
+def _trials_csv(results: Mapping[str, SearchResult]) -> str:
     units = {name: e.unit for result in results.values() for name, e in result.parameters.items()}
     fixed = ["calibration", "number", "state", "loss", "seconds [s]", "n_factorisations", "reason"]
     rows = [

@@ -24,10 +24,10 @@ def load_calibrated(path: Path, values: Mapping[str, str] | None = None) -> Proj
     from softcal.project.search import held_values
     from softcal.twin.parameters import robot_parameters, with_parameters
     from softcal.workflows.calibration import calibrated
-    from softcal.workflows.run_folder import headline_of, load_run, refuse_project_folder
+    from softcal.workflows.run_folder import load_run, refuse_project_folder
 
     refuse_project_folder(path)
     run = load_run(path)
-    project = calibrated(run.project, headline_of(run.results)[1])
+    project = calibrated(run.project, run.headline)
     held = held_values(values or {}, robot_parameters(project.robot))
     return replace(project, robot=with_parameters(project.robot, held))

@@ -16,7 +16,7 @@ from softcal.project.project import Project, load
 
 if TYPE_CHECKING:
     from softcal.calibration.problem import Problem
-    from softcal.workflows.run_folder import Run
+    from softcal.workflows.run import CalibrationRun
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,7 @@ def study_source(path: Path, values: Mapping[str, str] | None = None, calibratio
         For a folder that holds no run.
     """
     if path.is_dir():
+        from softcal.workflows.run import SweepRun
         from softcal.workflows.run_folder import load_run, refuse_project_folder
 
         refuse_project_folder(path)
@@ -52,7 +53,11 @@ def study_source(path: Path, values: Mapping[str, str] | None = None, calibratio
             raise InputError(
                 Fault("a run has its calibrated values", "--set", ", ".join(values), "a project file with --set")
             )
-        return _of_run(load_run(path), calibration)
+        run = load_run(path)
+        if isinstance(run, SweepRun):
+            attempt = "softcal calibrate, or softcal mesh-study PROJECT for its present values"
+            raise InputError(Fault("a sweep has no optimum to study", str(run.folder), attempt=attempt))
+        return _of_run(run, calibration)
     if calibration:
         raise InputError(Fault("a project file holds no calibrations", "--calibration", f"'{calibration}'"))
     project = load(path, values=values or {})
@@ -71,7 +76,7 @@ def default_folder(path: Path) -> Path | None:
     return path / FOLDER
 
 
-def _of_run(run: Run, calibration: str) -> StudySource:
+def _of_run(run: CalibrationRun, calibration: str) -> StudySource:
     from softcal.calibration.problem import SOFTCAL
     from softcal.workflows.calibration import make_problem
 
@@ -81,9 +86,6 @@ def _of_run(run: Run, calibration: str) -> StudySource:
             Fault("the run has no such calibration", "--calibration", f"'{label}'", ", ".join(run.results))
         )
     result = run.results[label]
-    if result.is_sweep:
-        attempt = "softcal calibrate, or softcal mesh-study PROJECT for its present values"
-        raise InputError(Fault("a sweep has no optimum to study", str(run.folder), attempt=attempt))
     problem = make_problem(run.project, run.settings).only(list(result.experiments))
     engine = result.hashes.get("engine", SOFTCAL)
     notes = () if engine == SOFTCAL else (f"The calibration was computed by {engine}, the study by {SOFTCAL}.",)

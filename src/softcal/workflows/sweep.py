@@ -13,30 +13,41 @@ from softcal.calibration.interrupts import stoppable
 from softcal.calibration.loss import LOSSES, Loss
 from softcal.calibration.parameters import search_space
 from softcal.calibration.problem import Problem
-from softcal.calibration.result import CalibrationResult, Trial
-from softcal.calibration.run import Progress
-from softcal.calibration.run import calibrate as calibrate_problem
+from softcal.calibration.result import SweepResult, Trial
+from softcal.calibration.search import Progress
 from softcal.calibration.store import RunStore, write_text
+from softcal.calibration.sweep import sweep as sweep_problem
 from softcal.csv_text import csv_text
 from softcal.errors import CalibrationError, Fault, InputError, ParameterError
 from softcal.project.axes import Axis, cells_fault, doubled, parse_axis, shown_configurations
 from softcal.project.bench_names import experiments_named
 from softcal.project.project import Project
 from softcal.workflows.calibration import make_loss
-from softcal.workflows.run_folder import begin_run, calibration_folder, finish_run, reopen_run
+from softcal.workflows.run import SWEEP
+from softcal.workflows.run_folder import begin_run, calibration_folder, finish_sweep, reopen_run
 
-SWEEP = "sweep"
 FORMULA = "nominal error / error of the best cell - 1; 100 % where the error was halved"
 
 
 @dataclass(frozen=True)
 class Swept:
-    """What a sweep found: every cell as a trial of `result`, what the nominal values give, and the best cells.
+    """What a sweep of a project found.
 
-    stopped_by: what stopped it before its end, Ctrl-C or another signal; the cells simulated by then are there.
+    Attributes
+    ----------
+    result
+        Every cell, as trials.
+    nominal
+        The errors at the nominal values.
+    best
+        The best cell of all sections together and of each.
+    folder
+        Where it is kept, or None.
+    stopped_by
+        What stopped it before its end, Ctrl-C or another signal; the cells simulated by then are there.
     """
 
-    result: CalibrationResult
+    result: SweepResult
     nominal: Nominal
     best: tuple[BestCell, ...]
     folder: Path | None
@@ -114,10 +125,9 @@ def sweep(
     store = None if folder is None else calibration_folder(folder, SWEEP)
     with stoppable() as stop:
         try:
-            result = calibrate_problem(
+            result = sweep_problem(
                 problem,
-                method="grid",
-                axes={axis.name: axis.values for axis in axes},
+                {axis.name: axis.values for axis in axes},
                 seed=settings.seed,
                 workers=workers,
                 store=store,
@@ -136,7 +146,7 @@ def sweep(
     found = Swept(result, known, best_cells(result, known), folder, stop.by)
     if folder is not None:
         write_text(folder / "sweep.csv", sweep_csv(result))
-        finish_run(project, {SWEEP: result}, folder, {SWEEP: sweep_json(found)})
+        finish_sweep(project, result, folder, sweep_json(found))
     return found
 
 
@@ -166,7 +176,7 @@ def make_sweep(project: Project, axes: Sequence[Axis], experiments: Sequence[str
     return Problem(project.robot, chosen, space, _loss(project, chosen))
 
 
-def sweep_csv(result: CalibrationResult) -> str:
+def sweep_csv(result: SweepResult) -> str:
     """A row for every cell: its number, state, reason, parameters [SI], loss, and error of every section.
 
     Errors are in % of the length where it is known, else in SI; of several experiments each has its own columns too.
@@ -195,10 +205,9 @@ def failed_csv(problem: Problem, trials: Sequence[Trial]) -> str:
 def sweep_json(found: Swept) -> dict[str, Any]:
     """What result.json holds of a sweep beside the best cell's fit."""
     result, known = found.result, found.nominal
-    axes: Mapping[str, Sequence[float]] = result.extra["axes"]
     errors = section_errors(result, known.errors)
     return {
-        "axes": {n: {"unit": result.parameters[n].unit, "values": list(values)} for n, values in axes.items()},
+        "axes": {n: {"unit": result.parameters[n].unit, "values": list(values)} for n, values in result.axes.items()},
         "cells": len(result.trials),
         "failed": result.n_failed_trials,
         "nominal": {

@@ -8,7 +8,7 @@ from pathlib import Path
 from softcal.analysis.validation import Prediction, Validation, folds_of, leave_out, with_split
 from softcal.calibration.interrupts import stoppable
 from softcal.calibration.problem import Problem
-from softcal.calibration.run import Progress
+from softcal.calibration.search import Progress
 from softcal.calibration.settings import SearchSettings
 from softcal.csv_text import csv_text
 from softcal.errors import Fault, ParameterError

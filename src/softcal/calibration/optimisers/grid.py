@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -19,44 +19,40 @@ _GENERATION = 32
 
 @register_optimiser
 class GridOptimiser(Optimiser):
-    """A full grid, the last axis fastest: over given values, or equally spaced between the bounds.
+    """A full grid, the last parameter fastest: equally spaced between the bounds, or `over` given values.
 
-    Without `axes` the bounds are included, the points are equally spaced on each parameter's scale, and there are at
+    Between the bounds, which are included, the points are equally spaced on each parameter's scale, and there are at
     most `trials` of them.
-
-    Parameters
-    ----------
-    axes
-        The values [SI] of every parameter by label, in the order in which the grid is walked through.
-
-    Raises
-    ------
-    ParameterError
-        Where `trials` does not suffice for two points along every parameter, or the axes are not those of the space.
     """
 
     name = "grid"
     title = "grid sweep"
     default_trials = 400
-    heeds = frozenset({"axes"})
     grows = False
 
     @classmethod
     def begin(cls, problem: Problem, settings: SearchSettings) -> GridOptimiser:
-        return cls(problem.space, trials=settings.trials or 0, axes=settings.axes)
+        space = problem.space
+        per_axis = np.linspace(0.0, 1.0, _per_axis(space, settings.trials or 0))
+        points = (space.to_model(z) for z in itertools.product(per_axis, repeat=space.size))
+        return cls(points, [len(per_axis)] * space.size)
 
-    def __init__(
-        self, space: SearchSpace, *, trials: int = 0, axes: Mapping[str, Sequence[float]] | None = None
-    ) -> None:
-        if axes is None:
-            per_axis = np.linspace(0.0, 1.0, _per_axis(space, trials))
-            points = (space.to_model(z) for z in itertools.product(per_axis, repeat=space.size))
-            self._shape = " x ".join([str(len(per_axis))] * space.size)
-        else:
-            _check(space, axes)
-            points = (dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values()))
-            self._shape = " x ".join(str(len(values)) for values in axes.values())
+    @classmethod
+    def over(cls, space: SearchSpace, axes: Mapping[str, Sequence[float]]) -> GridOptimiser:
+        """The grid over values [SI] of every parameter by label, in the order in which it is walked through.
+
+        Raises
+        ------
+        ParameterError
+            Where the axes are not those of the space, or a value lies outside its bounds.
+        """
+        _check(space, axes)
+        points = (dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values()))
+        return cls(points, [len(values) for values in axes.values()])
+
+    def __init__(self, points: Iterable[Mapping[str, float]], shape: Sequence[int]) -> None:
         self._proposals = [Proposal(number, theta) for number, theta in enumerate(points)]
+        self._shape = " x ".join(map(str, shape))
         self._asked = 0
 
     def ask(self) -> tuple[Proposal, ...]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from softcal.analysis.sweep import ALL
-from softcal.calibration.result import CalibrationResult
+from softcal.calibration.result import SweepResult
 from softcal.report import surfaces
 from softcal.report.content import ReportContent
 from softcal.report.figure import Drawing, register_figure
@@ -23,12 +23,13 @@ if TYPE_CHECKING:
 @register_figure("compared", place=1)
 def error_curves(content: ReportContent) -> Iterator[Drawing]:
     """The error of each section over the parameter of a sweep."""
-    if curves := surfaces.error_curves(content.headline_result):
-        caption = "Error over the sweep, section by section; star: best value."
-        yield Drawing(draw_curves(content.headline_result, curves), caption)
+    for result in content.sweeps.values():
+        if curves := surfaces.error_curves(result):
+            caption = "Error over the sweep, section by section; star: best value."
+            yield Drawing(draw_curves(result, curves), caption)
 
 
-def draw_curves(result: CalibrationResult, curves: Sequence[ErrorCurve]) -> Figure:
+def draw_curves(result: SweepResult, curves: Sequence[ErrorCurve]) -> Figure:
     """The error of every section over one parameter, the best values marked, failed ones left out."""
     (name,) = result.parameters
     scale = scale_of(result.parameters[name].unit, result.parameters[name].upper)

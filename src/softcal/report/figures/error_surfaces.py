@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from softcal.analysis.sweep import ALL
-from softcal.calibration.result import CalibrationResult
+from softcal.calibration.result import SweepResult
 from softcal.checks import Floats
 from softcal.report import surfaces
 from softcal.report.content import ReportContent
@@ -38,22 +38,23 @@ _SHOWN = 0.95
 @register_figure("compared", place=1)
 def error_surfaces(content: ReportContent) -> Iterator[Drawing]:
     """The error of each section over two parameters of a sweep, cell by cell."""
-    result, compared = content.headline_result, content.compared
-    pair, found = surfaces.swept_pair(result), surfaces.error_surfaces(result)
-    if pair is None or not found:
-        return
+    compared = content.compared
     nominal = {} if compared is None or compared.nominal is None else compared.nominal.parameters
-    others = [parameter_label(name) for name in result.parameters if name not in pair]
-    held = f", {joined(others)} as in the best cell" if others else ""
-    caption = (
-        f"Error in every cell of the sweep, section by section{held}; dark is better, each panel has its own "
-        "scale; star: best cell; empty: not simulated."
-    )
-    yield Drawing(draw_surfaces(result, pair, found, nominal), caption)
+    for result in content.sweeps.values():
+        pair, found = surfaces.searched_pair(result), surfaces.error_surfaces(result)
+        if pair is None or not found:
+            continue
+        others = [parameter_label(name) for name in result.parameters if name not in pair]
+        held = f", {joined(others)} as in the best cell" if others else ""
+        caption = (
+            f"Error in every cell of the sweep, section by section{held}; dark is better, each panel has its own "
+            "scale; star: best cell; empty: not simulated."
+        )
+        yield Drawing(draw_surfaces(result, pair, found, nominal), caption)
 
 
 def draw_surfaces(
-    result: CalibrationResult, pair: tuple[str, str], surfaces: Sequence[ErrorSurface], nominal: Mapping[str, float]
+    result: SweepResult, pair: tuple[str, str], surfaces: Sequence[ErrorSurface], nominal: Mapping[str, float]
 ) -> Figure:
     """A panel per surface: cells coloured by error, failed cells empty, the best one marked.
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 @register_figure("search", place=2)
 def history(content: ReportContent) -> Iterator[Drawing]:
     """The loss of every trial of a search, and the best so far."""
-    for label, result in content.searched.items():
+    for label, result in content.calibrations.items():
         found = search_history(result.trials)
         if len(found.losses):
             caption = (

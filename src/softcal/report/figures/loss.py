@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softcal.calibration.result import CalibrationResult, Estimate
+from softcal.calibration.result import Estimate, SearchResult
 from softcal.materials.catalogue import LAWS, constants_of
 from softcal.report.content import Landscape, ReportContent
 from softcal.report.figure import Drawing, register_figure
@@ -46,7 +46,7 @@ MANY_POINTS = 300
 @register_figure("search", place=1)
 def loss(content: ReportContent) -> Iterator[Drawing]:
     """The loss over one or two searched parameters, on a grid or at the trials, with the optimum."""
-    for label, result in content.searched.items():
+    for label, result in content.calibrations.items():
         grid = content.landscapes.get(label) or grid_of_trials(result)
         title = result_label(label)
         figure = draw_loss_map(title, result, grid) or draw_loss_profile(title, result)
@@ -58,7 +58,7 @@ def loss(content: ReportContent) -> Iterator[Drawing]:
             yield Drawing(figure, caption, of=label)
 
 
-def grid_of_trials(result: CalibrationResult) -> Landscape | None:
+def grid_of_trials(result: SearchResult) -> Landscape | None:
     """The trials as a grid over both parameters; None if they do not fill a grid."""
     pair = searched_pair(result)
     if pair is None or len(result.parameters) != 2:
@@ -78,7 +78,7 @@ def grid_of_trials(result: CalibrationResult) -> Landscape | None:
     return Landscape(x_name, y_name, x, y, loss, failed)
 
 
-def draw_loss_map(title: str, result: CalibrationResult, landscape: Landscape | None) -> Figure | None:
+def draw_loss_map(title: str, result: SearchResult, landscape: Landscape | None) -> Figure | None:
     """Paper A's Fig. 5: the loss over E (log) and nu, as contours of a grid if there is one, else as trials.
 
     None if fewer than two parameters were searched and no landscape is given; see `draw_loss_profile`.
@@ -109,7 +109,7 @@ def draw_loss_map(title: str, result: CalibrationResult, landscape: Landscape | 
         return figure
 
 
-def draw_loss_profile(title: str, result: CalibrationResult) -> Figure | None:
+def draw_loss_profile(title: str, result: SearchResult) -> Figure | None:
     """The loss over the only searched parameter; None if there are no trials to draw."""
     name = next(iter(result.parameters), None)
     if name is None:
@@ -137,7 +137,7 @@ def draw_loss_profile(title: str, result: CalibrationResult) -> Figure | None:
         return figure
 
 
-def _scale(result: CalibrationResult, name: str) -> Scale:
+def _scale(result: SearchResult, name: str) -> Scale:
     estimate = result.parameters.get(name)
     if estimate is not None:
         return estimate_scale(estimate)
@@ -161,7 +161,7 @@ def _draw_contours(axes: Axes, landscape: Landscape, scales: tuple[Scale, ...]) 
     return shown
 
 
-def _draw_trials(axes: Axes, result: CalibrationResult, pair: tuple[str, str], scales: tuple[Scale, ...]) -> Any:
+def _draw_trials(axes: Axes, result: SearchResult, pair: tuple[str, str], scales: tuple[Scale, ...]) -> Any:
     known = [trial for trial in result.trials if pair[0] in trial.theta and pair[1] in trial.theta]
     done = [trial for trial in known if trial.state == "COMPLETE" and trial.loss is not None]
     failed = [trial for trial in known if trial.state == "FAILED"]
@@ -190,7 +190,7 @@ def _loss_norm(loss: np.ndarray[Any, Any]) -> tuple[Any, np.ndarray[Any, Any] | 
     return LogNorm(low, high, clip=True), np.geomspace(low, high, 15)
 
 
-def _draw_bounds(axes: Axes, result: CalibrationResult, pair: tuple[str, str], scales: tuple[Scale, ...]) -> None:
+def _draw_bounds(axes: Axes, result: SearchResult, pair: tuple[str, str], scales: tuple[Scale, ...]) -> None:
     x, y = (result.parameters.get(name) for name in pair)
     if x is None or y is None:
         return
@@ -207,7 +207,7 @@ def _draw_bounds(axes: Axes, result: CalibrationResult, pair: tuple[str, str], s
     axes.set_ylim(bottom - margin, top + margin)
 
 
-def _draw_optimum(axes: Axes, result: CalibrationResult, pair: tuple[str, str], scales: tuple[Scale, ...]) -> None:
+def _draw_optimum(axes: Axes, result: SearchResult, pair: tuple[str, str], scales: tuple[Scale, ...]) -> None:
     x, y = (result.parameters.get(name) for name in pair)
     if x is None or y is None:
         return

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softcal.calibration.result import CalibrationResult
+from softcal.calibration.result import SearchResult
 from softcal.checks import Floats
 from softcal.report.content import ExperimentContent, ReportContent
 from softcal.report.figure import Drawing, register_figure
@@ -35,7 +35,7 @@ def has_curves(content: ReportContent) -> bool:
     return any(overview_curves(content.experiments[name], result) for name in result.experiments)
 
 
-def draw_overview(content: ReportContent, result: CalibrationResult) -> Figure:
+def draw_overview(content: ReportContent, result: SearchResult) -> Figure:
     """All experiments of one calibration: measured force as points, the twin as lines, over the cable's travel."""
     from matplotlib.lines import Line2D
 
@@ -84,7 +84,7 @@ def _legend_columns(names: Collection[str]) -> int:
 
 
 def overview_curves(
-    experiment: ExperimentContent, result: CalibrationResult
+    experiment: ExperimentContent, result: SearchResult
 ) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]] | None:
     """Measured and simulated (travel [mm], force [N]), or None where the compared samples do not match the data."""
     fit, data, factor = result.experiments[experiment.name], experiment.prepared, scale_of("m").factor

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
-from softcal.calibration.result import CalibrationResult, Estimate
+from softcal.calibration.result import Estimate, SearchResult
 from softcal.report.content import ReportContent
 from softcal.report.figure import Drawing, register_figure
 from softcal.report.format import (
@@ -32,7 +32,7 @@ def parameter(content: ReportContent) -> Iterator[Drawing]:
         yield Drawing(draw_forest(name, content.results), forest_caption(name, content.results), of=name)
 
 
-def forest_rows(base: str, results: Mapping[str, CalibrationResult]) -> dict[str, Estimate]:
+def forest_rows(base: str, results: Mapping[str, SearchResult]) -> dict[str, Estimate]:
     """Row label -> estimate of one parameter (name without experiment) over all calibrations and experiments."""
     rows: dict[str, Estimate] = {}
     for label, result in results.items():
@@ -44,7 +44,7 @@ def forest_rows(base: str, results: Mapping[str, CalibrationResult]) -> dict[str
     return rows
 
 
-def draw_forest(name: str, results: Mapping[str, CalibrationResult]) -> Figure:
+def draw_forest(name: str, results: Mapping[str, SearchResult]) -> Figure:
     """Forest plot of one parameter over the calibrations that have it: value, 95 % interval if known, bounds."""
     rows = forest_rows(name, results)
     with house_style():
@@ -73,7 +73,7 @@ def draw_forest(name: str, results: Mapping[str, CalibrationResult]) -> Figure:
         return figure
 
 
-def forest_caption(name: str, results: Mapping[str, CalibrationResult]) -> str:
+def forest_caption(name: str, results: Mapping[str, SearchResult]) -> str:
     """Caption of a parameter's chart."""
     having = forest_rows(name, results).values()
     drawn = [estimate for estimate in having if estimate.interval is not None or estimate.standard_error]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
-from softcal.calibration.result import CalibrationResult, Estimate
+from softcal.calibration.result import Estimate, SearchResult
 from softcal.materials.infill import PrintInfill
 from softcal.report.content import ReportContent
 from softcal.report.figure import Drawing, register_figure
@@ -31,7 +31,7 @@ def plausible_modulus(content: ReportContent) -> Iterator[Drawing]:
         yield Drawing(figure, caption)
 
 
-def draw_plausible_modulus(infill: PrintInfill, results: Mapping[str, CalibrationResult]) -> Figure | None:
+def draw_plausible_modulus(infill: PrintInfill, results: Mapping[str, SearchResult]) -> Figure | None:
     """Eq. (5): plausible range of E for this print, with the estimates; None if no E was calibrated."""
     rows: dict[str, Estimate] = {}
     for label, result in results.items():

@@ -1,0 +1,278 @@
+"""The course of every search: ask, evaluate, store, tell, until it is over."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections import Counter
+from collections.abc import Callable, Generator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from softcal.calibration.interrupts import interrupts_held, stoppable
+from softcal.calibration.optimiser import Journal, Optimiser, Proposal
+from softcal.calibration.outcome import Account, installed_versions
+from softcal.calibration.payload import encode
+from softcal.calibration.problem import Evaluation, Problem
+from softcal.calibration.recall import recalled
+from softcal.calibration.result import Trial
+from softcal.calibration.store import RunStore, StoredTrial
+from softcal.calibration.workers import Evaluator
+from softcal.errors import CalibrationError, Fault, ParameterError, StorageError
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Progress of a search.
+
+    Attributes
+    ----------
+    done, total, failed
+        Number of trials done, of all (at most), and of failed ones.
+    best_loss, best_theta
+        The lowest loss so far and its values [SI by label]; None before the first.
+    stage
+        The present computation, where it is not a trial: those after the search may take long.
+    """
+
+    done: int
+    total: int
+    failed: int
+    best_loss: float | None
+    best_theta: Mapping[str, float] | None
+    stage: str = ""
+
+
+Observer = Callable[[Progress], None]
+
+
+@dataclass(frozen=True)
+class Search:
+    """What is searched, and how.
+
+    Attributes
+    ----------
+    problem
+        What is evaluated.
+    optimiser
+        The optimiser's class.
+    begin
+        From the number of points that are asked for at once to the optimiser itself.
+    settings
+        The complete settings as a run stores them and a result reports them; among them `seed` and `batch`.
+    identity
+        What identifies the run: name of the input -> hash.
+    """
+
+    problem: Problem
+    optimiser: type[Optimiser]
+    begin: Callable[[int], Optimiser]
+    settings: Mapping[str, Any]
+    identity: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a search found.
+
+    Attributes
+    ----------
+    best
+        The evaluation with the lowest loss.
+    trials
+        Every evaluation, in order.
+    account
+        Its settings, its end and its cost.
+    folder
+        Where it is stored, or None.
+    announce
+        Tells the observer of a long computation after the search.
+    """
+
+    best: Evaluation
+    trials: tuple[Trial, ...]
+    account: Account
+    folder: Path | None
+    announce: Callable[[str], None]
+
+
+@contextlib.contextmanager
+def searched(
+    search: Search,
+    *,
+    workers: int = 1,
+    store: Path | None = None,
+    resume: bool = False,
+    files: Mapping[str, str] | None = None,
+    progress: Observer | None = None,
+) -> Generator[Found]:
+    """Run a search; its folder and workers are released at the end of the context, when the result is made and written.
+
+    Raises
+    ------
+    ParameterError
+        Where there is no worker.
+    StorageError
+        Where the folder cannot be used, or holds a run of something else.
+    CalibrationError
+        Where no trial could be simulated, or a worker died. The trials are stored.
+    """
+    began = time.perf_counter()
+    if workers < 1:
+        raise ParameterError(Fault("there must be a worker", "workers", got=str(workers), allowed="1 or more"))
+    settings = dict(search.settings)
+    with contextlib.ExitStack() as stack:
+        with interrupts_held():
+            run = _open(search, store, resume, files)
+            if run is not None:
+                stack.enter_context(run)
+                settings["batch"] = run.batch
+        optimiser = search.begin(settings["batch"])
+        journal = None
+        if run is not None:
+            with interrupts_held():
+                journal = optimiser.journal(run.folder)
+        tally = _Tally(search.problem, run, journal, began)
+        evaluator = Evaluator(search.problem, workers=workers, jacobian=optimiser.needs_jacobian)
+        stopped = _course(optimiser, stack.enter_context(evaluator), tally, progress)
+        if tally.best is None:
+            raise CalibrationError(_no_result(tally, stopped))
+        account = Account(
+            optimiser.name,
+            settings["seed"],
+            settings,
+            _stopped_status(tally, optimiser, stopped) if stopped else optimiser.status,
+            tally.n_solves,
+            tally.elapsed(),
+            search.identity,
+            False if stopped and optimiser.converged is not None else optimiser.converged,
+        )
+
+        def announce(stage: str) -> None:
+            if progress is not None:
+                with contextlib.suppress(KeyboardInterrupt):  # there is no search any more to be stopped
+                    progress(_progress(tally, optimiser, stage))
+
+        if optimiser.statistics == "fanova":
+            announce("importances (fANOVA)")
+        yield Found(tally.best, tuple(tally.trials), account, None if run is None else run.folder, announce)
+
+
+@dataclass
+class _Tally:
+    """The trials of a run so far, and the folder they are stored in."""
+
+    problem: Problem
+    run: RunStore | None
+    journal: Journal | None
+    began: float
+    trials: list[Trial] = field(default_factory=list[Trial])
+    best: Evaluation | None = None
+    n_solves: int = 0
+    n_failed: int = 0
+    earlier: float = 0.0  # wall time [s] of the sessions before this one
+
+    def __post_init__(self) -> None:
+        self.known = self.run.stored() if self.run is not None else {}
+        self.earlier = max((stored.elapsed for stored in self.known.values()), default=0.0)
+
+    def elapsed(self) -> float:
+        return self.earlier + time.perf_counter() - self.began
+
+    def recall(self, proposal: Proposal) -> Evaluation | None:
+        """The evaluation of a proposal in an earlier session, or None."""
+        stored = self.known.get(proposal.number)
+        if stored is None or self.run is None:
+            return None
+        return recalled(self.problem, proposal, stored, self.run.folder)
+
+    def note(self, number: int, evaluation: Evaluation, *, jacobian: bool) -> None:
+        """Count a trial, and store it if it is new."""
+        complete = evaluation.loss is not None
+        trial = Trial(
+            number,
+            dict(evaluation.theta),
+            "COMPLETE" if complete else "FAILED",
+            evaluation.loss,
+            evaluation.failure,
+            evaluation.seconds,
+            evaluation.n_factorisations,
+            dict(evaluation.experiment_losses),
+            evaluation.errors,
+        )
+        better = evaluation.loss is not None and (
+            self.best is None or self.best.loss is None or evaluation.loss < self.best.loss
+        )
+        if self.run is not None and number not in self.known:
+            payload = encode(evaluation.observations) if complete and (jacobian or better) else None
+            self.run.append(StoredTrial(trial, evaluation.n_solves, self.elapsed(), payload))
+        if self.journal is not None:
+            self.journal.keep(trial)
+        self.trials.append(trial)
+        self.n_solves += evaluation.n_solves
+        self.n_failed += not complete
+        if better:
+            self.best = evaluation
+
+
+def _course(optimiser: Optimiser, evaluator: Evaluator, tally: _Tally, progress: Observer | None) -> str:
+    """Run the search to its end; returns what interrupted it, "" where nothing did."""
+    try:
+        with stoppable() as stop:
+            while proposals := optimiser.ask():
+                recalled = {p.number: found for p in proposals if (found := tally.recall(p)) is not None}
+                fresh = evaluator.evaluate([p for p in proposals if p.number not in recalled])
+                for proposal in proposals:
+                    stop.heed()
+                    evaluation = recalled.get(proposal.number) or next(fresh)[1]
+                    with interrupts_held():  # a trial is in all files and in the result, or in none of them
+                        tally.note(proposal.number, evaluation, jacobian=optimiser.needs_jacobian)
+                    optimiser.tell(proposal, evaluation)
+                    if progress is not None:
+                        progress(_progress(tally, optimiser))
+    except KeyboardInterrupt as asked:
+        return str(asked) or "the user"
+    return ""
+
+
+def _progress(tally: _Tally, optimiser: Optimiser, stage: str = "") -> Progress:
+    best = tally.best
+    return Progress(
+        len(tally.trials),
+        optimiser.total,
+        tally.n_failed,
+        None if best is None else best.loss,
+        None if best is None else best.theta,
+        stage,
+    )
+
+
+def _open(search: Search, folder: Path | None, resume: bool, files: Mapping[str, str] | None) -> RunStore | None:
+    if folder is None:
+        if resume:
+            raise StorageError(Fault("there is no run to resume without its folder", "store"))
+        return None
+    identity, settings = search.identity, search.settings
+    if resume:
+        return RunStore.resume(folder, identity=identity, settings=settings, grows=search.optimiser.grows)
+    versions = installed_versions()
+    return RunStore.create(folder, identity=identity, settings=settings, versions=versions, files=files)
+
+
+def _no_result(tally: _Tally, stopped: str) -> str:
+    if stopped:
+        return f"Stopped by {stopped} before any trial could be completed ({len(tally.trials)} failed)."
+    reason, count = Counter(trial.reason for trial in tally.trials).most_common(1)[0]
+    return (
+        f"All {len(tally.trials)} trials failed: the twin could not be simulated anywhere. The commonest reason "
+        f"({count} times): {reason} Try: narrower bounds, a stiffer start, or softcal check."
+    )
+
+
+def _stopped_status(tally: _Tally, optimiser: Optimiser, stopped: str) -> str:
+    kept = " Resume the run to go on." if tally.run is not None else ""
+    return (
+        f"Stopped by {stopped} after {len(tally.trials)} of at most {optimiser.total} trials; "
+        f"this is the best so far.{kept}"
+    )

@@ -1,0 +1,118 @@
+"""A run that was read from its folder: of calibrations, or of a sweep."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from softcal.calibration.result import CalibrationResult, Estimate, SearchResult, SweepResult
+from softcal.project.calibration_schema import CalibrationSection
+from softcal.project.project import Project
+
+SWEEP = "sweep"
+"""The label of a sweep, in the place of a calibration's."""
+
+
+@dataclass(frozen=True)
+class Run(ABC):
+    """A stored run.
+
+    Attributes
+    ----------
+    folder
+        Where it is.
+    project
+        The project at the time of the run.
+    settings
+        The settings of its calibrations, or of its sweep.
+    versions, hashes
+        Package -> version; name of an input -> hash.
+    created
+        When it began (ISO 8601).
+    """
+
+    folder: Path
+    project: Project
+    settings: CalibrationSection
+    versions: Mapping[str, str]
+    hashes: Mapping[str, str]
+    created: str
+
+    @property
+    @abstractmethod
+    def headline(self) -> SearchResult:
+        """The result whose values are the run's."""
+
+
+@dataclass(frozen=True)
+class CalibrationRun(Run):
+    """The stored run of one or several calibrations.
+
+    Attributes
+    ----------
+    results
+        Label -> result of every finished calibration.
+    """
+
+    results: Mapping[str, CalibrationResult]
+
+    @property
+    def headline(self) -> CalibrationResult:
+        return headline_of(self.results)[1]
+
+
+@dataclass(frozen=True)
+class SweepRun(Run):
+    """The stored run of a sweep.
+
+    Attributes
+    ----------
+    result
+        Its result, with every cell.
+    """
+
+    result: SweepResult
+
+    @property
+    def headline(self) -> SweepResult:
+        return self.result
+
+
+def headline_of(results: Mapping[str, CalibrationResult]) -> tuple[str, CalibrationResult]:
+    """Label and result to show first: the joint one, the only one, or "" and all combined by `side_by_side`."""
+    if "joint" in results:
+        return "joint", results["joint"]
+    if len(results) == 1:
+        return next(iter(results.items()))
+    return "", side_by_side(results)
+
+
+def side_by_side(results: Mapping[str, CalibrationResult]) -> CalibrationResult:
+    """Separate results combined: each parameter with its experiment in brackets, losses averaged, counts added."""
+    parameters: dict[str, Estimate] = {}
+    importance: dict[str, float] = {}
+    for label, result in results.items():
+        for name, estimate in result.parameters.items():
+            own = name if name.endswith("]") else f"{name}[{label}]"
+            parameters[own] = estimate
+            if name in result.importance:
+                importance[own] = result.importance[name]
+    first = next(iter(results.values()))
+    return replace(
+        first,
+        parameters=parameters,
+        importance=importance,
+        loss=sum(result.loss for result in results.values()) / len(results),
+        n_solves=sum(result.n_solves for result in results.values()),
+        n_factorisations=sum(result.n_factorisations for result in results.values()),
+        wall_s=sum(result.wall_s for result in results.values()),
+        n_failed_trials=sum(result.n_failed_trials for result in results.values()),
+        status=" ".join(f"{label}: {result.status}" for label, result in results.items()),
+        converged=None if first.converged is None else all(result.converged for result in results.values()),
+        experiments={name: fit for result in results.values() for name, fit in result.experiments.items()},
+        held_out={},  # each calibration has its own prediction
+        trials=(),
+        notes=tuple(f"{label}: {note}" for label, result in results.items() for note in result.notes),
+    )

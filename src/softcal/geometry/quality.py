@@ -7,9 +7,6 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components  # pyright: ignore[reportUnknownVariableType]
-from scipy.spatial import KDTree  # pyright: ignore[reportUnknownVariableType, reportAttributeAccessIssue]
 
 from softcal.checks import Floats, Ints
 from softcal.errors import Fault, MeshError
@@ -70,6 +67,8 @@ class MeshReport:
 
 def check_quality(mesh: TetMesh) -> MeshReport:
     """Measure a mesh; never raises an error for a poor one."""
+    from scipy.spatial import KDTree  # pyright: ignore[reportUnknownVariableType, reportAttributeAccessIssue]
+
     corners = mesh.points[mesh.tets[:, :4]]
     lower, upper = mesh.points.min(axis=0), mesh.points.max(axis=0)
     dihedral = _least_dihedral(corners)
@@ -201,6 +200,9 @@ def _volume(mesh: TetMesh) -> float:
 
 
 def _count_parts(mesh: TetMesh, used: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> int:
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components  # pyright: ignore[reportUnknownVariableType]
+
     first = np.repeat(mesh.tets[:, 0], mesh.tets.shape[1] - 1)
     others = mesh.tets[:, 1:].ravel()
     graph = coo_array((np.ones(len(first), dtype=np.int8), (first, others)), shape=(mesh.n_points, mesh.n_points))

@@ -36,9 +36,20 @@ class RodShape(Declared, ABC):
     def centreline(self, arcs: Sequence[float], elements: int) -> Centreline:
         """With nodes at arc lengths [m] from the start, and no element longer than the length over `elements`."""
 
-    def section_faults(self, diameter: float) -> list[Fault]:
+    def wire_faults(self, wire_diameter: float) -> list[Fault]:
         """The faults of a section of an outer diameter [m] that is too thick for the shape."""
         return []
+
+    def require_fitting(self, diameter: float) -> None:
+        """Check the outer diameter [m] of a section.
+
+        Raises
+        ------
+        MeshError
+            Where the shape does not leave room for it.
+        """
+        if faults := self.wire_faults(diameter):
+            raise MeshError(faults)
 
 
 @dataclass(frozen=True)
@@ -99,9 +110,6 @@ class Helix(Coil, RodShape):
     def centreline(self, arcs: Sequence[float], elements: int) -> Centreline:
         at = spaced([arc / self.length for arc in arcs], 1.0 / elements)
         return self.wire(at, base=self.base, axis=self.axis, towards=self.towards)
-
-    def section_faults(self, diameter: float) -> list[Fault]:
-        return self.wire_faults(diameter)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ from collections.abc import Iterable
 import numpy as np
 
 from softcal.checks import Ints
-from softcal.errors import MeshError
 from softcal.geometry import section as sections
 from softcal.geometry.centreline import Centreline
 from softcal.geometry.placement import placed_centreline
@@ -38,8 +37,7 @@ def build_rod(name: str, rod: RodSection, plates: Iterable[str], findings: Findi
         section = _section(rod.section)
         key, shape = rod.shape
         with findings.at((*path, key)):
-            if faults := shape.section_faults(section.outer_diameter):
-                raise MeshError(faults)
+            shape.require_fitting(section.outer_diameter)
             clamped = {
                 plate: _arcs(where, shape.length, (*path, "clamped", plate), findings)
                 for plate, where in rod.clamped.items()

@@ -38,7 +38,7 @@ class Section(BaseModel):
 
         def made(_: Any) -> Any:
             section = handler(read)
-            section._check()
+            section._check()  # noqa: SLF001
             return section
 
         return read_mapping(cls.__name__, data, known, made, faults)

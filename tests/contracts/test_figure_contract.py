@@ -30,7 +30,7 @@ from softcal import Drawing, register_figure
 
 @register_figure("fit")
 def residual_histogram(content):
-    """How often residuals of each size occur."""
+    """A histogram of the residuals."""
     for name, fit in content.headline_result.experiments.items():
         for channel in fit.rmse:
             figure = Figure()

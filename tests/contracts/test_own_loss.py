@@ -29,7 +29,7 @@ from softcal import Loss, Option, quantity, register_loss
 @register_loss
 @dataclass(frozen=True)
 class RelativeLoss(Loss):
-    """The root mean square error in per cent of each value; values near zero count as a share of the largest."""
+    """The root mean square error in per cent of each value; values near zero are replaced by a share of the largest."""
 
     name = "relative"
     rooted, degree, unit = True, 1, "%"

@@ -177,7 +177,7 @@ L = TypeVar("L", bound=type[Loss])
 
 
 def register_loss(loss: L) -> L:
-    """Add a loss of one's own: project files, results and reports know it by its name from then on.
+    """Add a loss: project files, results and reports then accept its name.
 
     A package does the same for every process by an entry point of the group `softcal.losses` that names the class.
 

@@ -115,7 +115,7 @@ F = TypeVar("F", bound=Callable[..., Dataset])
 
 
 def register_step(*, keeps_gaps: bool = False, leaves_out: LeavesOut = "", **settings: Setting) -> Callable[[F], F]:
-    """Add a preparation step of one's own: `prepare:` of a project knows it by the function's name from then on.
+    """Add a preparation step: `prepare:` of a project then accepts the name of the function.
 
     Parameters
     ----------

@@ -99,7 +99,7 @@ ENGINES: Catalogue[Engine] = Catalogue("engine", "softcal.engines", _faults, hom
 
 
 def register_engine(engine: Engine) -> Engine:
-    """Add a program that solves robots: `crosscheck --engines` knows its name, and `--engine` where it can simulate.
+    """Add an engine: `crosscheck --engines` then accepts its name, and `--engine` if it can simulate.
 
     A package does the same for every process by an entry point of the group `softcal.engines` that names the `Engine`.
 

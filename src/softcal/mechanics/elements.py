@@ -66,7 +66,7 @@ def higher_elements() -> tuple[str, ...]:
 
 
 def register_element(element: Element) -> Element:
-    """Add an element of one's own: project files, checks, mesh studies and exports know it by its name from then on.
+    """Add an element: project files, checks, mesh studies and exports then accept its name.
 
     A package does the same for every process by an entry point of the group `softcal.elements` that names the
     `Element`.

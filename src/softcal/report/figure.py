@@ -124,7 +124,7 @@ F = TypeVar("F", bound=Callable[[ReportContent], Iterable[Drawing]])
 
 
 def register_figure(section: Section, place: int = LAST) -> Callable[[F], F]:
-    """Add a figure of one's own: from then on reports have it, and `softcal report --figures` knows its name.
+    """Add a figure: reports and `softcal report --figures` then accept its name.
 
     A package does the same for every process by an entry point of the group `softcal.figures` that names the function.
 

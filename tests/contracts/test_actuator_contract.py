@@ -18,13 +18,19 @@ from softcal.geometry.primitives import box_mesh
 from softcal.geometry.quality import drop_unreferenced
 from softcal.geometry.surface import boundary_faces
 from softcal.mechanics.actuator import Actuator, ActuatorTerm
+from softcal.mechanics.cable import CableTerm
+from softcal.mechanics.damping import Damping
+from softcal.mechanics.dynamics import Dynamics
+from softcal.mechanics.march import Reached, reach
 from softcal.mechanics.node import Line, node_at
 from softcal.mechanics.path import follow
 from softcal.mechanics.state import State, moved, rest_state
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.system import System, build_system
 from softcal.mechanics.term import Connectivity, Controls
-from softcal.twin.build import build_twin
+from softcal.mechanics.time_step import at_rest
+from softcal.twin.build import Twin, build_twin
+from softcal.twin.masses import robot_inertia
 from softcal.twin.parameters import parameter_values
 from softcal.twin.robot import Body, Robot
 
@@ -39,11 +45,12 @@ class ChamberTerm(ActuatorTerm):
     faces: np.ndarray
     sign: np.ndarray
     rest: float
+    most: float = np.inf
     places: tuple[np.ndarray, ...] = ()
 
     @property
     def actuators(self):
-        return (Actuator("chamber", "volume", "m^3", "pressure", "Pa"),)
+        return (Actuator("chamber", "volume", "m^3", "pressure", "Pa", most_effort=self.most),)
 
     def connectivity(self, layout):
         return Connectivity([self.faces])
@@ -85,43 +92,46 @@ def hollow() -> TetMesh:
     return drop_unreferenced(TetMesh(mesh.points, mesh.tets[~inside], {"foot": mesh.node_sets["z0"]}))
 
 
-def chamber() -> tuple[System, dict[str, float]]:
+def chamber(most: float = np.inf) -> Twin:
+    """Of a robot without a cable, and so of a system without their term; most: limit of its pressure [Pa]."""
     mesh = hollow()
-    body = Body("box", mesh, fixed=mesh.node_sets["foot"], parameters=elastic(1e6, 0.4), element="P1")
-    robot = Robot((body,))
-    twin = build_twin(robot)
+    body = Body("box", mesh, fixed=mesh.node_sets["foot"], parameters=elastic(1e6, 0.4), element="P1", density=1e3)
+    twin = build_twin(Robot((body,)))
     outwards = boundary_faces(mesh)
     faces = outwards[(np.abs(mesh.points[outwards]) < 0.26 * EDGE).all(axis=(1, 2))]
     order = np.argsort(faces, axis=1)
     # Out of the body is into the cavity, whose own faces look the other way.
     sign = -np.linalg.det(np.eye(3)[order])
-    term = ChamberTerm(np.take_along_axis(faces, order, axis=1), sign, (EDGE / 2) ** 3)
-    layout = replace(twin.system.layout, n_actuators=1)
-    return build_system(layout, (*twin.system.terms, term)), parameter_values(robot)
+    term = ChamberTerm(np.take_along_axis(faces, order, axis=1), sign, (EDGE / 2) ** 3, most)
+    others = [other for other in twin.system.terms if not isinstance(other, CableTerm)]
+    return replace(twin, system=build_system(replace(twin.system.layout, n_actuators=1), (*others, term)))
 
 
-def cables() -> tuple[System, dict[str, float]]:
-    robot = column_robot(cables=(side_cable("front", (0.05, 0.0)), side_cable("left", (0.0, 0.05))))
-    return build_twin(robot).system, parameter_values(robot)
+def cables() -> Twin:
+    sides = (side_cable("front", (0.05, 0.0)), side_cable("left", (0.0, 0.05)))
+    return build_twin(column_robot(cables=sides, density=1e3))
 
 
-def both() -> tuple[System, dict[str, float]]:
+def both() -> Twin:
     """A cable across the hollow box and its chamber, numbered one after the other."""
-    system, _ = chamber()
-    mesh = hollow()
-    body = Body("box", mesh, fixed=mesh.node_sets["foot"], parameters=elastic(1e6, 0.4), element="P1")
-    corner = EDGE / 2
+    without = chamber()
+    (term,), corner = without.system.of(ChamberTerm), EDGE / 2
     cable = side_cable("front", (corner, corner))
     via = (replace(cable.via_points[0], on="box", at=np.array([corner] * 3)), cable.via_points[-1])
-    robot = Robot((body,), cables=(replace(cable, via_points=via),))
-    twin = build_twin(robot)
-    (term,) = system.of(ChamberTerm)
+    twin = build_twin(replace(without.robot, cables=(replace(cable, via_points=via),)))
     layout = replace(twin.system.layout, n_actuators=2)
-    return build_system(layout, (*twin.system.terms, term)), parameter_values(robot)
+    return replace(twin, system=build_system(layout, (*twin.system.terms, term)))
 
 
-CASES: dict[str, Callable[[], tuple[System, dict[str, float]]]] = {"cables": cables, "chamber": chamber, "both": both}
-every_case = pytest.mark.parametrize("case", CASES)
+TWINS: dict[str, Callable[[], Twin]] = {"cables": cables, "chamber": chamber, "both": both}
+every_case = pytest.mark.parametrize("case", TWINS)
+
+
+def built(case: str) -> tuple[System, dict[str, float]]:
+    twin = TWINS[case]()
+    return twin.system, parameter_values(twin.robot)
+
+
 EFFORT = {"tension": 0.4, "pressure": PRESSURE}
 
 
@@ -141,7 +151,7 @@ def some_state(system: System) -> State:
 
 @every_case
 def test_actuators_are_numbered_one_after_the_other_and_told_in_words(case):
-    system, _ = CASES[case]()
+    system, _ = built(case)
     assert [i for term in system.actuated for i in range(term.own.start, term.own.stop)] == [
         *range(len(system.actuators))
     ]
@@ -154,7 +164,7 @@ def test_actuators_are_numbered_one_after_the_other_and_told_in_words(case):
 
 @every_case
 def test_gradients_are_those_of_the_coordinates(case):
-    system, theta = CASES[case]()
+    system, theta = built(case)
     layout, state = system.layout, some_state(system)
     dz = np.random.default_rng(5).uniform(-1, 1, layout.n_unknowns)
     h = 1e-7
@@ -168,7 +178,7 @@ def test_gradients_are_those_of_the_coordinates(case):
 @every_case
 @pytest.mark.parametrize("is_held", [True, False])
 def test_tangent_is_that_of_the_gradient(case, is_held):
-    system, theta = CASES[case]()
+    system, theta = built(case)
     layout, state = system.layout, some_state(system)
     n = layout.n_actuators
     controls = Controls(np.full(n, is_held), efforts(system), 1.01 * coordinates(system, state))
@@ -188,7 +198,7 @@ def test_tangent_is_that_of_the_gradient(case, is_held):
 
 @every_case
 def test_driven_by_the_effort_or_by_the_coordinate_it_comes_to_one_state(case):
-    system, theta = CASES[case]()
+    system, theta = built(case)
     n, statics = system.layout.n_actuators, Statics(system, theta)
     rest, none = rest_state(system.layout), np.zeros(system.layout.n_actuators)
     line = Line(np.full(n, True), none, none, efforts(system), none)
@@ -208,9 +218,96 @@ def test_driven_by_the_effort_or_by_the_coordinate_it_comes_to_one_state(case):
     statics.release()
 
 
+SHARES = np.array([0.3, 1.0, 0.5])
+
+
+def marched(system: System, theta: dict[str, float], samples: np.ndarray, driven: bool) -> list[State]:
+    """The equilibria at samples (n, n_actuators) of all coordinates (driven) or efforts, each from the one before."""
+    statics, rest, none = Statics(system, theta), rest_state(system.layout), np.zeros(system.layout.n_actuators)
+    last = Reached(rest, Controls(none == 0.0, none, coordinates(system, rest)), np.zeros((0, 0)))
+    states: list[State] = []
+    for wanted in samples:
+        target = Controls(none == 0.0, none if driven else wanted, wanted if driven else last.controls.coordinate)
+        last = reach(statics, last, target, np.full(len(none), driven), ())
+        states.append(last.state)
+    statics.release()
+    return states
+
+
+def moved_slowly(twin: Twin, samples: np.ndarray, driven: bool, step: float = 1e3) -> list[State]:
+    """The same in time: one step [s] for each sample, so long that mass does not matter."""
+    theta = parameter_values(twin.robot)
+    dynamics = Dynamics(twin.system, robot_inertia(twin, twin.robot), theta, Damping())
+    is_held, none = np.full(samples.shape[1], not driven), np.zeros(samples.shape[1])
+
+    def drive(time: float) -> Controls:
+        wanted = samples[round(time / step) - 1]
+        return Controls(is_held, none if driven else wanted, wanted if driven else none)
+
+    now, states = at_rest(rest_state(twin.system.layout)), list[State]()
+    for _ in samples:
+        now = dynamics.advance(now, step, drive)
+        states.append(now.state)
+    dynamics.release()
+    return states
+
+
+@every_case
+def test_samples_are_marched_through_and_moved_through(case):
+    """By efforts, by the coordinates that these give, and both in time: the same states."""
+    twin = TWINS[case]()
+    system, theta = twin.system, parameter_values(twin.robot)
+    pressed = SHARES[:, None] * efforts(system)
+    states = marched(system, theta, pressed, driven=False)
+    ways = np.array([coordinates(system, state) for state in states])
+    assert (np.abs(np.diff(ways, axis=0)) > 0.0).all()
+    others = [
+        marched(system, theta, ways, driven=True),
+        moved_slowly(twin, pressed, driven=False),
+        moved_slowly(twin, ways, driven=True),
+    ]
+    for found in others:
+        for one, other in zip(states, found, strict=True):
+            np.testing.assert_allclose(other.effort, one.effort, rtol=1e-5)
+            np.testing.assert_allclose(other.x, one.x, rtol=0.0, atol=1e-7 * EDGE)
+
+
+@every_case
+def test_one_linear_solve_drives_by_either(case):
+    """A small part of the efforts, and of what they move, in one step."""
+    twin = TWINS[case]()
+    system, theta = twin.system, parameter_values(twin.robot)
+    rest, small = rest_state(system.layout), 1e-4 * efforts(system)
+    (state,) = marched(system, theta, small[None], driven=False)
+    inertia = robot_inertia(twin, twin.robot)
+    for controls in (
+        Controls(np.full(len(small), True), small, coordinates(system, rest)),
+        Controls(np.full(len(small), False), 0.0 * small, coordinates(system, state)),
+    ):
+        dynamics = Dynamics(system, inertia, theta, Damping(), "one-solve")
+        found = dynamics.advance(at_rest(rest), 1e3, lambda time, controls=controls: controls).state
+        np.testing.assert_allclose(found.effort, small, rtol=1e-3)
+        np.testing.assert_allclose(found.x, state.x, rtol=0.0, atol=1e-3 * np.abs(state.x - rest.x).max())
+        dynamics.release()
+
+
+def test_an_effort_stays_within_its_limits():
+    """A chamber whose pressure is limited is not blown up further, and comes back from there."""
+    free, limited = chamber(), chamber(most=0.6 * PRESSURE)
+    theta = parameter_values(free.robot)
+    (end,) = marched(free.system, theta, np.array([[PRESSURE]]), driven=False)
+    volumes = (EDGE / 2) ** 3 + SHARES[:, None] * (coordinates(free.system, end)[0] - (EDGE / 2) ** 3)
+    without = marched(free.system, theta, volumes, driven=True)
+    for found in (marched(limited.system, theta, volumes, driven=True), moved_slowly(limited, volumes, driven=True)):
+        pressures = [state.effort[0] for state in found]
+        assert pressures[1] == 0.6 * PRESSURE < without[1].effort[0]
+        assert coordinates(limited.system, found[1])[0] < volumes[1, 0]
+        np.testing.assert_allclose([pressures[0], pressures[2]], [without[k].effort[0] for k in (0, 2)], rtol=1e-6)
+
+
 def test_a_chamber_swells_as_its_walls_give_way():
     """A small pressure does the work that the walls store: dV/dp = 2 U / p^2."""
-    system, theta = chamber()
+    system, theta = built("chamber")
     statics, pressure = Statics(system, theta), 20.0
     rest = rest_state(system.layout)
     controls = Controls(np.array([True]), np.array([pressure]), np.zeros(1))
@@ -232,7 +329,7 @@ def test_a_chamber_swells_as_its_walls_give_way():
 
 
 def test_more_actuators_than_efforts_are_refused():
-    system, _ = chamber()
+    system, _ = built("chamber")
     with pytest.raises(ValueError, match="1 actuators, and 0 efforts in the layout"):
         build_system(replace(system.layout, n_actuators=0), system.terms)
 

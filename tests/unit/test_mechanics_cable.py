@@ -68,5 +68,5 @@ def test_its_tangent_is_the_gradients(part: float) -> None:
 
 
 def test_what_has_met_is_named() -> None:
-    assert term().meeting(nearer(0.5)) == "via points 1 and 2 of front have met (0.1 mm apart, 200 mm at rest)"
-    assert term().meeting(nearer(2.0)) == ""
+    assert term().at_limit(nearer(0.5)) == "via points 1 and 2 of front have met (0.1 mm apart, 200 mm at rest)"
+    assert term().at_limit(nearer(2.0)) == ""

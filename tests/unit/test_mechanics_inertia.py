@@ -16,7 +16,7 @@ from softcal.geometry.section import rectangular
 from softcal.materials.catalogue import LAWS
 from softcal.materials.law import Law
 from softcal.mechanics.damping import Damping, TimeStep
-from softcal.mechanics.dynamics import pulls_without_push
+from softcal.mechanics.dynamics import efforts_within
 from softcal.mechanics.elements import P1
 from softcal.mechanics.inertia import Rates, element_masses, second_moments
 from softcal.mechanics.solid import SolidTerm, build_solid
@@ -261,8 +261,8 @@ def test_viscosity_of_a_small_motion_is_rayleighs():
 
 def test_cables_of_given_lengths_pull_or_are_slack():
     C = np.array([[2.0, 0.5, 0.0], [0.5, 1.0, 0.2], [0.0, 0.2, 3.0]])
-    np.testing.assert_allclose(pulls_without_push(C, C @ [1.0, 2.0, 3.0]), [1.0, 2.0, 3.0])
-    T = pulls_without_push(C, np.array([1.0, 0.1, -2.0]))
+    np.testing.assert_allclose(efforts_within(np.zeros(3), np.full(3, np.inf), C, C @ [1.0, 2.0, 3.0]), [1.0, 2.0, 3.0])
+    T = efforts_within(np.zeros(3), np.full(3, np.inf), C, np.array([1.0, 0.1, -2.0]))
     left = C @ T - np.array([1.0, 0.1, -2.0])
     assert T[0] > 0.0
     assert T[1] == 0.0

@@ -15,6 +15,7 @@ from softcal.mechanics.cable import build_cables
 from softcal.mechanics.damping import Damping
 from softcal.mechanics.dynamics import Dynamics
 from softcal.mechanics.layout import FIXED, FREE, Layout
+from softcal.mechanics.march import Reached, reach
 from softcal.mechanics.state import rest_state
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.system import System, build_system
@@ -25,7 +26,6 @@ from softcal.twin.masses import robot_inertia
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import respond
 from softcal.twin.start import loaded
-from softcal.twin.taut import Reached, reach
 
 # One point on a spring and a slider, pulled by a cable along x.
 
@@ -182,16 +182,16 @@ def test_slow_motion_is_the_quasi_static_way(step, error):
 
 
 def test_beyond_a_sample_that_was_not_reached_nothing_is_solved():
-    """There is one way to a sample."""
+    """A sample is reached through those before it alone."""
     twin, theta = beside_sliders(FRONT)
     found = respond(twin, theta, Protocol({"front": Command("shortening", np.array([2e-3, 0.15, 2e-3]))}))
     assert not found.succeeded
     assert found.samples == (0,)
-    assert "Sample 3 of 3 was not reached (front 2 mm): the way to it leads through sample 2." in found.status
+    assert "Sample 3 of 3 was not reached (front 2 mm): it comes after sample 2, whose memory is un" in found.status
 
 
 def test_every_sample_is_reached_from_the_one_before_it(monkeypatch):
-    """Not from rest again where that fails: this would forget the way."""
+    """Not from rest again where that fails: this would forget the history."""
     begun = []
 
     def fails_late(statics, last, *others):

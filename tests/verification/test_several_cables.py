@@ -138,10 +138,10 @@ def test_parallel_cables_whose_lengths_follow_from_each_other_are_named(shorteni
     robot = column(FRONT, BACK, MIDDLE, LEFT)
     response = simulate(robot, commands(**{n: ("shortening", [v]) for n, v in d.items()}, left=("shortening", [0.001])))
     assert not response.succeeded
-    assert "The lengths of cables front, back and middle depend on each other" in response.status
+    assert "The shortenings of front, back and middle depend on each other" in response.status
     where, why = response.status.split(": ", maxsplit=1)
     assert where.endswith("left 1 mm)")
     assert "left" not in why
-    assert response.status.endswith("leave it slack.")
+    assert response.status.endswith("Drive one of them by its tension, or not at all.")
     one_by_tension = {n: ("shortening", [v]) for n, v in d.items() if n != "middle"} | {"middle": ("tension", [0.5])}
     assert simulate(robot, commands(**one_by_tension)).succeeded

@@ -21,7 +21,10 @@ from softcal.checks import Floats
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.term import Given, Sum, Term, Theta
 
+NO_GAP = 1e-9  # of a coordinate's scale: a smaller error counts as zero
 NO_EFFORT = 1e-7  # of the largest effort: a smaller one counts as zero
+
+SWITCHING = "actuators keep switching between driven and at a limit of their effort (cables: taut and slack)"
 
 
 @dataclass(frozen=True)
@@ -74,6 +77,18 @@ class ActuatorTerm(Term):
     def coordinate_scales(self, extent: float) -> Floats:
         """Scales of the errors of its coordinates (n,), of a robot of this extent [m]."""
         return np.full(len(self.actuators), extent)
+
+    def coordinate_tolerances(self, extent: float) -> Floats:
+        """Errors of its coordinates (n,) below which they count as reached, of a robot of this extent [m]."""
+        return NO_GAP * self.coordinate_scales(extent)
+
+    def at_limit(self, x: Floats) -> str:
+        """What keeps it from moving further at these positions, as part of a sentence; "" where nothing does."""
+        return ""
+
+    def is_reversed(self, before: Floats, x: Floats) -> bool:
+        """Whether it acts in the opposite direction at x as before (both (n_points, 3)): the robot then jumped."""
+        return False
 
     @cached_property
     def own(self) -> slice:

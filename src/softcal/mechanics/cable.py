@@ -20,7 +20,7 @@ import numba
 import numpy as np
 
 from softcal.checks import Floats, Ints
-from softcal.mechanics.actuator import Actuator, ActuatorTerm
+from softcal.mechanics.actuator import NO_GAP, Actuator, ActuatorTerm
 from softcal.mechanics.cable_friction import CapstanLoss, factor_rates, friction_loss, loss_border
 from softcal.mechanics.layout import FIXED, Layout
 from softcal.mechanics.pattern import Pattern
@@ -29,7 +29,6 @@ from softcal.mechanics.term import Connectivity, Given, Sum, Theta
 if TYPE_CHECKING:
     from softcal.mechanics.system import System
 
-SLACK_LENGTH = 1e-9  # of a cable's length: a smaller excess counts as zero
 MET = 1e-3  # of a segment's length at rest: below it the segment's ends have met
 
 
@@ -156,7 +155,14 @@ class CableTerm(ActuatorTerm):
         np.add.at(lengths, self.cable, least * (3.0 + square * (6.0 - square)) / 8.0)
         return lengths
 
-    def meeting(self, x: Floats) -> str:
+    def coordinate_tolerances(self, extent: float) -> Floats:
+        return NO_GAP * self.rest_length
+
+    def is_reversed(self, before: Floats, x: Floats) -> bool:
+        """Whether one of the segments is."""
+        return len(self.cable) > 0 and bool(np.any((self.vectors(before) * self.vectors(x)).sum(axis=1) < 0.0))
+
+    def at_limit(self, x: Floats) -> str:
         """The via points that have met, as part of a sentence; "" where none have."""
         if len(self.cable) == 0:
             return ""

@@ -1,10 +1,11 @@
 """Motion in time by backward Euler: each step converged by Newton's method, or one linear solve as in SOFA.
 
-A converged step is an equilibrium of the system with inertia (`time_step.py`), found like any other, with the cables'
-forces at the step's end. One linear solve is the first Newton iteration from the step's start, with the cables applied
-as constraints: their directions are those at the step's start, a prescribed tension adds its force along them, and a
-prescribed length is satisfied to first order by the tensions that correct the free motion. That is SOFA's sequence of
-free motion and correction, with one exception: no cable is ever in compression.
+A converged step is an equilibrium of the system with inertia (`time_step.py`), found like any other, with the
+actuators' forces at the step's end. One linear solve is the first Newton iteration from the step's start, with the
+actuators applied as constraints: their directions are those at the step's start, a prescribed effort adds its force
+along them, and a prescribed coordinate is satisfied to first order by the efforts that correct the free motion. That is
+SOFA's sequence of free motion and correction, with one exception: no effort passes its limits, so that no cable is ever
+in compression.
 """
 
 from __future__ import annotations
@@ -16,17 +17,17 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
-from softcal.mechanics.cable import SLACK_LENGTH, cables_of
+from softcal.mechanics.actuator import SWITCHING
 from softcal.mechanics.damping import Damping, Scheme
 from softcal.mechanics.inertia import Inertia
-from softcal.mechanics.node import pushing
+from softcal.mechanics.node import pushing, returning
 from softcal.mechanics.state import State, moved
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.system import System
 from softcal.mechanics.term import Controls
 from softcal.mechanics.time_step import Instant, after, coasting, in_step
 
-# Controls by time: `is_held` marks the cables with prescribed tension; all others have a prescribed length.
+# Controls by time: `is_held` marks the actuators with prescribed effort; all others have a prescribed coordinate.
 Drive = Callable[[float], Controls]
 
 MAX_HALVINGS = 6
@@ -100,36 +101,40 @@ class Dynamics:
             return after(now, self._equilibrium(now.state, wanted), step)
 
     def _equilibrium(self, state: State, wanted: Controls) -> State:
-        """Equilibrium with inertia; cables of prescribed length switch between taut and slack until none is in
-        compression or too long.
+        """Equilibrium with inertia; actuators of prescribed coordinate switch between that and a limit of their effort
+        (cables: taut and slack) until no effort is beyond a limit, and no actuator at one has to be driven.
         """
-        cables = cables_of(self.system)
-        by_length = ~wanted.is_held
-        slack = by_length & (self._excess(state, wanted) <= 0.0) & (state.effort <= 0.0)
-        for _ in range(4 * cables.n_cables + 4):
-            tension = np.where(by_length, 0.0, wanted.effort)
-            controls = replace(wanted, is_held=wanted.is_held | slack, effort=tension)
-            solved = self._statics.equilibrium(replace(state, effort=np.where(slack, 0.0, state.effort)), controls)
+        system, limits = self._statics.system, self._statics.system.effort_limits
+        by_coordinate = ~wanted.is_held
+        limited = np.clip(state.effort, *limits)
+        at_limit = by_coordinate & np.where(
+            state.effort <= limits[0], self._gap(state, wanted) <= 0.0, state.effort >= limits[1]
+        )
+        for _ in range(4 * len(system.actuators) + 4):
+            effort = np.where(by_coordinate, limited, wanted.effort)
+            controls = replace(wanted, is_held=wanted.is_held | at_limit, effort=effort)
+            solved = self._statics.equilibrium(
+                replace(state, effort=np.where(at_limit, limited, state.effort)), controls
+            )
             if not solved.converged:
                 raise SimulationError(f"{solved.status}.")
             state = solved.state
-            pushes = by_length & ~slack & pushing(self.system, state)
-            too_long = slack & (self._excess(state, wanted) > SLACK_LENGTH * cables.rest_length)
-            if not pushes.any() and not too_long.any():
-                return self._statics.system.advanced(state, controls, self.theta)
-            slack = (slack | pushes) & ~too_long
-        raise SimulationError("cables keep switching between taut and slack.")
+            pushes = by_coordinate & ~at_limit & pushing(system, state)
+            returns = at_limit & returning(self._statics, state.effort, self._gap(state, wanted))
+            if not pushes.any() and not returns.any():
+                return system.advanced(state, controls, self.theta)
+            at_limit, limited = (at_limit | pushes) & ~returns, np.clip(state.effort, *limits)
+        raise SimulationError(f"{SWITCHING}.")
 
-    def _excess(self, state: State, wanted: Controls) -> Floats:
-        """Excess of each cable's length over its prescribed length (n_cables,) [m]."""
-        cables = cables_of(self.system)
-        return cables.lengths(state.x) - cables.rest_length + wanted.coordinate
+    def _gap(self, state: State, wanted: Controls) -> Floats:
+        """What each coordinate lacks to the prescribed one (n_actuators,): of a cable, the excess of its length [m]."""
+        return wanted.coordinate - self.system.coordinates(state.x)
 
     def _one_solve(self, now: Instant, step: float, wanted: Controls) -> Instant:
         system = self._begin(now, step)
-        statics, n_cables = self._statics, cables_of(system).n_cables
-        free = Controls(np.ones(n_cables, dtype=bool), np.zeros(n_cables), wanted.coordinate, wanted.load)
-        start = replace(now.state, effort=np.zeros(n_cables))
+        statics, n = self._statics, len(system.actuators)
+        free = Controls(np.ones(n, dtype=bool), np.zeros(n), wanted.coordinate, wanted.load)
+        start = replace(now.state, effort=np.zeros(n))
         at = system.linearise(start, free, self.theta)
         if not at.is_admissible:
             raise SimulationError(f"At {now.time:.6g} s the state cannot be: {at.why_not}. {ADVICE}")
@@ -141,17 +146,18 @@ class Dynamics:
             columns[: system.layout.first_effort_unknown, 1 + k] = system.force_gradient(start, int(i), self.theta)
         solved = statics.solve(columns)
         dz, responses = -solved[:, 0], solved[:, 1:]
-        tension = np.where(wanted.is_held, wanted.effort, 0.0)
-        dz -= responses @ tension[acting]
-        taut = ~wanted.is_held[acting]
-        if taut.any():
-            rows = np.stack([-system.coordinate_gradient(start, int(i)) for i in acting[taut]])
-            rows = np.concatenate([rows, np.zeros((len(rows), n_cables))], axis=1)
-            excess = self._excess(start, wanted)[acting[taut]] + rows @ dz
-            pulls = pulls_without_push(rows @ responses[:, taut], excess)
-            dz -= responses[:, taut] @ pulls
-            tension[acting[taut]] = pulls
-        dz[system.layout.first_effort_unknown :] = tension
+        effort = np.where(wanted.is_held, wanted.effort, 0.0)
+        dz -= responses @ effort[acting]
+        driven = ~wanted.is_held[acting]
+        if driven.any():
+            rows = np.stack([-system.coordinate_gradient(start, int(i)) for i in acting[driven]])
+            rows = np.concatenate([rows, np.zeros((len(rows), n))], axis=1)
+            gap = self._gap(start, wanted)[acting[driven]] + rows @ dz
+            least, most = (limit[acting[driven]] for limit in system.effort_limits)
+            efforts = efforts_within(least, most, rows @ responses[:, driven], gap)
+            dz -= responses[:, driven] @ efforts
+            effort[acting[driven]] = efforts
+        dz[system.layout.first_effort_unknown :] = effort
         state = moved(system.layout, start, dz)
         time = now.time + step
         why_not = system.why_not(state) or ("" if np.isfinite(state.x).all() else "a point is nowhere")
@@ -162,22 +168,25 @@ class Dynamics:
         return after(now, system.advanced(state, free, self.theta), step)
 
 
-def pulls_without_push(compliance: Floats, excess: Floats) -> Floats:
-    """Tensions T >= 0 (n,) with C T >= e, and equal to it where T > 0: cables of prescribed length, taut or slack.
+def efforts_within(least: Floats, most: Floats, compliance: Floats, gap: Floats) -> Floats:
+    """Efforts e (n,) within limits that close the gaps g of prescribed coordinates: C e = g, but for C e > g where an
+    effort is at its lower limit (a slack cable), and C e < g at an upper one.
 
     Raises
     ------
     SimulationError
         Where none are found.
     """
-    n = len(excess)
-    taut = excess > 0.0
+    n = len(gap)
+    e = np.where(np.isfinite(least), least, np.clip(0.0, None, most))
+    driven = np.isinf(least) | (gap > 0.0)
     for _ in range(4 * n + 4):
-        T = np.zeros(n)
-        T[taut] = np.linalg.solve(compliance[np.ix_(taut, taut)], excess[taut])
-        left = excess - compliance @ T
-        pushes, too_long = T < 0.0, ~taut & (left > 1e-12 * np.abs(excess).max(initial=0.0))
-        if not pushes.any() and not too_long.any():
-            return T
-        taut = (taut & ~pushes) | too_long
-    raise SimulationError("Cables keep switching between taut and slack.")
+        free, held = np.flatnonzero(driven), np.flatnonzero(~driven)
+        e[free] = np.linalg.solve(compliance[np.ix_(free, free)], gap[free] - compliance[np.ix_(free, held)] @ e[held])
+        left, close = gap - compliance @ e, 1e-12 * np.abs(gap).max(initial=0.0)
+        passes = driven & ((e < least) | (e > most))
+        returns = ~driven & np.where(e >= most, left < -close, left > close)
+        if not passes.any() and not returns.any():
+            return e
+        e, driven = np.clip(e, least, most), (driven & ~passes) | returns
+    raise SimulationError(f"{SWITCHING}.")

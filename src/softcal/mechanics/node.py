@@ -22,20 +22,20 @@ class Line:
     Attributes
     ----------
     is_held
-        Per cable, whether its tension is prescribed (else its shortening), along the whole line (n_cables,).
-    tension, tension_rate
-        Tension at c = 0 (n_cables,) [N], and its derivative by c.
-    shortening, shortening_rate
-        Shortening at c = 0 (n_cables,) [m], and its derivative by c.
+        Per actuator, whether its effort is prescribed (else its coordinate), along the whole line (n_actuators,).
+    effort, effort_rate
+        Effort at c = 0 (n_actuators,), each in its own unit, and its derivative by c.
+    coordinate, coordinate_rate
+        Coordinate at c = 0 (n_actuators,), each in its own unit, and its derivative by c.
     load, load_rate
         Factor on all dead loads at c = 0 [-], and its derivative by c.
     """
 
     is_held: np.ndarray
-    tension: Floats
-    shortening: Floats
-    tension_rate: Floats
-    shortening_rate: Floats
+    effort: Floats
+    coordinate: Floats
+    effort_rate: Floats
+    coordinate_rate: Floats
     load: float = 1.0
     load_rate: float = 0.0
 
@@ -43,8 +43,8 @@ class Line:
         """Controls at the line's parameter c."""
         return Controls(
             self.is_held,
-            self.tension + c * self.tension_rate,
-            self.shortening + c * self.shortening_rate,
+            self.effort + c * self.effort_rate,
+            self.coordinate + c * self.coordinate_rate,
             self.load + c * self.load_rate,
         )
 
@@ -66,8 +66,8 @@ class Node:
     mixed
         d2z/dc dtheta (n_unknowns, k).
     is_stable
-        Whether its energy is a minimum; also True where a cable would be in compression, which is no equilibrium
-        anyway.
+        Whether its energy is a minimum; also True where an effort is outside its limits, such as of a cable in
+        compression, which is no equilibrium anyway.
     is_snapped
         Whether the robot reached it by snap-through or buckling, from an unstable equilibrium.
     has_snapped
@@ -107,9 +107,9 @@ def node_at(
     stable = bool(pushing(statics.system, state).any()) or statics.n_unstable() == 0
     by_theta = statics.system.gradient_by_parameters(state, at, statics.theta, names)
     dz = -statics.solve(np.column_stack([by_control, by_theta]))
-    # A held cable's tension is prescribed: its rate is the line's.
-    tensions = dz[statics.system.layout.first_effort_unknown :]
-    tensions[line.is_held, 0] = line.tension_rate[line.is_held]
+    # The effort of a held actuator is prescribed: its rate is the line's.
+    efforts = dz[statics.system.layout.first_effort_unknown :]
+    efforts[line.is_held, 0] = line.effort_rate[line.is_held]
     slope, by_parameter = dz[:, 0], dz[:, 1:]
     of_both = mixed_derivatives(statics, controls, state, slope, by_parameter, names if mixed else ())
     return Node(c, state, slope, by_parameter, of_both, stable, free=free)
@@ -123,17 +123,27 @@ def pushing(system: System, state: State) -> np.ndarray:
     return (state.effort < least - none) | (state.effort > most + none)
 
 
+def returning(statics: Statics, effort: Floats, gap: Floats) -> np.ndarray:
+    """Which actuators (n_actuators,), held in the place of being driven, must be driven: those whose effort is not at a
+    limit, or that could close a gap of their coordinate to the prescribed one by leaving it, as a slack cable that is
+    too long.
+    """
+    least, most = statics.system.effort_limits
+    tolerance = statics.system.coordinate_tolerances(statics.length)
+    return np.where(effort <= least, gap > tolerance, (effort < most) | (gap < -tolerance))
+
+
 def _rate_of_gradient(statics: Statics, line: Line, state: State) -> Floats:
     """d reduced gradient / dc at fixed z."""
     system = statics.system
     layout = system.layout
     rate = np.zeros(layout.n_unknowns)
-    rate[layout.first_effort_unknown :] = np.where(line.is_held, 0.0, line.shortening_rate)
+    rate[layout.first_effort_unknown :] = np.where(line.is_held, 0.0, line.coordinate_rate)
     inner = rate[: layout.first_effort_unknown]
     if line.load_rate != 0.0:
         full = np.zeros(3 * layout.n_points + layout.n_pressures)
         full[: 3 * layout.n_points] = -line.load_rate * system.loads.total(statics.theta).ravel()
         inner += system.motion.reduce_gradient(state, full)
-    for i in np.flatnonzero(line.is_held & (line.tension_rate != 0.0)):
-        inner += line.tension_rate[i] * system.force_gradient(state, int(i), statics.theta)
+    for i in np.flatnonzero(line.is_held & (line.effort_rate != 0.0)):
+        inner += line.effort_rate[i] * system.force_gradient(state, int(i), statics.theta)
     return rate

@@ -9,7 +9,6 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
-from softcal.mechanics.cable import cables_of
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.node import Line, Node, node_at, pushing
 from softcal.mechanics.snap_through import is_nearly_free, is_no_snap, settled, snapped
@@ -202,17 +201,16 @@ def go_on_from(statics: Statics, node: Node) -> None:
 
 def _ended(statics: Statics, nodes: list[Node], status: str, names: tuple[str, ...]) -> Path:
     """A path that ends early, with the physical cause where it is known."""
-    met = cables_of(statics.system).meeting(nodes[-1].state.x)
-    return Path(tuple(nodes), False, f"{status}; {met}" if met else status, names)
+    limit = statics.system.at_limit(nodes[-1].state.x)
+    return Path(tuple(nodes), False, f"{status}; {limit}" if limit else status, names)
 
 
 def _strays(statics: Statics, before: State, guess: State, found: State) -> bool:
     """Whether an equilibrium may be on another branch: it is further from the prediction than that is from the
-    equilibrium before, or a cable's segment was reversed. With contact only the latter counts, since predictions are
-    less accurate.
+    equilibrium before, or an actuator was reversed. With contact only the latter counts, since predictions are less
+    accurate.
     """
-    cables = cables_of(statics.system)
-    if len(cables.cable) and np.any((cables.vectors(before.x) * cables.vectors(found.x)).sum(axis=1) < 0.0):
+    if any(term.is_reversed(before.x, found.x) for term in statics.system.actuated):
         return True
     if statics.system.contacts:
         return False

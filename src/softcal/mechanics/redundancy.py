@@ -1,4 +1,4 @@
-"""Cables driven in length together whose lengths depend on each other (redundant constraints)."""
+"""Actuators driven together to coordinates that depend on each other (redundant constraints)."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.mechanics.actuator import Actuator
 
-# Sine, squared, of the angle between a cable's gradient and those of the others below which it lies in their span.
+# Sine, squared, of the angle between a coordinate's gradient and those of the others below which it is in their span.
 _IN_SPAN = 1e-12
 _TAKES_PART = 1e-3
 
@@ -18,7 +19,7 @@ DEPENDENT = "depend on each other here"
 def redundant(gradients: Floats) -> Ints:
     """Which columns take part in a combination that is zero; none where all are independent.
 
-    gradients: of each cable's length by the unknowns, (n_unknowns, n_cables).
+    gradients: of each coordinate by the unknowns, (n_unknowns, n_driven).
     """
     # From the few products alone: this is computed at every Newton step.
     products = gradients.T @ gradients
@@ -29,12 +30,14 @@ def redundant(gradients: Floats) -> Ints:
     return np.flatnonzero(none.max(axis=1, initial=0.0) > _TAKES_PART)
 
 
-def redundant_sentence(names: Sequence[str]) -> str:
+def redundant_sentence(actuators: Sequence[Actuator]) -> str:
     """Sentence on why there is no such state, and on how to avoid it."""
-    if len(names) == 1:
-        return f"Nothing that can move changes the length of cable {names[0]}: it cannot be driven in length."
-    together = f"{', '.join(names[:-1])} and {names[-1]}"
+    names = [actuator.name for actuator in actuators]
+    if len(actuators) == 1:
+        return f"Nothing that can move changes the {actuators[0].coordinate} of {names[0]}: it cannot be prescribed."
+    coordinates = " and ".join(dict.fromkeys(f"{one.coordinate}s" for one in actuators))
+    efforts = " and ".join(dict.fromkeys(f"{one.effort}s" for one in actuators))
     return (
-        f"The lengths of cables {together} {DEPENDENT}: they cannot all be given, and their tensions "
-        "cannot be told apart. Drive one of them by its tension, or leave it slack."
+        f"The {coordinates} of {', '.join(names[:-1])} and {names[-1]} {DEPENDENT}: they cannot all be prescribed, and "
+        f"their {efforts} cannot be told apart. Drive one of them by its {actuators[-1].effort}, or not at all."
     )

@@ -193,7 +193,7 @@ class Statics:
         n_driven = len(border.driven)
         together = redundant(self.unit[:, None] * border.rows[:, :n_driven]) if n_driven else border.driven
         if len(together):
-            raise SimulationError(redundant_sentence([self.system.actuators[border.driven[i]].name for i in together]))
+            raise SimulationError(redundant_sentence([self.system.actuators[border.driven[i]] for i in together]))
 
     def _with_touch(self, data: Floats, touch: Any) -> Factorisation:
         """The factors of the tangent with contacts, whose pattern differs: analysed anew."""

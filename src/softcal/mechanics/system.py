@@ -266,6 +266,18 @@ class System:
             out[n + driven] = rows[:, :k].T @ x
         return out
 
+    def coordinates(self, x: Floats) -> Floats:
+        """The coordinates of all actuators (n_actuators,) at positions of the points (n_points, 3)."""
+        return np.concatenate([NOTHING, *(term.coordinates(x) for term in self.actuated)])
+
+    def coordinate_tolerances(self, extent: float) -> Floats:
+        """Errors of the actuators' coordinates (n_actuators,) below which they count as reached."""
+        return np.concatenate([NOTHING, *(term.coordinate_tolerances(extent) for term in self.actuated)])
+
+    def at_limit(self, x: Floats) -> str:
+        """What keeps actuators from moving further, as part of a sentence; "" where nothing does."""
+        return ", ".join(filter(None, (term.at_limit(x) for term in self.actuated)))
+
     def coordinate_gradient(self, state: State, i: int) -> Floats:
         """dq/dz of one actuator on the unknowns but the efforts (n_unknowns - n_actuators,)."""
         term = self._driver(i)

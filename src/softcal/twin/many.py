@@ -13,6 +13,7 @@ from softcal.checks import Floats
 from softcal.errors import SimulationError
 from softcal.mechanics.cable import cables_of
 from softcal.mechanics.crossing import Crossings
+from softcal.mechanics.march import Reached, reach
 from softcal.mechanics.state import State
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.system import Controls
@@ -23,7 +24,6 @@ from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response, Shown, Snapshot
 from softcal.twin.sensors import channel_units, sense, sense_by_parameters, sense_rates
 from softcal.twin.start import UNDER_LOADS, instability, loaded, slack_line, snapshot
-from softcal.twin.taut import Reached, reach
 from softcal.units import format_quantity
 
 SENTENCES = 3  # samples without an equilibrium whose reasons are given
@@ -59,8 +59,8 @@ def simulate_many(
         instabilities = instability(UNDER_LOADS) if loads.snaps else ""
         # A cable that is commanded in length starts at its present length.
         lengths = cables_of(twin.system).lengths(state.x)
-        slack = replace(slack_line(twin).at(0.0), coordinate=cables_of(twin.system).rest_length - lengths)
-        by_length = _by_length(twin, protocol)
+        slack = replace(slack_line(twin).at(0.0), coordinate=twin.system.coordinates(state.x))
+        by_coordinate = _by_coordinate(twin, protocol)
         begun = reached = Reached(loads.state, slack, np.zeros((0, 0)), has_snapped=loads.snaps)
         for i in range(protocol.n_samples):
             target = _target(twin, protocol, i, slack)
@@ -68,14 +68,14 @@ def simulate_many(
                 failed[i] = why
                 continue
             try:
-                reached = reach(statics, reached, target, by_length, names)
+                reached = reach(statics, reached, target, by_coordinate, names)
             except SimulationError as error:
-                if twin.system.remembers:  # there is one way to a sample: through those before it
+                if twin.system.remembers:  # a sample is reached through those before it alone
                     failed[i] = str(error)
                     continue
                 # The line from the sample before may pass commands without an equilibrium.
                 try:
-                    reached = reach(statics, begun, target, by_length, names)
+                    reached = reach(statics, begun, target, by_coordinate, names)
                 except SimulationError as error:
                     failed[i] = str(error)
                     continue
@@ -87,10 +87,10 @@ def simulate_many(
             if crossings and twin.skins is not None:
                 crossed.append((label, twin.skins.crossings(state.x)))
             out.append((label, drawn_out(twin.system, statics.theta, lengths, state)))
-            if not met and (pairs := cables_of(twin.system).meeting(state.x)):
-                met = f" From sample {i + 1} on {pairs}."
+            if not met and (limit := twin.system.at_limit(state.x)):
+                met = f" From sample {i + 1} on {limit}."
             values.append(_commanded(twin, protocol, i, sense(twin, state)))
-            by_command = _by_command(twin, statics, state, reached.controls, by_length, commanded)
+            by_command = _by_command(twin, statics, state, reached.controls, by_coordinate, commanded)
             sensed = sense_by_parameters(twin, state, reached.by_parameter, names)
             both = np.hstack([sensed, sense_rates(twin, state, by_command)])
             rates.append(_commanded_rates(twin, protocol, labels, both))
@@ -128,7 +128,7 @@ def _beyond(protocol: Protocol, i: int, failed: Collection[int], *, remembers: b
     or comes after one in a robot that remembers; else "".
     """
     if failed and remembers:
-        return f"the way to it leads through sample {min(failed) + 1}."
+        return f"it comes after sample {min(failed) + 1}, whose memory is unknown."
     commands = np.array([command.values for command in protocol.commands.values()])
     for k in failed:
         size = float(np.abs(commands[:, k]).max())
@@ -153,47 +153,42 @@ def _not_reached(protocol: Protocol, failed: Mapping[int, str], n_solved: int) -
     return " ".join(told)
 
 
-def _by_length(twin: Twin, protocol: Protocol) -> np.ndarray:
-    """Which cables are commanded in length."""
-    return np.array(
-        [
-            cable.name in protocol.commands and protocol.commands[cable.name].control == "shortening"
-            for cable in twin.robot.cables
-        ]
-    )
+def _by_coordinate(twin: Twin, protocol: Protocol) -> np.ndarray:
+    """Which actuators are commanded by their coordinate, such as cables by their shortening (n_actuators,)."""
+    commands = ((actuator, protocol.commands.get(actuator.name)) for actuator in twin.system.actuators)
+    return np.array([one is not None and one.control == actuator.coordinate for actuator, one in commands], dtype=bool)
 
 
 def _target(twin: Twin, protocol: Protocol, i: int, now: Controls) -> Controls:
-    tension, shortening = np.zeros_like(now.effort), now.coordinate.copy()
-    for k, cable in enumerate(twin.robot.cables):
-        if cable.name in protocol.commands:
-            command = protocol.commands[cable.name]
-            (tension if command.control == "tension" else shortening)[k] = command.values[i]
-    return Controls(now.is_held, tension, shortening)
+    effort, coordinate = np.zeros_like(now.effort), now.coordinate.copy()
+    for k, actuator in enumerate(twin.system.actuators):
+        if (command := protocol.commands.get(actuator.name)) is not None:
+            (coordinate if command.control == actuator.coordinate else effort)[k] = command.values[i]
+    return Controls(now.is_held, effort, coordinate)
 
 
 def _by_command(
-    twin: Twin, statics: Statics, state: State, now: Controls, by_length: np.ndarray, commanded: tuple[str, ...]
+    twin: Twin, statics: Statics, state: State, now: Controls, by_coordinate: np.ndarray, commanded: tuple[str, ...]
 ) -> Floats:
-    """dz / d command of each cable, by the tangent factorised last: (n_unknowns, number of `commanded`)."""
+    """dz / d command of each actuator, by the tangent factorised last: (n_unknowns, number of `commanded`)."""
     layout = twin.system.layout
-    cables = [cable.name for cable in twin.robot.cables]
+    names = [actuator.name for actuator in twin.system.actuators]
     right = np.zeros((layout.n_unknowns, len(commanded)))
     for column, name in enumerate(commanded):
-        i = cables.index(name)
+        i = names.index(name)
         if not now.is_held[i]:
             right[layout.first_effort_unknown + i, column] = 1.0
-        elif not by_length[i]:
+        elif not by_coordinate[i]:
             right[: layout.first_effort_unknown, column] = twin.system.force_gradient(state, i, statics.theta)
     if not commanded:
         return right
     dz = -statics.solve(right)
-    tensions = dz[layout.first_effort_unknown :]
-    tensions[now.is_held] = 0.0
+    efforts = dz[layout.first_effort_unknown :]
+    efforts[now.is_held] = 0.0
     for column, name in enumerate(commanded):
-        i = cables.index(name)
-        if now.is_held[i] and not by_length[i]:
-            tensions[i, column] = 1.0
+        i = names.index(name)
+        if now.is_held[i] and not by_coordinate[i]:
+            efforts[i, column] = 1.0
     return dz
 
 

@@ -34,8 +34,8 @@ class Protocol:
     """Commands by cable name, all of one length. A cable that is not named is slack (tension zero).
 
     Samples are quasi-static states; where the robot is elastic, their order and repetition do not matter. Where a term
-    remembers (see `softcal.mechanics.memory`) they are a way from rest, followed in their order. With friction along
-    cables, each sample is the state reached by pulling the cables from rest, without ever releasing them.
+    has a memory (see `softcal.mechanics.memory`) they are a load path from rest, solved in their order. With friction
+    along cables, each sample is the state reached by pulling the cables from rest, without ever releasing them.
 
     At snap-through a single driven cable is assumed to be pulled monotonically; several cables follow the sample order.
     """

@@ -8,7 +8,6 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
-from softcal.mechanics.cable import cables_of
 from softcal.mechanics.node import Line, Node, node_at
 from softcal.mechanics.path import follow
 from softcal.mechanics.rod import RodTerm
@@ -29,8 +28,8 @@ def instability(where: str) -> str:
 
 
 def slack_line(twin: Twin) -> Line:
-    """Controls with every cable at prescribed tension zero."""
-    n = cables_of(twin.system).n_cables
+    """Controls with every actuator at prescribed effort zero: all cables slack."""
+    n = twin.system.layout.n_actuators
     return Line(np.ones(n, dtype=bool), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n))
 
 

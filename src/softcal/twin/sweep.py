@@ -78,7 +78,7 @@ class Sweep:
         if self.cable is None:
             return line
         driven = np.arange(len(line.is_held)) == self._i_cable
-        return replace(line, is_held=~driven, shortening_rate=driven.astype(float))
+        return replace(line, is_held=~driven, coordinate_rate=driven.astype(float))
 
     def _start(self) -> Node:
         """The robot under its loads, with the driven cable just taut: c there is L0 - L."""
@@ -87,7 +87,7 @@ class Sweep:
         return replace(node_at(self.statics, self._line, c, start.state, self.names), is_snapped=start.snaps)
 
     def _shortening(self, state: State) -> float:
-        return self._length - float(cables_of(self.twin.system).lengths(state.x)[self._i_cable])
+        return float(self.twin.system.coordinates(state.x)[self._i_cable])
 
     def _slack_node(self, start: Node) -> Node:
         """The same state with the driven cable slack: taking up its slack moves nothing."""
@@ -353,9 +353,9 @@ class Sweep:
         """Sentence, after a blank, on the shortening from which on via points coincide; not for a wound-up cable."""
         for node in path.nodes:
             if node.c < self._length * (1.0 - WOUND_UP) * (1.0 - SAME) and (
-                pairs := cables_of(self.twin.system).meeting(node.state.x)
+                limit := self.twin.system.at_limit(node.state.x)
             ):
-                return f" From {1e3 * node.c:.4g} mm of shortening of {self.cable} on {pairs}."
+                return f" From {1e3 * node.c:.4g} mm of shortening of {self.cable} on {limit}."
         return ""
 
     def _falls(self, path: Path) -> str:

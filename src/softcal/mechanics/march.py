@@ -1,4 +1,6 @@
-"""From one set of commands to the next, with an active-set method for taut and slack cables."""
+"""From one set of commands to the next, with an active-set method for efforts within their limits: of an actuator that
+is driven by its coordinate, either that is as commanded, or its effort is at a limit (a cable: taut, or slack).
+"""
 
 from __future__ import annotations
 
@@ -8,8 +10,8 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
-from softcal.mechanics.cable import SLACK_LENGTH, cables_of
-from softcal.mechanics.node import Line, Node, node_at, pushing
+from softcal.mechanics.actuator import SWITCHING
+from softcal.mechanics.node import Line, Node, node_at, pushing, returning
 from softcal.mechanics.path import follow
 from softcal.mechanics.redundancy import DEPENDENT
 from softcal.mechanics.snap_through import stable_node_at
@@ -34,8 +36,8 @@ class Way:
         """
         line = self.line
         held = line.is_held
-        start = np.where(held, line.tension, line.shortening)
-        rate = np.where(held, line.tension_rate, line.shortening_rate)
+        start = np.where(held, line.effort, line.coordinate)
+        rate = np.where(held, line.effort_rate, line.coordinate_rate)
         wanted = np.where(held, target.effort, target.coordinate)
         if not np.any(rate):
             return None
@@ -61,14 +63,17 @@ class Reached:
     way: Way | None = None
 
 
-def reach(statics: Statics, last: Reached, target: Controls, by_length: np.ndarray, names: tuple[str, ...]) -> Reached:
-    """Solve at the target with an active-set loop: follow a straight line with each cable's taut or slack state kept,
-    release cables in compression, engage over-long ones, and repeat until unchanged.
+def reach(
+    statics: Statics, last: Reached, target: Controls, by_coordinate: np.ndarray, names: tuple[str, ...]
+) -> Reached:
+    """Solve at the target with an active-set loop: follow a straight line with each actuator driven, or held at a limit
+    of its effort, as before (cables: taut or slack); hold those whose effort passes a limit, drive those at a limit
+    again that must be, and repeat until unchanged.
 
     Parameters
     ----------
-    by_length
-        Which cables are commanded in length.
+    by_coordinate
+        Which actuators are commanded by their coordinate.
     names
         Of the parameters by which derivatives are wanted.
 
@@ -77,27 +82,25 @@ def reach(statics: Statics, last: Reached, target: Controls, by_length: np.ndarr
     SimulationError
         Where there is no equilibrium, or none was found.
     """
-    cables = cables_of(statics.system)
+    system = statics.system
     state, snaps = last.state, False
-    # A taut cable moves from its present length to the target's; the check below engages slack ones.
+    # A driven actuator moves from its present coordinate to the target's; the check below drives those at a limit.
     held = last.controls.is_held
-    start = Controls(held, np.where(held, last.controls.effort, 0.0), cables.rest_length - cables.lengths(state.x))
+    start = Controls(held, np.where(held, last.controls.effort, 0.0), system.coordinates(state.x))
     way, end = last.way, None if last.way is None else last.way.to(target)
-    for _ in range(4 * cables.n_cables + 4):
+    for _ in range(4 * len(system.actuators) + 4):
         if way is None or end is None:
-            way, end = Way(_line(start, target), ()), 1.0
+            way, end = Way(_line(start, target, by_coordinate), ()), 1.0
         line, has_snapped = way.line, last.has_snapped or snaps
         statics.seeks_free_modes = has_snapped
-        taut = by_length & ~start.is_held
-        if not np.any(line.tension_rate[start.is_held]) and not np.any(line.shortening_rate[~start.is_held]):
+        driven = by_coordinate & ~start.is_held
+        if not np.any(line.effort_rate[start.is_held]) and not np.any(line.coordinate_rate[~start.is_held]):
             node, way = stable_node_at(statics, line, end, state, names), None
             snaps |= node.is_snapped
         else:
             begin = way.nodes or (replace(node_at(statics, line, 0.0, state, ()), has_snapped=has_snapped),)
             path = follow(statics, line, begin, end, first_step=end - begin[-1].c, names=names)
-            first = next(
-                (i for i, node in enumerate(path.nodes) if (taut & pushing(statics.system, node.state)).any()), None
-            )
+            first = next((i for i, node in enumerate(path.nodes) if (driven & pushing(system, node.state)).any()), None)
             node = path.nodes[-1]
             if not path.reached and first is not None and DEPENDENT not in path.status:
                 # A state with a cable in compression is not admissible: continue from the first one, with it slack.
@@ -108,27 +111,27 @@ def reach(statics: Statics, last: Reached, target: Controls, by_length: np.ndarr
             snaps |= any(node.is_snapped for node in path.nodes[1:])
             way = Way(line, path.nodes[-2:])
         state, here = node.state, line.at(node.c)
-        lengths = cables.lengths(state.x)
-        pushes = taut & pushing(statics.system, state)
-        gap = lengths - cables.rest_length + target.coordinate
-        too_long = by_length & start.is_held & (gap > SLACK_LENGTH * cables.rest_length) & (node.c == end)
-        if not pushes.any() and not too_long.any():
-            controls = replace(target, is_held=start.is_held)
+        coordinates = system.coordinates(state.x)
+        pushes = driven & pushing(system, state)
+        returns = by_coordinate & start.is_held & returning(statics, state.effort, target.coordinate - coordinates)
+        returns &= node.c == end
+        if not pushes.any() and not returns.any():
+            controls = _held(target, start.is_held, start.effort, by_coordinate)
             return _reached(statics, node, controls, names, snaps, last.has_snapped or snaps, way)
         if snaps:
             break  # the snap-through was found with fixed taut and slack states; with switching ones it ends elsewhere
-        is_held = (start.is_held | pushes) & ~too_long
-        tension = np.where(is_held, np.where(by_length, np.maximum(state.effort, 0.0), here.effort), 0.0)
-        start = Controls(is_held, np.where(pushes, 0.0, tension), cables.rest_length - lengths)
+        is_held = (start.is_held | pushes) & ~returns
+        effort = np.where(by_coordinate, np.clip(state.effort, *system.effort_limits), here.effort)
+        start = Controls(is_held, np.where(is_held, effort, 0.0), coordinates)
         if pushes.any():
             state = _released(statics, state, start, pushes)
-            start = replace(start, coordinate=cables.rest_length - cables.lengths(state.x))
+            start = replace(start, coordinate=system.coordinates(state.x))
         way = None
-    return _fallen(statics, last, target, by_length, names)
+    return _fallen(statics, last, target, by_coordinate, names)
 
 
 def _fallen(
-    statics: Statics, last: Reached, target: Controls, by_length: np.ndarray, names: tuple[str, ...]
+    statics: Statics, last: Reached, target: Controls, by_coordinate: np.ndarray, names: tuple[str, ...]
 ) -> Reached:
     """The equilibrium reached by snap-through from the last one, with cables becoming taut or slack meanwhile.
 
@@ -137,23 +140,31 @@ def _fallen(
     SimulationError
         Where none is reached.
     """
-    cables = cables_of(statics.system)
+    system = statics.system
+    least, most = system.effort_limits
+
+    def with_held(is_held: np.ndarray, state: State) -> Controls:
+        return _held(target, is_held, np.clip(state.effort, least, most), by_coordinate)
 
     def switched(state: State, controls: Controls) -> Controls:
-        gap = cables.lengths(state.x) - cables.rest_length + target.coordinate
-        held = controls.is_held
-        is_held = np.where(
-            held, ~by_length | (gap <= SLACK_LENGTH * cables.rest_length), ~held & pushing(statics.system, state)
-        )
-        return controls if np.all(is_held == held) else replace(controls, is_held=is_held)
+        returns = by_coordinate & returning(statics, state.effort, target.coordinate - system.coordinates(state.x))
+        is_held = np.where(controls.is_held, ~returns, pushing(system, state))
+        return controls if np.all(is_held == controls.is_held) else with_held(is_held, state)
 
-    snapped = overdamped_equilibrium(statics, last.state, replace(target, is_held=last.controls.is_held), switched)
+    snapped = overdamped_equilibrium(statics, last.state, with_held(last.controls.is_held, last.state), switched)
     if not snapped.converged:
-        raise SimulationError(f"cables keep switching between taut and slack: {snapped.status}.")
-    controls = switched(snapped.state, replace(target, is_held=~by_length | (snapped.state.effort == 0.0)))
+        raise SimulationError(f"{SWITCHING}: {snapped.status}.")
+    state = snapped.state
+    at_limit = (state.effort == least) | (state.effort == most)
+    controls = switched(state, with_held(~by_coordinate | at_limit, state))
     statics.seeks_free_modes = True
-    node = stable_node_at(statics, _line(controls, controls), 1.0, snapped.state, names)
+    node = stable_node_at(statics, _line(controls, controls, by_coordinate), 1.0, state, names)
     return _reached(statics, node, controls, names, snaps=True, has_snapped=True)
+
+
+def _held(target: Controls, is_held: np.ndarray, effort: Floats, by_coordinate: np.ndarray) -> Controls:
+    """The target with some of the actuators that are commanded by their coordinate held at these efforts instead."""
+    return replace(target, is_held=is_held, effort=np.where(by_coordinate, effort, target.effort))
 
 
 def _reached(
@@ -172,33 +183,31 @@ def _reached(
     return Reached(state, controls, node.by_parameter, snaps, has_snapped, way)
 
 
-def _line(start: Controls, target: Controls) -> Line:
-    """The line from the start (c = 0) to the target (c = 1)."""
+def _line(start: Controls, target: Controls, by_coordinate: np.ndarray) -> Line:
+    """The line from the start (c = 0) to the target (c = 1); what is held at a limit stays there."""
     return Line(
         start.is_held,
         start.effort,
         start.coordinate,
-        np.where(start.is_held, target.effort - start.effort, 0.0),
+        np.where(start.is_held & ~by_coordinate, target.effort - start.effort, 0.0),
         target.coordinate - start.coordinate,
     )
 
 
 def _released(statics: Statics, state: State, held: Controls, pushes: np.ndarray) -> State:
-    """The equilibrium with the cables in compression slack: directly where that converges, else by reducing their
-    compression in steps.
+    """The equilibrium with the actuators whose effort passed a limit held there (cables in compression: slack):
+    directly where that converges, else by reducing what is beyond the limit in steps.
 
     Raises
     ------
     SimulationError
         Where an equilibrium in between does not exist.
     """
-    slack = replace(state, effort=np.where(pushes, 0.0, state.effort))
-    released = statics.equilibrium(slack, held)
+    released = statics.equilibrium(replace(state, effort=np.where(pushes, held.effort, state.effort)), held)
     if released.converged:
         return released.state
-    push = np.where(pushes, state.effort, 0.0)
-    none = np.zeros_like(push)
-    line = Line(held.is_held, held.effort + push, held.coordinate, -push, none)
+    beyond = np.where(pushes, state.effort - held.effort, 0.0)
+    line = Line(held.is_held, held.effort + beyond, held.coordinate, -beyond, np.zeros_like(beyond))
     path = follow(statics, line, node_at(statics, line, 0.0, state, ()), 1.0, first_step=0.2)
     if not path.reached:
         raise SimulationError(f"no equilibrium as a cable goes slack: {path.status}.")

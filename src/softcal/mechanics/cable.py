@@ -34,10 +34,20 @@ MET = 1e-3  # of a segment's length at rest: below it the segment's ends have me
 
 @dataclass(frozen=True)
 class CablePlaces:
-    """Places of the segments' blocks in the tangent's long array; moves (n_points,): whether a point can move."""
+    """Places of the segments' blocks in the tangent's long array.
 
-    pairs: Ints  # (n_pairs, 3)
-    pair_ptr: Ints  # (n_segments + 1,)
+    Attributes
+    ----------
+    pairs
+        Place of each row of each block (n_pairs, 3).
+    pair_ptr
+        The blocks of segment k are pairs[pair_ptr[k]:pair_ptr[k+1]] (n_segments + 1,).
+    moves
+        Whether a point can move (n_points,).
+    """
+
+    pairs: Ints
+    pair_ptr: Ints
     moves: np.ndarray
 
 
@@ -46,11 +56,32 @@ UNPLANNED = CablePlaces(np.zeros((0, 3), dtype=np.int64), np.zeros(1, dtype=np.i
 
 @dataclass(frozen=True)
 class CableTerm(ActuatorTerm):
-    """Segments of all cables. support[ptr[k]:ptr[k+1]]: the points of segment k, ascending; sigma: their signed
-    weights; cable: the cable each segment belongs to; rest_length (n_cables,) [m]; pulled_last (n_cables,): whether the
-    tension is that of the last segment (or of the first), which matters with friction; met (n_segments,) [m]: the
-    length below which a segment's ends have met. by_offset, aligned with sigma: d sigma / d routing offset of the own
-    cable [1/m]; rest_by_offset (n_cables,): d rest_length / d routing offset.
+    """Segments of all cables.
+
+    Attributes
+    ----------
+    names
+        Names of the cables (n_cables,).
+    ptr
+        The entries of segment k are ptr[k]:ptr[k+1] (n_segments + 1,).
+    support
+        Points of the segments (n_entries,), ascending in each.
+    sigma
+        Their signed weights (n_entries,) [-].
+    cable
+        Cable of each segment (n_segments,).
+    rest_length
+        Length of each cable at rest (n_cables,) [m].
+    pulled_last
+        Whether the tension is that of the last segment, or else of the first (n_cables,): matters with friction.
+    met
+        Length below which a segment's ends have met (n_segments,) [m].
+    by_offset
+        d sigma / d routing offset of the own cable (n_entries,) [1/m].
+    rest_by_offset
+        d rest_length / d routing offset (n_cables,) [-].
+    places
+        Places of the blocks in the tangent.
     """
 
     names: tuple[str, ...]

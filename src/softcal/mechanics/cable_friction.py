@@ -26,10 +26,20 @@ SMOOTH = 1e-4
 
 @dataclass(frozen=True)
 class CapstanLoss:
-    """factor (n_segments,): T_k over T. by_mu (n_segments,): d factor / d mu of its cable.
+    """The losses of the tensions, at inner via points of cables with friction, each cable's from the pulled end on.
 
-    Inner via points of cables with friction, each cable's from the pulled end on: near, far (n_vias,): its segment
-    towards the pulled end, and the next one; by_near, by_far (n_vias, 3): d phi / d their vectors; mu (n_vias,).
+    Attributes
+    ----------
+    factor
+        T_k over T of each segment (n_segments,) [-].
+    by_mu
+        d factor / d mu of the own cable (n_segments,) [-].
+    near, far
+        Segment of each via point towards the pulled end, and the next one (n_vias,).
+    by_near, by_far
+        d phi / d vectors of these segments (n_vias, 3) [1/m].
+    mu
+        Friction coefficient at each via point (n_vias,) [-].
     """
 
     factor: Floats

@@ -27,16 +27,32 @@ CCD_ITERATIONS = 1000  # of the search for the time of touch, which is conservat
 
 @dataclass(frozen=True)
 class ContactTerm(Term):
-    """points (n,): the layout's points that are the vertices of the surfaces; X (n, 3) [m]: at rest.
+    """Surfaces, or wires given by their axes, that may touch.
 
-    edges (m, 2) and faces (k, 3) of vertices, those of faces among the edges; gap: distance at which contact begins
-    to push [m]; thickness: what lies between touching vertices, edges and faces [m] (for wires, given by their axes,
-    the diameter); stiffness kappa [Pa]; apart: pairs of vertices (i < j) that never touch, such as neighbours along a
-    rod; patch (n,): vertices of one patch never touch each other (-1: none).
-
-    friction_coefficient [-]: Coulomb's, which needs a time step and is nothing without; creep [m/s]: sliding slower
-    than that takes less friction, down to none at rest, which makes it smooth. before (n, 3) [m], step [s]: see
-    `in_step`. Friction goes by the normal forces at the step's start.
+    Attributes
+    ----------
+    points
+        The layout's points that are the vertices (n,).
+    X
+        Vertices at rest (n, 3) [m].
+    edges, faces
+        Their vertices (m, 2) and (k, 3); the faces' edges are among the edges.
+    gap
+        Distance at which contact begins to push [m].
+    thickness
+        What lies between touching vertices, edges and faces [m]: of wires the diameter.
+    stiffness
+        The barrier's kappa [Pa].
+    apart
+        Pairs of vertices (n_pairs, 2), i < j, that never touch, such as neighbours along a rod.
+    patch
+        Vertices of one patch never touch each other (n,); -1: of none.
+    friction_coefficient
+        Coulomb's [-]; without effect outside a time step. The normal forces are those at the step's start.
+    creep
+        Speed of sliding below which friction decreases to zero [m/s], which makes it smooth.
+    before, step
+        Vertices at the step's start (n, 3) [m], None outside a time step, and its length [s].
     """
 
     points: Ints

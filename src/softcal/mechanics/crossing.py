@@ -20,9 +20,20 @@ Crossings = dict[tuple[str, str], float]
 
 @dataclass(frozen=True)
 class Skins:
-    """points (n,): the layout's points on the skins; X (n, 3) [m]: at rest; faces (k, 3) of these, outward; owner (n,):
-    number of the body of each point in `names`; inset (n,) [m]: how far each is taken in; apart, patch: see
-    `softcal.mechanics.contact.ContactTerm`.
+    """The skins of the bodies.
+
+    Attributes
+    ----------
+    points, X
+        The layout's points on the skins (n,), and their positions at rest (n, 3) [m].
+    faces
+        Faces of these points (k, 3), outward.
+    owner, names
+        Number of each point's body in `names` (n,), and the bodies' names.
+    inset
+        Distance by which each point is moved inwards (n,) [m].
+    apart, patch
+        See `softcal.mechanics.contact.ContactTerm`.
     """
 
     points: Ints

@@ -14,8 +14,14 @@ from softcal.mechanics.pattern import Pattern
 
 @dataclass(frozen=True)
 class FrameBlocks:
-    """unknown (n, k): the unknowns of each element's ends, -1 where a frame is fixed; place (n, k, k): of the entries
-    of its block's upper triangle in the tangent's long array.
+    """Places of the blocks of n elements between frames.
+
+    Attributes
+    ----------
+    unknown
+        The unknowns of each element's frames (n, k), -1 where a frame is fixed.
+    place
+        Places of the entries of its block's upper triangle in the tangent's long array (n, k, k).
     """
 
     unknown: Ints

@@ -29,8 +29,16 @@ CHUNK = 2000  # tets at a time
 
 
 class FrameMasses(NamedTuple):
-    """Moments of the mass on frames: mass (n_frames,) [kg], first (n_frames, 3) [kg m], second (n_frames, 3, 3) [kg
-    m^2].
+    """Moments of the mass on frames.
+
+    Attributes
+    ----------
+    mass
+        Sum of m (n_frames,) [kg].
+    first
+        Sum of m s (n_frames, 3) [kg m].
+    second
+        Sum of m s s^T (n_frames, 3, 3) [kg m^2].
     """
 
     mass: Floats
@@ -45,8 +53,16 @@ class FrameMasses(NamedTuple):
 
 
 class Rates(NamedTuple):
-    """Velocities, or accelerations: of points (n_points, 3) and frames (n_frames, 3), and R' or R'' of the frames
-    (n_frames, 3, 3).
+    """Velocities, or accelerations.
+
+    Attributes
+    ----------
+    points
+        Of points (n_points, 3) [m/s, or m/s^2].
+    frames
+        Of frames (n_frames, 3) [m/s, or m/s^2].
+    turning
+        R' or R'' of the frames (n_frames, 3, 3) [1/s, or 1/s^2].
     """
 
     points: Floats
@@ -55,14 +71,32 @@ class Rates(NamedTuple):
 
 
 class InertialForces(NamedTuple):
-    """On all entities (3 n_points + n_pressures,) and on the moving frames (n, 6): force [N], moment [N m]."""
+    """Mass times accelerations.
+
+    Attributes
+    ----------
+    full
+        Forces on all entities (3 n_points + n_pressures,) [N].
+    on_frames
+        Force [N] and moment [N m] on each moving frame (n_moving_frames, 6).
+    """
 
     full: Floats
     on_frames: Floats
 
 
 class Momentum(NamedTuple):
-    """linear (3,) [kg m/s]; angular (3,) about the origin [kg m^2/s]; kinetic_energy [J]."""
+    """Momentum and energy of the motion.
+
+    Attributes
+    ----------
+    linear
+        Linear momentum (3,) [kg m/s].
+    angular
+        Angular momentum about the origin (3,) [kg m^2/s].
+    kinetic_energy
+        Kinetic energy [J].
+    """
 
     linear: Floats
     angular: Floats
@@ -71,8 +105,20 @@ class Momentum(NamedTuple):
 
 @dataclass(frozen=True)
 class Inertia:
-    """matrix: M, sparse (n_points, n_points) [kg], the same for each direction; data: M where the tangent's pattern has
-    it; blocks: where the moving frames' own entries go.
+    """The mass of a robot.
+
+    Attributes
+    ----------
+    layout
+        The layout of its points and frames.
+    matrix
+        M, sparse (n_points, n_points) [kg], the same for each direction.
+    carried
+        Moments of the mass on the frames.
+    data
+        M where the tangent's pattern has it, in its long array [kg].
+    blocks
+        Where the moving frames' own entries go.
     """
 
     layout: Layout

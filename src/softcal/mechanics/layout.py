@@ -22,9 +22,22 @@ FREE, FIXED, TIED = -1, -2, -3
 
 @dataclass(frozen=True)
 class Layout:
-    """X: rest positions (n_points, 3) [m]; rider: FREE, FIXED, TIED or the frame's number, per point; references: rest
-    positions of the frames' reference points (n_frames, 3) [m], of which the last `n_fixed_frames` do not move; ties:
-    the masters of the tied points.
+    """The supports of the points, and the numbers of the unknowns.
+
+    Attributes
+    ----------
+    X
+        Positions of the points at rest (n_points, 3) [m].
+    rider
+        Of each point FREE, FIXED, TIED, or the number of its frame (n_points,).
+    references
+        Reference points of the frames at rest (n_frames, 3) [m].
+    n_pressures, n_actuators
+        Numbers of nodal pressures and of efforts.
+    n_fixed_frames
+        Number of frames, the last ones, that do not move.
+    ties
+        The masters of the tied points.
     """
 
     X: Floats

@@ -19,7 +19,15 @@ from softcal.errors import Fault, MeshError
 
 @dataclass(frozen=True)
 class Ties:
-    """Flat lists: x[point] follows the sum of weight * x[master] over the entries of that point."""
+    """Points that follow others: x[point] is the sum of weight * x[master] over the entries of that point.
+
+    Attributes
+    ----------
+    point, master
+        Of each entry (n_entries,).
+    weight
+        Of each entry (n_entries,) [-].
+    """
 
     point: Ints
     master: Ints
@@ -31,10 +39,20 @@ NO_TIES = Ties(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zero
 
 @dataclass(frozen=True)
 class Links:
-    """followers: the points that follow; anchor (n_followers, 3) [m]: the constant part of their positions.
+    """What the positions of the points that follow depend on.
 
-    Links to free points: follower (its place in `followers`), master, weight. Links to frames: frame_follower, frame,
-    frame_weight, arm (n, 3) [m] at rest.
+    Attributes
+    ----------
+    followers
+        The points that follow (n_followers,).
+    anchor
+        The constant part of their positions (n_followers, 3) [m].
+    follower, master, weight
+        Of each link to a free point (n_links,): the place in `followers`, the free point, and its weight [-].
+    frame_follower, frame, frame_weight
+        Of each link to a frame (n_frame_links,): the place in `followers`, the frame, and its weight [-].
+    arm
+        Arm of each link to a frame at rest (n_frame_links, 3) [m].
     """
 
     followers: Ints

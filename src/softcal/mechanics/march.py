@@ -51,8 +51,18 @@ class Way:
 class Reached:
     """An equilibrium at some commands.
 
-    state: with the memory that it leaves to the next one; snaps: whether the robot snapped through on the line to it,
-    has_snapped: or before; way: the line to it.
+    Attributes
+    ----------
+    state
+        The equilibrium, with the memory that it leaves to the next one.
+    controls
+        The controls there.
+    by_parameter
+        dz/dtheta at fixed commands (n_unknowns, k).
+    snaps, has_snapped
+        Whether the robot snapped through on the line to it, and whether there or before.
+    way
+        The line to it; None where the next one cannot continue it.
     """
 
     state: State

@@ -22,8 +22,15 @@ class Motion:
     """Followers move as dx = sum of w dx_m + w_k dc_k + omega_k x s_k (see `Links`); all other points are free or
     fixed.
 
-    source, weight_a, weight_b, target: data[target] += data[source] w[weight_a] w[weight_b] folds the side blocks of
-    the tangent into its triangle, K_z = P^T K P.
+    Attributes
+    ----------
+    layout
+        The layout.
+    source, weight_a, weight_b, target
+        data[target] += data[source] w[weight_a] w[weight_b] folds the side blocks of the tangent into its triangle,
+        K_z = P^T K P; w: the nonzeros of P.
+    frame_diagonal
+        Places of the frames' rotation blocks (n_moving_frames, 3, 3) in `data`, upper triangle.
     """
 
     layout: Layout
@@ -31,7 +38,7 @@ class Motion:
     weight_a: Ints
     weight_b: Ints
     target: Ints
-    frame_diagonal: Ints  # (n_moving_frames, 3, 3): places of the rotation block in `data` (upper triangle)
+    frame_diagonal: Ints
 
     def reduce_gradient(self, state: State, gradient: Floats) -> Floats:
         """P^T g for a gradient g on all entities (3 n_points + n_pressures,) -> (n_unknowns - n_actuators,)."""

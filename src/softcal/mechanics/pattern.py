@@ -21,10 +21,23 @@ from softcal.mechanics.layout import Layout
 
 @dataclass(frozen=True)
 class Pattern:
-    """indptr, indices: upper triangle on the unknowns. keys, start: position in `data` of entity pairs.
+    """Where the tangent's entries are in the long array `data`.
 
-    `start[k, i] + j` is the place of entry (i, j) of pair k's block, j >= i where the pair is an entity with itself.
-    side_pairs: (n, 2) the entity pairs of the side blocks, in the order of their storage from nnz on.
+    Attributes
+    ----------
+    indptr, indices
+        Upper triangle on the unknowns, in compressed rows.
+    nnz, size
+        Number of entries of the triangle, and of the whole array.
+    keys
+        Pairs of entities (a, b), a <= b, as a * n_entities + b, ascending (n_pairs,).
+    start
+        `start[k, i] + j` is the place of entry (i, j) of pair k's block (n_pairs, 3), j >= i where the pair is an
+        entity with itself.
+    side_pairs
+        Pairs of entities of the side blocks (n, 2), in the order of their storage from nnz on.
+    n_entities
+        Number of entities.
     """
 
     indptr: Ints

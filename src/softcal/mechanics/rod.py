@@ -74,12 +74,19 @@ class RodResultants(NamedTuple):
 
 @dataclass(frozen=True)
 class RodTerm(Term):
-    """frames (n, 2): numbers of the frames that each element's ends ride on; arm (n, 2, 3): the ends less their frames'
-    reference points at rest [m]; triad (n, 2, 3, 3): the ends' sections at rest, columns d1, d2, d3;
-    length (n,): arc length of each element at rest [m].
+    """The n elements of a rod.
 
-    xi_rest (n, 6): (rho, theta) at rest; by_bending, by_shear (n, 6, 6): the flexibility of the elements is
-    (by_bending + (1 + nu) by_shear) / E.
+    Attributes
+    ----------
+    frames
+        Frames that each element's ends ride on (n, 2).
+    arm, triad
+        The ends less their frames' reference points (n, 2, 3) [m], and their sections' axes d1, d2, d3 in columns
+        (n, 2, 3, 3), at rest.
+    length, xi_rest
+        Arc length (n,) [m], and (rho, theta) (n, 6) [m, rad], at rest.
+    by_bending, by_shear
+        The flexibility of the elements (n, 6, 6) is (by_bending + (1 + nu) by_shear) / E.
     """
 
     name: str

@@ -15,9 +15,20 @@ from softcal.mechanics.state import State, rest_state
 class Sizes:
     """Collected from terms (`Term.measure`).
 
-    shear_modulus: the largest [Pa]; volume: of all material [m^3]; meshed: that of the tets alone, n_tets of them;
-    stiffness: diagonal of the frames' own tangent at rest, on the unknowns; frames: those with such a stiffness, by
-    term.
+    Attributes
+    ----------
+    shear_modulus
+        The largest [Pa].
+    volume, meshed
+        Volume of all material, and of the tets alone [m^3].
+    n_tets
+        Number of tets.
+    frames
+        Frames with a stiffness of their own, by term.
+    stiffness
+        Diagonal of the frames' own tangent at rest (n_unknowns,) [N/m, or N m].
+    rest, extent
+        The undeformed robot, and its size [m].
     """
 
     layout: Layout

@@ -28,18 +28,36 @@ Kinematics = tuple[Floats, Floats, Floats, Floats]
 
 @dataclass(frozen=True)
 class SolidPlaces:
-    """Places of a solid's element blocks in the tangent's long array (see `Pattern`)."""
+    """Places of a solid's element blocks in the tangent's long array (see `Pattern`).
 
-    displacement: Places  # (n_tets, pairs, 3)
-    coupling: Places  # (n_tets, n_a, n_b, 3) or empty
-    pressure: Places  # (n_tets, pairs) or empty
+    Attributes
+    ----------
+    displacement
+        Of pairs of points (n_tets, n_pairs, 3).
+    coupling, pressure
+        Of points with pressures (n_tets, n_a, n_b, 3), and of pairs of pressures (n_tets, n_pairs); empty without.
+    """
+
+    displacement: Places
+    coupling: Places
+    pressure: Places
 
 
 UNPLANNED = SolidPlaces(*(np.zeros((0,) * n_dim, dtype=np.int32) for n_dim in (3, 4, 2)))
 
 
 class _Volume(NamedTuple):
-    """Of a mixed element at its quadrature points: g, g', g'' (3, n); p (n,) [Pa]; 1/kappa [1/Pa]."""
+    """A mixed element at its quadrature points.
+
+    Attributes
+    ----------
+    g
+        g, g' and g'' (3, n) [-].
+    p
+        Pressure (n,) [Pa].
+    compliance
+        1/kappa [1/Pa].
+    """
 
     g: Floats
     p: Floats
@@ -50,9 +68,24 @@ class _Volume(NamedTuple):
 class SolidTerm(Term):
     """Pi = sum over quadrature points of w psi(F), or w (psi_d(F) + p g(J) - p^2/(2 kappa)) with pressures p.
 
-    conn: (n_tets, n_a) point numbers, ascending in each row; dN (n_tets, n_q, n_a, 3) [1/m]; w (n_tets, n_q) [m^3].
-    pressure_conn: (n_tets, n_b) pressure numbers, ascending, or (n_tets, 0) for a pure displacement element;
-    N_p: (n_tets, n_q, n_b) their shape functions.
+    Attributes
+    ----------
+    name
+        Of the material, before its parameters' names.
+    law, compiled
+        The law, and its derivatives to evaluate.
+    conn
+        Points of each tet (n_tets, n_a), ascending in each row.
+    dN
+        Gradients of their shape functions at the quadrature points (n_tets, n_q, n_a, 3) [1/m].
+    w
+        Weights of the quadrature points (n_tets, n_q) [m^3].
+    pressure_conn
+        Pressures of each tet (n_tets, n_b), ascending; (n_tets, 0) of a pure displacement element.
+    N_p
+        Their shape functions at the quadrature points (n_tets, n_q, n_b) [-].
+    places
+        Places of the blocks in the tangent.
     """
 
     name: str

@@ -30,8 +30,16 @@ NOTHING: Floats = np.zeros(0)
 
 @dataclass(frozen=True)
 class Controls:
-    """Per actuator: is_held (its effort is prescribed) with that effort, else its coordinate; load: factor on all dead
-    loads, below one only while they are applied.
+    """What is prescribed.
+
+    Attributes
+    ----------
+    is_held
+        Per actuator, whether its effort is prescribed, or else its coordinate (n_actuators,).
+    effort, coordinate
+        The prescribed values (n_actuators,), each in its own unit; of each actuator one of the two counts.
+    load
+        Factor on all dead loads [-], below one only while they are applied.
     """
 
     is_held: np.ndarray
@@ -61,8 +69,14 @@ class Given(NamedTuple):
 
 
 class Connectivity(NamedTuple):
-    """The connectivity of a term's tangent: groups of entities, arrays (n, k) with ascending rows, and of frames (n,
-    2).
+    """The connectivity of a term's tangent.
+
+    Attributes
+    ----------
+    entities
+        Groups of entities, arrays (n, k) with ascending rows.
+    frames
+        Pairs, or larger groups, of frames: arrays (n, k).
     """
 
     entities: Sequence[Ints] = ()
@@ -72,14 +86,25 @@ class Connectivity(NamedTuple):
 class Sum:
     """Accumulator of the terms' gradients and tangents, zero at first.
 
-    full: gradient on all entities (n_components,), points its (n_points, 3); own: gradient on the unknowns
-    (n_unknowns,), for terms on frames and actuators, efforts its (n_actuators,); data: the tangent's long array (see
-    `Pattern`), or None where none is requested.
-
-    squares: of forces [N^2] in the scale of the residual, besides those in `full`. driven: (actuator, column, row) that
-    border the tangent for an unknown effort; rank_one: (column, row) whose product is added to it (all on entities);
-    outside: values, rows and columns of tangents on the points' components outside the pattern; in_motion: gradients on
-    all entities of forces in motion alone, which are not in the scale of the residual.
+    Attributes
+    ----------
+    full, points
+        Gradient on all entities (n_components,), and its part on the points (n_points, 3) [N], a view.
+    own, efforts
+        Gradient on the unknowns (n_unknowns,), for terms on frames and actuators, and its part on the efforts
+        (n_actuators,), a view.
+    data
+        The tangent's long array (see `Pattern`), or None where none is requested.
+    squares
+        Squares of forces [N^2] that count in the scale of the residual, besides those in `full`.
+    driven
+        (actuator, column, row), both on all entities, that border the tangent for an unknown effort.
+    rank_one
+        (column, row), both on all entities, whose product is added to the tangent.
+    outside
+        (values, rows, columns) of tangents on the points' components outside the pattern.
+    in_motion
+        Gradients on all entities of forces in motion, which do not count in the scale of the residual.
     """
 
     def __init__(self, layout: Layout, size: int | None = None) -> None:

@@ -33,7 +33,17 @@ from softcal.mechanics.term import Connectivity, Controls, Given, Sum, Term, The
 
 @dataclass(frozen=True)
 class Instant:
-    """The robot at a time [s]: its state, velocities [m/s] and the rotations' R' [1/s]."""
+    """The robot at a time.
+
+    Attributes
+    ----------
+    time
+        Time [s].
+    state
+        The state, with the memory that the step to it left.
+    velocities
+        Velocities [m/s], and R' of the frames [1/s].
+    """
 
     time: float
     state: State
@@ -42,7 +52,19 @@ class Instant:
 
 @dataclass(frozen=True)
 class InertialTerm(Term):
-    """Mass, and its damping, in a step from an instant on; step [s], damping: r_m [1/s]."""
+    """Mass, and its damping, in a step.
+
+    Attributes
+    ----------
+    inertia
+        The mass.
+    before
+        The instant at the step's start.
+    step
+        Length of the step [s].
+    damping
+        Rayleigh's r_m [1/s].
+    """
 
     inertia: Inertia
     before: Instant

@@ -24,8 +24,18 @@ from softcal.mechanics.term import Connectivity, Given, Sum, Term
 
 @dataclass(frozen=True)
 class ViscousTerm(Term):
-    """A body's viscosity in one step, between its points conn: lmbda and mu are r_s / h times its moduli [Pa]; C_n
-    (n_tets, n_q, 3, 3): F^T F at the step's start; places: of its blocks in the tangent, as the body's.
+    """A body's viscosity in one step.
+
+    Attributes
+    ----------
+    conn, dN, w
+        As of the body, see `SolidTerm`.
+    lmbda, mu
+        r_s / h times the moduli of the undeformed body [Pa].
+    C_n
+        F^T F at the step's start (n_tets, n_q, 3, 3) [-].
+    places
+        Places of its blocks in the tangent, as the body's.
     """
 
     conn: Ints

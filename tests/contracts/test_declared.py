@@ -26,6 +26,9 @@ from softcal.project.robot_schema import BodySection, CableSection, ContactSecti
 from softcal.project.rod_schema import RodSection
 from softcal.project.section import Section, validated
 from softcal.project.sections import SECTIONS
+from softcal.sensing.sensors.cable import CableSensor
+from softcal.sensing.sensors.marker import MarkerSensor
+from softcal.sensing.sensors.plate import PlateSensor
 from softcal.twin.cables import Cable
 from softcal.twin.robot import Body, Contact, Disc, Plate, Rod
 from softcal.twin.time_settings import Settling, TimeSettings
@@ -125,6 +128,9 @@ STATED: list[tuple[str, Declared]] = [
         Neck(0.04, 3, 0.025, 0.02, 0.01, 0.021, 0.022, 0.008, 0.012, 3.0, 6, tets=900, order=1),
     ),
     ("{size: 6 mm}", Neck(size=0.006)),
+    ("{cable: front}", CableSensor("front")),
+    ("{marker: m4}", MarkerSensor("m4")),
+    ("{plate: top}", PlateSensor("top")),
 ]
 
 # Sections with names to resolve, and what is made of them.

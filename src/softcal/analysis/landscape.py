@@ -18,6 +18,8 @@ from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.problem import Problem, Simulate
 from softcal.checks import Floats
 from softcal.errors import Fault, ParameterError
+from softcal.sensing.channel import ChannelName, channel_name
+from softcal.sensing.sensors.cable import SHORTENING
 from softcal.twin.parameters import parameter_values
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
@@ -55,7 +57,7 @@ def scales_with_modulus(problem: Problem) -> bool:
 
 def _is_pulled_in(experiment: Experiment) -> bool:
     """Whether a single cable is driven, by its shortening."""
-    return [experiment.twin_channel(c).rsplit(".", 1)[1] for c in experiment.drives] == ["shortening"]
+    return [experiment.twin_channel(c).kind for c in experiment.drives] == [SHORTENING]
 
 
 def loss_over(problem: Problem, theta: Mapping[str, float], x: str, y: str, shape: tuple[int, int]) -> LossGrid:
@@ -118,14 +120,14 @@ class ProportionalTwin:
         solved_at, response = self._shape(robot, cable, values)
         if not response.succeeded:  # its samples are not those of the protocol
             return replace(response, channels={}, slopes={}, samples=())
-        grid = response.channels[f"{cable}.shortening"]
+        grid = response.channels[str(ChannelName(SHORTENING, cable))]
         channels: dict[str, Floats] = {}
         for name, values in response.channels.items():
             slopes = response.slopes.get(name)
             read = (
                 np.interp(command.values, grid, values) if slopes is None else _hermite(grid, values, slopes, command)
             )
-            channels[name] = read * (modulus / solved_at) if name.endswith(".tension") else read
+            channels[name] = read * (modulus / solved_at) if channel_name(name).kind.is_force else read
         return replace(response, channels=channels, slopes={})
 
     def _shape(self, robot: Robot, cable: str, values: Mapping[str, float]) -> tuple[float, Response]:

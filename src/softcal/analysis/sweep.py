@@ -105,9 +105,8 @@ def sections(result: SearchResult) -> tuple[ErrorSection, ...]:
     for fit in result.experiments.values():
         for point in fit.distances:
             found.setdefault(point, ErrorSection(point, "m", fit.length))
-        for channel in fit.rmse:
-            if channel.rpartition(".")[0] not in fit.distances:
-                found.setdefault(channel, ErrorSection(channel, fit.units[channel]))
+        for channel in fit.alone:
+            found.setdefault(channel, ErrorSection(channel, fit.units[channel]))
     return tuple(found.values())
 
 

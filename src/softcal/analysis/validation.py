@@ -63,11 +63,9 @@ def pooled_errors(fits: Sequence[ExperimentFit]) -> dict[str, float]:
         for point in fit.distances.values():
             squares["distance"] = squares.get("distance", 0.0) + point.n * point.rms**2
             counts["distance"] = counts.get("distance", 0) + point.n
-        for channel, rmse in fit.rmse.items():
-            if channel.rpartition(".")[0] in fit.distances:
-                continue
+        for channel in fit.alone:
             n = int(np.isfinite(fit.measured[channel]).sum())
-            squares[channel] = squares.get(channel, 0.0) + n * rmse**2
+            squares[channel] = squares.get(channel, 0.0) + n * fit.rmse[channel] ** 2
             counts[channel] = counts.get(channel, 0) + n
     return {name: math.sqrt(squares[name] / counts[name]) for name in squares}
 

@@ -18,7 +18,7 @@ last part alone will do (`tension`, `pitch`).
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -26,26 +26,18 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
 from softcal.experiments.dataset import Dataset
-from softcal.experiments.names import deviation_channel, is_deviation
 from softcal.quantities import QUANTITIES, Quantity, noise_in
+from softcal.sensing.channel import ChannelName, channel_name, offsets, positions
+from softcal.sensing.sensors.cable import SHORTENING, TENSION
 from softcal.twin.parameters import ParameterInfo
 
 Drive = Literal["shortening", "tension"]
 PULLEY_FRICTION = "pulleys.friction_coefficient"
-CABLE_CHANNELS = ("shortening", "tension")
-ANGLES = ("pitch", "roll", "yaw")
-AXES = ("x", "y", "z")
 FRAME_KINDS = {
     **dict.fromkeys(("x", "y", "z"), QUANTITIES["length"]),
     **dict.fromkeys(("rx", "ry", "rz"), QUANTITIES["angle"]),
 }
 FRAME = tuple(f"frame.{axis}" for axis in FRAME_KINDS)
-RIG_KINDS = {
-    "slack": QUANTITIES["slack"],
-    "tension_offset": QUANTITIES["tension offset"],
-    **{f"{angle}_offset": QUANTITIES["angle"] for angle in ANGLES},
-}
-"""Kinds of the rig's parameters by the last part of their names; `FRAME_KINDS` has those of the frame."""
 
 
 @dataclass(frozen=True)
@@ -150,7 +142,7 @@ class Experiment:
     @property
     def cables(self) -> tuple[str, ...]:
         """The cables that are driven or measured."""
-        seen = [name.rsplit(".", 1)[0] for name in map(self.twin_channel, self._cable_channels())]
+        seen = [one.carrier for one in map(channel_name, self.dataset.channels) if one.carrier and one.kind.drives]
         return tuple(dict.fromkeys([*([self.cable] if self.cable else []), *seen]))
 
     @property
@@ -158,29 +150,31 @@ class Experiment:
         """The markers and plates whose positions are compared."""
         return tuple(dict.fromkeys(p for c in self.compared if (p := self.point_of(c))))
 
-    def twin_channel(self, channel: str) -> str:
-        """The twin's name of a channel of the dataset, such as `front.tension`."""
-        if "." in channel:
-            return channel
-        return f"{self.cable}.{channel}" if channel in CABLE_CHANNELS else f"{self.plate}.{channel}"
+    def twin_channel(self, channel: str) -> ChannelName:
+        """The twin's channel of one of the dataset, such as `front.tension` of `tension`."""
+        name = channel_name(channel)
+        return name if name.carrier else replace(name, carrier=self.cable if name.kind.drives else self.plate)
 
     def point_of(self, channel: str) -> str:
         """The marker or plate whose position a channel is a part of; "" for any other channel."""
-        owner, _, kind = self.twin_channel(channel).rpartition(".")
-        return owner if kind in AXES else ""
+        return self.twin_channel(channel).point
+
+    def parts_of(self, point: str) -> tuple[str, ...]:
+        """The compared coordinates of a marker or plate, in the order of the axes."""
+        names = {self.twin_channel(channel): channel for channel in self.compared}
+        return tuple(names[part] for part in positions(point) if part in names)
 
     def seen(self, channel: str) -> np.ndarray:
         """Mask of the measured samples of a compared channel; of a position, those with all its compared
         coordinates.
         """
         point = self.point_of(channel)
-        parts = [c for c in self.compared if self.point_of(c) == point] if point else [channel]
-        parts = [c for c in parts if c in self.dataset.channels]
+        parts = [c for c in self.parts_of(point) if c in self.dataset.channels] if point else [channel]
         return np.all([np.isfinite(self.dataset.values(part)) for part in parts], axis=0)
 
     def sigma(self, channel: str) -> Floats:
         """The noise of every sample of a channel, 0 where unknown: the table's `_sd` column, or the channel's own."""
-        deviation = self.dataset.channels.get(deviation_channel(channel))
+        deviation = self.dataset.channels.get(str(channel_name(channel).deviation))
         if deviation is not None:
             return deviation.values
         return np.full(self.dataset.n_samples, self.dataset.channels[channel].sigma)
@@ -189,36 +183,36 @@ class Experiment:
         """The nominal rig parameters by dotted name."""
         values: dict[str, float] = {}
         for cable in self.cables:
-            values |= {f"{cable}.slack": self.rig.slack, f"{cable}.tension_offset": self.rig.tension_offset}
+            nominal = {SHORTENING: self.rig.slack, TENSION: self.rig.tension_offset}
+            values |= {ChannelName(kind, cable).offset: value for kind, value in nominal.items()}
         for channel in self.dataset.channels:
             name = self.twin_channel(channel)
-            if name.rsplit(".", 1)[-1] in ANGLES:
-                values[f"{name}_offset"] = self.rig.angle_offsets.get(channel, 0.0)
+            if not name.kind.drives and name.offset and not name.is_deviation:
+                values[name.offset] = self.rig.angle_offsets.get(channel, 0.0)
         if self.rig.pulleys is not None:
             values[PULLEY_FRICTION] = self.rig.pulleys.friction_coefficient
         if self.points:
             values |= {f"frame.{axis}": self.rig.frame.get(axis, 0.0) for axis in FRAME_KINDS}
         return {name: self.settings.get(name, value) for name, value in values.items()}
 
-    def _cable_channels(self) -> list[str]:
-        return [c for c in self.dataset.channels if "." in c and c.rsplit(".", 1)[1] in CABLE_CHANNELS]
-
     def _comparable(self) -> tuple[str, ...]:
-        channels = [c for c in self.dataset.channels if c not in self.drives and not is_deviation(c)]
-        short = [c for c in channels if c in (*CABLE_CHANNELS, "pitch") and (self.cable or c == "pitch")]
-        short.sort(key=("tension", "shortening", "pitch").index)
-        return (*short, *(c for c in channels if "." in c))
+        channels = {c: channel_name(c) for c in self.dataset.channels if c not in self.drives}
+        channels = {c: name for c, name in channels.items() if not name.is_deviation}
+        of_cable = [c for c, name in channels.items() if not name.carrier and name.kind.compared]
+        short = [c for c in of_cable if self.cable or not channels[c].kind.drives]
+        short.sort(key=lambda c: channels[c].kind.compared)
+        return (*short, *(c for c, name in channels.items() if name.carrier))
 
     def _drive_faults(self) -> list[Fault]:
         faults: list[Fault] = []
         for channel in self.drives:
-            if self.twin_channel(channel).rsplit(".", 1)[-1] not in CABLE_CHANNELS:
+            if not self.twin_channel(channel).kind.drives:
                 allowed = "the tension or shortening of a cable, such as cable1.tension"
                 faults.append(Fault("this channel cannot drive the twin", self.name, got=channel, allowed=allowed))
             elif channel in self.dataset.channels and not np.all(np.isfinite(self.dataset.values(channel))):
                 rows = _rows(~np.isfinite(self.dataset.values(channel)))
                 faults.append(Fault("a channel that drives the twin has no value", self.name, f"{channel}, {rows}"))
-        owners = [self.twin_channel(channel).rsplit(".", 1)[0] for channel in self.drives]
+        owners = [self.twin_channel(channel).carrier for channel in self.drives]
         faults += [
             Fault("a cable is driven twice", self.name, got=owner)
             for owner in sorted(set(owners))
@@ -274,7 +268,7 @@ def rig_kind(name: str) -> Quantity | None:
     owner, _, kind = name.rpartition(".")
     if name == PULLEY_FRICTION:
         return QUANTITIES["friction coefficient"]
-    return FRAME_KINDS.get(kind) if owner == "frame" else RIG_KINDS.get(kind)
+    return FRAME_KINDS.get(kind) if owner == "frame" else offsets().get(kind)
 
 
 def _rows(missing: np.ndarray) -> str:

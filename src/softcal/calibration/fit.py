@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from softcal.calibration.experiment import AXES, Experiment
+from softcal.calibration.experiment import Experiment
 from softcal.calibration.loss import rms, rms_detrended
 from softcal.calibration.observation import Observation
 from softcal.calibration.result import Distance, ExperimentFit
@@ -50,8 +50,8 @@ def _distances(experiment: Experiment, errors: dict[str, Floats]) -> dict[str, D
     """The distances of every marker and plate with all three coordinates compared."""
     found: dict[str, Distance] = {}
     for point in experiment.points:
-        parts = {c.rsplit(".", 1)[-1]: c for c in experiment.compared if experiment.point_of(c) == point}
-        if set(parts) == set(AXES):
-            away = np.sqrt(sum(errors[parts[axis]] ** 2 for axis in AXES))
+        parts = experiment.parts_of(point)
+        if len(parts) == 3:
+            away = np.sqrt(sum(errors[part] ** 2 for part in parts))
             found[point] = Distance(float(away.mean()), float(away.max()), rms(away), len(away))
     return found

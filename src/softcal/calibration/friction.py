@@ -11,6 +11,7 @@ import numpy as np
 from softcal.calibration.experiment import Experiment
 from softcal.errors import Fault
 from softcal.experiments.steps.branches import PULLEY_STEP, branch_of
+from softcal.sensing.sensors.cable import TENSION
 from softcal.twin.protocol import let_go_fault, lets_go
 from softcal.twin.robot import Robot
 
@@ -24,7 +25,7 @@ def pulley_faults(experiment: Experiment) -> list[Fault]:
     """Tensions corrected for the pulleys as on one branch although the samples are of both branches."""
     corrected = any(s.name == PULLEY_STEP and s.settings["exponent"] > 0.0 for s in experiment.dataset.provenance)
     turning = experiment.rig.pulleys is not None and experiment.rig.pulleys.turning > 0.0
-    tensions = [c for c in (*experiment.drives, *experiment.compared) if c.rsplit(".", 1)[-1] == "tension"]
+    tensions = [c for c in (*experiment.drives, *experiment.compared) if experiment.twin_channel(c).kind == TENSION]
     if not tensions or not (corrected or turning) or not _lets_go(experiment):
         return []
     return [

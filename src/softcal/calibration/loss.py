@@ -15,11 +15,12 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from softcal.calibration.experiment import AXES, Experiment
+from softcal.calibration.experiment import Experiment
 from softcal.catalogue import Catalogue
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
 from softcal.quantities import Quantity
+from softcal.sensing.channel import channel_name
 
 # What else the `calibration` of a project file has: no option can be called so.
 TAKEN = ("fit", "hold_out", "loss", "method", "options", "seed", "split", "starts", "trials")
@@ -49,7 +50,7 @@ class Block:
         """Whether it is proportional to moduli, as forces and the prior of a modulus are; positions and
         angles are not.
         """
-        return not self.experiment or self.channel.rpartition(".")[2] == "tension"
+        return not self.experiment or channel_name(self.channel).kind.is_force
 
 
 @dataclass(frozen=True)
@@ -141,7 +142,7 @@ class Loss(ABC):
 
     def noise_group(self, block: Block) -> str:
         """The group of channels of one kind, such as every marker's x, whose noise has one size."""
-        return block.channel.rpartition(".")[2]
+        return channel_name(block.channel).kind.name
 
     @abstractmethod
     def faults(self, experiments: Sequence[Experiment]) -> list[Fault]:
@@ -235,7 +236,7 @@ def errors_by_point(blocks: Sequence[Block]) -> dict[str, dict[str, float]]:
     found: dict[str, dict[str, list[Floats]]] = {}
     for block in blocks:
         if block.experiment:
-            alone = sum(b.experiment == block.experiment and b.point == block.point for b in blocks) < len(AXES)
+            alone = sum(b.experiment == block.experiment and b.point == block.point for b in blocks) < 3
             name = block.channel if alone or not block.point else block.point
             found.setdefault(block.experiment, {}).setdefault(name, []).append(block.residual)
     return {

@@ -9,12 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softcal.calibration.experiment import AXES, FRAME, PULLEY_FRICTION, Experiment
+from softcal.calibration.experiment import FRAME, PULLEY_FRICTION, Experiment
 from softcal.calibration.frame import rotation, rotation_rates
 from softcal.checks import Floats
 from softcal.errors import Fault, ParameterError
 from softcal.experiments.steps.branches import branch_of
 from softcal.experiments.steps.pulleys import pulley_gain
+from softcal.sensing.channel import ChannelName, positions
+from softcal.sensing.sensors.cable import SHORTENING, TENSION
 from softcal.twin.protocol import Command
 from softcal.twin.response import Response
 from softcal.units import format_quantity
@@ -41,10 +43,9 @@ def commands(experiment: Experiment, rig: Mapping[str, float]) -> dict[str, Comm
     """The commands to the twin's cables, sample by sample, under the given rig values."""
     told: dict[str, Command] = {}
     for channel in experiment.drives:
-        cable, _, control = experiment.twin_channel(channel).rpartition(".")
-        told[cable] = Command(
-            "tension" if control == "tension" else "shortening", _controls(experiment, rig, channel)[0]
-        )
+        driven = experiment.twin_channel(channel)
+        control = "tension" if driven.kind == TENSION else "shortening"
+        told[driven.carrier] = Command(control, _controls(experiment, rig, channel)[0])
     return told
 
 
@@ -59,10 +60,10 @@ def slack_faults(experiment: Experiment) -> list[Fault]:
     rig = experiment.rig_values()
     longest: dict[str, float] = {}
     for channel in experiment.dataset.channels:
-        cable, _, kind = experiment.twin_channel(channel).rpartition(".")
-        if kind == "shortening" and f"{cable}.slack" in rig:
-            longest[cable] = float(np.nanmax(experiment.dataset.values(channel)))
-    slack = {cable: rig[f"{cable}.slack"] for cable in longest}
+        name = experiment.twin_channel(channel)
+        if name.kind == SHORTENING and not name.is_deviation and name.offset in rig:
+            longest[name.carrier] = float(np.nanmax(experiment.dataset.values(channel)))
+    slack = {cable: rig[ChannelName(SHORTENING, cable).offset] for cable in longest}
     if not longest or any(slack[cable] <= 0.0 or slack[cable] < most for cable, most in longest.items()):
         return []
     cable = max(longest, key=lambda name: longest[name])
@@ -89,8 +90,8 @@ def observe(
     ParameterError
         Where the twin has no channel that is to be compared.
     """
-    points = [f"{point}.{axis}" for point in experiment.points for axis in AXES]
-    wanted_channels = dict.fromkeys([*map(experiment.twin_channel, experiment.compared), *points])
+    points = [part for point in experiment.points for part in positions(point)]
+    wanted_channels = dict.fromkeys(map(str, [*map(experiment.twin_channel, experiment.compared), *points]))
     missing = [name for name in wanted_channels if name not in response.channels]
     if missing:
         allowed = ", ".join(response.channels)
@@ -108,14 +109,14 @@ def observe(
     predicted: dict[str, Floats] = {}
     derivatives: dict[str, dict[str, Floats]] = {}
     for channel in experiment.compared:
-        point = experiment.point_of(channel)
-        if point:
-            axis = AXES.index(channel.rsplit(".", 1)[-1])
-            predicted[channel] = placed[point][0][:, axis]
-            derivatives[channel] = {p: values[:, axis] for p, values in placed[point][1].items()}
+        name = experiment.twin_channel(channel)
+        if name.point:
+            place, by = placed[name.point]
+            predicted[channel] = place[:, name.kind.axis]
+            derivatives[channel] = {p: values[:, name.kind.axis] for p, values in by.items()}
         else:
-            name = experiment.twin_channel(channel)
-            predicted[channel], derivatives[channel] = _read(experiment, rig, channel, raw[name], slopes[name])
+            seen = raw[str(name)], slopes[str(name)]
+            predicted[channel], derivatives[channel] = _read(experiment, rig, name, *seen)
     return Observation(
         predicted,
         derivatives,
@@ -141,7 +142,7 @@ def _slope(
         if len(experiment.drives) == 1:
             along = response.slopes[name][samples]
         else:
-            along = own[experiment.twin_channel(channel)][samples]
+            along = own[str(experiment.twin_channel(channel))][samples]
         slope = slope + along * changed[parameter]
     return slope
 
@@ -156,7 +157,8 @@ def _placed(
     """A point of the twin as seen in the rig's frame, (n, 3), and its derivatives."""
     frame = np.array([rig.get(name, 0.0) for name in FRAME])
     R = rotation(frame[3:])
-    p = np.column_stack([raw[f"{point}.{axis}"] for axis in AXES])
+    parts = [str(part) for part in positions(point)]
+    p = np.column_stack([raw[part] for part in parts])
     rates = rotation_rates(frame[3:])
     derivatives: Derivatives = {}
     for name in names:
@@ -164,42 +166,39 @@ def _placed(
             k = FRAME.index(name)
             derivatives[name] = np.tile(np.eye(3)[k], (len(p), 1)) if k < 3 else p @ rates[k - 3].T
         else:
-            derivatives[name] = np.column_stack([slopes[f"{point}.{axis}"][name] for axis in AXES]) @ R.T
+            derivatives[name] = np.column_stack([slopes[part][name] for part in parts]) @ R.T
     return p @ R.T + frame[:3], derivatives
 
 
 def _read(
     experiment: Experiment,
     rig: Mapping[str, float],
-    channel: str,
+    name: ChannelName,
     raw: Floats,
     slopes: Mapping[str, Floats],
 ) -> tuple[Floats, Derivatives]:
     """A channel of the twin as measured by its instrument: gain and offset, and the derivatives."""
-    name = experiment.twin_channel(channel)
-    owner, _, kind = name.rpartition(".")
-    gain, by_friction = _pulley_gain(experiment, rig) if kind == "tension" else (1.0, 0.0)
-    offset = {"tension": f"{owner}.tension_offset", "shortening": f"{owner}.slack"}.get(kind, f"{name}_offset")
+    gain, by_friction = _pulley_gain(experiment, rig) if name.kind == TENSION else (1.0, 0.0)
     derivatives = {p: gain * slope for p, slope in slopes.items()}
     if PULLEY_FRICTION in derivatives:
         derivatives[PULLEY_FRICTION] = derivatives[PULLEY_FRICTION] + by_friction * raw
-    if offset in derivatives:
-        derivatives[offset] = derivatives[offset] + 1.0
-    return gain * raw + rig.get(offset, 0.0), derivatives
+    if name.offset in derivatives:
+        derivatives[name.offset] = derivatives[name.offset] + 1.0
+    return gain * raw + rig.get(name.offset, 0.0), derivatives
 
 
 def _controls(experiment: Experiment, rig: Mapping[str, float], channel: str) -> tuple[Floats, Derivatives]:
     """A cable's control per sample, and its derivatives by the rig parameters that it depends on."""
-    cable, _, control = experiment.twin_channel(channel).rpartition(".")
+    driven = experiment.twin_channel(channel)
     measured = experiment.dataset.values(channel)
-    if control == "shortening":
+    if driven.kind == SHORTENING:
         # Negative values too: a cable drawn out by the sagging robot is slack there, and taut at zero.
-        return measured - rig[f"{cable}.slack"], {f"{cable}.slack": -np.ones_like(measured)}
+        return measured - rig[driven.offset], {driven.offset: -np.ones_like(measured)}
     gain, by_friction = _pulley_gain(experiment, rig)
-    free = (measured - rig[f"{cable}.tension_offset"]) / gain
+    free = (measured - rig[driven.offset]) / gain
     pulled = (free > 0).astype(float)
     controls = np.maximum(free, 0.0)
-    derivatives = {f"{cable}.tension_offset": -pulled / gain}
+    derivatives = {driven.offset: -pulled / gain}
     if experiment.rig.pulleys is not None:
         derivatives[PULLEY_FRICTION] = -controls * by_friction / gain
     return controls, derivatives

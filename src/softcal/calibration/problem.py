@@ -15,7 +15,8 @@ from typing import Protocol as TypingProtocol
 
 import numpy as np
 
-from softcal.calibration.experiment import AXES, Experiment, rig_parameters
+from softcal.calibration.answered import channel_faults
+from softcal.calibration.experiment import Experiment, rig_parameters
 from softcal.calibration.friction import friction_faults
 from softcal.calibration.loss import Block, Loss, by_experiment, errors_by_point, gradient, require, total
 from softcal.calibration.losses.papers import PapersLoss
@@ -23,7 +24,7 @@ from softcal.calibration.observation import Observation, commands, observe
 from softcal.calibration.parameters import FreeParameter, SearchSpace, search_space
 from softcal.calibration.trajectory import Member, Trajectory
 from softcal.checks import Floats
-from softcal.errors import Fault, InputError, ParameterError, SimulationError, nearest
+from softcal.errors import Fault, InputError, ParameterError, SimulationError
 from softcal.twin.parameters import ParameterInfo, out_of_range, robot_parameters, unknown_name
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response
@@ -349,8 +350,6 @@ def make_problem(
 def _part_faults(robot: Robot, experiments: Sequence[Experiment]) -> list[Fault]:
     names = [experiment.name for experiment in experiments]
     cables = [cable.name for cable in robot.cables]
-    plates = [plate.name for plate in robot.plates]
-    markers = [marker.name for marker in robot.markers]
     faults = [Fault("two experiments share a name", got=name) for name in sorted(set(names)) if names.count(name) > 1]
     for name in sorted(name for name in names if not re.fullmatch(r"[\w.+-][\w.+ -]*", name)):
         faults.append(
@@ -368,28 +367,8 @@ def _part_faults(robot: Robot, experiments: Sequence[Experiment]) -> list[Fault]
             for cable in experiment.cables
             if cable not in cables
         ]
-        owners = {experiment.twin_channel(c).rpartition(".")[0] for c in experiment.compared} - set(experiment.cables)
-        faults += [_unknown_owner(experiment, owner, plates, markers) for owner in sorted(owners - {*plates, *markers})]
-        faults += [
-            Fault("a marker has no angles", experiment.name, got=channel, allowed=f"{owner}.x, {owner}.y, {owner}.z")
-            for channel in experiment.compared
-            for owner, kind in [experiment.twin_channel(channel).rsplit(".", 1)]
-            if owner in markers and kind not in AXES
-        ]
+        faults += channel_faults(robot, experiment)
     return faults
-
-
-def _unknown_owner(experiment: Experiment, owner: str, plates: Sequence[str], markers: Sequence[str]) -> Fault:
-    if not any("." in c and c.rpartition(".")[0] == owner for c in experiment.compared):
-        return Fault("the robot has no such plate", experiment.name, got=owner, allowed=", ".join(plates) or "none")
-    known = [*markers, *plates]
-    return Fault(
-        "the robot has no such marker or plate",
-        experiment.name,
-        got=owner,
-        allowed=", ".join(known) or "none",
-        attempt=nearest(owner, known),
-    )
 
 
 def _real_simulate() -> Simulate:

@@ -12,6 +12,7 @@ import numpy as np
 
 from softcal.calibration.parameters import Scale
 from softcal.checks import Floats
+from softcal.sensing.channel import channel_name
 
 BEYOND = 2.0  # standard errors
 """A bound is active where the best value without it lies further beyond it than this."""
@@ -163,6 +164,11 @@ class ExperimentFit:
     distances: Mapping[str, Distance] = field(default_factory=dict[str, Distance])
     length: float | None = None
     missing: Mapping[str, int] = field(default_factory=dict[str, int])
+
+    @property
+    def alone(self) -> tuple[str, ...]:
+        """The compared channels that are no coordinate of a distance."""
+        return tuple(channel for channel in self.rmse if channel_name(channel).point not in self.distances)
 
     @property
     def n_values(self) -> int:

@@ -158,5 +158,5 @@ def _trials_csv(result: SearchResult) -> str:
 
 def _told(fit: ExperimentFit) -> dict[str, str]:
     """The unit of every reported error of an experiment: of markers and plates, and of all other channels."""
-    others = {c: fit.units[c] for c in fit.rmse if c.rpartition(".")[0] not in fit.distances}
+    others = {c: fit.units[c] for c in fit.alone}
     return {**dict.fromkeys(fit.distances, "m"), **others}

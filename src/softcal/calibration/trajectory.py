@@ -38,7 +38,7 @@ class Trajectory:
         _, told = self.members[0]
         if len(told) < 2 or not any(free & control_parameters(experiment) for experiment, _ in self.members):
             return []
-        return [f"{cable}.{command.control}" for cable, command in told.items()]
+        return list(Protocol(told).drives)
 
     def samples(self) -> list[tuple[Experiment, Samples]]:
         if not self.members[0][1]:
@@ -54,7 +54,7 @@ class Trajectory:
         whole = response.over(self.protocol().n_samples)
         lacking: dict[str, str] = {}
         for experiment, samples in self.samples():
-            for channel in map(experiment.twin_channel, experiment.compared):
+            for channel in (str(experiment.twin_channel(c)) for c in experiment.compared):
                 values = whole.channels.get(channel)
                 if values is not None and not np.all(np.isfinite(values[samples])):
                     lacking.setdefault(experiment.name, channel)

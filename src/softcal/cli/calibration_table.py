@@ -90,7 +90,7 @@ def _error_lines(fits: Iterable[tuple[str, ExperimentFit]]) -> list[tuple[str, s
     for name, fit in fits:
         if fit.distances:
             lines[name, ""] = None
-        lines.update({(name, c): None for c in fit.rmse if c.rpartition(".")[0] not in fit.distances})
+        lines.update({(name, c): None for c in fit.alone})
     return list(lines)
 
 

@@ -10,11 +10,13 @@ import numpy as np
 
 from softcal.errors import DatasetError, Fault, UnitError, nearest
 from softcal.experiments.columns import Filter
-from softcal.experiments.names import ANGLES, CHANNEL_UNITS, QUATERNION, channel_unit
+from softcal.experiments.orientation import QUATERNION
 from softcal.experiments.table import Table, bare_unit, is_unit, load_table, split_header
+from softcal.sensing.channel import channel_name, channel_unit, kinds
+from softcal.sensing.sensors.plate import ANGLES
 from softcal.units import unit_factor
 
-_COLUMN_UNITS = {**CHANNEL_UNITS, **dict.fromkeys(QUATERNION, "1"), "mass": "kg"}
+MASS = "mass"  # a mass that hangs from a cable: its weight is the tension
 
 
 @dataclass(frozen=True)
@@ -129,20 +131,22 @@ def raise_faults(faults: list[Fault], unit_faults: list[Fault]) -> None:
 
 def column_unit(channel: str) -> str | None:
     """SI unit of a column's channel; None for an unknown channel."""
-    if channel in _COLUMN_UNITS:
-        return _COLUMN_UNITS[channel]
-    owner, _, kind = channel.rpartition(".")
-    return "kg" if owner and "." not in owner and kind == "mass" else channel_unit(channel)
+    if channel in QUATERNION:
+        return "1"
+    name = channel_name(channel)
+    is_mass = name.kind.name == MASS and "." not in name.carrier and not name.is_deviation
+    return "kg" if is_mass else channel_unit(channel)
 
 
 def _check_channels(path: Path, columns: Mapping[str, ColumnSpec]) -> None:
     where = f"columns for {path.name}"
+    allowed = [*kinds(), *QUATERNION, MASS]
     faults = [
         Fault(
             f"no channel goes by the name '{key}'",
             where=where,
-            allowed=", ".join(_COLUMN_UNITS) + "; with the part's name before it, such as cable1.tension or m4.x",
-            attempt=nearest(key, _COLUMN_UNITS),
+            allowed=", ".join(allowed) + "; with the part's name before it, such as cable1.tension or m4.x",
+            attempt=nearest(key, allowed),
         )
         for key in columns
         if column_unit(key) is None
@@ -151,10 +155,10 @@ def _check_channels(path: Path, columns: Mapping[str, ColumnSpec]) -> None:
     if quaternion and len(quaternion) < 4:
         missing = ", ".join(key for key in QUATERNION if key not in columns)
         faults.append(Fault("a quaternion needs all four columns", where=where, got=f"no {missing}"))
-    if quaternion and any(key in columns for key in ANGLES):
+    if quaternion and any(angle.name in columns for angle in ANGLES):
         faults.append(Fault("angles and quaternions exclude each other", where=where))
     if not columns:
-        faults.append(Fault("no column is asked for", where=where, allowed=", ".join(_COLUMN_UNITS)))
+        faults.append(Fault("no column is asked for", where=where, allowed=", ".join(allowed)))
     if faults:
         raise DatasetError(faults)
 

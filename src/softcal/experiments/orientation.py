@@ -14,6 +14,8 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
 
+QUATERNION = ("qw", "qx", "qy", "qz")
+
 
 def plate_angles(
     quaternions: Floats, *, axes: Sequence[str] = ("x", "y", "z"), rest_samples: int = 10

@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from softcal.experiments.dataset import Dataset
-from softcal.experiments.names import ANGLES
 from softcal.experiments.steps.branches import curve
+from softcal.sensing.channel import channel_name
 
 STIFFNESS_RANGE = (10.0, 1e5)  # [N/m]
-_MAX_TRAVEL = 1.0  # [m]
-_MAX_TENSION = 5e3  # [N]
 _MAX_SPEED = 1.0  # [m/s]
 _MIN_ANGLE = 1e-3  # [rad]
 _BINS = 20
@@ -20,7 +18,7 @@ _FLOOR = 0.1  # share of the force's range that still counts as slack
 
 def check_plausible(dataset: Dataset) -> tuple[str, ...]:
     """One sentence for each suspected wrong unit, sign or column; empty if there is none."""
-    return (*_stiffness(dataset), *_ranges(dataset), *_angles(dataset), *_time(dataset), *_repeated(dataset))
+    return (*_stiffness(dataset), *_ranges(dataset), *_swing(dataset), *_time(dataset), *_repeated(dataset))
 
 
 def _stiffness(dataset: Dataset) -> list[str]:
@@ -62,35 +60,27 @@ def _stiffness(dataset: Dataset) -> list[str]:
 
 def _ranges(dataset: Dataset) -> list[str]:
     warnings: list[str] = []
-    for key, limit, unit, guess in (
-        ("shortening", _MAX_TRAVEL, "m", "mm read as m"),
-        ("tension", _MAX_TENSION, "N", "N read as kN"),
-    ):
-        if key in dataset.channels:
-            largest = float(np.max(np.abs(dataset.values(key))))
-            if largest > limit:
-                warnings.append(f"{dataset.name}: {key} reaches {largest:.3g} {unit}, above {limit:g} {unit}: {guess}?")
+    for key, measured in dataset.channels.items():
+        kind = channel_name(key).kind
+        largest = float(np.abs(measured.values[np.isfinite(measured.values)]).max(initial=0.0))
+        if largest > kind.most:
+            unit, factor = ("deg", np.degrees(1.0)) if kind.is_angle else (kind.unit, 1.0)
+            reached = f"reaches {factor * largest:.3g} {unit}, above {factor * kind.most:g} {unit}"
+            warnings.append(f"{dataset.name}: {key} {reached}: {kind.mistake}?")
     return warnings
 
 
-def _angles(dataset: Dataset) -> list[str]:
-    warnings: list[str] = []
-    for key in ANGLES:
-        if key in dataset.channels:
-            largest = float(np.max(np.abs(dataset.values(key))))
-            if largest > np.pi:
-                warnings.append(
-                    f"{dataset.name}: {key} reaches {np.degrees(largest):.3g} deg, above 180 deg: degrees read as rad?"
-                )
-    if {"pitch", "shortening"} <= dataset.channels.keys():
-        swing = float(np.ptp(dataset.values("pitch")))
-        travel = float(np.ptp(dataset.values("shortening")))
-        if travel > 5e-3 and swing < _MIN_ANGLE:
-            warnings.append(
-                f"{dataset.name}: pitch swings by {np.degrees(swing):.3g} deg over {travel * 1000:.3g} mm of "
-                f"shortening: rad read as deg, or the wrong axis of the IMU?"
-            )
-    return warnings
+def _swing(dataset: Dataset) -> list[str]:
+    if not {"pitch", "shortening"} <= dataset.channels.keys():
+        return []
+    swing = float(np.ptp(dataset.values("pitch")))
+    travel = float(np.ptp(dataset.values("shortening")))
+    if travel <= 5e-3 or swing >= _MIN_ANGLE:
+        return []
+    return [
+        f"{dataset.name}: pitch swings by {np.degrees(swing):.3g} deg over {travel * 1000:.3g} mm of "
+        f"shortening: rad read as deg, or the wrong axis of the IMU?"
+    ]
 
 
 def _time(dataset: Dataset) -> list[str]:

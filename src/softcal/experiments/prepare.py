@@ -13,10 +13,10 @@ from typing import Any
 
 from softcal.errors import DatasetError, Fault, InputError, nearest
 from softcal.experiments.dataset import Dataset
-from softcal.experiments.names import CHANNEL_UNITS, channel_unit
 from softcal.experiments.step import STEPS, PreparationStep, Setting
 from softcal.limits import LIMITS
 from softcal.quantities import QUANTITIES
+from softcal.sensing.channel import channel_unit, kinds
 from softcal.units import parse_quantity
 
 
@@ -140,7 +140,7 @@ def _parse_setting(
         case "channel":
             if isinstance(value, str) and channel_unit(value) is not None:
                 return value
-            raise _wrong(where, value, ", ".join(CHANNEL_UNITS), nearest(str(value), CHANNEL_UNITS))
+            raise _wrong(where, value, ", ".join(kinds()), nearest(str(value), kinds()))
         case "cycles":
             if isinstance(value, Sequence) and not isinstance(value, str) and value:
                 numbers: list[object] = list(value)

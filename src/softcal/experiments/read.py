@@ -14,9 +14,9 @@ from softcal.errors import DatasetError, Fault, InputError
 from softcal.experiments.columns import N_NAMED, Columns, Filter, Odd, cells_of, read_columns
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.experiments.header import ColumnSpec, column_unit, raise_faults, read_layout
-from softcal.experiments.names import ANGLES, QUATERNION
-from softcal.experiments.orientation import plate_angles
+from softcal.experiments.orientation import QUATERNION, plate_angles
 from softcal.experiments.table import WHITESPACE, Table
+from softcal.sensing.sensors.plate import ANGLES
 
 _N_VALUES = 10  # values of a column listed in a fault
 
@@ -211,13 +211,13 @@ def _channels(
             raise DatasetError(
                 [replace(fault, where=f"{table.path}, {fault.where}") for fault in error.faults]
             ) from error
-        values.update(zip(ANGLES, angles, strict=True))
+        values.update(zip((angle.name for angle in ANGLES), angles, strict=True))
         notes.append(
             f"quaternions turned into pitch, roll and yaw about the mean pose of the first "
             f"{min(rest_samples, len(quaternions))} samples, robot axes {', '.join(axes)} of the sensor"
         )
     else:
-        for key in ANGLES:
+        for key in (angle.name for angle in ANGLES):
             if key in values:
                 unwrapped = np.unwrap(values[key]) if (np.abs(np.diff(values[key])) >= np.pi).any() else values[key]
                 if not np.array_equal(unwrapped, values[key]):

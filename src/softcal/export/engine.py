@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,6 +11,9 @@ from softcal.catalogue import Catalogue
 from softcal.checks import Floats
 from softcal.errors import Fault, SimulationError
 from softcal.export.sofa_settings import SofaSettings
+from softcal.sensing.channel import ChannelName
+from softcal.sensing.kind import ChannelKind
+from softcal.sensing.sensors.cable import SHORTENING, TENSION
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response, Snapshot
 from softcal.twin.robot import Robot
@@ -125,8 +128,12 @@ def state_of(response: Response) -> EngineState:
     shape = response.snapshots[-1]
     names = list(shape.tensions)
     return EngineState(
-        tensions={name: float(response.channels[f"{name}.tension"][-1]) for name in names},
-        shortenings={name: float(response.channels[f"{name}.shortening"][-1]) for name in names},
+        tensions=_last(response, TENSION, names),
+        shortenings=_last(response, SHORTENING, names),
         plates=shape.plates,
         points={**shape.points, **shape.rods},
     )
+
+
+def _last(response: Response, kind: ChannelKind, cables: Iterable[str]) -> dict[str, float]:
+    return {name: float(response.channels[str(ChannelName(kind, name))][-1]) for name in cables}

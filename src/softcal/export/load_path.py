@@ -8,6 +8,8 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.mechanics.cable import cables_of
+from softcal.sensing.channel import ChannelName
+from softcal.sensing.sensors.cable import TENSION
 from softcal.twin.build import Twin, twin_of
 from softcal.twin.parameters import parameter_values
 from softcal.twin.protocol import Command, Protocol
@@ -55,13 +57,13 @@ def load_path(robot: Robot, end: Snapshot) -> LoadPath:
     share = np.arange(1, n + 1) / n
     first, last = (shortenings(twin, positions(twin, shape)) for shape in (begin, end))
     commands = {name: Command("shortening", first[name] + share * (last[name] - first[name])) for name in taut}
-    by = [f"{name}.shortening" for name in taut]
+    by = list(Protocol(commands).drives)
     response = simulate(robot, Protocol(commands), sensitivities=by, snapshots=True, curve_tolerance=0.0)
     pulls = [{name: float(command.values[i]) for name, command in commands.items()} for i in range(n)]
     found = [shape for pull in pulls for shape in response.snapshots if _is_at(shape, pull)]
     if not response.succeeded or len(found) != n or not _are_same(twin, found[-1], end):
         return LoadPath((end,), taut, None)
-    rows = [response.sensitivities[f"{name}.tension"] for name in taut]
+    rows = [response.sensitivities[str(ChannelName(TENSION, name))] for name in taut]
     stiffness = np.array([[float(row[name][-1]) for name in by] for row in rows])
     theta = parameter_values(robot)
     is_loaded = bool(np.any(twin.system.loads.total(theta)))

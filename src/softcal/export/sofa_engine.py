@@ -22,7 +22,7 @@ from softcal.export.sofa_settings import SofaSettings
 from softcal.twin.build import Twin, twin_of
 from softcal.twin.parameters import robot_parameters, unknown_name, with_parameters
 from softcal.twin.protocol import Command, Protocol, command_faults
-from softcal.twin.response import Response
+from softcal.twin.response import Response, by_column
 from softcal.twin.robot import Robot
 from softcal.twin.sensors import channel_units
 
@@ -74,7 +74,7 @@ class SofaEngine:
         """
         robot = with_parameters(robot, theta or {})
         known = robot_parameters(robot)
-        commanded = {f"{cable}.{command.control}": cable for cable, command in protocol.commands.items()}
+        commanded = protocol.drives
         self.require(robot)
         faults = command_faults(robot, protocol)
         faults += [unknown_name(n, {**known, **commanded}) for n in sensitivities if n not in {**known, **commanded}]
@@ -126,7 +126,7 @@ class _EngineRun:
                     break
         units = channel_units(twin)
         return Response(
-            channels={channel: seen.values[:, k] for k, channel in enumerate(units)},
+            channels=by_column(units, seen.values),
             units=units,
             status=self._status(outcome, seen) if succeeded else f"SOFA: {failure}.",
             succeeded=succeeded,
@@ -134,7 +134,7 @@ class _EngineRun:
             sensitivities={
                 channel: {name: values[:, k] for name, values in by_name.items()} for k, channel in enumerate(units)
             },
-            slopes={} if seen.slopes is None else {channel: seen.slopes[:, k] for k, channel in enumerate(units)},
+            slopes={} if seen.slopes is None else by_column(units, seen.slopes),
             snapshots=shapes(twin, self.protocol, outcome.records, self._states(self.protocol)) if snapshots else (),
             tets={name: mesh.tets for name, mesh in twin.meshes.items()} if snapshots else {},
         )
@@ -191,13 +191,13 @@ class _EngineRun:
             step = -STEP * min(abs(value), upper - value) if value else STEPS_FROM_ZERO.get(known[name].unit, STEP)
             linear = replace(linear, robot=with_parameters(linear.robot, {name: value + step}))
         else:
-            cable, _, control = name.rpartition(".")
+            cable = protocol.drives[name]
             if len(self.driven) == 1 and cable == self.driven[0] and seen.slopes is not None:
                 return seen.slopes, ""
             if cable not in self.driven:
                 return np.zeros_like(seen.values), ""
             command = protocol.commands[cable]
-            step = COMMAND_STEPS[control]
+            step = COMMAND_STEPS[command.control]
             moved = Command(command.control, command.values + step)
             protocol = Protocol({**protocol.commands, cable: moved})
         outcome = self._outcome(linear, protocol)

@@ -20,6 +20,8 @@ from softcal.calibration.run import calibrate
 from softcal.errors import Fault, ParameterError, SimulationError
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.export.sofa_robot import LinearRobot, is_its_own
+from softcal.sensing.channel import ChannelName, positions
+from softcal.sensing.sensors.cable import CableSensor
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
@@ -153,9 +155,9 @@ def _simulated(robot: Robot, protocol: Protocol) -> Response:
 
 def _experiment(robot: Robot, protocol: Protocol, target: Response) -> Experiment:
     """The twin's response as a dataset: all channels that change, with noise proportional to the change."""
-    drives = tuple(f"{name}.{command.control}" for name, command in protocol.commands.items())
-    cables = [cable.name for cable in robot.cables]
-    slack = [f"{name}.{kind}" for name in cables if name not in protocol.commands for kind in ("tension", "shortening")]
+    drives = tuple(protocol.drives)
+    free = [cable.name for cable in robot.cables if cable.name not in protocol.commands]
+    slack = [str(ChannelName(kind, name)) for name in free for kind in CableSensor.kinds]
     rest = _rest(robot)
     change = {
         channel: float(np.abs(values - rest.get(channel, 0.0)).max())
@@ -180,5 +182,6 @@ def _experiment(robot: Robot, protocol: Protocol, target: Response) -> Experimen
 
 def _rest(robot: Robot) -> dict[str, float]:
     """Undeformed positions of plates and markers [m]."""
-    at = {plate.name: plate.reference for plate in robot.plates} | {marker.name: marker.at for marker in robot.markers}
-    return {f"{name}.{axis}": float(point[k]) for name, point in at.items() for k, axis in enumerate("xyz")}
+    places = {plate.name: plate.reference for plate in robot.plates}
+    places |= {marker.name: marker.at for marker in robot.markers}
+    return {str(part): float(x) for name, at in places.items() for part, x in zip(positions(name), at, strict=True)}

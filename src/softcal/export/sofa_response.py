@@ -12,11 +12,13 @@ from scipy.interpolate import BSpline, make_interp_spline
 from softcal.checks import Floats
 from softcal.export.sofa_scene import begins_first
 from softcal.mechanics.cable import cables_of
+from softcal.sensing.channel import kinds
+from softcal.sensing.sensors.cable import TENSION
 from softcal.twin.build import Twin
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Snapshot
 from softcal.twin.robot import Cable
-from softcal.twin.sensors import angles, channel_units
+from softcal.twin.sensors import angle_columns, channel_units, read_all
 
 SAME = 1e-9  # of a cable's length: difference below which two shortenings are equal
 Record = Mapping[str, Any]
@@ -34,25 +36,36 @@ class Samples:
     error: float = 0.0
 
 
-def channel_values(twin: Twin, record: Record) -> Floats:
-    """A record in the order of `channel_units`."""
-    values: list[float] = []
-    for cable in twin.robot.cables:
-        seen = record["cables"][cable.name]
-        values += [seen["shortening"], seen["tension"]]
-    for plate in twin.robot.plates:
-        position, rotation = _pose(record["plates"][plate.name])
-        values += [*position, *angles(rotation)]
-    for marker in twin.robot.markers:
-        values += record["markers"][marker.name]
-    return np.array(values)
+@dataclass(frozen=True)
+class RecordPosture:
+    """A record as sensors see it."""
+
+    record: Record
+
+    def point(self, name: str) -> Floats:
+        """Position (3,) [m] of a marker or plate."""
+        if name in self.record["plates"]:
+            return _pose(self.record["plates"][name])[0]
+        return np.array(self.record["markers"][name], dtype=float)
+
+    def rotation(self, plate: str) -> Floats:
+        """Rotation (3, 3) of a plate."""
+        return _pose(self.record["plates"][plate])[1]
+
+    def shortening(self, cable: str) -> float:
+        """Shortening [m] of a cable."""
+        return self.record["cables"][cable]["shortening"]
+
+    def tension(self, cable: str) -> float:
+        """Tension [N] of a cable."""
+        return self.record["cables"][cable]["tension"]
 
 
 def table(twin: Twin, records: Sequence[Record]) -> Floats:
     """Records as rows, with unwrapped angles."""
-    units = list(channel_units(twin).values())
-    values = np.array([channel_values(twin, record) for record in records]).reshape(len(records), len(units))
-    turns = [k for k, unit in enumerate(units) if unit == "rad"]
+    values = np.array([read_all(twin, RecordPosture(record)) for record in records])
+    values = values.reshape(len(records), len(twin.columns))
+    turns = angle_columns(twin)
     values[:, turns] = np.unwrap(values[:, turns], axis=0)
     return values
 
@@ -64,10 +77,10 @@ def along_one_cable(twin: Twin, protocol: Protocol, cable: str, states: Floats, 
     """
     i = [one.name for one in twin.robot.cables].index(cable)
     command = protocol.commands[cable]
-    own = 2 * i if command.control == "shortening" else 2 * i + 1
+    own = twin.column(cable, kinds()[command.control])
     rows = table(twin, records)
-    taut_at = rows[0, 2 * i] if command.control == "shortening" else 0.0
-    rows[0, 2 * i + 1] = 0.0
+    taut_at = rows[0, own] if command.control == "shortening" else 0.0
+    rows[0, twin.column(cable, TENSION)] = 0.0
     reached = states[: len(rows) - 1]
     taut = reached > taut_at + SAME * float(cables_of(twin.system).rest_length[i])
     c = np.append(taut_at, reached[taut])
@@ -93,10 +106,8 @@ def along_one_cable(twin: Twin, protocol: Protocol, cable: str, states: Floats, 
 def row_by_row(twin: Twin, protocol: Protocol, records: Sequence[Record]) -> Samples:
     """One record per sample, after that of the slack robot."""
     rows = table(twin, records)[1:]
-    for k, cable in enumerate(twin.robot.cables):
-        command = protocol.commands.get(cable.name)
-        if command is not None:
-            rows[:, 2 * k + (command.control == "tension")] = command.values[: len(rows)]
+    for cable, command in protocol.commands.items():
+        rows[:, twin.column(cable, kinds()[command.control])] = command.values[: len(rows)]
     return Samples(rows, None)
 
 

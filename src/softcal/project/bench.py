@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from softcal.calibration.experiment import AXES, Experiment, Pulleys, Rig
+from softcal.calibration.experiment import Experiment, Pulleys, Rig
 from softcal.calibration.observation import slack_faults
 from softcal.experiments.dataset import Channel, Dataset, Step
+from softcal.experiments.header import MASS
 from softcal.experiments.merge import merge_on_labels, merge_on_one_clock
 from softcal.experiments.motion_capture import read_c3d
-from softcal.experiments.names import is_deviation
 from softcal.experiments.plausibility import check_plausible
 from softcal.experiments.prepare import PlannedStep
 from softcal.experiments.read import read_table
@@ -22,7 +22,6 @@ from softcal.experiments.steps.noise import set_noise
 from softcal.experiments.steps.pulleys import correct_pulley_friction
 from softcal.experiments.synchronise import clock_warning, synchronise
 from softcal.project.bench_names import (
-    MASS,
     column_specs,
     compared_channels,
     noise_of,
@@ -32,6 +31,8 @@ from softcal.project.bench_names import (
 from softcal.project.bench_schema import MOTION_CAPTURE, ONE_CLOCK, ExperimentSection, RigSection
 from softcal.project.document import Findings, KeyPath
 from softcal.project.files import InputFiles
+from softcal.sensing.channel import channel_name, of_kind
+from softcal.sensing.sensors.cable import TENSION
 from softcal.twin.robot import Robot
 
 
@@ -76,7 +77,7 @@ def build_bench(
     for sentence in check_plausible(record):
         findings.warn(path, sentence.removeprefix(f"{record.name}: "))
     prepared = _Prepared(record)
-    if rig.pulleys is not None and any(name.rsplit(".", 1)[-1] == "tension" for name in record.channels):
+    if rig.pulleys is not None and of_kind(TENSION, record.channels):
         with findings.at(("rig", "pulleys")):
             pulleys = rig.pulleys
             prepared.now = correct_pulley_friction(
@@ -121,7 +122,7 @@ def build_bench(
 def _without_the_unseen(data: Dataset, path: KeyPath, findings: Findings) -> Dataset:
     """The dataset without channels that were not measured in any row; a warning names them."""
     empty = {name for name in data.incomplete if np.isnan(data.values(name)).all()}
-    gone = dict.fromkeys(_owner(name) for name in sorted(empty) if not is_deviation(name))
+    gone = dict.fromkeys(_owner(name) for name in sorted(empty) if not channel_name(name).is_deviation)
     for name in gone:
         findings.warn(path, f"{name} was not measured in any row: it is left out")
     seen = {name: channel for name, channel in data.channels.items() if name not in empty}
@@ -130,13 +131,12 @@ def _without_the_unseen(data: Dataset, path: KeyPath, findings: Findings) -> Dat
 
 def _owner(channel: str) -> str:
     """The marker or plate whose position a channel is a part of, or else the channel."""
-    owner, _, kind = channel.rpartition(".")
-    return owner if owner and kind in AXES else channel
+    return channel_name(channel).point or channel
 
 
 def _with_tensions(record: Dataset, robot: Robot | None, path: KeyPath, findings: Findings) -> Dataset:
     """The record with the weights of masses that hang from cables as tensions."""
-    hanging = [name for name in record.channels if name.rsplit(".", 1)[-1] == MASS]
+    hanging = [name for name in record.channels if channel_name(name).kind.name == MASS]
     if not hanging or robot is None:
         return record
     g = float(np.linalg.norm(robot.gravity))
@@ -146,7 +146,8 @@ def _with_tensions(record: Dataset, robot: Robot | None, path: KeyPath, findings
     channels: dict[str, Channel] = {}
     for name, channel in record.channels.items():
         if name in hanging:
-            channels[name.removesuffix(MASS) + "tension"] = Channel(channel.values * g, "N", channel.sigma * g)
+            tension = str(replace(channel_name(name), kind=TENSION))
+            channels[tension] = Channel(channel.values * g, "N", channel.sigma * g)
         else:
             channels[name] = channel
     step = Step("weigh", {"gravity": g}, f"{', '.join(hanging)}: the tensions are weights under {g:.5g} m/s^2")

@@ -8,18 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from softcal.calibration.experiment import ANGLES, AXES, CABLE_CHANNELS, Experiment, rig_parameters
+from softcal.calibration.experiment import Experiment, rig_parameters
 from softcal.errors import Fault, ParameterError
-from softcal.experiments.header import ColumnSpec
-from softcal.experiments.names import CHANNEL_UNITS, channel_unit, is_deviation
+from softcal.experiments.header import MASS, ColumnSpec
+from softcal.experiments.orientation import QUATERNION
 from softcal.project.bench_schema import ExperimentSection, FileSection
 from softcal.project.document import Findings, KeyPath
 from softcal.project.robot_schema import RobotSection
 from softcal.quantities import QUANTITIES, noise_in
+from softcal.sensing.channel import carriers, channel_name, channel_unit, kinds, positions
+from softcal.sensing.sensors.cable import TENSION
+from softcal.sensing.sensors.plate import ANGLES
 from softcal.twin.parameters import robot_parameters, unknown_name
 from softcal.twin.robot import PointLoad, Robot
-
-MASS = "mass"
 
 
 def check_names(section: ExperimentSection, robot: RobotSection | None, path: KeyPath, findings: Findings) -> None:
@@ -27,12 +28,13 @@ def check_names(section: ExperimentSection, robot: RobotSection | None, path: Ke
     _check_drive(section, path, findings)
     if robot is None:
         return
-    cables, plates, markers = (robot.names(kind) for kind in ("cables", "plates", "markers"))
+    cables, plates, markers = (robot.names(parts) for parts in ("cables", "plates", "markers"))
     if section.cable is not None and section.cable not in cables:
         findings.unknown((*path, "cable"), "cable", section.cable, cables)
     if section.plate is not None and section.plate not in plates:
         findings.unknown((*path, "plate"), "plate", section.plate, plates)
-    short = [key for file in section.files for key in file.columns if key in (*ANGLES, "qw")]
+    of_plate = (*(angle.name for angle in ANGLES), QUATERNION[0])
+    short = [key for file in section.files for key in file.columns if key in of_plate]
     if section.plate is None and short:
         findings.add(
             (*path, "plate"),
@@ -46,14 +48,12 @@ def check_names(section: ExperimentSection, robot: RobotSection | None, path: Ke
             if marker not in (*markers, *plates):
                 findings.unknown((*where, "markers", marker), "marker or plate", marker, [*markers, *plates])
         for channel in file.columns:
-            owner, _, kind = channel.removesuffix("_sd").rpartition(".")
-            if not owner:
-                continue
-            known, what = (cables, "cable") if kind in (*CABLE_CHANNELS, MASS) else (plates, "plate")
-            if kind in AXES:
-                known, what = [*markers, *plates], "marker or plate"
-            if owner not in known:
-                findings.unknown((*where, "columns", channel), what, owner, known)
+            name = channel_name(channel)
+            parts = carriers(TENSION if name.kind.name == MASS else name.kind)
+            known = [part for of in parts for part in robot.names(of)]
+            if name.carrier and parts and name.carrier not in known:
+                what = " or ".join(of.removesuffix("s") for of in parts)
+                findings.unknown((*where, "columns", channel), what, name.carrier, known)
 
 
 def _check_drive(section: ExperimentSection, path: KeyPath, findings: Findings) -> None:
@@ -61,11 +61,12 @@ def _check_drive(section: ExperimentSection, path: KeyPath, findings: Findings) 
     if isinstance(section.drive, str) and section.cable is None:
         allowed = "cable: NAME, or drive: [cable1.tension]"
         findings.add((*path, "drive"), "it is not said which cable is driven", got=section.drive, allowed=allowed)
-    needs_cable = [key for key in columns if key in (*CABLE_CHANNELS, MASS)]
+    of_cable = [key for key in columns if (kind := channel_name(key).kind).drives or kind.name == MASS]
+    needs_cable = [key for key in of_cable if not channel_name(key).carrier]
     if section.cable is None and needs_cable:
         got = f"the channel {needs_cable[0]}, no cable"
         findings.add((*path, "cable"), "it is not said which cable was pulled", got=got, allowed="cable: NAME")
-    pulled = [key for key in columns if "." in key and key.rsplit(".", 1)[1] in (*CABLE_CHANNELS, MASS)]
+    pulled = [key for key in of_cable if channel_name(key).carrier]
     if section.cable is None and section.drive is None and pulled and section.compare is None:
         findings.add(
             (*path, "drive"),
@@ -80,11 +81,11 @@ def column_specs(file: FileSection) -> tuple[dict[str, ColumnSpec], list[str]]:
     columns = {key: ColumnSpec(column.name, column.unit, column.scale) for key, column in file.columns.items()}
     optional: list[str] = []
     for marker, name in file.markers.items():
-        for axis in AXES:
-            columns.setdefault(f"{marker}.{axis}", ColumnSpec(f"{name}.{axis}"))
-            deviation = f"{marker}.{axis}_sd"
+        for here, there in zip(positions(marker), positions(name), strict=True):
+            columns.setdefault(str(here), ColumnSpec(str(there)))
+            deviation = str(here.deviation)
             if deviation not in columns:
-                columns[deviation] = ColumnSpec(f"{name}.{axis}_sd")
+                columns[deviation] = ColumnSpec(str(there.deviation))
                 optional.append(deviation)
     return columns, optional
 
@@ -103,19 +104,19 @@ def table_layout(file: FileSection) -> dict[str, Any]:
 
 def channels_named(name: str, channels: Iterable[str]) -> list[str]:
     """The channels of a name: itself, a marker's three, or those that match a pattern (`m*`)."""
-    found: list[str] = []
-    for channel in channels:
-        owner, _, kind = channel.rpartition(".")
-        if channel == name or (owner and kind in AXES and fnmatchcase(owner, name)):
-            found.append(channel)
-    return found
+
+    def means(channel: str) -> bool:
+        point = channel_name(channel).point
+        return channel == name or (point != "" and fnmatchcase(point, name))
+
+    return [channel for channel in channels if means(channel)]
 
 
 def compared_channels(
     section: ExperimentSection, channels: Iterable[str], path: KeyPath, findings: Findings
 ) -> tuple[str, ...]:
     """The channels to be compared; none where the section does not name any."""
-    known = [channel for channel in channels if not is_deviation(channel)]
+    known = [channel for channel in channels if not channel_name(channel).is_deviation]
     found: dict[str, None] = {}
     for i, name in enumerate(section.compare or ()):
         named = channels_named(name, known)
@@ -140,7 +141,7 @@ def noise_of(
         named = [key] if channel_unit(key) is not None else channels_named(key, channels or ())
         if not named:
             if channels is not None:
-                findings.unknown((*path, key), "channel", key, [*CHANNEL_UNITS, *channels])
+                findings.unknown((*path, key), "channel", key, [*kinds(), *channels])
             continue
         with findings.at((*path, key)):
             sigma = noise_in(channel_unit(named[0]) or "1").read(value)

@@ -14,9 +14,9 @@ import numpy as np
 
 from softcal.calibration.result import SearchResult
 from softcal.experiments.dataset import Dataset
-from softcal.experiments.names import deviation_channel
 from softcal.report.format import joined, number, scale_of
 from softcal.report.tables import share_of_range
+from softcal.sensing.channel import channel_name
 
 Tone = Literal["good", "note", "warning"]
 # RMS error over the measurement's range: close below the first share, poor above the second.
@@ -57,7 +57,7 @@ def misses_of(data: Mapping[str, Dataset], result: SearchResult) -> Iterable[Mis
 def _noise(data: Dataset, channel: str) -> float | None:
     """Stated noise of a channel [SI]: root mean square over its samples; None if not stated."""
     channels = data.channels
-    own = channels.get(deviation_channel(channel))
+    own = channels.get(str(channel_name(channel).deviation))
     if own is not None:
         return float(np.sqrt(np.nanmean(own.values**2)))
     return channels[channel].sigma if channel in channels and channels[channel].sigma > 0 else None

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.analysis.sweep import ALL, BestCell, improvement, reduction
-from softcal.calibration.experiment import AXES
 from softcal.calibration.result import ExperimentFit, SearchResult
 from softcal.calibration.result_files import fits_of
 from softcal.checks import Floats
@@ -16,6 +15,7 @@ from softcal.report.format import Scale, estimate_scale, joined, number, paramet
 from softcal.report.headline import Gain, headline
 from softcal.report.surfaces import section_scale
 from softcal.report.tables import Cell, Column, ReportTable
+from softcal.sensing.channel import positions
 from softcal.units import format_quantity
 
 
@@ -78,7 +78,7 @@ def state_distances(fit: ExperimentFit, markers: list[str]) -> Floats:
     for row, marker in enumerate(markers):
         if marker not in fit.distances:
             continue
-        names = [f"{marker}.{axis}" if f"{marker}.{axis}" in fit.simulated else axis for axis in AXES]
+        names = [str(c) if str(c) in fit.simulated else c.kind.name for c in positions(marker)]
         found[row] = np.sqrt(sum((fit.simulated[c] - fit.measured[c]) ** 2 for c in names))
     return found
 

@@ -29,6 +29,7 @@ from softcal.report.headline import headline
 from softcal.report.positions import fit_sentence, fitted_distance, prediction_sentence
 from softcal.report.record import record_sentence
 from softcal.report.tables import grouped_failures
+from softcal.sensing.channel import channel_name
 from softcal.units import AS_WRITTEN, format_quantity
 
 # An estimate is identified if its 95 % interval covers less than this share of the allowed range.
@@ -37,7 +38,6 @@ _IDENTIFIED = 0.25
 _ALL = 0.999
 # Without a standard error: below this importance a parameter hardly affects the loss.
 _UNIMPORTANT = 0.10
-_FORCE_AND_TRAVEL = ("tension", "shortening")
 
 
 @dataclass(frozen=True)
@@ -292,7 +292,7 @@ def _unmeasured_pitch(results: Mapping[str, SearchResult]) -> Iterable[Sentence]
 
 
 def _sees_shape(fit: ExperimentFit) -> bool:
-    return any(channel.rpartition(".")[2] not in _FORCE_AND_TRAVEL for channel in fit.rmse)
+    return not all(channel_name(channel).kind.drives for channel in fit.rmse)
 
 
 def _plausible(content: ReportContent) -> Iterable[Sentence]:

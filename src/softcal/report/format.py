@@ -16,15 +16,6 @@ NORMAL_95 = 1.959964  # half width of a 95 % interval in standard errors
 _MOST_DECIMALS = 8
 
 _SYMBOLS = {"friction_coefficient": "μ", "density": "ρ"}
-_CHANNELS = {
-    "tension": "Cable force",
-    "pitch": "Pitch",
-    "roll": "Roll",
-    "yaw": "Yaw",
-    "shortening": "Cable shortening",
-    "time": "Time",
-}
-SI_UNITS_OF = {"tension": "N", "pitch": "rad", "roll": "rad", "yaw": "rad", "shortening": "m", "time": "s"}
 
 
 @dataclass(frozen=True)
@@ -149,11 +140,6 @@ def parameters_in_words(names: Iterable[str], experiments: Collection[str]) -> s
 def find_parameter(names: Iterable[str], kind: str) -> str | None:
     """The first name of a parameter of this kind, or None."""
     return next((name for name in names if parameter_name(name).kind == kind), None)
-
-
-def channel_label(channel: str) -> str:
-    """Display name of a channel: "Cable force" for "tension"."""
-    return _CHANNELS.get(channel, channel)
 
 
 def method_label(method: str) -> str:

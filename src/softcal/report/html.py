@@ -14,8 +14,6 @@ from softcal.report.conclusions import conclusions, headline_sentence
 from softcal.report.content import ReportContent
 from softcal.report.figure import Picture
 from softcal.report.format import (
-    SI_UNITS_OF,
-    channel_label,
     estimate_scale,
     material_kinds,
     number,
@@ -28,6 +26,7 @@ from softcal.report.format import (
 from softcal.report.headline import headline
 from softcal.report.positions import MM, places, pooled
 from softcal.report.tables import ReportTable, provenance_rows, share_of_peak
+from softcal.sensing.channel import channel_name, channel_unit
 from softcal.units import format_range
 
 _FEW = 4  # numbers on the first screen
@@ -131,11 +130,11 @@ def _key_errors(result: SearchResult) -> list[KeyNumber]:
         if not fits:
             continue
         error, name, fit = max(fits, key=lambda item: item[0])
-        scale, share = scale_of(fit.units.get(channel, SI_UNITS_OF[channel])), share_of_peak(fit, channel)
+        scale, share = scale_of(fit.units.get(channel, channel_unit(channel) or "1")), share_of_peak(fit, channel)
         remark = f"{'largest, in ' if len(fits) > 1 else ''}{name}"
         if share is not None:
             remark += f"; {number(100 * share, 2)} % of the largest value"
         found.append(
-            KeyNumber(f"{channel_label(channel)}, RMS error", number(error / scale.factor), scale.unit, remark)
+            KeyNumber(f"{channel_name(channel).label}, RMS error", number(error / scale.factor), scale.unit, remark)
         )
     return found

@@ -22,6 +22,10 @@ from softcal.mechanics.layout import FIXED, FREE, TIED, Layout
 from softcal.mechanics.rod import build_rod
 from softcal.mechanics.solid import SolidTerm, build_solid
 from softcal.mechanics.system import System, build_system
+from softcal.sensing.channel import ChannelName
+from softcal.sensing.kind import ChannelKind
+from softcal.sensing.sensor import NamedSensor
+from softcal.twin.channels import channels_of, require_sensors, sensors_of
 from softcal.twin.contacts import build_contacts, disc_skin
 from softcal.twin.crossings import build_skins
 from softcal.twin.joints import join_ties, nodes_in_use, number_frames
@@ -50,6 +54,20 @@ class Twin:
     pressure_nodes: dict[str, tuple[int, str, Ints]]
 
     @cached_property
+    def sensors(self) -> tuple[NamedSensor, ...]:
+        """Every sensor of the robot."""
+        return sensors_of(self.robot)
+
+    @cached_property
+    def columns(self) -> dict[ChannelName, int]:
+        """Every channel of the robot, and its column in tables of all."""
+        return {channel: k for k, channel in enumerate(channels_of(self.sensors))}
+
+    def column(self, carrier: str, kind: ChannelKind) -> int:
+        """The column of one channel."""
+        return self.columns[ChannelName(kind, carrier)]
+
+    @cached_property
     def skins(self) -> Skins | None:
         """The skins of the bodies, where no contact keeps them from passing through each other."""
         return build_skins(self.robot, self.system.layout, self.meshes, self.first_point)
@@ -63,7 +81,10 @@ def build_twin(robot: Robot) -> Twin:
     MeshError
         For a node that is fixed twice or a part that is not supported, a plate without nodes, a via point outside its
         body.
+    ParameterError
+        For a sensor of a marker, plate or cable that the robot does not have.
     """
+    require_sensors(robot)
     frames = number_frames(robot)
     builder = _Points()
     meshes: dict[str, TetMesh] = {}

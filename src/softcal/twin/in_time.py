@@ -15,6 +15,7 @@ from softcal.mechanics.state import rest_state
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.term import Controls
 from softcal.mechanics.time_step import Instant, at_rest
+from softcal.sensing.sensors.cable import SHORTENING
 from softcal.twin.build import Twin, twin_of
 from softcal.twin.crossings import crossed_at
 from softcal.twin.masses import robot_inertia
@@ -23,7 +24,7 @@ from softcal.twin.protocol import Protocol, command_faults, let_go_faults
 from softcal.twin.response import Response, Snapshot
 from softcal.twin.robot import Robot
 from softcal.twin.schedule import Schedule
-from softcal.twin.sensors import channel_units, sense
+from softcal.twin.sensors import cable_columns, channel_units, sense
 from softcal.twin.start import UNDER_LOADS, Start, instability, loaded, snapshot
 from softcal.twin.time_settings import Settling, TimeSettings
 
@@ -215,8 +216,8 @@ class _Motion:
         row = sense(self.twin, now.state)
         controls = self._controls(now.time)
         slack = ~controls.is_held & (now.state.effort == 0.0)
-        shortenings = 2 * np.flatnonzero(slack)  # a slack cable's shortening is the command
-        row[shortenings] = controls.coordinate[slack]
+        # A slack cable's shortening is the command.
+        row[np.array(cable_columns(self.twin, SHORTENING), dtype=int)[slack]] = controls.coordinate[slack]
         if self.n_snapshots and len(self.rows) % max(n_steps // self.n_snapshots, 1) == 0:
             self.shapes.append(self._shape(now))
         self.times.append(now.time)

@@ -17,17 +17,18 @@ from softcal.mechanics.march import Reached, reach
 from softcal.mechanics.state import State
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.system import Controls
+from softcal.sensing.channel import ChannelName, kinds
+from softcal.sensing.sensors.cable import SHORTENING
 from softcal.twin.build import Twin
 from softcal.twin.crossings import crossed_at
 from softcal.twin.drawn_out import drawn_out, drawn_out_at
 from softcal.twin.protocol import Protocol
-from softcal.twin.response import Response, Shown, Snapshot
-from softcal.twin.sensors import channel_units, sense, sense_by_parameters, sense_rates
+from softcal.twin.response import Response, Shown, Snapshot, by_column, derivatives_by_column
+from softcal.twin.sensors import channel_units, sense, sense_rates
 from softcal.twin.start import UNDER_LOADS, instability, loaded, slack_line, snapshot
 from softcal.units import format_quantity
 
 SENTENCES = 3  # samples without an equilibrium whose reasons are given
-_UNITS = {"tension": "N", "shortening": "m"}
 
 
 def simulate_many(
@@ -38,13 +39,13 @@ def simulate_many(
     *,
     snapshots: Shown,
     crossings: bool = True,
-    commanded: tuple[str, ...] = (),
+    commanded: Mapping[str, str],
 ) -> Response:
     """See `simulate`. Slopes are not given, since there is no single control, but derivatives by the commands of the
-    cables in `commanded`.
+    cables in `commanded`, by their names as channels.
     """
-    units = channel_units(twin)
-    labels = (*names, *(f"{cable}.{protocol.commands[cable].control}" for cable in commanded))
+    units, cables = channel_units(twin), tuple(commanded.values())
+    labels = (*names, *commanded)
     values: list[Floats] = []
     rates: list[Floats] = []
     shapes: list[Snapshot] = []
@@ -90,8 +91,8 @@ def simulate_many(
             if not met and (limit := twin.system.at_limit(state.x)):
                 met = f" From sample {i + 1} on {limit}."
             values.append(_commanded(twin, protocol, i, sense(twin, state)))
-            by_command = _by_command(twin, statics, state, reached.controls, by_coordinate, commanded)
-            sensed = sense_by_parameters(twin, state, reached.by_parameter, names)
+            by_command = _by_command(twin, statics, state, reached.controls, by_coordinate, cables)
+            sensed = sense_rates(twin, state, reached.by_parameter, names)
             both = np.hstack([sensed, sense_rates(twin, state, by_command)])
             rates.append(_commanded_rates(twin, protocol, labels, both))
             if snapshots:
@@ -108,7 +109,7 @@ def simulate_many(
     table = np.array(values).reshape(len(values), len(units))
     by_parameter = np.array(rates).reshape(len(values), len(units), len(labels))
     return Response(
-        channels={name: table[:, k] for k, name in enumerate(units)},
+        channels=by_column(units, table),
         units=units,
         status=status + instabilities + told + slid,
         succeeded=not failed,
@@ -116,7 +117,7 @@ def simulate_many(
         crossings=told.strip(),
         drawn_out=slid.strip(),
         n_factorisations=statics.n_factorisations,
-        sensitivities={name: {p: by_parameter[:, k, j] for j, p in enumerate(labels)} for k, name in enumerate(units)},
+        sensitivities=derivatives_by_column(units, labels, by_parameter),
         snapshots=tuple(shapes),
         tets={name: mesh.tets for name, mesh in twin.meshes.items()} if snapshots else {},
         samples=tuple(solved) if failed else None,
@@ -197,25 +198,26 @@ def _commanded_rates(twin: Twin, protocol: Protocol, labels: tuple[str, ...], ra
     taut or slack.
     """
     out = rates.copy()
-    for k, cable in enumerate(twin.robot.cables):
+    for cable in twin.robot.cables:
         command = protocol.commands.get(cable.name)
         if command is not None and command.control == "shortening":
-            out[2 * k] = [float(label == f"{cable.name}.shortening") for label in labels]
+            column = ChannelName(SHORTENING, cable.name)
+            out[twin.columns[column]] = [float(label == str(column)) for label in labels]
     return out
 
 
 def _commanded(twin: Twin, protocol: Protocol, i: int, values: Floats) -> Floats:
     """The channels' values, with a slack cable's shortening equal to its command."""
-    for k, cable in enumerate(twin.robot.cables):
+    for cable in twin.robot.cables:
         command = protocol.commands.get(cable.name)
         if command is not None and command.control == "shortening":
-            values[2 * k] = command.values[i]
+            values[twin.column(cable.name, SHORTENING)] = command.values[i]
     return values
 
 
 def _pulls(protocol: Protocol, i: int) -> str:
     """The pulled cables of a sample, in brackets after a blank; "" where none is pulled."""
-    commands = {name: (command.values[i], _UNITS[command.control]) for name, command in protocol.commands.items()}
+    commands = {name: (command.values[i], kinds()[command.control].unit) for name, command in protocol.commands.items()}
     told = ", ".join(f"{name} {format_quantity(float(v), unit)}" for name, (v, unit) in commands.items() if v != 0.0)
     return f" ({told})" if told else ""
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from softcal.checks import Floats, frozen_floats
 from softcal.errors import Fault, InputError
+from softcal.sensing.channel import ChannelName, kinds
 from softcal.twin.robot import Control, Robot
 
 
@@ -47,6 +48,12 @@ class Protocol:
         lengths = {len(command.values) for command in self.commands.values()}
         if len(lengths) > 1:
             raise InputError(Fault("the commands of a protocol have different lengths", got=str(sorted(lengths))))
+
+    @property
+    def drives(self) -> dict[str, str]:
+        """The name of each command as a channel, such as `front.tension`, and its cable."""
+        of = kinds()
+        return {str(ChannelName(of[command.control], cable)): cable for cable, command in self.commands.items()}
 
     @property
     def n_samples(self) -> int:

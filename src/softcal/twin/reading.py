@@ -11,7 +11,7 @@ from softcal.mechanics.mixed import neighbours_along
 from softcal.mechanics.node import Node
 from softcal.mechanics.statics import Statics
 from softcal.twin.build import Twin
-from softcal.twin.sensors import add_own_rates, sense, sense_by_parameters, sense_rates
+from softcal.twin.sensors import sense, sense_rates
 
 
 @dataclass(frozen=True)
@@ -31,11 +31,11 @@ class SensorReading:
 def read(twin: Twin, statics: Statics, node: Node, names: tuple[str, ...]) -> SensorReading:
     """Read the sensors at a node. names (k,): the parameters of the node's derivatives."""
     k = len(names)
-    rates = sense_rates(twin, node.state, np.column_stack([node.slope, node.mixed, node.by_parameter]))
+    by = ("", *[""] * k, *names)
+    rates = sense_rates(twin, node.state, np.column_stack([node.slope, node.mixed, node.by_parameter]), by)
     slopes, mixed, by_parameter = rates[:, 0], rates[:, 1 : 1 + k], rates[:, 1 + k :]
-    add_own_rates(twin, node.state, names, by_parameter)
     if names:
         h, *beside = neighbours_along(statics, node.state, node.slope)
-        before, after = (sense_by_parameters(twin, state, node.by_parameter, names) for state in beside)
+        before, after = (sense_rates(twin, state, node.by_parameter, names) for state in beside)
         mixed += (after - before) / (2.0 * h)
     return SensorReading(sense(twin, node.state), slopes, by_parameter, mixed)

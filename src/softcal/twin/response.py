@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -137,3 +137,15 @@ class Response:
             slopes={name: spread(values) for name, values in self.slopes.items()},
             samples=None,
         )
+
+
+def by_column(names: Iterable[str], table: Floats) -> dict[str, Floats]:
+    """The columns of a table (n_samples, n_names, …) by their names."""
+    return {name: table[:, k] for k, name in enumerate(names)}
+
+
+def derivatives_by_column(
+    channels: Iterable[str], parameters: Sequence[str], table: Floats
+) -> dict[str, dict[str, Floats]]:
+    """Channel -> parameter -> derivative (n_samples,), of a table (n_samples, n_channels, n_parameters)."""
+    return {channel: by_column(parameters, of_channel) for channel, of_channel in by_column(channels, table).items()}

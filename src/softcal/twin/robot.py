@@ -19,6 +19,7 @@ from softcal.materials.elastic_constants import LINEAR_ELASTIC
 from softcal.materials.parameter import complete
 from softcal.mechanics.elements import DEFAULT, ELEMENTS
 from softcal.quantities import Friction, Modulus, Size, Speed
+from softcal.sensing.sensor import NamedSensor
 from softcal.twin.cables import Cable, ViaPoint
 
 Control = Literal["tension", "shortening"]
@@ -366,11 +367,11 @@ class Contact(Declared):
 
 @dataclass(frozen=True)
 class Robot:
-    """Bodies, rods, plates, ties, cables, loads and markers, with gravity and contact.
+    """Bodies, rods, plates, ties, cables, loads, markers and sensors, with gravity and contact.
 
     Attributes
     ----------
-    bodies, plates, cables, loads, rods, ties, markers : The parts; no two share a name
+    bodies, plates, cables, loads, rods, ties, markers, sensors : The parts; no two share a name
     gravity : Acceleration (3,) [m/s^2]
     contact : Contact of the parts; None: they may overlap
     """
@@ -384,9 +385,10 @@ class Robot:
     ties: tuple[Tie, ...] = ()
     markers: tuple[Marker, ...] = ()
     contact: Contact | None = None
+    sensors: tuple[NamedSensor, ...] = ()
 
     def __post_init__(self) -> None:
-        kinds = ("bodies", "plates", "cables", "loads", "rods", "ties", "markers")
+        kinds = ("bodies", "plates", "cables", "loads", "rods", "ties", "markers", "sensors")
         for key in kinds:
             object.__setattr__(self, key, tuple(getattr(self, key)))
         object.__setattr__(self, "gravity", frozen_floats(self.gravity, name="gravity", shape=(3,)))

@@ -1,85 +1,125 @@
-"""Virtual sensors: the channels and their rates, from a state and a rate of the unknowns."""
+"""The robot's sensors and channels, and what they read: from a state, and from rates of the unknowns."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from softcal.checks import Floats
 from softcal.mechanics.cable import cables_of
 from softcal.mechanics.state import State
+from softcal.sensing.kind import ChannelKind
+from softcal.sensing.sensor import Posture
 from softcal.twin.build import Twin
 from softcal.twin.loads import Weights
-
-PLATE_CHANNELS = {"x": "m", "y": "m", "z": "m", "pitch": "rad", "roll": "rad", "yaw": "rad"}
 
 
 def channel_units(twin: Twin) -> dict[str, str]:
     """Every channel of the robot and its SI unit, in a fixed order."""
-    units: dict[str, str] = {}
-    for cable in twin.robot.cables:
-        units[f"{cable.name}.shortening"] = "m"
-        units[f"{cable.name}.tension"] = "N"
-    for plate in twin.robot.plates:
-        units.update({f"{plate.name}.{key}": unit for key, unit in PLATE_CHANNELS.items()})
-    for marker in twin.robot.markers:
-        units.update({f"{marker.name}.{axis}": "m" for axis in "xyz"})
-    return units
+    return {str(channel): channel.kind.unit for channel in twin.columns}
+
+
+def cable_columns(twin: Twin, kind: ChannelKind) -> list[int]:
+    """The columns of a kind of channel of each cable, in the cables' order."""
+    return [twin.column(cable.name, kind) for cable in twin.robot.cables]
+
+
+def angle_columns(twin: Twin) -> list[int]:
+    """The columns of angles."""
+    return [k for channel, k in twin.columns.items() if channel.kind.is_angle]
 
 
 def sense(twin: Twin, state: State) -> Floats:
-    """The channels' values at a state, in the order of `channel_units`."""
-    cables = cables_of(twin.system)
-    lengths = cables.lengths(state.x)
-    values: list[float] = []
-    for i in range(cables.n_cables):
-        values += [cables.rest_length[i] - lengths[i], state.effort[i]]
-    for plate in twin.robot.plates:
-        k = twin.frame[plate.name]
-        values += [*state.position[k], *angles(state.rotation[k])]
-    for marker in twin.robot.markers:
-        values += sum((w * state.x[p] for p, w in twin.markers[marker.name]), np.zeros(3)).tolist()
-    return np.array(values)
+    """The channels' values (n_channels,) at a state, in the order of `channel_units`."""
+    return read_all(twin, _StatePosture(twin, state))
 
 
-def sense_rates(twin: Twin, state: State, dz: Floats) -> Floats:
-    """The channels' rates for rates dz (n_unknowns, k) of the unknowns; shape (n_channels, k)."""
-    layout, cables = twin.system.layout, cables_of(twin.system)
-    tensions = dz[layout.first_effort_unknown :]
-    rows: list[Floats] = []
-    for i in range(cables.n_cables):
-        rate = twin.system.coordinate_gradient(state, i) @ dz[: layout.first_effort_unknown]
-        rows += [rate[None, :], tensions[i : i + 1]]
-    for plate in twin.robot.plates:
-        k = twin.frame[plate.name]
-        first = layout.first_frame_unknown + 6 * k
-        if k < layout.n_moving_frames:
-            rows += [dz[first : first + 3], _angle_rates(state.rotation[k]) @ dz[first + 3 : first + 6]]
-        else:
-            rows.append(np.zeros((6, dz.shape[1])))
-    for marker in twin.robot.markers:
-        rows.append(_point_rates(twin, state, twin.markers[marker.name]) @ dz[: layout.first_effort_unknown])
-    return np.concatenate(rows) if rows else np.zeros((0, dz.shape[1]))
+def read_all(twin: Twin, posture: Posture) -> Floats:
+    """The channels' values (n_channels,) of a posture, in the order of `channel_units`."""
+    return np.array([value for own in twin.sensors for value in own.sensor.sense(posture)], dtype=np.float64)
 
 
-def sense_by_parameters(twin: Twin, state: State, by_parameter: Floats, names: Sequence[str]) -> Floats:
-    """The channels' derivatives by parameters (n_channels, k), of the unknowns' (n_unknowns, k)."""
-    rates = sense_rates(twin, state, by_parameter)
-    add_own_rates(twin, state, names, rates)
-    return rates
+def sense_rates(twin: Twin, state: State, dz: Floats, names: Sequence[str] = ()) -> Floats:
+    """The channels' rates (n_channels, k) for rates dz (n_unknowns, k) of the unknowns.
 
-
-def add_own_rates(twin: Twin, state: State, names: Sequence[str], into: Floats) -> None:
-    """Add to the channels' derivatives by parameters (n_channels, k) those at fixed unknowns: a routing offset changes
-    its cable's length.
+    names
+        Parameters (k,) of which dz is the derivative, or "": they may change a channel at fixed unknowns too.
     """
-    offsets = {f"{cable.name}.routing_offset": i for i, cable in enumerate(twin.robot.cables)}
-    changed = [(offsets[name], k) for k, name in enumerate(names) if name in offsets]
-    if changed:
-        by_offset = cables_of(twin.system).shortening_by_offset(state.x)
-        for i, k in changed:
-            into[2 * i, k] += by_offset[i]
+    posture, rates = _StatePosture(twin, state), _StateRates(twin, state, dz, tuple(names))
+    rows = [row for own in twin.sensors for row in own.sensor.rates(posture, rates)]
+    return np.array(rows).reshape(len(rows), dz.shape[1])
+
+
+@dataclass(frozen=True)
+class _StatePosture:
+    """A state as sensors see it."""
+
+    twin: Twin
+    state: State
+
+    def point(self, name: str) -> Floats:
+        if name in self.twin.frame:
+            return self.state.position[self.twin.frame[name]]
+        return sum((w * self.state.x[p] for p, w in self.twin.markers[name]), np.zeros(3))
+
+    def rotation(self, plate: str) -> Floats:
+        return self.state.rotation[self.twin.frame[plate]]
+
+    def shortening(self, cable: str) -> float:
+        return self._shortenings[cable]
+
+    def tension(self, cable: str) -> float:
+        return float(self.state.effort[cables_of(self.twin.system).names.index(cable)])
+
+    @cached_property
+    def _shortenings(self) -> Mapping[str, float]:
+        cables = cables_of(self.twin.system)
+        return dict(zip(cables.names, (cables.rest_length - cables.lengths(self.state.x)).tolist(), strict=True))
+
+
+@dataclass(frozen=True)
+class _StateRates:
+    """Rates of the unknowns dz (n_unknowns, k) as rates of what sensors see; names: the parameters of its columns."""
+
+    twin: Twin
+    state: State
+    dz: Floats
+    names: tuple[str, ...]
+
+    def point(self, name: str) -> Floats:
+        if name in self.twin.frame:
+            return self._of_frame(name)[:3]
+        return _point_rates(self.twin, self.state, self.twin.markers[name]) @ self._dq
+
+    def rotation(self, plate: str) -> Floats:
+        return self._of_frame(plate)[3:]
+
+    def shortening(self, cable: str) -> Floats:
+        i = cables_of(self.twin.system).names.index(cable)
+        rate = self.twin.system.coordinate_gradient(self.state, i) @ self._dq
+        # A routing offset changes its cable's length at fixed unknowns.
+        for k, name in enumerate(self.names):
+            if name == f"{cable}.routing_offset":
+                rate[k] += cables_of(self.twin.system).shortening_by_offset(self.state.x)[i]
+        return rate
+
+    def tension(self, cable: str) -> Floats:
+        first = self.twin.system.layout.first_effort_unknown
+        return self.dz[first + cables_of(self.twin.system).names.index(cable)]
+
+    @property
+    def _dq(self) -> Floats:
+        return self.dz[: self.twin.system.layout.first_effort_unknown]
+
+    def _of_frame(self, plate: str) -> Floats:
+        layout, k = self.twin.system.layout, self.twin.frame[plate]
+        if k >= layout.n_moving_frames:
+            return np.zeros((6, self.dz.shape[1]))
+        first = layout.first_frame_unknown + 6 * k
+        return self.dz[first : first + 6]
 
 
 def _point_rates(twin: Twin, state: State, weights: Weights) -> Floats:
@@ -92,31 +132,3 @@ def _point_rates(twin: Twin, state: State, weights: Weights) -> Floats:
             gradient[3 * point + axis] += weight
         rows.append(twin.system.motion.reduce_gradient(state, gradient))
     return np.array(rows)
-
-
-def angles(R: Floats) -> tuple[float, float, float]:
-    """pitch, roll, yaw [rad] of a rotation: pitch = atan2(R02, R22), roll = -asin R12, yaw = atan2(R10, R11).
-
-    Pitch is the inclination towards +x, roll the one about x, yaw the rotation about z; each is the whole rotation
-    angle when the others are zero (R = Ry(pitch) Rx(roll) Rz(yaw)).
-    """
-    return (
-        float(np.arctan2(R[0, 2], R[2, 2])),
-        float(-np.arcsin(np.clip(R[1, 2], -1.0, 1.0))),
-        float(np.arctan2(R[1, 0], R[1, 1])),
-    )
-
-
-# omega x, for omega along each axis
-_SPINS = np.cross(np.eye(3)[:, None, :], np.eye(3)[None, :, :]).swapaxes(1, 2)
-
-
-def _angle_rates(R: Floats) -> Floats:
-    """d(pitch, roll, yaw)/d omega for R <- exp(omega) R; shape (3, 3)."""
-    rates = np.zeros((3, 3))
-    for k in range(3):
-        dR = _SPINS[k] @ R  # omega x each column
-        rates[0, k] = (R[2, 2] * dR[0, 2] - R[0, 2] * dR[2, 2]) / (R[0, 2] ** 2 + R[2, 2] ** 2)
-        rates[1, k] = -dR[1, 2] / np.sqrt(max(1.0 - R[1, 2] ** 2, 1e-300))
-        rates[2, k] = (R[1, 1] * dR[1, 0] - R[1, 0] * dR[1, 1]) / (R[1, 0] ** 2 + R[1, 1] ** 2)
-    return rates

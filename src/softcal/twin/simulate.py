@@ -70,7 +70,7 @@ def simulate(
     """
     known, theta = robot_parameters(robot), theta or {}
     sensitivities = (sensitivities,) if isinstance(sensitivities, str) else sensitivities
-    commands = {f"{cable}.{command.control}": cable for cable, command in protocol.commands.items()}
+    commands = protocol.drives
     faults = [unknown_name(name, {**known, **commands}) for name in sensitivities if name not in {**known, **commands}]
     if snapshots not in (False, True, "samples"):
         faults.append(Fault("there are no such snapshots", "snapshots", repr(snapshots), "True, False or 'samples'"))
@@ -119,9 +119,9 @@ def respond(
     ParameterError
         For a derivative by a command where a term remembers.
     """
-    commands = {f"{cable}.{command.control}": cable for cable, command in protocol.commands.items()}
+    commands = protocol.drives
     names = tuple(name for name in sensitivities if name not in commands)
-    commanded = tuple(commands[name] for name in sensitivities if name in commands)
+    commanded = {name: commands[name] for name in sensitivities if name in commands}
     if commanded and twin.system.remembers:
         got, why = ", ".join(sensitivities), "a state depends on the commands of all samples before it, too"
         raise ParameterError(Fault(why, "sensitivities", got, "parameters of the robot"))
@@ -139,12 +139,12 @@ def respond(
         tolerance = 0.0 if snapshots == "samples" else curve_tolerance
         sweep = Sweep(twin, statics, names, driven[0] if driven else None, tolerance, snapshots, crossings)
         response = sweep.response(protocol)
-        return _with_commands(response, protocol, driven, commanded)
+        return _with_commands(response, driven, commanded)
     finally:
         statics.release()
 
 
-def _with_commands(response: Response, protocol: Protocol, driven: Sequence[str], commanded: Sequence[str]) -> Response:
+def _with_commands(response: Response, driven: Sequence[str], commanded: Mapping[str, str]) -> Response:
     """The response with its slopes as derivatives by the driven cable's command; that of a slack cable has no
     effect.
     """
@@ -154,10 +154,10 @@ def _with_commands(response: Response, protocol: Protocol, driven: Sequence[str]
         channel: {
             **response.sensitivities.get(channel, {}),
             **{
-                f"{cable}.{protocol.commands[cable].control}": response.slopes[channel]
+                name: response.slopes[channel]
                 if cable in driven and channel in response.slopes
                 else np.zeros(len(values))
-                for cable in commanded
+                for name, cable in commanded.items()
             },
         }
         for channel, values in response.channels.items()

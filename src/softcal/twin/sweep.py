@@ -13,13 +13,15 @@ from softcal.mechanics.node import Line, Node, node_at
 from softcal.mechanics.path import Path, between, follow, go_on_from, interpolated, neighbours
 from softcal.mechanics.state import State
 from softcal.mechanics.statics import Statics
+from softcal.sensing.kind import ChannelKind
+from softcal.sensing.sensors.cable import SHORTENING, TENSION
 from softcal.twin.build import Twin
 from softcal.twin.crossings import crossed_on_path
 from softcal.twin.curve import Curve
 from softcal.twin.protocol import Protocol
 from softcal.twin.reading import SensorReading, read
-from softcal.twin.response import Response, Shown, Snapshot
-from softcal.twin.sensors import channel_units
+from softcal.twin.response import Response, Shown, Snapshot, by_column, derivatives_by_column
+from softcal.twin.sensors import angle_columns, channel_units
 from softcal.twin.start import UNDER_LOADS, instability, loaded, slack_line, snapshot
 
 FIRST_STEP = 0.12  # of the driven cable's length
@@ -68,6 +70,9 @@ class Sweep:
     def _i_cable(self) -> int:
         return [cable.name for cable in self.twin.robot.cables].index(self.cable or "")
 
+    def _column(self, kind: ChannelKind) -> int:
+        return self.twin.column(self.cable or "", kind)
+
     @property
     def _length(self) -> float:
         return float(cables_of(self.twin.system).rest_length[self._i_cable])
@@ -98,7 +103,7 @@ class Sweep:
         readings = [self._reading(node) for node in nodes]
         values = np.array([reading.values for reading in readings])
         # A neck may fold past half a turn: atan2's jump there is not the curve's.
-        turns = [k for k, unit in enumerate(self._units.values()) if unit == "rad"]
+        turns = angle_columns(self.twin)
         values[:, turns] = np.unwrap(values[:, turns], axis=0)
         slopes = np.array([reading.slopes for reading in readings])
         by_parameter = np.array([reading.by_parameter for reading in readings])
@@ -121,7 +126,7 @@ class Sweep:
             if len(path.nodes) < 2 or self.tolerance <= 0.0:
                 break
             scale = self._scale(np.abs(curve.values).max(axis=0)[:, None], self._least)
-            is_read = True if tensions is None else curve.may_pass(2 * self._i_cable + 1, tensions)
+            is_read = True if tensions is None else curve.may_pass(self._column(TENSION), tensions)
             is_coarse = is_read & (curve.error() > self.tolerance * scale[:, 0]).any(axis=1)
             if not is_coarse.any():
                 most = min(most, FEW_NODES + NODES_FOR_DERIVATIVES * len(path.nodes))
@@ -157,8 +162,7 @@ class Sweep:
         """Those values of c without a node."""
         have = np.array([node.c for node in path.nodes])
         unique = np.unique(c)
-        nearest = np.abs(unique[:, None] - have[None, :]).min(axis=1)
-        return unique[nearest > SAME * self._length]
+        return unique[np.abs(unique[:, None] - have[None, :]).min(axis=1) > SAME * self._length]
 
     # Control by shortening or by tension.
 
@@ -184,12 +188,12 @@ class Sweep:
             still = self._curve((self._slack_node(start),))
             values[slack], slopes[slack], by_parameter[slack] = still.values, still.slopes, still.by_parameter
         # A slack cable's shortening is the command, not the shortening that would make it taut.
-        values[:, 2 * self._i_cable] = d[:n]
-        slopes[:, 2 * self._i_cable] = 1.0
-        by_parameter[:, 2 * self._i_cable] = 0.0
+        values[:, self._column(SHORTENING)] = d[:n]
+        slopes[:, self._column(SHORTENING)] = 1.0
+        by_parameter[:, self._column(SHORTENING)] = 0.0
         status = self._sentence(path, n, len(d))
-        if path.reached and np.any(values[:, 2 * self._i_cable + 1] < 0.0):
-            low = float(d[:n][np.argmin(values[:, 2 * self._i_cable + 1])])
+        if path.reached and np.any(values[:, self._column(TENSION)] < 0.0):
+            low = float(d[:n][np.argmin(values[:, self._column(TENSION)])])
             status = f"Cable {self.cable} would have to push at {1e3 * low:.4g} mm: the robot snaps through there."
             shapes = self._solved(path, "m")
             return self._response(
@@ -199,7 +203,7 @@ class Sweep:
         return self._response(values, slopes, by_parameter, status, path.reached, shapes, self._remarks(path))
 
     def _by_tension(self, start: Node, T: Floats) -> Response:
-        i_tension = 2 * self._i_cable + 1
+        i_tension = self._column(TENSION)
         largest = float(T.max())
         wound = self._length * (1.0 - WOUND_UP)
         path = Path((start,), True, names=self.names)
@@ -374,22 +378,16 @@ class Sweep:
         remarks: tuple[str, str] = ("", ""),
     ) -> Response:
         units = self._units
-        channels = {name: values[:, k] for k, name in enumerate(units)}
-        sensitivities = {}
-        if by_parameter is not None:
-            sensitivities = {
-                name: {p: by_parameter[:, k, j] for j, p in enumerate(self.names)} for k, name in enumerate(units)
-            }
         return Response(
-            channels=channels,
+            channels=by_column(units, values),
             units=units,
             status=status + "".join(remarks),
             succeeded=succeeded,
             instabilities=remarks[0].strip(),
             crossings=remarks[1].strip(),
             n_factorisations=self.statics.n_factorisations,
-            sensitivities=sensitivities,
-            slopes={} if slopes is None else {name: slopes[:, k] for k, name in enumerate(units)},
+            sensitivities={} if by_parameter is None else derivatives_by_column(units, self.names, by_parameter),
+            slopes={} if slopes is None else by_column(units, slopes),
             snapshots=shapes,
             tets={name: mesh.tets for name, mesh in self.twin.meshes.items()} if shapes else {},
         )

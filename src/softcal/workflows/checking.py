@@ -13,10 +13,11 @@ import numpy as np
 from softcal.calibration.experiment import Experiment, rig_parameters
 from softcal.checks import Ints
 from softcal.errors import Fault
-from softcal.experiments.names import is_deviation
 from softcal.geometry.cell import CELLS
 from softcal.materials.catalogue import LAWS
 from softcal.project.project import Project
+from softcal.sensing.channel import TIME, ChannelName
+from softcal.sensing.sensors.cable import SHORTENING, TENSION
 from softcal.twin.bores import bores
 from softcal.twin.build import twin_of
 from softcal.twin.parameters import robot_parameters
@@ -217,7 +218,7 @@ def _bench_rows(project: Project) -> list[tuple[str, str]]:
         spans = ", ".join(
             f"{key} " + " to ".join(format_quantity(float(end), c.unit) for end in (c.values.min(), c.values.max()))
             for key, c in data.channels.items()
-            if key != "time" and not is_deviation(key) and key not in data.incomplete and not experiment.point_of(key)
+            if _is_shown(experiment, key)
         )
         rows += [
             (
@@ -236,11 +237,16 @@ def _bench_rows(project: Project) -> list[tuple[str, str]]:
     return rows
 
 
+def _is_shown(experiment: Experiment, key: str) -> bool:
+    name = experiment.twin_channel(key)
+    return not (name.kind == TIME or name.is_deviation or name.point or key in experiment.dataset.incomplete)
+
+
 def _driven(project: Project, experiment: Experiment) -> str:
     """The driving channels, in words."""
     known = {**robot_parameters(project.robot), **rig_parameters([experiment])}
-    names = [experiment.twin_channel(channel).rsplit(".", 1) for channel in experiment.drives]
-    driven = " and ".join(f"{cable} by {control}" for cable, control in names) or "no cable is driven"
+    names = [experiment.twin_channel(channel) for channel in experiment.drives]
+    driven = " and ".join(f"{name.carrier} by {name.kind.name}" for name in names) or "no cable is driven"
     return driven + "".join(
         f", {name} = {format_quantity(value, known[name].unit)}" for name, value in experiment.settings.items()
     )
@@ -290,10 +296,7 @@ def _against_twin(project: Project, name: str, response: Response) -> str:
     data = experiment.dataset
     if not {"tension", "shortening"} <= data.channels.keys() or data.n_samples < 3 or not response.succeeded:
         return ""
-    pulled, tension = (
-        response.channels[f"{experiment.cable}.shortening"],
-        response.channels[f"{experiment.cable}.tension"],
-    )
+    pulled, tension = (response.channels[str(ChannelName(kind, experiment.cable))] for kind in (SHORTENING, TENSION))
     measured = _slope(data.values("shortening"), data.values("tension"))
     simulated = _slope(pulled, tension)
     if not simulated > 0:

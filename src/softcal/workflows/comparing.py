@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from softcal.analysis.nominal import Nominal, nominal
-from softcal.calibration.experiment import AXES, FRAME, Experiment
+from softcal.calibration.experiment import FRAME, Experiment
 from softcal.calibration.frame import rotation
 from softcal.calibration.observation import commands
 from softcal.calibration.parameters import FreeParameter, SearchSpace
@@ -182,8 +182,8 @@ def _measured(experiment: Experiment, rig: Mapping[str, float], row: int) -> dic
     frame = np.array([rig.get(name, 0.0) for name in FRAME])
     found: dict[str, Floats] = {}
     for point in experiment.points:
-        parts = {c.rsplit(".", 1)[-1]: c for c in experiment.compared if experiment.point_of(c) == point}
-        if set(parts) == set(AXES):
-            seen = np.array([experiment.dataset.values(parts[axis])[row] for axis in AXES])
+        parts = experiment.parts_of(point)
+        if len(parts) == 3:
+            seen = np.array([experiment.dataset.values(part)[row] for part in parts])
             found[point] = (seen - frame[:3]) @ rotation(frame[3:])
     return found

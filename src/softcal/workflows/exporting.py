@@ -11,6 +11,7 @@ from softcal.errors import Fault, ParameterError, UnitError
 from softcal.limits import LIMITS
 from softcal.project.project import Project
 from softcal.quantities import QUANTITIES
+from softcal.sensing.sensors.cable import SHORTENING
 from softcal.twin.response import Response, Shown
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
@@ -155,8 +156,8 @@ def _slack(project: Project, case: Case) -> dict[str, float]:
         return {}
     experiment = project.experiments[case.experiment]
     rig = experiment.rig_values()
-    driven = [experiment.twin_channel(channel).rpartition(".") for channel in experiment.drives]
-    return {cable: rig[f"{cable}.slack"] for cable, _, control in driven if control == "shortening"}
+    driven = [experiment.twin_channel(channel) for channel in experiment.drives]
+    return {name.carrier: rig[name.offset] for name in driven if name.kind == SHORTENING}
 
 
 def export_reduced(

@@ -14,6 +14,8 @@ from softcal.calibration.observation import commands
 from softcal.errors import Fault, InputError
 from softcal.experiments.dataset import Dataset
 from softcal.project.project import Project
+from softcal.sensing.channel import of_kind
+from softcal.sensing.sensors.cable import TENSION
 from softcal.twin.in_time import simulate_in_time
 from softcal.twin.protocol import Command
 from softcal.twin.response import Response
@@ -78,7 +80,7 @@ def _replayed(project: Project, experiment: Experiment) -> Schedule:
         fault = Fault("the experiment has no driving channel", experiment.name, attempt="--pull, or --experiment")
         raise InputError(fault)
     data = _timed(project, experiment)
-    if any(channel.rsplit(".", 1)[-1] == "tension" for channel in experiment.drives):
+    if of_kind(TENSION, experiment.drives):
         if faults := pulley_faults(replace(experiment, dataset=data)):
             raise InputError(faults)
     times = data.values(TIME)

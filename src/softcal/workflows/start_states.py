@@ -12,6 +12,8 @@ from softcal.checks import Ints
 from softcal.mechanics.actuator import NO_EFFORT
 from softcal.mechanics.state import rest_state
 from softcal.project.project import Project
+from softcal.sensing.channel import ChannelName
+from softcal.sensing.sensors.cable import SHORTENING, TENSION
 from softcal.twin.build import twin_of
 from softcal.twin.parameters import parameter_values, robot_parameters, with_parameters
 from softcal.twin.protocol import Protocol, furthest_state
@@ -121,14 +123,14 @@ def _end_summary(experiment: Experiment, response: Response, undeformed: Snapsho
     warnings = list(response.warnings)
     parts: list[str] = []
     for channel in experiment.drives:
-        cable = experiment.twin_channel(channel).rpartition(".")[0]
-        pulled, tension = response.channels[f"{cable}.shortening"], response.channels[f"{cable}.tension"]
+        cable, kind = experiment.twin_channel(channel).carrier, experiment.twin_channel(channel).kind
+        pulled, tension = (response.channels[str(ChannelName(one, cable))] for one in (SHORTENING, TENSION))
         last = int(np.argmax(pulled))
         parts.append(
             f"{cable} {format_quantity(float(pulled[last]), 'm')}, {format_quantity(float(tension[last]), 'N')}"
         )
         slack = tension <= NO_EFFORT * tension.max()
-        if channel.rpartition(".")[2] == "shortening" and np.count_nonzero(slack) > 1:
+        if kind == SHORTENING and np.count_nonzero(slack) > 1:
             begin = float(pulled.min())
             travel = f"{1e3 * (pulled[slack].max() - begin):.3g} of {1e3 * np.ptp(pulled):.3g} mm"
             parts.append(f"slack for the first {travel}")

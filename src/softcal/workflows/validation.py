@@ -92,10 +92,9 @@ def validation_csv(found: Validation) -> str:
                 for point, d in held.fit.distances.items():
                     share = "" if held.fit.length is None else 100 * d.rms / held.fit.length
                     rows.append([*first, point, "m", d.rms, d.mean, d.max, share, d.n, values])
-                for channel, rmse in held.fit.rmse.items():
-                    if channel.rpartition(".")[0] not in held.fit.distances:
-                        n = len(held.fit.measured[channel])
-                        rows.append([*first, channel, held.fit.units[channel], rmse, "", "", "", n, values])
+                for channel in held.fit.alone:
+                    n, rmse = len(held.fit.measured[channel]), held.fit.rmse[channel]
+                    rows.append([*first, channel, held.fit.units[channel], rmse, "", "", "", n, values])
     return csv_text([*header, "parameters"], rows)
 
 

@@ -55,7 +55,7 @@ class DistanceLoss(Loss):
                     )
                 )
             for point in experiment.points:
-                parts = [channel for channel in experiment.compared if experiment.point_of(channel) == point]
+                parts = experiment.parts_of(point)
                 if len(parts) < 3:
                     allowed = f"{point}.x, {point}.y and {point}.z"
                     found.append(Fault("a distance needs all three parts", experiment.name, ", ".join(parts), allowed))

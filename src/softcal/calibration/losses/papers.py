@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
@@ -14,14 +15,15 @@ from softcal.calibration.relative_squares import RelativeSquares
 from softcal.checks import Floats
 from softcal.errors import Fault
 from softcal.quantities import quantity
+from softcal.sensing.channel import kinds
+from softcal.sensing.sensors.cable import TENSION
+from softcal.sensing.sensors.plate import PITCH
 
-PAPER_WEIGHTS: Mapping[str, float] = {
-    "tension": 0.3,  # alpha [1/N]
-    "shortening": 300.0,  # [1/m]: alpha per millimetre, for an experiment driven by tension
-    "pitch": 1.0,  # beta [1/rad]
-    "roll": 1.0,
-    "yaw": 1.0,
-}
+
+def paper_weights() -> dict[str, float]:
+    """The weights [1/SI unit] of the channels that have one."""
+    ordered = sorted(kinds().values(), key=lambda kind: kind.compared or math.inf)
+    return {kind.name: kind.paper_weight for kind in ordered if kind.paper_weight is not None}
 
 
 @register_loss
@@ -33,21 +35,20 @@ class PapersLoss(Loss):
     per millimetre (300 per metre), which is near 0.3 per newton on a neck of some 0.4 N/mm.
     """
 
-    weights: Mapping[str, float] = field(default_factory=lambda: dict(PAPER_WEIGHTS))
+    weights: Mapping[str, float] = field(default_factory=paper_weights)
     name: str = "papers"
     uses_priors: bool = False
     degree: int = 1
     options: ClassVar[tuple[Option, ...]] = (
-        Option("alpha", quantity("positive ratio"), PAPER_WEIGHTS["tension"]),
-        Option("beta", quantity("positive ratio"), PAPER_WEIGHTS["pitch"]),
+        Option("alpha", quantity("positive ratio"), TENSION.paper_weight or 0.0),
+        Option("beta", quantity("positive ratio"), PITCH.paper_weight or 0.0),
     )
 
     @classmethod
     def made(cls, options: Mapping[str, float], length: float | None) -> PapersLoss:
-        weights = {channel: options["beta"] * weight for channel, weight in PAPER_WEIGHTS.items()}
-        for channel in ("tension", "shortening"):
-            weights[channel] = options["alpha"] / PAPER_WEIGHTS["tension"] * PAPER_WEIGHTS[channel]
-        return cls(weights)
+        alpha, beta = (options[option.name] / option.default for option in cls.options)
+        factors = {kind.name: alpha if kind.drives else beta for kind in kinds().values()}
+        return cls({channel: factors[channel] * weight for channel, weight in paper_weights().items()})
 
     @property
     def surrogate(self) -> RelativeSquares:

@@ -6,8 +6,8 @@ import numpy as np
 
 from softcal.errors import DatasetError, Fault
 from softcal.experiments.dataset import Channel, Dataset, Step
-from softcal.experiments.names import deviation_channel, is_deviation
 from softcal.experiments.step import Setting, register_step
+from softcal.sensing.channel import channel_name
 from softcal.units import format_quantity
 
 
@@ -36,11 +36,12 @@ def average(dataset: Dataset, *, last: float | None = None) -> Dataset:
     for key, channel in dataset.channels.items():
         values = channel.values[rows]
         seen = values[np.isfinite(values)]
-        known = dataset.channels.get(deviation_channel(key))
+        name = channel_name(key)
+        known = dataset.channels.get(str(name.deviation))
         spread = float(np.std(seen, ddof=1)) if len(seen) > 1 else channel.sigma
         if known is not None:
             spread = float(np.hypot(spread, np.sqrt(np.nanmean(known.values[rows] ** 2))))
-        if not is_deviation(key):
+        if not name.is_deviation:
             channels[key] = Channel(seen.mean()[None], channel.unit, spread)
     what = "the record" if last is None else f"its last {format_quantity(last, 's')}"
     widest = max((key for key in channels if key != "time"), key=lambda key: channels[key].sigma, default="time")
@@ -72,4 +73,4 @@ def _unseen(dataset: Dataset, owner: str, last: float | None) -> Fault:
 
 
 def _owner(channel: str) -> str:
-    return channel.rpartition(".")[0] or channel
+    return channel_name(channel).carrier or channel

@@ -9,8 +9,8 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
 from softcal.experiments.dataset import Dataset, Step
-from softcal.experiments.names import deviation_channel
 from softcal.experiments.step import Setting, register_step
+from softcal.sensing.channel import channel_name
 from softcal.units import format_quantity
 
 NOISE_STEPS = ("set_noise", "estimate_noise")
@@ -59,5 +59,5 @@ def estimate_noise(dataset: Dataset, channel: str) -> Dataset:
 
 def _with_sigma(dataset: Dataset, channel: str, sigma: float, step: Step) -> Dataset:
     channels = {**dataset.channels, channel: replace(dataset.channels[channel], sigma=float(sigma))}
-    channels.pop(deviation_channel(channel), None)
+    channels.pop(str(channel_name(channel).deviation), None)
     return replace(dataset, channels=channels, provenance=(*dataset.provenance, step))

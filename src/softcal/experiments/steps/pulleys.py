@@ -19,6 +19,8 @@ from softcal.experiments.dataset import Dataset, Step
 from softcal.experiments.step import Setting, register_step
 from softcal.experiments.steps.branches import BRANCH, PULLEY_STEP, Branch, branch_of, pulley_exponent, require_branch
 from softcal.quantities import QUANTITIES
+from softcal.sensing.channel import channel_name
+from softcal.sensing.sensors.cable import TENSION
 
 
 def pulley_gain(branch: Branch, exponent: float) -> tuple[float, float]:
@@ -73,7 +75,7 @@ def correct_pulley_friction(
                 allowed="numbers >= 0",
             )
         )
-    tensions = [name for name in dataset.channels if name.rsplit(".", 1)[-1] in ("tension", "tension_sd")]
+    tensions = [name for name in dataset.channels if channel_name(name).kind == TENSION]
     if not tensions:
         dataset.values("tension")
     read_on = branch_of(dataset) or branch or "loading"

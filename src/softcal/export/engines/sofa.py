@@ -28,11 +28,11 @@ def _solve(robot: Robot, protocol: Protocol, shape: Snapshot, running: Running) 
     """Solve with SOFA, run to rest under the protocol's commands."""
     engine = sofa_engine(replace(running.sofa, timeout=running.timeout or running.sofa.timeout))
     found = state_of(engine(robot, protocol, snapshots=True))
-    given = {f"{name}.{command.control}" for name, command in protocol.commands.items()}
+    given = {(name, command.control) for name, command in protocol.commands.items()}
     return replace(
         found,
-        tensions={name: value for name, value in found.tensions.items() if f"{name}.tension" not in given},
-        shortenings={name: value for name, value in found.shortenings.items() if f"{name}.shortening" not in given},
+        tensions={name: value for name, value in found.tensions.items() if (name, "tension") not in given},
+        shortenings={name: value for name, value in found.shortenings.items() if (name, "shortening") not in given},
     )
 
 

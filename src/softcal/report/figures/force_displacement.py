@@ -10,18 +10,17 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.experiments.dataset import Dataset
-from softcal.experiments.names import is_deviation
 from softcal.experiments.steps.noise import NOISE_STEPS
 from softcal.report.content import ExperimentContent, ReportContent
 from softcal.report.figure import Drawing, register_figure
-from softcal.report.format import channel_label, joined, scale_of
+from softcal.report.format import joined, scale_of
 from softcal.report.style import BLUE, LOOP, MUTED, ORANGE, house_style, new_figure
+from softcal.sensing.channel import channel_name
+from softcal.sensing.sensors.plate import ANGLES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-_ANGLES = ("pitch", "roll", "yaw")
 
 
 @register_figure("bench")
@@ -40,7 +39,7 @@ def force_displacement(content: ReportContent) -> Iterator[Drawing]:
 
 def _is_of_states(experiment: ExperimentContent) -> bool:
     """Whether the rows are states with positions, for which a chart over the samples is of no use."""
-    return any(name.rpartition(".")[2] in ("x", "y", "z") and "." in name for name in experiment.raw.channels)
+    return any(channel_name(name).point for name in experiment.raw.channels)
 
 
 def _caption(experiment: ExperimentContent) -> str:
@@ -87,7 +86,7 @@ def draw_record(data: Dataset) -> Figure:
     """A dataset as recorded: force and angles over displacement if measured, otherwise each channel over time."""
     with house_style():
         if has_force_displacement(data):
-            angles = [name for name in _ANGLES if name in data.channels]
+            angles = [kind.name for kind in ANGLES if kind.name in data.channels]
             figure = new_figure(5.2, 3.5 + 2.1 * len(angles))
             axes, *beneath = figure.subplots(1 + len(angles), 1, squeeze=False)[:, 0]
             draw_cycles(axes, data)
@@ -96,10 +95,10 @@ def draw_record(data: Dataset) -> Figure:
             for below, name in zip(beneath, angles, strict=True):
                 draw_cycles(below, data, name)
                 below.set_xlabel("Displacement [mm]")
-                below.set_ylabel(scale_of("rad").axis(channel_label(name)))
+                below.set_ylabel(scale_of("rad").axis(channel_name(name).label))
                 below.set_xlim(axes.get_xlim())
             return figure
-        names = [name for name in data.channels if name != "time" and not is_deviation(name)] or ["time"]
+        names = [name for name in data.channels if name != "time" and not channel_name(name).is_deviation] or ["time"]
         figure = new_figure(5.2, 1.2 + 1.5 * len(names))
         stack = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
         timed = "time" in data.channels and names != ["time"]
@@ -107,7 +106,7 @@ def draw_record(data: Dataset) -> Figure:
         for axes, name in zip(stack, names, strict=True):
             scale = scale_of(data.channels[name].unit)
             axes.plot(x, data.values(name) / scale.factor, color=BLUE, linewidth=1.2)
-            axes.set_ylabel(scale.axis(channel_label(name)))
+            axes.set_ylabel(scale.axis(channel_name(name).label))
         stack[0].set_title(data.name)
         stack[-1].set_xlabel("Time [s]" if timed else "Sample")
         return figure

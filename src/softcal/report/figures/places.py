@@ -18,6 +18,7 @@ from softcal.report.format import result_label
 from softcal.report.outline import View, outline, two_views
 from softcal.report.robot_view import robot_points
 from softcal.report.style import FAINT, INK, MUTED, SERIES, house_style, new_figure
+from softcal.sensing.channel import positions
 from softcal.twin.facing import up_direction
 from softcal.twin.response import Snapshot
 
@@ -163,7 +164,7 @@ def _stacked(values: Mapping[str, Floats], fit: ExperimentFit) -> Floats:
     """All states of the markers of `fit`, marker by marker, shape (n, 3); empty if a marker has no values."""
     found: list[Floats] = []
     for marker in fit.distances:
-        columns = [values.get(f"{marker}.{axis}") for axis in "xyz"]
+        columns = [values.get(str(part)) for part in positions(marker)]
         present = [column for column in columns if column is not None]
         if len(present) < 3:
             return np.empty((0, 3))

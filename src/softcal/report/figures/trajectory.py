@@ -14,8 +14,9 @@ from softcal.checks import Floats
 from softcal.experiments.dataset import Dataset
 from softcal.report.content import ExperimentContent, ReportContent
 from softcal.report.figure import Drawing, register_figure
-from softcal.report.format import SI_UNITS_OF, Scale, channel_label, file_stem, joined, result_label, scale_of
+from softcal.report.format import Scale, file_stem, joined, result_label, scale_of
 from softcal.report.style import INK, MEASURED, MUTED, SIMULATED, house_style, new_figure
+from softcal.sensing.channel import channel_name, channel_unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -76,16 +77,16 @@ def trajectory_panels(experiment: ExperimentContent, fit: ExperimentFit) -> Traj
     """Panels in order: force, pitch, shortening, other non-position channels."""
     order = ("tension", "pitch", "shortening")
     names = [name for name in order if name in fit.simulated]
-    placed = {name for name in fit.simulated if name.rpartition(".")[0] in fit.distances}
+    placed = {name for name in fit.simulated if channel_name(name).point in fit.distances}
     names += [name for name in fit.simulated if name not in {*order, *placed} and name in fit.measured]
     panels: list[TrajectoryPanel] = []
     for name in names:
-        scale = scale_of(fit.units.get(name, SI_UNITS_OF.get(name, "1")))
+        scale = scale_of(fit.units.get(name, channel_unit(name) or "1"))
         simulated = np.asarray(fit.simulated[name], dtype=np.float64) / scale.factor
         measured = fit.measured.get(name)
         shown = None if measured is None else np.asarray(measured, dtype=np.float64) / scale.factor
         residual = None if shown is None else simulated - shown
-        panels.append(TrajectoryPanel(name, channel_label(name), scale, shown, simulated, residual))
+        panels.append(TrajectoryPanel(name, channel_name(name).label, scale, shown, simulated, residual))
     n_samples = len(panels[0].simulated) if panels else 0
     abscissa = _abscissa(experiment, n_samples)
     return TrajectoryPanels(experiment.name, abscissa, tuple(panels), _pieces(experiment.prepared, n_samples))
@@ -99,7 +100,7 @@ def _abscissa(experiment: ExperimentContent, n_samples: int) -> Abscissa:
     for name in (experiment.drive, "time"):
         if name in data.channels and np.all(np.diff(data.values(name)) >= 0):
             scale = scale_of(data.channels[name].unit)
-            return Abscissa(data.values(name) / scale.factor, scale.axis(channel_label(name)))
+            return Abscissa(data.values(name) / scale.factor, scale.axis(channel_name(name).label))
     return Abscissa(np.arange(n_samples, dtype=np.float64), "Sample")
 
 

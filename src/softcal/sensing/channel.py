@@ -1,0 +1,104 @@
+"""A channel: its kind, and the part of the robot that carries it. The one place that knows how channels are named."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+from softcal.quantities import Quantity
+from softcal.sensing.kind import ChannelKind
+from softcal.sensing.sensor import SENSORS
+
+TIME = ChannelKind("time", "s", "Time")
+_DEVIATION = "_sd"  # suffix of the channel with another's standard deviation, sample by sample: `m4.x_sd`
+
+
+@dataclass(frozen=True)
+class ChannelName:
+    """The name of a measured or simulated channel, such as `front.tension`; `str` gives it as files have it.
+
+    Attributes
+    ----------
+    kind
+        What it measures.
+    carrier
+        The cable, plate, marker or sensor; "" in a short name, such as `tension`.
+    is_deviation
+        Whether it is the standard deviation of the channel.
+    """
+
+    kind: ChannelKind
+    carrier: str = ""
+    is_deviation: bool = False
+
+    def __str__(self) -> str:
+        name = f"{self.carrier}.{self.kind.name}" if self.carrier else self.kind.name
+        return name + (_DEVIATION if self.is_deviation else "")
+
+    @property
+    def is_known(self) -> bool:
+        """Whether a channel can be called so."""
+        if self.kind == TIME:
+            return not self.carrier and not self.is_deviation
+        return self.kind.unit != "" and "." not in self.carrier
+
+    @property
+    def point(self) -> str:
+        """The marker or plate whose position it is a part of; "" of any other channel and of a short name."""
+        return self.carrier if self.kind.is_position else ""
+
+    @property
+    def offset(self) -> str:
+        """Name of the rig's parameter that is added to what the twin reads, such as `front.slack`; "" without one."""
+        return "" if self.kind.offset is None else f"{self.carrier}.{self.kind.offset[0]}"
+
+    @property
+    def deviation(self) -> ChannelName:
+        """The channel with the standard deviations of this one."""
+        return replace(self, is_deviation=True)
+
+    @property
+    def label(self) -> str:
+        """Its name in charts: "Cable force" of `tension`; with a carrier, as in files."""
+        return self.kind.label or self.kind.name if not self.carrier and not self.is_deviation else str(self)
+
+
+def channel_name(name: str) -> ChannelName:
+    """The channel of a name; of a kind without a unit where that is not known."""
+    stem = name.removesuffix(_DEVIATION)
+    carrier, dot, kind = stem.rpartition(".")
+    known = kinds().get(kind) if carrier or not dot else None
+    return ChannelName(known or ChannelKind(kind if carrier else stem, ""), carrier, stem != name)
+
+
+def channel_unit(name: str) -> str | None:
+    """SI unit of a channel by its name (`pitch`, `m4.x`, `m4.x_sd`); None of a name that no channel can have."""
+    found = channel_name(name)
+    return found.kind.unit if found.is_known else None
+
+
+def kinds() -> Mapping[str, ChannelKind]:
+    """Every kind of channel by its name: time, and those of all sensors, positions last."""
+    own = sorted((kind for sensor in SENSORS.values() for kind in sensor.kinds), key=lambda kind: kind.is_position)
+    return {kind.name: kind for kind in (TIME, *own)}
+
+
+def offsets() -> Mapping[str, Quantity]:
+    """Kinds of quantity of the rig's parameters that are added to channels, by the last part of their names."""
+    return dict(kind.offset for kind in kinds().values() if kind.offset is not None)
+
+
+def carriers(kind: ChannelKind) -> tuple[str, ...]:
+    """The robot's parts that carry channels of a kind: of "cables", "markers", "plates" and "sensors"."""
+    return tuple(sorted({sensor.of or "sensors" for sensor in SENSORS.values() if kind in sensor.kinds}))
+
+
+def positions(point: str) -> tuple[ChannelName, ...]:
+    """The three coordinates of a marker or plate."""
+    axes = sorted((kind for kind in kinds().values() if kind.axis is not None), key=lambda kind: kind.axis or 0)
+    return tuple(ChannelName(kind, point) for kind in axes)
+
+
+def of_kind(kind: ChannelKind, names: Iterable[str]) -> list[str]:
+    """Those of the channels' names that are of a kind, standard deviations left out."""
+    return [name for name in names if (one := channel_name(name)).kind == kind and not one.is_deviation]

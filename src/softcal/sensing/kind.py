@@ -1,0 +1,62 @@
+"""The kind of a channel, such as tension or pitch: all that is known of it, of whichever part it is measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf
+
+from softcal.quantities import Quantity
+
+
+@dataclass(frozen=True)
+class ChannelKind:
+    """What a channel measures.
+
+    Attributes
+    ----------
+    name
+        Last part of the channels' names, such as `tension` of `front.tension`.
+    unit
+        SI unit; "" of a kind that is not known.
+    label
+        In charts, such as "Cable force"; by default the name.
+    axis
+        Coordinate of a position: 0, 1 or 2 for x, y or z; None of all else.
+    drives
+        Whether a cable can be driven by it.
+    compared
+        Place among the channels with short names that are compared unless a project names others; 0: not among them.
+    offset
+        Last part of the name of the rig's parameter that is added to what the twin reads, and its kind of quantity;
+        None where there is none.
+    most, mistake
+        Largest plausible magnitude [unit], and what a larger one suggests, such as "mm read as m".
+    paper_weight
+        Weight [1/unit] in the cost of paper A; None where that has none.
+    """
+
+    name: str
+    unit: str
+    label: str = ""
+    axis: int | None = None
+    drives: bool = False
+    compared: int = 0
+    offset: tuple[str, Quantity] | None = None
+    most: float = inf
+    mistake: str = "the wrong unit"
+    paper_weight: float | None = None
+
+    @property
+    def is_position(self) -> bool:
+        """Whether it is a coordinate."""
+        return self.axis is not None
+
+    @property
+    def is_angle(self) -> bool:
+        """Whether it is an angle, which may pass half a turn."""
+        return self.unit == "rad"
+
+    @property
+    def is_force(self) -> bool:
+        """Whether it is proportional to moduli, as forces are; positions and angles are not."""
+        return self.unit == "N"

@@ -1,0 +1,149 @@
+"""Sensors: what they read of a robot, its rates, and their register."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Protocol, TypeVar
+
+from softcal.catalogue import Catalogue
+from softcal.checks import Floats
+from softcal.declare import Declared
+from softcal.errors import Fault
+from softcal.sensing.kind import ChannelKind
+
+# Parts of a robot that sensors may come with, in the order of their channels.
+PARTS = ("cables", "plates", "markers")
+# What else project files call a column, or the end of a channel's name.
+TAKEN = ("time", "mass", "qw", "qx", "qy", "qz")
+
+
+class Posture(Protocol):
+    """A state of the robot, as sensors see it."""
+
+    def point(self, name: str) -> Floats:
+        """Position (3,) [m] of a marker, or of a plate's reference."""
+        ...
+
+    def rotation(self, plate: str) -> Floats:
+        """Rotation (3, 3) of a plate from its rest pose."""
+        ...
+
+    def shortening(self, cable: str) -> float:
+        """Shortening [m] of a cable, slack or not."""
+        ...
+
+    def tension(self, cable: str) -> float:
+        """Tension [N] of a cable."""
+        ...
+
+
+class PostureRates(Protocol):
+    """Rates of a posture by k parameters or controls at once."""
+
+    def point(self, name: str) -> Floats:
+        """Rates (3, k) of the position of a marker, or of a plate's reference."""
+        ...
+
+    def rotation(self, plate: str) -> Floats:
+        """Angular velocities (3, k) of a plate, in the robot's frame."""
+        ...
+
+    def shortening(self, cable: str) -> Floats:
+        """Rates (k,) of a cable's shortening."""
+        ...
+
+    def tension(self, cable: str) -> Floats:
+        """Rates (k,) of a cable's tension."""
+        ...
+
+
+class Sensor(Declared, ABC):
+    """What reads one or more channels of a robot: a frozen dataclass, whose fields a project file gives.
+
+    Attributes
+    ----------
+    name
+        By which project files know it.
+    kinds
+        Its channels' kinds, in the order of what it reads.
+    of
+        "cables", "plates" or "markers", where every such part has this sensor: its one field is then the part's name.
+        "" of a sensor that a project file lists.
+    """
+
+    name: ClassVar[str]
+    kinds: ClassVar[tuple[ChannelKind, ...]]
+    of: ClassVar[str] = ""
+
+    @abstractmethod
+    def sense(self, robot: Posture) -> Sequence[float] | Floats:
+        """The channels (n,) [SI] of a posture."""
+
+    @abstractmethod
+    def rates(self, robot: Posture, moving: PostureRates) -> Sequence[Floats] | Floats:
+        """The channels' rates (n, k) at a posture."""
+
+
+@dataclass(frozen=True)
+class NamedSensor:
+    """A sensor on a robot. name: first part of its channels' names."""
+
+    name: str
+    sensor: Sensor
+
+
+def _faults(sensor: type[Sensor], known: Mapping[str, type[Sensor]]) -> list[Fault]:
+    """What a class that is to be registered lacks, and kinds of its channels that mean something else."""
+    if not (isinstance(sensor, type) and issubclass(sensor, Sensor)):
+        return [Fault("this is no sensor", "sensor", repr(sensor)[:60], "a subclass of softcal.Sensor")]
+    where = f"sensor {sensor.__name__}"
+    attributes = [name for name in ("name", "kinds") if not hasattr(sensor, name)]
+    missing = [*attributes, *sorted(sensor.__abstractmethods__)]
+    faults = [Fault("the sensor lacks something", where, allowed=f"'{name}' must be there") for name in missing]
+    if faults:
+        return faults
+    if sensor.of not in ("", *PARTS):
+        faults.append(Fault("no such parts have sensors", where, f"'{sensor.of}'", ", ".join(PARTS)))
+    names = [kind.name for kind in sensor.kinds]
+    if not names or len(set(names)) < len(names):
+        faults.append(Fault("a sensor has one or more channels, of different kinds", where, ", ".join(names) or "none"))
+    others = {kind.name: kind for one in known.values() for kind in one.kinds if one.name != sensor.name}
+    for kind in sensor.kinds:
+        if not kind.name.isidentifier() or kind.name.endswith("_sd") or kind.name in TAKEN or not kind.unit:
+            what = "a kind of channel cannot be called so, or has no unit"
+            faults.append(Fault(what, where, f"'{kind.name}' in '{kind.unit}'", attempt="another name"))
+        elif others.get(kind.name, kind) != kind:
+            what = "another sensor has channels of this name that are of another kind"
+            faults.append(Fault(what, where, kind.name, attempt="another name"))
+    return faults
+
+
+SENSORS: Catalogue[type[Sensor]] = Catalogue("sensor", "softcal.sensors", _faults, home="softcal.sensing.sensors")
+
+S = TypeVar("S", bound=type[Sensor])
+
+
+def register_sensor(sensor: S) -> S:
+    """Add a sensor of one's own: a robot's `sensors`, columns of tables, results and reports know it from then on.
+
+    A package does the same for every process by an entry point of the group `softcal.sensors` that names the class.
+
+    Parameters
+    ----------
+    sensor
+        The class, a frozen dataclass; this decorates it.
+
+    Returns
+    -------
+    type[Sensor]
+        The same class.
+
+    Raises
+    ------
+    ParameterError
+        Where another sensor has the name, the class lacks something, or its channels' names mean something else.
+    """
+    SENSORS.add(sensor)
+    return sensor

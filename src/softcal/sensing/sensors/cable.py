@@ -1,0 +1,51 @@
+"""A cable's shortening and tension, as its machine measures them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from softcal.checks import Floats
+from softcal.quantities import QUANTITIES
+from softcal.sensing.kind import ChannelKind
+from softcal.sensing.sensor import Posture, PostureRates, Sensor, register_sensor
+
+SHORTENING = ChannelKind(
+    "shortening",
+    "m",
+    "Cable shortening",
+    drives=True,
+    compared=2,
+    offset=("slack", QUANTITIES["slack"]),
+    most=1.0,
+    mistake="mm read as m",
+    paper_weight=300.0,  # alpha per millimetre, for an experiment driven by tension
+)
+TENSION = ChannelKind(
+    "tension",
+    "N",
+    "Cable force",
+    drives=True,
+    compared=1,
+    offset=("tension_offset", QUANTITIES["tension offset"]),
+    most=5e3,
+    mistake="N read as kN",
+    paper_weight=0.3,  # alpha
+)
+
+
+@register_sensor
+@dataclass(frozen=True)
+class CableSensor(Sensor):
+    """Shortening [m] and tension [N] of a cable."""
+
+    cable: str
+    name: ClassVar[str] = "cable"
+    kinds: ClassVar[tuple[ChannelKind, ...]] = (SHORTENING, TENSION)
+    of: ClassVar[str] = "cables"
+
+    def sense(self, robot: Posture) -> list[float]:
+        return [robot.shortening(self.cable), robot.tension(self.cable)]
+
+    def rates(self, robot: Posture, moving: PostureRates) -> list[Floats]:
+        return [moving.shortening(self.cable), moving.tension(self.cable)]

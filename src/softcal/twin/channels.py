@@ -1,0 +1,97 @@
+"""The channels of a robot: those of its cables, plates and markers, and those of its other sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.errors import Fault, ParameterError, nearest
+from softcal.sensing.channel import ChannelName
+from softcal.sensing.sensor import PARTS, SENSORS, NamedSensor, Sensor
+from softcal.twin.robot import Robot
+
+
+def sensors_of(robot: Robot) -> tuple[NamedSensor, ...]:
+    """Every sensor: those that come with cables, plates and markers, then the robot's own."""
+    come = [
+        NamedSensor(part.name, sensor(part.name))  # pyright: ignore[reportCallIssue] (the one field of such a sensor)
+        for parts in PARTS
+        for sensor in SENSORS.values()
+        if sensor.of == parts
+        for part in getattr(robot, parts)
+    ]
+    # Of each part all its sensors together.
+    order = {part.name: i for i, part in enumerate(p for parts in PARTS for p in getattr(robot, parts))}
+    return (*sorted(come, key=lambda one: order[one.name]), *robot.sensors)
+
+
+def channels_of(sensors: Iterable[NamedSensor]) -> list[ChannelName]:
+    """The channels of sensors, in their order."""
+    return [ChannelName(kind, one.name) for one in sensors for kind in one.sensor.kinds]
+
+
+def require_sensors(robot: Robot) -> None:
+    """Check the robot's own sensors.
+
+    Raises
+    ------
+    ParameterError
+        For a sensor of a marker, plate or cable that the robot does not have, or one that does not read its channels.
+    """
+    if faults := [fault for one in robot.sensors if (fault := sensor_fault(robot, one.name, one.sensor))]:
+        raise ParameterError(faults)
+
+
+def sensor_fault(robot: Robot, name: str, sensor: Sensor) -> Fault | None:
+    """The fault of a sensor on a robot at rest, or None."""
+    if sensor.of:
+        allowed = ", ".join(sorted(key for key, one in SENSORS.items() if not one.of)) or "none"
+        return Fault(f"every one of the {sensor.of} has this sensor", name, sensor.name, allowed)
+    try:
+        read = np.asarray(sensor.sense(_AtRest(robot)), dtype=np.float64)
+    except ParameterError as error:
+        (fault,) = error.faults
+        return Fault(fault.what, name, fault.got, fault.allowed, fault.attempt)
+    if read.shape != (len(sensor.kinds),) or not np.isfinite(read).all():
+        allowed = f"a finite number for each of {', '.join(kind.name for kind in sensor.kinds)}"
+        return Fault("the sensor does not read its channels at rest", name, np.array2string(read), allowed)
+    return None
+
+
+@dataclass(frozen=True)
+class _AtRest:
+    """The robot as it was built, as sensors see it."""
+
+    robot: Robot
+
+    def point(self, name: str) -> Floats:
+        markers = {marker.name: marker.at for marker in self.robot.markers}
+        return _named(name, "marker or plate", {**markers, **self._plates})
+
+    def rotation(self, plate: str) -> Floats:
+        _named(plate, "plate", self._plates)
+        return np.eye(3)
+
+    def shortening(self, cable: str) -> float:
+        return _named(cable, "cable", {cable.name: 0.0 for cable in self.robot.cables})
+
+    def tension(self, cable: str) -> float:
+        return self.shortening(cable)
+
+    @property
+    def _plates(self) -> dict[str, Floats]:
+        return {plate.name: plate.reference for plate in self.robot.plates}
+
+
+V = TypeVar("V")
+
+
+def _named(name: str, what: str, known: Mapping[str, V]) -> V:
+    if name not in known:
+        allowed = ", ".join(known) or "none"
+        raise ParameterError(Fault(f"the robot has no such {what}", "", f"'{name}'", allowed, nearest(name, known)))
+    return known[name]

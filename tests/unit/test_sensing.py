@@ -1,0 +1,61 @@
+"""Channels: their names, and what is known of their kinds."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from softcal.calibration.result import Distance, ExperimentFit
+from softcal.experiments.dataset import Channel, Dataset
+from softcal.experiments.plausibility import check_plausible
+from softcal.sensing.channel import ChannelName, carriers, channel_name, channel_unit, kinds, positions
+from softcal.sensing.sensors.cable import TENSION
+from softcal.sensing.sensors.plate import PITCH
+
+
+@pytest.mark.parametrize(
+    ("name", "carrier", "kind", "unit"),
+    [
+        ("tension", "", "tension", "N"),
+        ("front.tension", "front", "tension", "N"),
+        ("m4.x_sd", "m4", "x", "m"),
+        ("time", "", "time", "s"),
+        ("front.time", "front", "time", None),
+        ("time_sd", "", "time", None),
+        ("a.b.x", "a.b", "x", None),
+        (".x", "", ".x", None),
+        ("front.mass", "front", "mass", None),
+        ("stress", "", "stress", None),
+    ],
+)
+def test_a_name_is_taken_apart_and_put_together_again(name: str, carrier: str, kind: str, unit: str | None) -> None:
+    found = channel_name(name)
+    assert (found.carrier, found.kind.name) == (carrier, kind)
+    assert str(found) == name
+    assert channel_unit(name) == unit
+    assert found.is_known == (unit is not None)
+
+
+def test_a_channel_knows_what_it_is() -> None:
+    pitch = channel_name("top.pitch")
+    assert pitch == ChannelName(PITCH, "top")
+    assert (pitch.point, pitch.offset, str(pitch.deviation)) == ("", "top.pitch_offset", "top.pitch_sd")
+    assert channel_name("m4.y").point == "m4"
+    assert [str(part) for part in positions("m4")] == ["m4.x", "m4.y", "m4.z"]
+    assert (channel_name("tension").label, channel_name("front.tension").label) == ("Cable force", "front.tension")
+    assert carriers(TENSION) == ("cables",)
+    assert carriers(kinds()["x"]) == ("markers", "plates")
+    assert list(kinds()) == ["time", "shortening", "tension", "pitch", "roll", "yaw", "x", "y", "z"]
+
+
+def test_an_unlikely_size_is_warned_of_in_a_channel_of_a_named_part() -> None:
+    values = np.linspace(0.0, 8e3, 5)
+    values[1] = np.nan
+    dataset = Dataset("pull", {"front.tension": Channel(values, "N"), "m1.x": Channel(values, "m")})
+    assert check_plausible(dataset) == ("pull: front.tension reaches 8e+03 N, above 5000 N: N read as kN?",)
+
+
+def test_an_angle_has_an_error_of_its_own_beside_the_distance_of_its_plate() -> None:
+    rmse = dict.fromkeys(("top.x", "top.y", "top.z", "top.pitch", "x"), 1.0)
+    fit = ExperimentFit(rmse, {}, {}, {}, {}, distances={"top": Distance(1.0, 1.0, 1.0, 1)})
+    assert fit.alone == ("top.pitch", "x")

@@ -7,15 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pyvista import PolyData
 
 from softcal.geometry.centreline import straight
 from softcal.geometry.pose import Pose
 from softcal.geometry.section import circular
 from softcal.report.check_figures import robot_scenes
-from softcal.report.robot_view import plate_surface, robot_points
-from softcal.report.scene import Ball, Surface, Tube
+from softcal.report.robot_view import plate_disc, robot_points, rod_tube
+from softcal.report.scene import Arrow, Ball, FlatDisc, Part, Tube
 from softcal.report.scene_twin import twin_scenes
-from softcal.report.shapes import disc_surface, rod_surface, tube
 from softcal.report.style import LOOP, ORANGE
 from softcal.twin.facing import plate_normal, plate_radius, up_direction
 from softcal.twin.manipulator import ManipulatorShape, manipulator
@@ -30,36 +30,30 @@ def robot() -> Robot:
     return manipulator(SHAPE, youngs_modulus=1.6e9, poissons_ratio=0.43, density=900.0)
 
 
-def enclosed(surface: Surface) -> float:
-    a, b, c = (surface.points[surface.triangles[:, k]] for k in range(3))
-    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
-
-
-def is_closed(surface: Surface) -> bool:
-    """Every edge is run along once in each direction."""
-    t = surface.triangles
-    edges = np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]])
-    forward, back = {tuple(e) for e in edges}, {tuple(e) for e in edges[:, ::-1]}
-    return len(forward) == len(edges) and forward == back
+def closed(part: Part) -> PolyData:
+    """The part's mesh, of triangles, once it is known to be closed."""
+    mesh = part.mesh().triangulate().clean(tolerance=1e-6)
+    assert mesh.n_open_edges == 0
+    return mesh.compute_normals(auto_orient_normals=True)  # the volume wants all of them to point outwards
 
 
 def test_a_straight_wire_is_a_closed_cylinder():
     path = np.linspace([0.0, 0.0, 0.0], [0.0, 0.03, 0.1], 7)
-    surface = tube(path, 0.01, np.ones((7, 3)))
-    assert is_closed(surface)
+    mesh = closed(Tube(path, 0.005, colour=np.linspace([0, 0, 1.0], [1, 0, 0], 7)))
     around = 20 * math.sin(2 * math.pi / 20) / (2 * math.pi)  # of 20 corners instead of a circle
     length = float(np.linalg.norm(path[-1]))
-    assert enclosed(surface) == pytest.approx(length * math.pi / 4 * 1e-4 * around, rel=1e-9)
+    assert mesh.volume == pytest.approx(length * math.pi / 4 * 1e-4 * around, rel=1e-5)
+    low, high = (mesh["colour"][int(end)] for end in (mesh.points[:, 2].argmin(), mesh.points[:, 2].argmax()))
+    assert (low.tolist(), high.tolist()) == ([0, 0, 255], [255, 0, 0])
 
 
 def test_a_spring_is_drawn_as_thick_as_its_wire():
     rod = robot().rods[0]
-    surface = rod_surface(rod, rod.centreline.nodes, np.ones((len(rod.centreline.nodes), 3)))
-    assert is_closed(surface)
-    outer = np.hypot(surface.points[:, 0], surface.points[:, 1])
+    mesh = closed(rod_tube(rod, rod.centreline.nodes, "red"))
+    outer = np.hypot(mesh.points[:, 0], mesh.points[:, 1])
     assert outer.max() == pytest.approx(0.015 + 0.0045, rel=2e-3)
     assert outer.min() == pytest.approx(0.015 - 0.0045, rel=5e-3)
-    assert enclosed(surface) == pytest.approx(rod.section.area * rod.centreline.stations[-1], rel=0.02)
+    assert mesh.volume == pytest.approx(rod.section.area * rod.centreline.stations[-1], rel=0.02)
 
 
 def test_a_rod_of_one_element_is_drawn():
@@ -70,30 +64,36 @@ def test_a_rod_of_one_element_is_drawn():
         {"youngs_modulus": 1e9, "poissons_ratio": 0.4},
         fixed=np.array([0]),
     )
-    assert is_closed(rod_surface(rod, rod.centreline.nodes, np.ones((2, 3))))
+    assert closed(rod_tube(rod, rod.centreline.nodes, np.ones((2, 3)))).volume > 0.0
 
 
 def test_a_disc_has_its_holes():
-    plate = robot().plates[1]
-    disc = plate.disc
-    assert disc is not None
-    surface = disc_surface(plate, disc, "#0072b2")
-    assert is_closed(surface)
+    one = robot()
+    plate = one.plates[1]
+    part = plate_disc(one, plate, Pose(np.eye(3), plate.reference), "#0072b2", opacity=1.0)
+    assert part is not None
+    mesh = closed(part)
     rim, hole = (n / 2 * math.sin(2 * math.pi / n) / 4 for n in (96, 16))
     area = rim * 0.06**2 - 6 * hole * 0.003**2
-    assert enclosed(surface) == pytest.approx(area * 0.008, rel=1e-6)
-    edges = plate.holes["h1"]
-    nearest = np.linalg.norm((surface.points - edges)[:, :2], axis=1).min()
-    assert nearest == pytest.approx(0.0015, rel=1e-9), "the hole is open"
+    assert mesh.volume == pytest.approx(area * 0.008, rel=1e-5)
+    nearest = np.linalg.norm((mesh.points - plate.holes["h1"])[:, :2], axis=1).min()
+    assert nearest == pytest.approx(0.0015, rel=1e-4), "the hole is open"
 
 
 def test_a_disc_goes_with_its_plate():
     plate = Plate("top", {}, np.array([0.01, 0.0, 0.0]), disc=Disc(np.array([0.0, 0.0, 0.1]), [0, 0, 1], 0.04, 0.01))
     turn = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
-    one = robot()
-    surface = plate_surface(one, plate, Pose(turn, np.array([0.01, 0.0, 0.5])), "#0072b2", opacity=1.0)
-    assert surface is not None
-    np.testing.assert_allclose(surface.points.mean(axis=0), [0.0, -0.1, 0.5], atol=2e-4)
+    part = plate_disc(robot(), plate, Pose(turn, np.array([0.01, 0.0, 0.5])), "#0072b2", opacity=1.0)
+    assert part is not None
+    np.testing.assert_allclose(part.mesh().center, [0.0, -0.1, 0.5], atol=2e-4)
+    np.testing.assert_allclose(np.ptp(part.mesh().points, axis=0), [0.04, 0.01, 0.04], rtol=1e-2)
+
+
+def test_arrows_and_balls_are_where_they_are_wanted():
+    arrow = Arrow(np.array([0.0, 0, 0.1]), np.array([0.0, 0, 0.04]), 0.002, colour="red").mesh()
+    assert (arrow.bounds.z_min, arrow.bounds.z_max) == pytest.approx((0.04, 0.1))
+    assert arrow.bounds.x_max == pytest.approx(2.4 * 0.002, rel=0.02)
+    np.testing.assert_allclose(Ball(np.array([1.0, 2, 3]), 0.1, colour="red").mesh().center, [1, 2, 3], atol=1e-6)
 
 
 def test_plates_without_a_shape_face_along_the_rod_they_hold():
@@ -121,8 +121,9 @@ def test_the_check_shows_every_part_once_with_its_name():
     for name in ("base", *SHAPE.discs, *SHAPE.cables, *SHAPE.markers):
         assert words.count(name) == 1, name
     parts = scenes[0].parts
-    assert sum(isinstance(part, Surface) for part in parts) == 4 + 5
-    assert sum(isinstance(part, Tube) for part in parts) == 6
+    assert sum(isinstance(part, FlatDisc) for part in parts) == 5
+    assert [isinstance(part, Tube) and part.bulky for part in parts].count(True) == 4, "springs"
+    assert sum(isinstance(part, Tube) for part in parts) == 4 + 6
     # Markers, and where cables leave the base's far side; those in holes need no ball.
     assert sum(isinstance(part, Ball) for part in parts) == 4 + 6
     assert len(robot_points(one)) > 4 * 37
@@ -139,8 +140,8 @@ def test_slack_cables_are_grey_and_the_colours_reach_the_displacement():
     moved = max(np.linalg.norm(view.bent.rods[rod] - view.rest.rods[rod], axis=1).max() for rod in SHAPE.springs)
     assert found.largest == pytest.approx(moved)
     rest, bent = found.scenes
-    assert {part.colour for part in rest.parts if isinstance(part, Tube)} == {ORANGE}
-    colours = [part.colour for part in bent.parts if isinstance(part, Tube)]
+    assert {part.colour for part in rest.parts if isinstance(part, Tube) and not part.bulky} == {ORANGE}
+    colours = [part.colour for part in bent.parts if isinstance(part, Tube) and not part.bulky]
     assert (colours.count(ORANGE), colours.count(LOOP)) == (1, 5)
     assert [label.text for label in bent.labels if label.text.startswith("cable")] == ["cable6"]
     at = view.bent.markers["marker4"]

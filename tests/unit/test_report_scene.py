@@ -1,4 +1,4 @@
-"""Scenes: surfaces, plates, cameras, and the drawing that stands in for the 3-D renderer."""
+"""Scenes: surfaces, plates, cameras, and the sentence where there is no renderer."""
 
 from __future__ import annotations
 
@@ -6,15 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from matplotlib.colors import to_rgb
 from matplotlib.text import Text
-from report_example import column_mesh, neck_robot, twin_view
+from report_example import column_mesh, example_content, neck_robot, twin_view
 
 from softcal.geometry.cell import TET_EDGES
 from softcal.geometry.surface import boundary_triangles
 from softcal.report import scene_render
 from softcal.report.check_figures import region_colours, robot_scenes
-from softcal.report.figures.twin import draw_twin
+from softcal.report.figure import FIGURES
 from softcal.report.scene import (
     Arrow,
     Label,
@@ -23,7 +22,7 @@ from softcal.report.scene import (
     extent_points,
 )
 from softcal.report.scene_figure import draw_side_by_side
-from softcal.report.scene_render import Rendering, draw_flat, panel_size, render_scenes
+from softcal.report.scene_render import Rendering, panel_size, render_scenes
 from softcal.report.scene_twin import twin_parts, twin_scenes
 from softcal.report.scene_worker import from_behind
 from softcal.report.style import DPI, MUTED, encode, new_figure
@@ -31,6 +30,11 @@ from softcal.twin.facing import plate_normal, plate_radius
 from softcal.twin.robot import ViaPoint
 
 UNIT = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+
+
+def blank(n: int) -> Rendering:
+    """Pictures of nothing."""
+    return Rendering((np.zeros((4, 4, 4), dtype=np.uint8),) * n)
 
 
 def enclosed(points: np.ndarray, triangles: np.ndarray) -> float:
@@ -101,7 +105,7 @@ def test_loads_and_gravity_become_arrows_of_their_direction() -> None:
         assert (arrow.tip - arrow.tail)[2] < 0
 
 
-def test_the_renderer_or_its_loud_stand_in() -> None:
+def test_the_renderer_draws_or_says_why_not() -> None:
     found = twin_scenes(twin_view(column_mesh()))
     rendering = render_scenes(found.scenes, (found.camera, found.camera))
     if rendering.pictures:
@@ -113,7 +117,7 @@ def test_the_renderer_or_its_loud_stand_in() -> None:
         assert 0.02 < (first[:, :, 3] > 0).mean() < 0.9
         assert (first != second).any()
     else:
-        assert "matplotlib" in rendering.note
+        assert "the 3-D renderer" in rendering.note
 
 
 def test_a_figure_is_drawn_once_for_each_file(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -127,29 +131,13 @@ def test_a_figure_is_drawn_once_for_each_file(monkeypatch: pytest.MonkeyPatch) -
     assert len(drawn) == 2
 
 
-def test_a_renderer_that_dies_is_told_and_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scene_render, "_windows", lambda: ("noSuchRenderWindow",))
-    monkeypatch.setenv("PYTHONPATH", "/nonexistent")
+def test_where_the_renderer_dies_a_sentence_stands_for_its_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scene_render.sys, "executable", "/bin/false")
-    drawn = draw_twin(twin_view(column_mesh()))
-    assert drawn.note.startswith("Drawn flat by matplotlib")
+    (drawn,) = FIGURES["twin"].function(replace(example_content(n_trials=3), twin=twin_view(column_mesh())))
+    assert drawn.note.startswith("The pictures are missing, since the 3-D renderer (PyVista/VTK) does not work")
     assert "libegl1" in drawn.note
+    assert all("no picture" in axes.texts[0].get_text() for axes in drawn.figure.axes[:2])
     assert encode(drawn.figure)[0].startswith(b"\x89PNG")
-
-
-def test_the_flat_drawing_puts_the_near_before_the_far() -> None:
-    near, far = UNIT[[0, 1, 2]] + [0, 0, 1.0], UNIT[[0, 1, 2]]
-    red, blue = np.tile([1.0, 0, 0], (1, 1)), np.tile([0, 0, 1.0], (1, 1))
-    triangle = np.array([[0, 1, 2]])
-    found = twin_scenes(twin_view(column_mesh()))
-    camera = type(found.camera)(*np.eye(3), (0.0, 1.0, 0.0, 1.0))
-    figure = new_figure()
-    axes = figure.add_subplot()
-    scene = type(found.scenes[0])("x", (Surface(near, triangle, red), Surface(far, triangle, blue)))
-    draw_flat(axes, scene, camera)
-    colours = axes.collections[0].get_facecolor()
-    assert colours[0, 2] > 0
-    assert colours[-1, 0] > 0
 
 
 def test_labels_do_not_overlap() -> None:
@@ -157,7 +145,7 @@ def test_labels_do_not_overlap() -> None:
     crowded = tuple(Label(f"cable {k}", np.array([[0.05, 0.0, 0.1 + 1e-4 * k]])) for k in range(4))
     scenes = tuple(replace(scene, labels=scene.labels + crowded) for scene in found.scenes)
     cameras = (found.camera, found.camera)
-    figure = draw_side_by_side(scenes, cameras, Rendering((), "flat"), largest=found.largest).figure
+    figure = draw_side_by_side(scenes, cameras, blank(2), largest=found.largest).figure
     figure.draw_without_rendering()
     for axes in figure.axes[:2]:
         assert axes._left_title.get_window_extent().y1 < figure.bbox.y1
@@ -180,11 +168,12 @@ def test_a_surface_to_see_through_is_drawn_from_behind() -> None:
     (scene, _), (camera, _) = robot_scenes(neck_robot(column_mesh()))
     (body,) = [part for part in scene.parts if isinstance(part, Surface) and part.edges]
     tints = np.arange(len(body.triangles))[:, None] / len(body.triangles) * np.ones(3)
-    drawn = from_behind(replace(body, colours=tints), camera)
-    depth = (body.points[drawn.triangles].mean(axis=1) @ camera.back).round(12)
+    mesh = replace(body, colour=tints).mesh()
+    drawn = from_behind(mesh, camera)
+    depth = (drawn.points[drawn.regular_faces].mean(axis=1) @ camera.back).round(12)
     assert np.all(np.diff(depth) >= 0)
-    was = np.round(drawn.colours[:, 0] * len(body.triangles)).astype(int)
-    np.testing.assert_array_equal(body.triangles[was], drawn.triangles)
+    kept = {(*face, *tint) for face, tint in zip(mesh.regular_faces.tolist(), mesh["colour"].tolist(), strict=True)}
+    assert {(*f, *t) for f, t in zip(drawn.regular_faces.tolist(), drawn["colour"].tolist(), strict=True)} == kept
 
 
 @pytest.mark.parametrize("height", [0.04, 0.1067, 0.3])
@@ -192,7 +181,7 @@ def test_the_colours_legend_is_whole_on_a_narrow_picture(height: float) -> None:
     robot = neck_robot(column_mesh(height))
     scenes, cameras = robot_scenes(robot)
     names = ["body", "fixed", "plate (nodes, via points)", "cable", "via point in space", "via point on a body", "load"]
-    figure = draw_side_by_side(scenes, cameras, Rendering((), "flat"), colours=dict.fromkeys(names, "#808080")).figure
+    figure = draw_side_by_side(scenes, cameras, blank(2), colours=dict.fromkeys(names, "#808080")).figure
     figure.draw_without_rendering()
     (legend,) = figure.legends
     box, page = legend.get_window_extent(), figure.bbox
@@ -208,9 +197,9 @@ def test_what_is_fixed_is_grey_and_nothing_is_drawn_beneath_it() -> None:
     parts, _ = twin_parts(view, view.rest, shades, 1.0)
     low = min(float(part.points[:, 2].min()) for part in parts if isinstance(part, Surface))
     assert low == pytest.approx(robot.bodies[0].mesh.points[:, 2].min(), abs=1e-12)
-    grey = [p for p in parts if isinstance(p, Surface) and np.allclose(p.colours, to_rgb(MUTED))]
-    assert len(grey) == 1
+    grey = [part for part in parts if isinstance(part, Surface) and isinstance(part.colour, str)]
+    assert [part.colour for part in grey] == [MUTED]
     assert set(grey[0].triangles.ravel()) <= set(robot.bodies[0].fixed)
     free = replace(robot, bodies=tuple(replace(body, fixed=np.array([], dtype=int)) for body in robot.bodies))
     parts, _ = twin_parts(replace(view, robot=free), view.rest, shades, 1.0)
-    assert not [p for p in parts if isinstance(p, Surface) and np.allclose(p.colours, to_rgb(MUTED))]
+    assert not [part for part in parts if isinstance(part, Surface) and isinstance(part.colour, str)]

@@ -56,7 +56,7 @@ def calibrated(tmp_path_factory: pytest.TempPathFactory) -> ReportContent:
 
 @pytest.fixture
 def flat(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No 3-D renderer: scenes are drawn flat."""
+    """No 3-D renderer: scenes have no pictures."""
     for module in (configurations, twin):
         monkeypatch.setattr(module, "render_scenes", lambda *_: Rendering((), ""))
 

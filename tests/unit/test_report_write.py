@@ -166,11 +166,11 @@ def test_a_record_without_force_is_captioned_as_it_is_drawn() -> None:
 
 
 def test_check_pictures_are_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(check_figures, "render_scenes", lambda *_: Rendering((), "drawn flat"))
+    monkeypatch.setattr(check_figures, "render_scenes", lambda *_: Rendering((), "no pictures"))
     robot = neck_robot(column_mesh(n_rings=8))
     paths = draw_check(robot, {"20 mm": bench_experiment("20 mm", 0.02, 2e6).raw}, tmp_path)
     assert [path.exists() for path in (*paths.robot, *paths.datasets["20 mm"])] == [True] * 4
-    assert paths.notes == ("drawn flat",)
+    assert paths.notes == ("no pictures",)
 
 
 def test_importing_the_report_loads_nothing_heavy() -> None:

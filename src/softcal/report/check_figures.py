@@ -15,7 +15,7 @@ from softcal.geometry.ring import across
 from softcal.geometry.surface import boundary_triangles
 from softcal.report.figures.force_displacement import draw_record
 from softcal.report.format import file_stem, number
-from softcal.report.robot_view import plate_rim, plate_surface, robot_points
+from softcal.report.robot_view import plate_disc, plate_rim, robot_points, rod_tube
 from softcal.report.scene import (
     Arrow,
     Ball,
@@ -34,12 +34,11 @@ from softcal.report.scene import (
 from softcal.report.scene_figure import draw_side_by_side
 from softcal.report.scene_render import render_scenes
 from softcal.report.scene_twin import cable_radius
-from softcal.report.shapes import rod_surface
 from softcal.report.start_scenes import StartScenes
 from softcal.report.style import BLUE, GREEN, INK, ORANGE, PURPLE, RED, SKY, encode
 from softcal.report.write import write_files
 from softcal.twin.facing import up_direction
-from softcal.twin.robot import Body, PointLoad, Robot, Rod, SurfaceLoad
+from softcal.twin.robot import Body, PointLoad, Robot, SurfaceLoad
 
 _BODY = "#d6d3cd"
 _SEEN_THROUGH = 0.6  # opacity of a body with cables inside
@@ -47,7 +46,7 @@ _SEEN_THROUGH = 0.6  # opacity of a body with cables inside
 
 @dataclass(frozen=True)
 class CheckPaths:
-    """Files written: the robot, each dataset by name, the solved states; notes: remarks on a fallback renderer."""
+    """Files written: the robot, each dataset by name, the solved states; notes: why pictures are missing."""
 
     robot: tuple[Path, Path]
     datasets: Mapping[str, tuple[Path, Path]]
@@ -93,7 +92,7 @@ def robot_scenes(robot: Robot) -> tuple[tuple[Scene, ...], tuple[Projection, ...
     points = robot_points(robot)
     size = length_scale(points)
     parts: list[Part] = [_surface(robot, body) for body in robot.bodies]
-    parts += [_wire(rod) for rod in robot.rods]
+    parts += [rod_tube(rod, rod.centreline.nodes, _BODY) for rod in robot.rods]
     plates, others = _plates(robot)
     parts += plates
     names: list[Label] = []
@@ -101,12 +100,14 @@ def robot_scenes(robot: Robot) -> tuple[tuple[Scene, ...], tuple[Projection, ...
     radius = cable_radius(robot, size)
     for cable in robot.cables:
         path = np.stack([via.at for via in cable.via_points])
-        parts.append(Tube(path, radius, ORANGE))
+        parts.append(Tube(path, radius, colour=ORANGE))
         parts += [
-            Ball(via.at, 2 * radius, _carrier_colour(robot, via.on)) for via in cable.via_points if via.on not in shaped
+            Ball(via.at, 2 * radius, colour=_carrier_colour(robot, via.on))
+            for via in cable.via_points
+            if via.on not in shaped
         ]
         names.append(Label(cable.name, refined(path)))
-    parts += [Ball(marker.at, 0.012 * size, SKY) for marker in robot.markers]
+    parts += [Ball(marker.at, 0.012 * size, colour=SKY) for marker in robot.markers]
     others += [Label(marker.name, marker.at[None]) for marker in robot.markers]
     up = up_direction(robot)
     towards = _first_cable_side(robot, points, up)
@@ -145,16 +146,10 @@ def _surface(robot: Robot, body: Body) -> Surface:
     return Surface(
         body.mesh.points,
         boundary_triangles(body.mesh.tets),
-        region_colours(robot, body),
+        colour=region_colours(robot, body),
         opacity=_SEEN_THROUGH if inside else 1.0,
         edges=body.mesh.n_tets < 20000,
     )
-
-
-def _wire(rod: Rod) -> Surface:
-    from matplotlib.colors import to_rgb
-
-    return rod_surface(rod, rod.centreline.nodes, np.tile(to_rgb(_BODY), (len(rod.centreline.nodes), 1)))
 
 
 def _plates(robot: Robot) -> tuple[list[Part], list[Label]]:
@@ -165,9 +160,9 @@ def _plates(robot: Robot) -> tuple[list[Part], list[Label]]:
         if plate.disc is None and plate.nodes:
             continue
         pose = Pose(np.eye(3), plate.reference)
-        surface = plate_surface(robot, plate, pose, INK if plate.fixed else BLUE, opacity=1.0 if plate.disc else 0.5)
-        if surface is not None:
-            parts.append(surface)
+        disc = plate_disc(robot, plate, pose, INK if plate.fixed else BLUE, opacity=1.0 if plate.disc else 0.5)
+        if disc is not None:
+            parts.append(disc)
             labels.append(Label(plate.name, plate_rim(robot, plate, pose)))
     return parts, labels
 
@@ -214,7 +209,7 @@ def _load_arrows(robot: Robot, size: float) -> tuple[list[Part], list[Label]]:
         strength = float(np.linalg.norm(force))
         if strength > 0:
             tail = at - 0.3 * size * force / strength
-            arrows.append(Arrow(tail, at, 0.009 * size, RED))
+            arrows.append(Arrow(tail, at, 0.009 * size, colour=RED))
             labels.append(Label(f"{load.name}: {number(strength)} {unit}", tail[None]))
     return arrows, labels
 
@@ -230,7 +225,7 @@ def _gravity_arrow(robot: Robot, points: Floats, up: Floats, towards: Floats) ->
     middle = points.mean(axis=0)
     every = np.concatenate([points, *(via.at[None] for cable in robot.cables for via in cable.via_points)])
     tail = middle + (float(((every - middle) @ side).max()) + 0.22 * size) * side
-    arrow = Arrow(tail, tail + 0.2 * size * robot.gravity / strength, 0.009 * size, RED)
+    arrow = Arrow(tail, tail + 0.2 * size * robot.gravity / strength, 0.009 * size, colour=RED)
     return [arrow], [Label(f"gravity: {number(strength)} m/s²", tail[None])]
 
 

@@ -1,17 +1,19 @@
-"""Drawing data of a robot: extent and plate surfaces. Lengths in m."""
+"""Drawing data of a robot: extent, rods and plates. Lengths in m."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
 from softcal.checks import Floats
 from softcal.geometry.pose import Pose
-from softcal.report.scene import Surface
-from softcal.report.shapes import disc_surface, flat_disc, unit_circle
+from softcal.geometry.ring import across, ring_points
+from softcal.report.scene import RIM, FlatDisc, Tube
 from softcal.twin.facing import plate_normal, plate_radius
-from softcal.twin.robot import Disc, Plate, Robot
+from softcal.twin.robot import Disc, Plate, Robot, Rod
+
+STEPS = 6  # between two nodes of a rod
 
 
 def robot_points(robot: Robot) -> Floats:
@@ -24,18 +26,43 @@ def robot_points(robot: Robot) -> Floats:
     return np.concatenate(found)
 
 
-def plate_surface(robot: Robot, plate: Plate, pose: Pose, colour: str, *, opacity: float) -> Surface | None:
-    """A plate at a pose: its own shape, or a flat disc if unknown; None if it has no extent.
+def rod_tube(rod: Rod, nodes: Floats, colour: str | Floats) -> Tube:
+    """A rod with current node positions (n, 3), as thick as its section; colour: a name, or RGB of each node (n, 3)."""
+    from scipy.interpolate import CubicSpline
+
+    stations = rod.centreline.stations
+    fine = np.unique(np.concatenate([np.linspace(a, b, STEPS + 1) for a, b in pairwise(stations)]))
+    path = CubicSpline(stations, nodes)(fine) if len(nodes) > 2 else _between(stations, nodes, fine)
+    shades = colour if isinstance(colour, str) else _between(stations, colour, fine)
+    return Tube(path, 0.5 * rod.section.outer_diameter, colour=shades, bulky=True)
+
+
+def _between(stations: Floats, values: Floats, at: Floats) -> Floats:
+    return np.stack([np.interp(at, stations, column) for column in values.T], axis=1)
+
+
+def plate_disc(robot: Robot, plate: Plate, pose: Pose, colour: str, *, opacity: float) -> FlatDisc | None:
+    """A plate at a pose: its own shape with open guide holes, or a thin disc if unknown; None if it has no extent.
 
     pose: of the plate's reference point.
     """
-    if plate.disc is not None:
-        rest = disc_surface(plate, plate.disc, colour, opacity=opacity)
-        return replace(rest, points=pose.apply(rest.points - plate.reference))
-    radius = plate_radius(robot, plate)
-    if not radius > 0.0:
-        return None
-    return flat_disc(pose.position, pose.rotation @ plate_normal(robot, plate), radius, colour, opacity=opacity)
+    disc = plate.disc
+    if disc is None:
+        radius = plate_radius(robot, plate)
+        axis = pose.rotation @ plate_normal(robot, plate)
+        thin = FlatDisc(pose.position, axis, radius, radius / 20, colour=colour, opacity=opacity)
+        return thin if radius > 0.0 else None
+    holes = np.array([*plate.holes.values()] if disc.hole_diameter > 0.0 else []).reshape(-1, 3)
+    return FlatDisc(
+        pose.apply(disc.centre - plate.reference),
+        pose.rotation @ disc.axis,
+        0.5 * disc.diameter,
+        disc.thickness,
+        holes=pose.apply(holes - plate.reference),
+        hole_radius=0.5 * disc.hole_diameter,
+        colour=colour,
+        opacity=opacity,
+    )
 
 
 def plate_rim(robot: Robot, plate: Plate, pose: Pose) -> Floats:
@@ -47,4 +74,4 @@ def plate_rim(robot: Robot, plate: Plate, pose: Pose) -> Floats:
 
 
 def _rim(shape: Disc) -> Floats:
-    return shape.centre + 0.5 * shape.diameter * unit_circle(shape.axis)
+    return ring_points(shape.centre, shape.axis, across(shape.axis), 0.5 * shape.diameter, RIM)

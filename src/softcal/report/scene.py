@@ -1,66 +1,170 @@
-"""Three-dimensional scenes as plain data: coloured surfaces, tubes, balls, arrows, and parallel projections."""
+"""Three-dimensional scenes: parts that PyVista draws, labels, and parallel projections."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import Any, ClassVar
 
 import numpy as np
 
 from softcal.checks import Floats, Ints, frozen_floats, frozen_ints
-from softcal.geometry.ring import across
+from softcal.geometry.ring import across, ring_points
+
+SIDES = 20  # of a tube
+RIM, HOLE = 96, 16  # points on the rim of a disc, and on that of a hole
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part(ABC):
+    """A shape. colour: a name, or RGB (n, 3) from 0 to 1 of each point or triangle; bulky: labels keep clear of it."""
+
+    colour: str | Floats
+    opacity: float = 1.0
+    edges: bool = False
+    bulky: bool = False
+    smooth: ClassVar[bool] = False  # shaded without facets
+
+    @property
+    @abstractmethod
+    def extent(self) -> Floats:
+        """Points (n, 3) [m] that must be in the picture."""
+
+    @abstractmethod
+    def mesh(self) -> Any:
+        """The shape as PyVista's `PolyData`, with a "colour" of each point or cell where it has several."""
+
+    @property
+    def rgb(self) -> dict[str, Any]:
+        """The colours as data of a mesh; empty where there is only one."""
+        return {} if isinstance(self.colour, str) else {"colour": np.round(255 * self.colour).astype(np.uint8)}
 
 
 @dataclass(frozen=True)
-class Surface:
-    """Triangles (k, 3) over points (n, 3) [m]; colours (n, 3) per point or (k, 3) per triangle, RGB from 0 to 1."""
+class Surface(Part):
+    """Triangles (k, 3) over points (n, 3) [m]."""
 
     points: Floats
     triangles: Ints
-    colours: Floats
-    opacity: float = 1.0
-    edges: bool = False
+    bulky: bool = field(default=True, kw_only=True)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", frozen_floats(self.points, name="surface points", shape=(None, 3)))
         object.__setattr__(self, "triangles", frozen_ints(self.triangles, name="triangles", shape=(None, 3)))
-        object.__setattr__(self, "colours", frozen_floats(self.colours, name="colours", shape=(None, 3)))
 
     @property
-    def per_point(self) -> bool:
-        """Whether the colours belong to points rather than triangles."""
-        return len(self.colours) == len(self.points)
+    def extent(self) -> Floats:
+        return self.points[np.unique(self.triangles)]
+
+    def mesh(self) -> Any:
+        import pyvista as pv
+
+        mesh = pv.PolyData.from_regular_faces(np.array(self.points), np.array(self.triangles))
+        (mesh.point_data if len(self.colour) == mesh.n_points else mesh.cell_data).update(self.rgb)
+        return mesh
 
 
 @dataclass(frozen=True)
-class Tube:
-    """A polyline (k, 3) [m] drawn with a radius [m]."""
+class Tube(Part):
+    """A polyline (k, 3) [m] with a radius [m]."""
 
     path: Floats
     radius: float
-    colour: str
+    smooth: ClassVar[bool] = True
+
+    @property
+    def extent(self) -> Floats:
+        return np.concatenate([self.path - self.radius, self.path + self.radius]) if self.bulky else self.path
+
+    def mesh(self) -> Any:
+        import pyvista as pv
+
+        line = pv.MultipleLines(np.array(self.path))
+        line.point_data.update(self.rgb)
+        return line.tube(radius=self.radius, n_sides=SIDES, capping=True)
 
 
 @dataclass(frozen=True)
-class Ball:
-    """A point (3,) [m] drawn with a radius [m]."""
+class Ball(Part):
+    """A point (3,) [m] with a radius [m]."""
 
     at: Floats
     radius: float
-    colour: str
+    smooth: ClassVar[bool] = True
+
+    @property
+    def extent(self) -> Floats:
+        return self.at[None]
+
+    def mesh(self) -> Any:
+        import pyvista as pv
+
+        return pv.Sphere(radius=self.radius, center=tuple(self.at))
 
 
 @dataclass(frozen=True)
-class Arrow:
+class Arrow(Part):
     """An arrow from `tail` to `tip` (3,) [m]."""
 
     tail: Floats
     tip: Floats
     radius: float
-    colour: str
+
+    @property
+    def extent(self) -> Floats:
+        return np.stack([self.tail, self.tip])
+
+    def mesh(self) -> Any:
+        import pyvista as pv
+
+        along = self.tip - self.tail
+        share = self.radius / float(np.linalg.norm(along))
+        return pv.Arrow(
+            start=tuple(self.tail),
+            direction=tuple(along),
+            scale="auto",
+            tip_length=min(0.4, 5 * share),
+            tip_radius=2.4 * share,
+            shaft_radius=share,
+        )
 
 
-Part = Surface | Tube | Ball | Arrow
+@dataclass(frozen=True)
+class FlatDisc(Part):
+    """A flat cylinder around `centre` (3,) [m] with a unit axis, and open holes around points (n, 3) [m]."""
+
+    centre: Floats
+    axis: Floats
+    radius: float
+    thickness: float
+    holes: Floats = field(default_factory=lambda: np.empty((0, 3)))
+    hole_radius: float = 0.0
+    bulky: bool = field(default=True, kw_only=True)
+
+    @property
+    def extent(self) -> Floats:
+        return ring_points(self.centre, self.axis, across(self.axis), self.radius, RIM)
+
+    def mesh(self) -> Any:
+        import pyvista as pv
+
+        side = across(self.axis)
+        frame = np.column_stack([side, np.cross(self.axis, side), self.axis])
+        # In the disc's own frame; a hole is run around the other way.
+        x, _, z = np.eye(3)
+        loops = [ring_points(np.zeros(3), z, x, self.radius, RIM)]
+        loops += [
+            ring_points(at * [1, 1, 0], -z, x, self.hole_radius, HOLE) for at in (self.holes - self.centre) @ frame
+        ]
+        starts = np.cumsum([0, *map(len, loops[:-1])])
+        faces = np.concatenate([[len(loop), *(first + np.arange(len(loop)))] for first, loop in zip(starts, loops)])
+        outline = pv.PolyData(np.concatenate(loops), faces=faces)
+        flat = pv.PolyData(np.array(outline.points)).delaunay_2d(edge_source=outline)
+        solid = flat.translate((0.0, 0.0, -0.5 * self.thickness)).extrude((0.0, 0.0, self.thickness), capping=True)
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = frame, self.centre
+        return solid.triangulate().transform(pose, inplace=False)
 
 
 @dataclass(frozen=True)
@@ -155,15 +259,4 @@ def _turned(vector: Floats, axis: Floats, angle: float) -> Floats:
 
 def extent_points(scenes: tuple[Scene, ...]) -> Floats:
     """All points (n, 3) [m] of the scenes."""
-    found: list[Floats] = []
-    for scene in scenes:
-        for part in scene.parts:
-            if isinstance(part, Surface):
-                found.append(part.points[np.unique(part.triangles)])
-            elif isinstance(part, Tube):
-                found.append(part.path)
-            elif isinstance(part, Ball):
-                found.append(part.at[None])
-            else:
-                found.append(np.stack([part.tail, part.tip]))
-    return np.concatenate(found)
+    return np.concatenate([part.extent for scene in scenes for part in scene.parts])

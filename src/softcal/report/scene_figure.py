@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.report.scene import Projection, Scene, Surface
-from softcal.report.scene_render import Rendering, draw_flat, panel_size
+from softcal.report.scene import Projection, Scene
+from softcal.report.scene_render import Rendering, panel_size
 from softcal.report.style import DISPLACEMENT, FAINT, INK, MUTED, house_style, new_figure
 
 if TYPE_CHECKING:
@@ -19,12 +19,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _SCALE_BAR = 0.14  # [in], beneath the pictures
+_NO_PICTURE = "no picture: the 3-D renderer\ndoes not work on this machine"
 _WIDE = 5.8  # [in], a figure that fits three legend columns
 
 
 @dataclass(frozen=True)
 class ScenePicture:
-    """A drawn figure; note: a remark on how it was drawn (fallback renderer), or ""."""
+    """A drawn figure; note: why the pictures are missing, or ""."""
 
     figure: Figure
     note: str
@@ -60,9 +61,9 @@ def draw_side_by_side(
             _frame(axes, camera)
             if rendering.pictures:
                 axes.imshow(rendering.pictures[index], extent=_millimetres(camera), aspect="auto", zorder=1)
+                _name_parts(axes, scene, camera)
             else:
-                draw_flat(axes, scene, camera)
-            _name_parts(axes, scene, camera)
+                axes.text(0.5, 0.5, _NO_PICTURE, transform=axes.transAxes, ha="center", color=MUTED)
             axes.set_title(scene.title)
         _scale_bar(figure.axes[0], cameras[0])
         if largest:
@@ -96,7 +97,7 @@ def _name_parts(axes: Axes, scene: Scene, camera: Projection) -> None:
     if not scene.labels:
         return
     crowd = 1e3 * camera.project(
-        np.concatenate([p.points for p in scene.parts if isinstance(p, Surface) and p.opacity > 0.5])
+        np.concatenate([part.extent for part in scene.parts if part.bulky and part.opacity > 0.5])
     )
     middle = 0.5 * (crowd[:, 0].min() + crowd[:, 0].max())
     reach = [1e3 * camera.project(label.at)[:, :2] for label in scene.labels]

@@ -9,7 +9,7 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.geometry.pose import Pose
 from softcal.geometry.surface import boundary_triangles
-from softcal.report.robot_view import plate_rim, plate_surface, robot_points
+from softcal.report.robot_view import plate_disc, plate_rim, robot_points, rod_tube
 from softcal.report.scene import (
     Ball,
     Label,
@@ -23,7 +23,6 @@ from softcal.report.scene import (
     length_scale,
     refined,
 )
-from softcal.report.shapes import rod_surface
 from softcal.report.twin_view import TwinView
 from softcal.twin.facing import up_direction
 from softcal.twin.response import Snapshot
@@ -84,7 +83,7 @@ def twin_parts(
         surface for body in view.tets for surface in _body_surfaces(view, snapshot, body, shades[body], MUTED)
     ]
     labels: list[Label] = []
-    parts += [rod_surface(rod, snapshot.rods[rod.name], shades[rod.name]) for rod in robot.rods]
+    parts += [rod_tube(rod, snapshot.rods[rod.name], shades[rod.name]) for rod in robot.rods]
     strongest = max(snapshot.tensions.values(), default=0.0)
     shaped = {plate.name for plate in robot.plates if plate.disc is not None}
     radius = cable_radius(robot, size)
@@ -93,9 +92,11 @@ def twin_parts(
         path = snapshot.cables[cable.name]
         slack = strongest > 0.0 and snapshot.tensions.get(cable.name, strongest) <= TAUT * strongest
         colour = LOOP if slack else ORANGE
-        parts.append(Tube(path, 0.5 * radius if slack else radius, colour))
+        parts.append(Tube(path, 0.5 * radius if slack else radius, colour=colour))
         parts += [
-            Ball(at, 2 * radius, colour) for via, at in zip(cable.via_points, path, strict=True) if via.on not in shaped
+            Ball(at, 2 * radius, colour=colour)
+            for via, at in zip(cable.via_points, path, strict=True)
+            if via.on not in shaped
         ]
         if not slack and (cable.name in pulled or len(robot.cables) <= MANY_CABLES):
             labels.append(Label(cable.name, refined(path)))
@@ -105,24 +106,22 @@ def twin_parts(
         position, rotation = snapshot.plates[plate.name]
         pose = Pose(rotation, position)
         look = (MUTED, 1.0) if plate.fixed else (BLUE, 0.35)
-        surface = plate_surface(robot, plate, pose, look[0], opacity=look[1])
-        parts += [] if surface is None else [surface]
+        disc = plate_disc(robot, plate, pose, look[0], opacity=look[1])
+        parts += [] if disc is None else [disc]
         labels.append(Label(plate.name, plate_rim(robot, plate, pose)))
-    parts += [Ball(at, 0.012 * size, SKY) for at in snapshot.markers.values()]
+    parts += [Ball(at, 0.012 * size, colour=SKY) for at in snapshot.markers.values()]
     return tuple(parts), tuple(labels)
 
 
 def _body_surfaces(view: TwinView, snapshot: Snapshot, name: str, shades: Floats, fixed: str) -> list[Surface]:
     """A body's surface, coloured by node; triangles whose nodes are all fixed in space have the colour `fixed`."""
-    from matplotlib.colors import to_rgb
-
     triangles = boundary_triangles(view.tets[name])
     body = next(body for body in view.robot.bodies if body.name == name)
     is_fixed = np.isin(triangles, body.fixed).all(axis=1)
     points = snapshot.points[name]
-    surfaces = [Surface(points, triangles[~is_fixed], shades)]
+    surfaces = [Surface(points, triangles[~is_fixed], colour=shades)]
     if is_fixed.any():
-        surfaces.append(Surface(points, triangles[is_fixed], np.tile(to_rgb(fixed), (len(points), 1))))
+        surfaces.append(Surface(points, triangles[is_fixed], colour=fixed))
     return surfaces
 
 

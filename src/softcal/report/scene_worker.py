@@ -8,13 +8,19 @@ from __future__ import annotations
 
 import pickle
 import sys
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softcal.report.scene import Arrow, Ball, Part, Projection, Scene, Surface, Tube
+from softcal.report.scene import Projection, Scene
+
+if TYPE_CHECKING:
+    from pyvista import PolyData
+
+# What is small is drawn brighter, or its colour could not be told.
+_BULKY: dict[str, Any] = {"ambient": 0.25, "diffuse": 0.75, "specular": 0.1}
+_SMALL: dict[str, Any] = {"ambient": 0.35}
 
 
 def render(scene: Scene, camera: Projection, height: int) -> np.ndarray[Any, Any]:
@@ -26,7 +32,12 @@ def render(scene: Scene, camera: Projection, height: int) -> np.ndarray[Any, Any
     plotter = pv.Plotter(off_screen=True, window_size=[width, height], lighting="light kit")
     try:
         for part in scene.parts:
-            _add(plotter, part, camera)
+            mesh = part.mesh() if part.opacity == 1.0 else from_behind(part.mesh(), camera)
+            own: dict[str, Any] = {"scalars": "colour", "rgb": True} if part.rgb else {"color": part.colour}
+            plotter.add_mesh(
+                mesh, **own, **(_BULKY if part.bulky else _SMALL), opacity=part.opacity, show_edges=part.edges,
+                edge_color="#4b5563", line_width=1, smooth_shading=part.smooth,
+            )  # fmt: skip
         middle = 0.5 * ((left + right) * camera.right + (bottom + top) * camera.up)
         depth = 10.0 * (right - left + top - bottom)
         plotter.camera_position = [tuple(middle + depth * camera.back), tuple(middle), tuple(camera.up)]
@@ -40,52 +51,17 @@ def render(scene: Scene, camera: Projection, height: int) -> np.ndarray[Any, Any
         plotter.close()
 
 
-def _add(plotter: Any, part: Part, camera: Projection) -> None:
-    import pyvista as pv
-
-    if isinstance(part, Surface):
-        if part.opacity < 1:
-            part = from_behind(part, camera)
-        mesh = pv.PolyData(np.array(part.points), _cells(part.triangles))
-        data = mesh.point_data if part.per_point else mesh.cell_data
-        data["colour"] = np.round(255 * part.colours).astype(np.uint8)
-        plotter.add_mesh(
-            mesh, scalars="colour", rgb=True, opacity=part.opacity, show_edges=part.edges, edge_color="#4b5563",
-            line_width=1, ambient=0.25, diffuse=0.75, specular=0.1,
-        )  # fmt: skip
-    elif isinstance(part, Tube):
-        tube = pv.lines_from_points(np.array(part.path)).tube(radius=part.radius, n_sides=16)
-        plotter.add_mesh(tube, color=part.colour, ambient=0.35)
-    elif isinstance(part, Ball):
-        plotter.add_mesh(pv.Sphere(radius=part.radius, center=tuple(part.at)), color=part.colour, ambient=0.35)
-    else:
-        plotter.add_mesh(_arrow(part), color=part.colour, ambient=0.35)
-
-
-def from_behind(part: Surface, camera: Projection) -> Surface:
+def from_behind(mesh: PolyData, camera: Projection) -> PolyData:
     """Triangles sorted back to front: depth peeling does not sort them with every OpenGL."""
-    depth = camera.project(part.points)[part.triangles][..., 2].mean(axis=1)
-    order = np.argsort(depth)
-    colours = part.colours if part.per_point else part.colours[order]
-    return replace(part, triangles=part.triangles[order], colours=colours)
-
-
-def _arrow(part: Arrow) -> Any:
     import pyvista as pv
 
-    length = float(np.linalg.norm(part.tip - part.tail))
-    return pv.Arrow(
-        start=tuple(part.tail),
-        direction=tuple(part.tip - part.tail),
-        scale=length,
-        tip_length=min(0.4, 5 * part.radius / length),
-        tip_radius=2.4 * part.radius / length,
-        shaft_radius=part.radius / length,
-    )
-
-
-def _cells(triangles: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    return np.column_stack([np.full(len(triangles), 3), triangles]).ravel()
+    order = np.argsort(mesh.points[mesh.regular_faces].mean(axis=1) @ camera.back)
+    found = pv.PolyData.from_regular_faces(mesh.points, mesh.regular_faces[order])
+    for name, values in mesh.cell_data.items():
+        found.cell_data[name] = values[order]
+    for name, values in mesh.point_data.items():
+        found.point_data[name] = values
+    return found
 
 
 def main(request: str, answer: str) -> None:

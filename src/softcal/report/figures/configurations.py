@@ -61,10 +61,10 @@ def _scene(view: Configuration, compared: Compared, largest: float) -> Scene:
     moved = displacements(view.twin)
     parts, labels = twin_parts(view.twin, view.twin.bent, moved, largest)
     size = length_scale(robot_points(view.twin.robot))
-    extra: list[Part] = [Ball(at, 0.013 * size, RED) for at in view.measured.values()]
+    extra: list[Part] = [Ball(at, 0.013 * size, colour=RED) for at in view.measured.values()]
     for name, at in view.simulated.items():
         if np.linalg.norm(at - view.measured[name]) > 0.01 * size:
-            extra.append(Tube(np.stack([view.measured[name], at]), 0.003 * size, RED))
+            extra.append(Tube(np.stack([view.measured[name], at]), 0.003 * size, colour=RED))
     plates = {plate.name for plate in view.twin.robot.plates}
     kept = tuple(label for label in labels if label.text in plates)
     return Scene(_title(view, compared), (*parts, *extra), kept)

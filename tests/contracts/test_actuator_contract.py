@@ -227,8 +227,10 @@ def marched(system: System, theta: dict[str, float], samples: np.ndarray, driven
     last = Reached(rest, Controls(none == 0.0, none, coordinates(system, rest)), np.zeros((0, 0)))
     states: list[State] = []
     for wanted in samples:
-        target = Controls(none == 0.0, none if driven else wanted, wanted if driven else last.controls.coordinate)
-        last = reach(statics, last, target, np.full(len(none), driven), ())
+        target = Controls(
+            np.full(len(none), not driven), none if driven else wanted, wanted if driven else last.controls.coordinate
+        )
+        last = reach(statics, last, target, ())
         states.append(last.state)
     statics.release()
     return states

@@ -61,7 +61,7 @@ def pulled(system: System, theta: dict[str, float], shortenings: np.ndarray) -> 
     last = Reached(rest_state(system.layout), Controls(one == 1.0, 0.0 * one, 0.0 * one), np.zeros((0, 0)))
     reached = []
     for d in shortenings:
-        last = reach(statics, last, Controls(last.controls.is_held, 0.0 * one, d * one), one == 1.0, ())
+        last = reach(statics, last, Controls(one == 0.0, 0.0 * one, d * one), ())
         reached.append(last)
     return np.array([one.state.effort[0] for one in reached]), reached
 
@@ -156,7 +156,7 @@ def test_sliders_slip_both_ways_in_the_cycle():
     assert np.abs(last.state.memory.values).max() > 1e-4  # under the weight alone
     slips = []
     for d in CYCLE:
-        last = reach(statics, last, Controls(last.controls.is_held, np.zeros(1), np.array([d])), np.ones(1, bool), ())
+        last = reach(statics, last, Controls(np.zeros(1, bool), np.zeros(1), np.array([d])), ())
         slips.append(last.state.memory.values.reshape(-1, 3)[:, 0])
     way = np.diff(slips, axis=0)
     assert (way.max(axis=0) > 1e-4).sum() >= 2

@@ -73,17 +73,15 @@ class Reached:
     way: Way | None = None
 
 
-def reach(
-    statics: Statics, last: Reached, target: Controls, by_coordinate: np.ndarray, names: tuple[str, ...]
-) -> Reached:
+def reach(statics: Statics, last: Reached, target: Controls, names: tuple[str, ...]) -> Reached:
     """Solve at the target with an active-set loop: follow a straight line with each actuator driven, or held at a limit
     of its effort, as before (cables: taut or slack); hold those whose effort passes a limit, drive those at a limit
     again that must be, and repeat until unchanged.
 
     Parameters
     ----------
-    by_coordinate
-        Which actuators are commanded by their coordinate.
+    target
+        `is_held` marks the actuators that are commanded by their effort; all others are by their coordinate.
     names
         Of the parameters by which derivatives are wanted.
 
@@ -92,7 +90,7 @@ def reach(
     SimulationError
         Where there is no equilibrium, or none was found.
     """
-    system = statics.system
+    system, by_coordinate = statics.system, ~target.is_held
     state, snaps = last.state, False
     # A driven actuator moves from its present coordinate to the target's; the check below drives those at a limit.
     held = last.controls.is_held
@@ -100,7 +98,7 @@ def reach(
     way, end = last.way, None if last.way is None else last.way.to(target)
     for _ in range(4 * len(system.actuators) + 4):
         if way is None or end is None:
-            way, end = Way(_line(start, target, by_coordinate), ()), 1.0
+            way, end = Way(_line(start, target), ()), 1.0
         line, has_snapped = way.line, last.has_snapped or snaps
         statics.seeks_free_modes = has_snapped
         driven = by_coordinate & ~start.is_held
@@ -126,7 +124,7 @@ def reach(
         returns = by_coordinate & start.is_held & returning(statics, state.effort, target.coordinate - coordinates)
         returns &= node.c == end
         if not pushes.any() and not returns.any():
-            controls = _held(target, start.is_held, start.effort, by_coordinate)
+            controls = _held(target, start.is_held, start.effort)
             return _reached(statics, node, controls, names, snaps, last.has_snapped or snaps, way)
         if snaps:
             break  # the snap-through was found with fixed taut and slack states; with switching ones it ends elsewhere
@@ -137,12 +135,10 @@ def reach(
             state = _released(statics, state, start, pushes)
             start = replace(start, coordinate=system.coordinates(state.x))
         way = None
-    return _fallen(statics, last, target, by_coordinate, names)
+    return _fallen(statics, last, target, names)
 
 
-def _fallen(
-    statics: Statics, last: Reached, target: Controls, by_coordinate: np.ndarray, names: tuple[str, ...]
-) -> Reached:
+def _fallen(statics: Statics, last: Reached, target: Controls, names: tuple[str, ...]) -> Reached:
     """The equilibrium reached by snap-through from the last one, with cables becoming taut or slack meanwhile.
 
     Raises
@@ -150,11 +146,11 @@ def _fallen(
     SimulationError
         Where none is reached.
     """
-    system = statics.system
+    system, by_coordinate = statics.system, ~target.is_held
     least, most = system.effort_limits
 
     def with_held(is_held: np.ndarray, state: State) -> Controls:
-        return _held(target, is_held, np.clip(state.effort, least, most), by_coordinate)
+        return _held(target, is_held, np.clip(state.effort, least, most))
 
     def switched(state: State, controls: Controls) -> Controls:
         returns = by_coordinate & returning(statics, state.effort, target.coordinate - system.coordinates(state.x))
@@ -168,13 +164,13 @@ def _fallen(
     at_limit = (state.effort == least) | (state.effort == most)
     controls = switched(state, with_held(~by_coordinate | at_limit, state))
     statics.seeks_free_modes = True
-    node = stable_node_at(statics, _line(controls, controls, by_coordinate), 1.0, state, names)
+    node = stable_node_at(statics, _line(controls, controls), 1.0, state, names)
     return _reached(statics, node, controls, names, snaps=True, has_snapped=True)
 
 
-def _held(target: Controls, is_held: np.ndarray, effort: Floats, by_coordinate: np.ndarray) -> Controls:
+def _held(target: Controls, is_held: np.ndarray, effort: Floats) -> Controls:
     """The target with some of the actuators that are commanded by their coordinate held at these efforts instead."""
-    return replace(target, is_held=is_held, effort=np.where(by_coordinate, effort, target.effort))
+    return replace(target, is_held=is_held, effort=np.where(target.is_held, target.effort, effort))
 
 
 def _reached(
@@ -193,13 +189,13 @@ def _reached(
     return Reached(state, controls, node.by_parameter, snaps, has_snapped, way)
 
 
-def _line(start: Controls, target: Controls, by_coordinate: np.ndarray) -> Line:
+def _line(start: Controls, target: Controls) -> Line:
     """The line from the start (c = 0) to the target (c = 1); what is held at a limit stays there."""
     return Line(
         start.is_held,
         start.effort,
         start.coordinate,
-        np.where(start.is_held & ~by_coordinate, target.effort - start.effort, 0.0),
+        np.where(start.is_held & target.is_held, target.effort - start.effort, 0.0),
         target.coordinate - start.coordinate,
     )
 

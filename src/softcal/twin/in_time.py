@@ -20,7 +20,7 @@ from softcal.twin.build import Twin, twin_of
 from softcal.twin.crossings import crossed_at
 from softcal.twin.masses import robot_inertia
 from softcal.twin.parameters import parameter_values
-from softcal.twin.protocol import Protocol, command_faults, let_go_faults
+from softcal.twin.protocol import Protocol, command_faults, controls_at, let_go_faults
 from softcal.twin.response import Response, Snapshot
 from softcal.twin.robot import Robot
 from softcal.twin.schedule import Schedule
@@ -200,17 +200,8 @@ class _Motion:
         )
 
     def _controls(self, time: float) -> Controls:
-        cables = self.twin.robot.cables
-        is_held, tension, shortening = np.ones(len(cables), dtype=bool), np.zeros(len(cables)), np.zeros(len(cables))
-        values = self.schedule.at(time)
-        for i, cable in enumerate(cables):
-            if cable.name not in values:
-                continue
-            if self.schedule.commands[cable.name].control == "tension":
-                tension[i] = values[cable.name]
-            else:
-                is_held[i], shortening[i] = False, values[cable.name]
-        return Controls(is_held, tension, shortening)
+        none = np.zeros(self.twin.system.layout.n_actuators)
+        return controls_at(self.twin.system, self.schedule.commands, self.schedule.at(time), none)
 
     def _keep(self, now: Instant, n_steps: int) -> None:
         row = sense(self.twin, now.state)

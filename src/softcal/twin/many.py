@@ -22,7 +22,7 @@ from softcal.sensing.sensors.cable import SHORTENING
 from softcal.twin.build import Twin
 from softcal.twin.crossings import crossed_at
 from softcal.twin.drawn_out import drawn_out, drawn_out_at
-from softcal.twin.protocol import Protocol
+from softcal.twin.protocol import Protocol, controls_at
 from softcal.twin.response import Response, Shown, Snapshot, by_column, derivatives_by_column
 from softcal.twin.sensors import channel_units, sense, sense_rates
 from softcal.twin.start import UNDER_LOADS, instability, loaded, slack_line, snapshot
@@ -61,22 +61,21 @@ def simulate_many(
         # A cable that is commanded in length starts at its present length.
         lengths = cables_of(twin.system).lengths(state.x)
         slack = replace(slack_line(twin).at(0.0), coordinate=twin.system.coordinates(state.x))
-        by_coordinate = _by_coordinate(twin, protocol)
         begun = reached = Reached(loads.state, slack, np.zeros((0, 0)), has_snapped=loads.snaps)
         for i in range(protocol.n_samples):
-            target = _target(twin, protocol, i, slack)
+            target = controls_at(twin.system, protocol.commands, protocol.at(i), slack.coordinate)
             if why := _beyond(protocol, i, failed, remembers=twin.system.remembers):
                 failed[i] = why
                 continue
             try:
-                reached = reach(statics, reached, target, by_coordinate, names)
+                reached = reach(statics, reached, target, names)
             except SimulationError as error:
                 if twin.system.remembers:  # a sample is reached through those before it alone
                     failed[i] = str(error)
                     continue
                 # The line from the sample before may pass commands without an equilibrium.
                 try:
-                    reached = reach(statics, begun, target, by_coordinate, names)
+                    reached = reach(statics, begun, target, names)
                 except SimulationError as error:
                     failed[i] = str(error)
                     continue
@@ -91,12 +90,12 @@ def simulate_many(
             if not met and (limit := twin.system.at_limit(state.x)):
                 met = f" From sample {i + 1} on {limit}."
             values.append(_commanded(twin, protocol, i, sense(twin, state)))
-            by_command = _by_command(twin, statics, state, reached.controls, by_coordinate, cables)
+            by_command = _by_command(twin, statics, state, reached.controls, target, cables)
             sensed = sense_rates(twin, state, reached.by_parameter, names)
             both = np.hstack([sensed, sense_rates(twin, state, by_command)])
             rates.append(_commanded_rates(twin, protocol, labels, both))
             if snapshots:
-                shapes.append(snapshot(twin, state, _shown(protocol, i), i + 1, ""))
+                shapes.append(snapshot(twin, state, protocol.at(i), i + 1, ""))
     except SimulationError as error:
         failed[0] = str(error)
     status = f"Solved: {protocol.n_samples} equilibria, {statics.n_factorisations} factorisations.{met}"
@@ -154,22 +153,8 @@ def _not_reached(protocol: Protocol, failed: Mapping[int, str], n_solved: int) -
     return " ".join(told)
 
 
-def _by_coordinate(twin: Twin, protocol: Protocol) -> np.ndarray:
-    """Which actuators are commanded by their coordinate, such as cables by their shortening (n_actuators,)."""
-    commands = ((actuator, protocol.commands.get(actuator.name)) for actuator in twin.system.actuators)
-    return np.array([one is not None and one.control == actuator.coordinate for actuator, one in commands], dtype=bool)
-
-
-def _target(twin: Twin, protocol: Protocol, i: int, now: Controls) -> Controls:
-    effort, coordinate = np.zeros_like(now.effort), now.coordinate.copy()
-    for k, actuator in enumerate(twin.system.actuators):
-        if (command := protocol.commands.get(actuator.name)) is not None:
-            (coordinate if command.control == actuator.coordinate else effort)[k] = command.values[i]
-    return Controls(now.is_held, effort, coordinate)
-
-
 def _by_command(
-    twin: Twin, statics: Statics, state: State, now: Controls, by_coordinate: np.ndarray, commanded: tuple[str, ...]
+    twin: Twin, statics: Statics, state: State, now: Controls, target: Controls, commanded: tuple[str, ...]
 ) -> Floats:
     """dz / d command of each actuator, by the tangent factorised last: (n_unknowns, number of `commanded`)."""
     layout = twin.system.layout
@@ -179,7 +164,7 @@ def _by_command(
         i = names.index(name)
         if not now.is_held[i]:
             right[layout.first_effort_unknown + i, column] = 1.0
-        elif not by_coordinate[i]:
+        elif target.is_held[i]:
             right[: layout.first_effort_unknown, column] = twin.system.force_gradient(state, i, statics.theta)
     if not commanded:
         return right
@@ -188,7 +173,7 @@ def _by_command(
     efforts[now.is_held] = 0.0
     for column, name in enumerate(commanded):
         i = names.index(name)
-        if now.is_held[i] and not by_coordinate[i]:
+        if now.is_held[i] and target.is_held[i]:
             efforts[i, column] = 1.0
     return dz
 
@@ -220,7 +205,3 @@ def _pulls(protocol: Protocol, i: int) -> str:
     commands = {name: (command.values[i], kinds()[command.control].unit) for name, command in protocol.commands.items()}
     told = ", ".join(f"{name} {format_quantity(float(v), unit)}" for name, (v, unit) in commands.items() if v != 0.0)
     return f" ({told})" if told else ""
-
-
-def _shown(protocol: Protocol, i: int) -> dict[str, float]:
-    return {name: float(command.values[i]) for name, command in protocol.commands.items()}

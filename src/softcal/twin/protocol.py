@@ -10,6 +10,8 @@ import numpy as np
 
 from softcal.checks import Floats, frozen_floats
 from softcal.errors import Fault, InputError
+from softcal.mechanics.system import System
+from softcal.mechanics.term import Controls
 from softcal.sensing.channel import ChannelName, kinds
 from softcal.twin.robot import Control, Robot
 
@@ -58,6 +60,27 @@ class Protocol:
     @property
     def n_samples(self) -> int:
         return max((len(command.values) for command in self.commands.values()), default=1)
+
+    def at(self, i: int) -> dict[str, float]:
+        """The commands' values at a sample, counted from 0."""
+        return {name: float(command.values[i]) for name, command in self.commands.items()}
+
+
+def controls_at(
+    system: System, commands: Mapping[str, Command], values: Mapping[str, float], coordinate: Floats
+) -> Controls:
+    """The controls at values of the commands, by actuator. One without a command is held at no effort; `coordinate`
+    (n_actuators,): of those that are not commanded by it.
+    """
+    is_held, effort, coordinate = np.ones(len(coordinate), dtype=bool), np.zeros_like(coordinate), coordinate.copy()
+    for k, actuator in enumerate(system.actuators):
+        if actuator.name not in commands:
+            continue
+        if commands[actuator.name].control == actuator.coordinate:
+            is_held[k], coordinate[k] = False, values[actuator.name]
+        else:
+            effort[k] = values[actuator.name]
+    return Controls(is_held, effort, coordinate)
 
 
 def furthest_state(protocol: Protocol) -> Protocol:

@@ -16,7 +16,7 @@ import itertools
 import math
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,7 @@ from scipy.spatial.transform import Rotation
 
 from softcal.checks import Floats
 from softcal.geometry.pose import Pose
-from softcal.twin.manipulator import ManipulatorShape, manipulator
+from softcal.twin.manipulator import Cables, Manipulator, Springs, manipulator
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Marker, Robot
 from softcal.twin.simulate import simulate
@@ -37,7 +37,9 @@ from softcal.vision.fiducials import CharucoBoard, board_texture, marker_modules
 
 HERE = Path(__file__).parent
 DICTIONARY = "DICT_4X4_50"
-SHAPE = ManipulatorShape(first_azimuths=(math.radians(30), math.radians(90)))
+CABLES = Cables(ends={"S2": math.radians(30), "S4": math.radians(90)})
+# The moduli are the truth's where states are solved.
+SHAPE = Manipulator(springs=Springs(youngs_modulus=1e9, poissons_ratio=0.4), cables=CABLES)
 REST = "rest"
 BOARD = "board"
 FACES = {  # right, up and towards us, on a marker that faces so
@@ -71,29 +73,30 @@ def vector(values: Sequence[str], unit: str) -> Floats:
 def true_robot(truth: Mapping[str, Any]) -> Robot:
     """The finer twin at the true values."""
     springs = truth["springs"]
-    return manipulator(
-        SHAPE,
-        youngs_modulus={name: si(springs["youngs_modulus"], name, "Pa") for name in SHAPE.springs},
+    true = replace(
+        SHAPE.springs,
+        youngs_modulus={name: si(springs["youngs_modulus"], name, "Pa") for name in SHAPE.spring_names},
         poissons_ratio=float(springs["poissons_ratio"]),
         density=si(springs, "density", "kg/m^3"),
-        disc_mass=si(truth["discs"], "mass", "kg"),
-        friction_coefficient=float(truth["cables"]["friction_coefficient"]),
         elements_per_turn=truth["twin"]["elements_per_turn"],
     )
+    discs = replace(SHAPE.discs, mass=si(truth["discs"], "mass", "kg"))
+    cables = replace(CABLES, friction_coefficient=float(truth["cables"]["friction_coefficient"]))
+    return manipulator(replace(SHAPE, springs=true, discs=discs, cables=cables))
 
 
 def pulls(truth: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
     """State -> the cable that is pulled, and by what it is said to be."""
     weights = truth["weights"]["values"]
-    return {f"{cable}_{weight.replace(' ', '')}": (cable, weight) for cable in SHAPE.cables for weight in weights}
+    return {f"{cable}_{weight.replace(' ', '')}": (cable, weight) for cable in SHAPE.cable_names for weight in weights}
 
 
 def solve_states(truth: Mapping[str, Any]) -> States:
     """Where the discs of the finer twin come to rest in every state."""
     robot = true_robot(truth)
     arm, axes = 0.05, np.vstack([np.zeros(3), np.eye(3)])
-    middles = {disc: SHAPE.on_disc(k + 1, 0.0, 0.0) for k, disc in enumerate(SHAPE.discs)}
-    points = [Marker(f"{disc}_{i}", disc, middles[disc] + arm * axes[i]) for disc in SHAPE.discs for i in range(4)]
+    middles = {disc: SHAPE.on_disc(k + 1, 0.0, 0.0) for k, disc in enumerate(SHAPE.disc_names)}
+    points = [Marker(f"{disc}_{i}", disc, middles[disc] + arm * axes[i]) for disc in SHAPE.disc_names for i in range(4)]
     robot = Robot(
         plates=robot.plates, cables=robot.cables, rods=robot.rods, markers=tuple(points), gravity=robot.gravity
     )
@@ -111,11 +114,11 @@ def solve_states(truth: Mapping[str, Any]) -> States:
                     np.column_stack([(places[f"{disc}_{j}"] - places[f"{disc}_0"]) / arm for j in (1, 2, 3)]),
                     places[f"{disc}_0"],
                 )
-                for disc in SHAPE.discs
+                for disc in SHAPE.disc_names
             }
 
     note([REST], Protocol({}))
-    for cable in SHAPE.cables:
+    for cable in SHAPE.cable_names:
         names = [name for name, (pulled, _) in pulls(truth).items() if pulled == cable]
         forces = vector(truth["weights"]["values"], "N")
         forces = forces + si(truth["weights"], "sd", "N") * random.standard_normal(len(forces))
@@ -177,9 +180,9 @@ def disc_tags(truth: Mapping[str, Any]) -> dict[str, dict[str, Tag]]:
     """Disc -> "front" or "side" -> the marker there, in the disc's frame, as it was really glued on."""
     tags = truth["tags"]
     random = np.random.Generator(np.random.PCG64([truth["seed"], 2]))
-    found: dict[str, dict[str, Tag]] = {disc: {} for disc in SHAPE.discs}
+    found: dict[str, dict[str, Tag]] = {disc: {} for disc in SHAPE.disc_names}
     for face, numbers in tags["discs"].items():
-        for disc, number in zip(SHAPE.discs, numbers, strict=True):
+        for disc, number in zip(SHAPE.disc_names, numbers, strict=True):
             azimuth = AZIMUTHS[face]
             place = si(tags, "radius", "m") * np.array([math.cos(azimuth), math.sin(azimuth), 0.0])
             place = place + si(tags, "sd", "m") * random.standard_normal(3)
@@ -254,8 +257,8 @@ def spring_points(before: Pose, after: Pose, thick: tuple[float, float], n: int 
     t0, t1 = length * before.rotation @ out, length * after.rotation @ out
     h = [2 * s**3 - 3 * s**2 + 1, s**3 - 2 * s**2 + s, -2 * s**3 + 3 * s**2, s**3 - s**2]
     middle = h[0][:, None] * start + h[1][:, None] * t0 + h[2][:, None] * end + h[3][:, None] * t1
-    angle = -2 * math.pi * SHAPE.turns * s
-    around = 0.5 * SHAPE.coil_diameter * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(n)])
+    angle = -2 * math.pi * SHAPE.springs.turns * s
+    around = 0.5 * SHAPE.springs.coil_diameter * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(n)])
     turned = [before.rotation @ Rotation.from_rotvec(f * turn).as_matrix() @ a for f, a in zip(s, around, strict=True)]
     return middle + np.array(turned)
 
@@ -278,7 +281,7 @@ def bar_panels() -> list[Panel]:
 
 def scene(truth: Mapping[str, Any], discs: Mapping[str, Pose], eye: Floats) -> list[Panel]:
     """Everything that a camera may see of a state from the place of its eye."""
-    thick = [SHAPE.base_thickness, *[SHAPE.disc_thickness] * len(discs)]
+    thick = [SHAPE.base.thickness, *[SHAPE.discs.thickness] * len(discs)]
     bodies = [Pose.of(position=SHAPE.on_disc(0, 0.0, 0.0)), *discs.values()]
     panels = bar_panels()
     for tag in frame_tags(truth):
@@ -287,15 +290,15 @@ def scene(truth: Mapping[str, Any], discs: Mapping[str, Pose], eye: Floats) -> l
         for tag in faces.values():
             panels += tag_panels(tag, discs[disc].after(tag.pose))
     for pose, thickness, diameter in zip(
-        bodies, thick, [SHAPE.base_diameter, *[SHAPE.disc_diameter] * len(discs)], strict=True
+        bodies, thick, [SHAPE.base.diameter, *[SHAPE.discs.diameter] * len(discs)], strict=True
     ):
         panels += disc_panels(pose, diameter, thickness)
     for i in range(len(discs)):
         points = spring_points(bodies[i], bodies[i + 1], (thick[i], thick[i + 1]))
-        panels += line_panels(points, SHAPE.wire_diameter, eye, (0.33, 0.42, 0.38, 0.28, 0.2))
-    ends = np.repeat(SHAPE.cable_ends, SHAPE.cables_per_end)
+        panels += line_panels(points, SHAPE.springs.wire_diameter, eye, (0.33, 0.42, 0.38, 0.28, 0.2))
+    ends = np.repeat([1 + SHAPE.disc_names.index(end) for end in CABLES.ends], CABLES.per_end)
     for azimuth, end in zip(SHAPE.cable_azimuths, ends, strict=True):
-        hole = SHAPE.cable_radius * np.array([[math.cos(azimuth), math.sin(azimuth), 0.0]])
+        hole = CABLES.radius * np.array([[math.cos(azimuth), math.sin(azimuth), 0.0]])
         panels += line_panels(np.vstack([body.apply(hole) for body in bodies[: end + 1]]), 1e-3, eye, (0.12,))
     return panels
 

@@ -63,7 +63,8 @@ if TYPE_CHECKING:
     from softcal.report.figure import register_figure as register_figure
     from softcal.twin.cables import RoutingAxis as RoutingAxis
     from softcal.twin.in_time import simulate_in_time as simulate_in_time
-    from softcal.twin.manipulator import ManipulatorShape as ManipulatorShape
+    from softcal.twin.manipulator import Manipulator as Manipulator
+    from softcal.twin.manipulator import Springs as Springs
     from softcal.twin.manipulator import manipulator as manipulator
     from softcal.twin.parameters import robot_parameters as robot_parameters
     from softcal.twin.parameters import with_parameters as with_parameters
@@ -119,7 +120,7 @@ _HOMES = {
     "InputError": "softcal.errors",
     "Law": "softcal.materials.law",
     "Loss": "softcal.calibration.loss",
-    "ManipulatorShape": "softcal.twin.manipulator",
+    "Manipulator": "softcal.twin.manipulator",
     "Marker": "softcal.twin.robot",
     "MeshError": "softcal.errors",
     "Optimiser": "softcal.calibration.optimiser",
@@ -145,6 +146,7 @@ _HOMES = {
     "Settling": "softcal.twin.time_settings",
     "SimulationError": "softcal.errors",
     "SoftcalError": "softcal.errors",
+    "Springs": "softcal.twin.manipulator",
     "StorageError": "softcal.errors",
     "SurfaceLoad": "softcal.twin.robot",
     "SweepResult": "softcal.calibration.result",
@@ -206,7 +208,7 @@ __all__ = [
     "InputError",
     "Law",
     "Loss",
-    "ManipulatorShape",
+    "Manipulator",
     "Marker",
     "MeshError",
     "Optimiser",
@@ -232,6 +234,7 @@ __all__ = [
     "Settling",
     "SimulationError",
     "SoftcalError",
+    "Springs",
     "StorageError",
     "SurfaceLoad",
     "SweepResult",

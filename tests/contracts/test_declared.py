@@ -30,6 +30,7 @@ from softcal.sensing.sensors.cable import CableSensor
 from softcal.sensing.sensors.marker import MarkerSensor
 from softcal.sensing.sensors.plate import PlateSensor
 from softcal.twin.cables import Cable
+from softcal.twin.manipulator import BaseDisc, Cables, DiscMarkers, Discs, Manipulator, Springs
 from softcal.twin.robot import Body, Contact, Disc, Plate, Rod
 from softcal.twin.time_settings import Settling, TimeSettings
 
@@ -131,6 +132,47 @@ STATED: list[tuple[str, Declared]] = [
     ("{cable: front}", CableSensor("front")),
     ("{marker: m4}", MarkerSensor("m4")),
     ("{plate: top}", PlateSensor("top")),
+    ("{diameter: 9 cm, thickness: 2 mm}", BaseDisc(0.09, 0.002)),
+    ("{diameter: 9 cm, thickness: 2 mm, hole_diameter: 4 mm, mass: 3 kg}", Discs(0.09, 0.002, 0.004, 3.0)),
+    (
+        "{youngs_modulus: {spring1: 2 GPa, spring2: 3 Pa}, poissons_ratio: 0.4, density: 900 kg/m^3, "
+        "wire_diameter: 5 mm, coil_diameter: 5 cm, turns: 4, left_handed: true, azimuth: 1 rad, model: solid, "
+        "elements_per_turn: 20, rings: 2, layers_per_turn: 9, element: P2}",
+        Springs(
+            youngs_modulus={"spring1": 2e9, "spring2": 3.0},
+            poissons_ratio=0.4,
+            density=900.0,
+            wire_diameter=0.005,
+            coil_diameter=0.05,
+            turns=4.0,
+            left_handed=True,
+            azimuth=1.0,
+            model="solid",
+            elements_per_turn=20,
+            rings=2,
+            layers_per_turn=9,
+            element="P2",
+        ),
+    ),
+    (
+        "{radius: 3 cm, ends: {S1: 1 rad}, per_end: 2, exit: 3 mm, friction_coefficient: 0.1}",
+        Cables(0.03, {"S1": 1.0}, 2, 0.003, 0.1),
+    ),
+    ("{radius: 1 cm, azimuth: 2 rad}", DiscMarkers(0.01, 2.0)),
+    (
+        "{total_length: 30 cm, sections: 2, hanging: false, base: {diameter: 9 cm}, discs: {mass: 1 kg}, "
+        "springs: {youngs_modulus: 1 GPa, poissons_ratio: 0.4}, cables: {ends: {S2: 0 deg}}, markers: {radius: 0 m}}",
+        Manipulator(
+            total_length=0.3,
+            sections=2,
+            hanging=False,
+            base=BaseDisc(0.09),
+            discs=Discs(mass=1.0),
+            springs=Springs(youngs_modulus=1e9, poissons_ratio=0.4),
+            cables=Cables(ends={"S2": 0.0}),
+            markers=DiscMarkers(0.0),
+        ),
+    ),
 ]
 
 # Sections with names to resolve, and what is made of them.

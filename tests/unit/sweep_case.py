@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from project_text import changed
 
-from softcal.twin.manipulator import ManipulatorShape, manipulator
+from softcal.twin.manipulator import Cables, Discs, Manipulator, Springs, manipulator
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
@@ -66,17 +66,13 @@ OVER = {"springs.youngs_modulus": "1.2GPa:0.4GPa:0.4GPa", "springs.poissons_rati
 
 
 def robot(modulus: float = MODULUS, ratio: float = RATIO, elements_per_turn: int = 6) -> Robot:
-    shape = ManipulatorShape(
-        total_length=LENGTH, n_sections=2, wire_diameter=0.006, turns=2.0, cable_ends=(2,), cables_per_end=2,
-        first_azimuths=(np.radians(30.0),),
-    )  # fmt: skip
-    return manipulator(
-        shape,
-        youngs_modulus=modulus,
-        poissons_ratio=ratio,
-        density=0.0,
-        disc_mass=0.02,
+    springs = Springs(
+        youngs_modulus=modulus, poissons_ratio=ratio, density=0.0, wire_diameter=0.006, turns=2.0,
         elements_per_turn=elements_per_turn,
+    )  # fmt: skip
+    cables = Cables(ends={"S2": np.radians(30.0)}, per_end=2)
+    return manipulator(
+        Manipulator(total_length=LENGTH, sections=2, springs=springs, discs=Discs(mass=0.02), cables=cables)
     )
 
 

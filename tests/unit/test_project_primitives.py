@@ -133,7 +133,7 @@ def test_the_manipulators_springs_can_be_solid(tmp_path: Path):
     ("change", "told"),
     [
         (("model: solid", "model: tets"), ("springs.model", "'tets'", "'rod', 'solid'")),
-        (("layers_per_turn: 6", "layers_per_turn: 4"), ("springs", "too few layers in a turn; got 4")),
+        (("layers_per_turn: 6", "layers_per_turn: 4"), ("springs.layers_per_turn", "too few layers in a turn; got 4")),
         (("1.6 GPa", "{spring9: 1 GPa}"), ("youngs_modulus.spring9",)),
     ],
 )

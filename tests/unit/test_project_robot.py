@@ -13,7 +13,7 @@ from robot_case import MANIPULATOR, write_robot
 from softcal.errors import StorageError
 from softcal.geometry.section import rectangular
 from softcal.project.project import Project, load
-from softcal.twin.manipulator import ManipulatorShape, manipulator
+from softcal.twin.manipulator import Discs, Manipulator, Springs, manipulator
 from softcal.twin.masses import plate_inertia
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import PointLoad, Robot, Rod
@@ -219,9 +219,8 @@ def test_a_rod_is_put_in_place(tmp_path: Path):
 def test_the_manipulator_and_more_parts(tmp_path: Path):
     project = load(write_robot(tmp_path, text=MANIPULATOR))
     robot = project.robot
-    expected = manipulator(
-        ManipulatorShape(), youngs_modulus=1.6e9, poissons_ratio=0.43, disc_mass=0.02, gravity=(0, 0, -9.81)
-    )
+    springs = Springs(youngs_modulus=1.6e9, poissons_ratio=0.43)
+    expected = manipulator(Manipulator(springs=springs, discs=Discs(mass=0.02)), gravity=(0, 0, -9.81))
     assert [plate.name for plate in robot.plates] == ["base", "S1", "S2", "S3", "S4"]
     assert [cable.name for cable in robot.cables] == [*(f"cable{k}" for k in range(1, 7)), "extra"]
     assert [marker.name for marker in robot.markers] == ["marker1", "marker2", "marker3", "marker4", "tip"]
@@ -233,43 +232,6 @@ def test_the_manipulator_and_more_parts(tmp_path: Path):
     assert [plate.mass for plate in robot.plates] == [0.0, 0.02, 0.02, 0.02, 0.02]
     assert part(robot, "cable2").via_points[-1].on == "S2"
     assert part(robot, "cable4").via_points[-1].on == "S4"
-
-
-def test_every_length_of_the_manipulator_counts(tmp_path: Path):
-    from softcal.project.manipulator_schema import KEYS, ManipulatorSection
-
-    lengths = {
-        "total_length": "400 mm",
-        "base.diameter": "90 mm",
-        "base.thickness": "11 mm",
-        "discs.diameter": "61 mm",
-        "discs.thickness": "7 mm",
-        "discs.hole_diameter": "2 mm",
-        "springs.wire_diameter": "8 mm",
-        "springs.coil_diameter": "31 mm",
-        "springs.turns": 3.5,
-        "springs.azimuth": "10 deg",
-        "springs.left_handed": True,
-        "cables.radius": "26 mm",
-        "cables.exit": "40 mm",
-        "cables.per_end": 2,
-        "markers.radius": "20 mm",
-        "markers.azimuth": "90 deg",
-        "sections": 5,
-        "hanging": False,
-        "cables.ends": {"S3": "0 deg", "S5": "45 deg"},
-    }
-    assert set(lengths) == {".".join(path) for path in KEYS.values()}
-    default = ManipulatorShape()
-    for field, path in KEYS.items():
-        data: dict[str, dict[str, object]] = {"springs": {"youngs_modulus": "1 GPa", "poissons_ratio": 0.4}}
-        data |= {"sections": 5} if path == ("cables", "ends") else {}
-        here = data
-        for key in path[:-1]:
-            here = here.setdefault(key, {})
-        here[path[-1]] = lengths[".".join(path)]
-        shape = ManipulatorSection.model_validate(data).shape()
-        assert getattr(shape, field) != getattr(default, field), field
 
 
 def test_a_modulus_for_each_spring(tmp_path: Path):

@@ -18,16 +18,16 @@ from softcal.report.scene import Arrow, Ball, FlatDisc, Part, Tube
 from softcal.report.scene_twin import twin_scenes
 from softcal.report.style import LOOP, ORANGE
 from softcal.twin.facing import plate_normal, plate_radius, up_direction
-from softcal.twin.manipulator import ManipulatorShape, manipulator
+from softcal.twin.manipulator import Manipulator, Springs, manipulator
 from softcal.twin.robot import Disc, Plate, Robot, Rod
 from softcal.twin.simulate import simulate
 from softcal.workflows.simulation import pull, twin_view
 
-SHAPE = ManipulatorShape()
+SHAPE = Manipulator(springs=Springs(youngs_modulus=1.6e9, poissons_ratio=0.43, density=900.0))
 
 
 def robot() -> Robot:
-    return manipulator(SHAPE, youngs_modulus=1.6e9, poissons_ratio=0.43, density=900.0)
+    return manipulator(SHAPE)
 
 
 def closed(part: Part) -> PolyData:
@@ -118,7 +118,7 @@ def test_the_check_shows_every_part_once_with_its_name():
     one = robot()
     scenes, _ = robot_scenes(one)
     words = [label.text for scene in scenes for label in scene.labels]
-    for name in ("base", *SHAPE.discs, *SHAPE.cables, *SHAPE.markers):
+    for name in ("base", *SHAPE.disc_names, *SHAPE.cable_names, *SHAPE.marker_names):
         assert words.count(name) == 1, name
     parts = scenes[0].parts
     assert sum(isinstance(part, FlatDisc) for part in parts) == 5
@@ -137,7 +137,7 @@ def test_slack_cables_are_grey_and_the_colours_reach_the_displacement():
     assert (view.rest.label, view.bent.label) == ("At rest", "cable6: 8 N")
     assert view.bent.tensions["cable6"] == pytest.approx(8.0, rel=1e-6), "drawn as far as was asked for"
     found = twin_scenes(view)
-    moved = max(np.linalg.norm(view.bent.rods[rod] - view.rest.rods[rod], axis=1).max() for rod in SHAPE.springs)
+    moved = max(np.linalg.norm(view.bent.rods[rod] - view.rest.rods[rod], axis=1).max() for rod in SHAPE.spring_names)
     assert found.largest == pytest.approx(moved)
     rest, bent = found.scenes
     assert {part.colour for part in rest.parts if isinstance(part, Tube) and not part.bulky} == {ORANGE}

@@ -1,17 +1,21 @@
 """Rods made solid: what holds them, what they are made of, what cannot be made solid."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from softcal.errors import InputError, MeshError
+from softcal.errors import MeshError
 from softcal.geometry.centreline import straight
 from softcal.geometry.section import CrossSection, circular, rectangular
-from softcal.twin.manipulator import ManipulatorShape, manipulator
+from softcal.twin.manipulator import Cables, Manipulator, Springs, manipulator
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.robot import Plate, Robot, Rod
-from softcal.twin.solid_rods import elements_for_solid, solid_body, with_solid_rods
+from softcal.twin.solid_rods import solid_body, with_solid_rods
 
-SHAPE = ManipulatorShape()
+SPRINGS = Springs(youngs_modulus=1e9, poissons_ratio=0.4, density=900.0)
+SHAPE = Manipulator(springs=SPRINGS)
+ONE_END = Cables(ends={"S1": 0.0})
 ROUND = circular(0.01)
 
 
@@ -28,9 +32,9 @@ def rod(*, section: CrossSection = ROUND, n: int = 8, at: int = 8, fixed: tuple[
 
 
 def test_plates_hold_the_end_faces_of_solid_springs():
-    robot = manipulator(SHAPE, youngs_modulus=1e9, poissons_ratio=0.4, density=900.0, elements_per_turn=24)
+    robot = manipulator(replace(SHAPE, springs=replace(SPRINGS, elements_per_turn=24)))
     solid = with_solid_rods(robot)
-    assert [body.name for body in solid.bodies] == list(SHAPE.springs)
+    assert [body.name for body in solid.bodies] == list(SHAPE.spring_names)
     assert not solid.rods
     first, second = (body.mesh.node_sets for body in solid.bodies[:2])
     base, s1, *_ = solid.plates
@@ -44,14 +48,14 @@ def test_plates_hold_the_end_faces_of_solid_springs():
 
 
 def test_parameters_keep_their_names():
-    robot = manipulator(SHAPE, youngs_modulus=1e9, poissons_ratio=0.4, density=900.0, elements_per_turn=12)
+    robot = manipulator(SHAPE)
     before, after = robot_parameters(robot), robot_parameters(with_solid_rods(robot, ["spring2"]))
     assert set(before) == set(after)
     assert all(before[name].value == after[name].value for name in before)
 
 
 def test_one_rod_alone_can_be_made_solid():
-    robot = manipulator(SHAPE, youngs_modulus=1e9, poissons_ratio=0.4, elements_per_turn=12)
+    robot = manipulator(SHAPE)
     solid = with_solid_rods(robot, ["spring3"], rings=2, element="P2")
     assert [body.name for body in solid.bodies] == ["spring3"]
     assert solid.bodies[0].mesh.n_tets == 18 * 72
@@ -59,13 +63,14 @@ def test_one_rod_alone_can_be_made_solid():
     assert [r.name for r in solid.rods] == ["spring1", "spring2", "spring4"]
 
 
-def test_layers_of_a_manipulators_springs():
+@pytest.mark.parametrize(("given", "layers"), [({}, 23), ({"rings": 2}, 45), ({"layers_per_turn": 8}, 8)])
+def test_layers_of_a_manipulators_springs(given, layers):
     """A turn of the default spring's wire is 99.7 mm long, a tet of one ring 4.5 mm wide."""
-    assert elements_for_solid(SHAPE) == 2 * 23
-    assert elements_for_solid(SHAPE, rings=2) == 2 * 45
-    assert elements_for_solid(SHAPE, layers_per_turn=8) == 16
-    with pytest.raises(InputError, match="too few layers in a turn"):
-        elements_for_solid(SHAPE, layers_per_turn=5)
+    springs = replace(SPRINGS, turns=1.0, model="solid", **given)
+    length = 0.018 + SHAPE.spring_length / 3.0
+    shape = Manipulator(springs=springs, total_length=length, sections=1, cables=ONE_END)
+    tets = 18 * given.get("rings", 1) ** 2
+    assert manipulator(shape).bodies[0].mesh.n_tets == tets * layers
 
 
 def test_fixed_ends_are_fixed():
@@ -94,4 +99,4 @@ def test_what_cannot_be_solid_is_told(given, message):
 
 def test_a_name_that_is_no_rod_is_told():
     with pytest.raises(MeshError, match="no such rod; got spring9"):
-        with_solid_rods(manipulator(SHAPE, youngs_modulus=1e9, poissons_ratio=0.4), ["spring9"])
+        with_solid_rods(manipulator(SHAPE), ["spring9"])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from softcal.geometry.centreline import Centreline, straight
-from softcal.twin.manipulator import ManipulatorShape, manipulator
+from softcal.twin.manipulator import DiscMarkers, Discs, Manipulator, Springs, manipulator
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
 from softcal.twin.robot import Robot, Rod
@@ -17,16 +17,13 @@ from softcal.twin.simulate import simulate
 
 PULL = 6.0
 SAMPLES = 3
-SHAPE = ManipulatorShape()
+SPRINGS = Springs(youngs_modulus=1.6e9, poissons_ratio=0.43, density=900.0)
+SHAPE = Manipulator(springs=SPRINGS)
+INSIDE = DiscMarkers(radius=0.0)
 
 
 def default(**changes: object) -> Robot:
-    return manipulator(
-        replace(SHAPE, **changes),  # type: ignore[arg-type]
-        youngs_modulus=1.6e9,
-        poissons_ratio=0.43,
-        density=900.0,
-    )
+    return manipulator(replace(SHAPE, **changes))  # type: ignore[arg-type]
 
 
 def symmetric() -> Robot:
@@ -38,8 +35,7 @@ def symmetric() -> Robot:
         clamped = {name: nodes * (len(line.nodes) - 1) // max(nodes.max(), 1) for name, nodes in rod.clamped.items()}
         return replace(rod, centreline=line, clamped=clamped)
 
-    shape = replace(SHAPE, wire_diameter=0.004)
-    robot = manipulator(shape, youngs_modulus=1.6e9, poissons_ratio=0.43, density=900.0, disc_mass=0.02)
+    robot = default(springs=replace(SPRINGS, wire_diameter=0.004), discs=Discs(mass=0.02))
     return replace(
         robot,
         rods=tuple(backbone(rod) for rod in robot.rods),
@@ -96,8 +92,8 @@ def test_all_cables_of_an_end_pulled_alike_keep_a_symmetric_robot_straight():
 
 def test_the_mirror_image_of_a_spring_gives_the_mirror_image_of_the_answer():
     """Seen in the plane y = 0: right-handed coils become left-handed, cable 2 becomes cable 3."""
-    right = default(marker_radius=0.0)
-    left = default(marker_radius=0.0, left_handed=True)
+    right = default(markers=INSIDE)
+    left = default(markers=INSIDE, springs=replace(SPRINGS, left_handed=True))
     one = places(pulled(right, cable2=PULL), right)
     other = places(pulled(left, cable3=PULL), left)
     np.testing.assert_allclose(other, one * [1.0, -1.0, 1.0], atol=1e-9 * SHAPE.total_length)
@@ -105,30 +101,30 @@ def test_the_mirror_image_of_a_spring_gives_the_mirror_image_of_the_answer():
 
 
 def test_a_standing_manipulator_without_weight_is_a_hanging_one_turned_over():
-    light = {"youngs_modulus": 1.6e9, "poissons_ratio": 0.43, "gravity": (0.0, 0.0, 0.0)}
-    hanging = manipulator(replace(SHAPE, marker_radius=0.0), **light)  # type: ignore[arg-type]
-    standing = manipulator(replace(SHAPE, marker_radius=0.0, hanging=False), **light)  # type: ignore[arg-type]
+    light = replace(SHAPE, springs=replace(SPRINGS, density=0.0), markers=INSIDE)
+    hanging = manipulator(light, gravity=(0.0, 0.0, 0.0))
+    standing = manipulator(replace(light, hanging=False), gravity=(0.0, 0.0, 0.0))
     # Half a turn about x takes azimuth a to -a: cable 2 comes to lie where cable 3 is.
     one = places(pulled(hanging, cable2=PULL), hanging)
     other = places(pulled(standing, cable3=PULL), standing)
     np.testing.assert_allclose(other, one * [1.0, -1.0, -1.0], atol=1e-9 * SHAPE.total_length)
 
 
-@pytest.mark.parametrize("cable", SHAPE.cables)
+@pytest.mark.parametrize("cable", SHAPE.cable_names)
 def test_each_cable_bends_the_tip_towards_itself_and_leaves_the_others_slack(cable: str):
     robot = default()
     response = pulled(robot, **{cable: PULL})
-    azimuth = SHAPE.cable_azimuths[SHAPE.cables.index(cable)]
+    azimuth = SHAPE.cable_azimuths[SHAPE.cable_names.index(cable)]
     moved = places(response, robot)[-1] - places(response, robot)[0]
     towards = np.array([math.cos(azimuth), math.sin(azimuth), 0.0])
     across = np.array([-math.sin(azimuth), math.cos(azimuth), 0.0])
     assert moved[-1] @ towards > 0.05
     assert abs(moved[-1] @ across) < 0.2 * (moved[-1] @ towards), "a helix is nearly symmetric"
-    for other in SHAPE.cables:
+    for other in SHAPE.cable_names:
         tension = response.channels[f"{other}.tension"]
         np.testing.assert_allclose(tension, PULL * np.linspace(0, 1, SAMPLES) if other == cable else 0.0, atol=1e-12)
     # A cable to the middle bends the half before it; the half after it only hangs.
-    pitch = [response.channels[f"{disc}.z"][-1] - response.channels[f"{disc}.z"][0] for disc in SHAPE.discs]
+    pitch = [response.channels[f"{disc}.z"][-1] - response.channels[f"{disc}.z"][0] for disc in SHAPE.disc_names]
     assert pitch[3] > pitch[1] > 0.0
 
 
@@ -146,17 +142,17 @@ def test_held_cables_go_slack_where_the_robot_bends_towards_them():
     robot = default()
     ramp = np.linspace(0.0, 1.0, 3)
     # Pulled in by 1 mm all six are taut; then cable 6 by 15 mm more.
-    shortening = {name: np.full(3, 0.001) for name in SHAPE.cables}
+    shortening = {name: np.full(3, 0.001) for name in SHAPE.cable_names}
     shortening["cable6"] = 0.001 + 0.015 * ramp
     response = simulate(robot, Protocol({name: Command("shortening", d) for name, d in shortening.items()}))
     assert response.succeeded, response.status
-    tension = {name: response.channels[f"{name}.tension"] for name in SHAPE.cables}
+    tension = {name: response.channels[f"{name}.tension"] for name in SHAPE.cable_names}
     assert all(values.min() > -1e-9 for values in tension.values()), "a cable pushes"
     assert tension["cable6"][-1] > 2.0
-    slack = {name for name in SHAPE.cables if tension[name][-1] <= 1e-9}
+    slack = {name for name in SHAPE.cable_names if tension[name][-1] <= 1e-9}
     # Cables 1 and 3 pass through the discs beside cable 6.
-    assert {"cable1", "cable3"} <= slack < set(SHAPE.cables) - {"cable6"}
-    for name in SHAPE.cables:
+    assert {"cable1", "cable3"} <= slack < set(SHAPE.cable_names) - {"cable6"}
+    for name in SHAPE.cable_names:
         np.testing.assert_allclose(response.channels[f"{name}.shortening"], shortening[name], atol=1e-12)
 
 
@@ -164,8 +160,10 @@ def test_the_slack_ones_are_those_whose_way_is_shorter_than_they_are():
     """Cables held at rest length while cable 6 bends the robot: one is taut only where its way has become longer."""
     robot = default()
     free = pulled(robot, cable6=PULL)
-    way = {name: -free.channels[f"{name}.shortening"][-1] for name in SHAPE.cables}  # grown beyond its length at rest
-    held = [name for name in SHAPE.cables if name != "cable6"]
+    way = {
+        name: -free.channels[f"{name}.shortening"][-1] for name in SHAPE.cable_names
+    }  # grown beyond its length at rest
+    held = [name for name in SHAPE.cable_names if name != "cable6"]
     for name in held:
         ramp = {"cable6": Command("shortening", free.channels["cable6.shortening"][-1:])}
         response = simulate(robot, Protocol({**ramp, name: Command("shortening", np.zeros(1))}))
@@ -174,16 +172,14 @@ def test_the_slack_ones_are_those_whose_way_is_shorter_than_they_are():
 
 
 def test_a_finer_wire_hardly_moves_the_tip():
-    coarse, fine = default(), manipulator(
-        SHAPE, youngs_modulus=1.6e9, poissons_ratio=0.43, density=900.0, elements_per_turn=36
-    )  # fmt: skip
+    coarse, fine = default(), default(springs=replace(SPRINGS, elements_per_turn=36))
     one, other = (places(pulled(robot, cable6=PULL), robot)[-1, -1] for robot in (coarse, fine))
     assert np.linalg.norm(one - other) < 5e-5
 
 
 def test_sensitivities_to_every_springs_modulus_against_central_differences():
     robot = default()
-    names = tuple(f"{spring}.youngs_modulus" for spring in SHAPE.springs)
+    names = tuple(f"{spring}.youngs_modulus" for spring in SHAPE.spring_names)
     command = Protocol({"cable6": Command("tension", np.array([0.0, PULL]))})
     response = simulate(robot, command, sensitivities=names, curve_tolerance=0.0)
 

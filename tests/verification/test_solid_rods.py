@@ -6,16 +6,18 @@ over about a diameter at each end they are stiffer than a rod is (Saint-Venant),
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from softcal.geometry.centreline import Centreline, helix, straight
 from softcal.geometry.section import circular
-from softcal.twin.manipulator import ManipulatorShape, manipulator
+from softcal.twin.manipulator import Discs, Manipulator, Springs, manipulator
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Plate, PointLoad, Robot, Rod
 from softcal.twin.simulate import simulate
-from softcal.twin.solid_rods import elements_for_solid, with_solid_rods
+from softcal.twin.solid_rods import with_solid_rods
 
 E, NU = 1e9, 0.3
 G = E / (2.0 * (1.0 + NU))
@@ -166,26 +168,24 @@ def test_a_thick_spring_is_stiffer_than_its_rod_by_the_known_share(index, layers
 
 # Paper B's manipulator, whose springs' index is 3.3.
 
-SHAPE = ManipulatorShape()
+SPRINGS = Springs(youngs_modulus=0.8e9, poissons_ratio=0.43, density=900.0)
+SHAPE = Manipulator(springs=SPRINGS, discs=Discs(mass=0.02))
 
 
 def discs(robot: Robot, cable: str, force: float) -> np.ndarray:
     """Positions of S1 to S4 (4, 3) [m] with a cable pulled by a force [N]."""
     response = simulate(robot, Protocol({cable: Command("tension", np.array([force]))}))
     assert response.succeeded, response.status
-    return np.array([[response.channels[f"{disc}.{axis}"][-1] for axis in "xyz"] for disc in SHAPE.discs])
+    return np.array([[response.channels[f"{disc}.{axis}"][-1] for axis in "xyz"] for disc in SHAPE.disc_names])
 
 
 def apart(cable: str, force: float) -> tuple[np.ndarray, np.ndarray]:
     """Of rods from solids, and of solids from the unloaded robot, in lengths of the robot; S1 to S4."""
-    elements = elements_for_solid(SHAPE)
     robots = [
-        manipulator(
-            SHAPE, youngs_modulus=0.8e9, poissons_ratio=0.43, density=900.0, disc_mass=0.02, elements_per_turn=n
-        )
-        for n in (12, elements)
+        manipulator(replace(SHAPE, springs=replace(SPRINGS, model=model)))  # type: ignore[arg-type]
+        for model in ("rod", "solid")
     ]
-    rod, solid = discs(robots[0], cable, force), discs(with_solid_rods(robots[1]), cable, force)
+    rod, solid = discs(robots[0], cable, force), discs(robots[1], cable, force)
     rest = np.array([plate.reference for plate in robots[0].plates[1:]])
     return (
         np.linalg.norm(rod - solid, axis=1) / SHAPE.total_length,

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from softcal.checks import Floats, Ints, frozen_floats
-from softcal.errors import MeshError
+from softcal.checks import Ints, frozen_floats
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quality import MeshReport, check_quality
-from softcal.project.document import Findings, KeyPath
-from softcal.project.manipulator_schema import KEYS, ManipulatorSection
+from softcal.project.document import Findings
 from softcal.project.robot_bodies import MeshMaker, build_bodies
 from softcal.project.robot_fit import check_whole
 from softcal.project.robot_names import KINDS, generated_names
@@ -20,7 +18,6 @@ from softcal.project.robot_schema import ContactSection, RobotSection
 from softcal.twin.contacts import fitting_contact
 from softcal.twin.manipulator import manipulator
 from softcal.twin.robot import Contact, Robot
-from softcal.twin.solid_rods import elements_for_solid, with_solid_rods
 
 
 @dataclass(frozen=True)
@@ -40,7 +37,10 @@ def build_robot(section: RobotSection, make_mesh: MeshMaker, findings: Findings)
     """The robot of a project, or None where it has a fault; every fault goes to `findings`."""
     n_faults = len(findings.faults)
     gravity = frozen_floats(section.gravity, name="gravity")
-    given = None if section.manipulator is None else _manipulator(section.manipulator, gravity, findings)
+    given: Robot | None = None
+    if section.manipulator is not None:
+        with findings.at(("robot", "manipulator", "springs")):
+            given = manipulator(section.manipulator, gravity=gravity.tolist())
     built = build_bodies(section.bodies, make_mesh, findings)
     rods = [build_rod(name, rod, section.names("plates"), findings) for name, rod in section.rods.items()]
     plates = [build_plate(name, plate, built, findings) for name, plate in section.plates.items()]
@@ -83,47 +83,3 @@ def build_robot(section: RobotSection, make_mesh: MeshMaker, findings: Findings)
 def _contact(section: ContactSection, robot: Robot) -> Contact:
     told = {key: value for key, value in section if value is not None}
     return replace(fitting_contact(robot), **told)
-
-
-def _manipulator(section: ManipulatorSection, gravity: Floats, findings: Findings) -> Robot | None:
-    """The manipulator's parts as a robot of their own, or None with its faults recorded at their keys."""
-    path: KeyPath = ("robot", "manipulator")
-    springs = section.springs
-    names = [*section.part_names("rods"), *section.part_names("bodies")]
-    n_faults = len(findings.faults)
-    if isinstance(springs.youngs_modulus, dict):
-        at = (*path, "springs", "youngs_modulus")
-        for name in springs.youngs_modulus:
-            if name not in names:
-                findings.unknown((*at, name), "spring", name, names)
-        missing = [name for name in names if name not in springs.youngs_modulus]
-        if missing:
-            findings.add(at, "springs have no modulus", got=", ".join(missing), allowed="one for each, or one for all")
-    try:
-        shape = section.shape()
-    except MeshError as error:
-        for fault in error.faults:
-            key = KEYS.get(fault.where, (fault.where,))
-            findings.add((*path, *key), fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt)
-    else:
-        is_solid = springs.model == "solid"
-        with findings.at((*path, "springs")):
-            robot = manipulator(
-                shape,
-                youngs_modulus=springs.youngs_modulus if len(findings.faults) == n_faults else 1.0,
-                poissons_ratio=springs.poissons_ratio,
-                density=springs.density,
-                disc_mass=section.discs.mass,
-                friction_coefficient=section.cables.friction_coefficient,
-                gravity=gravity.tolist(),
-                elements_per_turn=elements_for_solid(
-                    shape, rings=springs.rings, layers_per_turn=springs.layers_per_turn
-                )
-                if is_solid
-                else springs.elements_per_turn,
-            )
-            if is_solid:
-                robot = with_solid_rods(robot, rings=springs.rings, element=springs.element)
-            if len(findings.faults) == n_faults:
-                return robot
-    return None

@@ -10,9 +10,9 @@ from softcal.project.robot_schema import RobotSection
 KINDS = ("bodies", "rods", "plates", "ties", "cables", "loads", "markers")
 
 
-def generated_names(section: RobotSection, kind: str) -> list[str]:
+def generated_names(section: RobotSection, kind: str) -> tuple[str, ...]:
     """The parts of a kind that a manipulator generates."""
-    return section.manipulator.part_names(kind) if section.manipulator else []
+    return section.manipulator.part_names(kind) if section.manipulator else ()
 
 
 def check_part_names(section: RobotSection, findings: Findings) -> None:

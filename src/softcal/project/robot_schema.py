@@ -13,7 +13,6 @@ from softcal.geometry.placement import Placement
 from softcal.limits import LIMITS
 from softcal.mechanics.elements import ElementName
 from softcal.project.constants import ConstantsSection, LawSection
-from softcal.project.manipulator_schema import ManipulatorSection
 from softcal.project.mesh_schema import Mesh, RegionSection
 from softcal.project.rod_schema import RodSection
 from softcal.project.section import Section
@@ -34,6 +33,7 @@ from softcal.quantities import (
     Traction,
 )
 from softcal.twin.cables import Cable
+from softcal.twin.manipulator import Manipulator
 from softcal.twin.robot import Body, Contact, Disc, Plate
 
 
@@ -293,7 +293,7 @@ def _contact(value: object) -> object:
 class RobotSection(Section):
     """Bodies, rods, plates, ties, cables, loads, markers, gravity; or a manipulator, with more of them or without."""
 
-    manipulator: ManipulatorSection | None = None
+    manipulator: Manipulator | None = None
     bodies: Mapping[str, BodySection] = Field(default_factory=dict)
     rods: Mapping[str, RodSection] = Field(default_factory=dict)
     plates: Mapping[str, PlateSection] = Field(default_factory=dict)
@@ -312,5 +312,5 @@ class RobotSection(Section):
 
     def names(self, kind: str) -> list[str]:
         """Every part of a kind such as "plates", the manipulator's own among them."""
-        own = self.manipulator.part_names(kind) if self.manipulator else []
+        own = self.manipulator.part_names(kind) if self.manipulator else ()
         return [*own, *(name for name in getattr(self, kind) if name not in own)]

@@ -9,104 +9,202 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Literal
 
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.errors import Fault, MeshError
-from softcal.geometry.centreline import Centreline, helix
+from softcal.declare import Declared, Reading
+from softcal.errors import Fault, InputError, nearest
+from softcal.geometry.coil import Coil
 from softcal.geometry.rod_shapes import ELEMENTS_PER_TURN
 from softcal.geometry.section import circular
+from softcal.geometry.wire import SolidSpring
 from softcal.limits import LIMITS
+from softcal.mechanics.elements import DEFAULT, ElementName
+from softcal.quantities import QUANTITIES, Angle, Clearance, Density, Friction, Mass, PoissonsRatio, Size, Turns
 from softcal.twin.robot import Cable, Disc, Marker, Plate, Robot, Rod, ViaPoint
+from softcal.twin.solid_rods import with_solid_rods
 
 BASE = "base"
 
 
 @dataclass(frozen=True)
-class ManipulatorShape:
-    """The lengths [m] and angles [rad] of a manipulator; the defaults are paper B's where it gives them.
+class BaseDisc(Declared):
+    """The disc that does not move.
 
     Attributes
     ----------
-    total_length
-        From the base's mounting face to the far face of the last disc [m]; the springs share the length without discs.
-    n_sections
-        Number of discs that move, and of springs.
-    hanging
-        Whether the manipulator hangs, along -z; else it points along +z.
-    base_diameter, base_thickness, disc_diameter, disc_thickness
-        Of the base and of the moving discs [m].
-    hole_diameter
-        Of the guide holes [m].
-    coil_diameter, wire_diameter, turns, left_handed, spring_azimuth
-        Of every spring: mean coil and wire diameter [m], turns [-], sense, and azimuth of the wire's start [rad].
-    cable_radius
-        Radius of the circle of guide holes [m].
-    cable_ends, cables_per_end, first_azimuths
-        Numbers of the discs at which cables end; number of cables at each, evenly spaced from the azimuth [rad] given
-        for it.
-    cable_exit
-        Distance behind the base at which the cables are pulled [m].
-    marker_radius, marker_azimuth
-        Place of each disc's marker in its middle plane [m], [rad].
+    diameter, thickness : [m]
     """
 
-    total_length: float = 0.425
-    n_sections: int = 4
-    hanging: bool = True
-    base_diameter: float = 0.080
-    base_thickness: float = 0.010
-    disc_diameter: float = 0.060
-    disc_thickness: float = 0.008
-    hole_diameter: float = 0.003
-    coil_diameter: float = 0.030
-    wire_diameter: float = 0.009
-    turns: float = 3.0
+    diameter: Size = 0.080
+    thickness: Size = 0.010
+
+
+@dataclass(frozen=True)
+class Discs(Declared):
+    """The discs that move, all alike.
+
+    Attributes
+    ----------
+    diameter, thickness, hole_diameter : The last one is that of the guide holes [m]
+    mass : Of each [kg]; None: its volume times the springs' density
+    """
+
+    diameter: Size = 0.060
+    thickness: Size = 0.008
+    hole_diameter: Clearance = 0.003
+    mass: Mass | None = None
+
+
+def _moduli(value: object) -> float | dict[str, float]:
+    read = QUANTITIES["modulus"].read
+    if not isinstance(value, dict):
+        return read(value)
+    given: dict[str, object] = value
+    return {name: read(entry) for name, entry in given.items()}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Springs(Declared):
+    """The springs of a manipulator, all alike except for moduli given by name.
+
+    Attributes
+    ----------
+    youngs_modulus : [Pa], or that of each spring by its name
+    poissons_ratio, density : [-], [kg/m^3]
+    wire_diameter, coil_diameter : The latter from wire centre to wire centre [m]
+    turns, left_handed : Number of turns [-], and sense
+    azimuth : Of the wire's start, about +z from +x [rad]
+    model : Rods or solid bodies; the latter are 40 to 70 times slower
+    elements_per_turn : Of rods
+    rings, layers_per_turn, element : Of solid springs, as of a `SolidSpring` and a `Body`
+    """
+
+    youngs_modulus: Annotated[float | Mapping[str, float], Reading(_moduli, "instead")]
+    poissons_ratio: PoissonsRatio
+    density: Density = Rod.density
+    wire_diameter: Size = 0.009
+    coil_diameter: Size = 0.030
+    turns: Turns = 3.0
     left_handed: bool = False
-    spring_azimuth: float = 0.0
-    cable_radius: float = 0.025
-    cable_ends: tuple[int, ...] = (2, 4)
-    cables_per_end: int = 3
-    first_azimuths: tuple[float, ...] = (0.0, math.pi / 3.0)
-    cable_exit: float = 0.050
-    marker_radius: float = 0.030
-    marker_azimuth: float = math.radians(270.0)
+    azimuth: Angle = 0.0
+    model: Literal["rod", "solid"] = "rod"
+    elements_per_turn: Annotated[int, LIMITS["elements in a turn"]] = ELEMENTS_PER_TURN
+    rings: Annotated[int, LIMITS["rings of elements"]] = 1
+    layers_per_turn: Annotated[int, LIMITS["layers in a turn"]] | None = None
+    element: ElementName = DEFAULT.name
+
+    def range_faults(self) -> list[Fault]:
+        """Those of the moduli among them."""
+        given = self.youngs_modulus
+        moduli = given.items() if isinstance(given, Mapping) else [("", given)]
+        found = (QUANTITIES["modulus"].fault(value, f"youngs_modulus.{name}".rstrip(".")) for name, value in moduli)
+        return [*super().range_faults(), *(fault for fault in found if fault)]
+
+
+def _ends(value: object) -> object:
+    if not isinstance(value, dict) or not value:
+        allowed = "discs with the azimuth of their first cable: {S2: 0 deg}"
+        raise InputError(Fault("this is of the wrong kind", got=repr(value), allowed=allowed))
+    return value
+
+
+@dataclass(frozen=True)
+class Cables(Declared):
+    """The cables, numbered end by end.
+
+    Attributes
+    ----------
+    radius : Of the circle of guide holes [m]
+    ends : Disc at which cables end -> azimuth [rad] of the first of them, about +z from +x
+    per_end : Number of cables at each of these discs, evenly spaced
+    exit : Distance behind the base at which they are pulled [m]
+    friction_coefficient : Between cables and guide holes [-]
+    """
+
+    radius: Clearance = 0.025
+    ends: Annotated[Mapping[str, Angle], Reading(_ends)] = field(
+        default_factory=lambda: {"S2": 0.0, "S4": math.pi / 3.0}
+    )
+    per_end: Annotated[int, LIMITS["cables at an end"]] = 3
+    exit: Clearance = 0.050
+    friction_coefficient: Friction = Cable.friction_coefficient
+
+
+@dataclass(frozen=True)
+class DiscMarkers(Declared):
+    """Where the marker of each disc is, in its middle plane.
+
+    Attributes
+    ----------
+    radius, azimuth : [m], and about +z from +x [rad]
+    """
+
+    radius: Clearance = 0.030
+    azimuth: Angle = 1.5 * math.pi
+
+
+@dataclass(frozen=True, kw_only=True)
+class Manipulator(Declared):
+    """Discs joined by helical springs, and cables that end at some of them; defaults are paper B's where it gives them.
+
+    Attributes
+    ----------
+    springs, base, discs, cables, markers : The parts
+    total_length
+        From the base's mounting face to the far face of the last disc [m]; the springs share the length without discs.
+    sections : Number of discs that move, and of springs
+    hanging : Whether the manipulator hangs, along -z; else it points along +z
+    """
+
+    springs: Springs
+    total_length: Size = 0.425
+    sections: Annotated[int, LIMITS["sections of a manipulator"]] = 4
+    hanging: bool = True
+    base: BaseDisc = BaseDisc()
+    discs: Discs = Discs()
+    cables: Cables = Cables()
+    markers: DiscMarkers = DiscMarkers()
 
     def __post_init__(self) -> None:
-        faults = _range_faults(self)
-        if faults:
-            raise MeshError(faults)
-        faults = _fit_faults(self)
-        if faults:
-            raise MeshError(faults)
+        super().__post_init__()
+        if faults := [*_name_faults(self), *_fit_faults(self)]:
+            raise InputError(faults)
 
     @property
-    def discs(self) -> tuple[str, ...]:
+    def disc_names(self) -> tuple[str, ...]:
         """Names of the discs that move: S1, S2, …"""
-        return tuple(f"S{k + 1}" for k in range(self.n_sections))
+        return tuple(f"S{k + 1}" for k in range(self.sections))
 
     @property
-    def springs(self) -> tuple[str, ...]:
+    def spring_names(self) -> tuple[str, ...]:
         """Names of the springs; spring k is before disc k."""
-        return tuple(f"spring{k + 1}" for k in range(self.n_sections))
+        return tuple(f"spring{k + 1}" for k in range(self.sections))
 
     @property
-    def cables(self) -> tuple[str, ...]:
+    def cable_names(self) -> tuple[str, ...]:
         """Names of the cables."""
         return tuple(f"cable{k + 1}" for k in range(len(self.cable_azimuths)))
 
     @property
-    def markers(self) -> tuple[str, ...]:
+    def marker_names(self) -> tuple[str, ...]:
         """Names of the markers; marker k is on disc k."""
-        return tuple(f"marker{k + 1}" for k in range(self.n_sections))
+        return tuple(f"marker{k + 1}" for k in range(self.sections))
+
+    def part_names(self, kind: str) -> tuple[str, ...]:
+        """The names of its parts of a kind such as "plates"."""
+        flexible = "bodies" if self.springs.model == "solid" else "rods"
+        names = {"plates": (BASE, *self.disc_names), flexible: self.spring_names}
+        return {**names, "cables": self.cable_names, "markers": self.marker_names}.get(kind, ())
 
     @property
     def spring_length(self) -> float:
         """Height of a spring between the faces of its discs [m]."""
-        thick = self.base_thickness + self.n_sections * self.disc_thickness
-        return (self.total_length - thick) / self.n_sections
+        thick = self.base.thickness + self.sections * self.discs.thickness
+        return (self.total_length - thick) / self.sections
 
     @property
     def outwards(self) -> Floats:
@@ -116,19 +214,19 @@ class ManipulatorShape:
     @property
     def cable_azimuths(self) -> tuple[float, ...]:
         """Azimuth of every cable, and so of every guide hole [rad]."""
-        step = 2.0 * math.pi / self.cables_per_end
-        return tuple(first + k * step for first in self.first_azimuths for k in range(self.cables_per_end))
+        step = 2.0 * math.pi / self.cables.per_end
+        return tuple(first + k * step for first in self.cables.ends.values() for k in range(self.cables.per_end))
 
     def disc_middle(self, number: int) -> float:
         """Distance from the origin to the middle plane of a disc [m]; 0 is the base, 1 the first that moves."""
         if number == 0:
-            return 0.5 * self.base_thickness
-        pitch = self.spring_length + self.disc_thickness
-        return self.base_thickness + number * pitch - 0.5 * self.disc_thickness
+            return 0.5 * self.base.thickness
+        pitch = self.spring_length + self.discs.thickness
+        return self.base.thickness + number * pitch - 0.5 * self.discs.thickness
 
     def spring_start(self, number: int) -> float:
         """Distance from the origin to where spring 1, 2, … leaves the disc before it [m]."""
-        return self.base_thickness + (number - 1) * (self.spring_length + self.disc_thickness)
+        return self.base.thickness + (number - 1) * (self.spring_length + self.discs.thickness)
 
     def on_disc(self, number: int, radius: float, azimuth: float) -> Floats:
         """A point in the middle plane of a disc [m]."""
@@ -139,213 +237,137 @@ class ManipulatorShape:
     @property
     def disc_volume(self) -> float:
         """Of a disc less its holes [m^3]."""
-        holes = len(self.cable_azimuths) * self.hole_diameter**2
-        return 0.25 * math.pi * (self.disc_diameter**2 - holes) * self.disc_thickness
+        holes = len(self.cable_azimuths) * self.discs.hole_diameter**2
+        return 0.25 * math.pi * (self.discs.diameter**2 - holes) * self.discs.thickness
+
+    @property
+    def coil(self) -> Coil:
+        """How the wire of every spring winds."""
+        springs = self.springs
+        return Coil(
+            coil_diameter=springs.coil_diameter,
+            turns=springs.turns,
+            height=self.spring_length,
+            left_handed=springs.left_handed,
+        )
 
 
-def manipulator(
-    shape: ManipulatorShape,
-    *,
-    youngs_modulus: float | Mapping[str, float],
-    poissons_ratio: float,
-    density: float = Rod.density,
-    disc_mass: float | None = None,
-    friction_coefficient: float = Cable.friction_coefficient,
-    gravity: Sequence[float] = (0.0, 0.0, -9.81),
-    elements_per_turn: int = ELEMENTS_PER_TURN,
-) -> Robot:
-    """The manipulator with rods for its springs.
+def manipulator(of: Manipulator, *, gravity: Sequence[float] = (0.0, 0.0, -9.81)) -> Robot:
+    """The robot of a manipulator.
 
     Parameters
     ----------
-    youngs_modulus, poissons_ratio, density
-        Of the springs [Pa], [-], [kg/m^3]; the modulus of each by its name where they differ.
-    disc_mass
-        Of each disc that moves [kg]; by default its volume times the density.
-    friction_coefficient
-        Between cables and guide holes [-].
+    gravity
+        Acceleration (3,) [m/s^2].
 
     Raises
     ------
+    InputError
+        For more elements than a rod may have.
     MeshError
-        For a spring that is cut into too few elements.
+        For solid springs whose wire is too thick for its curvature.
     """
-    moduli = youngs_modulus if isinstance(youngs_modulus, Mapping) else dict.fromkeys(shape.springs, youngs_modulus)
-    mass = density * shape.disc_volume if disc_mass is None else disc_mass
-    rods = tuple(
-        Rod(
-            name,
-            centreline := spring_centreline(shape, k + 1, elements_per_turn),
-            circular(shape.wire_diameter),
-            {"youngs_modulus": moduli[name], "poissons_ratio": poissons_ratio},
-            {before: np.array([0]), after: np.array([len(centreline.nodes) - 1])},
-            density=density,
-        )
-        for k, (name, before, after) in enumerate(zip(shape.springs, (BASE, *shape.discs), shape.discs, strict=False))
+    springs, is_solid = of.springs, of.springs.model == "solid"
+    moduli = springs.youngs_modulus
+    per_turn = 2 * _layers(of) if is_solid else springs.elements_per_turn
+    elements = max(1, math.ceil(springs.turns * per_turn - 1e-9))
+    LIMITS["elements of a rod"].check(elements)
+    towards = (math.cos(springs.azimuth), math.sin(springs.azimuth), 0.0)
+    rods: list[Rod] = []
+    for k, (name, before, after) in enumerate(
+        zip(of.spring_names, (BASE, *of.disc_names), of.disc_names, strict=False)
+    ):
+        start = of.spring_start(k + 1) * of.outwards
+        line = of.coil.wire(elements, base=start.tolist(), axis=of.outwards.tolist(), towards=towards)
+        modulus = moduli[name] if isinstance(moduli, Mapping) else moduli
+        parameters = {"youngs_modulus": modulus, "poissons_ratio": springs.poissons_ratio}
+        clamped = {before: np.array([0]), after: np.array([elements])}
+        rods.append(Rod(name, line, circular(springs.wire_diameter), parameters, clamped, density=springs.density))
+    plates = _plates(of)
+    robot = Robot(
+        plates=plates, cables=_cables(of, plates), rods=tuple(rods), markers=_markers(of), gravity=np.asarray(gravity)
     )
-    plates = manipulator_plates(shape, mass)
-    cables = manipulator_cables(shape, plates, friction_coefficient)
-    return Robot(
-        plates=plates, cables=cables, rods=rods, markers=manipulator_markers(shape), gravity=np.asarray(gravity)
-    )
+    return with_solid_rods(robot, rings=springs.rings, element=springs.element) if is_solid else robot
 
 
-def manipulator_plates(shape: ManipulatorShape, disc_mass: float) -> tuple[Plate, ...]:
+def _layers(of: Manipulator) -> int:
+    """Number of layers of tets in a turn of a solid spring."""
+    springs, coil = of.springs, of.coil
+    return SolidSpring(
+        **vars(coil), wire_diameter=springs.wire_diameter, rings=springs.rings, layers_per_turn=springs.layers_per_turn
+    ).layers
+
+
+def _plates(of: Manipulator) -> tuple[Plate, ...]:
     """The base, which does not move, and the discs."""
+    mass = of.springs.density * of.disc_volume if of.discs.mass is None else of.discs.mass
     plates: list[Plate] = []
-    for number, name in enumerate((BASE, *shape.discs)):
-        diameter, thickness = (
-            (shape.base_diameter, shape.base_thickness) if number == 0 else (shape.disc_diameter, shape.disc_thickness)
-        )
-        middle = shape.on_disc(number, 0.0, 0.0)
+    for number, name in enumerate((BASE, *of.disc_names)):
+        is_base = number == 0
+        shape, middle = of.base if is_base else of.discs, of.on_disc(number, 0.0, 0.0)
         holes = {
-            f"h{k + 1}": shape.on_disc(number, shape.cable_radius, azimuth)
-            for k, azimuth in enumerate(shape.cable_azimuths)
+            f"h{k + 1}": of.on_disc(number, of.cables.radius, azimuth) for k, azimuth in enumerate(of.cable_azimuths)
         }
-        disc = Disc(middle, shape.outwards, diameter, thickness, shape.hole_diameter)
-        mass = 0.0 if number == 0 else disc_mass
-        plates.append(Plate(name, {}, middle, mass, fixed=number == 0, holes=holes, disc=disc))
+        disc = Disc(middle, of.outwards, shape.diameter, shape.thickness, of.discs.hole_diameter)
+        plates.append(Plate(name, {}, middle, 0.0 if is_base else mass, fixed=is_base, holes=holes, disc=disc))
     return tuple(plates)
 
 
-def spring_centreline(shape: ManipulatorShape, number: int, elements_per_turn: int) -> Centreline:
-    """The wire of spring 1, 2, …, from the face of the disc before it to the face of its own.
-
-    Raises
-    ------
-    MeshError
-        For fewer than four elements per turn.
-    InputError
-        For more elements than a rod may have.
-    """
-    if elements_per_turn < 4:
-        raise MeshError(Fault("a turn of a spring needs four elements or more", got=str(elements_per_turn)))
-    elements = max(1, math.ceil(shape.turns * elements_per_turn - 1e-9))
-    LIMITS["elements of a rod"].check(elements)
-    azimuth = shape.spring_azimuth
-    return helix(
-        tuple(shape.spring_start(number) * shape.outwards),
-        tuple(shape.outwards),
-        diameter=shape.coil_diameter,
-        pitch=shape.spring_length / shape.turns,
-        turns=shape.turns,
-        at=elements,
-        towards=(math.cos(azimuth), math.sin(azimuth), 0.0),
-        left_handed=shape.left_handed,
-    )
-
-
-def manipulator_cables(
-    shape: ManipulatorShape, plates: Sequence[Plate], friction_coefficient: float
-) -> tuple[Cable, ...]:
+def _cables(of: Manipulator, plates: Sequence[Plate]) -> tuple[Cable, ...]:
     """The cables, each from where it is pulled through the base and every disc to the one at which it ends."""
-    ends = np.repeat(shape.cable_ends, shape.cables_per_end)
+    ends = [1 + of.disc_names.index(end) for end in of.cables.ends for _ in range(of.cables.per_end)]
     cables: list[Cable] = []
-    for k, (name, end) in enumerate(zip(shape.cables, ends, strict=True)):
+    for k, (name, end) in enumerate(zip(of.cable_names, ends, strict=True)):
         hole = f"h{k + 1}"
-        exit_point = plates[0].holes[hole] - (shape.cable_exit + 0.5 * shape.base_thickness) * shape.outwards
+        exit_point = plates[0].holes[hole] - (of.cables.exit + 0.5 * of.base.thickness) * of.outwards
         via = (ViaPoint(exit_point), *(plate.via(hole) for plate in plates[: end + 1]))
-        cables.append(Cable(name, via, friction_coefficient, "first"))
+        cables.append(Cable(name, via, of.cables.friction_coefficient, "first"))
     return tuple(cables)
 
 
-def manipulator_markers(shape: ManipulatorShape) -> tuple[Marker, ...]:
+def _markers(of: Manipulator) -> tuple[Marker, ...]:
     """A marker on every disc that moves."""
     return tuple(
-        Marker(name, disc, shape.on_disc(k + 1, shape.marker_radius, shape.marker_azimuth))
-        for k, (name, disc) in enumerate(zip(shape.markers, shape.discs, strict=True))
+        Marker(name, disc, of.on_disc(k + 1, of.markers.radius, of.markers.azimuth))
+        for k, (name, disc) in enumerate(zip(of.marker_names, of.disc_names, strict=True))
     )
 
 
-def _range_faults(shape: ManipulatorShape) -> list[Fault]:
-    positive = ("total_length", "base_diameter", "base_thickness", "disc_diameter", "disc_thickness", "coil_diameter")
-    positive += ("wire_diameter", "turns", "cable_radius")
-    faults = [
-        Fault("the value must be positive", key, f"{getattr(shape, key):.6g}", "> 0")
-        for key in positive
-        if not 0.0 < getattr(shape, key) < math.inf
-    ]
-    faults += [
-        Fault("the value must not be negative", key, f"{getattr(shape, key):.6g}", ">= 0")
-        for key in ("hole_diameter", "cable_exit", "marker_radius")
-        if not 0.0 <= getattr(shape, key) < math.inf
-    ]
-    faults += [
-        Fault("the number is too small", key, str(getattr(shape, key)), "1 or more")
-        for key in ("n_sections", "cables_per_end")
-        if getattr(shape, key) < 1
-    ]
-    if len(shape.cable_ends) != len(shape.first_azimuths):
-        faults.append(
-            Fault(
-                "each end of cables needs a first azimuth",
-                "first_azimuths",
-                f"{len(shape.first_azimuths)} for {len(shape.cable_ends)} ends",
-            )
-        )
-    beyond = [str(end) for end in shape.cable_ends if not 1 <= end <= shape.n_sections]
-    if beyond:
-        faults.append(
-            Fault("cables end at a disc that is not there", "cable_ends", ", ".join(beyond), f"1 to {shape.n_sections}")
-        )
+def _name_faults(of: Manipulator) -> list[Fault]:
+    """The faults of names of springs and discs."""
+    key, moduli, springs = "springs.youngs_modulus", of.springs.youngs_modulus, of.spring_names
+    faults: list[Fault] = []
+    if isinstance(moduli, Mapping):
+        faults += [
+            Fault("there is no such spring", f"{key}.{name}", f"'{name}'", ", ".join(springs), nearest(name, springs))
+            for name in moduli
+            if name not in springs
+        ]
+        if missing := [name for name in springs if name not in moduli]:
+            allowed = "one for each, or one for all"
+            faults.append(Fault("springs have no modulus", key, ", ".join(missing), allowed))
+    if beyond := [f"'{end}'" for end in of.cables.ends if end not in of.disc_names]:
+        allowed = f"S1 to S{of.sections}"
+        faults.append(Fault("cables end at a disc that is not there", "cables.ends", ", ".join(beyond), allowed))
     return faults
 
 
-def _fit_faults(shape: ManipulatorShape) -> list[Fault]:
+def _fit_faults(of: Manipulator) -> list[Fault]:
     """The faults of lengths that do not fit together, though each by itself is allowed."""
-    faults: list[Fault] = []
-    if shape.spring_length <= 0.0:
-        thick = shape.total_length - shape.n_sections * shape.spring_length
-        faults.append(
-            Fault(
-                "the discs leave no room for springs",
-                "total_length",
-                f"{1e3 * shape.total_length:.4g} mm",
-                f"more than {1e3 * thick:.4g} mm, the thickness of base and discs",
-            )
-        )
-        return faults
-    pitch = shape.spring_length / shape.turns
-    apart = pitch / math.hypot(1.0, pitch / (math.pi * shape.coil_diameter))
-    if shape.turns > 1.0 and apart <= shape.wire_diameter:
-        faults.append(
-            Fault(
-                "the springs' coils touch at rest",
-                "turns",
-                f"{shape.turns:g} turns of a wire of {1e3 * shape.wire_diameter:.4g} mm in "
-                f"{1e3 * shape.spring_length:.4g} mm",
-                f"coils further apart than the wire is thick; these are {1e3 * apart:.4g} mm apart",
-                "fewer turns or a thinner wire",
-            )
-        )
-    widest = max(shape.coil_diameter + shape.wire_diameter, 2.0 * shape.cable_radius + shape.hole_diameter)
-    if shape.wire_diameter >= shape.coil_diameter:
-        faults.append(
-            Fault(
-                "the wire fills the coil",
-                "wire_diameter",
-                f"{1e3 * shape.wire_diameter:.4g} mm",
-                f"below the coil's diameter of {1e3 * shape.coil_diameter:.4g} mm",
-            )
-        )
-    for key in ("disc_diameter", "base_diameter"):
-        if getattr(shape, key) < widest:
-            faults.append(
-                Fault(
-                    "springs and guide holes do not fit on the disc",
-                    key,
-                    f"{1e3 * getattr(shape, key):.4g} mm",
-                    f"at least {1e3 * widest:.4g} mm",
-                )
-            )
-    inner = shape.cable_radius - 0.5 * shape.hole_diameter
-    if inner < 0.5 * (shape.coil_diameter + shape.wire_diameter):
-        faults.append(
-            Fault(
-                "the cables run through the springs",
-                "cable_radius",
-                f"{1e3 * shape.cable_radius:.4g} mm",
-                f"at least {500 * (shape.coil_diameter + shape.wire_diameter + shape.hole_diameter):.4g} mm",
-            )
-        )
+    thick = of.base.thickness + of.sections * of.discs.thickness
+    if of.spring_length <= 0.0:
+        got = f"{1e3 * of.total_length:.4g} mm"
+        allowed = f"more than {1e3 * thick:.4g} mm, the thickness of base and discs"
+        return [Fault("the discs leave no room for springs", "total_length", got, allowed)]
+    springs, cables, hole = of.springs, of.cables, of.discs.hole_diameter
+    faults = [replace(fault, where="springs") for fault in of.coil.wire_faults(springs.wire_diameter)]
+    wide = springs.coil_diameter + springs.wire_diameter
+    widest = max(wide, 2.0 * cables.radius + hole)
+    for key, part in (("discs", of.discs), ("base", of.base)):
+        if part.diameter < widest:
+            got, allowed = f"{1e3 * part.diameter:.4g} mm", f"at least {1e3 * widest:.4g} mm"
+            faults.append(Fault("springs and guide holes do not fit on the disc", f"{key}.diameter", got, allowed))
+    if cables.radius - 0.5 * hole < 0.5 * wide:
+        got, allowed = f"{1e3 * cables.radius:.4g} mm", f"at least {500 * (wide + hole):.4g} mm"
+        faults.append(Fault("the cables run through the springs", "cables.radius", got, allowed))
     return faults

@@ -11,9 +11,8 @@ import numpy as np
 from softcal.checks import Ints
 from softcal.errors import Fault, MeshError
 from softcal.geometry.section import CrossSection, circular
-from softcal.geometry.wire import SolidSpring, wire_mesh
+from softcal.geometry.wire import wire_mesh
 from softcal.mechanics.elements import DEFAULT
-from softcal.twin.manipulator import ManipulatorShape
 from softcal.twin.robot import Body, Plate, Robot, Rod
 
 # Sections whose constants agree to this relative tolerance are the same.
@@ -53,27 +52,6 @@ def with_solid_rods(
         rods=tuple(rod for rod in robot.rods if rod.name not in bodies),
         plates=tuple(_holding(plate, [rods[name] for name in chosen], bodies) for plate in robot.plates),
     )
-
-
-def elements_for_solid(shape: ManipulatorShape, *, rings: int = 1, layers_per_turn: int | None = None) -> int:
-    """How many elements a turn of a manipulator's rods needs, so that `with_solid_rods` gives as many layers of tets.
-
-    By default as many as `spring_mesh` makes.
-
-    Raises
-    ------
-    MeshError
-        For fewer than six layers.
-    """
-    spring = SolidSpring(
-        wire_diameter=shape.wire_diameter,
-        coil_diameter=shape.coil_diameter,
-        turns=shape.turns,
-        height=shape.spring_length,
-        rings=rings,
-        layers_per_turn=layers_per_turn,
-    )
-    return 2 * spring.layers
 
 
 def solid_body(rod: Rod, *, rings: int = 1, element: str = DEFAULT.name) -> Body:

@@ -9,16 +9,16 @@ from pathlib import Path
 from benchmarks.neck_case import POISSONS_RATIO, YOUNGS_MODULUS, standard_robot
 from benchmarks.problems import BOUNDS, N_SAMPLES, NU, SIGMA_PITCH, SIGMA_TENSION, E, known_problem
 from benchmarks.section import Goal, Section, run_alone
+from softcal.calibration.option import options_of
 from softcal.calibration.problem import Problem
 from softcal.calibration.run import calibrate
-from softcal.calibration.settings import SearchSettings
 from softcal.project.project import load
 from softcal.workflows.calibration import make_problem
 
 LIMIT = 12
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "neck" / "project.yaml"
 MIDDLE = (2.0e6, 0.45)
-DEFAULT_STARTS = SearchSettings().starts
+DEFAULT_STARTS = int(options_of()["starts"].default)
 
 
 HEADER = ["data", "start (E in MPa, ν)", "starts", "free", "trajectories", "factorisations", "seconds", "E in MPa", "ν"]

@@ -23,8 +23,18 @@ HERE = Path(__file__).resolve().parents[1]
 CALIBRATIONS = ("neck", "neck-bench", "manipulator", "finger", "beam")
 SWEPT = "manipulator"
 OVER = ("--over", "springs.youngs_modulus=0.6GPa:1.2GPa:0.2GPa", "--over", "springs.poissons_ratio=0.3,0.4")
-# Times, counts, and fANOVA's shares: a random forest, whose splits turn on the last digit of a loss.
-NOT_COMPARED = {"wall_s", "seconds", "versions", "hashes", "n_solves", "n_factorisations", "settings", "importance"}
+# Settings, times, counts, and fANOVA's shares: a random forest, whose splits turn on the last digit of a loss.
+NOT_COMPARED = {
+    "wall_s",
+    "seconds",
+    "versions",
+    "hashes",
+    "n_solves",
+    "n_factorisations",
+    "settings",
+    "extra",
+    "importance",
+}
 LIMIT = 1e-9
 FLAT = 1e-6  # where a search ends in a flat valley
 SMALLEST = 1e-12  # [SI]: below this a number is rounding

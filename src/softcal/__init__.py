@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from softcal.analysis.record import RecordFit as RecordFit
     from softcal.calibration.experiment import Experiment as Experiment
     from softcal.calibration.loss import Loss as Loss
-    from softcal.calibration.loss import Option as Option
     from softcal.calibration.loss import register_loss as register_loss
     from softcal.calibration.optimiser import Optimiser as Optimiser
     from softcal.calibration.optimiser import Proposal as Proposal
     from softcal.calibration.optimiser import register_optimiser as register_optimiser
+    from softcal.calibration.option import Option as Option
     from softcal.calibration.parameters import FreeParameter as FreeParameter
     from softcal.calibration.problem import make_problem as make_problem
     from softcal.calibration.result import CalibrationResult as CalibrationResult
@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from softcal.geometry.read import read_mesh as read_mesh
     from softcal.geometry.section import circular as circular
     from softcal.geometry.section import rectangular as rectangular
+    from softcal.limits import Limit as Limit
     from softcal.materials.catalogue import register_law as register_law
     from softcal.materials.law import Law as Law
     from softcal.materials.parameter import Parameter as Parameter
@@ -119,12 +120,13 @@ _HOMES = {
     "FreeParameter": "softcal.calibration.parameters",
     "InputError": "softcal.errors",
     "Law": "softcal.materials.law",
+    "Limit": "softcal.limits",
     "Loss": "softcal.calibration.loss",
     "Manipulator": "softcal.twin.manipulator",
     "Marker": "softcal.twin.robot",
     "MeshError": "softcal.errors",
     "Optimiser": "softcal.calibration.optimiser",
-    "Option": "softcal.calibration.loss",
+    "Option": "softcal.calibration.option",
     "Parameter": "softcal.materials.parameter",
     "ParameterError": "softcal.errors",
     "Plate": "softcal.twin.robot",
@@ -207,6 +209,7 @@ __all__ = [
     "FreeParameter",
     "InputError",
     "Law",
+    "Limit",
     "Loss",
     "Manipulator",
     "Marker",

@@ -6,11 +6,12 @@ import importlib
 import pkgutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.metadata import entry_points
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar, cast
 
 from softcal.errors import Fault, ParameterError, nearest
 
 T = TypeVar("T")
+M = TypeVar("M")
 
 
 class Catalogue(Mapping[str, T], Generic[T]):
@@ -108,6 +109,33 @@ class Catalogue(Mapping[str, T], Generic[T]):
         self._members[name] = member
         if is_own:
             self._own.add(name)
+
+    def registrar(self, name: str, summary: str) -> Callable[[M], M]:
+        """The public function that adds a member and returns it, so that it decorates a class or encloses a call.
+
+        name: the function's; summary: the first sentence of its docstring.
+        """
+
+        def register(member: M) -> M:
+            self.add(cast("T", member))
+            return member
+
+        register.__name__ = register.__qualname__ = name
+        register.__doc__ = f"""{summary}
+
+        A package does the same for every process by an entry point of the group `{self._group}` that names it.
+
+        Returns
+        -------
+        object
+            The same {self.what}, so that this decorates its class or encloses its definition.
+
+        Raises
+        ------
+        ParameterError
+            Where another {self.what} has the name, or something is wrong with this one.
+        """
+        return register
 
     def remove(self, name: str) -> None:
         """Remove a member that was registered from outside.

@@ -57,15 +57,26 @@ class Limit:
         if fault := self.fault(count, where):
             raise InputError(fault)
 
-    def __get_pydantic_core_schema__(self, source: object, handler: Callable[[object], CoreSchema]) -> CoreSchema:
-        reading = Reading(self._count) if source is int else Reading(self._entries, "after")
-        return reading.__get_pydantic_core_schema__(source, handler)
+    def checked(self, value: object, *, where: str = "") -> int:
+        """A count within the range.
 
-    def _count(self, value: object) -> object:
+        Raises
+        ------
+        InputError
+            Where it is no whole number, or there are too many or too few.
+        """
         if isinstance(value, bool) or not isinstance(value, int):
-            raise InputError(Fault("this is of the wrong kind", got=shown(value), allowed="a whole number"))
-        self.check(value)
+            raise InputError(Fault("this is of the wrong kind", where, shown(value), "a whole number"))
+        self.check(value, where=where)
         return value
+
+    def read(self, value: object, *, where: str = "") -> int:
+        """As `checked`: a count has no unit."""
+        return self.checked(value, where=where)
+
+    def __get_pydantic_core_schema__(self, source: object, handler: Callable[[object], CoreSchema]) -> CoreSchema:
+        reading = Reading(self.checked) if source is int else Reading(self._entries, "after")
+        return reading.__get_pydantic_core_schema__(source, handler)
 
     def _entries(self, value: T) -> T:
         if value:

@@ -17,9 +17,9 @@ from softcal.report.format import method_label
 
 Make = Callable[[Problem], Optimiser]
 
-COMMON = SearchSettings(trials=36, seed=5, starts=1)
-# What an optimiser can be told besides: cases of their own, for those that heed it.
-TOLD: Mapping[str, Mapping[str, object]] = {"starts": {"starts": 3}}
+COMMON = SearchSettings(trials=36, seed=5, options={"starts": 1})
+# Values of optimisers' own options: cases of their own, for those that have them.
+TOLD: Mapping[str, Mapping[str, object]] = {"starts": {"starts": 3}, "startup_trials": {"startup_trials": 4}}
 AXES = {NU: (0.4999, 0.45, 0.4), E: (9e6, 6e6, 3e6, 2e6)}
 
 
@@ -27,7 +27,10 @@ def cases() -> dict[str, SearchSettings]:
     found: dict[str, SearchSettings] = {}
     for name, optimiser in OPTIMISERS.items():
         found[name] = COMMON.changed(method=name)
-        found |= {f"{name}, {key}": COMMON.changed(method=name, **TOLD[key]) for key in sorted(optimiser.heeds)}
+        found |= {
+            f"{name}, {key}": COMMON.changed(method=name, **TOLD[key])
+            for key in sorted(o.name for o in optimiser.options)
+        }
         if optimiser.batch > 1:
             found[f"{name}, one by one"] = COMMON.changed(method=name, batch=1)
     return found

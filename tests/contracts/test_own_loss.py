@@ -14,7 +14,8 @@ from own_module import imported
 from project_case import MODULUS, SLACK, write_project
 
 from softcal import CalibrationError, Loss, calibrate, load, quantity, register_loss, sweep
-from softcal.calibration.loss import LOSSES, Option
+from softcal.calibration.loss import LOSSES
+from softcal.calibration.option import Option
 from softcal.errors import InputError, ParameterError, ProjectFileError
 from softcal.workflows.run_folder import load_run
 
@@ -62,7 +63,9 @@ def relative(tmp_path: Path) -> Generator[ModuleType]:
 
 def test_it_calibrates_from_a_project_file(relative: ModuleType, tmp_path: Path) -> None:
     project = load(write_project(tmp_path, NAMED))
-    assert project.calibration.options == {"alpha": 0.3, "beta": 1.0, "least_share": 0.2}
+    assert project.calibration.options == {
+        "alpha": 0.3, "beta": 1.0, "least_share": 0.2, "starts": 1, "startup_trials": 10
+    }  # fmt: skip
     result = calibrate(project, out=tmp_path / "run").headline
     assert result.loss_name == "relative"
     assert "Converged" in result.status
@@ -125,11 +128,11 @@ def test_what_is_no_loss_is_refused(relative: ModuleType) -> None:
     @dataclass(frozen=True)
     class Other(relative.RelativeLoss):
         name = "other"
-        options = (Option("alpha", quantity("share"), 0.1), Option("seed", quantity("share"), 0.1))
+        options = (Option("starts", quantity("share"), 0.1), Option("seed", quantity("share"), 0.1))
 
     with pytest.raises(ParameterError) as error:
         register_loss(Other)
-    assert "another loss has an option of this name" in str(error.value)
+    assert "another loss or method has an option of this name" in str(error.value)
     assert "the calibration has something else of this name; got seed" in str(error.value)
     with pytest.raises(ParameterError, match="'block_value' must be there"):
         register_loss(type("Half", (Loss,), {"name": "half"}))

@@ -14,7 +14,7 @@ from project_case import MODULUS, write_project
 from typer.testing import CliRunner
 
 import softcal
-from softcal import calibrate, load, register_optimiser
+from softcal import Option, calibrate, load, quantity, register_optimiser
 from softcal.calibration.optimiser import OPTIMISERS, Optimiser
 from softcal.cli import app
 from softcal.errors import InputError, ParameterError, ProjectFileError
@@ -22,7 +22,7 @@ from softcal.report.format import method_label
 from softcal.workflows.run_folder import load_run
 
 SECTION = """
-from softcal import Optimiser, Proposal, register_optimiser
+from softcal import Limit, Optimiser, Option, Proposal, quantity, register_optimiser
 
 
 @register_optimiser
@@ -32,13 +32,14 @@ class GoldenSection(Optimiser):
     name = "golden-section"
     title = "golden-section search"
     default_trials = 20
+    options = (Option("shortest", quantity("share"), 0.0), Option("spare", Limit("spare trials", 9, 0), 0))
 
     @classmethod
     def begin(cls, problem, settings):
-        return cls(problem.space, settings.trials)
+        return cls(problem.space, settings.trials - settings.options["spare"], settings.options["shortest"])
 
-    def __init__(self, space, trials):
-        self._space, self._trials = space, trials
+    def __init__(self, space, trials, shortest):
+        self._space, self._trials, self._shortest = space, trials, shortest
         self._ends, self._known, self._number = (0.0, 1.0), {}, 0
 
     def _points(self):
@@ -46,6 +47,8 @@ class GoldenSection(Optimiser):
         return [high - 0.618034 * (high - low), low + 0.618034 * (high - low)]
 
     def ask(self):
+        if self._ends[1] - self._ends[0] < self._shortest:
+            return ()
         fresh = [x for x in self._points() if x not in self._known][: self._trials - len(self._known)]
         self._asked = {self._number + i: x for i, x in enumerate(fresh)}
         self._number += len(fresh)
@@ -97,6 +100,52 @@ def test_the_command_line_knows_it_and_a_run_of_it_goes_on(section: ModuleType, 
     assert len(resumed.trials) == 12
     whole = calibrate(load(path), method="golden-section", trials=12).headline
     assert [t.loss for t in resumed.trials] == [t.loss for t in whole.trials]
+
+
+OPTIONS = ("method: golden-section", "method: golden-section, shortest: 0.2, spare: 3")
+
+
+def test_its_options_are_keys_of_the_project_file_and_of_the_command_line(section: ModuleType, tmp_path: Path) -> None:
+    path, run = write_project(tmp_path, ONE, NAMED, OPTIONS), tmp_path / "run"
+    result = calibrate(load(path), out=run).headline
+    assert (result.extra["shortest"], result.extra["spare"]) == (0.2, 3)
+    assert len(result.trials) < 10  # 0.618^4 of the box is shorter than a fifth of it
+    assert load_run(run).settings.options["spare"] == 3
+    assert len(calibrate(load(path), shortest=0.0).headline.trials) == 17
+    command = ["calibrate", str(path), "--option", "shortest=0", "--out", str(tmp_path / "other"), "--no-report"]
+    ended = CliRunner().invoke(app, [*command, "--option", "spare=9"])
+    assert ended.exit_code == 0, ended.output
+    assert len(load_run(tmp_path / "other").results["pull"].trials) == 11
+    again = CliRunner().invoke(app, ["calibrate", str(path), "--out", str(run), "--resume", "--option", "spare=4"])
+    assert again.exit_code == 2
+    assert "the run was begun otherwise: spare" in " ".join(again.output.split())
+    plain = calibrate(load(path), method="grid", trials=4).headline
+    assert not {"shortest", "spare", "starts"} & set(plain.extra)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (("spare: 3", "spar: 3"), r"calibration\.spar: unknown key; .* Try: 'spare'"),
+        (("spare: 3", "spare: 10"), r"calibration\.spare: there are too many spare trials; got 10; allowed: 0 to 9"),
+        (("spare: 3", "spare: 1.5"), r"calibration\.spare: this is of the wrong kind; got 1\.5; .* a whole number"),
+        (("shortest: 0.2", "shortest: 2"), r"calibration\.shortest: the share is out of range; got 2"),
+    ],
+)
+def test_faults_of_its_options_are_those_of_any_key(
+    section: ModuleType, tmp_path: Path, change: tuple[str, str], told: str
+) -> None:
+    with pytest.raises(ProjectFileError, match=told) as error:
+        load(write_project(tmp_path, ONE, NAMED, OPTIONS, change))
+    assert len(error.value.faults) == 1
+
+
+def test_an_option_that_a_loss_has_is_refused() -> None:
+    taken = (Option("alpha", quantity("share"), 0.5), Option("trials", quantity("share"), 0.5))
+    with pytest.raises(ParameterError) as error:
+        register_optimiser(type("Other", (OPTIMISERS["grid"],), {"name": "other", "options": taken}))
+    assert "another loss or method has an option of this name" in str(error.value)
+    assert "the calibration has something else of this name; got trials" in str(error.value)
 
 
 def test_a_package_brings_it_by_an_entry_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

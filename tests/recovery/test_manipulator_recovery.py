@@ -82,7 +82,7 @@ def test_a_modulus_for_each_spring_predicts_better_than_one_for_all() -> None:
     folds = folds_of(tied, [["cable6"]])
     models = {"one": tied, "each": with_split(tied, TIED.label)}
     found = Validation(
-        {label: leave_out(problem, folds, SearchSettings(starts=1)) for label, problem in models.items()}
+        {label: leave_out(problem, folds, SearchSettings(options={"starts": 1})) for label, problem in models.items()}
     )
     one, each = found.errors("one")["distance"], found.errors("each")["distance"]
     assert each < 2e-3

@@ -297,11 +297,11 @@ def test_what_follows_the_search_is_told_before_it_begins(monkeypatch: pytest.Mo
     ("options", "message"),
     [
         ({"method": "simplex"}, "no such method"),
-        ({"trials": 0}, "must be a trial"),
+        ({"trials": 0}, "too few trials"),
         ({"method": "grid", "trials": 3}, "needs more trials; got 3; allowed: at least 4"),
         ({"workers": 0}, "must be a worker"),
-        ({"starts": 0}, "must be a start"),
-        ({"seed": -1}, "seed is out of range"),
+        ({"starts": 0}, "too few starts"),
+        ({"seed": -1}, "too few seeds"),
     ],
 )
 def test_options_that_make_no_sense_are_refused(options: dict[str, object], message: str) -> None:

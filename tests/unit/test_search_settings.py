@@ -31,14 +31,14 @@ def test_changes_take_the_place_of_the_settings() -> None:
 
 
 def test_what_a_run_records_is_complete_and_holds_nothing_that_was_not_heeded() -> None:
-    given = SearchSettings(starts=5, seed=7)
+    given = SearchSettings(seed=7, options={"starts": 5})
     recorded = {name: OPTIMISERS[name].settled(given.changed(method=name)).record() for name in OPTIMISERS}
     common = {"seed": 7}
     assert recorded["least-squares"] == {
         "method": "least-squares", "trials": 40, "starts": 5, "batch": 1, **common,
     }  # fmt: skip
-    assert recorded["tpe"] == {"method": "tpe", "trials": 1000, "starts": 1, "batch": 4, **common}
-    assert recorded["grid"] == {"method": "grid", "trials": 400, "starts": 1, "batch": 1, **common}
+    assert recorded["tpe"] == {"method": "tpe", "trials": 1000, "startup_trials": 10, "batch": 4, **common}
+    assert recorded["grid"] == {"method": "grid", "trials": 400, "batch": 1, **common}
 
 
 @pytest.mark.parametrize(
@@ -46,9 +46,10 @@ def test_what_a_run_records_is_complete_and_holds_nothing_that_was_not_heeded() 
     [
         ({"trails": 3}, r"trails: there is no such setting of a search; allowed: .* Try: 'trials'"),
         ({"method": "gird"}, r"method: there is no such method; got 'gird'; .* Try: 'grid'"),
-        ({"trials": 0}, "trials: there must be a trial; got 0"),
-        ({"starts": 0}, "starts: there must be a start; got 0"),
-        ({"seed": -1}, "seed: the seed is out of range; got -1"),
+        ({"trials": 0}, "trials: there are too few trials; got 0"),
+        ({"starts": 0}, "starts: there are too few starts; got 0"),
+        ({"starts": 2.5}, "starts: this is of the wrong kind; got 2.5; allowed: a whole number"),
+        ({"seed": -1}, "seed: there are too few seeds; got -1"),
         ({"workers": 0}, "workers: there must be a worker; got 0"),
     ],
 )
@@ -60,7 +61,7 @@ def test_what_makes_no_sense_is_refused_by_its_name(changes: dict, told: str) ->
 
 def test_a_project_takes_any_of_its_calibration_section_and_nothing_else(tmp_path: Path) -> None:
     project = load(write_project(tmp_path))
-    assert project.calibration.search == SearchSettings(seed=1, starts=1)
+    assert project.calibration.search == SearchSettings(options={"starts": 1})
     with pytest.raises(InputError, match=r"methd: unknown key; .* Try: 'method'"):
         calibrate_project(project, out=tmp_path / "run", methd="grid")
     assert not (tmp_path / "run").exists()

@@ -11,19 +11,17 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from softcal.calibration.experiment import Experiment
+from softcal.calibration.option import FAMILIES, Option, option_faults
 from softcal.catalogue import Catalogue
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
-from softcal.quantities import Quantity
 from softcal.sensing.channel import channel_name
 
-# What else the `calibration` of a project file has: no option can be called so.
-TAKEN = ("fit", "hold_out", "loss", "method", "options", "seed", "split", "starts", "trials")
 # RMSE over the root mean square of the measurement up to which a channel counts as fitted exactly.
 MET = 1e-6
 
@@ -51,15 +49,6 @@ class Block:
         angles are not.
         """
         return not self.experiment or channel_name(self.channel).kind.is_force
-
-
-@dataclass(frozen=True)
-class Option:
-    """A number that project files can give a loss under `calibration`, such as alpha, and its default [SI]."""
-
-    name: str
-    quantity: Quantity
-    default: float
 
 
 class Loss(ABC):
@@ -156,49 +145,15 @@ def _faults(loss: type[Loss], known: Mapping[str, type[Loss]]) -> list[Fault]:
     where = f"loss {loss.__name__}"
     missing = [*(() if hasattr(loss, "name") else ("name",)), *sorted(loss.__abstractmethods__)]
     faults = [Fault("the loss lacks something", where, allowed=f"'{name}' must be there") for name in missing]
-    taken = options_of(known)
-    for option in loss.options:
-        if option.name in TAKEN:
-            what = "the calibration has something else of this name"
-            faults.append(Fault(what, where, option.name, attempt="another name"))
-        elif taken.get(option.name, option) != option:
-            what = "another loss has an option of this name and of another kind or default"
-            faults.append(Fault(what, where, option.name, attempt="another name"))
-    return faults
-
-
-def options_of(losses: Mapping[str, type[Loss]]) -> dict[str, Option]:
-    """Every option of any of the losses by its name."""
-    return {option.name: option for loss in losses.values() for option in loss.options}
+    return [*faults, *option_faults(loss, "loss", where, known)]
 
 
 LOSSES: Catalogue[type[Loss]] = Catalogue("loss", "softcal.losses", _faults, home="softcal.calibration.losses")
 
-L = TypeVar("L", bound=type[Loss])
-
-
-def register_loss(loss: L) -> L:
-    """Add a loss: project files, results and reports then accept its name.
-
-    A package does the same for every process by an entry point of the group `softcal.losses` that names the class.
-
-    Parameters
-    ----------
-    loss
-        The class, a frozen dataclass; this decorates it.
-
-    Returns
-    -------
-    type[Loss]
-        The same class.
-
-    Raises
-    ------
-    ParameterError
-        Where another loss has the name, or the class lacks something.
-    """
-    LOSSES.add(loss)
-    return loss
+FAMILIES["loss"] = LOSSES
+register_loss = LOSSES.registrar(
+    "register_loss", "Add a loss: project files, results and reports then accept its name."
+)
 
 
 def total(loss: Loss, blocks: Sequence[Block]) -> float:

@@ -6,8 +6,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, Literal, Protocol, TypeVar
+from typing import ClassVar, Literal, Protocol
 
+from softcal.calibration.option import FAMILIES, Option, option_faults, options_of
 from softcal.calibration.problem import Evaluation, Problem
 from softcal.calibration.result import Trial
 from softcal.calibration.settings import SearchSettings
@@ -52,8 +53,8 @@ class Optimiser(ABC):
         The statistics of the parameters at the end: "sensitivity", the standard errors, intervals and shares that
         follow from the jacobian at the best point, or "fanova", each one's share in the variance of the losses of all
         trials.
-    heeds
-        Those of the settings that not every search uses (`starts`) that it does.
+    options
+        What project files can give it, beside the settings that every search has.
     batch
         Points that it gives before the evaluation of the first is needed, where that decides its course: as many
         workers can share it.
@@ -70,7 +71,7 @@ class Optimiser(ABC):
     default_trials: ClassVar[int]
     needs_jacobian: ClassVar[bool] = False
     statistics: ClassVar[Literal["sensitivity", "fanova"]] = "fanova"
-    heeds: ClassVar[frozenset[str]] = frozenset()
+    options: ClassVar[tuple[Option, ...]] = ()
     batch: ClassVar[int] = 1
     grows: ClassVar[bool] = True
     expected: ClassVar[tuple[int, int] | None] = None
@@ -79,7 +80,7 @@ class Optimiser(ABC):
     @classmethod
     @abstractmethod
     def begin(cls, problem: Problem, settings: SearchSettings) -> Optimiser:
-        """A search in the problem's space; the settings are complete: trials, starts and batch are numbers."""
+        """A search in the problem's space; the settings are complete: trials, batch and every option are numbers."""
 
     @classmethod
     def settled(cls, settings: SearchSettings) -> SearchSettings:
@@ -88,9 +89,11 @@ class Optimiser(ABC):
         Raises
         ------
         ParameterError
-            For a number that makes no sense.
+            For a number that makes no sense, or an option that no method has.
         """
-        return settings.complete(trials=cls.default_trials, batch=cls.batch, heeded=cls.heeds)
+        return settings.complete(
+            trials=cls.default_trials, batch=cls.batch, options=cls.options, known=options_of(OPTIMISERS)
+        )
 
     def journal(self, folder: Path) -> Journal | None:
         """A file beside the run's own store that records the trials, such as for another program's tools."""
@@ -131,35 +134,14 @@ def _faults(optimiser: type[Optimiser], known: Mapping[str, type[Optimiser]]) ->
     if optimiser.statistics == "sensitivity" and not optimiser.needs_jacobian:
         what = "statistics by sensitivity need the jacobian"
         faults.append(Fault(what, where, attempt="needs_jacobian = True, or statistics = 'fanova'"))
-    return faults
+    return [*faults, *option_faults(optimiser, "method", where, known)]
 
 
 OPTIMISERS: Catalogue[type[Optimiser]] = Catalogue(
     "method", "softcal.optimisers", _faults, home="softcal.calibration.optimisers"
 )
 
-OptimiserClass = TypeVar("OptimiserClass", bound=type[Optimiser])
-
-
-def register_optimiser(optimiser: OptimiserClass) -> OptimiserClass:
-    """Add an optimiser: project files, `--method`, results and reports then accept its name.
-
-    A package does the same for every process by an entry point of the group `softcal.optimisers` that names the class.
-
-    Parameters
-    ----------
-    optimiser
-        The class; this decorates it.
-
-    Returns
-    -------
-    type[Optimiser]
-        The same class.
-
-    Raises
-    ------
-    ParameterError
-        Where another optimiser has the name, or the class lacks something.
-    """
-    OPTIMISERS.add(optimiser)
-    return optimiser
+FAMILIES["method"] = OPTIMISERS
+register_optimiser = OPTIMISERS.registrar(
+    "register_optimiser", "Add an optimiser: project files, `--method`, results and reports then accept its name."
+)

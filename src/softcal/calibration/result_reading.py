@@ -50,16 +50,15 @@ class _HeldOut(_Fit):
 
 
 class _Extra(Record):
-    """Settings of the search; those of a sweep, and of no other search, have the values of every axis."""
+    """Settings of the search and options of its optimiser; a sweep alone has the values of every axis."""
 
     model_config = ConfigDict(extra="allow")
-    __pydantic_extra__: dict[str, str | float | None]  # pyright: ignore[reportIncompatibleVariableOverride]
+    __pydantic_extra__: dict[str, float]  # pyright: ignore[reportIncompatibleVariableOverride]
 
     importance_kind: str = ""
     method: str | None = None
     trials: Count | None = None
     seed: Count | None = None
-    starts: Count | None = None
     batch: Count | None = None
     axes: dict[str, list[float]] | None = None
     hold_out: list[str] | None = None

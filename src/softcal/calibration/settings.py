@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
-from softcal.errors import Fault, ParameterError, nearest
+from softcal.calibration.option import Option
+from softcal.errors import Fault, InputError, ParameterError, nearest
+from softcal.limits import LIMITS
 
 
 @dataclass(frozen=True)
@@ -22,75 +25,70 @@ class SearchSettings:
         None.
     seed
         Of the starts and of TPE. Everything else is deterministic.
-    starts
-        Local searches of "least-squares": the first from the parameters' start, the others from a Latin hypercube, in
-        case the first ends in a minimum that is not the lowest. Each costs one trajectory where its model predicts no
-        minimum that is lower by a hundredth, and none where the first has fitted the measurements exactly.
     hold_out
         Experiments that are not fitted but predicted afterwards; see `softcal.calibration.hold_out`.
     batch
         Points asked for before the first of them is evaluated; the optimiser's own when None.
+    options
+        Option of the optimiser -> its value [SI]; its default where it is left out. Those of other optimisers are
+        ignored.
     """
 
     method: str = "least-squares"
     trials: int | None = None
-    seed: int = 0
-    starts: int = 3
+    seed: int = 1
     hold_out: tuple[str, ...] = ()
     batch: int | None = None
+    options: Mapping[str, float] = field(default_factory=dict[str, float])
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "hold_out", tuple(self.hold_out))
+        object.__setattr__(self, "options", dict(self.options))
 
     def changed(self, **changes: object) -> SearchSettings:
-        """The settings with some of them replaced.
-
-        Raises
-        ------
-        ParameterError
-            For a name that no setting has.
-        """
-        known = [one.name for one in fields(self)]
-        faults = [
-            Fault("there is no such setting of a search", name, allowed=", ".join(known), attempt=nearest(name, known))
-            for name in changes
-            if name not in known
-        ]
-        if faults:
-            raise ParameterError(faults)
-        given: dict[str, Any] = changes
-        return replace(self, **given)
+        """The settings with some of them, or options of an optimiser by their names, replaced."""
+        own = {one.name for one in fields(self)}
+        given: dict[str, Any] = {name: value for name, value in changes.items() if name in own}
+        others: dict[str, Any] = {name: value for name, value in changes.items() if name not in own}
+        return replace(self, **{**given, "options": {**self.options, **given.get("options", {}), **others}})
 
     def record(self) -> dict[str, Any]:
         """The `complete` settings as a run stores them and a result reports them."""
-        recorded: dict[str, Any] = {
-            name: getattr(self, name) for name in ("method", "trials", "seed", "starts", "batch")
-        }
+        recorded: dict[str, Any] = {name: getattr(self, name) for name in ("method", "trials", "seed")}
+        recorded |= {**self.options, "batch": self.batch}
         if self.hold_out:
             recorded["hold_out"] = list(self.hold_out)
         return recorded
 
-    def complete(self, *, trials: int, batch: int, heeded: frozenset[str]) -> SearchSettings:
-        """These settings with the optimiser's defaults filled in, and without those that it does not use.
+    def complete(self, *, trials: int, batch: int, options: Sequence[Option], known: Collection[str]) -> SearchSettings:
+        """These settings with the optimiser's defaults filled in, and without the options of others.
+
+        options: the optimiser's; known: the names of those of all optimisers.
 
         Raises
         ------
         ParameterError
-            For a number that makes no sense.
+            For a number that makes no sense, or an option that no optimiser has.
         """
         budget = self.trials if self.trials is not None else trials
-        faults: list[Fault] = []
-        if budget < 1:
-            faults.append(Fault("there must be a trial", "trials", got=str(budget), allowed="1 or more"))
-        if self.starts < 1:
-            faults.append(Fault("there must be a start", "starts", got=str(self.starts), allowed="1 or more"))
-        if not 0 <= self.seed < 2**32:
-            faults.append(Fault("the seed is out of range", "seed", got=str(self.seed), allowed="0 to 4294967295"))
+        allowed = [*(one.name for one in fields(self)), *(option.name for option in options)]
+        faults = [
+            Fault("there is no such setting of a search", name, "", ", ".join(allowed), nearest(name, allowed))
+            for name in self.options
+            if name not in known
+        ]
+        faults += [
+            replace(fault, where=name)
+            for name, of, count in (("trials", "trials", budget), ("seed", "seeds", self.seed))
+            if (fault := LIMITS[of].fault(count))
+        ]
+        values: dict[str, float] = {}
+        for option in options:
+            try:
+                value = self.options.get(option.name, option.default)
+                values[option.name] = option.kind.checked(value, where=option.name)
+            except InputError as error:
+                faults += error.faults
         if faults:
             raise ParameterError(faults)
-        return replace(
-            self,
-            trials=budget,
-            starts=self.starts if "starts" in heeded else 1,
-            batch=self.batch if self.batch is not None else batch,
-        )
+        return replace(self, trials=budget, batch=self.batch if self.batch is not None else batch, options=values)

@@ -14,7 +14,18 @@ from softcal.cli.calibration_bars import calibration_progress
 from softcal.cli.calibration_table import print_results
 from softcal.cli.printing import print_warnings
 from softcal.cli.running import clock
-from softcal.cli.values import SOFTCAL, Engine, Values, WithReport, Workers, as_typed, names, parsed_values
+from softcal.cli.values import (
+    SOFTCAL,
+    Engine,
+    Values,
+    WithReport,
+    Workers,
+    as_typed,
+    names,
+    parsed_pairs,
+    parsed_values,
+    scalar,
+)
 
 if TYPE_CHECKING:
     from softcal.project.project import Project
@@ -48,6 +59,12 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
             show_default=False,
         ),
     ] = None,
+    option: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=VALUE", help="An option of the method or the loss, such as starts=5; again for more."
+        ),
+    ] = None,
     split: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME", help="Untie this tied parameter: a value for each of its parts; again for more."),
@@ -63,6 +80,7 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
     """Find the free parameters; keeps every trial, and writes tables, figures and a report into a run folder."""
     from softcal.project.project import load
 
+    options = parsed_pairs(option, "--option", "this sets no option", "NAME=VALUE, such as starts=5")
     loaded = load(project, values=parsed_values(values))
     from softcal.workflows.calibration import calibrate as calibrate_project
     from softcal.workflows.furthest import furthest_responses, shape_warnings
@@ -78,12 +96,14 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
         "split": split,
     }
     others = {
+        "option": option,
         "set": values,
         "engine": None if engine == SOFTCAL else engine,
         "workers": None if workers == 1 else workers,
     }
     again = f"{shlex.quote(str(project))} --out {shlex.quote(str(folder))}{as_typed({**changes, **others})} --resume"
     changes["hold_out"] = None if hold_out is None else names(hold_out)
+    changes |= {name: scalar(text) for name, text in options.items()}
     if engine != SOFTCAL and not resume:
         _print_expected(loaded, engine, changes, workers)
     with resumable(folder, "Everything", f"softcal calibrate {again}"):

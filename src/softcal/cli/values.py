@@ -63,6 +63,16 @@ def parsed_pairs(given: list[str] | None, option: str, what: str, allowed: str) 
     return found
 
 
+def scalar(text: str) -> int | float | str:
+    """A text as a project file would read it: a number where it is one."""
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text
+
+
 def as_typed(options: Mapping[str, str | int | list[str] | None]) -> str:
     """The given options (by their Python names) in command-line syntax, each preceded by a blank."""
     pairs = [(name, one) for name, given in options.items() for one in (given if isinstance(given, list) else [given])]

@@ -8,8 +8,9 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, SerializerFunctionWrapHandler, model_serializer
 from pydantic_core import InitErrorDetails
 
-from softcal.calibration.loss import LOSSES, options_of
+from softcal.calibration.loss import LOSSES
 from softcal.calibration.optimiser import OPTIMISERS
+from softcal.calibration.option import options_of
 from softcal.calibration.settings import SearchSettings
 from softcal.declare import MemberOf, listed
 from softcal.limits import LIMITS
@@ -37,27 +38,26 @@ class ParameterSection(Section):
 
 
 class CalibrationSection(Section):
-    """Settings of the calibration. The options [SI] of all losses are keys of the file, by their names."""
+    """Settings of the calibration. The options [SI] of all losses and methods are keys of the file, by their names."""
 
     loss: Annotated[str, MemberOf(LOSSES)] = "papers"
-    options: Mapping[str, float] = Field(default_factory=dict)
+    options: Mapping[str, int | float] = Field(default_factory=dict)
     method: Annotated[str, MemberOf(OPTIMISERS)] = SearchSettings.method
     trials: Annotated[int, LIMITS["trials"]] | None = None
-    starts: Annotated[int, LIMITS["starts"]] = SearchSettings.starts
-    seed: Annotated[int, LIMITS["seeds"]] = 1
+    seed: Annotated[int, LIMITS["seeds"]] = SearchSettings.seed
     fit: Literal["each", "joint", "both"] = "joint"
     hold_out: Annotated[list[str], BeforeValidator(listed)] = Field(default_factory=list)
     split: Annotated[list[str], BeforeValidator(listed)] = Field(default_factory=list)
 
     @classmethod
     def _allowed(cls, given: Mapping[str, Any]) -> set[str]:
-        return super()._allowed(given) - {"options"} | set(options_of(LOSSES))
+        return super()._allowed(given) - {"options"} | set(options_of())
 
     @classmethod
     def _read(cls, given: Mapping[str, Any]) -> tuple[dict[str, Any], list[InitErrorDetails]]:
-        kinds = {name: option.quantity for name, option in options_of(LOSSES).items()}
+        kinds = {name: option.kind for name, option in options_of().items()}
         options, errors = read_quantities(given, kinds)
-        defaults = {name: option.default for name, option in options_of(LOSSES).items()}
+        defaults = {name: option.default for name, option in options_of().items()}
         return {**{k: v for k, v in given.items() if k not in kinds}, "options": {**defaults, **options}}, errors
 
     @model_serializer(mode="wrap")
@@ -69,4 +69,5 @@ class CalibrationSection(Section):
     @property
     def search(self) -> SearchSettings:
         """The settings of the search."""
-        return SearchSettings(self.method, self.trials, self.seed, self.starts, tuple(self.hold_out))
+        options = {option.name: self.options[option.name] for option in OPTIMISERS[self.method].options}
+        return SearchSettings(self.method, self.trials, self.seed, tuple(self.hold_out), options=options)

@@ -19,6 +19,7 @@ from pydantic_core import InitErrorDetails
 
 from softcal.declare import FAULT, Reading, as_pydantic, listed, read_mapping, shown
 from softcal.errors import Fault, InputError
+from softcal.limits import Limit
 from softcal.project.document import Findings, KeyPath
 from softcal.quantities import Quantity
 
@@ -62,9 +63,9 @@ T = TypeVar("T")
 
 
 def read_quantities(
-    given: Mapping[str, Any], kinds: Mapping[str, Quantity]
+    given: Mapping[str, Any], kinds: Mapping[str, Quantity | Limit]
 ) -> tuple[dict[str, float], list[InitErrorDetails]]:
-    """Those of the keys that are given, each read as a quantity of its kind, and the faults of the others."""
+    """Those of the keys that are given, each read as a quantity or count of its kind, and the faults of the others."""
     found: dict[str, float] = {}
     errors: list[InitErrorDetails] = []
     for name in (name for name in kinds if name in given):

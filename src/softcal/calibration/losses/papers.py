@@ -10,7 +10,8 @@ from typing import ClassVar
 import numpy as np
 
 from softcal.calibration.experiment import Experiment
-from softcal.calibration.loss import MET, Block, Loss, Option, register_loss, rms
+from softcal.calibration.loss import MET, Block, Loss, register_loss, rms
+from softcal.calibration.option import Option
 from softcal.calibration.relative_squares import RelativeSquares
 from softcal.checks import Floats
 from softcal.errors import Fault

@@ -7,10 +7,12 @@ import numpy as np
 from softcal.calibration.descent import Descent, counted
 from softcal.calibration.loss import Loss, rms
 from softcal.calibration.optimiser import Optimiser, Proposal, register_optimiser
+from softcal.calibration.option import Option
 from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.problem import Evaluation, Problem
 from softcal.calibration.settings import SearchSettings
 from softcal.checks import Floats
+from softcal.limits import LIMITS
 
 # A start above this share of the range below a ceiling may lie where elements lock.
 _NEAR_CEILING = 0.75
@@ -32,6 +34,8 @@ class LeastSquaresOptimiser(Optimiser):
     lower by a hundredth. So a start costs one trajectory where there is one minimum, and none where the first has
     fitted the measurements exactly.
 
+    `starts`: local searches, in case the first ends in a minimum that is not the lowest.
+
     Where elements lock, close to Poisson's ratio 0.5, a search ends in the nearest local minimum. So a first start near
     such a ceiling is preceded by one with that parameter in the middle of its range; the two share their budget.
     """
@@ -41,13 +45,13 @@ class LeastSquaresOptimiser(Optimiser):
     default_trials = 40
     needs_jacobian = True
     statistics = "sensitivity"
-    heeds = frozenset({"starts"})
+    options = (Option("starts", LIMITS["starts"], 3),)
     expected = (4, 12)
     in_parallel = False  # the first descent runs alone, and most often there is no other
 
     @classmethod
     def begin(cls, problem: Problem, settings: SearchSettings) -> LeastSquaresOptimiser:
-        trials, starts = settings.trials or 0, settings.starts
+        trials, starts = settings.trials or 0, int(settings.options["starts"])
         return cls(problem.space, problem.loss, trials=trials, seed=settings.seed, starts=starts)
 
     def __init__(self, space: SearchSpace, loss: Loss, *, trials: int, seed: int, starts: int = 1) -> None:

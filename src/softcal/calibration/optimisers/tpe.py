@@ -9,21 +9,27 @@ from typing import TYPE_CHECKING
 
 from softcal.calibration.fanova import distributions
 from softcal.calibration.optimiser import Optimiser, Proposal, register_optimiser
+from softcal.calibration.option import Option
 from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.problem import Evaluation, Problem
 from softcal.calibration.result import Trial
 from softcal.calibration.settings import SearchSettings
 from softcal.calibration.store import JOURNAL, TRIALS, storing
 from softcal.errors import Fault, StorageError
+from softcal.limits import LIMITS
 
 if TYPE_CHECKING:
     import optuna
     from optuna.storages.journal import JournalFileOpenLock
 
 
+STARTUP_TRIALS = 10  # the paper's
+
+
 @register_optimiser
 class TpeOptimiser(Optimiser):
     """TPE by Optuna. batch: points asked for before the first is evaluated; it decides the course of the search.
+    startup_trials: random points before the first that is proposed by the estimator.
 
     Optuna 5 changed its defaults (multivariate sampling, constant liar); the paper's are pinned here.
     """
@@ -31,20 +37,24 @@ class TpeOptimiser(Optimiser):
     name = "tpe"
     title = "sequential model-based search (TPE)"
     default_trials = 1000
+    options = (Option("startup_trials", LIMITS["trials"], STARTUP_TRIALS),)
     batch = 4  # so many workers can share the search, which is the same for any number of them
 
     @classmethod
     def begin(cls, problem: Problem, settings: SearchSettings) -> TpeOptimiser:
-        return cls(problem.space, trials=settings.trials or 0, seed=settings.seed, batch=settings.batch or 1)
+        trials, batch, startup = settings.trials or 0, settings.batch or 1, int(settings.options["startup_trials"])
+        return cls(problem.space, trials=trials, seed=settings.seed, batch=batch, startup_trials=startup)
 
-    def __init__(self, space: SearchSpace, *, trials: int, seed: int, batch: int = 1) -> None:
+    def __init__(
+        self, space: SearchSpace, *, trials: int, seed: int, batch: int = 1, startup_trials: int = STARTUP_TRIALS
+    ) -> None:
         import optuna
 
         optuna.logging.set_verbosity(optuna.logging.WARNING)
         sampler = optuna.samplers.TPESampler(
             multivariate=False,
             group=False,
-            n_startup_trials=10,
+            n_startup_trials=startup_trials,
             n_ei_candidates=24,
             constant_liar=False,
             seed=seed,

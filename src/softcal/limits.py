@@ -89,7 +89,7 @@ LIMITS: Mapping[str, Limit] = {
     for limit in (
         # Files
         Limit("bytes of a YAML file", 1_000_000, 0, "only what it may hold; data belong into CSV files"),
-        Limit("values in a YAML file", 20_000, 0, "fewer anchors that stand for each other"),
+        Limit("values in a YAML file", 20_000, 0, "fewer nested anchors"),
         Limit("levels of a YAML file", 30, 0),
         Limit("bytes of a mesh file", 300_000_000, 0, "a coarser mesh"),
         Limit("characters in a name", 60, 1, "a shorter name"),

@@ -134,6 +134,6 @@ def test_what_is_no_figure_is_refused(whole: ReportContent) -> None:
     assert "the report has no such section; got 'middle'; allowed: overview, compared" in told
     with pytest.raises(ParameterError, match="there is another figure of this name"):
         FIGURES.add(ReportFigure("twin", twin.twin, "fit"))
-    with pytest.raises(ParameterError, match="this is no figure"):
+    with pytest.raises(ParameterError, match="this is not a figure"):
         FIGURES.add(whole)  # type: ignore[arg-type]
     assert "unexplained" not in FIGURES

@@ -86,7 +86,7 @@ def test_an_engine_that_only_compares_or_does_not_exist_is_refused(tmp_path: Pat
 
 def test_what_is_no_engine_is_refused() -> None:
     sofa = ENGINES["sofa"]
-    with pytest.raises(ParameterError, match="this is no engine"):
+    with pytest.raises(ParameterError, match="this is not an engine"):
         register_engine(load)  # type: ignore[arg-type]
     with pytest.raises(ParameterError, match="softcal is the engine that others are compared with"):
         register_engine(Engine("softcal", sofa.own, sofa.missing, sofa.solve))

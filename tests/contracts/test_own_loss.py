@@ -136,6 +136,6 @@ def test_what_is_no_loss_is_refused(relative: ModuleType) -> None:
     assert "the calibration has something else of this name; got seed" in str(error.value)
     with pytest.raises(ParameterError, match="'block_value' must be there"):
         register_loss(type("Half", (Loss,), {"name": "half"}))
-    with pytest.raises(ParameterError, match="this is no loss; got 3"):
+    with pytest.raises(ParameterError, match="this is not a loss; got 3"):
         register_loss(3)  # type: ignore[arg-type]
     assert "other" not in LOSSES

@@ -161,7 +161,7 @@ def test_a_package_brings_it_by_an_entry_point(tmp_path: Path, monkeypatch: pyte
         OPTIMISERS.remove("brought-section")
     monkeypatch.setattr(OPTIMISERS, "_asked", False)
     monkeypatch.setattr("softcal.catalogue.entry_points", lambda group: [EntryPoint("x", "json:dumps", group)])
-    with pytest.raises(ParameterError, match=r"method: this is no optimiser; got <function dumps"):
+    with pytest.raises(ParameterError, match=r"method: this is not an optimiser; got <function dumps"):
         OPTIMISERS.named("anything")
 
 

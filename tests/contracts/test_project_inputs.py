@@ -222,7 +222,7 @@ def test_experiments_that_differ_in_capitals_alone(bar: Path):
     text = PROJECT[:end] + PROJECT[at:end].replace("  pull:", "  Pull:") + PROJECT[end:]
     path = bar.with_name("changed.yaml")
     path.write_text(text, encoding="utf-8")
-    assert "experiments.Pull: two names differ in nothing but capitals; got 'pull' and 'Pull'" in told(path)[0]
+    assert "experiments.Pull: two names differ only in capitals; got 'pull' and 'Pull'" in told(path)[0]
 
 
 PATHS = {

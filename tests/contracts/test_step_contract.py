@@ -160,6 +160,6 @@ def test_what_is_no_step_is_refused() -> None:
     assert "says nowhere what it does" in told
     with pytest.raises(ParameterError, match="there is another preparation step of this name"):
         STEPS.add(PreparationStep("zero", prepare))
-    with pytest.raises(ParameterError, match="this is no preparation step"):
+    with pytest.raises(ParameterError, match="this is not a preparation step"):
         STEPS.add(cycles)  # type: ignore[arg-type]
     assert "unexplained" not in STEPS

@@ -76,7 +76,7 @@ BYTES = {
     "a count beyond all": (bytes(80) + struct.pack("<I", 10**9) + bytes(600), "cut off"),
     "a cut text": (as_text(CUBE)[:-60], "cut off"),
     "text for a number": (as_text(CUBE).replace(b"vertex 0.0 0.0 20.0", b"vertex a b c", 1), "no number"),
-    "two corners": (as_text(CUBE).replace(b"vertex 0.0 0.0 20.0\n", b"", 1), "not whole"),
+    "two corners": (as_text(CUBE).replace(b"vertex 0.0 0.0 20.0\n", b"", 1), "incomplete"),
 }
 
 

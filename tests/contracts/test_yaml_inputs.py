@@ -62,7 +62,7 @@ FILES: dict[str, tuple[bytes, str]] = {
     "a mapping as a key": (b"? {a: b}\n: 1\n", "this cannot be a key"),
     "an empty key": (b'"": 1\n', "this cannot be a key"),
     "a key with a line feed": (b'"a\\nb": 1\n', "this cannot be a key"),
-    "a key twice": (b"softcal: 1\nsoftcal: 1\n", "line 2: softcal: the key stands twice".replace("line ", ":")),
+    "a key twice": (b"softcal: 1\nsoftcal: 1\n", "line 2: softcal: the key appears twice".replace("line ", ":")),
     "a merge of a number": (b"robot: {<<: 5}\n", "this cannot be merged"),
     "a merge of numbers": (b"robot: {<<: [5]}\n", "this cannot be merged"),
     "no integer": (b"softcal: !!int abc\n", "is not what its tag says"),

@@ -77,7 +77,7 @@ def test_a_range_starts_at_its_start_and_never_passes_its_stop(
         (E, "1GPa:5GPa:1Pa", "there are too many values on an axis; got 4000000001"),
         (E, "1GPa:2GPa:3GPa", r"a sweep needs two values or more; got 1 GPa.*--set"),
         (E, "1GPa", "a sweep needs two values or more"),
-        (E, "1GPa,2GPa,1000MPa", "a value stands twice; got 1 GPa"),
+        (E, "1GPa,2GPa,1000MPa", "a value appears twice; got 1 GPa"),
         (E, "1GPa,-2GPa", "the modulus is out of range; got -2e"),
         (E, "1GPa,,2GPa", "this is not a quantity"),
     ],
@@ -117,5 +117,5 @@ def test_what_is_swept_twice_or_held():
     faults = doubled(axes, ["spring1.poissons_ratio"])
     assert [(fault.where, fault.what) for fault in faults] == [
         ("spring2.youngs_modulus", "the parameter is swept twice"),
-        (NU, "the parameter is held and swept at once"),
+        (NU, "the parameter is fixed and swept at once"),
     ]

@@ -87,7 +87,7 @@ KEYS: dict[str, tuple[Change, tuple[str, ...]]] = {
     "a missing key": (("      youngs_modulus: 2 MPa\n", ""), ("robot.bodies.bar.youngs_modulus: a key is missing",)),
     "a key that stands twice": (
         ("      element: P1\n", "      element: P1\n      element: P2\n"),
-        ("project.yaml:8: robot.bodies.bar.element", "stands twice", "line 7"),
+        ("project.yaml:8: robot.bodies.bar.element", "appears twice", "line 7"),
     ),
     "an unknown choice": (("element: P1", "element: Q1"), ("project.yaml:7:", "'Q1'", "P1, P2, P2P1")),
     "an unknown method": (
@@ -252,7 +252,7 @@ DATA: dict[str, tuple[Callable[[], str], tuple[str, ...]]] = {
     "only a header": (lambda: bench_csv().splitlines()[0] + "\n", ("pull.csv",)),
     "two columns of one name": (
         lambda: bench_csv().replace("Pitch [deg]", "Force [N]"),
-        ("2 columns go by the name 'Force'",),
+        ("2 columns have the name 'Force'",),
     ),
 }
 

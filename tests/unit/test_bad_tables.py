@@ -49,7 +49,7 @@ REFUSED: dict[str, tuple[bytes | str, str]] = {
     "a longer row": (HEADER + ROWS + "0.6,1,2\n", r"line 8: 1 row\(s\) have more fields .* got 3 fields"),
     "longer rows": (HEADER + "0.0,1,2\n" * 9, r"line 2: 9 row\(s\) have more fields"),
     "decimal commas between commas": (HEADER + "0,1,1,5\n", r"more fields than there are column names"),
-    "two columns of one name": (HEADER.replace("Time [s]", "Force [N],Time") + "1,2,3\n", "2 columns go by the name"),
+    "two columns of one name": (HEADER.replace("Time [s]", "Force [N],Time") + "1,2,3\n", "2 columns have the name"),
     "a column that is missing": ("Time [s],Kraft [N]\n0,1\n", "no column 'Force'"),
     "time that runs backwards": (HEADER + ROWS + "0.3,1\n", r"time runs backwards 1 time\(s\).*'0.3' after '0.5'"),
     "time that runs backwards often": (
@@ -113,7 +113,7 @@ def test_what_can_be_read_is_read_right(case: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("delimiter", ["", ";;", "ab"])
 def test_a_delimiter_is_one_character(delimiter: str, tmp_path: Path) -> None:
-    with pytest.raises(DatasetError, match="this is no delimiter"):
+    with pytest.raises(DatasetError, match="this is not a delimiter"):
         read(tmp_path, HEADER + ROWS, delimiter=delimiter)
 
 

@@ -78,7 +78,7 @@ def test_the_datasets_own_sigma_is_used_and_one_that_is_unknown_is_refused() -> 
 
 def test_the_papers_loss_counts_no_prior_and_says_so() -> None:
     modulus = FreeParameter(E, "Pa", 0.1e6, 40e6, prior_mean=2e6, prior_sd=0.5e6)
-    with pytest.raises(InputError, match="counts no prior"):
+    with pytest.raises(InputError, match="does not use priors"):
         two(PapersLoss(), modulus)
 
 

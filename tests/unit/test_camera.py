@@ -40,7 +40,7 @@ def test_the_slope_is_that_of_the_projection():
 
 
 def test_a_camera_needs_positive_numbers():
-    with pytest.raises(InputError, match="this is no camera"):
+    with pytest.raises(InputError, match="this is not a camera"):
         Camera(0, 1080, WEBCAM.matrix, WEBCAM.distortion)
 
 
@@ -203,7 +203,7 @@ def test_images_of_different_cameras(capsys: pytest.CaptureFixture[str], folder:
     [
         (["nowhere"], "nowhere: there is no image"),
         (["text.png"], "text.png: the file holds no image that can be read"),
-        (["wall.png", "--squares", "9"], "--squares: this is no number of squares"),
+        (["wall.png", "--squares", "9"], "--squares: this is not a number of squares"),
         (["wall.png", "--square", "28"], "--square: the unit is missing"),
     ],
 )

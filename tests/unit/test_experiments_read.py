@@ -193,7 +193,7 @@ def test_empty_files(tmp_path: Path, text: str) -> None:
 
 
 def test_doubled_header(tmp_path: Path) -> None:
-    with pytest.raises(DatasetError, match=r"2 columns go by the name 'Force'.*column 3.*column 4"):
+    with pytest.raises(DatasetError, match=r"2 columns have the name 'Force'.*column 3.*column 4"):
         read_table(write(tmp_path, "Time,Disp,Force,Force\n0,0,0,0\n"), UTM)
 
 

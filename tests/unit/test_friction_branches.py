@@ -101,7 +101,7 @@ def test_a_branch_that_the_correction_was_not_for_is_refused() -> None:
 
 def test_tensions_of_both_branches_cannot_be_corrected_at_once(tmp_path: Path) -> None:
     path = write_project(tmp_path, RIG, data=loop_csv())
-    with pytest.raises(ProjectFileError, match="one sign while the cable is pulled and the other while it is let go"):
+    with pytest.raises(ProjectFileError, match="opposite signs during loading and unloading"):
         load(path)
     assert load(write_project(tmp_path, data=loop_csv(0.0))).experiments["pull"].dataset.n_samples == 50
 
@@ -174,9 +174,9 @@ def test_a_pull_that_is_let_go_is_simulated_without_friction_alone() -> None:
     assert response.succeeded
     np.testing.assert_allclose(response.channels["front.tension"][:5][::-1], response.channels["front.tension"][4:])
     rough = with_parameters(bar_robot(), {"front.friction_coefficient": 0.3})
-    with pytest.raises(ParameterError, match="turns round where the cable is let go"):
+    with pytest.raises(ParameterError, match="reverses where the cable is released"):
         softcal.simulate(rough, protocol)
-    with pytest.raises(ParameterError, match="turns round where the cable is let go"):
+    with pytest.raises(ParameterError, match="reverses where the cable is released"):
         softcal.simulate(bar_robot(), protocol, {"front.friction_coefficient": 0.3})
     assert softcal.simulate(rough, Protocol({"front": Command("shortening", there_and_back[:5])})).succeeded
 

@@ -139,8 +139,8 @@ def test_any_centreline_will_do():
         (lambda: spring(1.0, 2.0, 5.0), "fills the coil"),
         (lambda: spring(8.0, 2.0, 0.9), "coils of the spring overlap"),
         (lambda: spring(8.0, 0.0, 2.0), "turns: the number of turns is out of range"),
-        (lambda: spring(8.0, 2.0, None), "how far the spring climbs; got neither"),
-        (lambda: spring(8.0, 2.0, 2.0, height=4.0), "how far the spring climbs; got pitch and height"),
+        (lambda: spring(8.0, 2.0, None), "the height of the spring is not specified; got neither"),
+        (lambda: spring(8.0, 2.0, 2.0, height=4.0), "the height of the spring is not specified; got pitch and height"),
         (lambda: spring(8.0, 2.0, 2.0, layers_per_turn=5), "too few layers in a turn; got 5; allowed: 6 to"),
         (lambda: wire_mesh(straight((0, 0, 0), (0, 0, 1), 3), 0.1), "3 elements; allowed: an even number"),
         (

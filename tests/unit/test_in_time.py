@@ -188,7 +188,7 @@ def test_the_project_says_how_motion_is_computed(tmp_path: Path):
     [
         ("settle: {on: nose}", r"dynamics\.settle\.on: there is no such plate or marker; got 'nose'; allowed: plate"),
         ("time_step: 0 s", r"dynamics\.time_step"),
-        ("hold: 1 s, settle: {}", "it is said twice how the motion ends"),
+        ("hold: 1 s, settle: {}", "the end of the motion is specified twice"),
         ("rayleigh_mass: 0.1 s", r"dynamics\.rayleigh_mass: the unit does not fit"),
         ("scheme: explicit", r"dynamics\.scheme: there is no such choice"),
     ],

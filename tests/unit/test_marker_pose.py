@@ -299,7 +299,7 @@ def test_a_marker_that_nobody_asked_for_may_move():
     [
         ({"size": 0.0}, "the size of a marker is not above zero"),
         ({"sizes": {3: -0.01}}, "the size of marker 3 is not above zero"),
-        ({"names": {1: "S1", 2: "S1"}}, "two markers go by the same name; got 'S1'"),
+        ({"names": {1: "S1", 2: "S1"}}, "two markers have the same name; got 'S1'"),
         ({"companions": (0,)}, "marker 0 is named twice"),
         ({"base": {}}, "no marker is the base"),
     ],

@@ -294,10 +294,10 @@ def test_all_that_is_wrong_with_the_images_is_told_at_once(capsys: pytest.Captur
         (["--size", "-1mm"], "--size: the size is out of range; got -0.001 m; allowed: above 0"),
         (["--base", "7"], "--base: the base is in none of the images"),
         (["--base", "0,0"], "marker 0 is named twice"),
-        (["--base", "first"], "--base: this is no base; got 'first'"),
+        (["--base", "first"], "--base: this is not a base; got 'first'"),
         (["--base", "60"], "DICT_4X4_50 has no marker 60; allowed: 0 to 49"),
         (["--names", "1=S1,1=S2"], "marker 1 is named twice"),
-        (["--names", "S1"], "--names: this is no marker assignment; got 'S1'; allowed: 1=S1,2=S2"),
+        (["--names", "S1"], "--names: this is not a marker assignment; got 'S1'; allowed: 1=S1,2=S2"),
         (["--names", "1=S 1"], "the name is no valid column header"),
         (["--names", "9=S9"], "--names: none of the named markers is in the images; got S9 (marker 9)"),
         (["--sizes", "1=3kg"], "--sizes, marker 1: the unit does not fit"),
@@ -335,7 +335,7 @@ def test_images_are_grouped_by_name_folder_or_not(tmp_path: Path):
 
 def test_images_that_cannot_be_told_apart(tmp_path: Path):
     touch(tmp_path, "a/rest_1.png", "b/rest_1.png")
-    with pytest.raises(DatasetError, match=r"two images go by the same name and number in the state 'rest'"):
+    with pytest.raises(DatasetError, match=r"two images have the same name and number in the state 'rest'"):
         find_shots([tmp_path / "a", tmp_path / "b"])
     with pytest.raises(StorageError, match=r"nothing\*: there is no image"):
         find_shots([tmp_path / "nothing*", tmp_path / "a"])
@@ -345,7 +345,7 @@ def test_images_that_cannot_be_told_apart(tmp_path: Path):
     ("text", "said"),
     [
         ("base: 1\nmarkers: {}\n", "there are no markers"),
-        ("base: 1\nmarkers:\n  a: {at: [0 mm, 0 mm, 0 mm]}\n", r"base.yaml:3: markers.a: this is no marker's number"),
+        ("base: 1\nmarkers:\n  a: {at: [0 mm, 0 mm, 0 mm]}\n", r"base.yaml:3: markers.a: not the number of a marker"),
         ("base: 1\nmarkers:\n  0: {at: [0 mm, 0 mm]}\n", "the list is too short"),
         ("base: 1\nmarkers:\n  0: {at: [0 mm, 0 mm, 0]}\n  1: {size: -3 mm}\n", "a key is missing"),
         ("markers:\n  0: {at: [0 mm, 0 mm, 0 mm]}\nsides: 3\n", "unknown key; got 'sides'"),
@@ -394,7 +394,7 @@ def test_a_printed_board_is_found_at_its_size(capsys: pytest.CaptureFixture[str]
     assert "Print it at 100 %" in said
     code, _, said = run(capsys, "board", "--ids", "0-x", "--out", tmp_path / "markers.svg")
     assert code == 2
-    assert "--ids: these are no markers" in said
+    assert "--ids: these are not markers" in said
 
 
 # Rendering

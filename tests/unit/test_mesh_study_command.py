@@ -202,8 +202,8 @@ def test_the_present_values_are_those_of_each_experiment(tmp_path: Path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--element", "P3"], "this is no higher-order element; got 'P3'; allowed: P2, P2P1"),
-        (["--element", "P1"], "this is no higher-order element"),
+        (["--element", "P3"], "this is not a higher-order element; got 'P3'; allowed: P2, P2P1"),
+        (["--element", "P1"], "this is not a higher-order element"),
         (["--halvings", "4"], "this number of halvings is not allowed"),
         (["--unknowns", "0"], "the limit of unknowns must be positive"),
         (["--calibration", "joint"], "a project file holds no calibrations"),

@@ -88,7 +88,7 @@ def test_what_is_no_c3d_file_is_refused(tmp_path):
     path = tmp_path / "take.c3d"
     for content in (b"", b"time,x\n1,2\n" * 100):
         path.write_bytes(content)
-        with pytest.raises(DatasetError, match=r"this is no \.c3d file") as caught:
+        with pytest.raises(DatasetError, match=r"not a \.c3d file") as caught:
             read_c3d(path, MARKERS)
         assert str(path) in str(caught.value)
     with pytest.raises(StorageError, match="cannot be read"):

@@ -108,7 +108,7 @@ def test_friction_is_not_taken_off_twice(tmp_path: Path):
         "    noise: {tension: 0.05 N, pitch: 0.2 deg}"
     )
     path = write_project(tmp_path, ("experiments:", rig), ("    noise: {tension: 0.05 N, pitch: 0.2 deg}", step))
-    assert "taken off twice" in faults_of(path)[0]
+    assert "corrected twice" in faults_of(path)[0]
 
 
 def test_preparation_steps_are_applied_in_order(tmp_path: Path):
@@ -214,7 +214,7 @@ def test_nothing_may_be_both_fixed_and_on_the_plate(tmp_path: Path):
 
 def test_something_must_be_fixed(tmp_path: Path):
     told = "\n".join(faults_of(write_project(tmp_path, ("      fixed: foot\n", ""))))
-    assert "nothing holds the robot" in told
+    assert "the robot is not fixed" in told
 
 
 def test_a_point_load_and_a_surface_load(tmp_path: Path):

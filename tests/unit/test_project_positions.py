@@ -183,7 +183,7 @@ def test_a_tie_can_be_split_and_the_run_remembers_it(tmp_path: Path) -> None:
         ["calibrate", str(write(tmp_path)), "--split", "frame.x", "--out", str(tmp_path / "other")],
     )
     assert told.exit_code == 2
-    assert "no tied parameter goes by this name" in told.output
+    assert "no tied parameters have this name" in told.output
     assert not (tmp_path / "other").exists()
 
 

@@ -79,7 +79,7 @@ def test_a_disc(tmp_path: Path):
     ("old", "new", "told"),
     [
         ("primitive: spring", "primitive: coil", ("mesh", "no such primitive; got 'coil'", "neck, rod, spring, disc")),
-        ("height: 9 mm, ", "", ("mesh", "how far the spring climbs; got neither")),
+        ("height: 9 mm, ", "", ("mesh", "the height of the spring is not specified; got neither")),
         ("height: 9 mm, ", "height: 9 mm, pitch: 6 mm, ", ("got pitch and height",)),
         ("turns: 1.5", "turn: 1.5", ("mesh.turn", "unknown key", "'turns'")),
         ("height: 9 mm", "height: 2 mm", ("mesh", "coils of the spring overlap", "1.333 mm from wire to wire")),

@@ -23,7 +23,7 @@ ROBOT = Robot(
 @pytest.mark.parametrize("value", ["3 MPa", None, True, 3e6 + 1j, np.array([3e6]), np.array([3e6, 2e6])], ids=repr)
 def test_a_value_that_is_no_number_is_refused(value: Any) -> None:
     for use in (lambda theta: simulate(ROBOT, Protocol({}), theta), lambda theta: with_parameters(ROBOT, theta)):
-        with pytest.raises(ParameterError, match=r"bar\.youngs_modulus: this is no number.*one number in SI \(Pa\)"):
+        with pytest.raises(ParameterError, match=r"bar\.youngs_modulus: this is not a number.*one number in SI \(Pa\)"):
             use({"bar.youngs_modulus": value})
 
 

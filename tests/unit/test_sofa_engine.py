@@ -304,7 +304,7 @@ def test_a_folder_that_is_not_sofa(monkeypatch, capsys, tmp_path):
     monkeypatch.setenv("SOFA_ROOT", str(tmp_path))
     code, err = told(capsys, tmp_path, "simulate", "--pull", "front=10mm", "--out", str(tmp_path / "out"))
     assert code == 2
-    assert "this is no SOFA" in err
+    assert "this is not an installation of SOFA" in err
     monkeypatch.setenv("SOFA_ROOT", str(tmp_path / "nowhere"))
     assert "this folder does not exist" in told(capsys, tmp_path, "calibrate", "--out", str(tmp_path / "out"))[1]
 

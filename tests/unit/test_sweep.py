@@ -413,7 +413,7 @@ def test_the_command_refuses_the_papers_ratio(run: Run, project: Project, tmp_pa
     assert not (tmp_path / "run").exists()
     code, _, err = run("sweep", project.path, "--over", E)
     assert code == 2
-    assert "this is no axis" in err
+    assert "this is not an axis" in err
 
 
 def test_what_an_option_gives_twice_is_refused(run: Run, project: Project, tmp_path: Path):

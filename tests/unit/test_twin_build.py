@@ -118,7 +118,7 @@ def test_what_cannot_be_built_is_refused_by_name():
         build_twin(replace(robot, plates=(replace(plate, nodes={"neck": body.fixed}),)))
     with pytest.raises(MeshError, match="tied to two plates"):
         build_twin(replace(robot, plates=(plate, replace(plate, name="second"))))
-    with pytest.raises(MeshError, match="nothing holds the body"):
+    with pytest.raises(MeshError, match="the body is not attached"):
         build_twin(Robot((replace(body, fixed=np.zeros(0, dtype=int)),)))
     with pytest.raises(MeshError, match="front, via point 1: there is no such body or plate; got lid"):
         build_twin(replace(robot, cables=(Cable("front", (ViaPoint(np.zeros(3), "lid"), ViaPoint(np.ones(3)))),)))

@@ -142,7 +142,7 @@ def test_a_cable_with_friction_is_not_followed_where_it_is_let_go() -> None:
     one = experiment(data, rig=Rig(slack=SLACK))
     whole = record_fit(rough, one, one.rig_values(), data)
     assert whole.fit is None
-    assert "it turns round where the cable is let go" in whole.failure
+    assert "it reverses where the cable is released" in whole.failure
     pulled = dataset({name: values[:20] for name, values in cycles(1).items()})
     assert record_fit(rough, one, one.rig_values(), pulled).failure == ""
 

@@ -294,5 +294,5 @@ def test_a_block_sticks_or_slides_on_a_floor_as_coulomb_says(pull, slides):
 def test_friction_without_time_is_refused():
     robot = spring(contact=True)
     assert robot.contact is not None
-    with pytest.raises(ParameterError, match="depends on the way there"):
+    with pytest.raises(ParameterError, match="depends on the load path"):
         simulate(replace(robot, contact=replace(robot.contact, friction_coefficient=0.2)), lifted(0.0))

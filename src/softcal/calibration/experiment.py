@@ -228,7 +228,7 @@ class Experiment:
                 Fault(
                     "there is nothing to compare with the twin",
                     self.name,
-                    got=f"{driving}, which drives it" if driving else "no channel that the twin answers",
+                    got=f"{driving}, which drives it" if driving else "no channel of the twin",
                     allowed="positions, angles, or the tension or shortening that does not drive the twin",
                     attempt="what was measured beside it; to pull a cable without a measurement, simulate --pull",
                 )

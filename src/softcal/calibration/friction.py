@@ -30,7 +30,7 @@ def pulley_faults(experiment: Experiment) -> list[Fault]:
         return []
     return [
         Fault(
-            "the pulleys' friction has one sign while the cable is pulled and the other while it is let go",
+            "the pulleys' friction has opposite signs during loading and unloading",
             experiment.name,
             got=f"samples of both, one correction of {', '.join(tensions)}",
             allowed="one branch, or the mean of both",

@@ -141,7 +141,7 @@ class Loss(ABC):
 def _faults(loss: type[Loss], known: Mapping[str, type[Loss]]) -> list[Fault]:
     """What a class that is to be registered lacks, and options of its own that are others' too."""
     if not (isinstance(loss, type) and issubclass(loss, Loss)):
-        return [Fault("this is no loss", "loss", repr(loss)[:60], "a subclass of softcal.Loss")]
+        return [Fault("this is not a loss", "loss", repr(loss)[:60], "a subclass of softcal.Loss")]
     where = f"loss {loss.__name__}"
     missing = [*(() if hasattr(loss, "name") else ("name",)), *sorted(loss.__abstractmethods__)]
     faults = [Fault("the loss lacks something", where, allowed=f"'{name}' must be there") for name in missing]

@@ -96,7 +96,7 @@ def observe(
     if missing:
         allowed = ", ".join(response.channels)
         raise ParameterError(
-            [Fault(f"the twin does not answer '{name}'", experiment.name, allowed=allowed) for name in missing]
+            [Fault(f"the twin has no channel '{name}'", experiment.name, allowed=allowed) for name in missing]
         )
     wanted = tuple(names)
     by_control = {channel: _controls(experiment, rig, channel)[1] for channel in experiment.drives}

@@ -126,7 +126,7 @@ class Optimiser(ABC):
 def _faults(optimiser: type[Optimiser], known: Mapping[str, type[Optimiser]]) -> list[Fault]:
     """What a class that is to be registered lacks."""
     if not (isinstance(optimiser, type) and issubclass(optimiser, Optimiser)):
-        return [Fault("this is no optimiser", "method", repr(optimiser)[:60], "a subclass of softcal.Optimiser")]
+        return [Fault("this is not an optimiser", "method", repr(optimiser)[:60], "a subclass of softcal.Optimiser")]
     where = f"optimiser {optimiser.__name__}"
     missing = [name for name in ("name", "title", "default_trials") if not hasattr(optimiser, name)]
     missing += sorted(optimiser.__abstractmethods__)

@@ -218,7 +218,7 @@ def split(space: SearchSpace, label: str, known: Mapping[str, ParameterInfo]) ->
     tied = [p.label for p in space.parameters if len(p.targets) > 1]
     if label not in tied:
         allowed = ", ".join(tied) or "none is tied in this project"
-        raise ParameterError(Fault("no tied parameter goes by this name", label, allowed=allowed))
+        raise ParameterError(Fault("no tied parameters have this name", label, allowed=allowed))
     parts: list[FreeParameter] = []
     for p in space.parameters:
         if p.label != label:

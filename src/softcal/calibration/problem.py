@@ -221,7 +221,7 @@ class Problem:
         if not self.loss.uses_priors:
             faults += [
                 Fault(
-                    f"the loss '{self.loss.name}' counts no prior",
+                    f"the loss '{self.loss.name}' does not use priors",
                     p.label,
                     attempt="the loss 'likelihood', or no prior",
                 )

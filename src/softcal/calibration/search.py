@@ -265,7 +265,7 @@ def _no_result(tally: _Tally, stopped: str) -> str:
         return f"Stopped by {stopped} before any trial could be completed ({len(tally.trials)} failed)."
     reason, count = Counter(trial.reason for trial in tally.trials).most_common(1)[0]
     return (
-        f"All {len(tally.trials)} trials failed: the twin could not be simulated anywhere. The commonest reason "
+        f"All {len(tally.trials)} trials failed: the twin could not be simulated anywhere. The most frequent reason "
         f"({count} times): {reason} Try: narrower bounds, a stiffer start, or softcal check."
     )
 

@@ -98,5 +98,5 @@ def resumable(folder: Path, kept: str, again: str) -> Generator[None]:
     except KeyboardInterrupt as stop:
         if not (folder / "run.json").is_file():
             raise
-        typer.echo(f"Stopped. {kept} so far is kept in {folder}. Go on with: {again}", err=True)
+        typer.echo(f"Stopped. {kept} so far is kept in {folder}. Continue with: {again}", err=True)
         raise typer.Exit(exit_code(stop)) from None

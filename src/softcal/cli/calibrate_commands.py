@@ -47,10 +47,11 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
         str | None, typer.Option(help="each, joint or both; as the project says by default.", show_default=False)
     ] = None,
     trials: Annotated[
-        int | None, typer.Option(min=1, help="Budget of trials, or trajectories of each start.", show_default=False)
+        int | None,
+        typer.Option(min=1, help="Limit of trials, or of the trajectories of each start.", show_default=False),
     ] = None,
     workers: Workers = 1,
-    seed: Annotated[int | None, typer.Option(min=0, help="Of all chance in the search.", show_default=False)] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed of the random numbers.", show_default=False)] = None,
     hold_out: Annotated[
         str | None,
         typer.Option(
@@ -67,14 +68,14 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
     ] = None,
     split: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="Untie this tied parameter: a value for each of its parts; again for more."),
+        typer.Option(metavar="NAME", help="Untie these tied parameters: a value for each; repeat for more."),
     ] = None,
     values: Values = None,
     engine: Engine = "softcal",
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Run folder; 'run' beside the project by default.")
     ] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in the folder.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue the run in the folder.")] = False,
     report: WithReport = True,
 ) -> None:
     """Find the free parameters; keeps every trial, and writes tables, figures and a report into a run folder."""
@@ -151,7 +152,7 @@ def _print_expected(project: Project, engine: str, changes: dict[str, Any], work
 def report(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="A folder that calibrate wrote.", show_default=False)],
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Where it goes; into the run folder by default.")
+        Path | None, typer.Option(metavar="DIR", help="Folder of the report; the run folder by default.")
     ] = None,
     figures: Annotated[
         str,

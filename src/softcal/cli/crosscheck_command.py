@@ -26,7 +26,7 @@ AT_REST = "at rest"
 def crosscheck(
     source: Source,
     engines: Annotated[
-        str, typer.Option(metavar="NAMES", help="Such as softcal,calculix; by default all.", show_default=False)
+        str, typer.Option(metavar="NAMES", help="Such as softcal,calculix; all by default.", show_default=False)
     ] = "",
     pull: Pull = None,
     values: Values = None,

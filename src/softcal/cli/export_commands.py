@@ -28,7 +28,7 @@ Pull = Annotated[
     list[str] | None,
     typer.Option(
         metavar="CABLE=VALUE",
-        help="Instead of the experiments: pull a cable (front=40mm, front=8N); given again, several together.",
+        help="Instead of the experiments: pull a cable (front=40mm, front=8N); repeat for several cables.",
         show_default=False,
     ),
 ]

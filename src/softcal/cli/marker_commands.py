@@ -83,34 +83,34 @@ def camera(
 @exit_on_error
 def markers(  # noqa: PLR0913 (one argument for each option)
     images: Images,
-    camera: Annotated[Path, typer.Option(metavar="FILE", help="What softcal camera wrote.", show_default=False)],
+    camera: Annotated[Path, typer.Option(metavar="FILE", help="A file of softcal camera.", show_default=False)],
     size: Annotated[str, typer.Option(metavar="LENGTH", help="Side of the markers' black square.", show_default=False)],
     base: Annotated[
         str,
         typer.Option(
             metavar="ID",
-            help="The marker that gives the frame (0), several that stand still with it (0,5,6), or a base file.",
+            help="Marker that defines the frame (0), several that are fixed to each other (0,5,6), or a base file.",
             show_default=False,
         ),
     ],
     out: Annotated[Path, typer.Option(metavar="FILE", help="A file that does not exist.")] = Path("markers.csv"),
     dictionary: Dictionary = "DICT_4X4_50",
-    names: Annotated[str, typer.Option(metavar="ID=NAME,…", help="Such as 1=S1,2=S2.", show_default=False)] = "",
+    names: Annotated[str, typer.Option(metavar="ID=NAME,…", help="Names, such as 1=S1,2=S2.", show_default=False)] = "",
     sizes: Annotated[
-        str, typer.Option(metavar="ID=LENGTH,…", help="Of markers with another size.", show_default=False)
+        str, typer.Option(metavar="ID=LENGTH,…", help="Sizes of markers that differ from --size.", show_default=False)
     ] = "",
     group_by: Annotated[
         str,
         typer.Option(
-            help="Which images show one state: those alike in name but for a number at its end (name), those in one "
-            "folder (folder), or each alone (image)."
+            help="Images of one state: names that differ only in a number at the end (name), the same folder (folder), "
+            "or each image alone (image)."
         ),
     ] = "name",
     viewpoints: Annotated[
         str,
         typer.Option(
-            help="The camera stood elsewhere in each image (each), at one place in images of one number (numbered), or "
-            "at one place throughout (one)."
+            help="Position of the camera: another one in each image (each), one for all images of a number (numbered), "
+            "or one for all images (one)."
         ),
     ] = "each",
 ) -> None:
@@ -153,7 +153,7 @@ def _board(squares: str, square: str, marker: str, dictionary: str, legacy: bool
 
     columns, sign, rows = squares.lower().partition("x")
     if not (sign and is_number(columns.strip()) and is_number(rows.strip())):
-        raise InputError(Fault("this is no number of squares", "--squares", f"'{squares}'", "such as 9x6"))
+        raise InputError(Fault("this is not a number of squares", "--squares", f"'{squares}'", "such as 9x6"))
     sides = QUANTITIES["size"].read(square, where="--square"), QUANTITIES["size"].read(marker, where="--marker")
     return CharucoBoard(int(columns), int(rows), *sides, dictionary, legacy)
 
@@ -166,7 +166,7 @@ def _numbers(text: str) -> list[int]:
     for part in text.split(","):
         first, sign, last = (piece.strip() for piece in part.partition("-"))
         if not (is_number(first) and (is_number(last) or not sign)):
-            raise InputError(Fault("these are no markers", "--ids", f"'{text}'", "such as 0-4 or 0,3,7"))
+            raise InputError(Fault("these are not markers", "--ids", f"'{text}'", "such as 0-4 or 0,3,7"))
         wanted = range(int(first), int(last or first) + 1)
         LIMITS["markers"].check(len(found) + len(wanted), where="--ids")
         found += wanted

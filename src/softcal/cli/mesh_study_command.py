@@ -30,9 +30,7 @@ def mesh_study(
     source: Source,
     calibration: Annotated[
         str,
-        typer.Option(
-            metavar="NAME", help="Which of a run's calibrations; the joint one by default.", show_default=False
-        ),
+        typer.Option(metavar="NAME", help="Calibration of the run; the joint one by default.", show_default=False),
     ] = "",
     element: Annotated[str, typer.Option(metavar="KIND", help="Element that replaces those of lower order.")] = "P2P1",
     halvings: Annotated[int, typer.Option(metavar="N", help="Number of halvings (a tet into eight).")] = 2,

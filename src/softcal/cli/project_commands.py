@@ -31,7 +31,7 @@ def init(
 def check(
     project: ProjectFile,
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Where the pictures go; 'check' beside the project by default.")
+        Path | None, typer.Option(metavar="DIR", help="Folder of the pictures; 'check' beside the project by default.")
     ] = None,
     pictures: Annotated[bool, typer.Option(help="Draw the robot, its solved states and the data.")] = True,
     solve: Annotated[

@@ -27,7 +27,7 @@ def simulate(
         typer.Option(
             metavar="CABLE=VALUE",
             help="Instead of experiments: pull a cable from zero to a shortening (front=40mm), a tension (front=8N, "
-            "front=2kgf) or by a hanging mass (front.mass=2kg); given again, several cables together.",
+            "front=2kgf) or by a hanging mass (front.mass=2kg); repeat for several cables.",
             show_default=False,
         ),
     ] = None,
@@ -51,7 +51,7 @@ def simulate(
     if pull and experiment:
         raise InputError(Fault("--pull and --experiment exclude each other"))
     if in_time and engine != "softcal":
-        raise InputError(Fault("other engines are run to rest, not in time", "--in-time", f"--engine {engine}"))
+        raise InputError(Fault("other engines compute states at rest only", "--in-time", f"--engine {engine}"))
     chosen = cases(loaded, pull or (), experiment)
     if in_time:
         with motion_bars() as show:

@@ -37,20 +37,20 @@ def sweep(
     ] = None,
     experiments: Annotated[
         str | None,
-        typer.Option(metavar="NAMES", help="Judge by these alone (cable6_2, or cable6*).", show_default=False),
+        typer.Option(metavar="NAMES", help="Only these experiments (cable6_2, or cable6*).", show_default=False),
     ] = None,
     workers: Workers = 1,
     values: Values = None,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Run folder; 'sweep' beside the project by default.")
     ] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on with the sweep in the folder.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue the sweep in the folder.")] = False,
     report: WithReport = True,
 ) -> None:
     """Simulate every cell of a grid of parameters; write each one's errors, the best cells, and a report."""
     from softcal.project.project import load
 
-    axes = parsed_pairs(over, "--over", "this is no axis", OVER)
+    axes = parsed_pairs(over, "--over", "this is not an axis", OVER)
     loaded = load(project, values=parsed_values(values))
     from softcal.workflows.sweep import sweep as sweep_project
 

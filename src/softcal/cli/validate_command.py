@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 def validate(
     projects: Annotated[
         list[Path],
-        typer.Argument(metavar="PROJECT...", help="One project, or models of one robot.", show_default=False),
+        typer.Argument(metavar="PROJECT...", help="One project, or several models of one robot.", show_default=False),
     ],
     hold_out: Annotated[
         list[str] | None,
@@ -37,12 +37,12 @@ def validate(
     ] = None,
     split: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="Also with this tied parameter untied: a value for each of its parts."),
+        typer.Option(metavar="NAME", help="Also with these tied parameters untied: a value for each."),
     ] = None,
     workers: Workers = 1,
     values: Values = None,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE.csv", help="Write every prediction here.", show_default=False)
+        Path | None, typer.Option(metavar="FILE.csv", help="A CSV file for all predictions.", show_default=False)
     ] = None,
 ) -> None:
     """Leave experiments out in turn, fit the others, and report the errors of the predictions."""

@@ -23,7 +23,7 @@ Engine = Annotated[
 ]
 
 
-Workers = Annotated[int, typer.Option(min=1, max=LIMITS["workers"].most, help="Processes.")]
+Workers = Annotated[int, typer.Option(min=1, max=LIMITS["workers"].most, help="Number of processes.")]
 WithReport = Annotated[bool, typer.Option(help="Write the report at the end.")]
 
 
@@ -35,7 +35,7 @@ def parsed_values(given: list[str] | None) -> dict[str, str]:
     InputError
         If a text is no NAME=VALUE.
     """
-    return parsed_pairs(given, "--set", "this sets no parameter", "NAME=VALUE, such as neck.youngs_modulus=2.3MPa")
+    return parsed_pairs(given, "--set", "not an assignment", "NAME=VALUE, such as neck.youngs_modulus=2.3MPa")
 
 
 def parsed_pairs(given: list[str] | None, option: str, what: str, allowed: str) -> dict[str, str]:

@@ -55,12 +55,12 @@ def read_c3d(path: str | Path, markers: Mapping[str, str], *, name: str = "") ->
     raw = _bytes(path)
     if len(raw) < 512 or raw[1] != _MAGIC:
         start = f"{len(raw)} bytes that begin with {raw[:4].hex(' ')}" if raw else "an empty file"
-        raise DatasetError(Fault("this is no .c3d file", str(path), start, "512 bytes or more, the second of them 50"))
+        raise DatasetError(Fault("not a .c3d file", str(path), start, "512 bytes or more, the second of them 50"))
     try:
         labels, unit, rate, frames = _parse(raw)
     except _BROKEN as error:
         raise DatasetError(
-            Fault("the .c3d file is damaged", str(path), str(error) or type(error).__name__, "a whole file")
+            Fault("the .c3d file is damaged", str(path), str(error) or type(error).__name__, "an undamaged file")
         ) from error
     _check(path, labels, rate, frames)
     factor = unit_factor(unit, "m", where=f"{path}, POINT:UNITS")
@@ -143,7 +143,7 @@ def _columns(path: Path, labels: list[str], markers: Mapping[str, str]) -> dict[
     counts = Counter(labels)
     faults: list[Fault] = []
     if not markers:
-        faults.append(Fault("no marker is asked for", where, allowed=known))
+        faults.append(Fault("no marker is requested", where, allowed=known))
     for label in dict.fromkeys(wanted.strip() for wanted in markers.values()):
         if not counts[label]:
             faults.append(Fault("no point has this label", where, f"'{label}'", known, nearest(label, labels)))

@@ -143,7 +143,7 @@ def _doubled_labels(table: Table, place: int, held: Columns) -> list[Fault]:
         return []
     lines = _lines(held.lines[twice[:N_NAMED]].tolist(), len(twice))
     where = f"{table.path}, column '{table.headers[place]}', {lines}"
-    return [Fault("two rows go by one label", where, got=f"'{held.labels[twice[0]]}'")]
+    return [Fault("two rows have the same label", where, got=f"'{held.labels[twice[0]]}'")]
 
 
 def _unmet(table: Table, filters: Sequence[Filter], held: Columns) -> list[Fault]:

@@ -83,7 +83,7 @@ def _faults(step: PreparationStep, _: Mapping[str, PreparationStep]) -> list[Fau
     """What is wrong with a step that is to be registered."""
     if not isinstance(step, PreparationStep):  # pyright: ignore[reportUnnecessaryIsInstance] (an entry point may be anything)
         allowed = "what softcal.register_step returns for a function"
-        return [Fault("this is no preparation step", "prepare", repr(step)[:60], allowed)]
+        return [Fault("this is not a preparation step", "prepare", repr(step)[:60], allowed)]
     where = f"step {step.name}"
     parameters = list(inspect.signature(step.function).parameters)[1:]  # the first is the dataset
     faults = [

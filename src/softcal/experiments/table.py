@@ -128,7 +128,7 @@ def load_table(
     """
     if delimiter is not None and len(delimiter) != 1:
         raise DatasetError(
-            Fault("this is no delimiter", str(path), repr(delimiter), 'one character, or " " for any white space')
+            Fault("this is not a delimiter", str(path), repr(delimiter), 'one character, or " " for any white space')
         )
     file = open_text(path)
     last = file.n_lines - skip_footer

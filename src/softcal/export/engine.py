@@ -91,7 +91,7 @@ class Engine:
 def _faults(engine: Engine, known: Mapping[str, Engine]) -> list[Fault]:
     """What is wrong with an engine that is to be registered."""
     if not isinstance(engine, Engine):  # pyright: ignore[reportUnnecessaryIsInstance] (an entry point may be anything)
-        return [Fault("this is no engine", "engine", repr(engine)[:60], "a softcal.Engine")]
+        return [Fault("this is not an engine", "engine", repr(engine)[:60], "a softcal.Engine")]
     if engine.name == SOFTCAL:
         what = "softcal is the engine that others are compared with"
         return [Fault(what, "engine", engine.name, attempt="another name")]

@@ -143,9 +143,9 @@ class _EngineRun:
         n_states, shortest = len(outcome.records), min(record["dt"] for record in outcome.records)
         text = f"Solved by SOFA: {n_states} states at rest, {self.steps} steps, the shortest of {shortest:g} s."
         if seen.error > 0.0:
-            text += f" Between states a cubic spline, with an error of some {seen.error:.1g} of the largest value."
+            text += f" Samples: cubic spline, with an error of about {seen.error:.1g} of the largest value."
         elif np.isnan(seen.error):
-            text += " Between states a spline through too few of them to estimate its error."
+            text += " Samples: a spline through too few states to estimate its error."
         return text
 
     def _along(self, protocol: Protocol) -> Floats:

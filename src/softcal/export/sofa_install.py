@@ -61,7 +61,7 @@ def find_sofa(environment: Mapping[str, str] | None = None) -> Sofa:
         what = (
             "this folder does not exist"
             if not root.is_dir()
-            else "this is no SOFA: its Python package 'Sofa' is missing"
+            else "this is not an installation of SOFA: its Python package 'Sofa' is missing"
         )
         allowed = "a folder with lib/python3*/site-packages/Sofa or plugins/SofaPython3/lib/python3/site-packages/Sofa"
         raise InputError(Fault(what, ROOT, str(root), allowed, CONDA))

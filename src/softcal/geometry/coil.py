@@ -35,7 +35,7 @@ class Coil(Declared):
     def __post_init__(self) -> None:
         super().__post_init__()
         allowed = "one of pitch, per turn, and height, in all"
-        require_one(self, ("pitch", "height"), "it is not said how far the spring climbs", allowed=allowed)
+        require_one(self, ("pitch", "height"), "the height of the spring is not specified", allowed=allowed)
 
     @property
     def rise(self) -> float:

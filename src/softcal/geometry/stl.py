@@ -86,7 +86,7 @@ def _text_corners(data: bytes, path: Path) -> Floats:
     if len(numbers) != 3 * facets:
         raise MeshError(
             Fault(
-                "the file is cut off, or its triangles are not whole",
+                "the file is cut off, or its triangles are incomplete",
                 str(path),
                 f"{len(numbers)} corners of {facets} triangles",
                 "three corners of each",

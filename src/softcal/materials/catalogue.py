@@ -35,7 +35,7 @@ def _clashes(law: Law, known: Mapping[str, Law]) -> list[Fault]:
 def _faults(law: Law, known: Mapping[str, Law]) -> list[Fault]:
     """What is wrong with a law's names, beside those of the others."""
     if not isinstance(law, Law):
-        return [Fault("this is no law", where="law", got=repr(law)[:60], allowed="a softcal.Law")]
+        return [Fault("this is not a law", where="law", got=repr(law)[:60], allowed="a softcal.Law")]
     letters = [parameter.symbol for parameter in law.parameters]
     names = [*law.names, *letters, *law.symbols]
     faults = [

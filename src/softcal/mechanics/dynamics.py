@@ -137,7 +137,7 @@ class Dynamics:
         start = replace(now.state, effort=np.zeros(n))
         at = system.linearise(start, free, self.theta)
         if not at.is_admissible:
-            raise SimulationError(f"At {now.time:.6g} s the state cannot be: {at.why_not}. {ADVICE}")
+            raise SimulationError(f"At {now.time:.6g} s the state is not admissible: {at.why_not}. {ADVICE}")
         statics.factorise(at)
         acting = np.flatnonzero(~wanted.is_held | (wanted.effort != 0.0))
         columns = np.zeros((len(at.reduced), 1 + len(acting)))
@@ -160,7 +160,7 @@ class Dynamics:
         dz[system.layout.first_effort_unknown :] = effort
         state = moved(system.layout, start, dz)
         time = now.time + step
-        why_not = system.why_not(state) or ("" if np.isfinite(state.x).all() else "a point is nowhere")
+        why_not = system.why_not(state) or ("" if np.isfinite(state.x).all() else "a position is not finite")
         if why_not:
             raise SimulationError(f"One linear solve goes too far at {time:.6g} s: {why_not}. {ADVICE}")
         if system.free_way(start, state) < 1.0:

@@ -43,7 +43,7 @@ def _faults(element: Element, known: Mapping[str, Element]) -> list[Fault]:
     if not isinstance(element, Element):
         return [
             Fault(
-                "this is no element",
+                "this is not an element",
                 where="element",
                 got=repr(element)[:60],
                 allowed="a softcal.mechanics.element.Element",

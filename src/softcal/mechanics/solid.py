@@ -222,8 +222,8 @@ class SolidTerm(Term):
         if ratio == 1.0:
             return ""
         return (
-            f" Body {self.name} is compressed to {ratio:.2g} of its volume, where its law {self.law.name} gives way: "
-            "more compression takes less pressure there."
+            f" Body {self.name} is compressed to {ratio:.2g} of its volume, where its law {self.law.name} softens: "
+            "the pressure decreases with further compression."
         )
 
     def in_step(self, before: Given, step: TimeStep) -> Sequence[Term]:

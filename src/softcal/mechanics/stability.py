@@ -112,7 +112,7 @@ def _holding(statics: Statics, at: Linearisation, drag: float) -> float:
         if statics.n_unstable() == 0:
             return drag
         drag *= MORE
-    raise SimulationError("No drag holds it.")
+    raise SimulationError("No drag stabilises it.")
 
 
 def _push(statics: Statics) -> Floats:

@@ -244,7 +244,7 @@ class Statics:
         state = replace(guess, effort=np.where(controls.is_held, controls.effort, guess.effort))
         at = system.linearise(state, controls, self.theta)
         if not at.is_admissible:
-            return Equilibrium(state, False, 0, np.inf, f"the guess cannot be: {at.why_not}")
+            return Equilibrium(state, False, 0, np.inf, f"the guess is not admissible: {at.why_not}")
         previous = residual = best = np.inf
         best_iteration = 0
         more = WITH_CONTACT if system.contacts else 1

@@ -115,7 +115,7 @@ def doubled(axes: Sequence[Axis], held: Collection[str]) -> list[Fault]:
     seen: dict[str, str] = {}
     for axis in axes:
         if held_here := [target for target in axis.targets if target in held]:
-            faults.append(Fault("the parameter is held and swept at once", axis.name, ", ".join(held_here)))
+            faults.append(Fault("the parameter is fixed and swept at once", axis.name, ", ".join(held_here)))
         both = dict.fromkeys(seen[target] for target in axis.targets if target in seen)
         faults += [Fault("the parameter is swept twice", axis.name, f"also by {other}") for other in both]
         seen |= dict.fromkeys(axis.targets, axis.name)
@@ -158,10 +158,10 @@ def _value_faults(
     unit = infos[0].unit
     twice = next((value for value in values if values.count(value) > 1), None)
     if twice is not None:
-        faults.append(Fault("a value stands twice", name, format_quantity(twice, unit)))
+        faults.append(Fault("a value appears twice", name, format_quantity(twice, unit)))
     elif len(values) < 2:
         got = format_quantity(values[0], unit)
-        attempt = f"--set {name}={got} holds it there"
+        attempt = f"--set {name}={got} fixes it there"
         faults.append(Fault("a sweep needs two values or more", name, got, attempt=attempt))
     for value in values:
         fault = next((found for info in infos if (found := out_of_range(info, value)) is not None), None)

@@ -57,7 +57,7 @@ def read_base(text: str) -> Base:
     if not text.lower().endswith((".yaml", ".yml")):
         raise InputError(
             Fault(
-                "this is no base",
+                "this is not a base",
                 "--base",
                 f"'{text}'",
                 "a marker's number (0), several (0,5,6), or a file with their layout (base.yaml)",
@@ -79,7 +79,7 @@ def _from_file(path: Path) -> Base:
     sections = _sections(document, findings)
     findings.raise_if_any()
     if not sections:
-        raise ProjectFileError(Fault("the base file is not whole", document.name))
+        raise ProjectFileError(Fault("the base file is incomplete", document.name))
     return Base(
         {number: Pose.of(section.rotation_vector, section.at) for number, section in sections.items()},
         (),
@@ -96,7 +96,7 @@ def _sections(document: Document, findings: Findings) -> dict[int, BaseMarkerSec
     found: dict[int, BaseMarkerSection] = {}
     for key, data in given.items():
         if not is_number(str(key)):
-            findings.add(("markers", key), "this is no marker's number", got=f"'{key}'", allowed=example)
+            findings.add(("markers", key), "not the number of a marker", got=f"'{key}'", allowed=example)
             continue
         section = validated(BaseMarkerSection, data, ("markers", key), findings)
         if section is not None:

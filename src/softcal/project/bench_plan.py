@@ -36,7 +36,7 @@ def plan_bench(
     if rig.pulleys is not None and any(step is not None and step.name == PULLEY_STEP for step in steps):
         findings.add(
             (*path, "prepare"),
-            "the pulleys' friction would be taken off twice",
+            "the pulleys' friction would be corrected twice",
             got=f"rig.pulleys and the step {PULLEY_STEP}",
             allowed="one of the two",
         )
@@ -80,7 +80,7 @@ def _check_clocks(section: ExperimentSection, path: KeyPath, findings: Findings)
     elif section.synchronise is None and section.label is None:
         findings.add(
             path,
-            "it is not said how the clocks of the files are related",
+            "the relation of the files' clocks is not specified",
             got=f"{len(section.files)} files and no key 'synchronise'",
             allowed=f"synchronise: {ONE_CLOCK}, or synchronise: {{max_lag: 5 s}} for a clock each, "
             "or label: the column that names each state",

@@ -89,7 +89,7 @@ class FileSection(Section):
 def _step(value: object) -> object:
     if not isinstance(value, (str, dict)):
         raise InputError(
-            Fault("this is no preparation step", got=repr(value), allowed="a name, or a name with settings")
+            Fault("this is not a preparation step", got=repr(value), allowed="a name, or a name with settings")
         )
     return value
 

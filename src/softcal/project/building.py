@@ -60,7 +60,7 @@ def build_project(
     findings.raise_if_any()
 
     if built is None or known is None:
-        raise ProjectFileError(Fault("the project is not whole", document.name))
+        raise ProjectFileError(Fault("the project is incomplete", document.name))
     held = held_values(given, known)
     faults_held = [
         fault

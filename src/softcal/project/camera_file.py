@@ -78,7 +78,7 @@ def read_camera(path: Path) -> Camera:
                 findings.add(("resolution", i), "a camera has whole pixels", got=f"{number:g} px")
     findings.raise_if_any()
     if section is None:
-        raise ProjectFileError(Fault("the camera file is not whole", document.name))
+        raise ProjectFileError(Fault("the camera file is incomplete", document.name))
     m, d = section.matrix, section.distortion
     matrix = np.array([[m.fx, 0.0, m.cx], [0.0, m.fy, m.cy], [0.0, 0.0, 1.0]])
     width, height = (round(number) for number in section.resolution)
@@ -88,7 +88,9 @@ def read_camera(path: Path) -> Camera:
     camera = Camera(width, height, matrix, np.array([d.k1, d.k2, d.p1, d.p2, d.k3]))
     if not camera.is_reversible:
         shown = ", ".join(f"{key} {value:g}" for key, value in section.distortion.model_dump().items())
-        findings.add(("distortion",), "no lens distorts so: one pixel has several directions, or none", got=shown)
+        findings.add(
+            ("distortion",), "the distortion is not invertible: a pixel has several directions or none", got=shown
+        )
     findings.raise_if_any()
     return camera
 

@@ -27,7 +27,7 @@ def name_fault(name: str, reserved: Iterable[str] = ()) -> Fault | None:
     if _NAME.fullmatch(name) is None or not name.isprintable():
         return Fault("this cannot be a name", got=repr(name), allowed=ALLOWED)
     if folded(name) in reserved:
-        return Fault("the name is taken by softcal itself", got=repr(name), attempt=f"{name}_1")
+        return Fault("the name is reserved by softcal", got=repr(name), attempt=f"{name}_1")
     return None
 
 
@@ -40,7 +40,7 @@ def check_names(names: Mapping[str, KeyPath], findings: Findings, reserved: Iter
         if (fault := name_fault(name, reserved)) is not None:
             findings.add(path, fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt)
         elif (other := seen.setdefault(folded(name), name)) != name:
-            findings.add(path, "two names differ in nothing but capitals", got=f"'{other}' and '{name}'")
+            findings.add(path, "two names differ only in capitals", got=f"'{other}' and '{name}'")
 
 
 def folded(name: str) -> str:

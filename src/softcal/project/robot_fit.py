@@ -73,7 +73,7 @@ def _check_held(robot: Robot, where: _Where, findings: Findings) -> None:
     if len(held) == 1:
         findings.add(
             ("robot",),
-            "nothing holds the robot",
+            "the robot is not fixed",
             allowed="a body, rod or plate with `fixed`",
             attempt="fixed: REGION in a body, or fixed: true in a plate",
         )
@@ -84,9 +84,9 @@ def _check_held(robot: Robot, where: _Where, findings: Findings) -> None:
         alone = "tied or clamped to nothing" if not links[name] else "on " + ", ".join(sorted(links[name]))
         findings.add(
             (*where(name), "fixed") if kind == "body" else where(name),
-            f"nothing holds the {kind}",
+            f"the {kind} is not attached",
             got=alone,
-            allowed="a way to something that does not move: fixed, a plate, a tie",
+            allowed="a connection to a fixed part: fixed, a plate, a tie",
             attempt="fixed: socket, with a region of that name" if kind == "body" else "",
         )
 

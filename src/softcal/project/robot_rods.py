@@ -28,7 +28,7 @@ def build_rod(name: str, rod: RodSection, plates: Iterable[str], findings: Findi
     if not rod.fixed and not any(rod.clamped.values()):
         findings.add(
             path,
-            "nothing holds the rod",
+            "the rod is not attached",
             got="neither clamped nor fixed",
             allowed="clamped: {PLATE: station}, or fixed: station",
             attempt="fixed: start",

@@ -104,7 +104,7 @@ class HolesSection(Section):
         twice = sorted(set(self.points) & set(self.ring.hole_names if self.ring else []))
         if twice:
             raise InputError(
-                Fault("a hole stands in both points and ring", got=", ".join(twice), allowed="one of each name")
+                Fault("a hole is in both points and ring", got=", ".join(twice), allowed="one of each name")
             )
 
     @property
@@ -149,7 +149,7 @@ class PlateSection(Section):
             )
         if self.body is not None and self.bodies:
             raise InputError(
-                Fault("it is said twice what the plate is tied to", got="body and bodies", allowed="one of the two")
+                Fault("the regions of the plate are specified twice", got="body and bodies", allowed="one of the two")
             )
 
     @property
@@ -194,11 +194,9 @@ class MarkerSection(Section):
 
 
 def _require_place(point: ViaSection | MarkerSection) -> None:
-    require_one(point, ("at", "hole"), "it is not said where the point is", allowed="at, or hole")
+    require_one(point, ("at", "hole"), "the position of the point is not specified", allowed="at, or hole")
     if point.hole is not None and not point.on:
-        raise InputError(
-            Fault("it is not said which plate has the hole", got=f"hole {point.hole}", allowed="on: PLATE")
-        )
+        raise InputError(Fault("the plate of the hole is not specified", got=f"hole {point.hole}", allowed="on: PLATE"))
 
 
 class RoutingAxisSection(Section):

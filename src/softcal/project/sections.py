@@ -97,7 +97,7 @@ def read_sections(document: Document, files: InputFiles) -> Sections:
             check_headers(name, experiment, files, findings)
     findings.raise_if_any()
     if robot is None or rig is None or calibration is None or dynamics is None or engines is None:
-        raise ProjectFileError(Fault("the project is not whole", document.name))
+        raise ProjectFileError(Fault("the project is incomplete", document.name))
     return Sections(robot, rig, experiments, plans, parameters, calibration, dynamics, engines, swept, print_infill)
 
 

@@ -136,7 +136,7 @@ class _Reader:
             here = (*path, key)
             if key in found:
                 before = f"a first one on line {self.lines[here]}"
-                self.add(here, key_node, "the key stands twice", before, "one of each key")
+                self.add(here, key_node, "the key appears twice", before, "one of each key")
                 continue
             self.lines[here] = _line(key_node)
             found[key] = self.value(value_node, here)

@@ -104,7 +104,7 @@ def _faults(figure: ReportFigure, _: Mapping[str, ReportFigure]) -> list[Fault]:
     """What is wrong with a figure that is to be registered."""
     if not isinstance(figure, ReportFigure):  # pyright: ignore[reportUnnecessaryIsInstance] (an entry point may be anything)
         allowed = "what softcal.register_figure returns for a function"
-        return [Fault("this is no figure", "figure", repr(figure)[:60], allowed)]
+        return [Fault("this is not a figure", "figure", repr(figure)[:60], allowed)]
     where, sections = f"figure {figure.name}", get_args(Section)
     faults = [] if figure.summary else [Fault("it says nowhere what it shows", where, attempt="a docstring")]
     if figure.section not in sections:

@@ -285,7 +285,7 @@ def _riders(body: Body, mesh: TetMesh, robot: Robot, frame: dict[str, int]) -> I
     lies_loose = np.all(rider == FREE) and all(tie.on != body.name for tie in robot.ties)
     if lies_loose and robot.contact is None:
         raise MeshError(
-            Fault("nothing holds the body: no node is fixed or tied to a plate or another body", where=body.name)
+            Fault("the body is not attached: no node is fixed or tied to a plate or another body", where=body.name)
         )
     return rider
 

@@ -50,7 +50,7 @@ def number_frames(robot: Robot) -> Frames:
             raise MeshError(Fault("there is no such plate", f"{rod.name}, clamped", ", ".join(unknown), allowed))
         held = np.concatenate([rod.fixed, *rod.clamped.values()])
         if len(held) == 0:
-            raise MeshError(Fault("nothing holds the rod: no node is fixed or clamped to a plate", where=rod.name))
+            raise MeshError(Fault("the rod is not attached: no node is fixed or clamped to a plate", where=rod.name))
         free = np.setdiff1d(np.arange(len(rod.centreline.nodes)), held)
         frame = np.full(len(rod.centreline.nodes), -1, dtype=np.int64)
         frame[free] = n + np.arange(len(free))

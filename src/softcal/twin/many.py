@@ -103,7 +103,7 @@ def simulate_many(
         status = _not_reached(protocol, failed, len(solved))
     if snaps_at:
         later = f" and {len(snaps_at) - 1} later ones" if len(snaps_at) > 1 else ""
-        instabilities += instability(f"on the way to sample {snaps_at[0] + 1}{_pulls(protocol, snaps_at[0])}{later}")
+        instabilities += instability(f"before sample {snaps_at[0] + 1}{_pulls(protocol, snaps_at[0])}{later}")
     told, slid = crossed_at(crossed), drawn_out_at(out)
     table = np.array(values).reshape(len(values), len(units))
     by_parameter = np.array(rates).reshape(len(values), len(units), len(labels))
@@ -135,7 +135,7 @@ def _beyond(protocol: Protocol, i: int, failed: Collection[int], *, remembers: b
         ahead = float(commands[:, i] @ commands[:, k]) >= float(commands[:, k] @ commands[:, k])
         factor = float(commands[:, i] @ commands[:, k]) / max(float(commands[:, k] @ commands[:, k]), 1e-300)
         if ahead and np.abs(commands[:, i] - factor * commands[:, k]).max() <= 1e-9 * factor * size:
-            return f"it lies beyond sample {k + 1} on the same way."
+            return f"it is beyond sample {k + 1} on the same load path."
     return ""
 
 

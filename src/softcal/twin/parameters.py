@@ -194,5 +194,5 @@ def unknown_name(name: str, known: Mapping[str, object]) -> Fault:
 def out_of_range(info: ParameterInfo, value: float) -> Fault | None:
     """The fault of a value that is no number, or outside the parameter's range; or None."""
     if isinstance(value, bool) or not isinstance(value, Real):
-        return Fault("this is no number", info.name, repr(value), f"one number in SI ({info.unit})")
+        return Fault("this is not a number", info.name, repr(value), f"one number in SI ({info.unit})")
     return info.quantity.fault(value, info.name)

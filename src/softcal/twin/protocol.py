@@ -119,7 +119,7 @@ def let_go_faults(robot: Robot, protocol: Protocol) -> list[Fault]:
 def let_go_fault(where: str, cable: str, got: str) -> Fault:
     """The fault of a test that releases a cable with friction."""
     return Fault(
-        f"the friction of {cable} is modelled for a cable that is pulled: it turns round where the cable is let go",
+        f"the friction of {cable} is modelled for a cable that is pulled in: it reverses where the cable is released",
         where=where,
         got=got,
         allowed="the loading branch alone",

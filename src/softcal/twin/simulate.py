@@ -79,7 +79,7 @@ def simulate(
     if robot.contact is not None and robot.contact.friction_coefficient > 0.0:
         faults.append(
             Fault(
-                "where friction leaves a robot depends on the way there",
+                "the state of a robot with friction depends on the load path",
                 where="contact.friction_coefficient",
                 got=f"{robot.contact.friction_coefficient:g}",
                 allowed="0 without time",

@@ -76,7 +76,7 @@ class TimeSettings(Declared):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.hold is not None and self.settle is not None:
-            fault = Fault("it is said twice how the motion ends", got="hold and settle", allowed="one of the two")
+            fault = Fault("the end of the motion is specified twice", got="hold and settle", allowed="one of the two")
             raise InputError(fault)
 
     @property

@@ -42,7 +42,7 @@ class Camera:
         if not (self.width > 0 and self.height > 0 and matrix[0, 0] > 0 and matrix[1, 1] > 0):
             raise InputError(
                 Fault(
-                    "this is no camera",
+                    "this is not a camera",
                     got=f"{self.width} x {self.height} px, focal lengths {matrix[0, 0]:g} and {matrix[1, 1]:g} px",
                     allowed="numbers above zero",
                 )

@@ -45,7 +45,7 @@ class MarkerSet:
         ]
         given = list(self.names.values())
         faults += [
-            Fault("two markers go by the same name", "--names", f"'{name}'")
+            Fault("two markers have the same name", "--names", f"'{name}'")
             for name in sorted({name for name in given if given.count(name) > 1})
         ]
         if not self.base:

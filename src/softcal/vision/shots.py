@@ -139,7 +139,7 @@ def _check_numbers(shots: Sequence[Shot]) -> None:
         if other is not shot:
             faults.append(
                 Fault(
-                    f"two images go by the same name and number in the state '{shot.group}'",
+                    f"two images have the same name and number in the state '{shot.group}'",
                     str(shot.path),
                     f"{other.path} as well",
                     attempt="--group-by folder, where each folder holds the images of one state",

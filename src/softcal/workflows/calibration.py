@@ -155,7 +155,7 @@ def make_problem(project: Project, settings: CalibrationSection | None = None) -
             Fault(
                 "there is no free parameter",
                 str(project.path),
-                allowed="at least one under 'parameters' that is not held",
+                allowed="at least one under 'parameters' that is not fixed",
                 attempt="neck.youngs_modulus: {bounds: [0.1 MPa, 40 MPa], scale: log}",
             )
         )

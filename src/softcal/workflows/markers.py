@@ -215,7 +215,7 @@ def _by_number(text: str, option: str, example: str) -> dict[int, str]:
     for part in filter(None, (part.strip() for part in text.split(","))):
         number, _, value = (piece.strip() for piece in part.partition("="))
         if not (is_number(number) and value):
-            faults.append(Fault("this is no marker assignment", option, f"'{part}'", example))
+            faults.append(Fault("this is not a marker assignment", option, f"'{part}'", example))
         elif int(number) in found:
             faults.append(Fault(f"marker {number} is named twice", option, f"'{text}'"))
         else:

@@ -38,7 +38,7 @@ def study(
     faults: list[Fault] = []
     if element not in higher_elements():
         faults.append(
-            Fault("this is no higher-order element", "--element", f"'{element}'", ", ".join(higher_elements()))
+            Fault("this is not a higher-order element", "--element", f"'{element}'", ", ".join(higher_elements()))
         )
     if not 0 <= halvings <= MOST_HALVINGS:
         allowed = f"0 to {MOST_HALVINGS}"

@@ -51,7 +51,7 @@ def _parsed(robot: Robot, text: str) -> tuple[str, Control, float]:
         return name, "tension", QUANTITIES["tension"].read(value)
     except UnitError as error:
         allowed = f"a cable and a length or force: front=40mm, front=8N, front=2kgf; a mass hangs by front{HANGING}=2kg"
-        raise InputError(Fault("this is no pull", "--pull", f"'{text}'", allowed)) from error
+        raise InputError(Fault("this is not a pull", "--pull", f"'{text}'", allowed)) from error
 
 
 def _weight(robot: Robot, text: str, value: str) -> float:

@@ -77,8 +77,8 @@ def start_states(project: Project, progress: StageObserver = lambda stage: None)
         rows.append(("under its loads", text))
         if far:
             warnings.append(
-                f"under its loads alone, {text}: if it does not hang like that on the bench, look at the direction of "
-                "gravity, the placement, the masses and the start of the modulus"
+                f"under its loads alone, {text}: if the bench differs, check the direction of gravity, the placement, "
+                "the masses and the start of the modulus"
             )
         warnings += [f"under its loads: {sentence}" for sentence in response.warnings]
     responses: dict[str, Response] = {}

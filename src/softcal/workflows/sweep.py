@@ -261,7 +261,7 @@ def _axes(project: Project, over: Mapping[str, str | Sequence[str | float]] | No
     axes: list[Axis] = []
     if not given:
         attempt = "--over neck.youngs_modulus=1MPa:4MPa:0.5MPa, or sweep: {over: …} in the project"
-        faults.append(Fault("it is not said what to sweep over", str(project.path), attempt=attempt))
+        faults.append(Fault("the axes of the sweep are not specified", str(project.path), attempt=attempt))
     for name, written in given.items():
         try:
             axes.append(parse_axis(name, written, project.parameters, project.tied))

@@ -47,7 +47,7 @@ class DistanceLoss(Loss):
             if other or not experiment.points:
                 found.append(
                     Fault(
-                        "the loss 'distance' judges positions alone",
+                        "the loss 'distance' needs positions only",
                         experiment.name,
                         got=", ".join(experiment.compared),
                         allowed="positions such as m4.x, m4.y, m4.z",

@@ -53,7 +53,9 @@ def loss(content: ReportContent) -> Iterator[Drawing]:
         if figure is not None:
             what = "on a grid" if grid else "at the trials"
             others = len(result.parameters) - 2
-            seen = f", seen along {others} further parameter{'s' * (others > 1)}" if others > 0 and not grid else ""
+            seen = (
+                f", projected along {others} further parameter{'s' * (others > 1)}" if others > 0 and not grid else ""
+            )
             caption = f"{title}: the loss {what}{seen}; star: the optimum; dashed: the bounds of the search."
             yield Drawing(figure, caption, of=label)
 

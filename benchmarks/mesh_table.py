@@ -34,7 +34,7 @@ QUICK = 5000
 
 @dataclass(frozen=True)
 class Kind:
-    """A way to mesh: its name in the tables, element, and what it tells the mesher besides the count.
+    """A kind of mesh: its name in the tables, element, and the settings of the mesher besides the count.
 
     sectors: around the axis, of the coarse meshes and of the finest, whose elements are half as long.
     """
@@ -141,10 +141,10 @@ def _linear(linear: Sequence[Row]) -> str:
 {lines}
 
 The authors' numbers are those of the table on [their project page]({SOURCE}),
-computed with SOFA. It states neither displacement nor diameter, so forces and pitches are not to be compared one by
-one; what the mesh does to them is. From the coarsest mesh to the finest the force falls by {theirs:.0f} % in their
-table and by {fall:.0f} % in softcal's, and softcal's pitch moves by {spread:.2f} %: how far the plate tilts is decided
-by the cable's length, how hard the cable has to be pulled by the mesh.
+computed with SOFA. The page states neither displacement nor diameter, so single forces and pitches cannot be compared;
+the influence of the mesh can. From the coarsest mesh to the finest the force decreases by {theirs:.0f} % in their
+table and by {fall:.0f} % in softcal's, and softcal's pitch changes by {spread:.2f} %: the tilt of the plate depends on
+the length of the cable, but the force depends on the mesh.
 """
 
 
@@ -170,14 +170,14 @@ def _locking_free(families: Sequence[Sequence[Row]], best: Row) -> str:
 ![Force over the number of tets](mesh-table.svg)
 
 Quadratic tets with linear pressure (P2P1), curved on the surface: {kinds}.
-*The best* is the lowest force of the table: of every kind of mesh, the finer ones give the lower forces.
+*The best* is the lowest force of the table: for every kind of mesh, finer meshes have lower forces.
 
 {verdict(families)}
 
-Even these meshes converge slowly, and the reason is the shape. Where a bell's dome runs in to the waist under the next
-bell's flat underside, the gap closes to a cusp, and around its tip the stress is singular as at a crack. What matters
-is how small the elements are there, across the tip and not along it: so grading pays, sweeping pays more, and an even
-refinement pays least.
+Even these meshes converge slowly because of the shape. Where the dome of a bell meets the waist under the flat
+underside of the next bell, the gap closes to a cusp, and the stress at its tip is singular as at a crack. The error
+depends on the size of the elements there, across the tip and not along it. So grading is effective, sweeping more so,
+and uniform refinement least.
 """
 
 
@@ -200,10 +200,10 @@ the calibrated E too small by the same factor:
 
 {lines}
 
-That is against the best of the table, {best.kind.name} with {best.n_tets:,} tets, which still lies above the limit.
-An E that was found with linear tets belongs to their mesh and not to the material: it may be used with that mesh only,
-and two such numbers may be compared only if their meshes were the same. The pitch gives no warning, for every mesh has
-it nearly right.
+The reference is the best of the table, {best.kind.name} with {best.n_tets:,} tets, which is still above the limit.
+An E that was found with linear tets is a property of their mesh and not of the material: it may be used with that mesh
+only, and two such values may be compared only if their meshes are the same. The pitch does not show the error: it is
+nearly right on every mesh.
 """
 
 

@@ -147,7 +147,7 @@ class Catalogue(Mapping[str, T], Generic[T]):
         """
         known = self._all()
         if name in self._own:
-            raise ParameterError(Fault(f"softcal's own {self.what} cannot be replaced", where=self.what, got=name))
+            raise ParameterError(Fault(f"softcal's own {self.what} cannot be removed", where=self.what, got=name))
         known.pop(name, None)
 
     def _all(self) -> dict[str, T]:

@@ -185,7 +185,7 @@ def test_a_name_stands_for_one_element():
         register_element(replace(P1, rank=4))
     with pytest.raises(ParameterError, match="cannot be a name"):
         register_element(replace(P1, name="P 1"))
-    with pytest.raises(ParameterError, match="softcal's own element stays"):
+    with pytest.raises(ParameterError, match="softcal's own element cannot be removed"):
         ELEMENTS.remove("P1")
     assert register_element(P1) is P1
     assert ELEMENTS.registered == (LINEAR_4, QUADRATIC_2)

@@ -195,7 +195,7 @@ def test_what_is_no_optimiser_is_refused() -> None:
     assert "statistics by sensitivity need the jacobian" in told
     with pytest.raises(ParameterError, match="there is another method of this name"):
         register_optimiser(type("Other", (OPTIMISERS["grid"],), {}))
-    with pytest.raises(ParameterError, match="softcal's own method stays"):
+    with pytest.raises(ParameterError, match="softcal's own method cannot be removed"):
         OPTIMISERS.remove("grid")
     assert softcal.Optimiser is Optimiser
     assert "unfinished" not in OPTIMISERS

@@ -157,7 +157,7 @@ def test_what_is_no_step_is_refused() -> None:
     told = str(error.value)
     assert "step unexplained, from_: the function has no such parameter; allowed: by" in told
     assert "step unexplained, by: there is no such kind of setting; got distance" in told
-    assert "says nowhere what it does" in told
+    assert "has no description" in told
     with pytest.raises(ParameterError, match="there is another preparation step of this name"):
         STEPS.add(PreparationStep("zero", prepare))
     with pytest.raises(ParameterError, match="this is not a preparation step"):

@@ -21,7 +21,7 @@ def test_an_experiment_goes_with_a_project_and_without_a_protocol(tmp_path: Path
     project = softcal.load(write_project(tmp_path))
     with pytest.raises(ParameterError, match="an experiment has a protocol of its own; got 'pull'"):
         softcal.simulate(project, PULL, experiment="pull")
-    with pytest.raises(ParameterError, match="a robot alone has no experiments; got 'pull'"):
+    with pytest.raises(ParameterError, match="a robot without a project has no experiments; got 'pull'"):
         softcal.simulate(bar_robot(), experiment="pull")
 
 

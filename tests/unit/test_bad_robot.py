@@ -48,9 +48,12 @@ CASES: dict[str, tuple[Change, tuple[str, ...]]] = {
     "a hole in a body": (("{on: top, hole: a}", "{on: upper, hole: a}"), ("only plates have holes", "a body", "top")),
     "a hole and a point": (
         ("{on: top, hole: a}", "{on: top, hole: a, at: [0 mm, 0 mm, 0 mm]}"),
-        ("via[1]", "not said where the point is", "at and hole", "at, or hole"),
+        ("via[1]", "position of the point is not specified", "at and hole", "at, or hole"),
     ),
-    "a hole of nothing": (("{on: top, hole: a}", "{hole: a}"), ("via[1]", "which plate has the hole", "on: PLATE")),
+    "a hole of nothing": (
+        ("{on: top, hole: a}", "{hole: a}"),
+        ("via[1]", "plate of the hole is not specified", "on: PLATE"),
+    ),
     "neither hole nor point": (("{on: tip, hole: p1}", "{on: tip}"), ("markers.eye", "neither")),
     "names of holes that do not fit": (
         ("names: [a, b, c]", "names: [a, b]"),
@@ -100,11 +103,11 @@ CASES: dict[str, tuple[Change, tuple[str, ...]]] = {
     ),
     "a station off the rod": (
         ("tip: end}", "tip: 130 mm}"),
-        ("rods.mast.clamped.tip", "the station lies off the rod", "got 130 mm", "0 to 118 mm"),
+        ("rods.mast.clamped.tip", "the station is not on the rod", "got 130 mm", "0 to 118 mm"),
     ),
     "a station without a unit": (("tip: end}", "tip: 130}"), ("rods.mast.clamped.tip", "unit is missing")),
     "a station that is none": (("tip: end}", "tip: middle}"), ("rods.mast.clamped.tip", "'middle'")),
-    "one node on two plates": (("{top: start, tip: end}", "{top: start, tip: start}"), ("rods.mast", "held twice")),
+    "one node on two plates": (("{top: start, tip: end}", "{top: start, tip: start}"), ("rods.mast", "clamped twice")),
     "two shapes": ((ROD, f"{ROD}\n      {POINTS}"), ("rods.mast", "one shape", "straight and polyline")),
     "no shape": (("      " + ROD + "\n", ""), ("rods.mast", "one shape", "got none")),
     "a rod without length": (
@@ -146,7 +149,7 @@ CASES: dict[str, tuple[Change, tuple[str, ...]]] = {
     ),
     "a tie and a plate on one node": (
         ("      region: head\n      ref", "      region: foot\n      ref"),
-        ("robot.ties.seam.region", "9 nodes are both on top and tied by seam", "regions that do not meet"),
+        ("robot.ties.seam.region", "9 nodes are both on top and tied by seam", "regions that do not overlap"),
     ),
     "a name twice": (
         ("    mast:\n", "    top:\n"),

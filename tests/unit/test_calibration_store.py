@@ -174,7 +174,7 @@ def test_a_resume_of_something_else_is_refused_with_every_difference(run: tuple[
         calibrate(problem_of(reach=0.03), store=folder, resume=True, seed=9, hashes={"project file": "abc"})
     text = str(caught.value)
     assert len(caught.value.faults) == 3
-    for words in ("experiment pull", "project file", "begun otherwise: seed; got 9"):
+    for words in ("experiment pull", "project file", "other settings: seed; got 9"):
         assert words in text
 
 

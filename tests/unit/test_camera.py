@@ -66,7 +66,7 @@ def test_a_camera_file_gives_its_camera_back(tmp_path: Path):
         ("fx: 1400 px", "fx: 1400", r"camera.yaml:4: matrix.fx: the unit is missing"),
         ("fx: 1400 px", "fx: -1400 px", r"matrix.fx: the focal length is out of range"),
         ("fx: 1400 px, ", "", r"a key is missing; allowed: 'fx' must be given"),
-        ("1920 px", "1920.5 px", r"resolution\[0\]: a camera has whole pixels"),
+        ("1920 px", "1920.5 px", r"resolution\[0\]: the resolution must be in whole pixels"),
         ("matrix:", "matirx:", r"unknown key; got 'matirx'.*Try: 'matrix'"),
         ("camera: 1", "camera: 7", r"the format is not known; got 7"),
     ],

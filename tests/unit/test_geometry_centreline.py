@@ -89,7 +89,7 @@ def test_elements_are_spaced_through_stations():
         (lambda: helix((0, 0, 0), (0, 0, 1), diameter=1, pitch=1, turns=0, at=9), "turns must be positive"),
         (lambda: polyline([(0, 0, 0), (0, 0, 0)]), "all different"),
         (lambda: polyline([(0, 0, 0), (1, 0, 0), (1, 1, 0)]), "point 1: .* 90 deg"),
-        (lambda: spaced([1.5], 0.1), "off the rod"),
+        (lambda: spaced([1.5], 0.1), "not on the rod"),
         (lambda: spaced([], 0.0), "must have a length"),
         (lambda: Centreline(np.zeros((2, 3)), np.tile(np.eye(3), (2, 1, 1)), [0.0]), "coincide"),
         (lambda: Centreline(np.eye(3)[:2], np.ones((2, 3, 3)), [1.0]), "no rotation"),

@@ -178,7 +178,7 @@ def test_progress_is_told_from_the_beginning(problem: Problem, optimum: dict[str
     told: list[tuple[str, int, int | None]] = []
     mesh_study(problem, optimum, halvings=1, max_unknowns=500, progress=lambda *state: told.append(state))
     assert told == [
-        ("as it is", 0, None), ("as it is", 1, None), ("P2P1", 0, 1), ("P2P1", 1, 1), ("h/2", 0, 1), ("h/2", 1, 1),
+        ("original", 0, None), ("original", 1, None), ("P2P1", 0, 1), ("P2P1", 1, 1), ("h/2", 0, 1), ("h/2", 1, 1),
     ]  # fmt: skip
 
 

@@ -108,7 +108,7 @@ def test_the_table_fits_eighty_columns(
     assert code == 0
     table = [line for line in told.splitlines() if line and line[0] in "┏┃┡│├└"]
     assert max(map(len, table)) <= 80
-    for expected in ("as it is", "P2P1 h/2", "tension", "pitch", "bar.youngs_modulus", "s.e.)", "front.slack[pull]"):
+    for expected in ("original", "P2P1 h/2", "tension", "pitch", "bar.youngs_modulus", "s.e.)", "front.slack[pull]"):
         assert expected in told, expected
     assert "This error exceeds the noise: use P2P1 elements or a finer mesh" in told
     assert "Into the report" not in told

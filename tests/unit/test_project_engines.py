@@ -132,10 +132,7 @@ def test_an_exported_scene_names_the_experiment_of_its_schedule(tmp_path: Path):
     }
     export_sofa(project, several, tmp_path / "several")
     readme = (tmp_path / "several" / "README.md").read_text()
-    assert (
-        "pulls front by shortening, as experiment `far` does (of the project's the one that pulls most), until"
-        in readme
-    )
+    assert "pulls front by shortening, as in experiment `far` (the one with the largest pull), until" in readme
     last = (tmp_path / "several" / "a_square_bar" / "schedule.csv").read_text().splitlines()[-1]
     assert float(last.split(",")[1]) == pytest.approx(0.008)
     export_sofa(project, {"far": several["far"]}, tmp_path / "one")

@@ -141,7 +141,7 @@ TWO_FILES = (
 
 def test_two_files_need_a_word_on_their_clocks(tmp_path: Path):
     (told,) = faults_of(write_project(tmp_path, TWO_FILES))
-    assert "how the clocks of the files are related" in told
+    assert "relation of the files' clocks is not specified" in told
     assert "one clock" in told
 
 

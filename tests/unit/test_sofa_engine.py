@@ -353,7 +353,7 @@ def test_unknown_engine_and_time(monkeypatch, capsys, tmp_path):
     path = str(tmp_path / "project" / "project.yaml")
     for more, text in (
         (["--engine", "ansys"], "allowed: softcal, sofa"),
-        (["--engine", "sofa", "--in-time"], "run to rest, not in time"),
+        (["--engine", "sofa", "--in-time"], "states at rest only"),
     ):
         with pytest.raises(SystemExit) as left:
             main(["simulate", path, "--pull", "front=10mm", "--out", str(tmp_path / "out"), *more])

@@ -188,7 +188,7 @@ def test_parameters_and_readme_of_a_robot_of_rods(tmp_path):
     robot = hung()
     write_sofa(robot, tensed(0.1, cable="pull"), tmp_path, "hung")
     readme = (tmp_path / "README.md").read_text()
-    assert "wire: of each element of a rod" in readme
+    assert "beams for each element of a rod" in readme
     assert "`hung/robot.py`, `parts.py`, `rods.py`" in readme
     assert (tmp_path / "hung" / "rods.py").is_file()
     rod = scene_parameters(linear_robot(robot), tensed(0.1, cable="pull"))["rods"]["wire"]

@@ -435,7 +435,7 @@ def test_a_robots_package_has_a_name_that_python_imports(name, package):
 def test_the_readme_says_that_the_slack_is_taken_off(tmp_path):
     write_sofa(column_robot(), pulled(0.01), written_to(tmp_path / "a"), "robot", slack={"front": 0.002})
     write_sofa(column_robot(), pulled(0.01), written_to(tmp_path / "b"), "robot", slack={"front": 0.0})
-    assert "the slack of the bench is taken off, 2 mm of front, until a key" in (tmp_path / "a/README.md").read_text()
+    assert "the slack of the bench is subtracted, 2 mm of front, until a key" in (tmp_path / "a/README.md").read_text()
     assert "slack of the bench" not in (tmp_path / "b/README.md").read_text()
 
 

@@ -79,10 +79,10 @@ def rows_of(report: CheckReport) -> dict[str, str]:
 def test_a_finger_that_hangs_and_its_slack_tendon_are_told(tmp_path: Path) -> None:
     report = check(load(finger(tmp_path)))
     rows = rows_of(report)
-    assert "tip is moved by" in rows["under its loads"]
+    assert "tip moves by" in rows["under its loads"]
     assert "slack for the first" in rows["end of pull"]
     hangs, slack = report.warnings
-    assert hangs.startswith("under its loads alone, tip is moved by ")
+    assert hangs.startswith("under its loads alone, tip moves by ")
     assert "direction of gravity" in hangs
     assert slack.startswith("pull: tendon is slack for the first ")
     assert " of 7.6 mm of the test" in slack
@@ -91,7 +91,7 @@ def test_a_finger_that_hangs_and_its_slack_tendon_are_told(tmp_path: Path) -> No
 def test_a_stiff_finger_does_not_hang(tmp_path: Path) -> None:
     report = check(load(finger(tmp_path, ("60 kPa", "20 MPa"))))
     rows = rows_of(report)
-    assert "tip is moved by" in rows["under its loads"]
+    assert "tip moves by" in rows["under its loads"]
     assert "slack" not in rows["end of pull"]
     assert report.warnings == ()
 

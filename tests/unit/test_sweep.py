@@ -325,7 +325,7 @@ def test_bad_input_is_refused_before_anything_runs(
 
 def test_what_is_held_cannot_be_swept(project: Project):
     held = load(project.path, values={"spring1.youngs_modulus": "1 GPa"})
-    with pytest.raises(InputError, match="held and swept at once"):
+    with pytest.raises(InputError, match="fixed and swept at once"):
         sweep(held)
 
 

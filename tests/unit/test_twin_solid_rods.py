@@ -86,7 +86,7 @@ def test_fixed_ends_are_fixed():
     [
         (rod(section=rectangular(0.01, 0.02)), "round"),
         (rod(section=circular(0.01, inner_diameter=0.006)), "round"),
-        (rod(at=5), "ends alone; got node 5"),
+        (rod(at=5), "ends only; got node 5"),
         (rod(fixed=(0, 3)), "node 3"),
         (rod(n=7, at=7), "even number"),
     ],

@@ -162,7 +162,7 @@ def mesh_study(
         If a value is outside its parameter's range.
     """
     observer = progress or (lambda name, done, of: None)
-    base = _evaluated(problem, problem.robot, theta, partial(observer, "as it is"), None)
+    base = _evaluated(problem, problem.robot, theta, partial(observer, "original"), None)
     if base.loss is None:
         raise SimulationError(f"The twin cannot be simulated at the values to be studied. {base.failure}")
     model = _Model(problem, base)

@@ -155,7 +155,9 @@ class RunStore:
         held_identity, held_settings = held.identity, held.settings.model_dump()
         faults = [
             *_other_things(path, held_identity, identity),
-            *_differences("the run was begun otherwise", path, held_settings, settings, ignored=("batch", "trials")),
+            *_differences(
+                "the run began with other settings", path, held_settings, settings, ignored=("batch", "trials")
+            ),
         ]
         if not grows and held_settings.get("trials") != settings.get("trials"):
             faults += _differences(

@@ -131,7 +131,7 @@ def _sizes(found: MeshStudy, finer: Sequence[Finer]) -> Table:
     shown = {what: key for what, key in keys.items() if getattr(found.size, key)}
     table = Table("", *shown, "loss", "loss after shifts")
     for name, size, loss, after in [
-        ("as it is", found.size, found.loss, None),
+        ("original", found.size, found.loss, None),
         *((one.name, one.size, one.loss, one.reachable) for one in finer),
     ]:
         sizes = ("" if size is None else f"{getattr(size, key):,}" for key in shown.values())
@@ -174,7 +174,7 @@ def _parameters(found: MeshStudy, finer: Sequence[Finer]) -> Table:
     for label, estimate in found.parameters.items():
         unit, name = readable_unit(estimate.value, estimate.unit), label.replace("[", r"\[")
         if label in found.of_robot:
-            table.add_row(name, "as it is", value_text(estimate), "")
+            table.add_row(name, "original", value_text(estimate), "")
             name = ""
         for one in finer:
             if label in found.of_robot or one.name == found.reference:

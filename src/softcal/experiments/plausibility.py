@@ -104,5 +104,5 @@ def _repeated(dataset: Dataset) -> list[str]:
         return []
     return [
         f"{dataset.name}: {repeats} of {dataset.n_samples} rows repeat the one before in every channel. Each counts as "
-        f"a measurement of its own, so standard errors come out too small where rows were written more than once."
+        "an independent measurement, so standard errors are too small if rows were written more than once."
     ]

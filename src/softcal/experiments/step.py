@@ -98,7 +98,7 @@ def _faults(step: PreparationStep, _: Mapping[str, PreparationStep]) -> list[Fau
         if setting.kind not in known
     ]
     if not step.summary:
-        faults.append(Fault("the step says nowhere what it does", where, attempt="a docstring of the function"))
+        faults.append(Fault("the step has no description", where, attempt="a docstring of the function"))
     return faults
 
 

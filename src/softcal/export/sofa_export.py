@@ -103,22 +103,22 @@ def _readme(
     robot = found.linear.robot
     pulled = ", ".join(f"{cable} by {command.control}" for cable, command in protocol.commands.items())
     if experiment:
-        pulled += f", as experiment `{experiment}` does (of the project's the one that pulls most)"
+        pulled += f", as in experiment `{experiment}` (the one with the largest pull)"
     taken_off = [f"{format_quantity(value, 'm')} of {cable}" for cable, value in slack.items() if value]
     if taken_off:
-        pulled += f"; the slack of the bench is taken off, {', '.join(taken_off)}"
+        pulled += f"; the slack of the bench is subtracted, {', '.join(taken_off)}"
     notes = [f"- {sentence}" for sentence in found.sentences]
     notes += [
         f"- {part.name} has no density in the project; {ASSUMED_DENSITY:g} kg/m^3 gives it inertia"
-        + (" and a force takes its weight off." if robot.gravity.any() else ".")
+        + (" and a force balances its weight." if robot.gravity.any() else ".")
         for part in (*robot.bodies, *robot.rods)
         if part.density <= 0.0
     ]
     if robot.rods:
         names = ", ".join(rod.name for rod in robot.rods)
         notes.append(
-            f"- {names}: of each element of a rod {SEGMENTS} beams, in the scene twice, from either end with half the "
-            "stiffness, which is softcal's own (`rods.py`)."
+            f"- {names}: {SEGMENTS} beams for each element of a rod, in the scene twice, from either end, with half of "
+            "softcal's stiffness (`rods.py`)."
         )
     keys = ", ".join(f"{i} {cable.name}" for i, cable in enumerate(robot.cables[:9], start=1)) or "there are none"
     return _TEXT.format(
@@ -141,7 +141,7 @@ A SOFA scene written by softcal: SofaPython3 and SoftRobots, SOFA v23.12 to v26.
     runSofa -l SofaPython3 scene.py
 
 {schedule}. Keys (with Ctrl in runSofa's window): a digit chooses a cable
-({keys}), + and - pull and release it, P prints where the robot is.
+({keys}), + and - pull and release it, P prints its positions.
 Among runSofa's display flags, Visual Models are the surfaces, Interaction Force Fields the cables, and Force Fields,
 hidden at first, the tets and beams. Without Sofa.GL there are no surfaces.
 
@@ -150,9 +150,9 @@ Without a window, the robot with slack cables and then every row of the schedule
     export {root}=/where/SOFA/is       # conda and pixi set it
     python run.py                         # the Python that SOFA's bindings are for
 
-## In a scene of your own
+## In your own scene
 
-The folder `{package}` is a Python package with all that the robot needs. Copy it, or put this folder on `sys.path`:
+The folder `{package}` is a Python package with the robot. Copy it, or put this folder on `sys.path`:
 
     from {package} import add_robot
 
@@ -161,31 +161,32 @@ The folder `{package}` is a Python package with all that the robot needs. Copy i
         robot = add_robot(root, "{package}")
         robot.pull({{"CABLE": 0.01}}, root.dt.value)     # m, or N for a cable pulled by force
 
-Gravity, loop and constraint solver are the scene's; `scene.py` has those that softcal compared with. Several robots,
-each from a package of its own, can be in one scene.
+Gravity, loop and constraint solver are those of the scene; softcal was compared with those in `scene.py`. Several
+robots, each from its own package, can be in one scene.
 
 ## Files
 
-| file | what it holds |
+| file | content |
 |---|---|
 | `scene.py` | `createScene`: gravity, loop, constraint solver, and the robot |
 | `run.py` | runs without a window |
 | `{package}/robot.py`, `parts.py`, `rods.py` | `add_robot`: bodies, rods, plates, cables, loads |
-| `{package}/visuals.py`, `*.obj` | what there is to see: surfaces, colours, the camera |
-| `{package}/{parameters}` | every number; the scene reads it anew each time |
+| `{package}/visuals.py`, `*.obj` | the visual model: surfaces, colours, the camera |
+| `{package}/{parameters}` | all numbers; the scene reads them each time it is loaded |
 | `{package}/*.vtk` | the bodies' meshes |
 | `{package}/pulling.py` | keys and schedule |
-| `{package}/robot_state.py` | what the robot does |
+| `{package}/robot_state.py` | tensions, shortenings, poses and markers |
 
-## What to know
+## Remarks
 
 {notes}
-- A cable pulled by force takes an impulse in SOFA, force times time step, and answers with one. The scene multiplies
+- A cable pulled by force has impulses, force times time step, as inputs and outputs in SOFA. The scene multiplies
   and divides; `tension` and `shortening` in `{parameters}` are N and m.
 - `ParameterSet` is mu and Lame's lambda, from `youngs_modulus` and `poissons_ratio` in `{parameters}`.
-- The time step and damping in `time` are the project's `dynamics`, by default those of the soft neck's paper. Damping
-  by stiffness resists while cables are pulled: about as if they were `rayleigh_stiffness` seconds further on (0.2 s at
-  2 mm/s: 0.4 mm). Compare with the twin at rest. It also feeds a robot that is pulled beyond what it would bear without
-  its cable: it then never settles. `run.py` goes by `rest` (the project's `engines`, by default without such damping):
-  a state that does not settle is begun again with the next of its `time_steps`; `--time-step` tries another one.
+- The time step and damping in `time` are the project's `dynamics`, by default those of the soft neck's paper. Stiffness
+  damping increases the tension while cables are pulled: as if they were pulled `rayleigh_stiffness` seconds longer
+  (0.2 s at 2 mm/s: 0.4 mm). Compare with the twin at rest. Stiffness damping also adds energy to a robot that is pulled
+  beyond the buckling load without its cable: it then never settles. `run.py` uses `rest` (the project's `engines`, by
+  default without such damping). A state that does not settle is repeated with the next of its `time_steps`;
+  `--time-step` sets another one.
 """

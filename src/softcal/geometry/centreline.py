@@ -63,7 +63,7 @@ def spaced(stations: ArrayLike, longest: float) -> Floats:
     """
     inner = np.asarray(stations, dtype=np.float64).ravel()
     if inner.size and not (inner.min() >= 0.0 and inner.max() <= 1.0):
-        raise MeshError(Fault("a station lies off the rod", got=str(inner), allowed="fractions from 0 to 1"))
+        raise MeshError(Fault("a station is not on the rod", got=str(inner), allowed="fractions from 0 to 1"))
     if not longest > 0.0:
         raise MeshError(Fault("the longest element must have a length", got=f"{longest:.6g}", allowed="> 0"))
     ends = np.unique(np.concatenate([[0.0, 1.0], inner]))

@@ -137,7 +137,7 @@ def _range(text: str, unit: str, name: str) -> list[float]:
         raise ParameterError(Fault("a range has a start, a stop and a step", name, f"'{text}'", "start:stop:step"))
     start, stop, step = (_number(part, unit, name) for part in parts)
     if start == stop:
-        raise ParameterError(Fault("the range is empty: it ends where it starts", name, f"'{text}'"))
+        raise ParameterError(Fault("the range is empty: start and stop are equal", name, f"'{text}'"))
     if step == 0:
         raise ParameterError(Fault("the step is zero", name, f"'{text}'", "a distance between values"))
     way = stop - start

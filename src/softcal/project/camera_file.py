@@ -75,7 +75,7 @@ def read_camera(path: Path) -> Camera:
     if section is not None:
         for i, number in enumerate(section.resolution):
             if number != round(number):
-                findings.add(("resolution", i), "a camera has whole pixels", got=f"{number:g} px")
+                findings.add(("resolution", i), "the resolution must be in whole pixels", got=f"{number:g} px")
     findings.raise_if_any()
     if section is None:
         raise ProjectFileError(Fault("the camera file is incomplete", document.name))

@@ -109,7 +109,7 @@ def _check_held_once(robot: Robot, findings: Findings) -> None:
                     ("robot", "plates" if name in plates else "ties", name, "region"),
                     what,
                     got=f"node {both[0]} of {body.name}",
-                    allowed="regions that do not meet",
+                    allowed="regions that do not overlap",
                 )
 
 

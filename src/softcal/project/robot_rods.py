@@ -78,7 +78,7 @@ def _arcs(stations: Iterable[float | str], length: float, path: KeyPath, finding
         elif station > length * (1.0 + 1e-9):
             findings.add(
                 path,
-                "the station lies off the rod",
+                "the station is not on the rod",
                 got=f"{1e3 * station:.6g} mm",
                 allowed=f"0 to {1e3 * length:.6g} mm",
             )

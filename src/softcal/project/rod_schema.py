@@ -64,7 +64,7 @@ def _station(value: object) -> float | str:
         return str(value)
     length = QUANTITIES["length"].read(value)
     if length < 0.0:
-        raise InputError(Fault("the station lies off the rod", got=str(value), allowed="start, end, or an arc length"))
+        raise InputError(Fault("the station is not on the rod", got=str(value), allowed="start, end, or an arc length"))
     return length
 
 

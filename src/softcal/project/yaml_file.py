@@ -168,7 +168,7 @@ class _Reader:
         except (ValueError, KeyError):
             if kind == "float" and plain.lower().lstrip("+-") in _NO_NUMBERS:
                 return text  # the reader of the value reports the expected type
-            self.add(path, node, "the value is not what its tag says", f"'{text[:40]}', {kind}", "a plain value")
+            self.add(path, node, "the value does not match its tag", f"'{text[:40]}', {kind}", "a plain value")
         return text
 
     def add(self, path: KeyPath, node: Node, what: str, got: str, allowed: str) -> None:

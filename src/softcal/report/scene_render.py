@@ -61,6 +61,6 @@ def panel_size(camera: Projection) -> tuple[float, float]:
 
 def _reason(code: int, errors: str) -> str:
     if code < 0:
-        return f"it was ended by signal {-code}, as VTK is where OpenGL is missing"
+        return f"it was ended by signal {-code}, as happens with VTK if OpenGL is missing"
     lines = [line.strip() for line in errors.splitlines() if line.strip()]
     return lines[-1].rstrip(".") if lines else f"it ended with code {code}"

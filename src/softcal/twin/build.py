@@ -275,10 +275,10 @@ def _riders(body: Body, mesh: TetMesh, robot: Robot, frame: dict[str, int]) -> I
         if len(held):
             raise MeshError(
                 Fault(
-                    f"{len(held)} node(s) are tied to a body and held otherwise too",
+                    f"{len(held)} node(s) are tied to a body and also fixed or tied otherwise",
                     where=tie.name,
                     got=f"node {held[0]} of {body.name}",
-                    allowed="regions that do not meet",
+                    allowed="regions that do not overlap",
                 )
             )
         rider[nodes] = TIED

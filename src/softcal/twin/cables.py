@@ -44,7 +44,7 @@ class RoutingAxis:
         if len(on_axis):
             raise InputError(
                 Fault(
-                    "a via point lies on the routing axis, so that no direction leads away from it",
+                    "a via point is on the routing axis, so the direction of its offset is undefined",
                     got=f"via point {int(on_axis[0]) + 1}",
                     allowed="via points beside the axis",
                     attempt="another axis",

@@ -122,7 +122,7 @@ def let_go_fault(where: str, cable: str, got: str) -> Fault:
         f"the friction of {cable} is modelled for a cable that is pulled in: it reverses where the cable is released",
         where=where,
         got=got,
-        allowed="the loading branch alone",
+        allowed="the loading branch only",
         attempt=f"take_branch: loading, or {cable}.friction_coefficient: 0",
     )
 

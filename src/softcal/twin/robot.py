@@ -138,7 +138,9 @@ class Rod:
                 Fault("the rod has no such node", self.name, got=str(int(held.max())), allowed=f"0 to {n - 1}")
             )
         if len(np.unique(held)) != len(held):
-            raise InputError(Fault("a node of the rod is held twice", self.name, got=str(np.sort(held).tolist())))
+            raise InputError(
+                Fault("a node of the rod is fixed or clamped twice", self.name, got=str(np.sort(held).tolist()))
+            )
 
 
 @dataclass(frozen=True)

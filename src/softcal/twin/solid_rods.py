@@ -74,7 +74,7 @@ def solid_body(rod: Rod, *, rings: int = 1, element: str = DEFAULT.name) -> Body
     if inner:
         faults.append(
             Fault(
-                "a solid rod can be held at its ends alone",
+                "a solid rod can be fixed or clamped at its ends only",
                 rod.name,
                 "node " + ", ".join(str(node) for node in inner),
                 f"0 and {last}",

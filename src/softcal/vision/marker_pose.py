@@ -284,8 +284,8 @@ def _check_misfit(misfit: Mapping[str, float], used: Sequence[Glimpse]) -> None:
             image,
             f"{rms:.2g} px away on average (rms)",
             f"below {_LARGEST_MISFIT:g} px",
-            "check that the images show one state of the robot (--group-by), that the camera stood still where it is "
-            "said to have, and the markers' sizes, the base's layout and the camera file",
+            "check that the images show one state of the robot (--group-by), that the camera did not move where "
+            "--viewpoints says so, and the markers' sizes, the base's layout and the camera file",
         )
         for image, rms in misfit.items()
         if not rms <= _LARGEST_MISFIT

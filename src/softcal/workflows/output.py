@@ -83,7 +83,7 @@ def require_free_file(path: Path) -> None:
     except OSError as error:
         raise unwritable(path, error) from error
     if standing:
-        what = "this is a folder, where a file is to be written" if path.is_dir() else "the file exists"
+        what = "the path of the file is a folder" if path.is_dir() else "the file exists"
         raise StorageError(Fault(f"{what}, and nothing is overwritten", str(path), attempt=ANOTHER))
     require_writable(path.parent)
 
@@ -123,7 +123,7 @@ def unwritable(path: Path, error: OSError) -> StorageError:
 def _require_empty(folder: Path, attempt: str) -> None:
     try:
         if folder.exists() and not folder.is_dir():
-            raise StorageError(Fault("this is a file, where a folder is to be written", str(folder)))
+            raise StorageError(Fault("the path of the folder is a file", str(folder)))
         held = sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else []
     except OSError as error:
         raise unwritable(folder, error) from error

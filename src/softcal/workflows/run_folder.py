@@ -48,7 +48,7 @@ def _as_written(value: dict[str, Any], handler: ValidatorFunctionWrapHandler) ->
     section: CalibrationSection = handler(value)
     written = section.model_dump()
     if json.dumps(value, sort_keys=True) != json.dumps({key: written[key] for key in value}, sort_keys=True):
-        raise ValueError("a run writes its settings otherwise")
+        raise ValueError("a run writes its settings in another form")
     return section
 
 

@@ -74,7 +74,11 @@ def simulate(
     """
     robot = twin.robot if isinstance(twin, Project) else twin
     if experiment and (protocol is not None or not isinstance(twin, Project)):
-        what = "an experiment has a protocol of its own" if protocol is not None else "a robot alone has no experiments"
+        what = (
+            "an experiment has a protocol of its own"
+            if protocol is not None
+            else "a robot without a project has no experiments"
+        )
         raise ParameterError(Fault(what, "experiment", f"'{experiment}'", "a project's, without a protocol"))
     if protocol is not None and (faults := let_go_faults(with_parameters(robot, theta or {}), protocol)):
         raise ParameterError(faults)

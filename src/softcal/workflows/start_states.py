@@ -154,13 +154,13 @@ def _moved(before: Snapshot, after: Snapshot) -> tuple[str, bool]:
     if plates:
         name = max(plates, key=lambda plate: plates[plate])
         by, angle = plates[name]
-        text = f"{name} is moved by {format_quantity(by, 'm', digits=3)} and turned by {np.rad2deg(angle):.3g} deg"
+        text = f"{name} moves by {format_quantity(by, 'm', digits=3)} and rotates by {np.rad2deg(angle):.3g} deg"
         return text, by > MOVED * size or angle > TURNED
     parts = {name: (x, before.points[name]) for name, x in after.points.items()}
     parts |= {name: (x, before.rods[name]) for name, x in after.rods.items()}
     moved = {name: float(np.linalg.norm(now - then, axis=1).max()) for name, (now, then) in parts.items()}
     name = max(moved, key=lambda part: moved[part])
-    return f"{name} is moved by up to {format_quantity(moved[name], 'm', digits=3)}", moved[name] > MOVED * size
+    return f"{name} moves by up to {format_quantity(moved[name], 'm', digits=3)}", moved[name] > MOVED * size
 
 
 def _pulls(shape: Snapshot) -> str:

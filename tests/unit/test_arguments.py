@@ -60,4 +60,4 @@ def test_rows_that_are_written_several_times_are_warned_of() -> None:
 
     assert warned(1) == ""
     assert "pull: 50 of 100 rows repeat the one before in every channel" in warned(2)
-    assert "standard errors come out too small" in warned(3)
+    assert "standard errors are too small" in warned(3)

@@ -169,7 +169,7 @@ def test_values_off_the_optimum_are_noted_and_shift_by_the_mesh_alone(
 ):
     away = mesh_study(problem, {E: 1.2 * optimum[E]}, halvings=1)
     assert any("do not minimise the loss" in note and E in note for note in away.notes)
-    assert not study.notes or "least loss" not in " ".join(study.notes)
+    assert not study.notes or "do not minimise the loss" not in " ".join(study.notes)
     by_optimum = named(study, "h/2").values[E] / optimum[E]
     assert named(away, "h/2").values[E] / (1.2 * optimum[E]) == pytest.approx(by_optimum, rel=0.02)
 

@@ -167,11 +167,11 @@ def test_a_twin_that_falls_in_its_furthest_test_is_a_warning():
 
 def test_a_twin_that_passes_through_itself_in_its_furthest_test_is_a_warning():
     twin = twin_view(column_mesh())
-    assert "crosses" not in texts(replace(small_content(), twin=twin), "warning")
+    assert "intersects" not in texts(replace(small_content(), twin=twin), "warning")
     told = "bar intersects itself from 2.56 mm of shortening of front on, by about 1.4 mm: set contact: true."
     assert told in texts(replace(small_content(), twin=replace(twin, crossings=told)), "warning")
     out = "The other cables pull back out under tension, by up to 1.2 mm (at sample 2)."
-    assert "draw back out" not in texts(replace(small_content(), twin=twin), "warning")
+    assert "pull back out" not in texts(replace(small_content(), twin=twin), "warning")
     assert out in texts(replace(small_content(), twin=replace(twin, drawn_out=out)), "warning")
 
 

@@ -235,7 +235,7 @@ def test_losses_say_which_channels_they_cannot_judge() -> None:
     with pytest.raises(DatasetError, match=r"all three parts; got m1\.x"):
         make_problem(manipulator(), [replace(test, compared=("m1.x",))], FREE, DistanceLoss(LENGTH))
     pitched = Dataset("a", {**test.dataset.channels, "S4.pitch": Channel(np.zeros(3), "rad")})
-    with pytest.raises(DatasetError, match=r"positions alone; got .*S4\.pitch"):
+    with pytest.raises(DatasetError, match=r"positions only; got .*S4\.pitch"):
         make_problem(manipulator(), [replace(test, dataset=pitched, compared=())], FREE, DistanceLoss(LENGTH))
     with pytest.raises(DatasetError, match=r"noise of 'm1\.x'"):
         make_problem(manipulator(), [test], FREE, LikelihoodLoss())

@@ -270,4 +270,4 @@ def test_every_command_tells_of_it_once(tmp_path: Path) -> None:
     assert twin is not None
     assert told in twin.crossings
     before = run("simulate", path, "--pull", "front=1mm", "--out", tmp_path / "less")
-    assert "crosses" not in before
+    assert "intersects" not in before

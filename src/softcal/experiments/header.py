@@ -143,7 +143,7 @@ def _check_channels(path: Path, columns: Mapping[str, ColumnSpec]) -> None:
     allowed = [*kinds(), *QUATERNION, MASS]
     faults = [
         Fault(
-            f"no channel goes by the name '{key}'",
+            f"no channel has the name '{key}'",
             where=where,
             allowed=", ".join(allowed) + "; with the part's name before it, such as cable1.tension or m4.x",
             attempt=nearest(key, allowed),
@@ -158,7 +158,7 @@ def _check_channels(path: Path, columns: Mapping[str, ColumnSpec]) -> None:
     if quaternion and any(angle.name in columns for angle in ANGLES):
         faults.append(Fault("angles and quaternions exclude each other", where=where))
     if not columns:
-        faults.append(Fault("no column is asked for", where=where, allowed=", ".join(allowed)))
+        faults.append(Fault("no column is requested", where=where, allowed=", ".join(allowed)))
     if faults:
         raise DatasetError(faults)
 
@@ -170,7 +170,7 @@ def _find_column(table: Table, name: str, faults: list[Fault]) -> int | None:
     where = f"{table.path}, line {table.header_line}"
     if found:
         headers = ", ".join(f"'{table.headers[column]}' (column {column + 1})" for column in found)
-        faults.append(Fault(f"{len(found)} columns go by the name '{name}'", where=where, got=headers))
+        faults.append(Fault(f"{len(found)} columns have the name '{name}'", where=where, got=headers))
         return None
     headers = [header for header in table.headers if header]
     alike = nearest(name, [*headers, *(split_header(header)[0] for header in headers)])

@@ -38,7 +38,7 @@ def check_names(section: ExperimentSection, robot: RobotSection | None, path: Ke
     if section.plate is None and short:
         findings.add(
             (*path, "plate"),
-            "it is not said which plate carries the IMU",
+            "the plate of the IMU is not specified",
             got=f"the channel {short[0]}, no plate",
             allowed=", ".join(plates) or "a plate of the robot",
         )
@@ -60,19 +60,19 @@ def _check_drive(section: ExperimentSection, path: KeyPath, findings: Findings) 
     columns = [key for file in section.files for key in file.columns]
     if isinstance(section.drive, str) and section.cable is None:
         allowed = "cable: NAME, or drive: [cable1.tension]"
-        findings.add((*path, "drive"), "it is not said which cable is driven", got=section.drive, allowed=allowed)
+        findings.add((*path, "drive"), "the driven cable is not specified", got=section.drive, allowed=allowed)
     of_cable = [key for key in columns if (kind := channel_name(key).kind).drives or kind.name == MASS]
     needs_cable = [key for key in of_cable if not channel_name(key).carrier]
     if section.cable is None and needs_cable:
         got = f"the channel {needs_cable[0]}, no cable"
-        findings.add((*path, "cable"), "it is not said which cable was pulled", got=got, allowed="cable: NAME")
+        findings.add((*path, "cable"), "the pulled cable is not specified", got=got, allowed="cable: NAME")
     pulled = [key for key in of_cable if channel_name(key).carrier]
     if section.cable is None and section.drive is None and pulled and section.compare is None:
         findings.add(
             (*path, "drive"),
-            "it is not said what drives the twin",
+            "the drive of the twin is not specified",
             got=f"the channel {pulled[0]}, no drive",
-            allowed=f"drive: [{pulled[0].replace(MASS, 'tension')}], or compare with what the twin answers",
+            allowed=f"drive: [{pulled[0].replace(MASS, 'tension')}], or compare other channels",
         )
 
 

@@ -97,7 +97,7 @@ class NamedSensor:
 def _faults(sensor: type[Sensor], known: Mapping[str, type[Sensor]]) -> list[Fault]:
     """What a class that is to be registered lacks, and kinds of its channels that mean something else."""
     if not (isinstance(sensor, type) and issubclass(sensor, Sensor)):
-        return [Fault("this is no sensor", "sensor", repr(sensor)[:60], "a subclass of softcal.Sensor")]
+        return [Fault("this is not a sensor", "sensor", repr(sensor)[:60], "a subclass of softcal.Sensor")]
     where = f"sensor {sensor.__name__}"
     attributes = [name for name in ("name", "kinds") if not hasattr(sensor, name)]
     missing = [*attributes, *sorted(sensor.__abstractmethods__)]

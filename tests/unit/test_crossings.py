@@ -127,9 +127,11 @@ def test_where_a_drive_by_tension_ends_short_what_crosses_on_the_way_is_told(mon
         path = follow(*args, **options)
         return replace(path, reached=False, status="it ends here")
 
-    monkeypatch.setattr("softcal.twin.sweep.follow", short)
+    monkeypatch.setattr("softcal.twin.equilibrium_path.follow", short)
     asked = Protocol({"front": Command("tension", np.array([0.05, 3.0]) * tension[-1])})
-    monkeypatch.setattr("softcal.twin.sweep.WOUND_UP", 1.0 - 6e-3 / 0.03)  # of its length: the path ends there
+    monkeypatch.setattr(
+        "softcal.twin.equilibrium_path.WOUND_UP", 1.0 - 6e-3 / 0.03
+    )  # of its length: the path ends there
     response = simulate(robot, asked)
     assert not response.succeeded
     assert "it ends here" in response.status

@@ -10,6 +10,7 @@ import numpy as np
 from softcal.errors import Fault, ParameterError
 from softcal.mechanics.statics import Statics
 from softcal.twin.build import Twin, twin_of
+from softcal.twin.equilibrium_path import EquilibriumPath
 from softcal.twin.many import simulate_many
 from softcal.twin.parameters import robot_parameters, unknown_name, value_faults, with_shape
 from softcal.twin.protocol import Protocol, command_faults
@@ -137,8 +138,8 @@ def respond(
                 twin, statics, protocol, names, snapshots=snapshots, crossings=crossings, commanded=commanded
             )
         tolerance = 0.0 if snapshots == "samples" else curve_tolerance
-        sweep = Sweep(twin, statics, names, driven[0] if driven else None, tolerance, snapshots, crossings)
-        response = sweep.response(protocol)
+        along = EquilibriumPath(twin, statics, names, driven[0] if driven else None, tolerance)
+        response = Sweep(along, snapshots, crossings).response(protocol)
         return _with_commands(response, driven, commanded)
     finally:
         statics.release()

@@ -1,0 +1,172 @@
+"""The samples of a protocol, read from the path of equilibria: driven by shortening, or by tension."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.mechanics.node import Node, node_at
+from softcal.mechanics.path import Path, go_on_from, interpolated, neighbours
+from softcal.sensing.sensors.cable import SHORTENING, TENSION
+from softcal.twin.equilibrium_path import SAME, EquilibriumPath
+from softcal.twin.start import slack_line
+
+
+@dataclass(frozen=True)
+class Samples:
+    """The samples up to the first one that was not reached.
+
+    Attributes
+    ----------
+    path
+        The path that they are read from.
+    c, commands
+        Shortening on the path, and command, of each sample (n,) [m; m or N].
+    values, slopes, by_parameter
+        Channels (n, n_channels), their derivatives by the command, and by the parameters (n, n_channels, k).
+    status
+        How it ended, a sentence.
+    succeeded
+        Whether every sample was reached.
+    end
+        Shortening up to which crossings on the path count [m].
+    """
+
+    path: Path
+    c: Floats
+    commands: Floats
+    values: Floats
+    slopes: Floats
+    by_parameter: Floats
+    status: str
+    succeeded: bool
+    end: float = np.inf
+
+
+def by_shortening(along: EquilibriumPath, start: Node, d: Floats) -> Samples:
+    """The samples of shortenings d (n,) [m]."""
+    end = float(d.max())
+    path = Path((start,), True, names=along.names)
+    if end > start.c + SAME * along.length:
+        path = along.follow(start, end)
+    taut = d > start.c
+    if not _snaps_on(path):
+        path, _ = along.refined(path)
+    if snaps := _snaps_on(path):  # beyond a snap-through the curve is neither smooth nor reached from both sides
+        path = _through(along, start, np.unique(d[taut]))
+    reached = path.nodes[-1].c
+    n = len(d) if path.reached else int(np.argmax(np.append(d, np.inf) > reached))
+    if along.tolerance <= 0.0 and not snaps:
+        path = along.with_nodes(path, along.missing(path, d[:n][taut[:n]]))
+    c = np.maximum(d[:n], start.c)
+    values, slopes, by_parameter = along.curve(path.nodes).at(c)
+    slack = ~taut[:n]
+    if slack.any():
+        still = along.curve((along.slack_node(start),))
+        values[slack], slopes[slack], by_parameter[slack] = still.values, still.slopes, still.by_parameter
+    # A slack cable's shortening is the command, not the shortening that would make it taut.
+    values[:, along.column(SHORTENING)] = d[:n]
+    slopes[:, along.column(SHORTENING)] = 1.0
+    by_parameter[:, along.column(SHORTENING)] = 0.0
+    status, tension = along.sentence(path, n, len(d)), values[:, along.column(TENSION)]
+    if path.reached and np.any(tension < 0.0):
+        low = float(d[:n][np.argmin(tension)])
+        status = f"Cable {along.cable} would have to push at {1e3 * low:.4g} mm: the robot snaps through there."
+        return Samples(path, c[:0], d[:0], values[:0], slopes[:0], by_parameter[:0], status, False)
+    return Samples(path, c, d[:n], values, slopes, by_parameter, status, path.reached)
+
+
+def by_tension(along: EquilibriumPath, start: Node, T: Floats, *, ends_there: bool) -> Samples:
+    """The samples of tensions T (n,) [N]. ends_there: whether the path ends at the last of them, and not beyond."""
+    i_tension, largest = along.column(TENSION), float(T.max())
+    path = Path((start,), True, names=along.names)
+    if largest > 0.0:
+        path = along.follow(start, along.wound_up, until=largest)
+    path, curve = along.refined(path, T)
+    if len(path.nodes) == 1:
+        at = np.full(len(T), start.c)
+        return Samples(path, at, np.zeros(len(T)), *curve.at(at), "Solved: no tension.", True, start.c)
+    is_wound = path.reached and path.nodes[-1].c >= along.wound_up * (1.0 - 1e-9)
+    c = curve.first_passage(i_tension, T)
+    if along.tolerance <= 0.0:
+        path = _with_tensions(along, path, c, T)
+        curve = along.curve(path.nodes)
+        c = curve.first_passage(i_tension, T)
+    # The rest: tensions that the solved curve reaches at another shortening than the interpolated one.
+    while along.tolerance <= 0.0 and len(missing := along.missing(path, c[np.isfinite(c)])):
+        path = along.with_nodes(path, missing)
+        curve = along.curve(path.nodes)
+        c = curve.first_passage(i_tension, T)
+    beyond = ~np.isfinite(c)
+    n = len(T) if is_wound or not beyond.any() else int(np.argmax(beyond))
+    at = np.where(beyond, curve.c[-1], c)[:n]
+    values, by_c, by_parameter = curve.at(at)
+    slopes = by_c / by_c[:, i_tension][:, None]
+    by_parameter = by_parameter - slopes[:, :, None] * by_parameter[:, i_tension, None, :]
+    values[:, i_tension] = T[:n]
+    slopes[beyond[:n]] = 0.0
+    by_parameter[beyond[:n]] = 0.0
+    slopes[:, i_tension], by_parameter[:, i_tension] = 1.0, 0.0
+    status = along.sentence(path, n, len(T))
+    if is_wound and beyond.any():
+        limit = float(curve.values[:, i_tension].max())
+        status += f" Cable {along.cable} is wound up to zero length from {limit:.4g} N on."
+    last = float(at.max(initial=start.c))
+    if ends_there:
+        path = _up_to(along, path, last)
+    # Where the path ends early, crossings up to its end may be the cause.
+    reached = n == len(T)
+    return Samples(path, at, T[:n], values, slopes, by_parameter, status, reached, last if reached else np.inf)
+
+
+def _snaps_on(path: Path) -> bool:
+    """Whether a snap-through occurs along the path, other than under the loads alone."""
+    return any(node.is_snapped for node in path.nodes[1:])
+
+
+def _through(along: EquilibriumPath, start: Node, c: Floats) -> Path:
+    """The path through every value of c, in their order."""
+    path = Path((start,), True, names=along.names)
+    for value in c:
+        leg = along.follow(path.nodes[-1], float(value))
+        path = replace(leg, nodes=(*path.nodes, *leg.nodes[1:]))
+        if not leg.reached:
+            break
+    return path
+
+
+def _with_tensions(along: EquilibriumPath, path: Path, c: Floats, T: Floats) -> Path:
+    """The path with a node at each tension whose shortening is known about; to solve at that and read the tension
+    again would take two solves.
+    """
+    about = dict(zip(c.tolist(), T.tolist(), strict=True))
+    missing = along.missing(path, c[np.isfinite(c)]).tolist()
+    extra = [_at_tension(along, path, value, about[value]) for value in missing]
+    nodes = [*path.nodes, *(node for node in extra if node is not None)]
+    return replace(path, nodes=tuple(sorted(nodes, key=lambda node: node.c)))
+
+
+def _at_tension(along: EquilibriumPath, path: Path, c: float, T: float) -> Node | None:
+    """The node at a tension between the two nodes around c; None where no stable equilibrium was found there."""
+    before, after = neighbours(path, c)
+    system, statics = along.twin.system, along.statics
+    guess = interpolated(system.layout, before, after, c)
+    if after.is_snapped or system.free_way(before.state, guess) < 1.0:
+        return None
+    held = slack_line(along.twin).at(0.0)
+    held = replace(held, effort=np.where(np.arange(len(held.effort)) == along.number, T, 0.0))
+    go_on_from(statics, before)
+    solved = statics.equilibrium(guess, held)
+    if not solved.converged:
+        return None
+    c = along.shortening(solved.state)
+    node = node_at(statics, along.line, c, solved.state, along.names) if before.c < c < after.c else None
+    return node if node is not None and node.is_stable else None
+
+
+def _up_to(along: EquilibriumPath, path: Path, c: float) -> Path:
+    """The path up to c, with a node there: a path to a tension ends beyond it."""
+    path = along.with_nodes(path, along.missing(path, np.array([c])))
+    return replace(path, nodes=tuple(node for node in path.nodes if node.c <= c + SAME * along.length))

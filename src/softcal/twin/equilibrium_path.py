@@ -1,0 +1,210 @@
+"""The path of equilibria of a robot with one driven cable, and the curve of its channels along it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.mechanics.cable import cables_of
+from softcal.mechanics.node import Line, Node, node_at
+from softcal.mechanics.path import Path, between, follow
+from softcal.mechanics.state import State
+from softcal.mechanics.statics import Statics
+from softcal.sensing.kind import ChannelKind
+from softcal.sensing.sensors.cable import TENSION
+from softcal.twin.build import Twin
+from softcal.twin.curve import Curve
+from softcal.twin.reading import SensorReading, read
+from softcal.twin.sensors import angle_columns, channel_units
+from softcal.twin.start import loaded, slack_line
+
+FIRST_STEP = 0.12  # of the driven cable's length
+WOUND_UP = 1e-3  # of its length: a cable shorter than this is wound up
+SAME = 1e-9  # of its length: two nodes closer than this are one
+DERIVATIVES = 10.0  # times the curve's tolerance: that of the channels' derivatives by parameters
+FEW_NODES, NODES_FOR_DERIVATIVES = 16, 4  # limit for derivatives, and per node for the values: kinks never converge
+LEAST_MOTION = 1e-4  # [rad], or of the robot's extent: lower limit of a channel's scale
+LEAST_SENSITIVITY = 1e-3  # of the most sensitive channel's: the same for derivatives
+MAX_REFINEMENTS = 24  # a region of high curvature may be a thousandth of the curve's length
+
+
+@dataclass(frozen=True)
+class EquilibriumPath:
+    """Equilibria by the driven cable's shortening c, from where it just becomes taut, all others slack.
+
+    Attributes
+    ----------
+    twin, statics
+        The twin, and its statics.
+    names
+        Parameters (k,) of the nodes' derivatives.
+    cable
+        The driven cable; None where nothing is driven.
+    tolerance
+        Of the curve, over a channel's largest value [-]; 0 solves every sample.
+    readings
+        The nodes' readings so far.
+    """
+
+    twin: Twin
+    statics: Statics
+    names: tuple[str, ...]
+    cable: str | None
+    tolerance: float
+    readings: dict[Node, SensorReading] = field(default_factory=dict[Node, SensorReading])
+
+    @cached_property
+    def units(self) -> dict[str, str]:
+        """The channels' units by name."""
+        return channel_units(self.twin)
+
+    @property
+    def number(self) -> int:
+        """The driven cable's number."""
+        return [cable.name for cable in self.twin.robot.cables].index(self.cable or "")
+
+    def column(self, kind: ChannelKind) -> int:
+        """The column of a channel of the driven cable."""
+        return self.twin.column(self.cable or "", kind)
+
+    @property
+    def length(self) -> float:
+        """Length of the driven cable at rest [m]."""
+        return float(cables_of(self.twin.system).rest_length[self.number])
+
+    @property
+    def wound_up(self) -> float:
+        """Shortening at which the cable counts as wound up [m]."""
+        return self.length * (1.0 - WOUND_UP)
+
+    @property
+    def line(self) -> Line:
+        """The controls along the path."""
+        line = slack_line(self.twin)
+        if self.cable is None:
+            return line
+        driven = np.arange(len(line.is_held)) == self.number
+        return replace(line, is_held=~driven, coordinate_rate=driven.astype(float))
+
+    def start(self) -> Node:
+        """The robot under its loads, with the driven cable just taut: c there is L0 - L."""
+        start = loaded(self.twin, self.statics)
+        c = 0.0 if self.cable is None else self.shortening(start.state)
+        return replace(node_at(self.statics, self.line, c, start.state, self.names), is_snapped=start.snaps)
+
+    def shortening(self, state: State) -> float:
+        """Shortening of the driven cable at a state [m]."""
+        return float(self.twin.system.coordinates(state.x)[self.number])
+
+    def slack_node(self, start: Node) -> Node:
+        """The same state with the driven cable slack: taking up its slack moves nothing."""
+        line = slack_line(self.twin)
+        return node_at(self.statics, line, start.c, start.state, self.names)
+
+    def curve(self, nodes: tuple[Node, ...]) -> Curve:
+        """The channels along some nodes."""
+        readings = [self._reading(node) for node in nodes]
+        values = np.array([reading.values for reading in readings])
+        # A neck may fold past half a turn: atan2's jump there is not the curve's.
+        turns = angle_columns(self.twin)
+        values[:, turns] = np.unwrap(values[:, turns], axis=0)
+        slopes = np.array([reading.slopes for reading in readings])
+        by_parameter = np.array([reading.by_parameter for reading in readings])
+        mixed = np.array([reading.mixed for reading in readings])
+        c = np.array([node.c for node in nodes])
+        snapped_to = np.array([node.is_snapped for node in nodes[1:]], dtype=bool)
+        return Curve(c, values, slopes, by_parameter, mixed, snapped_to)
+
+    def _reading(self, node: Node) -> SensorReading:
+        """The reading of a node, cached."""
+        if node not in self.readings:
+            self.readings[node] = read(self.twin, self.statics, node, self.names)
+        return self.readings[node]
+
+    def refined(self, path: Path, tensions: Floats | None = None) -> tuple[Path, Curve]:
+        """The path, refined until the curve is within tolerance, or only where it may reach one of these tensions."""
+        curve = self.curve(path.nodes)
+        most = np.inf  # nodes; known once the values are exact enough
+        for _ in range(MAX_REFINEMENTS):
+            if len(path.nodes) < 2 or self.tolerance <= 0.0:
+                break
+            scale = self._scale(np.abs(curve.values).max(axis=0)[:, None], self._least)
+            is_read = True if tensions is None else curve.may_pass(self.column(TENSION), tensions)
+            is_coarse = is_read & (curve.error() > self.tolerance * scale[:, 0]).any(axis=1)
+            if not is_coarse.any():
+                most = min(most, FEW_NODES + NODES_FOR_DERIVATIVES * len(path.nodes))
+            if self.names and not is_coarse.any() and len(path.nodes) < most:
+                by_parameter = np.abs(curve.by_parameter).max(axis=0)
+                least = LEAST_SENSITIVITY * scale * (by_parameter / scale).max(axis=0)
+                of_derivatives = self._scale(by_parameter, least)
+                tolerance = DERIVATIVES * self.tolerance
+                is_coarse |= is_read & (curve.error_by_parameter() > tolerance * of_derivatives).any(axis=(1, 2))
+            coarse = np.flatnonzero(is_coarse)
+            if len(coarse) == 0:
+                break
+            path = self.with_nodes(path, 0.5 * (curve.c[coarse] + curve.c[coarse + 1]))
+            curve = self.curve(path.nodes)
+        return path, curve
+
+    def _scale(self, largest: Floats, least: Floats) -> Floats:
+        """The largest of all channels of one unit, for each (n_channels, k): a roll of 1e-6 needs no 1e-10."""
+        units = np.array(list(self.units.values()))
+        return np.maximum(np.array([largest[units == unit].max(axis=0) for unit in units]), least) + 1e-300
+
+    @property
+    def _least(self) -> Floats:
+        """Smallest values of the channels above rounding error, (n_channels, 1)."""
+        least = {"rad": LEAST_MOTION, "m": LEAST_MOTION * self.statics.length}
+        return np.array([[least.get(unit, 0.0)] for unit in self.units.values()])
+
+    def with_nodes(self, path: Path, c: Floats) -> Path:
+        """The path with more nodes, at values of c."""
+        extra = [between(self.statics, self.line, path, float(value)) for value in c]
+        return replace(path, nodes=tuple(sorted([*path.nodes, *extra], key=lambda node: node.c)))
+
+    def missing(self, path: Path, c: Floats) -> Floats:
+        """Those values of c without a node."""
+        have = np.array([node.c for node in path.nodes])
+        unique = np.unique(c)
+        return unique[np.abs(unique[:, None] - have[None, :]).min(axis=1) > SAME * self.length]
+
+    def follow(self, start: Node, end: float, *, until: float = np.inf) -> Path:
+        """The path from a node to a shortening [m], or to where the tension reaches `until` [N]."""
+        i = self.number
+        step = FIRST_STEP * self.length
+        if np.isfinite(until):
+            stiffness = start.slope[self.twin.system.layout.first_effort_unknown + i]
+            if stiffness > 0.0:
+                step = min(step, 0.35 * until / stiffness)
+        return follow(
+            self.statics,
+            self.line,
+            start,
+            end,
+            first_step=step,
+            names=self.names,
+            stop=lambda node: bool(node.state.effort[i] >= until),
+            largest_step=3.0 * FIRST_STEP * self.length if not np.isfinite(until) else max(step, 0.25 * self.length),
+        )
+
+    def sentence(self, path: Path, n: int, n_samples: int) -> str:
+        """How the path ended, with n of the samples reached."""
+        if path.reached:
+            solved = f"Solved: {len(path.nodes)} equilibria, {self.statics.n_factorisations} factorisations."
+            return solved + self._met(path)
+        end = 1e3 * path.nodes[-1].c
+        return (
+            f"No equilibrium beyond {end:.4g} mm of shortening of {self.cable} "
+            f"({n} of {n_samples} samples reached): {path.status}."
+            f"{self.twin.system.remarks(path.nodes[-1].state, self.statics.theta)}"
+        )
+
+    def _met(self, path: Path) -> str:
+        """Sentence, after a blank, on the shortening from which on via points coincide; not for a wound-up cable."""
+        for node in path.nodes:
+            if node.c < self.wound_up * (1.0 - SAME) and (limit := self.twin.system.at_limit(node.state.x)):
+                return f" From {1e3 * node.c:.4g} mm of shortening of {self.cable} on {limit}."
+        return ""

@@ -62,6 +62,7 @@ if TYPE_CHECKING:
     from softcal.report.content import ReportContent as ReportContent
     from softcal.report.figure import Drawing as Drawing
     from softcal.report.figure import register_figure as register_figure
+    from softcal.twin.barrier import Contact as Contact
     from softcal.twin.cables import RoutingAxis as RoutingAxis
     from softcal.twin.in_time import simulate_in_time as simulate_in_time
     from softcal.twin.manipulator import Manipulator as Manipulator
@@ -74,7 +75,6 @@ if TYPE_CHECKING:
     from softcal.twin.response import Response as Response
     from softcal.twin.robot import Body as Body
     from softcal.twin.robot import Cable as Cable
-    from softcal.twin.robot import Contact as Contact
     from softcal.twin.robot import Disc as Disc
     from softcal.twin.robot import Marker as Marker
     from softcal.twin.robot import Plate as Plate
@@ -109,7 +109,7 @@ _HOMES = {
     "Calibrations": "softcal.workflows.calibration",
     "Channel": "softcal.experiments.dataset",
     "Command": "softcal.twin.protocol",
-    "Contact": "softcal.twin.robot",
+    "Contact": "softcal.twin.barrier",
     "Dataset": "softcal.experiments.dataset",
     "DatasetError": "softcal.errors",
     "Disc": "softcal.twin.robot",

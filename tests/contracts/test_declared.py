@@ -22,16 +22,17 @@ from softcal.geometry.rod_shapes import Helix, Polyline, Straight
 from softcal.geometry.wire import SolidRod, SolidSpring
 from softcal.materials.infill import PrintInfill
 from softcal.project.document import Document, Findings
-from softcal.project.robot_schema import BodySection, CableSection, ContactSection, DiscSection, PlateSection
+from softcal.project.robot_schema import BodySection, CableSection, DiscSection, PlateSection
 from softcal.project.rod_schema import RodSection
 from softcal.project.section import Section, validated
 from softcal.project.sections import SECTIONS
 from softcal.sensing.sensors.cable import CableSensor
 from softcal.sensing.sensors.marker import MarkerSensor
 from softcal.sensing.sensors.plate import PlateSensor
+from softcal.twin.barrier import Contact
 from softcal.twin.cables import Cable
 from softcal.twin.manipulator import BaseDisc, Cables, DiscMarkers, Discs, Manipulator, Springs
-from softcal.twin.robot import Body, Contact, Disc, Plate, Rod
+from softcal.twin.robot import Body, Disc, Plate, Rod
 from softcal.twin.time_settings import Settling, TimeSettings
 
 # Of every class: texts that state each of its fields, none as it is by default, and the same in Python.
@@ -56,6 +57,7 @@ STATED: list[tuple[str, Declared]] = [
         PrintInfill((8e6, 12e6), 0.3, (1.2, 1.6)),
     ),
     ("{gap: 0.1 mm, stiffness: 2 MPa, friction_coefficient: 0.5, creep: 2 mm/s}", Contact(1e-4, 2e6, 0.5, 2e-3)),
+    ("{friction_coefficient: 0.5}", Contact(friction_coefficient=0.5)),
     ("{axis: [0, 0, 2], angle: 90 deg}", Turn((0.0, 0.0, 2.0), math.radians(90.0))),
     (
         "{position: [1 mm, 2 cm, 0 m], rotation: {axis: [1, 0, 0], angle: 1 rad}}",
@@ -178,7 +180,6 @@ STATED: list[tuple[str, Declared]] = [
 # Sections with names to resolve, and what is made of them.
 MADE_OF = [
     (BodySection, Body), (RodSection, Rod), (PlateSection, Plate), (DiscSection, Disc), (CableSection, Cable),
-    (ContactSection, Contact),
 ]  # fmt: skip
 
 

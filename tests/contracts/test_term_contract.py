@@ -35,11 +35,12 @@ from softcal.mechanics.system import System, build_system
 from softcal.mechanics.term import Connectivity, Controls, Given, Sum, Term
 from softcal.mechanics.time_step import InertialTerm, after, at_rest, in_step
 from softcal.mechanics.viscosity import ViscousTerm
+from softcal.twin.barrier import Contact
 from softcal.twin.build import Twin
 from softcal.twin.cables import RoutingAxis
 from softcal.twin.masses import robot_inertia
 from softcal.twin.parameters import robot_parameters, with_parameters
-from softcal.twin.robot import Body, Cable, Contact, Robot, Rod, ViaPoint
+from softcal.twin.robot import Body, Cable, Robot, Rod, ViaPoint
 
 STEP = 1e-4  # of the moves: central differences are right to its square
 

@@ -18,8 +18,8 @@ from softcal.geometry.primitives import box_mesh
 from softcal.geometry.write import write_mesh
 from softcal.mechanics.path import follow
 from softcal.project.project import load
+from softcal.twin.barrier import Contact
 from softcal.twin.build import twin_of
-from softcal.twin.contacts import fitting_contact
 from softcal.twin.crossings import span_in_words
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Body, Cable, Plate, PointLoad, Robot, Tie, ViaPoint
@@ -155,7 +155,7 @@ def test_of_several_cables_the_samples_are_told() -> None:
 
 def test_contact_that_is_on_needs_no_telling() -> None:
     robot = notched()
-    assert twin_of(replace(robot, contact=fitting_contact(robot))).skins is None
+    assert twin_of(replace(robot, contact=Contact())).skins is None
 
 
 def column(name: str, x: float, *, free: bool = False) -> Body:

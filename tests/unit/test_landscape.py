@@ -13,7 +13,7 @@ from softcal.analysis.landscape import ProportionalTwin, loss_over, scales_with_
 from softcal.calibration.problem import Problem
 from softcal.errors import ParameterError
 from softcal.project.project import load
-from softcal.twin.robot import Contact
+from softcal.twin.barrier import Contact
 from softcal.twin.simulate import simulate
 from softcal.workflows.calibration import make_problem
 from softcal.workflows.simulation import pull

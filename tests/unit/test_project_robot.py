@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -248,19 +249,21 @@ def test_discs_weigh_their_volume(tmp_path: Path):
 
 
 def test_contact_is_off_unless_asked_for(tmp_path: Path):
-    from softcal.twin.contacts import fitting_contact
+    from softcal.twin.barrier import Contact
 
     gravity = "  gravity: [0"
     off = load(write_robot(tmp_path / "off", (gravity, f"  contact: false\n{gravity}"), text=MANIPULATOR)).robot
     assert off.contact is None
     assert load(write_robot(tmp_path / "left", text=MANIPULATOR)).robot.contact is None
     on = load(write_robot(tmp_path / "on", (gravity, f"  contact: true\n{gravity}"), text=MANIPULATOR)).robot
-    assert on.contact == fitting_contact(off)
+    fitted = replace(off, contact=Contact()).contact
+    assert on.contact == fitted
+    assert fitted is not None
     mine = (gravity, "  contact: {gap: 0.3 mm, friction_coefficient: 0.2, creep: 2 mm/s}\n" + gravity)
     contact = load(write_robot(tmp_path / "mine", mine, text=MANIPULATOR)).robot.contact
     assert contact is not None
     assert (contact.gap, contact.friction_coefficient, contact.creep) == (0.0003, 0.2, 0.002)
-    assert contact.stiffness == fitting_contact(off).stiffness
+    assert contact.stiffness == fitted.stiffness
 
 
 def test_the_template_checks_and_pulls(tmp_path: Path):

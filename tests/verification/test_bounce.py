@@ -9,7 +9,7 @@ import pytest
 
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
-from softcal.twin.contacts import fitting_contact
+from softcal.twin.barrier import Contact
 from softcal.twin.in_time import simulate_in_time
 from softcal.twin.protocol import Command
 from softcal.twin.robot import Body, Cable, Marker, Robot, ViaPoint
@@ -36,7 +36,7 @@ def block_above_floor(height: float) -> Robot:
         markers=(Marker("middle", "block", middle),),
         gravity=np.array([0.0, 0.0, -G]),
     )
-    return replace(robot, contact=replace(fitting_contact(robot), stiffness=0.05 * 5e5))
+    return replace(robot, contact=Contact(stiffness=0.05 * 5e5))
 
 
 @pytest.mark.parametrize("step", [0.01, 0.002])

@@ -17,13 +17,14 @@ from softcal.geometry.section import circular
 from softcal.mechanics.state import moved
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.term import Controls
+from softcal.twin.barrier import Contact, wire_diameter
 from softcal.twin.build import build_twin
-from softcal.twin.contacts import disc_skin, fitting_contact, wire_diameter
+from softcal.twin.contacts import disc_skin
 from softcal.twin.in_time import simulate_in_time
 from softcal.twin.parameters import parameter_values
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Snapshot
-from softcal.twin.robot import Body, Cable, Contact, Disc, Marker, Plate, PointLoad, Robot, Rod, Tie, ViaPoint
+from softcal.twin.robot import Body, Cable, Disc, Marker, Plate, PointLoad, Robot, Rod, Tie, ViaPoint
 from softcal.twin.schedule import Schedule
 from softcal.twin.simulate import simulate
 from softcal.twin.start import loaded
@@ -55,7 +56,7 @@ def two_blocks(element: str = "P2") -> Robot:
     )
     pull = Cable("pull", (ViaPoint(centre + [0.0, 0.0, 0.1]), ViaPoint(centre, "lift")), pulled_end="first")
     robot = Robot(bodies=(below, above), plates=(plate,), cables=(pull,), rods=(guide,))
-    return replace(robot, contact=fitting_contact(Robot(bodies=(below, above))))
+    return replace(robot, contact=Robot(bodies=(below, above), contact=Contact()).contact)
 
 
 def lifted(*shortening: float) -> Protocol:
@@ -80,7 +81,7 @@ def spring(contact: bool, pitch: float = 0.008) -> Robot:
         rods=(rod,),
         cables=(Cable("pull", via, pulled_end="first"),),
     )
-    return replace(robot, contact=fitting_contact(robot)) if contact else robot
+    return replace(robot, contact=Contact()) if contact else robot
 
 
 def test_two_blocks_press_with_the_exact_stress():
@@ -252,7 +253,7 @@ def test_tied_bodies_do_not_touch_at_their_seam_whatever_their_meshes_have():
     seam = Tie("seam", "high", np.flatnonzero(np.isclose(high.points[:, 2], SIDE)), "low")
     below = Body("low", low, np.flatnonzero(low.points[:, 2] < 1e-9), SOFT, element="P1")
     robot = Robot(bodies=(below, Body("high", high, [], SOFT, element="P1")), ties=(seam,))
-    system = build_twin(replace(robot, contact=fitting_contact(robot))).system
+    system = build_twin(replace(robot, contact=Contact())).system
     (term,) = system.contacts
     a, b = (term.X[vertices] for vertices in term.apart.T)
     corners = [p for p, q in zip(a, b, strict=True) if np.allclose(p, q)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from softcal.checks import Ints, frozen_floats
 from softcal.geometry.mesh import TetMesh
@@ -14,10 +14,9 @@ from softcal.project.robot_fit import check_whole
 from softcal.project.robot_names import KINDS, generated_names
 from softcal.project.robot_parts import Carriers, build_cable, build_load, build_marker, build_plate, build_tie
 from softcal.project.robot_rods import build_rod
-from softcal.project.robot_schema import ContactSection, RobotSection
-from softcal.twin.contacts import fitting_contact
+from softcal.project.robot_schema import RobotSection
 from softcal.twin.manipulator import manipulator
-from softcal.twin.robot import Contact, Robot
+from softcal.twin.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -62,12 +61,11 @@ def build_robot(section: RobotSection, make_mesh: MeshMaker, findings: Findings)
             cables=(*(given.cables if given else ()), *(cable for cable in cables if cable)),
             loads=tuple(load for load in loads if load),
             gravity=gravity,
+            contact=section.contact,
             rods=(*(given.rods if given else ()), *(rod for rod in rods if rod)),
             ties=tuple(tie for tie in ties if tie),
             markers=(*(given.markers if given else ()), *(marker for marker in markers if marker)),
         )
-        if section.contact is not None:
-            robot = replace(robot, contact=_contact(section.contact, robot))
         check_whole(robot, findings, generated=[name for kind in KINDS for name in generated_names(section, kind)])
         if len(findings.faults) == n_faults:
             own_bodies = {body.name: body.mesh for body in given.bodies} if given else {}
@@ -78,8 +76,3 @@ def build_robot(section: RobotSection, make_mesh: MeshMaker, findings: Findings)
                 built.made,
             )
     return None
-
-
-def _contact(section: ContactSection, robot: Robot) -> Contact:
-    told = {key: value for key, value in section if value is not None}
-    return replace(fitting_contact(robot), **told)

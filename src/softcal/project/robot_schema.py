@@ -25,16 +25,15 @@ from softcal.quantities import (
     Direction,
     Friction,
     Mass,
-    Modulus,
     MomentOfInertia,
     Point,
     Size,
-    Speed,
     Traction,
 )
+from softcal.twin.barrier import Contact
 from softcal.twin.cables import Cable
 from softcal.twin.manipulator import Manipulator
-from softcal.twin.robot import Body, Contact, Disc, Plate
+from softcal.twin.robot import Body, Disc, Plate
 
 
 class MaterialSection(ConstantsSection):
@@ -273,17 +272,6 @@ class LoadSection(Section):
             )
 
 
-class ContactSection(Section):
-    """Contact without interpenetration of parts; gap and stiffness of the barrier are chosen for the robot where
-    omitted.
-    """
-
-    gap: Size | None = None
-    stiffness: Modulus | None = None
-    friction_coefficient: Friction = Contact.friction_coefficient
-    creep: Speed = Contact.creep
-
-
 def _contact(value: object) -> object:
     return {True: {}, False: None}[value] if isinstance(value, bool) else value
 
@@ -299,7 +287,7 @@ class RobotSection(Section):
     cables: Mapping[str, CableSection] = Field(default_factory=dict)
     loads: Mapping[str, LoadSection] = Field(default_factory=dict)
     markers: Mapping[str, MarkerSection] = Field(default_factory=dict)
-    contact: Annotated[ContactSection | None, BeforeValidator(_contact)] = None
+    contact: Annotated[Contact | None, BeforeValidator(_contact)] = None
     gravity: tuple[Acceleration, Acceleration, Acceleration] = (0.0, 0.0, 0.0)
 
     def _check(self) -> None:

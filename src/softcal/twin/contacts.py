@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from itertools import combinations
 
@@ -12,34 +11,17 @@ from softcal.checks import Floats, Ints
 from softcal.errors import Fault, MeshError
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.ring import across, ring_points
-from softcal.geometry.surface import boundary_faces, boundary_triangles
-from softcal.materials.catalogue import LAWS
+from softcal.geometry.surface import boundary_triangles
 from softcal.mechanics.contact import ContactTerm, edges_of
 from softcal.mechanics.layout import FIXED, Layout
-from softcal.twin.robot import Contact, Disc, Plate, Robot, Rod
+from softcal.twin.barrier import Contact, edge_lengths, wire_diameter
+from softcal.twin.robot import Disc, Plate, Robot, Rod
 
-GAP = 0.02  # of a surface's mean edge, or of a wire's diameter
-STIFFNESS = 0.05  # of the largest modulus
 NEIGHBOURS = 4.0  # wire diameters along a rod within which it does not touch itself
 RIM = 32  # straight pieces of a disc's rim
 DISC_POINTS = 2 + 2 * RIM  # of a disc's skin
 SEAM = 2.0  # longest edges around a tied node within which the bodies it joins do not touch each other
 NO_PAIRS: Ints = np.zeros((0, 2), dtype=np.int64)
-
-
-def fitting_contact(robot: Robot) -> Contact:
-    """A contact with a gap small relative to meshes and wires, and a barrier stiffness proportional to the largest
-    modulus.
-    """
-    lengths = [mean_edge(body.mesh) for body in robot.bodies] + [wire_diameter(rod) for rod in robot.rods]
-    moduli = [LAWS.named(body.law).youngs_modulus(body.parameters) for body in robot.bodies]
-    moduli += [rod.parameters["youngs_modulus"] for rod in robot.rods]
-    return Contact(GAP * min(lengths), STIFFNESS * max(moduli))
-
-
-def wire_diameter(rod: Rod) -> float:
-    """The diameter [m] of the round wire with the section's area."""
-    return math.sqrt(4.0 * rod.section.area / math.pi)
 
 
 def disc_skin(disc: Disc) -> tuple[Floats, Ints]:
@@ -134,17 +116,6 @@ def moving_together(layout: Layout, points: Ints) -> Ints:
     return np.where(rider == FIXED, layout.n_frames, np.maximum(rider, -1))
 
 
-def mean_edge(mesh: TetMesh) -> float:
-    """Of the surface's edges from corner to corner [m]."""
-    return float(_edge_lengths(mesh).mean())
-
-
-def _edge_lengths(mesh: TetMesh) -> Floats:
-    """Of the surface's edges from corner to corner [m]."""
-    edges = edges_of(boundary_faces(mesh)[:, :3])
-    return np.linalg.norm(mesh.points[edges[:, 0]] - mesh.points[edges[:, 1]], axis=1)
-
-
 def _neighbours(rod: Rod, distance: float) -> Ints:
     """Pairs of nodes of a rod less than a distance apart along it."""
     s = rod.centreline.stations
@@ -191,7 +162,7 @@ def across_seams(robot: Robot, layout: Layout, meshes: dict[str, TetMesh], on_sk
     pairs = [NO_PAIRS]
     for tie in robot.ties:
         sides = [on_skin[name] for name in (tie.body, tie.on)]
-        edge = max(float(_edge_lengths(meshes[name]).max()) for name in (tie.body, tie.on))
+        edge = max(float(edge_lengths(meshes[name]).max()) for name in (tie.body, tie.on))
         seam = KDTree(given[tie.body].points[tie.nodes])
         near = [side[seam.query(layout.X[side])[0] < SEAM * edge] for side in sides]
         pairs.append(_each_with_each(*near))

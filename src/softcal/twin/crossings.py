@@ -12,7 +12,8 @@ from softcal.mechanics.crossing import Skins
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.node import Node
 from softcal.mechanics.path import interpolated
-from softcal.twin.contacts import across_seams, mean_edge, moving_together
+from softcal.twin.barrier import mean_edge
+from softcal.twin.contacts import across_seams, moving_together
 from softcal.twin.robot import Robot
 from softcal.units import format_quantity
 

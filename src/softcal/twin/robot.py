@@ -9,7 +9,6 @@ from typing import Literal
 import numpy as np
 
 from softcal.checks import Floats, Ints, frozen_floats, frozen_ints
-from softcal.declare import Declared
 from softcal.errors import Fault, InputError
 from softcal.geometry.centreline import Centreline
 from softcal.geometry.mesh import TetMesh
@@ -18,8 +17,8 @@ from softcal.materials.catalogue import LAWS
 from softcal.materials.elastic_constants import LINEAR_ELASTIC
 from softcal.materials.parameter import complete
 from softcal.mechanics.elements import DEFAULT, ELEMENTS
-from softcal.quantities import Friction, Modulus, Size, Speed
 from softcal.sensing.sensor import NamedSensor
+from softcal.twin.barrier import Contact
 from softcal.twin.cables import Cable, ViaPoint
 
 Control = Literal["tension", "shortening"]
@@ -347,27 +346,6 @@ class SurfaceLoad:
 
 
 @dataclass(frozen=True)
-class Contact(Declared):
-    """Contact between surfaces of bodies and wires of rods, which prevents interpenetration.
-
-    gap and stiffness set the remaining distance of touching surfaces, not their contact force.
-    `softcal.twin.contacts.fitting_contact` chooses them for a robot.
-
-    Attributes
-    ----------
-    gap : Distance [m] at which the barrier begins to act
-    stiffness : Stiffness [Pa] of the barrier
-    friction_coefficient : Coulomb's [-], in dynamics alone: equilibria with friction depend on the load path
-    creep : Sliding speed [m/s] below which the friction is reduced
-    """
-
-    gap: Size
-    stiffness: Modulus
-    friction_coefficient: Friction = 0.0
-    creep: Speed = 1e-3
-
-
-@dataclass(frozen=True)
 class Robot:
     """Bodies, rods, plates, ties, cables, loads, markers and sensors, with gravity and contact.
 
@@ -375,7 +353,7 @@ class Robot:
     ----------
     bodies, plates, cables, loads, rods, ties, markers, sensors : The parts; no two share a name
     gravity : Acceleration (3,) [m/s^2]
-    contact : Contact of the parts; None: they may overlap
+    contact : Contact of the parts, its omitted values chosen for them; None: they may overlap
     """
 
     bodies: tuple[Body, ...] = ()
@@ -400,3 +378,5 @@ class Robot:
             raise InputError(Fault("two parts of the robot share a name", got=", ".join(twice)))
         if not self.bodies and not self.rods:
             raise InputError(Fault("the robot has nothing that bends", got="no body and no rod", allowed="one or more"))
+        if self.contact is not None:
+            object.__setattr__(self, "contact", self.contact.fitted(self.bodies, self.rods))

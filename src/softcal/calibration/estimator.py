@@ -40,8 +40,14 @@ _ROUNDING = 1e-12  # of the search range: no standard error is smaller
 class Noise:
     """The noise of a group of channels.
 
-    size is over the stated noise where that is known, else in the channels' unit [SI]. dof: degrees of freedom of its
-    estimate, infinite where the stated noise is used.
+    Attributes
+    ----------
+    size
+        Its standard deviation: over the stated one [-] where that is known, else in the channels' unit [SI].
+    dof
+        Degrees of freedom of its estimate [-], infinite where the stated noise is used.
+    stated
+        Whether the noise of the group is stated.
     """
 
     size: float
@@ -51,12 +57,22 @@ class Noise:
 
 @dataclass(frozen=True)
 class Estimator:
-    """Linear response of the minimum to noise, in the unit box.
+    """Linear response of the minimum to noise, in the unit box of the search [-].
 
-    root: `root.T @ root` is the covariance of z, shape (size, size); zero in unidentifiable directions. minimum: of the
-    unbounded quadratic model, shape (size,). unseen: unidentifiable directions, to which no residual is sensitive,
-    rows. dof: of each parameter's variance (Satterthwaite), shape (size,), infinite where all noise is known. noise: by
-    group. spent: groups whose noise cannot be estimated, since the parameters fit them exactly whatever it is.
+    Attributes
+    ----------
+    root
+        `root.T @ root` (size, size) is the covariance of z; zero in unidentifiable directions.
+    minimum
+        Of the unbounded quadratic model (size,).
+    unseen
+        Unidentifiable directions (k, size), to which no residual is sensitive.
+    dof
+        Degrees of freedom of each parameter's variance (size,), by Satterthwaite; infinite where all noise is known.
+    noise
+        Group of channels -> its noise.
+    spent
+        Groups whose noise cannot be estimated, since the parameters fit them exactly whatever it is.
     """
 
     root: Floats
@@ -69,7 +85,21 @@ class Estimator:
 
 @dataclass(frozen=True)
 class _Part:
-    """A block in units of its noise: answer J / v and pull W v J, both (n, size), and residual / v (n,)."""
+    """A block of n samples in units of its noise v.
+
+    Attributes
+    ----------
+    group
+        The group of channels that have this noise.
+    stated
+        Whether v is the stated noise; else it is one.
+    answer
+        J / v (n, size).
+    pull
+        W v J (n, size).
+    residual
+        Residual / v (n,).
+    """
 
     group: str
     stated: bool

@@ -28,11 +28,24 @@ MET = 1e-6
 
 @dataclass(frozen=True)
 class Block:
-    """One channel of one experiment: measured and residual = predicted - measured [SI], shape (n,).
+    """One channel of one experiment, or a prior, without the samples that were not measured.
 
-    Samples that were not measured are left out. jacobian: d residual / d theta, shape (n, size of the search space),
-    or None. sigma: the noise of all samples or of each (n,), 0 where unknown. point: the marker or plate whose position
-    the channel is a part of, "" for any other channel. experiment is "" for a prior.
+    Attributes
+    ----------
+    experiment
+        Its name; "" for a prior.
+    channel
+        The channel of the dataset.
+    measured
+        Measured values (n,) [SI].
+    residual
+        Predicted less measured (n,) [SI].
+    sigma
+        Noise [SI] of all samples, or of each (n,); 0 where unknown.
+    jacobian
+        d residual / d theta (n, size of the search space) [SI], or None.
+    point
+        The marker or plate whose position the channel is a part of; "" for any other channel.
     """
 
     experiment: str

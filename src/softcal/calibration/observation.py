@@ -29,8 +29,16 @@ Derivatives = dict[str, Floats]
 class Observation:
     """Predicted measurements.
 
-    predicted: channel of the dataset -> values [SI], shape (n_samples,). derivatives: channel -> parameter -> d
-    predicted / d parameter, shape (n_samples,). response: the twin's own channels by dotted name, [SI]; units: theirs.
+    Attributes
+    ----------
+    predicted
+        Channel of the dataset -> values (n_samples,) [SI].
+    derivatives
+        Channel -> parameter -> d predicted / d parameter (n_samples,) [SI].
+    response
+        The twin's own channels by dotted name, without the rig -> values (n_samples,) [SI].
+    units
+        Channel of `response` -> its SI unit.
     """
 
     predicted: Mapping[str, Floats]

@@ -6,7 +6,6 @@ is elastic, so the states of the 20, 40 and 60 mm tests are points of one curve,
 
 from __future__ import annotations
 
-import re
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,17 +14,16 @@ from typing import Protocol as TypingProtocol
 
 import numpy as np
 
-from softcal.calibration.answered import channel_faults
 from softcal.calibration.experiment import Experiment, rig_parameters
-from softcal.calibration.friction import friction_faults
 from softcal.calibration.loss import Block, Loss, by_experiment, errors_by_point, gradient, require, total
 from softcal.calibration.losses.papers import PapersLoss
 from softcal.calibration.observation import Observation, commands, observe
 from softcal.calibration.parameters import FreeParameter, SearchSpace, search_space
+from softcal.calibration.problem_faults import problem_faults
 from softcal.calibration.trajectory import Member, Trajectory
 from softcal.checks import Floats
-from softcal.errors import Fault, InputError, ParameterError, SimulationError
-from softcal.twin.parameters import ParameterInfo, out_of_range, robot_parameters, unknown_name
+from softcal.errors import InputError, SimulationError
+from softcal.twin.parameters import ParameterInfo, robot_parameters
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response
 from softcal.twin.robot import Robot
@@ -49,12 +47,34 @@ class Simulate(TypingProtocol):
 
 @dataclass(frozen=True)
 class Evaluation:
-    """The evaluation at one theta [SI by label].
+    """The evaluation at one theta.
 
-    loss None and failure a sentence where the twin could not be simulated in every state: a loss over fewer states
-    would be too low. blocks: residuals (and jacobians) of the states that were solved; observations by experiment, and
-    errors (those of a `Trial`): of experiments whose every state was. gradient: d loss / d theta, or None. n_solves:
-    forward trajectories.
+    Attributes
+    ----------
+    theta
+        Label -> value of each free parameter [SI].
+    loss
+        Joint loss [the loss's unit]; None where the twin could not be simulated in every state: a loss over fewer
+        states would be too low.
+    failure
+        Why it could not be, a sentence; "" where it could.
+    blocks
+        Residuals, and their jacobians where they were asked for, of the states that were solved, and of the priors.
+    observations
+        Experiment -> what was predicted for it; of experiments whose every state was solved.
+    experiment_losses
+        Experiment -> its loss taken alone [the loss's unit]; empty where there is no loss.
+    gradient
+        d loss / d theta (size of the search space,); None without jacobians.
+    n_solves
+        Number of simulated trajectories.
+    n_factorisations
+        Number of factorisations of the tangent.
+    seconds
+        Wall time [s].
+    errors
+        As those of a `Trial`: experiment -> marker, plate or channel -> root mean square of its distance [m] or error
+        [SI]; of experiments whose every state was solved.
     """
 
     theta: Mapping[str, float]
@@ -74,6 +94,19 @@ class Evaluation:
 class Problem:
     """A robot, its experiments, the free parameters, and the loss.
 
+    Attributes
+    ----------
+    robot
+        The robot at its present values.
+    experiments
+        What the bench saw.
+    space
+        The free parameters with their bounds.
+    loss
+        How the residuals are judged.
+    simulate
+        The engine; softcal's own twin where None.
+
     Raises
     ------
     InputError
@@ -89,9 +122,7 @@ class Problem:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "experiments", tuple(self.experiments))
-        faults = [*_part_faults(self.robot, self.experiments), *self._space_faults(), *self._setting_faults()]
-        faults += [f for e in self.experiments for f in friction_faults(self.robot, e, self.space.free_in(e.name))]
-        if faults:
+        if faults := problem_faults(self.robot, self.experiments, self.space, self.loss):
             raise InputError(faults)
         require(self.loss, self.experiments)
 
@@ -191,48 +222,6 @@ class Problem:
             seconds=seconds,
             errors=errors_by_point(blocks),
         )
-
-    def _setting_faults(self) -> list[Fault]:
-        known = self.known
-        faults: list[Fault] = []
-        for experiment in self.experiments:
-            where = f"settings of {experiment.name}"
-            here = {**robot_parameters(self.robot), **rig_parameters([experiment])}
-            free = self.space.free_in(experiment.name)
-            for name, value in experiment.settings.items():
-                if name not in here:
-                    faults.append(replace(unknown_name(name, here), where=f"{where}, {name}"))
-                elif fault := out_of_range(known[name], value):
-                    faults.append(replace(fault, where=f"{where}, {name}"))
-                if name in free:
-                    faults.append(
-                        Fault("the parameter is set and free at once", f"{where}, {name}", attempt="one of the two")
-                    )
-        return faults
-
-    def _space_faults(self) -> list[Fault]:
-        known = self.known
-        names = {experiment.name for experiment in self.experiments}
-        faults = [
-            Fault("the parameter belongs to no experiment of the problem", p.label, allowed=", ".join(sorted(names)))
-            for p in self.space.parameters
-            if not p.serves(*names)
-        ]
-        if not self.loss.uses_priors:
-            faults += [
-                Fault(
-                    f"the loss '{self.loss.name}' does not use priors",
-                    p.label,
-                    attempt="the loss 'likelihood', or no prior",
-                )
-                for p in self.space.parameters
-                if p.prior_sd is not None
-            ]
-        try:
-            search_space(self.space.parameters, (), known)
-        except ParameterError as error:
-            faults += error.faults
-        return faults
 
     def _rig(self, experiment: Experiment, theta: Mapping[str, float]) -> dict[str, float]:
         return {**experiment.rig_values(), **self.space.values_for(experiment.name, theta)}
@@ -345,30 +334,6 @@ def make_problem(
     set_ups = {experiment.name: experiment.set_up for experiment in experiments}
     space = search_space(parameters, list(own), known, own, set_ups)
     return Problem(robot, tuple(experiments), space, loss or PapersLoss(), simulate)
-
-
-def _part_faults(robot: Robot, experiments: Sequence[Experiment]) -> list[Fault]:
-    names = [experiment.name for experiment in experiments]
-    cables = [cable.name for cable in robot.cables]
-    faults = [Fault("two experiments share a name", got=name) for name in sorted(set(names)) if names.count(name) > 1]
-    for name in sorted(name for name in names if not re.fullmatch(r"[\w.+-][\w.+ -]*", name)):
-        faults.append(
-            Fault(
-                "the experiment's name cannot name a file",
-                got=f"'{name}'",
-                allowed="letters, digits, space and . _ + -",
-            )
-        )
-    if not experiments:
-        faults.append(Fault("there is no experiment to calibrate with", "experiments", allowed="at least one"))
-    for experiment in experiments:
-        faults += [
-            Fault("the robot has no such cable", experiment.name, got=cable, allowed=", ".join(cables) or "none")
-            for cable in experiment.cables
-            if cable not in cables
-        ]
-        faults += channel_faults(robot, experiment)
-    return faults
 
 
 def _real_simulate() -> Simulate:

@@ -33,9 +33,20 @@ NOISE_ALONE = (
 
 @dataclass(frozen=True)
 class Statistics:
-    """Standard errors and 95 % intervals [SI] by label (None where they are not defined), importances (sum 1), notes.
+    """What is known of the parameters at the values found.
 
-    beyond: of each parameter at a bound, its distance from the best value without the bound, in standard errors.
+    Attributes
+    ----------
+    standard_errors
+        Label -> standard error [SI], or None where it is not defined.
+    importance
+        Label -> share [-], sum 1.
+    notes
+        Sentences on how far they can be trusted.
+    intervals
+        Label -> ends of the 95 % interval [SI], or None.
+    beyond
+        Label of a parameter at a bound -> its distance from the best value without the bound, in standard errors [-].
     """
 
     standard_errors: Mapping[str, float | None]

@@ -40,7 +40,19 @@ CREATE TABLE IF NOT EXISTS trials (
 
 @dataclass(frozen=True)
 class StoredTrial:
-    """A trial on disk; elapsed [s]: wall time of the run when it was recorded; payload: its arrays, or None."""
+    """A trial on disk.
+
+    Attributes
+    ----------
+    trial
+        The trial.
+    n_solves
+        Number of simulated trajectories that it took.
+    elapsed
+        Wall time of the run when it was recorded [s].
+    payload
+        Its arrays (see `payload.encode`), or None.
+    """
 
     trial: Trial
     n_solves: int

@@ -1,0 +1,100 @@
+"""What can be wrong with a calibration problem before anything is simulated."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from softcal.calibration.answered import channel_faults
+from softcal.calibration.experiment import Experiment, rig_parameters
+from softcal.calibration.friction import friction_faults
+from softcal.calibration.loss import Loss
+from softcal.calibration.parameters import SearchSpace, search_space
+from softcal.errors import Fault, ParameterError
+from softcal.twin.parameters import ParameterInfo, out_of_range, robot_parameters, unknown_name
+from softcal.twin.robot import Robot
+
+
+def problem_faults(robot: Robot, experiments: Sequence[Experiment], space: SearchSpace, loss: Loss) -> list[Fault]:
+    """Every fault of a problem's parts, and of how they go together."""
+    known = {**robot_parameters(robot), **rig_parameters(experiments)}
+    return [
+        *_part_faults(robot, experiments),
+        *_space_faults(experiments, space, loss, known),
+        *_setting_faults(robot, experiments, space, known),
+        *(fault for e in experiments for fault in friction_faults(robot, e, space.free_in(e.name))),
+    ]
+
+
+def _part_faults(robot: Robot, experiments: Sequence[Experiment]) -> list[Fault]:
+    """Experiments' names, and the cables and channels that the robot does not have."""
+    names = [experiment.name for experiment in experiments]
+    cables = [cable.name for cable in robot.cables]
+    faults = [Fault("two experiments share a name", got=name) for name in sorted(set(names)) if names.count(name) > 1]
+    for name in sorted(name for name in names if not re.fullmatch(r"[\w.+-][\w.+ -]*", name)):
+        faults.append(
+            Fault(
+                "the experiment's name cannot name a file",
+                got=f"'{name}'",
+                allowed="letters, digits, space and . _ + -",
+            )
+        )
+    if not experiments:
+        faults.append(Fault("there is no experiment to calibrate with", "experiments", allowed="at least one"))
+    for experiment in experiments:
+        faults += [
+            Fault("the robot has no such cable", experiment.name, got=cable, allowed=", ".join(cables) or "none")
+            for cable in experiment.cables
+            if cable not in cables
+        ]
+        faults += channel_faults(robot, experiment)
+    return faults
+
+
+def _space_faults(
+    experiments: Sequence[Experiment], space: SearchSpace, loss: Loss, known: Mapping[str, ParameterInfo]
+) -> list[Fault]:
+    """Free parameters that no experiment has, priors that the loss does not count, and names that do not exist."""
+    names = {experiment.name for experiment in experiments}
+    faults = [
+        Fault("the parameter belongs to no experiment of the problem", p.label, allowed=", ".join(sorted(names)))
+        for p in space.parameters
+        if not p.serves(*names)
+    ]
+    if not loss.uses_priors:
+        faults += [
+            Fault(
+                f"the loss '{loss.name}' does not use priors",
+                p.label,
+                attempt="the loss 'likelihood', or no prior",
+            )
+            for p in space.parameters
+            if p.prior_sd is not None
+        ]
+    try:
+        search_space(space.parameters, (), known)
+    except ParameterError as error:
+        faults += error.faults
+    return faults
+
+
+def _setting_faults(
+    robot: Robot, experiments: Sequence[Experiment], space: SearchSpace, known: Mapping[str, ParameterInfo]
+) -> list[Fault]:
+    """Settings of an experiment that name no parameter of it, are out of range, or are free at once."""
+    faults: list[Fault] = []
+    for experiment in experiments:
+        where = f"settings of {experiment.name}"
+        here = {**robot_parameters(robot), **rig_parameters([experiment])}
+        free = space.free_in(experiment.name)
+        for name, value in experiment.settings.items():
+            if name not in here:
+                faults.append(replace(unknown_name(name, here), where=f"{where}, {name}"))
+            elif fault := out_of_range(known[name], value):
+                faults.append(replace(fault, where=f"{where}, {name}"))
+            if name in free:
+                faults.append(
+                    Fault("the parameter is set and free at once", f"{where}, {name}", attempt="one of the two")
+                )
+    return faults

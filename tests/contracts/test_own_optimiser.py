@@ -118,7 +118,7 @@ def test_its_options_are_keys_of_the_project_file_and_of_the_command_line(sectio
     assert len(load_run(tmp_path / "other").results["pull"].trials) == 11
     again = CliRunner().invoke(app, ["calibrate", str(path), "--out", str(run), "--resume", "--option", "spare=4"])
     assert again.exit_code == 2
-    assert "the run was begun otherwise: spare" in " ".join(again.output.split())
+    assert "the run began with other settings: spare" in " ".join(again.output.split())
     plain = calibrate(load(path), method="grid", trials=4).headline
     assert not {"shortest", "spare", "starts"} & set(plain.extra)
 

@@ -102,7 +102,7 @@ def test_states_after_one_without_equilibrium_are_those_without_it(wall):
         for p, by in alone.sensitivities[name].items():
             np.testing.assert_allclose(some.sensitivities[name][p], by, rtol=1e-5, atol=1e-9)
     assert some.n_factorisations < 3 * response([0, 1]).n_factorisations
-    assert "Sample 4 of 11 was not reached (front 22 mm, left 11 mm): it lies beyond sample 2" in some.status
+    assert "Sample 4 of 11 was not reached (front 22 mm, left 11 mm): it is beyond sample 2 on" in some.status
     assert "Nor were samples 6, 7, 8, 9, 10. The other 3 are solved." in some.status
     full = some.over(11).channels["front.tension"]
     assert np.flatnonzero(np.isfinite(full)).tolist() == [0, 2, 10]

@@ -130,7 +130,7 @@ def test_what_is_no_figure_is_refused(whole: ReportContent) -> None:
     with pytest.raises(ParameterError) as error:
         register_figure("middle")(unexplained)  # type: ignore[arg-type, type-var]
     told = str(error.value)
-    assert "figure unexplained: it says nowhere what it shows" in told
+    assert "figure unexplained: the figure has no description" in told
     assert "the report has no such section; got 'middle'; allowed: overview, compared" in told
     with pytest.raises(ParameterError, match="there is another figure of this name"):
         FIGURES.add(ReportFigure("twin", twin.twin, "fit"))

@@ -39,12 +39,12 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
     method: Annotated[
         str | None,
         typer.Option(
-            help="least-squares, tpe, grid, or one that was registered; as the project says by default.",
+            help="least-squares, tpe, grid, or a registered one; default: as in the project.",
             show_default=False,
         ),
     ] = None,
     fit: Annotated[
-        str | None, typer.Option(help="each, joint or both; as the project says by default.", show_default=False)
+        str | None, typer.Option(help="each, joint or both; default: as in the project.", show_default=False)
     ] = None,
     trials: Annotated[
         int | None,
@@ -56,14 +56,14 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
         str | None,
         typer.Option(
             metavar="NAMES",
-            help="Experiments (cable3,cable5) that are not fitted but predicted; as the project says by default.",
+            help="Experiments (cable3,cable5) that are not fitted but predicted; default: as in the project.",
             show_default=False,
         ),
     ] = None,
     option: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="NAME=VALUE", help="An option of the method or the loss, such as starts=5; again for more."
+            metavar="NAME=VALUE", help="An option of the method or the loss, such as starts=5; repeat for more."
         ),
     ] = None,
     split: Annotated[

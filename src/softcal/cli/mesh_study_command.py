@@ -40,7 +40,7 @@ def mesh_study(
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="A folder that is new or empty; of a run 'mesh-study' in it by default, where its report finds it.",
+            help="A folder that is new or empty; default for a run: 'mesh-study' in it, for its report.",
             show_default=False,
         ),
     ] = None,

@@ -106,7 +106,7 @@ def _faults(figure: ReportFigure, _: Mapping[str, ReportFigure]) -> list[Fault]:
         allowed = "what softcal.register_figure returns for a function"
         return [Fault("this is not a figure", "figure", repr(figure)[:60], allowed)]
     where, sections = f"figure {figure.name}", get_args(Section)
-    faults = [] if figure.summary else [Fault("it says nowhere what it shows", where, attempt="a docstring")]
+    faults = [] if figure.summary else [Fault("the figure has no description", where, attempt="a docstring")]
     if figure.section not in sections:
         faults.append(Fault("the report has no such section", where, f"'{figure.section}'", ", ".join(sections)))
     return faults

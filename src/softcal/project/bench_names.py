@@ -106,8 +106,8 @@ def channels_named(name: str, channels: Iterable[str]) -> list[str]:
     """The channels of a name: itself, a marker's three, or those that match a pattern (`m*`)."""
 
     def means(channel: str) -> bool:
-        point = channel_name(channel).point
-        return channel == name or (point != "" and fnmatchcase(point, name))
+        of = channel_name(channel)
+        return channel == name or (of.point != "" and not of.is_deviation and fnmatchcase(of.point, name))
 
     return [channel for channel in channels if means(channel)]
 

@@ -80,7 +80,7 @@ def test_a_held_out_experiment_whose_own_values_did_not_converge_says_so(monkeyp
     monkeypatch.setattr(hold_out, "_BUDGET", 1)
     found = calibrate(problem(*FREE, *FRAMES), starts=1, hold_out=["cable2"])
     (note,) = [note for note in found.notes if "cable2 was held out" in note]
-    assert "not those of least loss (frame.x[after], " in note
+    assert "The fit of its own parameters (frame.x[after], " in note
     assert "Not converged after 1 trajectory" in note
 
 

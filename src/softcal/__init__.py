@@ -91,6 +91,10 @@ if TYPE_CHECKING:
     from softcal.workflows.calibration import Calibrations as Calibrations
     from softcal.workflows.calibration import calibrate as calibrate
     from softcal.workflows.checking import check as check
+    from softcal.workflows.export import ExportOption as ExportOption
+    from softcal.workflows.export import ExportRequest as ExportRequest
+    from softcal.workflows.export import register_export as register_export
+    from softcal.workflows.export import write_export as write_export
     from softcal.workflows.mesh_study import mesh_study as mesh_study
     from softcal.workflows.reporting import write_report as write_report
     from softcal.workflows.run_folder import load_run as load_run
@@ -116,6 +120,8 @@ _HOMES = {
     "Drawing": "softcal.report.figure",
     "Engine": "softcal.export.engine",
     "Experiment": "softcal.calibration.experiment",
+    "ExportOption": "softcal.workflows.export",
+    "ExportRequest": "softcal.workflows.export",
     "Fault": "softcal.errors",
     "FreeParameter": "softcal.calibration.parameters",
     "InputError": "softcal.errors",
@@ -175,6 +181,7 @@ _HOMES = {
     "read_mesh": "softcal.geometry.read",
     "rectangular": "softcal.geometry.section",
     "register_engine": "softcal.export.engine",
+    "register_export": "softcal.workflows.export",
     "register_figure": "softcal.report.figure",
     "register_law": "softcal.materials.catalogue",
     "register_loss": "softcal.calibration.loss",
@@ -187,6 +194,7 @@ _HOMES = {
     "sweep": "softcal.workflows.sweep",
     "validate": "softcal.workflows.validation",
     "with_parameters": "softcal.twin.parameters",
+    "write_export": "softcal.workflows.export",
     "write_report": "softcal.workflows.reporting",
 }
 
@@ -205,6 +213,8 @@ __all__ = [
     "Drawing",
     "Engine",
     "Experiment",
+    "ExportOption",
+    "ExportRequest",
     "Fault",
     "FreeParameter",
     "InputError",
@@ -264,6 +274,7 @@ __all__ = [
     "read_mesh",
     "rectangular",
     "register_engine",
+    "register_export",
     "register_figure",
     "register_law",
     "register_loss",
@@ -276,6 +287,7 @@ __all__ = [
     "sweep",
     "validate",
     "with_parameters",
+    "write_export",
     "write_report",
 ]
 

@@ -55,7 +55,7 @@ def test_softcal_takes_every_command(document: str):
             words = ["vtk" if word == "KIND" else word for word in words]
             command: Any = typer.main.get_command(app)
             while hasattr(command, "commands"):
-                command = command.commands[words.pop(0)]
+                command = command.get_command(None, words.pop(0))
             command.make_context(line, words)
 
 

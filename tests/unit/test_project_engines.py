@@ -19,7 +19,7 @@ from softcal.export.sofa_settings import Rest, SofaSettings
 from softcal.project.project import load
 from softcal.workflows.calibration import calibrate
 from softcal.workflows.cases import Case
-from softcal.workflows.exporting import export_sofa
+from softcal.workflows.exports.sofa import write_scene
 
 ALL = """\
 engines:
@@ -130,12 +130,13 @@ def test_an_exported_scene_names_the_experiment_of_its_schedule(tmp_path: Path):
         name: Case(project.robot, protocol)
         for name, protocol in {"short": pulled(0.002), "far": pulled(0.008), "strong": tensed(3.0)}.items()
     }
-    export_sofa(project, several, tmp_path / "several")
+    for name, cases in (("several", several), ("one", {"far": several["far"]})):
+        (tmp_path / name).mkdir()
+        write_scene(project, cases, tmp_path / name)
     readme = (tmp_path / "several" / "README.md").read_text()
     assert "pulls front by shortening, as in experiment `far` (the one with the largest pull), until" in readme
     last = (tmp_path / "several" / "a_square_bar" / "schedule.csv").read_text().splitlines()[-1]
     assert float(last.split(",")[1]) == pytest.approx(0.008)
-    export_sofa(project, {"far": several["far"]}, tmp_path / "one")
     assert "experiment `" not in (tmp_path / "one" / "README.md").read_text()
 
 

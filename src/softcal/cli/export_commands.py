@@ -1,24 +1,19 @@
-"""The commands `softcal export …`: a project, or a calibrated run, for other programs."""
+"""The commands `softcal export …`, one for each registered export."""
 
 from __future__ import annotations
 
+import inspect
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from softcal.cli.app import app, exit_on_error
 from softcal.cli.printing import print_warnings
 from softcal.cli.running import clock, motion_bars
-from softcal.cli.values import Values, names, parsed_values
-
-export = typer.Typer(
-    help="Write a project, or the result of a calibration, for other programs.",
-    no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode=None,
-)
-app.add_typer(export, name="export")
+from softcal.cli.values import Values, parsed_values
+from softcal.workflows.export import EXPORTS, Export, ExportRequest, write_export
 
 Source = Annotated[
     Path, typer.Argument(metavar="RUN_OR_PROJECT", help="A run folder, or a project file.", show_default=False)
@@ -34,106 +29,61 @@ Pull = Annotated[
 ]
 
 
-@export.command()
-@exit_on_error
-def vtk(
-    source: Source,
-    out: Out,
-    pull: Pull = None,
-    shapes: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N",
-            help="For an animation: N shapes in even steps of the pull; by default the solved load steps.",
-            show_default=False,
-        ),
-    ] = None,
-    in_time: Annotated[bool, typer.Option("--in-time", help="Shapes of the motion, as by simulate --in-time.")] = False,
-    values: Values = None,
-) -> None:
-    """For ParaView: shapes over a pull as .vtu files, with displacement, stress, strain and the parameters."""
-    from softcal.workflows.source import load_calibrated
+class _Exports(TyperGroup):
+    """The registered exports as commands, asked for only when one is named or all are listed."""
 
-    project = load_calibrated(source, parsed_values(values))
-    from softcal.workflows.cases import cases
-    from softcal.workflows.exporting import export_vtk
+    def list_commands(self, ctx: Any) -> list[str]:
+        return list(EXPORTS)
 
-    chosen = cases(project, pull or ())
-    crossings: list[str] = []  # printed after the progress display is removed
-    if in_time:
-        with motion_bars() as show:
-            written = export_vtk(project, chosen, out, shapes, in_time=True, progress=show, tell=crossings.append)
-    else:
-        with clock() as show:
-            written = export_vtk(project, chosen, out, shapes, tell=crossings.append, stage=show)
-    print_warnings(crossings)
-    typer.echo(f"Wrote {len(written)} files into {out}")
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        return _command(EXPORTS[cmd_name]) if cmd_name in EXPORTS else None
 
 
-@export.command()
-@exit_on_error
-def calculix(source: Source, out: Out, pull: Pull = None, values: Values = None) -> None:
-    """For CalculiX: a deck of the robot at the end of each experiment or pull, with the cables as springs."""
-    from softcal.workflows.source import load_calibrated
-
-    project = load_calibrated(source, parsed_values(values))
-    from softcal.workflows.cases import cases
-    from softcal.workflows.exporting import export_calculix
-
-    crossings: list[str] = []
-    with clock() as show:
-        export_calculix(cases(project, pull or ()), out, tell=crossings.append, stage=show)
-    print_warnings(crossings)
-    typer.echo(f"Wrote {out}; run it there with: ccx -i robot")
+app.add_typer(
+    typer.Typer(
+        cls=_Exports,
+        help="Write a project, or the result of a calibration, for other programs.",
+        no_args_is_help=True,
+        add_completion=False,
+        rich_markup_mode=None,
+    ),
+    name="export",
+)
 
 
-@export.command()
-@exit_on_error
-def sofa(source: Source, out: Out, pull: Pull = None, values: Values = None) -> None:
-    """For SOFA: a scene for SofaPython3 and SoftRobots, with meshes, parameters as JSON, keys and a schedule."""
-    from softcal.workflows.source import load_calibrated
+def _command(export: Export) -> Any:
+    """The command of an export, with its options."""
 
-    project = load_calibrated(source, parsed_values(values))
-    from softcal.twin.protocol import Protocol
-    from softcal.workflows.cases import Case, cases
-    from softcal.workflows.exporting import export_sofa
+    def run(source: Path, out: Path, values: list[str] | None, pull: list[str] | None = None, **options: Any) -> None:
+        from softcal.workflows.source import load_calibrated
 
-    has_pull = bool(pull) or bool(project.experiments)
-    export_sofa(project, cases(project, pull or ()) if has_pull else {"": Case(project.robot, Protocol({}))}, out)
-    typer.echo(f"Wrote {out}; run it with: runSofa -l SofaPython3 {out / 'scene.py'}")
+        project = load_calibrated(source, parsed_values(values))
+        warnings: list[str] = []  # printed after the progress display is removed
+        notes: list[str] = []
+        with clock() as stage, motion_bars() as motion:
+            request = ExportRequest(project, pull or (), warnings.append, notes.append, stage, motion)
+            written = write_export(export.name, request, out, **options)
+        print_warnings(warnings)
+        for text in notes:
+            typer.echo(text)
+        hint = f"; {export.hint.format(out=out)}" if export.hint else ""
+        typer.echo(f"Wrote {len(written)} files into {out}{hint}")
 
-
-@export.command()
-@exit_on_error
-def reduced(
-    source: Source,
-    out: Out,
-    reach: Annotated[
-        str,
-        typer.Option(
-            metavar="VALUE",
-            help="Largest pull of the cables: 8N, or 40mm with one cable; or for each: front=8N,left=40mm.",
-            show_default=False,
-        ),
-    ],
-    cables: Annotated[
-        str, typer.Option(metavar="NAMES", help="One to three cables, by default all: front,left.", show_default=False)
-    ] = "",
-    samples: Annotated[
-        int | None, typer.Option(metavar="N", help="Nodes along each cable; by default 33, 9 or 7.", show_default=False)
-    ] = None,
-    values: Values = None,
-) -> None:
-    """For a controller: tensions to poses, shortenings and compliance, as JSON with a self-contained evaluator."""
-    from softcal.workflows.source import load_calibrated
-
-    project = load_calibrated(source, parsed_values(values))
-    from softcal.workflows.exporting import export_reduced
-
-    crossings: list[str] = []
-    with clock() as show:
-        show("Simulating the nodes of the model, and points between them")
-        written = export_reduced(project, out, reach, names(cables), samples, tell=crossings.append)
-    print_warnings(crossings)
-    typer.echo(written[-1].read_text(encoding="utf-8"))
-    typer.echo(f"Wrote {out}")
+    empty = inspect.Parameter.empty
+    arguments: dict[str, tuple[Any, Any]] = {"source": (Source, empty), "out": (Out, empty)}
+    arguments |= {"pull": (Pull, None)} if export.pulled else {}
+    for name, option in export.options.items():
+        typed = typer.Option(
+            f"--{name.replace('_', '-')}", metavar=option.metavar or None, help=option.help, show_default=False
+        )
+        default = export.defaults[name]
+        arguments[name] = (Annotated[option.kind | None if default is None else option.kind, typed], default)
+    arguments["values"] = (Values, None)
+    keyword = inspect.Parameter.KEYWORD_ONLY
+    run.__dict__["__signature__"] = inspect.Signature(
+        [inspect.Parameter(n, keyword, default=default, annotation=kind) for n, (kind, default) in arguments.items()]
+    )
+    run.__annotations__ = {name: kind for name, (kind, _) in arguments.items()}
+    alone = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
+    alone.command(export.name, help=export.summary)(exit_on_error(run))
+    return typer.main.get_command(alone)

@@ -20,9 +20,17 @@ def clock() -> Generator[Callable[[str], None]]:
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
     columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
-        task = bar.add_task("", total=None)
-        yield lambda doing: bar.reset(task, description=doing)
+    bar = Progress(*columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty())
+    task = bar.add_task("", total=None)
+
+    def show(doing: str) -> None:
+        bar.start()  # once there is something to say
+        bar.reset(task, description=doing)
+
+    try:
+        yield show
+    finally:
+        bar.stop()
 
 
 @contextmanager

@@ -6,7 +6,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from softcal.errors import Fault, StorageError
@@ -45,7 +45,7 @@ def require_writable(folder: Path) -> None:
 
 @contextmanager
 def new_folder(folder: Path, attempt: str = ANOTHER) -> Generator[Path]:
-    """A temporary folder, renamed to `folder` on success and removed on failure.
+    """A temporary folder, renamed to `folder` on success and removed on failure, with the parents made for it.
 
     Raises
     ------
@@ -53,6 +53,7 @@ def new_folder(folder: Path, attempt: str = ANOTHER) -> Generator[Path]:
         Where `folder` holds files already, or cannot be written.
     """
     _require_empty(folder, attempt)
+    absent = [parent for parent in folder.absolute().parents if not parent.exists()]
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         part = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
@@ -68,6 +69,9 @@ def new_folder(folder: Path, attempt: str = ANOTHER) -> Generator[Path]:
         raise unwritable(folder, error) from error
     finally:
         shutil.rmtree(part, ignore_errors=True)
+        for parent in absent:
+            with suppress(OSError):  # it holds the folder, or something else by now
+                parent.rmdir()
 
 
 def require_free_file(path: Path) -> None:

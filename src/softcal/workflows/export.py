@@ -1,0 +1,253 @@
+"""An export: a function that writes a project, or a calibrated run, for another program, and the function's options.
+
+The command line lists all exports, so this module and theirs import what is slow inside functions.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from softcal.catalogue import Catalogue
+from softcal.errors import Fault
+
+if TYPE_CHECKING:
+    from softcal.project.project import Project
+    from softcal.twin.response import Response, Shown
+    from softcal.workflows.cases import Case
+    from softcal.workflows.motion import Observer
+
+Reporter = Callable[[str], None]
+KINDS = (int, str, bool)
+
+
+def _silent(_: str) -> None:
+    """The reporter of nothing."""
+
+
+@dataclass(frozen=True)
+class ExportOption:
+    """An option of an export on the command line.
+
+    Attributes
+    ----------
+    kind : type
+        int, str, or bool for a flag.
+    help : str
+        What it does, in a sentence.
+    metavar : str
+        The name of its value in `--help`.
+    """
+
+    kind: type
+    help: str
+    metavar: str = ""
+
+
+@dataclass(frozen=True)
+class ExportRequest:
+    """What is to be exported, and whom to tell what.
+
+    Attributes
+    ----------
+    project : Project
+        The project, with the parameters at the values that are written.
+    pulls : sequence of str
+        Pulls in the place of the experiments, such as "front=40mm".
+    warn, note : callable
+        Called with warnings, and with other text that the reader must know.
+    stage : callable
+        Called with the name of each stage.
+    motion : callable or None
+        Called with the progress of each motion.
+    """
+
+    project: Project
+    pulls: Sequence[str] = ()
+    warn: Reporter = _silent
+    note: Reporter = _silent
+    stage: Reporter = _silent
+    motion: Observer | None = None
+
+    def cases(self) -> dict[str, Case]:
+        """Name -> robot and protocol: the pulls together, else every experiment.
+
+        Raises
+        ------
+        InputError
+            For an impossible pull; if there is neither an experiment nor a pull.
+        """
+        from softcal.workflows.cases import cases
+
+        return cases(self.project, self.pulls)
+
+    def solved(self, cases: Mapping[str, Case], snapshots: Shown = True) -> dict[str, Response]:
+        """The response of each case, with its shapes; warnings are told.
+
+        Raises
+        ------
+        SimulationError
+            If a protocol has no solution.
+        """
+        from softcal.twin.simulate import simulate
+        from softcal.workflows.simulation import simulate_each
+
+        def respond(case: Case) -> Response:
+            return simulate(case.robot, case.protocol, snapshots=snapshots)
+
+        return self.told(simulate_each(cases, respond, stage=self.stage))
+
+    def told(self, responses: dict[str, Response]) -> dict[str, Response]:
+        """The responses, whose warnings are told."""
+        for name, response in responses.items():
+            for sentence in response.warnings:
+                self.warn(f"{name}: {sentence}")
+        return responses
+
+
+@dataclass(frozen=True)
+class Export:
+    """A way to write a project for another program.
+
+    Attributes
+    ----------
+    name : str
+        That of the function: `softcal export NAME`.
+    function : callable
+        From a request, an empty folder and the options to the files written.
+    files : tuple of str
+        Patterns of the files' names.
+    options : mapping of str to ExportOption
+        By the function's parameters; one without a default must be given.
+    pulled : bool
+        Whether pulls can take the place of the experiments.
+    hint : str
+        What to do with the files, where "{out}" is the folder, or "".
+    """
+
+    name: str
+    function: Callable[..., list[Path]]
+    files: tuple[str, ...]
+    options: Mapping[str, ExportOption] = field(default_factory=dict[str, ExportOption])
+    pulled: bool = True
+    hint: str = ""
+
+    @property
+    def summary(self) -> str:
+        """For whom it writes what, in a sentence."""
+        return (inspect.getdoc(self.function) or "").partition("\n")[0]
+
+    @property
+    def module(self) -> str:
+        """Where the function is defined."""
+        return self.function.__module__ or ""
+
+    @property
+    def defaults(self) -> Mapping[str, Any]:
+        """Option -> default, `inspect.Parameter.empty` for one that must be given."""
+        parameters = inspect.signature(self.function).parameters
+        return {name: parameters[name].default for name in self.options}
+
+
+def _faults(export: Export, _: Mapping[str, Export]) -> list[Fault]:
+    """What is wrong with an export that is to be registered."""
+    if not isinstance(export, Export):  # pyright: ignore[reportUnnecessaryIsInstance] (an entry point may be anything)
+        allowed = "what softcal.register_export returns for a function"
+        return [Fault("this is no export", "export", repr(export)[:60], allowed)]
+    where = f"export {export.name}"
+    parameters = list(inspect.signature(export.function).parameters)[2:]  # after the request and the folder
+    faults = [
+        Fault("the function has no such parameter", f"{where}, {name}", allowed=", ".join(parameters))
+        for name in export.options
+        if name not in parameters
+    ]
+    faults += [
+        Fault("there is no such kind of option", f"{where}, {name}", repr(option.kind), "int, str, bool")
+        for name, option in export.options.items()
+        if option.kind not in KINDS
+    ]
+    if not export.summary:
+        faults.append(Fault("it says nowhere what it writes", where, attempt="a docstring of the function"))
+    return faults
+
+
+EXPORTS: Catalogue[Export] = Catalogue(
+    "export",
+    "softcal.exports",
+    _faults,
+    home="softcal.workflows.exports",
+    member_of=lambda function: getattr(function, "export", function),
+)
+
+F = TypeVar("F", bound=Callable[..., list[Path]])
+
+
+def register_export(*files: str, pulled: bool = True, hint: str = "", **options: ExportOption) -> Callable[[F], F]:
+    """Add an export of one's own: `softcal export` lists it by the function's name from then on.
+
+    A package does the same for every process by an entry point of the group `softcal.exports` that names the function.
+
+    Parameters
+    ----------
+    files
+        Patterns of the names of the files that it writes.
+    pulled
+        Whether pulls can take the place of the experiments (`--pull`).
+    hint
+        What to do with the files, where "{out}" is the folder.
+    options
+        What the command line may set, by the function's parameters.
+
+    Returns
+    -------
+    callable
+        The decorator of the function, which stays as it is: from an `ExportRequest`, an empty folder and the options to
+        the paths that it wrote there.
+
+    Raises
+    ------
+    ParameterError
+        Where another export has the name, an option is no parameter of the function, or it says nowhere what it writes.
+    """
+
+    def register(function: F) -> F:
+        made = Export(function.__name__, function, files, options, pulled, hint)
+        EXPORTS.add(made)
+        function.__dict__["export"] = made  # for entry points, which name the function
+        return function
+
+    return register
+
+
+def write_export(name: str, request: ExportRequest, folder: Path, **options: Any) -> list[Path]:
+    """Write an export into a new folder, completely or not at all; returns the files.
+
+    Raises
+    ------
+    InputError
+        For an unknown export, or what it cannot represent.
+    StorageError
+        Where the folder holds files, or cannot be written.
+    SimulationError
+        If what it needs cannot be simulated.
+    """
+    from softcal.workflows.output import new_folder, require_free_folder
+
+    export = EXPORTS.named(name)
+    require_free_folder(folder)
+    with new_folder(folder) as part:
+        written = [path.relative_to(part) for path in export.function(request, part, **options)]
+    return [folder / path for path in written]
+
+
+def each_in_its_folder(names: Sequence[str], folder: Path, write: Callable[[str, Path], list[Path]]) -> list[Path]:
+    """Let `write` fill the folder; several names get a subfolder each."""
+    written: list[Path] = []
+    for name in names:
+        inside = folder / name if len(names) > 1 else folder
+        inside.mkdir(exist_ok=True)
+        written += write(name, inside)
+    return written

@@ -1,0 +1,26 @@
+"""For CalculiX; see `softcal.export.calculix`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from softcal.workflows.export import ExportRequest, each_in_its_folder, register_export
+
+
+@register_export("robot.inp", "README.txt", hint="run it there with: ccx -i robot")
+def calculix(request: ExportRequest, folder: Path) -> list[Path]:
+    """For CalculiX: a deck of the robot at the end of each experiment or pull, with the cables as springs.
+
+    That state is solved with CalculiX's material law and elements, so that it is in equilibrium there.
+    """
+    from softcal.export.calculix import in_its_law, write_calculix
+
+    cases = request.cases()
+    own = {name: replace(case, robot=in_its_law(case.robot)) for name, case in cases.items()}
+    ends = {name: response.snapshots[-1] for name, response in request.solved(own).items()}
+    return each_in_its_folder(
+        list(cases),
+        folder,
+        lambda name, inside: write_calculix(own[name].robot, ends[name], inside, given=cases[name].robot),
+    )

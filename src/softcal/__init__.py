@@ -62,6 +62,10 @@ if TYPE_CHECKING:
     from softcal.report.content import ReportContent as ReportContent
     from softcal.report.figure import Drawing as Drawing
     from softcal.report.figure import register_figure as register_figure
+    from softcal.sensing.kind import ChannelKind as ChannelKind
+    from softcal.sensing.sensor import NamedSensor as NamedSensor
+    from softcal.sensing.sensor import Sensor as Sensor
+    from softcal.sensing.sensor import register_sensor as register_sensor
     from softcal.twin.barrier import Contact as Contact
     from softcal.twin.cables import RoutingAxis as RoutingAxis
     from softcal.twin.in_time import simulate_in_time as simulate_in_time
@@ -112,6 +116,7 @@ _HOMES = {
     "CalibrationResult": "softcal.calibration.result",
     "Calibrations": "softcal.workflows.calibration",
     "Channel": "softcal.experiments.dataset",
+    "ChannelKind": "softcal.sensing.kind",
     "Command": "softcal.twin.protocol",
     "Contact": "softcal.twin.barrier",
     "Dataset": "softcal.experiments.dataset",
@@ -131,6 +136,7 @@ _HOMES = {
     "Manipulator": "softcal.twin.manipulator",
     "Marker": "softcal.twin.robot",
     "MeshError": "softcal.errors",
+    "NamedSensor": "softcal.sensing.sensor",
     "Optimiser": "softcal.calibration.optimiser",
     "Option": "softcal.calibration.option",
     "Parameter": "softcal.materials.parameter",
@@ -150,6 +156,7 @@ _HOMES = {
     "RoutingAxis": "softcal.twin.cables",
     "Schedule": "softcal.twin.schedule",
     "SearchSettings": "softcal.calibration.settings",
+    "Sensor": "softcal.sensing.sensor",
     "Setting": "softcal.experiments.step",
     "Settling": "softcal.twin.time_settings",
     "SimulationError": "softcal.errors",
@@ -186,6 +193,7 @@ _HOMES = {
     "register_law": "softcal.materials.catalogue",
     "register_loss": "softcal.calibration.loss",
     "register_optimiser": "softcal.calibration.optimiser",
+    "register_sensor": "softcal.sensing.sensor",
     "register_step": "softcal.experiments.step",
     "robot_parameters": "softcal.twin.parameters",
     "simulate": "softcal.workflows.simulation",
@@ -205,6 +213,7 @@ __all__ = [
     "CalibrationResult",
     "Calibrations",
     "Channel",
+    "ChannelKind",
     "Command",
     "Contact",
     "Dataset",
@@ -224,6 +233,7 @@ __all__ = [
     "Manipulator",
     "Marker",
     "MeshError",
+    "NamedSensor",
     "Optimiser",
     "Option",
     "Parameter",
@@ -243,6 +253,7 @@ __all__ = [
     "RoutingAxis",
     "Schedule",
     "SearchSettings",
+    "Sensor",
     "Setting",
     "Settling",
     "SimulationError",
@@ -279,6 +290,7 @@ __all__ = [
     "register_law",
     "register_loss",
     "register_optimiser",
+    "register_sensor",
     "register_step",
     "robot_parameters",
     "simulate",

@@ -14,6 +14,7 @@ from softcal.calibration.optimiser import OPTIMISERS
 from softcal.experiments.step import STEPS
 from softcal.materials.catalogue import LAWS
 from softcal.report.figure import FIGURES
+from softcal.sensing.sensor import SENSORS
 from softcal.workflows.export import EXPORTS
 
 
@@ -25,7 +26,7 @@ def test_the_blocks_run_in_their_order(
     assert len(blocks) > 6
     monkeypatch.chdir(tmp_path)
     names: dict = {}
-    families = (EXPORTS, FIGURES, LAWS, LOSSES, OPTIMISERS, STEPS)
+    families = (EXPORTS, FIGURES, LAWS, LOSSES, OPTIMISERS, SENSORS, STEPS)
     before = [set(family) for family in families]
     try:
         for block in blocks:

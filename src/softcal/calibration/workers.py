@@ -23,6 +23,7 @@ from softcal.calibration.problem import Evaluation, Problem
 from softcal.errors import CalibrationError, Fault, ParameterError
 from softcal.materials.catalogue import LAWS, register_law
 from softcal.mechanics.elements import ELEMENTS, register_element
+from softcal.sensing.sensor import SENSORS, register_sensor
 
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 
@@ -85,7 +86,7 @@ class Evaluator:
             self._workers,
             mp_context=multiprocessing.get_context("spawn"),
             initializer=_begin,
-            initargs=(_pickled((LAWS.registered, ELEMENTS.registered)), _pickled(self._problem)),
+            initargs=(_pickled((LAWS.registered, ELEMENTS.registered, SENSORS.registered)), _pickled(self._problem)),
         )
         return self._pool
 
@@ -150,11 +151,13 @@ def _begin(registered: bytes, problem: bytes) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-    laws, elements = pickle.loads(registered)
+    laws, elements, sensors = pickle.loads(registered)
     for law in laws:
         register_law(law)
     for element in elements:
         register_element(element)
+    for sensor in sensors:
+        register_sensor(sensor)
     _here["problem"] = pickle.loads(problem)
 
 

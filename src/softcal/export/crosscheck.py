@@ -16,7 +16,9 @@ from softcal.calibration.problem import SOFTCAL
 from softcal.checks import Floats
 from softcal.errors import InputError, SimulationError
 from softcal.export.engine import ENGINES, EngineState, Running, state_of
+from softcal.export.engine_posture import EnginePosture
 from softcal.twin.build import twin_of
+from softcal.twin.channels import channels_of
 from softcal.twin.protocol import Protocol, furthest_state
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
@@ -199,6 +201,13 @@ def _differences(robot: Robot, ours: EngineState, theirs: EngineState) -> list[D
             for name in a
             if name in b
         ]
+    for one in robot.sensors:
+        a_all, b_all = (one.sensor.sense(EnginePosture(robot, state, ours)) for state in (ours, theirs))
+        for channel, a, b in zip(channels_of([one]), a_all, b_all, strict=True):
+            unit = channel.kind.unit
+            size = {"m": tip, "N": strongest, "rad": 1.0}.get(unit, abs(float(a)))
+            relative = _over(float(a - b), size)
+            found.append(Difference(str(channel), unit, float(a), float(b), abs(float(a - b)), relative))
     for plate in robot.plates:
         if plate.fixed or plate.name not in theirs.plates:
             continue

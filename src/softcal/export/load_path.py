@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.export.engine import EngineState
 from softcal.mechanics.cable import cables_of
 from softcal.sensing.channel import ChannelName
 from softcal.sensing.sensors.cable import TENSION
@@ -70,7 +71,7 @@ def load_path(robot: Robot, end: Snapshot) -> LoadPath:
     return LoadPath((*((begin,) if is_loaded else ()), *found[:-1], end), taut, stiffness)
 
 
-def positions(twin: Twin, shape: Snapshot) -> Floats:
+def positions(twin: Twin, shape: Snapshot | EngineState) -> Floats:
     """Positions of all points of the twin (n_points, 3) [m] in a shape of its robot."""
     layout = twin.system.layout
     x, position, rotation = layout.X.copy(), layout.references.copy(), np.tile(np.eye(3), (layout.n_frames, 1, 1))

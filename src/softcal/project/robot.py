@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from softcal.checks import Ints, frozen_floats
 from softcal.geometry.mesh import TetMesh
@@ -15,6 +15,7 @@ from softcal.project.robot_names import KINDS, generated_names
 from softcal.project.robot_parts import Carriers, build_cable, build_load, build_marker, build_plate, build_tie
 from softcal.project.robot_rods import build_rod
 from softcal.project.robot_schema import RobotSection
+from softcal.project.sensor_schema import built_sensors
 from softcal.twin.manipulator import manipulator
 from softcal.twin.robot import Robot
 
@@ -66,6 +67,7 @@ def build_robot(section: RobotSection, make_mesh: MeshMaker, findings: Findings)
             ties=tuple(tie for tie in ties if tie),
             markers=(*(given.markers if given else ()), *(marker for marker in markers if marker)),
         )
+        robot = replace(robot, sensors=built_sensors(section.sensors, robot, findings))
         check_whole(robot, findings, generated=[name for kind in KINDS for name in generated_names(section, kind)])
         if len(findings.faults) == n_faults:
             own_bodies = {body.name: body.mesh for body in given.bodies} if given else {}

@@ -7,7 +7,7 @@ from softcal.project.document import Findings
 from softcal.project.names import RESERVED_OF_PARTS, folded, name_fault
 from softcal.project.robot_schema import RobotSection
 
-KINDS = ("bodies", "rods", "plates", "ties", "cables", "loads", "markers")
+KINDS = ("bodies", "rods", "plates", "ties", "cables", "loads", "markers", "sensors")
 
 
 def generated_names(section: RobotSection, kind: str) -> tuple[str, ...]:

@@ -16,6 +16,7 @@ from softcal.project.constants import ConstantsSection, LawSection
 from softcal.project.mesh_schema import Mesh, RegionSection
 from softcal.project.rod_schema import RodSection
 from softcal.project.section import Section
+from softcal.project.sensor_schema import SensorSection
 from softcal.quantities import (
     QUANTITIES,
     Acceleration,
@@ -277,7 +278,7 @@ def _contact(value: object) -> object:
 
 
 class RobotSection(Section):
-    """Bodies, rods, plates, ties, cables, loads, markers, gravity; or a manipulator, with more of them or without."""
+    """Bodies, rods, plates, ties, cables, loads, markers, sensors, gravity; or a manipulator, with more or without."""
 
     manipulator: Manipulator | None = None
     bodies: Mapping[str, BodySection] = Field(default_factory=dict)
@@ -288,6 +289,7 @@ class RobotSection(Section):
     loads: Mapping[str, LoadSection] = Field(default_factory=dict)
     markers: Mapping[str, MarkerSection] = Field(default_factory=dict)
     contact: Annotated[Contact | None, BeforeValidator(_contact)] = None
+    sensors: Mapping[str, SensorSection] = Field(default_factory=dict)
     gravity: tuple[Acceleration, Acceleration, Acceleration] = (0.0, 0.0, 0.0)
 
     def _check(self) -> None:

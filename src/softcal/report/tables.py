@@ -30,6 +30,7 @@ from softcal.report.format import (
     scale_of,
     with_error,
 )
+from softcal.sensing.channel import carriers, channel_name
 from softcal.units import AS_WRITTEN, interval_digits, plain
 
 Cell = str | float | int | None
@@ -184,7 +185,7 @@ def all_parameters_table(content: ReportContent) -> ReportTable:
 
 
 def errors_table(content: ReportContent) -> ReportTable:
-    """Table II of paper A: RMSE and detrended RMSE of force and pitch; of shortening where it was compared."""
+    """Table II of paper A: RMSE and detrended RMSE of force and pitch; of what else was compared, but positions."""
     every: list[tuple[str, str, str, ExperimentFit]] = []
     for label, result in content.results.items():
         records = content.records.get(label, {})
@@ -193,12 +194,19 @@ def errors_table(content: ReportContent) -> ReportTable:
             if name in records and (whole := records[name].fit) is not None:
                 every.append((label, name, "whole record", whole))
         every += [(label, name, "held out", held.fit) for name, held in result.held_out.items()]
-    fits = [entry for entry in every if any("." not in channel for channel in entry[-1].rmse)]
+    of_sensors = {
+        channel: fit.units[channel]
+        for *_, fit in every
+        for channel in fit.alone
+        if "sensors" in carriers(channel_name(channel).kind)
+    }
+    fits = [entry for entry in every if any("." not in c or c in of_sensors for c in entry[-1].rmse)]
     channels: list[tuple[str, str, Scale]] = [
         ("tension", "Force", Scale("N", 1.0)),
         ("pitch", "Pitch", Scale("rad", 1.0)),
         ("pitch", "Pitch", scale_of("rad")),
         ("shortening", "Shortening", scale_of("m")),
+        *((channel, channel_name(channel).label, scale_of(unit)) for channel, unit in of_sensors.items()),
     ]
     shown = [
         (channel, label, scale)

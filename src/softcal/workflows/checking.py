@@ -20,6 +20,7 @@ from softcal.sensing.channel import TIME, ChannelName
 from softcal.sensing.sensors.cable import SHORTENING, TENSION
 from softcal.twin.bores import bores
 from softcal.twin.build import twin_of
+from softcal.twin.channels import channels_of
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.response import Response
 from softcal.twin.robot import Body, Cable, Material, Plate, Rod
@@ -162,6 +163,9 @@ def _part_rows(project: Project) -> list[tuple[str, str]]:
             rows.append(("  bores", f"{held}: guided by the walls"))
     rows += [(f"tie {tie.name}", f"{len(tie.nodes)} nodes of {tie.body} on {tie.on}") for tie in robot.ties]
     rows += [(f"marker {marker.name}", f"on {marker.on}") for marker in robot.markers]
+    for one in robot.sensors:
+        names = ", ".join(map(str, channels_of([one])))
+        rows.append((f"sensor {one.name}", f"{one.sensor.name}: {names}"))
     if np.any(robot.gravity):
         rows.append(("gravity", "(" + ", ".join(f"{g:.4g}" for g in robot.gravity) + ") m/s²"))
     rows += [(f"load {load.name}", f"on {load.on}") for load in robot.loads]

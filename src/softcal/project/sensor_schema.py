@@ -1,0 +1,43 @@
+"""The sensors of a robot in a project file: which one, and its fields; and what each reads of the robot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+from pydantic import TypeAdapter, ValidationError
+from pydantic_core import InitErrorDetails
+
+from softcal.declare import Reading, as_pydantic, shown
+from softcal.errors import Fault, InputError
+from softcal.project.document import Findings
+from softcal.sensing.sensor import SENSORS, NamedSensor, Sensor
+from softcal.twin.channels import sensor_fault
+from softcal.twin.robot import Robot
+
+KEY = "sensor"
+
+
+def _read(value: Any) -> Sensor:
+    if not isinstance(value, dict):
+        raise InputError(Fault("this is of the wrong kind", got=shown(value), allowed="a mapping of keys"))
+    if KEY not in value:
+        raise InputError(Fault("a key is missing", allowed=f"'{KEY}' must be given"))
+    name = value[KEY]
+    if not isinstance(name, str) or name not in SENSORS:
+        unknown = as_pydantic(SENSORS.unknown(str(name), among=[one for one in SENSORS if not SENSORS[one].of]))
+        raise ValidationError.from_exception_data(KEY, [InitErrorDetails(type=unknown, loc=(KEY,), input=name)])
+    return TypeAdapter(SENSORS[name]).validate_python({key: given for key, given in value.items() if key != KEY})
+
+
+# `sensor: NAME`, and the fields of the class that is registered by that name.
+SensorSection = Annotated[Sensor, Reading(_read, "instead")]
+
+
+def built_sensors(given: Mapping[str, Sensor], robot: Robot, findings: Findings) -> tuple[NamedSensor, ...]:
+    """The sensors of a robot; those that cannot read it are recorded."""
+    for name, sensor in given.items():
+        if fault := sensor_fault(robot, name, sensor):
+            path = ("robot", "sensors", name)
+            findings.add(path, fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt)
+    return tuple(NamedSensor(name, sensor) for name, sensor in given.items())

@@ -20,13 +20,14 @@ import numpy as np
 import softcal
 from benchmarks.section import table
 from benchmarks.table_twins import NU, ComplianceTable, E, NeckTable, compliance_table, neck_table
-from softcal.calibration.experiment import FRAME, PULLEY_FRICTION, Experiment, Pulleys, Rig
+from softcal.calibration.experiment import FRAME, PULLEY_FRICTION, Experiment
 from softcal.calibration.loss import Loss
 from softcal.calibration.losses.distance import DistanceLoss
 from softcal.calibration.losses.likelihood import LikelihoodLoss
 from softcal.calibration.losses.papers import PapersLoss
 from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import Problem, make_problem
+from softcal.calibration.rig import Pulleys, Rig
 from softcal.calibration.run import calibrate
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.project.project import load

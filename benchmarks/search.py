@@ -20,7 +20,7 @@ from benchmarks.coverage import CABLES, CAMERA, FORCES, LENGTH, MARKERS, NECK, R
 from benchmarks.section import table
 from benchmarks.table_twins import NU, SOLVED, E
 from softcal.calibration.convergence import in_standard_errors
-from softcal.calibration.experiment import FRAME, Experiment, Rig
+from softcal.calibration.experiment import FRAME, Experiment
 from softcal.calibration.local_model import Point
 from softcal.calibration.loss import Loss
 from softcal.calibration.losses.distance import DistanceLoss
@@ -28,6 +28,7 @@ from softcal.calibration.losses.likelihood import LikelihoodLoss
 from softcal.calibration.losses.papers import PapersLoss
 from softcal.calibration.parameters import FreeParameter, SearchSpace
 from softcal.calibration.problem import Evaluation, Problem, make_problem
+from softcal.calibration.rig import Rig
 from softcal.calibration.run import calibrate
 from softcal.checks import Floats
 from softcal.experiments.dataset import Channel, Dataset

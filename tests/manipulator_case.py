@@ -7,9 +7,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from softcal.calibration.experiment import Experiment, Rig
+from softcal.calibration.experiment import Experiment
 from softcal.calibration.frame import rotation
 from softcal.calibration.parameters import FreeParameter
+from softcal.calibration.rig import Rig
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.geometry.centreline import helix
 from softcal.geometry.section import circular

@@ -7,11 +7,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from softcal.calibration.experiment import Experiment, Rig
+from softcal.calibration.experiment import Experiment
 from softcal.calibration.frame import rotation
 from softcal.calibration.loss import Loss
 from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import Problem, make_problem
+from softcal.calibration.rig import Rig
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh

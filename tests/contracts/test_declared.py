@@ -10,6 +10,7 @@ from io import StringIO
 import pytest
 from ruamel.yaml import YAML
 
+from softcal.calibration.rig import Pulleys
 from softcal.declare import Declared
 from softcal.errors import InputError, ProjectFileError
 from softcal.export.sofa_settings import Engines, Rest, SofaSettings
@@ -58,6 +59,7 @@ STATED: list[tuple[str, Declared]] = [
     ),
     ("{gap: 0.1 mm, stiffness: 2 MPa, friction_coefficient: 0.5, creep: 2 mm/s}", Contact(1e-4, 2e6, 0.5, 2e-3)),
     ("{friction_coefficient: 0.5}", Contact(friction_coefficient=0.5)),
+    ("{count: 3, wrap: 2 rad, friction_coefficient: 0.1}", Pulleys(count=3, wrap=2.0, friction_coefficient=0.1)),
     ("{axis: [0, 0, 2], angle: 90 deg}", Turn((0.0, 0.0, 2.0), math.radians(90.0))),
     (
         "{position: [1 mm, 2 cm, 0 m], rotation: {axis: [1, 0, 0], angle: 1 rad}}",

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from fake_twin import NU, TRUE, E, fake_experiment, fake_robot, fake_simulate
 
-from softcal.calibration.experiment import Experiment, Pulleys, Rig, rig_parameters
+from softcal.calibration.experiment import Experiment, rig_parameters
 from softcal.calibration.observation import Observation, commands, observe
+from softcal.calibration.rig import Pulleys, Rig
 from softcal.errors import DatasetError
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Protocol
 
-PULLEYS = Pulleys(2, np.pi, 0.1)
+PULLEYS = Pulleys(wrap=np.pi, friction_coefficient=0.1)
 NAMES = (E, NU, "front.slack", "front.tension_offset", "plate.pitch_offset", "pulleys.friction_coefficient")
 AT = dict(zip(NAMES, (2.0e6, 0.44, 1.7e-3, 0.3, 0.02, 0.13), strict=True))
 

@@ -286,9 +286,9 @@ def test_standard_errors_are_those_of_repeated_noise() -> None:
 
 
 def test_what_the_data_cannot_tell_apart_is_named() -> None:
-    from softcal.calibration.experiment import Pulleys, Rig
+    from softcal.calibration.rig import Pulleys, Rig
 
-    experiment = fake_experiment(rig=Rig(pulleys=Pulleys(2, np.pi, 0.1)))
+    experiment = fake_experiment(rig=Rig(pulleys=Pulleys(wrap=np.pi, friction_coefficient=0.1)))
     parameters = [
         FreeParameter(E, "Pa", *BOUNDS[E], "log"),
         FreeParameter("pulleys.friction_coefficient", "1", 0.0, 0.3),

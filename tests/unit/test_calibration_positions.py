@@ -19,7 +19,7 @@ from manipulator_case import (
     true_places,
 )
 
-from softcal.calibration.experiment import FRAME, Experiment, Rig, rig_parameters
+from softcal.calibration.experiment import FRAME, Experiment, rig_parameters
 from softcal.calibration.fit import experiment_fit, missing_rows
 from softcal.calibration.loss import Block, gradient, total
 from softcal.calibration.losses.distance import DistanceLoss
@@ -27,6 +27,7 @@ from softcal.calibration.losses.likelihood import LikelihoodLoss
 from softcal.calibration.losses.papers import PapersLoss
 from softcal.calibration.parameters import FreeParameter, search_space, split
 from softcal.calibration.problem import Problem, make_problem
+from softcal.calibration.rig import Rig
 from softcal.errors import DatasetError, InputError, ParameterError
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.twin.parameters import robot_parameters

@@ -12,11 +12,11 @@ from fake_twin import TRUE, fake_experiment, fake_robot, fake_simulate
 from project_case import bar_robot, bench_values, write_project
 
 import softcal
-from softcal.calibration.experiment import Pulleys, Rig
 from softcal.calibration.losses.papers import PapersLoss
 from softcal.calibration.observation import observe
 from softcal.calibration.parameters import FreeParameter, SearchSpace
 from softcal.calibration.problem import Problem
+from softcal.calibration.rig import Pulleys, Rig
 from softcal.errors import DatasetError, InputError, ParameterError, ProjectFileError
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.experiments.steps.branches import Branch, take_branch
@@ -108,7 +108,7 @@ def test_tensions_of_both_branches_cannot_be_corrected_at_once(tmp_path: Path) -
 
 @pytest.mark.parametrize("branch", ["loading", "unloading", "mean"])
 def test_free_pulley_friction_is_read_by_branch(branch: str) -> None:
-    pulled = fake_experiment(rig=Rig(pulleys=Pulleys(2, np.pi, 0.1)))
+    pulled = fake_experiment(rig=Rig(pulleys=Pulleys(wrap=np.pi, friction_coefficient=0.1)))
     taken = replace(pulled.dataset, provenance=(Step("take_branch", {"branch": branch}),))
     experiment = replace(pulled, dataset=taken)
     robot = with_parameters(fake_robot(), TRUE)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from project_case import MODULUS, bar_robot, bench_csv, bench_values, write_project
 
-from softcal.calibration.experiment import Pulleys
+from softcal.calibration.rig import Pulleys
 from softcal.errors import ParameterError, ProjectFileError
 from softcal.project.project import Project, load
 
@@ -87,7 +87,7 @@ def test_pulleys_bring_the_tension_to_the_neck(tmp_path: Path):
     rig = "rig:\n  pulleys: {count: 2, wrap: 180 deg, friction_coefficient: 0.1}\nexperiments:"
     project = load(write_project(tmp_path, ("experiments:", rig)))
     experiment = project.experiments["pull"]
-    assert experiment.rig.pulleys == Pulleys(2, math.pi, 0.1)
+    assert experiment.rig.pulleys == Pulleys(wrap=math.pi, friction_coefficient=0.1)
     factor = math.exp(-2 * 0.1 * math.pi)
     np.testing.assert_allclose(experiment.dataset.values("tension"), factor * np.array(bench_values()[2]), atol=1e-6)
     np.testing.assert_allclose(project.records["pull"].values("tension"), bench_values()[2], atol=1e-6)

@@ -12,7 +12,8 @@ from report_example import example_content
 
 from softcal.analysis import record as record_module
 from softcal.analysis.record import RecordFit, record_fit
-from softcal.calibration.experiment import Experiment, Pulleys, Rig
+from softcal.calibration.experiment import Experiment
+from softcal.calibration.rig import Pulleys, Rig
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.project.project import load
 from softcal.report.all_tables import all_tables
@@ -81,7 +82,7 @@ def test_an_elastic_record_is_met_and_a_loop_remains() -> None:
 def test_the_rig_is_the_one_that_was_found() -> None:
     """Under a friction that is not the nominal one, the twin's tension is read on the dataset's side."""
     data = dataset(cycles(loop=0.0))
-    one = experiment(data, rig=Rig(slack=SLACK, pulleys=Pulleys(2, np.pi, 0.1)))
+    one = experiment(data, rig=Rig(slack=SLACK, pulleys=Pulleys(wrap=np.pi, friction_coefficient=0.1)))
     rig = dict(one.rig_values())
     nominal = record_fit(bar_robot(), one, rig, data).fit
     found = record_fit(bar_robot(), one, {**rig, "pulleys.friction_coefficient": 0.12}, data).fit

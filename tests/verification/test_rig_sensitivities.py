@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from mechanics_cases import column_robot, elastic
 
-from softcal.calibration.experiment import Experiment, Pulleys, Rig
+from softcal.calibration.experiment import Experiment
 from softcal.calibration.observation import commands, observe
+from softcal.calibration.rig import Pulleys, Rig
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.twin.parameters import robot_parameters, with_parameters
 from softcal.twin.protocol import Protocol
@@ -33,7 +34,12 @@ STEP = {"front.slack": 1e-6, "front.tension_offset": 1e-4, "plate.pitch_offset":
 
 def experiment(drive):
     channels = {"shortening": Channel(D, "m", 1e-4), "tension": Channel(T, "N", 0.02), "pitch": Channel(D, "rad", 0.01)}
-    rig = Rig(slack=0.0, tension_offset=0.0, angle_offsets={"pitch": 0.0}, pulleys=Pulleys(2, np.pi, 0.1))
+    rig = Rig(
+        slack=0.0,
+        tension_offset=0.0,
+        angle_offsets={"pitch": 0.0},
+        pulleys=Pulleys(wrap=np.pi, friction_coefficient=0.1),
+    )
     return Experiment("bench", Dataset("bench", channels), "front", "plate", drive, rig=rig)
 
 

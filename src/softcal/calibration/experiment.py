@@ -23,6 +23,7 @@ from typing import Literal
 
 import numpy as np
 
+from softcal.calibration.rig import Rig
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
 from softcal.experiments.dataset import Dataset
@@ -38,43 +39,6 @@ FRAME_KINDS = {
     **dict.fromkeys(("rx", "ry", "rz"), QUANTITIES["angle"]),
 }
 FRAME = tuple(f"frame.{axis}" for axis in FRAME_KINDS)
-
-
-@dataclass(frozen=True)
-class Pulleys:
-    """Pulleys between the machine and the neck: how many, wrap_angle [rad] of each, and the friction coefficient [-]
-    with which the dataset's tension was brought to the neck's side.
-    """
-
-    count: int
-    wrap_angle: float
-    friction_coefficient: float
-
-    @property
-    def turning(self) -> float:
-        """The angle [rad] through which the cable turns in all."""
-        return self.count * self.wrap_angle
-
-
-@dataclass(frozen=True)
-class Rig:
-    """Nominal values of the bench.
-
-    slack [m] and tension_offset [N] of every cable; angle_offsets [rad] by channel; the pulleys; frame: `x`, `y`, `z`
-    [m], `rx`, `ry`, `rz` [rad, rotation vector] of the frame that positions were measured in, 0 where not given; length
-    [m]: of which reports give distances in per cent, or None.
-    """
-
-    slack: float = 0.0
-    tension_offset: float = 0.0
-    angle_offsets: Mapping[str, float] = field(default_factory=dict[str, float])
-    pulleys: Pulleys | None = None
-    frame: Mapping[str, float] = field(default_factory=dict[str, float])
-    length: float | None = None
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "angle_offsets", dict(self.angle_offsets))
-        object.__setattr__(self, "frame", dict(self.frame))
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,12 @@ def boundary_faces(mesh: TetMesh) -> Ints:
     return faces[_outer(faces, mesh.n_points)]
 
 
+def edges_of(faces: Ints) -> Ints:
+    """Every edge of the triangles (k, 3) once, (m, 2)."""
+    pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    return np.unique(np.sort(pairs, axis=1), axis=0)
+
+
 def boundary_triangles(tets: Ints) -> Ints:
     """Outward flat triangles (k, 3) of the boundary of linear or quadratic tets; a quadratic face gives four."""
     faces = _all_faces(tets)

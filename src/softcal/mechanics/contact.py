@@ -172,9 +172,3 @@ def collision_mesh(X: Floats, edges: Ints, faces: Ints, patch: Ints, apart: Ints
     never = {(int(i), int(j)): False for i, j in apart}
     mesh.can_collide = ipctk.make_vertex_patches_filter(patches) & ipctk.make_sparse_filter(never, True)
     return mesh
-
-
-def edges_of(faces: Ints) -> Ints:
-    """Every edge of the triangles (k, 3) once, (m, 2)."""
-    pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    return np.unique(np.sort(pairs, axis=1), axis=0)

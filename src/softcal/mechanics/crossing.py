@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from softcal.checks import Floats, Ints
-from softcal.mechanics.contact import collision_mesh, edges_of
+from softcal.geometry.surface import edges_of
+from softcal.mechanics.contact import collision_mesh
 
 Crossings = dict[tuple[str, str], float]
 """Names of two bodies, or of one twice, and about how deep [m] one is in the other."""

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from softcal.calibration.experiment import Experiment, Pulleys, Rig
+from softcal.calibration.experiment import Experiment
 from softcal.calibration.observation import slack_faults
+from softcal.calibration.rig import Rig
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.experiments.header import MASS
 from softcal.experiments.merge import merge_on_labels, merge_on_one_clock
@@ -223,12 +224,11 @@ def _branch(steps: Sequence[PlannedStep]) -> Branch:
 
 def _rig(section: ExperimentSection, rig: RigSection) -> Rig:
     angles = {"pitch": section.pitch_offset, "roll": section.roll_offset}
-    pulleys = rig.pulleys
     return Rig(
         slack=section.slack,
         tension_offset=section.tension_offset,
         angle_offsets={angle: value for angle, value in angles.items() if value},
-        pulleys=None if pulleys is None else Pulleys(pulleys.count, pulleys.wrap, pulleys.friction_coefficient),
+        pulleys=rig.pulleys,
         frame={} if section.frame is None else dict(section.frame),
         length=rig.length,
     )

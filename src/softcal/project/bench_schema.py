@@ -7,29 +7,22 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag
 
+from softcal.calibration.rig import Pulleys
 from softcal.declare import Reading
 from softcal.errors import Fault, InputError
 from softcal.limits import LIMITS
 from softcal.project.section import Given, Section, numbered
-from softcal.quantities import Angle, Duration, Factor, Friction, Length, Share, Size, Slack, TensionOffset, Wrap
+from softcal.quantities import Angle, Duration, Factor, Length, Share, Size, Slack, TensionOffset
 
 ONE_CLOCK = "one clock"
 MOTION_CAPTURE = ".c3d"
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 
 
-class PulleysSection(Section):
-    """The pulleys between the testing machine and the neck (Euler-Eytelwein)."""
-
-    count: Annotated[int, LIMITS["pulleys"]] = 2
-    wrap: Wrap
-    friction_coefficient: Friction = 0.0
-
-
 class RigSection(Section):
     """The rig between the robot and the instruments."""
 
-    pulleys: PulleysSection | None = None
+    pulleys: Pulleys | None = None
     length: Size | None = None
 
 

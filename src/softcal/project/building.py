@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from softcal.calibration.experiment import PULLEY_FRICTION, Experiment, rig_parameters
@@ -108,7 +109,7 @@ def _with_held_friction(rig: RigSection, given: Mapping[str, str | float]) -> Ri
     if PULLEY_FRICTION not in given or rig.pulleys is None:
         return rig
     friction = rig_value(PULLEY_FRICTION, given[PULLEY_FRICTION])
-    return rig.model_copy(update={"pulleys": rig.pulleys.model_copy(update={"friction_coefficient": friction})})
+    return rig.model_copy(update={"pulleys": replace(rig.pulleys, friction_coefficient=friction)})
 
 
 def _check_settling(settings: TimeSettings, built: BuiltRobot | None, findings: Findings) -> None:

@@ -12,9 +12,8 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.declare import Declared
 from softcal.geometry.mesh import TetMesh
-from softcal.geometry.surface import boundary_faces
+from softcal.geometry.surface import boundary_faces, edges_of
 from softcal.materials.catalogue import LAWS
-from softcal.mechanics.contact import edges_of
 from softcal.quantities import Friction, Modulus, Size, Speed
 
 if TYPE_CHECKING:

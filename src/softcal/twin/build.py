@@ -39,9 +39,17 @@ from softcal.twin.routing import offset_rate
 class Twin:
     """A robot's system, and the numbering of its parts in it.
 
-    first_point: body or rod (and plate, where surfaces may touch) -> its first point; meshes: body -> the mesh of its
-    element; frame: plate -> its frame; via: cable -> its via points as weighted points; markers: marker -> its weighted
-    points; pressure_nodes: material of a mixed body -> its first pressure, the body, and the nodes that have one.
+    Attributes
+    ----------
+    robot, system : The robot, and the terms of its equations
+    first_point : Body or rod (and plate, where surfaces may touch) -> the number of its first point
+    meshes : Body -> the mesh of its element [m]
+    frame : Plate -> the number of its frame
+    via : Cable -> its via points as weighted points
+    markers : Marker -> its weighted points
+    pressure_nodes
+        Material of a mixed body -> the number of its first pressure, the body, and the numbers of the nodes (n,) that
+        have one.
     """
 
     robot: Robot

@@ -11,8 +11,8 @@ from softcal.checks import Floats, Ints
 from softcal.errors import Fault, MeshError
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.ring import across, ring_points
-from softcal.geometry.surface import boundary_triangles
-from softcal.mechanics.contact import ContactTerm, edges_of
+from softcal.geometry.surface import boundary_triangles, edges_of
+from softcal.mechanics.contact import ContactTerm
 from softcal.mechanics.layout import FIXED, Layout
 from softcal.twin.barrier import Contact, edge_lengths, wire_diameter
 from softcal.twin.robot import Disc, Plate, Robot, Rod

@@ -1,0 +1,59 @@
+"""The rig between the robot and the instruments, at its nominal values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Annotated
+
+from softcal.declare import Declared
+from softcal.limits import LIMITS
+from softcal.quantities import Friction, Wrap
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pulleys(Declared):
+    """The pulleys between the testing machine and the neck (Euler-Eytelwein).
+
+    Attributes
+    ----------
+    count : Number of pulleys
+    wrap : Angle [rad] that the cable wraps of each
+    friction_coefficient : That with which the dataset's tension was brought to the neck's side [-]
+    """
+
+    count: Annotated[int, LIMITS["pulleys"]] = 2
+    wrap: Wrap
+    friction_coefficient: Friction = 0.0
+
+    @property
+    def turning(self) -> float:
+        """The angle [rad] through which the cable turns in all."""
+        return self.count * self.wrap
+
+
+@dataclass(frozen=True)
+class Rig:
+    """Nominal values of the bench.
+
+    Attributes
+    ----------
+    slack, tension_offset : Of every cable [m], [N]
+    angle_offsets : Channel -> offset of its angle [rad]
+    pulleys : Those between machine and neck; None: there are none
+    frame
+        The frame that positions were measured in: its origin by "x", "y", "z" [m], its rotation vector by "rx", "ry",
+        "rz" [rad]; 0 where not given.
+    length : Length [m] of which reports give distances in per cent; None: they do not
+    """
+
+    slack: float = 0.0
+    tension_offset: float = 0.0
+    angle_offsets: Mapping[str, float] = field(default_factory=dict[str, float])
+    pulleys: Pulleys | None = None
+    frame: Mapping[str, float] = field(default_factory=dict[str, float])
+    length: float | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "angle_offsets", dict(self.angle_offsets))
+        object.__setattr__(self, "frame", dict(self.frame))

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import get_args
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 
 from softcal.checks import Floats, frozen_floats
 from softcal.errors import Fault, InputError
-from softcal.mechanics.system import System
-from softcal.mechanics.term import Controls
 from softcal.sensing.channel import ChannelName, kinds
 from softcal.twin.robot import Control, Robot
+
+if TYPE_CHECKING:
+    from softcal.mechanics.system import System
+    from softcal.mechanics.term import Controls
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,8 @@ def controls_at(
     """The controls at values of the commands, by actuator. One without a command is held at no effort; `coordinate`
     (n_actuators,): of those that are not commanded by it.
     """
+    from softcal.mechanics.term import Controls
+
     is_held, effort, coordinate = np.ones(len(coordinate), dtype=bool), np.zeros_like(coordinate), coordinate.copy()
     for k, actuator in enumerate(system.actuators):
         if actuator.name not in commands:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 import pkgutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from importlib.metadata import entry_points
 from typing import Any, Generic, TypeVar, cast
 
@@ -12,6 +14,46 @@ from softcal.errors import Fault, ParameterError, nearest
 
 T = TypeVar("T")
 M = TypeVar("M")
+
+
+_MEMBER = "catalogue_member"  # of a function that was registered, which is what an entry point names
+
+
+@dataclass(frozen=True)
+class FunctionMember:
+    """A member that is a function, with what its family must know of it.
+
+    Attributes
+    ----------
+    name : str
+        By which it is known.
+    function : callable
+        It stays as it is; its docstring describes the member.
+    """
+
+    name: str
+    function: Callable[..., Any]
+
+    @property
+    def summary(self) -> str:
+        """The first line of the function's docstring."""
+        return (inspect.getdoc(self.function) or "").partition("\n")[0]
+
+    @property
+    def module(self) -> str:
+        """Where the function is defined; "" for one that was typed or executed as text."""
+        return self.function.__module__ or ""
+
+    def register(self, family: Catalogue[Any]) -> None:
+        """Add it to its family, for entry points too, which name the function.
+
+        Raises
+        ------
+        ParameterError
+            As `Catalogue.add`.
+        """
+        family.add(self)
+        self.function.__dict__[_MEMBER] = self
 
 
 class Catalogue(Mapping[str, T], Generic[T]):
@@ -33,8 +75,6 @@ class Catalogue(Mapping[str, T], Generic[T]):
         softcal's own members.
     home
         The package whose modules register the other ones of softcal's own.
-    member_of
-        From what an entry point names to the member, where they differ.
     """
 
     def __init__(
@@ -45,10 +85,9 @@ class Catalogue(Mapping[str, T], Generic[T]):
         *,
         own: Sequence[T] = (),
         home: str = "",
-        member_of: Callable[[Any], Any] = lambda found: found,
     ) -> None:
         self.what, self._group, self._home = what, group, home
-        self._faults, self._member_of = faults, member_of
+        self._faults = faults
         self._members: dict[str, T] = {}
         self._own: set[str] = set()
         self._asked = True
@@ -157,7 +196,8 @@ class Catalogue(Mapping[str, T], Generic[T]):
                 for module in pkgutil.iter_modules(importlib.import_module(self._home).__path__):
                     importlib.import_module(f"{self._home}.{module.name}")
             for plugin in entry_points(group=self._group):
-                self.add(self._member_of(plugin.load()))
+                found = plugin.load()
+                self.add(getattr(found, _MEMBER, found))
         return self._members
 
 

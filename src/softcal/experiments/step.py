@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal, TypeVar
 
-from softcal.catalogue import Catalogue
+from softcal.catalogue import Catalogue, FunctionMember
 from softcal.errors import Fault
 from softcal.experiments.dataset import Dataset
 from softcal.quantities import QUANTITIES
@@ -39,7 +39,7 @@ class Setting:
 
 
 @dataclass(frozen=True)
-class PreparationStep:
+class PreparationStep(FunctionMember):
     """A step that a project can name.
 
     Attributes
@@ -56,8 +56,6 @@ class PreparationStep:
         What of the record is not in the dataset any more after it.
     """
 
-    name: str
-    function: Callable[..., Dataset]
     settings: Mapping[str, Setting] = field(default_factory=dict[str, Setting])
     keeps_gaps: bool = False
     leaves_out: LeavesOut = ""
@@ -67,16 +65,6 @@ class PreparationStep:
         """Settings that must be given: those for which the function has no default."""
         parameters = inspect.signature(self.function).parameters
         return tuple(key for key in self.settings if parameters[key].default is inspect.Parameter.empty)
-
-    @property
-    def summary(self) -> str:
-        """What the step does, in a sentence."""
-        return (inspect.getdoc(self.function) or "").partition("\n")[0]
-
-    @property
-    def module(self) -> str:
-        """Where the function is defined."""
-        return self.function.__module__ or ""  # none of what was typed or executed as text
 
 
 def _faults(step: PreparationStep, _: Mapping[str, PreparationStep]) -> list[Fault]:
@@ -102,13 +90,8 @@ def _faults(step: PreparationStep, _: Mapping[str, PreparationStep]) -> list[Fau
     return faults
 
 
-def _step_of(function: object) -> object:
-    """The step that a function was registered as; what else an entry point names is not changed."""
-    return getattr(function, "preparation_step", function)
-
-
 STEPS: Catalogue[PreparationStep] = Catalogue(
-    "preparation step", "softcal.steps", _faults, home="softcal.experiments.steps", member_of=_step_of
+    "preparation step", "softcal.steps", _faults, home="softcal.experiments.steps"
 )
 
 F = TypeVar("F", bound=Callable[..., Dataset])
@@ -139,8 +122,7 @@ def register_step(*, keeps_gaps: bool = False, leaves_out: LeavesOut = "", **set
 
     def register(function: F) -> F:
         made = PreparationStep(function.__name__, function, settings, keeps_gaps, leaves_out)
-        STEPS.add(made)
-        function.__dict__["preparation_step"] = made  # for entry points, which name the function
+        made.register(STEPS)
         return function
 
     return register

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, TypeVar, get_args
 
-from softcal.catalogue import Catalogue
+from softcal.catalogue import Catalogue, FunctionMember
 from softcal.errors import Fault, ParameterError
 from softcal.report.content import ReportContent
 from softcal.report.format import file_stem
@@ -62,7 +61,7 @@ class Picture:
 
 
 @dataclass(frozen=True)
-class ReportFigure:
+class ReportFigure(FunctionMember):
     """A figure that a report can have.
 
     Attributes
@@ -77,20 +76,8 @@ class ReportFigure:
         Its place among the figures of its section, from the lowest to the highest.
     """
 
-    name: str
-    function: Callable[[ReportContent], Iterable[Drawing]]
     section: Section
     place: int = LAST
-
-    @property
-    def summary(self) -> str:
-        """What the figure shows, in a sentence."""
-        return (inspect.getdoc(self.function) or "").partition("\n")[0]
-
-    @property
-    def module(self) -> str:
-        """Where the function is defined."""
-        return self.function.__module__ or ""
 
     def pictures(self, content: ReportContent) -> Iterator[Picture]:
         """Every drawing, as files."""
@@ -117,7 +104,6 @@ FIGURES: Catalogue[ReportFigure] = Catalogue(
     "softcal.figures",
     _faults,
     home="softcal.report.figures",
-    member_of=lambda function: getattr(function, "report_figure", function),
 )
 
 F = TypeVar("F", bound=Callable[[ReportContent], Iterable[Drawing]])
@@ -150,8 +136,7 @@ def register_figure(section: Section, place: int = LAST) -> Callable[[F], F]:
 
     def register(function: F) -> F:
         made = ReportFigure(function.__name__.replace("_", "-"), function, section, place)
-        FIGURES.add(made)
-        function.__dict__["report_figure"] = made  # for entry points, which name the function
+        made.register(FIGURES)
         return function
 
     return register

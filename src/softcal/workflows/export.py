@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from softcal.catalogue import Catalogue
+from softcal.catalogue import Catalogue, FunctionMember
 from softcal.errors import Fault
 
 if TYPE_CHECKING:
@@ -109,7 +109,7 @@ class ExportRequest:
 
 
 @dataclass(frozen=True)
-class Export:
+class Export(FunctionMember):
     """A way to write a project for another program.
 
     Attributes
@@ -128,22 +128,10 @@ class Export:
         What to do with the files, where "{out}" is the folder, or "".
     """
 
-    name: str
-    function: Callable[..., list[Path]]
     files: tuple[str, ...]
     options: Mapping[str, ExportOption] = field(default_factory=dict[str, ExportOption])
     pulled: bool = True
     hint: str = ""
-
-    @property
-    def summary(self) -> str:
-        """For whom it writes what, in a sentence."""
-        return (inspect.getdoc(self.function) or "").partition("\n")[0]
-
-    @property
-    def module(self) -> str:
-        """Where the function is defined."""
-        return self.function.__module__ or ""
 
     @property
     def defaults(self) -> Mapping[str, Any]:
@@ -179,7 +167,6 @@ EXPORTS: Catalogue[Export] = Catalogue(
     "softcal.exports",
     _faults,
     home="softcal.workflows.exports",
-    member_of=lambda function: getattr(function, "export", function),
 )
 
 F = TypeVar("F", bound=Callable[..., list[Path]])
@@ -215,8 +202,7 @@ def register_export(*files: str, pulled: bool = True, hint: str = "", **options:
 
     def register(function: F) -> F:
         made = Export(function.__name__, function, files, options, pulled, hint)
-        EXPORTS.add(made)
-        function.__dict__["export"] = made  # for entry points, which name the function
+        made.register(EXPORTS)
         return function
 
     return register

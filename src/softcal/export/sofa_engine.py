@@ -16,7 +16,7 @@ from softcal.checks import Floats
 from softcal.errors import ParameterError
 from softcal.export.sofa_install import Sofa, find_sofa
 from softcal.export.sofa_process import ProcessOutcome, run_states
-from softcal.export.sofa_response import Samples, along_one_cable, row_by_row, shapes
+from softcal.export.sofa_response import SofaSamples, along_one_cable, row_by_row, shapes
 from softcal.export.sofa_robot import LinearRobot, element_faults, linear_robot, scene_faults
 from softcal.export.sofa_settings import SofaSettings
 from softcal.twin.build import Twin, twin_of
@@ -139,7 +139,7 @@ class _EngineRun:
             tets={name: mesh.tets for name, mesh in twin.meshes.items()} if snapshots else {},
         )
 
-    def _status(self, outcome: ProcessOutcome, seen: Samples) -> str:
+    def _status(self, outcome: ProcessOutcome, seen: SofaSamples) -> str:
         n_states, shortest = len(outcome.records), min(record["dt"] for record in outcome.records)
         text = f"Solved by SOFA: {n_states} states at rest, {self.steps} steps, the shortest of {shortest:g} s."
         if seen.error > 0.0:
@@ -172,17 +172,17 @@ class _EngineRun:
         self.steps += outcome.steps
         return outcome
 
-    def _samples(self, twin: Twin, protocol: Protocol, outcome: ProcessOutcome) -> Samples:
+    def _samples(self, twin: Twin, protocol: Protocol, outcome: ProcessOutcome) -> SofaSamples:
         if not outcome.records:
-            return Samples(np.zeros((0, len(channel_units(twin)))), None)
+            return SofaSamples(np.zeros((0, len(channel_units(twin)))), None)
         if not self.driven:
             row = row_by_row(twin, Protocol({}), [outcome.records[0]] * 2).values
-            return Samples(np.repeat(row, protocol.n_samples, axis=0), None)
+            return SofaSamples(np.repeat(row, protocol.n_samples, axis=0), None)
         if len(self.driven) == 1:
             return along_one_cable(twin, protocol, self.driven[0], self._along(protocol), outcome.records)
         return row_by_row(twin, protocol, outcome.records)
 
-    def _derivative(self, name: str, seen: Samples) -> tuple[Floats, str]:
+    def _derivative(self, name: str, seen: SofaSamples) -> tuple[Floats, str]:
         """Derivatives of every sample's channels by a parameter or a command; and why there are none, or ""."""
         known = robot_parameters(self.linear.robot)
         linear, protocol = self.linear, self.protocol

@@ -25,7 +25,7 @@ Record = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
-class Samples:
+class SofaSamples:
     """Channels at the reached samples (n, n_channels), and their slopes by the driven cable's command.
 
     error: error of the interpolation over each unit's largest value; 0 if every sample is a state.
@@ -70,7 +70,9 @@ def table(twin: Twin, records: Sequence[Record]) -> Floats:
     return values
 
 
-def along_one_cable(twin: Twin, protocol: Protocol, cable: str, states: Floats, records: Sequence[Record]) -> Samples:
+def along_one_cable(
+    twin: Twin, protocol: Protocol, cable: str, states: Floats, records: Sequence[Record]
+) -> SofaSamples:
     """The samples of the driven cable, interpolated by a cubic spline between states along its control.
 
     The first record is the robot with all cables slack. Nothing moves until the cable becomes taut.
@@ -100,15 +102,15 @@ def along_one_cable(twin: Twin, protocol: Protocol, cable: str, states: Floats, 
     values[:, own] = given[:n]
     slopes[:, own] = 1.0
     between = not np.isin(given[:n][given[:n] > taut_at], states).all()
-    return Samples(values, slopes, _spline_error(twin, c, nodes) if between else 0.0)
+    return SofaSamples(values, slopes, _spline_error(twin, c, nodes) if between else 0.0)
 
 
-def row_by_row(twin: Twin, protocol: Protocol, records: Sequence[Record]) -> Samples:
+def row_by_row(twin: Twin, protocol: Protocol, records: Sequence[Record]) -> SofaSamples:
     """One record per sample, after that of the slack robot."""
     rows = table(twin, records)[1:]
     for cable, command in protocol.commands.items():
         rows[:, twin.column(cable, kinds()[command.control])] = command.values[: len(rows)]
-    return Samples(rows, None)
+    return SofaSamples(rows, None)
 
 
 def shapes(

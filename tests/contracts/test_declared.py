@@ -31,7 +31,7 @@ from softcal.sensing.sensors.cable import CableSensor
 from softcal.sensing.sensors.marker import MarkerSensor
 from softcal.sensing.sensors.plate import PlateSensor
 from softcal.twin.barrier import Contact
-from softcal.twin.cables import Cable
+from softcal.twin.cables import Cable, RoutingAxis
 from softcal.twin.manipulator import BaseDisc, Cables, DiscMarkers, Discs, Manipulator, Springs
 from softcal.twin.robot import Body, Disc, Plate, Rod
 from softcal.twin.time_settings import Settling, TimeSettings
@@ -59,6 +59,7 @@ STATED: list[tuple[str, Declared]] = [
     ),
     ("{gap: 0.1 mm, stiffness: 2 MPa, friction_coefficient: 0.5, creep: 2 mm/s}", Contact(1e-4, 2e6, 0.5, 2e-3)),
     ("{friction_coefficient: 0.5}", Contact(friction_coefficient=0.5)),
+    ("{point: [1 mm, 0 m, 0 m], direction: [0, 2, 0]}", RoutingAxis((0.001, 0.0, 0.0), (0.0, 2.0, 0.0))),
     ("{count: 3, wrap: 2 rad, friction_coefficient: 0.1}", Pulleys(count=3, wrap=2.0, friction_coefficient=0.1)),
     ("{axis: [0, 0, 2], angle: 90 deg}", Turn((0.0, 0.0, 2.0), math.radians(90.0))),
     (

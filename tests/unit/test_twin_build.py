@@ -136,7 +136,7 @@ def test_twin_is_kept_for_a_robot_and_made_anew_for_another_shape():
         twin_of(with_parameters(robot, {"neck.youngs_modulus": robot.bodies[0].parameters["youngs_modulus"]})) is kept
     )
     assert twin_of(replace(robot, gravity=np.array([0.0, 0.0, 9.81]))) is not kept
-    cable = replace(robot.cables[0], routing_axis=RoutingAxis(np.zeros(3), np.array([0.0, 0.0, 1.0])))
+    cable = replace(robot.cables[0], routing_axis=RoutingAxis())
     routed = replace(robot, cables=(cable,))
     offset = f"{cable.name}.routing_offset"
     own, moved = twin_of(routed), twin_of(routed, {offset: 0.001})

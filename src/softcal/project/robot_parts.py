@@ -23,7 +23,6 @@ from softcal.project.robot_schema import (
     TieSection,
     ViaSection,
 )
-from softcal.twin.cables import RoutingAxis
 from softcal.twin.joints import tie_fault
 from softcal.twin.robot import Cable, Disc, Marker, Plate, PointLoad, SurfaceLoad, Tie, ViaPoint, inertia_tensor
 from softcal.twin.routing import bored, require_movable
@@ -191,11 +190,9 @@ def build_cable(name: str, cable: CableSection, carriers: Carriers) -> Cable | N
     with carriers.findings.at(path):
         if cable.route == "bore":
             via = list(bored(via, carriers.built.meshes))
-        axis = None
         if cable.routing_axis is not None:
-            axis = RoutingAxis(np.asarray(cable.routing_axis.point), np.asarray(cable.routing_axis.direction))
-            require_movable(via, axis, carriers.built.meshes)
-        return Cable(name, tuple(via), cable.friction_coefficient, cable.pulled_end, axis)
+            require_movable(via, cable.routing_axis, carriers.built.meshes)
+        return Cable(name, tuple(via), cable.friction_coefficient, cable.pulled_end, cable.routing_axis)
     return None
 
 

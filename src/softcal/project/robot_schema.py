@@ -32,7 +32,7 @@ from softcal.quantities import (
     Traction,
 )
 from softcal.twin.barrier import Contact
-from softcal.twin.cables import Cable
+from softcal.twin.cables import Cable, RoutingAxis
 from softcal.twin.manipulator import Manipulator
 from softcal.twin.robot import Body, Disc, Plate
 
@@ -199,13 +199,6 @@ def _require_place(point: ViaSection | MarkerSection) -> None:
         raise InputError(Fault("the plate of the hole is not specified", got=f"hole {point.hole}", allowed="on: PLATE"))
 
 
-class RoutingAxisSection(Section):
-    """A line through a point along a direction."""
-
-    point: Point = (0.0, 0.0, 0.0)
-    direction: Direction = (0.0, 0.0, 1.0)
-
-
 class CableSection(Section):
     """A cable through two or more points; it is pulled at its last one by default.
 
@@ -217,7 +210,7 @@ class CableSection(Section):
     friction_coefficient: Friction = Cable.friction_coefficient
     pulled_end: Literal["first", "last"] = Cable.pulled_end
     route: Literal["bore", "straight"] = "bore"
-    routing_axis: RoutingAxisSection | None = None
+    routing_axis: RoutingAxis | None = None
 
 
 def _force(value: object) -> float | tuple[float, float, float]:

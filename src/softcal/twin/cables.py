@@ -8,26 +8,30 @@ from typing import Literal
 import numpy as np
 
 from softcal.checks import Floats, frozen_floats
+from softcal.declare import Declared
 from softcal.errors import Fault, InputError
+from softcal.quantities import Direction, Point
 
 COINCIDENT = 1e-12  # of a cable's length: neighbouring via points as near as this are at one place
 
 
 @dataclass(frozen=True)
-class RoutingAxis:
-    """A line through a point [m] along a direction, which is made a unit vector (rest frame)."""
+class RoutingAxis(Declared):
+    """A line, from which the routing offset of a cable moves its via points.
 
-    point: Floats
-    direction: Floats
+    Attributes
+    ----------
+    point : A point (3,) [m] of the line, in the rest frame
+    direction : Its direction (3,), of any length but zero
+    """
+
+    point: Point = (0.0, 0.0, 0.0)
+    direction: Direction = (0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "point", frozen_floats(self.point, name="point of a routing axis", shape=(3,)))
-        direction = frozen_floats(self.direction, name="direction of a routing axis", shape=(3,))
-        length = float(np.linalg.norm(direction))
-        if not length > 0.0:
-            raise InputError(Fault("a routing axis has no direction", got="(0, 0, 0)", allowed="a direction"))
-        unit = frozen_floats(direction / length, name="direction of a routing axis")
-        object.__setattr__(self, "direction", unit)
+        super().__post_init__()
+        if not any(self.direction):
+            raise InputError(Fault("a routing axis has no direction", "direction", "(0, 0, 0)", "a direction"))
 
     def away(self, at: Floats) -> tuple[Floats, Floats]:
         """Unit vectors (n, 3) from the axis to points (n, 3) [m], and their distances (n,) [m] from it.
@@ -37,8 +41,9 @@ class RoutingAxis:
         InputError
             Where a point lies on the axis.
         """
-        arms = at - self.point
-        arms = arms - np.outer(arms @ self.direction, self.direction)
+        direction = np.asarray(self.direction) / np.linalg.norm(self.direction)
+        arms = at - np.asarray(self.point)
+        arms = arms - np.outer(arms @ direction, direction)
         distances = np.linalg.norm(arms, axis=1)
         on_axis = np.flatnonzero(distances <= 1e-9 * (1e-3 + np.abs(at).max(initial=0.0)))
         if len(on_axis):

@@ -103,7 +103,7 @@ def test_every_modulus_is_found_from_a_start_twice_off(each: CalibrationResult, 
 def test_what_was_held_out_is_met_far_better_than_by_the_best_cell(project: Project, each: CalibrationResult) -> None:
     paper = sweep(project)
     assert paper.result.loss is not None
-    assert any("springs.youngs_modulus is at its lower bound" in note for note in paper.result.notes)
+    assert any("springs.youngs_modulus is at its lower bound" in note.text for note in paper.result.notes)
     # The cell that is best for the held-out cables themselves, which is more than a sweep over cable 6 can know.
     for best in (paper.result.loss, sweep(project, experiments=["cable2", "cable5"]).result.loss):
         for held in each.held_out.values():

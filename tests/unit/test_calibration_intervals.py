@@ -172,7 +172,7 @@ def test_data_that_want_a_value_beyond_a_bound_are_said_to(tmp_path: Path, far: 
     if bounded.at_bound:
         # The residuals of a bound that is far off count as noise: it is then fewer of these, but still many.
         assert bounded.beyond == pytest.approx(far, rel=0.2) if far < 10 else bounded.beyond > 5
-        note = bound_note(E, bounded)
+        note = bound_note(E, bounded).text
         assert ("best fit is beyond it, by about" in note) == ("within the bounds" in note) == held
         assert ("not by the data" in note) == (not held)
 
@@ -192,13 +192,13 @@ def test_as_many_parameters_as_values_leave_nothing_to_be_sure_of(
     result = calibrate(problem, starts=1, method=method, trials=30)
     assert result.is_saturated == saturated
     sentence = "2 parameters were fitted to 2 measured values, so a close fit is no evidence for these values"
-    assert any(sentence in note for note in result.notes) == saturated
+    assert any(sentence in note.text for note in result.notes) == saturated
     print_results({"pull": result})
     assert (f"Warning: pull: {sentence}" in capsys.readouterr().err) == saturated
     if method == "least-squares":
         assert all((p.interval is None) == saturated for p in result.parameters.values())
         assert not (saturated and any(p.standard_error for p in result.parameters.values()))
-        assert any("standard errors include" in note for note in result.notes) == (not saturated)
+        assert any("standard errors include" in note.text for note in result.notes) == (not saturated)
 
 
 def test_a_ratio_at_its_bound_does_not_make_the_modulus_sure() -> None:

@@ -297,7 +297,7 @@ def test_what_the_data_cannot_tell_apart_is_named() -> None:
     evaluation = problem.evaluate({E: 2e6, "pulleys.friction_coefficient": 0.12}, jacobian=True)
     statistics = local_statistics(problem.space, problem.loss, evaluation.theta, evaluation.blocks)
     assert statistics.standard_errors == {E: None, "pulleys.friction_coefficient": None}
-    assert f"cannot separate {E} and pulleys.friction_coefficient" in statistics.notes[0]
+    assert f"cannot separate {E} and pulleys.friction_coefficient" in statistics.notes[0].text
     assert sum(statistics.importance.values()) == pytest.approx(1.0)
 
 
@@ -306,7 +306,7 @@ def test_several_that_cannot_be_told_apart_are_listed() -> None:
     block = Block("pull", "tension", np.ones(9), np.linspace(-1, 1, 9), 0.1, np.ones((9, 3)))
     space = SearchSpace(tuple(parameters))
     told = local_statistics(space, LikelihoodLoss(), dict.fromkeys("abc", 0.5), [block])
-    assert "cannot separate a, b and c" in told.notes[0]
+    assert "cannot separate a, b and c" in told.notes[0].text
 
 
 def test_the_status_counts_every_trajectory_and_names_the_start_that_was_not_asked_for() -> None:
@@ -328,11 +328,11 @@ def test_what_larger_residuals_widen_is_told(factor: float, prior: bool) -> None
     blocks = [Block("pull", "tension", np.ones(50), noise, 0.1, jacobian)]
     blocks += [Block("", "a", np.zeros(1), np.zeros(1), 0.05, np.array([[1.0, 0.0]]))] * prior
     space = SearchSpace(tuple(FreeParameter(name, "m", 0.0, 1.0) for name in "ab"))
-    told = " ".join(local_statistics(space, LikelihoodLoss(), {"a": 0.5, "b": 0.5}, blocks).notes)
+    told = " ".join(map(str, local_statistics(space, LikelihoodLoss(), {"a": 0.5, "b": 0.5}, blocks).notes))
     assert ("standard errors are increased accordingly" in told) == (factor > 1)
     assert "e+" not in told
     assert ("accordingly, except for the share of the priors." in told) == ("prior" in told) == prior
     blind = [replace(block, jacobian=np.zeros_like(jacobian)) for block in blocks[:1]]
-    told = " ".join(local_statistics(space, LikelihoodLoss(), {"a": 0.5, "b": 0.5}, blind).notes)
+    told = " ".join(map(str, local_statistics(space, LikelihoodLoss(), {"a": 0.5, "b": 0.5}, blind).notes))
     assert ("times the stated noise" in told) == (factor > 1)
     assert "increased" not in told  # there are none

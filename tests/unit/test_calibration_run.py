@@ -110,7 +110,7 @@ def test_a_result_says_how_sure_it_is_and_what_stands_at_a_bound() -> None:
     assert bound.parameters[E].standard_error is None
     low, high = bound.parameters[E].interval
     assert low == bound.parameters[E].value < high
-    assert any("is at its lower bound of 3 MPa" in note for note in bound.notes)
+    assert any("is at its lower bound of 3 MPa" in note.text for note in bound.notes)
 
 
 def test_tpe_has_fanova_importances_and_a_failed_trial_its_reason() -> None:
@@ -124,7 +124,7 @@ def test_tpe_has_fanova_importances_and_a_failed_trial_its_reason() -> None:
         assert trial.loss is None
         assert "No equilibrium beyond 12.0 mm." in trial.reason
         assert trial.theta[E] < 1.0e6 or trial.theta[NU] > 0.49
-    assert any("could not be simulated" in note for note in result.notes)
+    assert any("could not be simulated" in note.text for note in result.notes)
 
 
 @pytest.mark.slow

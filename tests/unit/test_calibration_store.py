@@ -16,7 +16,7 @@ from fake_twin import NU, E, fake_experiment, fake_robot, fake_simulate, soft_ne
 from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.payload import decode, encode
 from softcal.calibration.problem import Problem, make_problem
-from softcal.calibration.result import CalibrationResult
+from softcal.calibration.result import CalibrationResult, Note
 from softcal.calibration.result_files import result_json
 from softcal.calibration.result_reading import load_result
 from softcal.calibration.run import calibrate
@@ -118,6 +118,20 @@ def test_a_result_is_read_back_as_it_was_written(run: tuple[Path, CalibrationRes
         assert set(getattr(again, family)) == set(getattr(fit, family))
         for channel, values in getattr(fit, family).items():
             np.testing.assert_array_equal(getattr(again, family)[channel], values)
+
+
+def test_the_level_of_a_note_is_kept_and_an_earlier_files_notes_are_plain(tmp_path: Path) -> None:
+    free = [FreeParameter(E, "Pa", 0.1e6, 1e6, "log")]
+    problem = make_problem(fake_robot(), [fake_experiment("pull")], free, None, fake_simulate)
+    result = calibrate(problem, store=tmp_path / "run", starts=1)
+    (warning,) = [note for note in result.notes if note.level == "warning"]
+    assert "is at its upper bound of 1 MPa" in warning.text
+    assert load_result(tmp_path / "run").notes == result.notes
+    document = json.loads((tmp_path / "run" / "result.json").read_text())
+    assert document["notes"] == [note.text for note in result.notes]
+    del document["warnings"]
+    (tmp_path / "run" / "result.json").write_text(json.dumps(document))
+    assert load_result(tmp_path / "run").notes == tuple(Note(note.text) for note in result.notes)
 
 
 @pytest.mark.parametrize(

@@ -54,7 +54,7 @@ def test_what_is_poor_or_decided_by_a_bound_is_a_warning_before_the_status(capsy
     assert "that is poor (the pitch above 10 % of its range)" in told.err
     assert "20mm" not in told.err
     assert f"Warning: joint: {note}" in told.err
-    assert note not in told.out
+    assert note.text not in told.out
 
 
 def test_numbers_of_the_table_are_as_people_write_them(capsys):

@@ -152,7 +152,7 @@ def test_a_calibration_finds_the_modulus_and_predicts_what_was_held_out(tmp_path
     assert told["distances"]["marker2"]["n"] == 1
     assert told["distances"]["marker1"]["max_percent"] == pytest.approx(100 * told["distances"]["marker1"]["max"] / 0.2)
     assert held["held_out"]["cable5"]["distances"]["marker2"]["mean"] < 2e-5
-    assert any("marker2 in state cable1-0.6" in note for note in found.notes)
+    assert any("marker2 in state cable1-0.6" in note.text for note in found.notes)
     assert "NaN" not in (tmp_path / "run" / "result.json").read_text()
     assert (tmp_path / "run" / "response-cable5.csv").is_file()
     run = load_run(tmp_path / "run")

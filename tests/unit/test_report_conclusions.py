@@ -9,8 +9,8 @@ import pytest
 from report_example import E_NAME, NU_NAME
 
 from softcal.analysis.agreement import agreements
-from softcal.calibration.outcome import SATURATED, bound_note
-from softcal.calibration.result import CalibrationResult, Distance, Estimate, ExperimentFit
+from softcal.calibration.outcome import bound_note, saturated_note
+from softcal.calibration.result import CalibrationResult, Distance, Estimate, ExperimentFit, Note
 from softcal.cli.calibration_table import print_results
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.materials.infill import PrintInfill
@@ -155,7 +155,7 @@ def test_every_separate_fit_is_judged_and_the_worst_is_named() -> None:
 
 
 def test_findings_of_separate_fits_are_told_with_their_label() -> None:
-    at_bound = result("test2", estimates={E_NAME: modulus(40.0, None, at_bound=True)}, notes=("A note.",))
+    at_bound = result("test2", estimates={E_NAME: modulus(40.0, None, at_bound=True)}, notes=(Note("A note."),))
     report = content({"test1": result("test1"), "test2": at_bound})
     assert "test2: E is at its upper bound of 40 MPa" in told(report, "warning")
     assert "test2: A note." in told(report, "note")
@@ -250,7 +250,7 @@ def test_what_its_bound_keeps_from_the_data_is_said_in_the_first_line(capsys: py
     assert f"Warning: a: {NU_NAME} {want.format('0.4')}" in capsys.readouterr().err
     whole = replace(at(27.0)["a"].parameters[NU_NAME], interval=(0.4, 0.5))
     assert "the data hardly determine it" in told(content({"a": result("a", estimates={NU_NAME: whole})}), "warning")
-    assert "not by the data" in bound_note(NU_NAME, whole)
+    assert "not by the data" in bound_note(NU_NAME, whole).text
     free = content(at(0.7))
     assert "best fit is beyond" not in told(free) + headline_sentence(free).text
     assert "within the noise, the data agree with this value" in told(free, "warning")
@@ -271,8 +271,9 @@ def test_a_fit_of_as_many_parameters_as_values_is_not_called_close_or_identified
     def of(n: int) -> ReportContent:
         made = fit(0.01)
         made = replace(made, measured={k: v[:n] for k, v in made.measured.items()}, simulated={"tension": D[:n]})
-        note = f"1 parameter was fitted to {n} measured value, {SATURATED}: it tells nothing."
-        return content({"a": result("a", made=made, notes=(note,) * (n == 1))}, sigma=1.0)
+        found = result("a", made=made)
+        notes = (saturated_note(found),) if found.is_saturated else ()
+        return content({"a": replace(found, notes=notes)}, sigma=1.0)
 
     one, two = of(1), of(2)
     assert "1 parameter was fitted to 1 measured value" in headline_sentence(one).text

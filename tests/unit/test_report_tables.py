@@ -13,7 +13,7 @@ import pytest
 from report_example import E_NAME, NU_NAME, column_mesh, example_content, tpe_result, twin_view
 
 from softcal.calibration.outcome import bound_note
-from softcal.calibration.result import CalibrationResult, Estimate, ExperimentFit, Trial
+from softcal.calibration.result import CalibrationResult, Estimate, ExperimentFit, Note, Trial
 from softcal.errors import InputError
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.materials.infill import PrintInfill
@@ -178,9 +178,9 @@ def test_a_twin_that_passes_through_itself_in_its_furthest_test_is_a_warning():
 def test_a_bound_is_told_once() -> None:
     at_bound = {E_NAME: Estimate(4e7, "Pa", True, 1e5, 4e7)}
     note = bound_note(E_NAME, at_bound[E_NAME])
-    content = small_content(parameters=at_bound, notes=(note, "Another note."))
+    content = small_content(parameters=at_bound, notes=(note, Note("Another note.")))
     assert "Another note." in texts(content, "note")
-    assert note not in texts(content, "note")
+    assert note.text not in texts(content, "note")
 
 
 def test_several_moduli_are_named_and_have_a_table_of_all() -> None:

@@ -76,12 +76,12 @@ def test_what_is_held_out_is_predicted_in_the_frame_of_its_set_up():
 
 def test_a_held_out_experiment_whose_own_values_did_not_converge_says_so(monkeypatch):
     settled = calibrate(problem(*FREE, *FRAMES), starts=1, hold_out=["cable2"])
-    assert not any("cable2 was held out" in note for note in settled.notes)
+    assert not any("cable2 was held out" in note.text for note in settled.notes)
     monkeypatch.setattr(hold_out, "_BUDGET", 1)
     found = calibrate(problem(*FREE, *FRAMES), starts=1, hold_out=["cable2"])
-    (note,) = [note for note in found.notes if "cable2 was held out" in note]
-    assert "The fit of its own parameters (frame.x[after], " in note
-    assert "Not converged after 1 trajectory" in note
+    (note,) = [note for note in found.notes if "cable2 was held out" in note.text]
+    assert "The fit of its own parameters (frame.x[after], " in note.text
+    assert "Not converged after 1 trajectory" in note.text
 
 
 def test_an_experiment_without_a_set_up_is_one_by_itself():

@@ -156,7 +156,7 @@ def _counts(fit: ExperimentFit) -> dict[str, int]:
 def _at_ends(result: SweepResult, trial: Trial) -> tuple[str, ...]:
     """Sentences on the parameters of a cell at the smallest or largest value of the sweep."""
     return tuple(
-        bound_note(name, replace(p, value=trial.theta[name], beyond=None))
+        bound_note(name, replace(p, value=trial.theta[name], beyond=None)).text
         for name, p in result.parameters.items()
         if trial.theta[name] in (p.lower, p.upper)
     )

@@ -16,7 +16,7 @@ from softcal.calibration.experiment import Experiment
 from softcal.calibration.fit import experiment_fit
 from softcal.calibration.parameters import FreeParameter, SearchSpace
 from softcal.calibration.problem import Evaluation, Problem
-from softcal.calibration.result import HeldOut
+from softcal.calibration.result import HeldOut, Note
 from softcal.errors import Fault, ParameterError, nearest
 from softcal.twin.parameters import robot_parameters
 
@@ -56,24 +56,24 @@ def fitted_part(problem: Problem, hold_out: Sequence[str]) -> Problem:
 
 def predicted(
     problem: Problem, theta: Mapping[str, float], hold_out: Sequence[str]
-) -> tuple[dict[str, HeldOut], tuple[str, ...]]:
-    """The twin's prediction at theta of each experiment of `hold_out`, and sentences on those that failed."""
+) -> tuple[dict[str, HeldOut], tuple[Note, ...]]:
+    """The twin's prediction at theta of each experiment of `hold_out`, and remarks on those that failed."""
     found: dict[str, HeldOut] = {}
-    notes: list[str] = []
+    notes: list[Note] = []
     for experiment in problem.experiments:
         if experiment.name not in hold_out:
             continue
         evaluation, own, unsettled = _predict(problem, theta, experiment)
         if evaluation is None or evaluation.loss is None:
             reason = "" if evaluation is None else evaluation.failure
-            notes.append(f"{experiment.name} was held out and cannot be predicted: {reason}")
+            notes.append(Note(f"{experiment.name} was held out and cannot be predicted: {reason}"))
             continue
         if unsettled:
             labels = ", ".join(p.label for p in own)
-            notes.append(
-                f"{experiment.name} was held out. The fit of its own parameters ({labels}), needed for its "
-                f"prediction, did not converge: {unsettled}"
+            text = (
+                f"{experiment.name} was held out. The fit of its own parameters ({labels}), needed for its prediction"
             )
+            notes.append(Note(f"{text}, did not converge: {unsettled}"))
         fit = experiment_fit(experiment, evaluation.observations[experiment.name])
         values = {p.label: evaluation.theta[p.label] for p in own}
         found[experiment.name] = HeldOut(evaluation.experiment_losses[experiment.name], fit, values)

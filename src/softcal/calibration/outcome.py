@@ -13,8 +13,8 @@ from softcal.calibration.fanova import fanova_importance
 from softcal.calibration.fit import experiment_fit, missing_rows
 from softcal.calibration.optimiser import OPTIMISERS
 from softcal.calibration.problem import Evaluation, Problem
-from softcal.calibration.result import Estimate, SearchResult, Trial
-from softcal.calibration.sensitivity import EXCESS, Statistics, local_statistics
+from softcal.calibration.result import Estimate, Note, SearchResult, Trial
+from softcal.calibration.sensitivity import Statistics, local_statistics
 from softcal.units import AS_WRITTEN, format_quantity
 
 R = TypeVar("R", bound=SearchResult)
@@ -22,10 +22,12 @@ R = TypeVar("R", bound=SearchResult)
 NOT_A_MINIMUM = (
     "No standard errors and no intervals: they exist only at a minimum of the loss, and the search did not converge."
 )
-BY_THE_BOUNDS = "the value is determined by the bound, not by the data"
 BEYOND_THE_BOUNDS = "the best fit is beyond it"
-SATURATED = "so a close fit is no evidence for these values"
 WITHIN_THE_BOUNDS = "all 95 % intervals are computed within the bounds"
+NOMINAL_FRICTION = (
+    "Tensions and their errors are those on the robot's side of the pulleys, computed with the nominal friction, so "
+    "that the fitted friction does not scale the errors."
+)
 NO_ERRORS = (
     "This method gives no standard errors: its best trial is near a minimum of the loss, not at it, and the "
     "derivatives there are not computed. For intervals, use the method least-squares."
@@ -75,7 +77,7 @@ def conclude(
     if kind == "sensitivity":
         local = local_statistics(space, problem.loss, best.theta, best.blocks)
         if account.converged is False:
-            local = Statistics(dict.fromkeys(space.labels), local.importance, (NOT_A_MINIMUM,))
+            local = Statistics(dict.fromkeys(space.labels), local.importance, (Note(NOT_A_MINIMUM),))
     else:
         local = _global_statistics(problem, trials, account.seed)
     parameters = local.estimates(space, best.theta)
@@ -102,7 +104,7 @@ def conclude(
     )
     if not result.is_saturated:
         return result
-    return replace(result, notes=(*result.notes, _saturated_note(result)))
+    return replace(result, notes=(*result.notes, saturated_note(result)))
 
 
 def installed_versions() -> dict[str, str]:
@@ -120,55 +122,51 @@ def _global_statistics(problem: Problem, trials: tuple[Trial, ...], seed: int) -
     errors: dict[str, float | None] = dict.fromkeys(problem.space.labels)
     completed = [(dict(trial.theta), trial.loss) for trial in trials if trial.loss is not None]
     try:
-        return Statistics(errors, fanova_importance(problem.space, completed, seed), (NO_ERRORS,))
+        return Statistics(errors, fanova_importance(problem.space, completed, seed), (Note(NO_ERRORS),))
     except KeyboardInterrupt:
         # It takes long after a thousand trials, and the estimates are already found: only the importances are missing.
         missing = "The importances are missing: their computation was stopped by the user."
-        return Statistics(errors, {}, (NO_ERRORS, missing))
+        return Statistics(errors, {}, (Note(NO_ERRORS), Note(missing)))
 
 
-def _notes(problem: Problem, parameters: Mapping[str, Estimate], trials: tuple[Trial, ...], n_failed: int) -> list[str]:
+def _notes(
+    problem: Problem, parameters: Mapping[str, Estimate], trials: tuple[Trial, ...], n_failed: int
+) -> list[Note]:
     notes = [bound_note(name, estimate) for name, estimate in parameters.items() if estimate.at_bound]
     for experiment in problem.experiments:
         rows = missing_rows(experiment)
         if rows:
             labels = experiment.dataset.labels or [str(i + 1) for i in range(experiment.dataset.n_samples)]
             named = "; ".join(f"{name} in {_states([labels[i] for i in held])}" for name, held in rows.items())
-            notes.append(
-                f"{experiment.name}: not measured and left out, of {experiment.dataset.n_samples} states: {named}."
-            )
+            n_samples = experiment.dataset.n_samples
+            notes.append(Note(f"{experiment.name}: not measured and left out, of {n_samples} states: {named}."))
     if n_failed:
         first = next(trial for trial in trials if trial.state == "FAILED")
         where = ", ".join(f"{name} = {value:.4g}" for name, value in first.theta.items())
-        notes.append(f"{n_failed} of {len(trials)} trials could not be simulated; the first at {where}: {first.reason}")
+        text = f"{n_failed} of {len(trials)} trials could not be simulated; the first at {where}: {first.reason}"
+        notes.append(Note(text))
     if PULLEY_FRICTION in problem.space.targets:
-        notes.append(
-            "Tensions and their errors are those on the robot's side of the pulleys, computed with the nominal "
-            "friction, so that the fitted friction does not scale the errors."
-        )
+        notes.append(Note(NOMINAL_FRICTION))
     return notes
 
 
-def bound_note(label: str, estimate: Estimate) -> str:
-    """Sentence on a parameter at the nearer of its bounds, and on its best value without the bound."""
+def bound_note(label: str, estimate: Estimate) -> Note:
+    """Warning of a parameter at the nearer of its bounds, and on its best value without the bound."""
     lower, upper, value = estimate.lower, estimate.upper, estimate.value
     above = abs(value - upper) <= abs(value - lower)
     side, nearer = ("upper", upper) if above else ("lower", lower)
     text = f"{label} is at its {side} bound of {format_quantity(nearer, estimate.unit, digits=AS_WRITTEN)}"
     if not estimate.is_held:
-        return f"{text}: {BY_THE_BOUNDS}."
-    return f"{text}: {BEYOND_THE_BOUNDS}, by about {estimate.beyond:.0f} standard errors; {WITHIN_THE_BOUNDS}."
+        return Note(f"{text}: the value is determined by the bound, not by the data.", "warning")
+    beyond = f"{BEYOND_THE_BOUNDS}, by about {estimate.beyond:.0f} standard errors; {WITHIN_THE_BOUNDS}"
+    return Note(f"{text}: {beyond}.", "warning")
 
 
-def is_warning(note: str) -> bool:
-    """Whether a note is a warning: a parameter at a bound, too many parameters, residuals beyond the noise."""
-    return any(words in note for words in (BY_THE_BOUNDS, BEYOND_THE_BOUNDS, SATURATED, EXCESS))
-
-
-def _saturated_note(result: SearchResult) -> str:
+def saturated_note(result: SearchResult) -> Note:
+    """Warning of a result that `is_saturated`."""
     n, n_values = len(result.parameters), sum(fit.n_values for fit in result.experiments.values())
     text = f"{n} parameter{'s were' if n > 1 else ' was'} fitted to {n_values} measured value{'s' * (n_values > 1)}"
-    return f"{text}, {SATURATED}."
+    return Note(f"{text}, so a close fit is no evidence for these values.", "warning")
 
 
 def _states(labels: list[str]) -> str:

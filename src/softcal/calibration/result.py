@@ -21,6 +21,25 @@ TrialState = Literal["COMPLETE", "FAILED"]
 
 
 @dataclass(frozen=True)
+class Note:
+    """A remark on how far a result can be trusted.
+
+    Attributes
+    ----------
+    text
+        A sentence.
+    level
+        "warning" where the values may mislead: at a bound, too many of them, residuals beyond the noise; else "note".
+    """
+
+    text: str
+    level: Literal["note", "warning"] = "note"
+
+    def __str__(self) -> str:
+        return self.text
+
+
+@dataclass(frozen=True)
 class Trial:
     """One evaluation of the loss.
 
@@ -240,7 +259,7 @@ class SearchResult(ABC):
     versions
         Package -> version.
     notes
-        Sentences on how far the result can be trusted.
+        Remarks on how far the result can be trusted.
     extra
         Settings of the search, and the kind of the importances.
     held_out
@@ -262,7 +281,7 @@ class SearchResult(ABC):
     n_failed_trials: int
     hashes: Mapping[str, str] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
     extra: Mapping[str, Any] = field(default_factory=dict)
     held_out: Mapping[str, HeldOut] = field(default_factory=dict[str, HeldOut])
 

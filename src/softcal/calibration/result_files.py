@@ -39,6 +39,7 @@ def result_json(result: SearchResult) -> dict[str, Any]:
     An experiment of one cable and one plate (paper A's) always has the errors of tension and pitch, null where they
     were not compared; any other has those alone that were.
     """
+    warnings = [note.text for note in result.notes if note.level == "warning"]
     document: dict[str, Any] = {
         "format": FORMAT,
         "parameters": {
@@ -73,7 +74,8 @@ def result_json(result: SearchResult) -> dict[str, Any]:
             else {}
         ),
         "importance": dict(result.importance),
-        "notes": list(result.notes),
+        "notes": [note.text for note in result.notes],
+        **({"warnings": warnings} if warnings else {}),
         "extra": dict(result.extra),
         "versions": dict(result.versions),
         "hashes": dict(result.hashes),

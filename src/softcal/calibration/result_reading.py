@@ -18,6 +18,7 @@ from softcal.calibration.result import (
     Estimate,
     ExperimentFit,
     HeldOut,
+    Note,
     SearchResult,
     SweepResult,
     Trial,
@@ -81,6 +82,7 @@ class _Result(Record):
     held_out: dict[str, _HeldOut] = Field(default_factory=dict[str, _HeldOut])
     importance: dict[str, float]
     notes: tuple[str, ...]
+    warnings: tuple[str, ...] = ()  # those of the notes that are; earlier files have none
     extra: _Extra
     versions: dict[str, str]
     hashes: dict[str, str]
@@ -116,7 +118,7 @@ def load_result(folder: Path) -> CalibrationResult | SweepResult:
         "n_failed_trials": held.n_failed_trials,
         "hashes": held.hashes,
         "versions": held.versions,
-        "notes": held.notes,
+        "notes": tuple(Note(text, "warning" if text in held.warnings else "note") for text in held.notes),
         "extra": held.extra.model_dump(exclude_none=True, exclude={"axes"}),
         "held_out": {
             name: HeldOut(entry.loss, _fit(folder, name, entry), entry.own) for name, entry in held.held_out.items()

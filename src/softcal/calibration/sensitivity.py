@@ -16,13 +16,12 @@ from softcal.calibration.estimator import PRIOR, Estimator, estimator
 from softcal.calibration.intervals import beyond_bounds, box_intervals
 from softcal.calibration.loss import Block, Loss, rms
 from softcal.calibration.parameters import SearchSpace
-from softcal.calibration.result import Estimate
+from softcal.calibration.result import Estimate, Note
 from softcal.checks import Floats
 from softcal.units import plain
 
 # A parameter with a larger share of an unidentifiable direction cannot be distinguished from the others in it.
 _MIXED = 0.01
-EXCESS = "times the stated noise"
 # Residuals this many times larger than the stated noise are reported in a note.
 _TOO_LARGE = 1.5
 NOISE_ALONE = (
@@ -42,7 +41,7 @@ class Statistics:
     importance
         Label -> share [-], sum 1.
     notes
-        Sentences on how far they can be trusted.
+        Remarks on how far they can be trusted.
     intervals
         Label -> ends of the 95 % interval [SI], or None.
     beyond
@@ -51,7 +50,7 @@ class Statistics:
 
     standard_errors: Mapping[str, float | None]
     importance: Mapping[str, float]
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
     intervals: Mapping[str, tuple[float, float] | None] = field(default_factory=dict[str, tuple[float, float] | None])
     beyond: Mapping[str, float] = field(default_factory=dict[str, float])
 
@@ -106,7 +105,7 @@ def local_statistics(space: SearchSpace, loss: Loss, theta: Mapping[str, float],
     held = beyond_bounds(found.minimum[known], found.root[:, known])
     labels = [space.labels[j] for j in known]
     beyond = {label: float(far) for label, far in zip(labels, held, strict=True) if at_bound[label]}
-    return Statistics(errors, importance, (*notes, NOISE_ALONE), intervals, beyond)
+    return Statistics(errors, importance, (*notes, Note(NOISE_ALONE)), intervals, beyond)
 
 
 def _importance(space: SearchSpace, loss: Loss, blocks: Sequence[Block], slopes: Floats) -> dict[str, float]:
@@ -120,23 +119,24 @@ def _importance(space: SearchSpace, loss: Loss, blocks: Sequence[Block], slopes:
     return dict(zip(space.labels, (felt / felt.sum()).tolist(), strict=True)) if felt.sum() > 0 else {}
 
 
-def _notes(space: SearchSpace, found: Estimator, mixed: np.ndarray, *, saturated: bool) -> Sequence[str]:
-    notes: list[str] = []
+def _notes(space: SearchSpace, found: Estimator, mixed: np.ndarray, *, saturated: bool) -> Sequence[Note]:
+    notes: list[Note] = []
     has_errors = not (found.spent or mixed.all() or saturated)
     if mixed.any():
-        notes.append(_blind_note([label for label, is_mixed in zip(space.labels, mixed, strict=True) if is_mixed]))
+        notes.append(Note(_blind_note([p for p, is_mixed in zip(space.labels, mixed, strict=True) if is_mixed])))
     for group, noise in found.noise.items():
         if noise.stated and noise.size > _TOO_LARGE:
-            notes.append(_excess_note(group, noise.size, widened=has_errors, priors=PRIOR in found.noise))
+            text = _excess_note(group, noise.size, widened=has_errors, priors=PRIOR in found.noise)
+            notes.append(Note(text, "warning"))
     if found.spent and not saturated:
-        notes.append(_spent_note(found.spent))
+        notes.append(Note(_spent_note(found.spent)))
     return notes
 
 
 def _excess_note(channel: str, factor: float, *, widened: bool, priors: bool) -> str:
     text = (
-        f"The residuals of {channel} are {plain(factor, 2)} {EXCESS}: the model of the robot or of the rig is "
-        "incomplete, or the stated noise is too small."
+        f"The residuals of {channel} are {plain(factor, 2)} times the stated noise: the model of the robot or of the "
+        "rig is incomplete, or the stated noise is too small."
     )
     if not widened:
         return text

@@ -12,7 +12,7 @@ from softcal.cli.printing import print_table
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from softcal.calibration.result import CalibrationResult, Estimate, ExperimentFit
+    from softcal.calibration.result import CalibrationResult, Estimate, ExperimentFit, Note
     from softcal.experiments.dataset import Dataset
 
 
@@ -23,7 +23,6 @@ def print_results(results: Mapping[str, CalibrationResult], data: Mapping[str, D
     """
     if not results:
         return
-    from softcal.calibration.outcome import is_warning
     from softcal.report.agreement import agreement_sentences
     from softcal.report.closeness import closeness_by_experiment, misses_of
 
@@ -38,11 +37,11 @@ def print_results(results: Mapping[str, CalibrationResult], data: Mapping[str, D
                 typer.echo(f"Warning: {of}{text}", err=True)
     for text, _ in agreement_sentences(results):
         typer.echo(text)
-    notes: dict[str, list[str]] = {}
+    notes: dict[Note, list[str]] = {}
     for label, result in results.items():
         for note in result.notes:
             notes.setdefault(note, []).append(label)
-    warnings = {note: labels for note, labels in notes.items() if is_warning(note)}
+    warnings = {note: labels for note, labels in notes.items() if note.level == "warning"}
     for note, labels in warnings.items():
         typer.echo(f"Warning: {', '.join(labels)}: {note}", err=True)
     for label, result in results.items():

@@ -79,7 +79,7 @@ def _print_validation(found: Validation) -> None:
     for model, predictions in found.models.items():
         for one in predictions:
             for note in one.result.notes:
-                if "held out" in note or "bound" in note:
+                if "held out" in note.text or "bound" in note.text:
                     typer.echo(f"Note ({model} without {', '.join(one.left_out)}): {note}")
 
 

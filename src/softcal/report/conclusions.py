@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from softcal.analysis.agreement import Agreement, agreements
-from softcal.calibration.outcome import BEYOND_THE_BOUNDS, SATURATED, WITHIN_THE_BOUNDS, is_warning
+from softcal.calibration.outcome import BEYOND_THE_BOUNDS, WITHIN_THE_BOUNDS, saturated_note
 from softcal.calibration.result import Estimate, ExperimentFit, SearchResult
 from softcal.report.agreement import agreement_sentences, chance_text, range_text, size_text
 from softcal.report.closeness import Tone, closeness, closeness_by_experiment, misses_of, worst_of
@@ -135,9 +135,8 @@ def _unconverged(results: Mapping[str, SearchResult]) -> Iterable[Sentence]:
 
 def _saturated(results: Mapping[str, SearchResult]) -> Iterable[Sentence]:
     for label, result in results.items():
-        for note in result.notes:
-            if SATURATED in note:
-                yield Sentence(_of(label, results, note), "warning")
+        if result.is_saturated:
+            yield Sentence(_of(label, results, saturated_note(result).text), "warning")
 
 
 def _differences(content: ReportContent) -> Iterable[Sentence]:
@@ -326,8 +325,8 @@ def _notes(results: Mapping[str, SearchResult]) -> Iterable[Sentence]:
     found: dict[str, list[str]] = {}
     for label, result in results.items():
         for note in result.notes:
-            if not is_warning(note):  # a warning of its own
-                found.setdefault(note, []).append(result_label(label))
+            if note.level == "note":  # each warning is a sentence of its own
+                found.setdefault(note.text, []).append(result_label(label))
     for note, labels in found.items():
         of = "" if len(labels) == len(results) else f"{joined(labels)}: "
         yield Sentence(f"{of}{_sentence(note)}", "note")

@@ -114,5 +114,7 @@ def side_by_side(results: Mapping[str, CalibrationResult]) -> CalibrationResult:
         experiments={name: fit for result in results.values() for name, fit in result.experiments.items()},
         held_out={},  # each calibration has its own prediction
         trials=(),
-        notes=tuple(f"{label}: {note}" for label, result in results.items() for note in result.notes),
+        notes=tuple(
+            replace(note, text=f"{label}: {note.text}") for label, result in results.items() for note in result.notes
+        ),
     )

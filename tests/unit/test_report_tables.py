@@ -24,7 +24,6 @@ from softcal.report.format import (
     joined,
     number,
     parameter_label,
-    parameter_name,
     parameters_in_words,
     with_error,
 )
@@ -36,6 +35,7 @@ from softcal.report.tables import (
     provenance_rows,
     share_of_peak,
 )
+from softcal.twin.parameter_name import parameter_name
 
 
 def small_content(**changes: object) -> ReportContent:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -59,3 +62,16 @@ def test_an_angle_has_an_error_of_its_own_beside_the_distance_of_its_plate() -> 
     rmse = dict.fromkeys(("top.x", "top.y", "top.z", "top.pitch", "x"), 1.0)
     fit = ExperimentFit(rmse, {}, {}, {}, {}, distances={"top": Distance(1.0, 1.0, 1.0, 1)})
     assert fit.alone == ("top.pitch", "x")
+
+
+def test_names_of_channels_and_parameters_are_taken_apart_in_one_file_each(repository: Path) -> None:
+    cut = re.compile(r"""\.r?(partition|split)\(["']\.["']""")
+    home = repository / "src" / "softcal"
+    found = {str(path.relative_to(home)) for path in home.rglob("*.py") if cut.search(path.read_text(encoding="utf-8"))}
+    names = {"sensing/channel.py", "twin/parameter_name.py"}
+    # Keys of faults in a file, titles of stored columns, and what runs without softcal.
+    others = {
+        "calibration/result_reading.py", "declare.py", "export/sofa_files/robot/pulling.py", "project/bench_plan.py",
+        "project/robot_bodies.py",
+    }  # fmt: skip
+    assert found == names | others

@@ -30,6 +30,7 @@ from softcal.experiments.dataset import Dataset
 from softcal.quantities import QUANTITIES, Quantity, noise_in
 from softcal.sensing.channel import ChannelName, channel_name, offsets, positions
 from softcal.sensing.sensors.cable import SHORTENING, TENSION
+from softcal.twin.parameter_name import parameter_name
 from softcal.twin.parameters import ParameterInfo
 
 Drive = Literal["shortening", "tension"]
@@ -229,10 +230,10 @@ def rig_parameters(experiments: Iterable[Experiment]) -> dict[str, ParameterInfo
 
 def rig_kind(name: str) -> Quantity | None:
     """The kind of quantity of a rig parameter by its dotted name; None where the rig has no such parameter."""
-    owner, _, kind = name.rpartition(".")
     if name == PULLEY_FRICTION:
         return QUANTITIES["friction coefficient"]
-    return FRAME_KINDS.get(kind) if owner == "frame" else offsets().get(kind)
+    parts = parameter_name(name)
+    return (FRAME_KINDS if parts.owner == "frame" else offsets()).get(parts.kind)
 
 
 def _rows(missing: np.ndarray) -> str:

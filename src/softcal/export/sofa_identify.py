@@ -22,6 +22,7 @@ from softcal.experiments.dataset import Channel, Dataset
 from softcal.export.sofa_robot import LinearRobot, is_its_own
 from softcal.sensing.channel import ChannelName, positions
 from softcal.sensing.sensors.cable import CableSensor
+from softcal.twin.parameter_name import parameter_name
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
@@ -54,7 +55,7 @@ class Identified:
         """Sentences on the identification; empty if none was needed."""
         if not self.values:
             return ()
-        names = sorted({name.rpartition(".")[0] for name in self.values})
+        names = sorted({parameter_name(name).owner for name in self.values})
         found = ", ".join(
             f"{name} {_shown(name, new)} (twin: {_shown(name, old)})" for name, (old, new) in self.values.items()
         )

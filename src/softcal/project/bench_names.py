@@ -19,6 +19,7 @@ from softcal.quantities import QUANTITIES, noise_in
 from softcal.sensing.channel import carriers, channel_name, channel_unit, kinds, positions
 from softcal.sensing.sensors.cable import TENSION
 from softcal.sensing.sensors.plate import ANGLES
+from softcal.twin.parameter_name import parameter_name
 from softcal.twin.parameters import robot_parameters, unknown_name
 from softcal.twin.robot import PointLoad, Robot
 
@@ -172,7 +173,7 @@ def settings_of(
     settings: dict[str, float] = {}
     for name, value in given.items():
         with findings.at((*path, name)):
-            owner, _, kind = name.rpartition(".")
+            owner, kind = parameter_name(name).owner, parameter_name(name).kind
             load = next((x for x in robot.loads if isinstance(x, PointLoad) and x.name == owner), None)
             if kind == MASS and load is not None:
                 settings[f"{owner}.force"] = _weight(load, QUANTITIES["mass"].read(value), robot)

@@ -22,7 +22,6 @@ from softcal.report.format import (
     material_kinds,
     number,
     parameter_label,
-    parameter_name,
     result_label,
 )
 from softcal.report.headline import headline
@@ -30,6 +29,7 @@ from softcal.report.positions import fit_sentence, fitted_distance, prediction_s
 from softcal.report.record import record_sentence
 from softcal.report.tables import grouped_failures
 from softcal.sensing.channel import channel_name
+from softcal.twin.parameter_name import parameter_name
 from softcal.units import AS_WRITTEN, format_quantity
 
 # An estimate is identified if its 95 % interval covers less than this share of the allowed range.

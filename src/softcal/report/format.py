@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from softcal.calibration.optimiser import OPTIMISERS
 from softcal.calibration.result import Estimate, SearchResult
 from softcal.materials.catalogue import LAWS, constants_of
+from softcal.twin.parameter_name import parameter_name
 from softcal.units import digits_showing, readable_unit, unit_factor
 
 NORMAL_95 = 1.959964  # half width of a 95 % interval in standard errors
@@ -68,27 +69,6 @@ def estimate_text(estimate: Estimate) -> str:
     scale = estimate_scale(estimate)
     error = None if estimate.standard_error is None else estimate.standard_error / scale.factor
     return f"{with_error(estimate.value / scale.factor, error)} {scale.unit}".rstrip()
-
-
-@dataclass(frozen=True)
-class ParameterName:
-    """The parts of a parameter's name: `front.slack[20mm]` is the `slack` of `front` in the experiment `20mm`."""
-
-    owner: str
-    kind: str
-    experiment: str = ""
-
-    @property
-    def base(self) -> str:
-        """The dotted name without the experiment."""
-        return f"{self.owner}.{self.kind}" if self.owner else self.kind
-
-
-def parameter_name(name: str) -> ParameterName:
-    """Parse a parameter's name."""
-    base, _, experiment = name.partition("[")
-    owner, _, kind = base.rpartition(".")
-    return ParameterName(owner, kind, experiment.removesuffix("]"))
 
 
 def parameter_label(name: str, others: Iterable[str] = ()) -> str:

@@ -19,7 +19,6 @@ from softcal.report.format import (
     number,
     ordered_parameters,
     parameter_label,
-    parameter_name,
     scale_of,
     with_error,
 )
@@ -27,6 +26,7 @@ from softcal.report.headline import headline
 from softcal.report.positions import MM, places, pooled
 from softcal.report.tables import ReportTable, provenance_rows, share_of_peak
 from softcal.sensing.channel import channel_name, channel_unit
+from softcal.twin.parameter_name import parameter_name
 from softcal.units import format_range
 
 _FEW = 4  # numbers on the first screen

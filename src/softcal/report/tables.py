@@ -25,12 +25,12 @@ from softcal.report.format import (
     number,
     ordered_parameters,
     parameter_label,
-    parameter_name,
     result_label,
     scale_of,
     with_error,
 )
 from softcal.sensing.channel import carriers, channel_name
+from softcal.twin.parameter_name import parameter_name
 from softcal.units import AS_WRITTEN, interval_digits, plain
 
 Cell = str | float | int | None

@@ -14,6 +14,7 @@ from softcal.errors import Fault, ParameterError, nearest
 from softcal.materials.catalogue import LAWS, constants_of
 from softcal.materials.elastic_constants import LINEAR_ELASTIC
 from softcal.quantities import QUANTITIES, Quantity
+from softcal.twin.parameter_name import parameter_name
 from softcal.twin.robot import Body, Material, PointLoad, Robot, Rod
 
 Part = TypeVar("Part", Body, Rod, Material)
@@ -67,7 +68,7 @@ KINDS: Mapping[str, Quantity] = {
 
 def kind_by_name(name: str) -> Quantity | None:
     """The kind of quantity of a robot parameter by its dotted name alone; None where the name does not determine it."""
-    key = name.rsplit(".", 1)[-1]
+    key = parameter_name(name).kind
     constant = constants_of(LAWS).get(key)
     return constant.quantity if constant is not None else KINDS.get(key)
 
@@ -182,7 +183,7 @@ def _with_force(load: PointLoad, values: Mapping[str, float]) -> PointLoad:
 
 def unknown_name(name: str, known: Mapping[str, object]) -> Fault:
     """The fault of a parameter that does not exist, with the nearest that does."""
-    of_the_same = [one for one in known if one.rpartition(".")[0] == name.rpartition(".")[0]]
+    of_the_same = [one for one in known if parameter_name(one).owner == parameter_name(name).owner]
     return Fault(
         "there is no such parameter",
         where=name,

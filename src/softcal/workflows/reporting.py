@@ -20,6 +20,7 @@ from softcal.report.figure import named_figures
 from softcal.report.twin_view import TwinView
 from softcal.report.write import Observer, ReportPaths
 from softcal.report.write import write_report as write_content
+from softcal.twin.parameter_name import parameter_name
 from softcal.twin.response import Response
 from softcal.workflows.calibrated_shapes import calibrated_shapes, from_undeformed
 from softcal.workflows.calibration import JOINT, calibrated, make_problem
@@ -180,7 +181,9 @@ def _landscapes(
 
 def _reach(problem: Problem) -> float:
     """The largest shortening [m] of the twin for any slack within its bounds."""
-    slacks = [p.lower for p in problem.space.parameters if p.name.endswith(".slack")]
-    nominal = [v for e in problem.experiments for name, v in e.rig_values().items() if name.endswith(".slack")]
+    slacks = [p.lower for p in problem.space.parameters if parameter_name(p.name).kind == "slack"]
+    nominal = [
+        v for e in problem.experiments for name, v in e.rig_values().items() if parameter_name(name).kind == "slack"
+    ]
     lowest = min([0.0, *slacks, *nominal])
     return max(float(np.max(e.dataset.values(drive))) for e in problem.experiments for drive in e.drives) - lowest

@@ -17,7 +17,6 @@ from softcal.report.format import (
     estimate_text,
     number,
     parameter_label,
-    parameter_name,
     result_label,
     scale_of,
 )
@@ -34,6 +33,7 @@ from softcal.report.style import (
     plain_log_ticks,
 )
 from softcal.report.surfaces import searched_pair
+from softcal.twin.parameter_name import parameter_name
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

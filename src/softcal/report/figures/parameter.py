@@ -15,10 +15,10 @@ from softcal.report.format import (
     estimate_text,
     ordered_parameters,
     parameter_label,
-    parameter_name,
     result_label,
 )
 from softcal.report.style import BLUE, FAINT, INK, MUTED, RED, house_style, new_figure
+from softcal.twin.parameter_name import parameter_name
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

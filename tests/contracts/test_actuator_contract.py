@@ -50,7 +50,7 @@ class ChamberTerm(ActuatorTerm):
 
     @property
     def actuators(self):
-        return (Actuator("chamber", "volume", "m^3", "pressure", "Pa", most_effort=self.most),)
+        return (Actuator("chamber", "volume", "pressure", most_effort=self.most),)
 
     def connectivity(self, layout):
         return Connectivity([self.faces])

@@ -15,7 +15,7 @@ from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.experiments.plausibility import check_plausible
 from softcal.experiments.prepare import parse_steps, prepare
 from softcal.experiments.step import STEPS
-from softcal.experiments.steps.corrections import detrend, detrended, smooth, zero
+from softcal.experiments.steps.corrections import detrend, smooth, zero
 from softcal.experiments.steps.noise import estimate_noise, set_noise
 from softcal.experiments.steps.pulleys import correct_pulley_friction
 from softcal.experiments.steps.sampling import resample, window
@@ -138,14 +138,6 @@ def test_noise_is_estimated_on_top_of_a_slope() -> None:
     sigma = estimate_noise(ramp(4000, noise=0.03), "tension").channels["tension"].sigma
     assert_allclose(sigma, 0.03, rtol=0.08)
     assert set_noise(ramp(), "pitch", 1e-3).channels["pitch"].sigma == 1e-3
-
-
-@given(slope=st.floats(-5, 5), level=st.floats(-5, 5))
-def test_detrended_removes_any_line(slope: float, level: float) -> None:
-    wave = np.sin(np.arange(40.0))
-    line = level + slope * np.arange(40.0)
-    assert_allclose(detrended(wave + line), detrended(wave), atol=1e-10)
-    assert_allclose(detrended(line), 0.0, atol=1e-10)
 
 
 def test_detrend_needs_cycles_or_ends() -> None:

@@ -126,7 +126,7 @@ def test_quadratic_tets_follow_the_curved_surface():
 def test_a_target_count_is_met(count, order, refinement):
     mesh = Neck(tets=count, order=order, waist_refinement=refinement).mesh()
     assert mesh.n_tets == pytest.approx(count, rel=0.05)
-    assert check_quality(mesh).is_sound
+    require_sound(mesh)
 
 
 @needs_gmsh

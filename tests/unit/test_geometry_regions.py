@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from softcal.errors import MeshError
-from softcal.geometry.locate import locate_point, locate_points
+from softcal.geometry.locate import locate_points
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.quality import check_quality, drop_unreferenced, require_sound
@@ -191,7 +191,7 @@ def test_located_points_come_back_from_their_coordinates(points, order):
 
 def test_a_point_just_outside_is_extrapolated(cube):
     point = (1.02, 0.4, 0.6)
-    tet, weights = locate_point(cube, point)
+    (tet,), (weights,) = locate_points(cube, [point])
     assert weights.min() < 0
     assert weights @ cube.points[cube.tets[tet]] == pytest.approx(point)
     assert 1.0 in cube.points[cube.tets[tet], 0]
@@ -203,7 +203,7 @@ def test_a_point_just_outside_is_extrapolated(cube):
 )
 def test_a_point_outside_is_refused_with_its_distance(cube, point, distance):
     with pytest.raises(MeshError, match=rf"front\.via\[0\]: the point lies outside its body by {distance}"):
-        locate_point(cube, point, where="front.via[0]")
+        locate_points(cube, [point], where="front.via[0]")
 
 
 def test_every_point_outside_is_told(cube):

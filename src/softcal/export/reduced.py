@@ -32,7 +32,7 @@ from softcal.units import format_quantity
 
 MODEL, EVALUATOR = "model.json", "reduced_model.py"
 MOST_CABLES = 3
-HELD_OUT, SEED = 40, 0
+HELD_OUT, SEED = 40, 0  # random points between the nodes, at which the error is measured
 POSE = 7  # numbers of a plate: position, quaternion
 
 
@@ -75,7 +75,6 @@ def reduced(
     reaches: Mapping[str, Reach],
     samples: int,
     *,
-    held_out: int = HELD_OUT,
     tell: Callable[[str], None] = lambda sentence: None,
 ) -> ReducedModelFit:
     """The cable-space model of a robot.
@@ -86,8 +85,6 @@ def reduced(
         Cables that the controller pulls, at most three, and their largest pull; all others are slack.
     samples
         Nodes along each cable; for a reach in length evenly spaced in length.
-    held_out
-        Random points between the nodes at which the error is measured.
     tell
         Called with the sentence on bodies that penetrate within reach.
 
@@ -123,10 +120,10 @@ def reduced(
         "error": {},
     }
     rng = np.random.default_rng(SEED)
-    points = rng.uniform(size=(held_out, len(axes))) * [axis[-1] for axis in axes]
+    points = rng.uniform(size=(HELD_OUT, len(axes))) * [axis[-1] for axis in axes]
     error = measured_error(robot, model, points[np.lexsort(points.T[::-1])])
     model["error"] = {
-        "measured at": f"{held_out} random points between the nodes",
+        "measured at": f"{HELD_OUT} random points between the nodes",
         **{
             name: {"unit": e.unit, "max": e.largest, "rms": e.rms, "largest change": e.change}
             for name, e in error.items()

@@ -24,7 +24,7 @@ from softcal.sensing.channel import ChannelName, positions
 from softcal.sensing.sensors.cable import CableSensor
 from softcal.twin.parameter_name import parameter_name
 from softcal.twin.parameters import with_parameters
-from softcal.twin.protocol import Command, Protocol
+from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response
 from softcal.twin.robot import Body, Robot
 from softcal.twin.simulate import simulate
@@ -84,7 +84,7 @@ def identify(robot: Robot, linear: LinearRobot, protocol: Protocol) -> Identifie
     foreign = [body for body in robot.bodies if not is_its_own(body)]
     if not foreign:
         return Identified(linear, {}, {})
-    thinned = _thinned(protocol)
+    thinned = protocol.thinned(SAMPLES)
     target = _simulated(robot, thinned)
     experiment = _experiment(robot, thinned, target)
     moduli = [_modulus(body) for body in foreign]
@@ -138,13 +138,6 @@ def _differences(
         )
         for channel in experiment.compared
     }
-
-
-def _thinned(protocol: Protocol) -> Protocol:
-    """A subset of the protocol's samples, evenly spaced, with the first and the last."""
-    n = protocol.n_samples
-    rows = np.unique(np.linspace(0, n - 1, min(n, SAMPLES)).round().astype(int))
-    return Protocol({name: Command(one.control, one.values[rows]) for name, one in protocol.commands.items()})
 
 
 def _simulated(robot: Robot, protocol: Protocol) -> Response:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
+from scipy.spatial.transform import Rotation
 
 from softcal.checks import Floats
 from softcal.export.sofa_scene import begins_first
@@ -144,15 +145,7 @@ def _line(cable: Cable, record: Record) -> Floats:
 
 def _pose(at: Sequence[float]) -> tuple[Floats, Floats]:
     """Position and rotation from x, y, z and a quaternion (x, y, z, w)."""
-    x, y, z, w = np.array(at[3:], dtype=float) / np.linalg.norm(at[3:])
-    rotation = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-    return np.array(at[:3], dtype=float), rotation
+    return np.array(at[:3], dtype=float), Rotation.from_quat(at[3:]).as_matrix()
 
 
 def _spline_error(twin: Twin, c: Floats, nodes: Floats) -> float:

@@ -127,15 +127,15 @@ def legacy_vtk(mesh: TetMesh, title: str) -> str:
 
 def schedule_csv(protocol: Protocol) -> str:
     """The protocol over time: from zero to at most 41 of its samples, at paper A's 2 mm/s, or 20 s in total."""
-    names = list(protocol.commands)
-    rows = np.unique(np.linspace(0, protocol.n_samples - 1, min(protocol.n_samples, SCHEDULE_ROWS)).round().astype(int))
-    table = np.array([protocol.commands[name].values[rows] for name in names]).T.reshape(len(rows), len(names))
-    table = np.vstack([np.zeros((1, len(names))), table])
-    rates = np.array([_rate(protocol.commands[name].control, table[:, k]) for k, name in enumerate(names)])
+    commands = protocol.thinned(SCHEDULE_ROWS).commands
+    table = np.column_stack([np.append(0.0, command.values) for command in commands.values()])
+    rates = np.array(
+        [_rate(command.control, values) for command, values in zip(commands.values(), table.T, strict=True)]
+    )
     steps = np.abs(np.diff(table, axis=0)) / rates
     times = np.append(0.0, np.cumsum(np.maximum(steps.max(axis=1, initial=0.0), 1e-2)))
     unit = {"tension": "N", "shortening": "m"}
-    headers = [f"{name}.{c} [{unit[c]}]" for name in names for c in [protocol.commands[name].control]]
+    headers = [f"{name}.{command.control} [{unit[command.control]}]" for name, command in commands.items()]
     rows = [[f"{t:.6g}", *(f"{v:.12g}" for v in row)] for t, row in zip(times, table, strict=True)]
     return csv_text(["time [s]", *headers], rows)
 

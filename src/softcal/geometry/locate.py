@@ -20,22 +20,6 @@ OUTSIDE = 0.25
 INSIDE = 1e-9
 
 
-def locate_point(
-    mesh: TetMesh, point: ArrayLike, *, tolerance: float | None = None, where: str = ""
-) -> tuple[int, Floats]:
-    """The tet of a point and its barycentric coordinates there; see `locate_points`.
-
-    Raises
-    ------
-    MeshError
-        If the point is outside the mesh by more than the tolerance.
-    """
-    tets, weights = locate_points(
-        mesh, frozen_floats(point, name=where or "point", shape=(3,))[None, :], tolerance=tolerance, where=where
-    )
-    return int(tets[0]), weights[0]
-
-
 def locate_points(
     mesh: TetMesh, points: ArrayLike, *, tolerance: float | None = None, where: str = ""
 ) -> tuple[Ints, Floats]:
@@ -91,14 +75,7 @@ class Places:
 
 def nearest_places(mesh: TetMesh, points: Floats, *, tolerance: float | None = None) -> Places:
     """As `locate_points`, for points at any distance outside the mesh."""
-    corners = mesh.points[mesh.tets[:, :4]]
-    inverse = np.linalg.inv(np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)).astype(np.float64)
-    tets = np.zeros(len(points), dtype=np.int64)
-    weights = np.zeros((len(points), 4))
-    for i, point in enumerate(points):
-        coordinates = _barycentric(point, corners[:, 0], inverse)
-        tets[i] = np.argmax(coordinates.min(axis=1))
-        weights[i] = coordinates[tets[i]]
+    tets, weights = _least_negative(mesh, points)
     distances, allowed = np.zeros(len(points)), np.zeros(len(points))
     outside = np.flatnonzero(weights.min(axis=1) < -INSIDE)
     if len(outside):
@@ -119,15 +96,8 @@ def barycentric_in(mesh: TetMesh, tet: int, point: Floats) -> Floats:
 
 def tets_holding(mesh: TetMesh, points: Floats) -> Ints:
     """Containing tet of each point (n, 3), -1 outside, by the straight-sided tets between the corners."""
-    corners = mesh.points[mesh.tets[:, :4]]
-    inverse = np.linalg.inv(np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)).astype(np.float64)
-    found = np.full(len(points), -1, dtype=np.int64)
-    for i, point in enumerate(points):
-        least = _barycentric(point, corners[:, 0], inverse).min(axis=1)
-        tet = int(np.argmax(least))
-        if least[tet] >= -INSIDE:
-            found[i] = tet
-    return found
+    tets, weights = _least_negative(mesh, points)
+    return np.where(weights.min(axis=1) >= -INSIDE, tets, -1)
 
 
 def mean_edges(mesh: TetMesh, tets: Ints) -> Floats:
@@ -147,6 +117,18 @@ def nearest_tets(mesh: TetMesh, points: Floats) -> tuple[Ints, Floats]:
         closest = int(np.argmin(to_faces))
         nearest[i], distances[i] = owners[closest], to_faces[closest]
     return nearest, distances
+
+
+def _least_negative(mesh: TetMesh, points: Floats) -> tuple[Ints, Floats]:
+    """Of each point (n, 3) the tet in which its smallest barycentric coordinate is largest, and those (n, 4)."""
+    corners = mesh.points[mesh.tets[:, :4]]
+    inverse = np.linalg.inv(np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)).astype(np.float64)
+    tets, weights = np.zeros(len(points), dtype=np.int64), np.zeros((len(points), 4))
+    for i, point in enumerate(points):
+        coordinates = _barycentric(point, corners[:, 0], inverse)
+        tets[i] = np.argmax(coordinates.min(axis=1))
+        weights[i] = coordinates[tets[i]]
+    return tets, weights
 
 
 def _barycentric(point: Floats, origins: Floats, inverse: Floats) -> Floats:

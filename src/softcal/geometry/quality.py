@@ -47,11 +47,6 @@ class MeshReport:
     n_duplicate_nodes: int
 
     @property
-    def is_sound(self) -> bool:
-        """Whether the mesh is usable; slivers reduce its quality but not its validity."""
-        return not self.inverted and self.n_parts == 1 and not self.unreferenced
-
-    @property
     def warning(self) -> str:
         """A sentence on poor but usable elements, or empty."""
         texts: list[str] = []

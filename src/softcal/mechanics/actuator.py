@@ -29,13 +29,11 @@ SWITCHING = "actuators keep switching between driven and at a limit of their eff
 
 @dataclass(frozen=True)
 class Actuator:
-    """Names of an actuator's coordinate and effort, their SI units, and the limits of the effort."""
+    """Names of an actuator's coordinate and effort, and the limits of the effort."""
 
     name: str
     coordinate: str
-    coordinate_unit: str
     effort: str
-    effort_unit: str
     least_effort: float = -np.inf
     most_effort: float = np.inf
 

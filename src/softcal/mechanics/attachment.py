@@ -65,16 +65,9 @@ def attach_point(mesh: TetMesh, point: Floats, *, may_stand_off: bool = False, w
     if wall is None:
         nodes, weights = attach(mesh, point[None, :], tolerance=np.inf if may_stand_off else None, where=where)
         return Attachment(nodes[0], weights[0])
-    offsets = (wall.points - point) / wall.diameter
-    conditions = np.vstack([np.ones(len(offsets)), offsets.T])
-    shares = np.linalg.lstsq(conditions, np.array([1.0, 0.0, 0.0, 0.0]), rcond=1e-9)[0]
     inside = np.array([barycentric_in(mesh, int(t), at) for t, at in zip(wall.tets, wall.points, strict=True)])
-    nodes, weights = _in_elements(mesh, wall.points, wall.tets, inside)
-    unique, place = np.unique(nodes, return_inverse=True)
-    summed: Floats = np.zeros(len(unique))
-    np.add.at(summed, place.ravel(), (shares[:, None] * weights).ravel())
-    kept = np.abs(summed) > NO_WEIGHT
-    return Attachment(unique[kept], summed[kept], wall.diameter)
+    attached = _in_elements(mesh, wall.points, wall.tets, inside)
+    return _smallest_sum(_conditions(wall.points, point, wall.diameter), *attached, wall.diameter)
 
 
 def attach_rate(mesh: TetMesh, point: Floats, way: Floats, *, where: str = "") -> tuple[Ints, Floats]:
@@ -122,17 +115,25 @@ def attach_ball(mesh: TetMesh, centre: Floats, radius: float, *, where: str = ""
     far = radius * ((k * GOLDEN) % 1.0) ** (1.0 / 3.0)
     ball = centre + far[:, None] * np.column_stack([across * np.cos(turn), across * np.sin(turn), height])
     ball = ball[tets_holding(mesh, ball) >= 0]
-    offsets = (ball - centre) / radius
-    conditions = np.vstack([np.ones(len(ball)), offsets.T])
+    conditions = _conditions(ball, centre, radius)
     if np.linalg.matrix_rank(conditions, tol=1e-6 * np.sqrt(BALL_POINTS)) < 4:
         return attach_point(mesh, centre, where=where)
+    return _smallest_sum(conditions, *attach(mesh, ball, where=where))
+
+
+def _conditions(points: Floats, at: Floats, size: float) -> Floats:
+    """Conditions C (4, n) on shares s of points (n, 3) in a sum that gives the point `at`: C s = (1, 0, 0, 0)."""
+    return np.vstack([np.ones(len(points)), ((points - at) / size).T])
+
+
+def _smallest_sum(conditions: Floats, nodes: Ints, weights: Floats, bore: float = 0.0) -> Attachment:
+    """The sum with the smallest shares that meets the conditions (4, n), of points by nodes and weights (n, k)."""
     shares = np.linalg.lstsq(conditions, np.array([1.0, 0.0, 0.0, 0.0]), rcond=1e-9)[0]
-    nodes, weights = attach(mesh, ball, where=where)
     unique, place = np.unique(nodes, return_inverse=True)
     summed: Floats = np.zeros(len(unique))
     np.add.at(summed, place.ravel(), (shares[:, None] * weights).ravel())
     kept = np.abs(summed) > NO_WEIGHT
-    return Attachment(unique[kept], summed[kept])
+    return Attachment(unique[kept], summed[kept], bore)
 
 
 def _in_elements(mesh: TetMesh, points: Floats, tets: Ints, barycentric: Floats) -> tuple[Ints, Floats]:

@@ -116,7 +116,7 @@ class CableTerm(ActuatorTerm):
 
     @property
     def actuators(self) -> tuple[Actuator, ...]:
-        return tuple(Actuator(name, "shortening", "m", "tension", "N", least_effort=0.0) for name in self.names)
+        return tuple(Actuator(name, "shortening", "tension", least_effort=0.0) for name in self.names)
 
     def coordinates(self, x: Floats) -> Floats:
         """The shortening of each cable (n_cables,) [m]."""

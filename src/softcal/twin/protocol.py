@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 
-from softcal.checks import Floats, frozen_floats
+from softcal.checks import Floats, Ints, frozen_floats
 from softcal.errors import Fault, InputError
 from softcal.sensing.channel import ChannelName, kinds
 from softcal.twin.robot import Control, Robot
@@ -67,6 +67,15 @@ class Protocol:
         """The commands' values at a sample, counted from 0."""
         return {name: float(command.values[i]) for name, command in self.commands.items()}
 
+    def take(self, rows: Ints) -> Protocol:
+        """Some of its samples, by their numbers from 0."""
+        return Protocol({name: Command(one.control, one.values[rows]) for name, one in self.commands.items()})
+
+    def thinned(self, most: int) -> Protocol:
+        """At most so many of its samples, evenly spaced, with the first and the last."""
+        n = self.n_samples
+        return self.take(np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int)))
+
 
 def controls_at(
     system: System, commands: Mapping[str, Command], values: Mapping[str, float], coordinate: Floats
@@ -92,8 +101,7 @@ def furthest_state(protocol: Protocol) -> Protocol:
     pulls = np.zeros(protocol.n_samples)
     for command in protocol.commands.values():
         pulls += command.values / max(float(np.abs(command.values).max()), 1e-300)
-    at = int(np.argmax(pulls))
-    return Protocol({n: Command(c.control, c.values[at : at + 1]) for n, c in protocol.commands.items()})
+    return protocol.take(np.array([np.argmax(pulls)]))
 
 
 LET_GO = 0.02  # of the range: a smaller decrease is noise of a machine that pulls

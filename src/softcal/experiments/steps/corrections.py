@@ -105,15 +105,6 @@ def smooth(dataset: Dataset, channel: str, n_samples: int, *, order: int = 2) ->
     return dataset.with_channels(Step("smooth", settings, outcome), **{channel: smoothed})
 
 
-def detrended(values: Floats) -> Floats:
-    """The values minus their least-squares line over the samples, as in the detrended errors of paper A's Table II."""
-    if len(values) < 2:
-        return np.zeros(len(values))
-    from scipy.signal import detrend as remove_line
-
-    return np.asarray(remove_line(values, type="linear"), dtype=np.float64)
-
-
 def _returns(dataset: Dataset, values: Floats) -> tuple[np.ndarray, Floats]:
     cycle = dataset.cycle
     numbers = [] if cycle is None else [int(number) for number in np.unique(cycle[cycle >= 0])]

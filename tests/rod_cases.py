@@ -50,12 +50,27 @@ def unknowns(rod: RodTerm) -> np.ndarray:
 def assembled(
     rod: RodTerm, pose: Pose, theta: dict[str, float], carried: np.ndarray | None = None
 ) -> tuple[float, np.ndarray, np.ndarray]:
-    forces = rod.assemble(pose.c, pose.R, theta, carried=carried)
+    """Energy, gradient and tangent of all frames; carried: section forces for the tangent's geometric part."""
+    forces = rod.assemble(pose.c, pose.R, theta)
+    tangent = forces.tangent
+    if carried is not None:
+        _, tangent = rod._derivatives(pose.c, pose.R, carried, rod._stiffness(theta))
     g, K = np.zeros(6 * len(pose.c)), np.zeros((6 * len(pose.c),) * 2)
     at = unknowns(rod)
     np.add.at(g, at, forces.gradient)
-    np.add.at(K, (at[:, :, None], at[:, None, :]), forces.tangent)
+    np.add.at(K, (at[:, :, None], at[:, None, :]), tangent)
     return forces.energy, g, K
+
+
+def predicted(rod: RodTerm, pose: Pose, theta: dict[str, float], dz: np.ndarray) -> np.ndarray:
+    """Section forces (n, 6) of each element, linear in the frames' increments dz from a pose.
+
+    With those of the last step the tangent survives load steps many times larger (Magisano, Leonetti and Garcea, 2017:
+    mixed integration points): a step that turns a rod also stretches it, to second order.
+    """
+    here, *ends = (rod._coordinates(p.c, p.R)[0] for p in (pose, pose.moved(1e-6 * dz), pose.moved(-1e-6 * dz)))
+    strain = here - rod.xi_rest + (ends[0] - ends[1]) / 2e-6
+    return np.einsum("nij,nj->ni", rod._stiffness(theta), strain)
 
 
 def solved(
@@ -87,7 +102,7 @@ def solved(
             dz = np.zeros(6 * len(pose.c))
             dz[free] = np.linalg.solve(K[np.ix_(free, free)], -r)
             if carry:
-                carried = rod.predicted(pose.c, pose.R, theta, dz[unknowns(rod)])
+                carried = predicted(rod, pose, theta, dz)
             pose = pose.moved(dz)
         else:
             raise AssertionError(f"no equilibrium in step {step}: residuals {pose.residuals[-1]}")

@@ -71,32 +71,28 @@ def test_coefficients_meet_where_series_and_closed_form_do():
 def test_turn_is_the_angle_between_neighbours():
     rod, pose = on_own_frames(circular(0.1), LINE)
     R = Rotation.from_rotvec([[0, 0, 0], [0.3, 0, 0], [2.0, 0, 0], [2.0, 0, 0], [2.0, 0.1, 0]]).as_matrix()
-    assert rod.turn(pose.c, R)[:3] == pytest.approx([0.3, 1.7, 0.0], abs=1e-12)
-    assert rod.assemble(pose.c, R, THETA, tangent=False).turn == pytest.approx(1.7)
+    assert rod._coordinates(pose.c, R)[1][:3] == pytest.approx([0.3, 1.7, 0.0], abs=1e-12)
 
 
-def test_no_tangent_unless_asked_for():
-    rod, pose = on_own_frames(circular(0.1), LINE)
-    R = Rotation.from_rotvec(0.1 * np.arange(15).reshape(5, 3)).as_matrix()
-    with_tangent, without = (rod.assemble(pose.c, R, THETA, tangent=t) for t in (True, False))
-    assert without.tangent is None
-    assert without.energy == with_tangent.energy > 0.0
-    assert np.array_equal(without.gradient, with_tangent.gradient)
-
-
-def test_resultants_of_a_bar_pulled_bent_and_twisted():
+def test_forces_in_a_bar_pulled_bent_and_twisted():
+    """Force and moment of the later end on each element, in the world's axes, and the strains that make them."""
     rod, pose = on_own_frames(circular(0.1), LINE)
     section = rod.section
     E, G = 1e6, 1e6 / 2.6
-    pulled = rod.resultants(1.01 * pose.c, pose.R, THETA)
-    assert pulled.strain == pytest.approx(np.tile([0.0, 0.0, 0.01], (4, 1)), abs=1e-14)
-    assert pulled.force == pytest.approx(np.tile([0.0, 0.0, 0.01 * E * section.area], (4, 1)), abs=1e-8)
-    twisted = rod.resultants(pose.c, Rotation.from_rotvec(np.outer(pose.c[:, 2], [0, 0, 2.0])).as_matrix(), THETA)
-    assert twisted.curvature == pytest.approx(np.tile([0.0, 0.0, 2.0], (4, 1)), abs=1e-14)
-    assert twisted.moment == pytest.approx(np.tile([0.0, 0.0, 2.0 * G * section.J], (4, 1)), abs=1e-8)
+
+    def at_later_ends(c: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        gradient = rod.assemble(c, R, THETA).gradient
+        return rod.strains(c, R), gradient[:, 6:9], gradient[:, 9:]
+
+    strain, force, _ = at_later_ends(1.01 * pose.c, pose.R)
+    assert strain[:, :3] == pytest.approx(np.tile([0.0, 0.0, 0.01], (4, 1)), abs=1e-14)
+    assert force == pytest.approx(np.tile([0.0, 0.0, 0.01 * E * section.area], (4, 1)), abs=1e-8)
+    twist = Rotation.from_rotvec(np.outer(pose.c[:, 2], [0, 0, 2.0])).as_matrix()
+    strain, _, moment = at_later_ends(pose.c, twist)
+    assert strain[:, 3:] == pytest.approx(np.tile([0.0, 0.0, 2.0], (4, 1)), abs=1e-14)
+    assert moment == pytest.approx(np.tile([0.0, 0.0, 2.0 * G * section.J], (4, 1)), abs=1e-8)
     z = pose.c[:, 2]  # an arc in the x-z plane of radius 1, about y
     arc = at_rest(np.stack([1.0 - np.cos(z), 0 * z, np.sin(z)], axis=1)).c
-    bent = rod.resultants(arc, Rotation.from_rotvec(np.outer(z, [0, 1.0, 0])).as_matrix(), THETA)
-    d2 = rod.triad[0, 0].T @ [0.0, 1.0, 0.0]
-    assert bent.moment == pytest.approx(np.tile(E * section.I1 * d2, (4, 1)), abs=1e-8)
-    assert bent.force == pytest.approx(np.zeros((4, 3)), abs=1e-8)
+    _, force, moment = at_later_ends(arc, Rotation.from_rotvec(np.outer(z, [0, 1.0, 0])).as_matrix())
+    assert moment == pytest.approx(np.tile([0.0, E * section.I1, 0.0], (4, 1)), abs=1e-8)
+    assert force == pytest.approx(np.zeros((4, 3)), abs=1e-8)

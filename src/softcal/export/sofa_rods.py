@@ -130,7 +130,7 @@ def _flexibilities(rod: Rod) -> tuple[list[dict[str, Any]], list[int]]:
     axes = np.tile(np.eye(3), (len(nodes), 1, 1))
     found: list[Floats] = []
     for ratio in FLEXIBILITY_OF:
-        tangent = term.tangent(nodes, axes, {"youngs_modulus": 1.0, "poissons_ratio": ratio})
+        tangent = term.assemble(nodes, axes, {"youngs_modulus": 1.0, "poissons_ratio": ratio}).tangent
         found.append(np.asarray(np.linalg.inv(tangent[:, 6:, 6:]), dtype=np.float64))
     turn = np.kron(np.eye(2), rod.centreline.triads[:-1])
     shear = np.swapaxes(turn, 1, 2) @ (found[1] - found[0]) @ turn

@@ -51,25 +51,11 @@ N_SERIES = 28
 
 
 class RodForces(NamedTuple):
-    """energy [J]; gradient (n, 12) by (dc_a, omega_a, dc_b, omega_b) of each element; tangent (n, 12, 12) or None;
-    turn: the largest angle between two neighbouring nodes [rad], which must be well below pi.
-    """
+    """energy [J]; gradient (n, 12) by (dc_a, omega_a, dc_b, omega_b) of each element; tangent (n, 12, 12)."""
 
     energy: float
     gradient: Floats
-    tangent: Floats | None
-    turn: float
-
-
-class RodResultants(NamedTuple):
-    """In the middle of each element and in its section's axes: strain (n, 3) [-] and curvature (n, 3) [1/m] less those
-    at rest; force (n, 3) [N] and moment (n, 3) [N m] of the later part of the rod on the earlier one.
-    """
-
-    strain: Floats
-    curvature: Floats
-    force: Floats
-    moment: Floats
+    tangent: Floats
 
 
 @dataclass(frozen=True)
@@ -137,14 +123,14 @@ class RodTerm(Term):
             self.blocks.add_gradient(wanted[name].own, by[name])
 
     def energy(self, given: Given) -> float:
-        pose = given.state.position, given.state.rotation
-        return self.assemble(*pose, part_theta(given.theta, self.name), tangent=False).energy
+        deviation = given.known[0] - self.xi_rest
+        return 0.5 * float(np.sum(_times(self._stiffness(part_theta(given.theta, self.name)), deviation) * deviation))
 
     def measure(self, sizes: Sizes, theta: Theta) -> None:
         own = part_theta(theta, self.name)
         sizes.shear_modulus = max(sizes.shear_modulus, 0.5 * own["youngs_modulus"] / (1.0 + own["poissons_ratio"]))
         sizes.volume += float(self.length.sum()) * self.section.area
-        tangent = self.tangent(sizes.rest.position, sizes.rest.rotation, own)
+        tangent = self.assemble(sizes.rest.position, sizes.rest.rotation, own).tangent
         self.blocks.add_gradient(sizes.stiffness, np.einsum("nii->ni", tangent))
         frames = np.unique(self.frames)
         sizes.frames.append(frames[frames < sizes.layout.n_moving_frames])
@@ -162,18 +148,8 @@ class RodTerm(Term):
         )
         return (damped,)
 
-    def assemble(
-        self,
-        position: Floats,
-        rotation: Floats,
-        theta: Mapping[str, float],
-        *,
-        tangent: bool = True,
-        carried: Floats | None = None,
-    ) -> RodForces:
-        """Energy, gradient and, on demand, the exact symmetric tangent at frames with the given poses.
-
-        Derivatives are by increments from there, position + dc and exp(omega) rotation, at zero.
+    def assemble(self, position: Floats, rotation: Floats, theta: Mapping[str, float]) -> RodForces:
+        """Energy, gradient and tangent, by increments from these poses: position + dc and exp(omega) rotation.
 
         Parameters
         ----------
@@ -181,45 +157,12 @@ class RodTerm(Term):
             Of all frames of the robot (n_frames, 3) [m] and (n_frames, 3, 3).
         theta
             youngs_modulus [Pa] and poissons_ratio.
-        tangent
-            Whether to work it out; None if not.
-        carried
-            What `predicted` gave for the last step (n, 6): section forces for the tangent's geometric part, in place of
-            those that the strains make. Energy and gradient do not change.
         """
         S = self._stiffness(theta)
-        xi, turn = self._coordinates(position, rotation)
-        deviation = xi - self.xi_rest
+        deviation = self._coordinates(position, rotation)[0] - self.xi_rest
         conjugate = _times(S, deviation)
-        hessian: Floats | None = None
-        if tangent and carried is None:
-            gradient, hessian = self._derivatives(position, rotation, conjugate, S)
-        else:
-            gradient = self._gradient(position, rotation, conjugate)
-            if tangent and carried is not None:
-                _, hessian = self._derivatives(position, rotation, carried, S)
-        return RodForces(0.5 * float(np.sum(conjugate * deviation)), gradient, hessian, float(turn.max()))
-
-    def tangent(self, position: Floats, rotation: Floats, theta: Mapping[str, float]) -> Floats:
-        """The exact symmetric tangent alone (n, 12, 12), as `assemble` has it."""
-        S = self._stiffness(theta)
-        xi, _ = self._coordinates(position, rotation)
-        return self._derivatives(position, rotation, _times(S, xi - self.xi_rest), S)[1]
-
-    def predicted(self, position: Floats, rotation: Floats, theta: Mapping[str, float], increments: Floats) -> Floats:
-        """Section forces (n, 6), linear in increments (n, 12) of each element from the given poses, for `assemble` at
-        the moved ones.
-
-        A step that turns a rod also stretches it, to second order; in a stiff rod that gives large forces which the
-        next step removes. They spoil the tangent; Newton's method for the mixed problem, where section forces are
-        unknowns, does not have them, and converges for load steps many times larger. This is that method with the
-        section forces eliminated (Magisano, Leonetti and Garcea, 2017: mixed integration points); at convergence the
-        tangent is the exact one.
-        """
-        rate = np.empty_like(self.xi_rest)
-        rod_kernels.velocities(position, rotation, self.frames, self.arm, self.triad, increments, rate)
-        xi, _ = self._coordinates(position, rotation)
-        return _times(self._stiffness(theta), xi - self.xi_rest + rate)
+        energy = 0.5 * float(np.sum(conjugate * deviation))
+        return RodForces(energy, *self._derivatives(position, rotation, conjugate, S))
 
     def gradient_by_parameters(
         self, position: Floats, rotation: Floats, theta: Mapping[str, float]
@@ -235,22 +178,10 @@ class RodTerm(Term):
             "poissons_ratio": self._gradient(position, rotation, by_nu),
         }
 
-    def turn(self, position: Floats, rotation: Floats) -> Floats:
-        """Angle between each element's ends (n,) [rad]."""
-        return self._coordinates(position, rotation)[1]
-
     def strains(self, position: Floats, rotation: Floats) -> Floats:
         """Strains in the middle of the elements (n, 6): stretch and shear [-], then curvature and twist [1/m]."""
         xi, _ = self._coordinates(position, rotation)
         return (xi - self.xi_rest) / self.length[:, None]
-
-    def resultants(self, position: Floats, rotation: Floats, theta: Mapping[str, float]) -> RodResultants:
-        """Strains and section forces in the middle of the elements."""
-        xi, _ = self._coordinates(position, rotation)
-        deviation = xi - self.xi_rest
-        wrench = _times(np.swapaxes(_middle_to_coordinates(xi), 1, 2), _times(self._stiffness(theta), deviation))
-        strain = self.strains(position, rotation)
-        return RodResultants(strain[:, :3], strain[:, 3:], wrench[:, :3], wrench[:, 3:])
 
     def _stiffness(self, theta: Mapping[str, float]) -> Floats:
         S = np.empty_like(self.by_bending)

@@ -84,43 +84,6 @@ def coordinates(
 
 
 @numba.njit(cache=True, error_model="numpy")
-def velocities(
-    position: Floats,
-    rotation: Floats,
-    frames: Ints,
-    arm: Floats,
-    triad: Floats,
-    increments: Floats,
-    rate: Floats,
-) -> None:
-    """d(Lambda_a^T (rho, theta)) (n, 6) by increments (n, 12), to first order."""
-    w = np.zeros((16, 3))
-    La, Lb, A, D = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
-    for e in range(len(frames)):
-        dz = increments[e]
-        _ends(position, rotation, frames[e], arm[e], triad[e], La, Lb, w)
-        relative(La, Lb, A)
-        rotation_vector(A, w[4])
-        beta, b1, _ = coefficients(w[4])
-        tangent_map(w[4], beta, A)
-        turning(w[3], w[4], beta, b1, D, w)
-        add_spin(-w[3, 0], -w[3, 1], -w[3, 2], D)
-        cross(dz[3:6], w[2], w[5])
-        cross(dz[9:12], w[1], w[6])
-        for i in range(3):
-            w[7, i] = dz[6 + i] - dz[i] + w[6, i] - w[5, i]
-            w[8, i] = dz[9 + i] - dz[3 + i]
-        for i in range(3):
-            w[9, i] = A[i, 0] * w[8, 0] + A[i, 1] * w[8, 1] + A[i, 2] * w[8, 2]
-        for i in range(3):
-            w[10, i] = A[i, 0] * w[7, 0] + A[i, 1] * w[7, 1] + A[i, 2] * w[7, 2]
-            w[10, i] += D[0, i] * w[9, 0] + D[1, i] * w[9, 1] + D[2, i] * w[9, 2]
-        for i in range(3):
-            rate[e, i] = La[0, i] * w[10, 0] + La[1, i] * w[10, 1] + La[2, i] * w[10, 2]
-            rate[e, 3 + i] = La[0, i] * w[9, 0] + La[1, i] * w[9, 1] + La[2, i] * w[9, 2]
-
-
-@numba.njit(cache=True, error_model="numpy")
 def derivatives(
     position: Floats,
     rotation: Floats,

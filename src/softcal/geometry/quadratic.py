@@ -24,7 +24,7 @@ def to_quadratic(mesh: TetMesh) -> TetMesh:
     """
     if mesh.cell is QUADRATIC:
         return mesh
-    edges, number = _numbered_edges(mesh)
+    edges, number = numbered_edges(mesh.tets, mesh.n_points)
     middles = 0.5 * (mesh.points[edges[:, 0]] + mesh.points[edges[:, 1]])
     tets = np.hstack([mesh.tets, mesh.n_points + number.reshape(-1, len(QUADRATIC.edges))])
     return TetMesh(
@@ -61,10 +61,13 @@ def linear_numbers(mesh: TetMesh) -> Ints:
     return new
 
 
-def _numbered_edges(mesh: TetMesh) -> tuple[Ints, Ints]:
-    pairs = np.sort(mesh.tets[:, QUADRATIC.edges].reshape(-1, 2), axis=1)
-    keys, number = np.unique(pairs[:, 0] * mesh.n_points + pairs[:, 1], return_inverse=True)
-    return np.column_stack([keys // mesh.n_points, keys % mesh.n_points]), number
+def numbered_edges(tets: Ints, n_points: int) -> tuple[Ints, Ints]:
+    """The edges (k, 2) of tets between n_points corners, lower corner first, and the number of each of their six edges,
+    one after the other (6 n_tets,).
+    """
+    pairs = np.sort(tets[:, QUADRATIC.edges].reshape(-1, 2), axis=1)
+    keys, number = np.unique(pairs[:, 0] * n_points + pairs[:, 1], return_inverse=True)
+    return np.column_stack([keys // n_points, keys % n_points]), number
 
 
 def _with_middles(mesh: TetMesh, nodes: Ints, edges: Ints) -> Ints:

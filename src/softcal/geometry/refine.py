@@ -122,7 +122,7 @@ def _pieces(X: Floats) -> Ints:
 
 def _tables() -> Ints:
     """The nodes of all pieces for each choice of the diagonal, (3, 8, 4), positively oriented."""
-    places = _barycentric()[:, 1:]
+    places = QUADRATIC.nodes[:, 1:]
     tables: list[list[tuple[int, ...]]] = []
     for (a, b), around in _DIAGONALS:
         inner = [(a, b, *pair) for pair in pairwise((*around, around[0]))]
@@ -135,18 +135,11 @@ def _upright(tet: tuple[int, ...], places: Floats) -> tuple[int, ...]:
     return tet if np.linalg.det(X[1:] - X[0]) > 0.0 else (tet[1], tet[0], *tet[2:])
 
 
-def _barycentric() -> Floats:
-    """Barycentric coordinates (10, 4) of a quadratic tet's nodes."""
-    corners = np.eye(4)
-    return np.concatenate([corners, [0.5 * (corners[a] + corners[b]) for a, b in TET_EDGES]])
-
-
 def _middles_on_map(nodes: TetMesh, pieces: Ints) -> Floats:
     """Middles of the edges of a quadratic mesh's pieces by its own map, (8 n_tets, 6, 3) [m]."""
-    at = _barycentric()[pieces]  # (n_tets, 8, 4, 4)
+    at = QUADRATIC.nodes[pieces]  # (n_tets, 8, 4, 4)
     L = 0.5 * (at[:, :, [a for a, _ in TET_EDGES]] + at[:, :, [b for _, b in TET_EDGES]])
-    edges = [4.0 * L[..., a] * L[..., b] for a, b in TET_EDGES]
-    N = np.concatenate([L * (2.0 * L - 1.0), np.stack(edges, axis=-1)], axis=-1)
+    N = QUADRATIC.functions(L.reshape(-1, 4)).reshape(*L.shape[:3], QUADRATIC.n_nodes)
     return np.einsum("epka,eai->epki", N, nodes.points[nodes.tets]).reshape(-1, len(TET_EDGES), 3)
 
 

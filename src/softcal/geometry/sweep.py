@@ -7,7 +7,7 @@ import numpy as np
 from softcal.checks import Floats, Ints
 from softcal.geometry.cell import TET_EDGES
 from softcal.geometry.mesh import TetMesh
-from softcal.geometry.quadratic import TRIANGLE_EDGES
+from softcal.geometry.quadratic import TRIANGLE_EDGES, numbered_edges
 
 # Corners of the three tets of a wedge whose triangle's corners are numbered upwards; 0..2 on an even, 3..5 on an odd
 # layer. Every side is cut from the lower corner on the even layer, so that neighbours agree and the mesh is its own
@@ -52,9 +52,7 @@ def sweep(section: Floats, triangles: Ints, *, sectors: int) -> TetMesh:
     ordered = np.sort(tets, axis=1)
     tets = tets[(np.diff(ordered, axis=1) > 0).all(axis=1)]
 
-    pairs = np.sort(tets[:, TET_EDGES].reshape(-1, 2), axis=1)
-    keys, number = np.unique(pairs[:, 0] * (n * sectors) + pairs[:, 1], return_inverse=True)
-    edges = np.column_stack([keys // (n * sectors), keys % (n * sectors)])
+    edges, number = numbered_edges(tets, n * sectors)
     angle = 2.0 * np.pi / sectors
     nodes = np.unique(tets)
     place = section[corners[nodes % n]]

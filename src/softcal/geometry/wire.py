@@ -15,7 +15,7 @@ from softcal.geometry.centreline import Centreline, straight
 from softcal.geometry.coil import Coil
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitive import Primitive
-from softcal.geometry.quadratic import of_order
+from softcal.geometry.quadratic import numbered_edges, of_order
 from softcal.geometry.quality import require_sound
 from softcal.geometry.surface import boundary_faces
 from softcal.geometry.sweep import WEDGE_TETS, upright
@@ -83,10 +83,8 @@ def wire_mesh(
     wedges = np.concatenate([even * n + triangles, odd * n + triangles], axis=2)
     tets = wedges[:, :, WEDGE_TETS].reshape(-1, 4)
 
-    pairs = np.sort(tets[:, TET_EDGES].reshape(-1, 2), axis=1)
     n_corners = n * (len(layers) + 1)
-    keys, number = np.unique(pairs[:, 0] * n_corners + pairs[:, 1], return_inverse=True)
-    ends = np.stack(np.divmod(keys, n_corners), axis=1)
+    ends, number = numbered_edges(tets, n_corners)
     corners = np.arange(n_corners)
     station = np.concatenate([2 * (corners // n), (ends // n).sum(axis=1)])
     across = 0.5 * diameter * np.concatenate([section.corners[corners % n], section.between(ends % n)])

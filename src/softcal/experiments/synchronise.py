@@ -178,7 +178,7 @@ def fit_clock(
     y = _evenly(y_time, y_raw, step)
     apart = y_time[0] - x_time[0]  # offset of the clocks by their own times
     coarse, sign = _coarse_lag(x, y, step, apart, max_lag, where)
-    shift, correlation = _refine(x, y, coarse, step, sign)
+    shift, correlation = _refine(x, y, coarse, sign)
     if abs(correlation) < min_correlation:
         raise DatasetError(
             Fault(
@@ -261,7 +261,7 @@ def _coarse_lag(
     return int(lags[best]), sign
 
 
-def _refine(x: Floats, y: Floats, coarse: int, step: float, sign: float) -> tuple[float, float]:
+def _refine(x: Floats, y: Floats, coarse: int, sign: float) -> tuple[float, float]:
     """Lag in fractional samples, by a parabola through the correlation coefficients near the peak; and the peak."""
     reach = 2
     peak = _coefficient(x, y, coarse)
@@ -313,7 +313,7 @@ def _early_and_late(
         base = a + shift - max(0, a + shift - (b - a) // 4)
         if np.ptp(part) <= 0.0 or np.ptp(partner) <= 0.0:
             return lag, 0.0
-        fine, _ = _refine(part, partner, base, step, sign)
+        fine, _ = _refine(part, partner, base, sign)
         lags.append((fine - base + shift) * step + apart)
     early, late = lags
     return 0.5 * (early + late), (late - early) / (0.5 * (end - begin) * step)

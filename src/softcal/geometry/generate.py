@@ -64,7 +64,6 @@ def mesh_file(
     order: Literal[1, 2] = 1,
     unit: str = "mm",
     edges_around: int | None = None,
-    feature_angle: float = 0.7,
     timeout: float = 300.0,
 ) -> TetMesh:
     """A mesh of the inside of a closed surface (.stl) or of the solids of a CAD model (.step, .stp); Delaunay.
@@ -81,8 +80,6 @@ def mesh_file(
         Unit of the lengths in an .stl file, which has none. A STEP file has its own; leave it at "mm".
     edges_around
         For a STEP file: number of edges around a bore or fillet, by smaller elements on round faces.
-    feature_angle
-        Edges of an .stl file sharper than this angle are kept [rad].
     timeout
         Longest time that Gmsh may take [s].
 
@@ -119,7 +116,6 @@ def mesh_file(
     job = {
         "kind": kind,
         "options": {**OPTIONS, "Mesh.MeshSizeFromCurvature": edges_around or 0},
-        "feature_angle": feature_angle,
         **target_of(size, tets, factor, where=str(path)),
         "order": order,
     }

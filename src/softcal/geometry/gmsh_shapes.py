@@ -12,6 +12,8 @@ import numpy as np
 
 # Surfaces with fewer triangles than this are refined before they are split into faces.
 FEW_TRIANGLES = 400
+# Edges of an .stl file sharper than this angle [rad] are kept.
+FEATURE_ANGLE = 0.7
 
 
 class JobError(Exception):
@@ -51,7 +53,7 @@ def split_stl(gmsh: Any, job: dict[str, Any], *, into_patches: bool) -> None:
     if len(nodes) < FEW_TRIANGLES:
         # Gmsh hangs on a face that is a single triangle.
         gmsh.model.mesh.refine()
-    gmsh.model.mesh.classifySurfaces(job["feature_angle"], True, into_patches, math.pi)
+    gmsh.model.mesh.classifySurfaces(FEATURE_ANGLE, True, into_patches, math.pi)
     gmsh.model.mesh.createGeometry()
     surfaces = [tag for _, tag in gmsh.model.getEntities(2)]
     gmsh.model.geo.addVolume([gmsh.model.geo.addSurfaceLoop(surfaces)])

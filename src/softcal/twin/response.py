@@ -45,19 +45,17 @@ class Snapshot:
     """
 
     label: str
-    points: Mapping[str, Floats]  # body -> (n_points, 3) [m], the points of the element's own mesh
-    cables: Mapping[str, Floats]  # cable -> (n_via, 3) [m]
-    plates: Mapping[str, tuple[Floats, Floats]]  # plate -> (position (3,) [m], rotation (3, 3))
-    controls: Mapping[str, float]  # cable -> commanded tension [N] or shortening [m]
-    tensions: Mapping[str, float] = field(default_factory=dict)  # cable -> tension [N]
-    rods: Mapping[str, Floats] = field(default_factory=dict)  # rod -> (n_nodes, 3) [m]
-    pressures: Mapping[str, Floats] = field(
-        default_factory=dict
-    )  # material of a P2P1 body -> (n_points,) [Pa], zero but at corners
-    markers: Mapping[str, Floats] = field(default_factory=dict)  # marker -> (3,) [m]
+    points: Mapping[str, Floats]
+    cables: Mapping[str, Floats]
+    plates: Mapping[str, tuple[Floats, Floats]]
+    controls: Mapping[str, float]
+    tensions: Mapping[str, float] = field(default_factory=dict)
+    rods: Mapping[str, Floats] = field(default_factory=dict)
+    pressures: Mapping[str, Floats] = field(default_factory=dict)
+    markers: Mapping[str, Floats] = field(default_factory=dict)
     drive: float = 0.0
     drive_unit: str = ""
-    rod_strains: Mapping[str, float] = field(default_factory=dict)  # rod -> [-]
+    rod_strains: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -104,7 +102,7 @@ class Response:
     sensitivities: Mapping[str, Mapping[str, Floats]] = field(default_factory=dict)
     slopes: Mapping[str, Floats] = field(default_factory=dict)
     snapshots: tuple[Snapshot, ...] = ()
-    tets: Mapping[str, Ints] = field(default_factory=dict)  # body -> connectivity of `Snapshot.points`
+    tets: Mapping[str, Ints] = field(default_factory=dict)
     instabilities: str = ""
     crossings: str = ""
     drawn_out: str = ""

@@ -119,8 +119,8 @@ def marker_modules(dictionary: str) -> int:
     return int(find_dictionary(dictionary).markerSize) + 2
 
 
-def marker_texture(dictionary: str, marker_id: int, margin: int = 1) -> Floats:
-    """One texel for each module: 0 black, 1 white, with `margin` white modules around.
+def marker_texture(dictionary: str, marker_id: int) -> Floats:
+    """One texel for each module: 0 black, 1 white, with a white module around.
 
     Raises
     ------
@@ -133,7 +133,7 @@ def marker_texture(dictionary: str, marker_id: int, margin: int = 1) -> Floats:
     if not 0 <= marker_id < n_markers:
         raise InputError(Fault(f"{dictionary} has no such marker", "--ids", str(marker_id), f"0 to {n_markers - 1}"))
     modules = cv2.aruco.generateImageMarker(found, marker_id, marker_modules(dictionary)) / 255.0
-    return np.pad(np.asarray(modules, dtype=np.float64), margin, constant_values=1.0)
+    return np.pad(np.asarray(modules, dtype=np.float64), 1, constant_values=1.0)
 
 
 def board_texture(board: CharucoBoard) -> Floats:

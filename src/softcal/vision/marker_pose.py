@@ -110,7 +110,7 @@ def estimate_poses(camera: Camera, markers: MarkerSet, glimpses: Sequence[Glimps
     starts = _starts(camera, markers, used, candidates)
     problem = _problem(camera, markers, used, starts)
     best = adjust(problem.start, problem.sightings)
-    found = _seen_beside_the_base(camera, markers, glimpses, candidates, problem, best, starts)
+    found = _seen_beside_the_base(markers, glimpses, candidates, problem, best, starts)
     if found:
         known = replace(markers, base={**markers.base, **found}, companions=())
         late = {one.group for one in glimpses if not candidates[one.viewpoint]}
@@ -160,7 +160,6 @@ def _starts(
 
 
 def _seen_beside_the_base(
-    camera: Camera,
     markers: MarkerSet,
     glimpses: Sequence[Glimpse],
     candidates: Mapping[str, Sequence[Candidate]],

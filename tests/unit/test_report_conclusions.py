@@ -112,6 +112,12 @@ def test_moduli_within_their_errors_are_said_to_be_so() -> None:
     assert first.tone == "good"
 
 
+def test_units_and_symbols_keep_their_letters_at_the_beginning_of_the_summary() -> None:
+    silent = replace(fit(), rmse={})
+    report = content({"test1": result("test1", made=silent)})
+    assert headline_sentence(report).text.startswith("E = 2.300 ± 0.010 MPa.")
+
+
 def test_without_standard_errors_nothing_is_said_of_agreement() -> None:
     report = content(separate((3.3, None), (3.31, None)))
     assert "without standard errors this cannot be compared with noise" in told(report, "note")

@@ -59,7 +59,8 @@ def headline_sentence(content: ReportContent) -> Sentence:
     if near:
         distance = joined(f"{text}{f' in {label}' if len(results) > 1 else ''}" for label, text in near)
         fit = f"{fit} and the markers to {distance}" if fit else f"the twin reproduces the markers to {distance}"
-    lead = f"With {estimates}, {fit}." if estimates and fit else f"{(fit or estimates).capitalize()}."
+    only = fit or estimates
+    lead = f"With {estimates}, {fit}." if estimates and fit else f"{only[:1].upper()}{only[1:]}."
     grave = [*_unconverged(results), *_saturated(results), *_bounds(results, held=True), *_differences(content)]
     others = [s for s in (*_bounds(results), *_identified(results)) if s.tone == "warning"]
     doubts = grave or others[:1]

@@ -18,7 +18,7 @@ from softcal.report.conclusions import conclusions, headline_sentence
 from softcal.report.content import ExperimentContent, ReportContent
 from softcal.report.figures.force_displacement import steps_between
 from softcal.report.figures.parameter import forest_caption
-from softcal.report.tables import all_parameters_table, parameters_table
+from softcal.report.tables import all_parameters_table, errors_table, parameters_table
 
 D = np.linspace(0.0, 0.02, 41)
 DEG = np.pi / 180
@@ -158,6 +158,22 @@ def test_every_separate_fit_is_judged_and_the_worst_is_named() -> None:
     assert "E = 2.300 to 2.300 MPa test by test" in first.text
     good = headline_sentence(content({name: fits[name] for name in ("test1", "test2")}))
     assert good.tone == "good"
+
+
+def test_channels_of_named_parts_are_judged_as_those_of_short_names_are() -> None:
+    made = fit(0.1, 2.2)
+    names = {"tension": "left.tension", "pitch": "head.pitch"}
+    parts = ("rmse", "measured", "simulated", "units")
+    named = replace(made, **{part: {names[c]: of for c, of in getattr(made, part).items()} for part in parts})
+    report = content({"test1": result("test1", made=named)})
+    assert "the force of left to 0.100 N RMS (1.2 % of its range)" in told(report, "warning")
+    assert "poor (the pitch of head above 10 % of its range)" in told(report, "warning")
+    first = headline_sentence(report)
+    assert "the measured force within 1.2 % of its range (RMS) and the pitch within 2.2 deg" in first.text
+    assert first.tone == "warning"
+    errors = errors_table(report)
+    assert [column.label for column in errors.columns[3::2]] == ["left.tension RMSE", "head.pitch RMSE"]
+    np.testing.assert_allclose([float(value or 0) for value in errors.rows[0][3::2]], [0.1, 2.2])
 
 
 def test_findings_of_separate_fits_are_told_with_their_label() -> None:

@@ -16,20 +16,23 @@ from softcal.calibration.result import SearchResult
 from softcal.experiments.dataset import Dataset
 from softcal.report.format import joined, number, scale_of
 from softcal.report.tables import share_of_range
-from softcal.sensing.channel import channel_name
+from softcal.sensing.channel import ChannelName, channel_name
 
 Tone = Literal["good", "note", "warning"]
 # RMS error over the measurement's range: close below the first share, poor above the second.
 CLOSE, POOR = 0.03, 0.10
 # An RMS error up to this many times the stated noise counts as noise.
 _NOISE = 1.2
-# Channels with an error of their own: channel, word, SI unit.
-KINDS = (("tension", "force", "N"), ("pitch", "pitch", "rad"), ("shortening", "travel", "m"))
+# What kinds of channel are called in sentences, those of the most interest first; any other one by its name.
+_WORDS = {"tension": "force", "pitch": "pitch", "shortening": "travel"}
 
 
 @dataclass(frozen=True)
 class Miss:
-    """Error of a channel in an experiment: RMSE [SI], and its ratio to the range and to the stated noise if known."""
+    """Error of a channel in an experiment: RMSE [SI], and its ratio to the range and to the stated noise if known.
+
+    word: for its kind; carrier: the cable, plate or sensor, "" of a short name.
+    """
 
     experiment: str
     word: str
@@ -37,21 +40,45 @@ class Miss:
     unit: str
     share: float | None
     in_noise: float | None
+    carrier: str = ""
 
     @property
     def size(self) -> str:
         scale = scale_of(self.unit)
         return f"{number(self.error / scale.factor)} {scale.unit}"
 
+    @property
+    def of(self) -> str:
+        """What the error is of: "force", or "force of front"."""
+        return of_carrier(self.word, self.carrier)
+
+    @property
+    def place(self) -> str:
+        """Where it is: the experiment, with the carrier."""
+        return f"{self.experiment}, {self.carrier}" if self.carrier else self.experiment
+
 
 def misses_of(data: Mapping[str, Dataset], result: SearchResult) -> Iterable[Miss]:
-    """Errors of all channels in all experiments of a result; data: the samples by experiment."""
+    """Errors of all channels but positions in all experiments of a result; data: the samples by experiment."""
     for name, fit in result.experiments.items():
-        for channel, word, unit in KINDS:
-            error = fit.rmse.get(channel)
-            if error is not None:
-                share, sigma = share_of_range(fit, channel), _noise(data[name], channel) if name in data else None
-                yield Miss(name, word, error, unit, share, error / sigma if sigma else None)
+        for of, word in in_words(fit.rmse):
+            channel = str(of)
+            error, sigma = fit.rmse[channel], _noise(data[name], channel) if name in data else None
+            in_noise = error / sigma if sigma else None
+            yield Miss(name, word, error, of.kind.unit, share_of_range(fit, channel), in_noise, of.carrier)
+
+
+def in_words(channels: Iterable[str]) -> list[tuple[ChannelName, str]]:
+    """The channels but positions, each with the word for its kind; forces first."""
+    found = [of for of in map(channel_name, channels) if not of.kind.is_position]
+    order = [*_WORDS, *(of.kind.name for of in found)]
+    found.sort(key=lambda of: order.index(of.kind.name))
+    return [(of, _WORDS.get(of.kind.name, of.kind.name)) for of in found]
+
+
+def of_carrier(word: str, carrier: str) -> str:
+    """The word for a channel, with what carries it unless its name is short."""
+    return f"{word} of {carrier}" if carrier else word
 
 
 def _noise(data: Dataset, channel: str) -> float | None:
@@ -88,14 +115,14 @@ def worst_of(misses: Iterable[Miss], word: str) -> str:
     else:
         worst = max(found, key=lambda miss: miss.error)
         size = f"the pitch within {number(worst.error / scale_of('rad').factor, 2)} deg"
-    return f"{size} (RMS{where.format(worst.experiment)})"
+    return f"{size} (RMS{where.format(worst.place)})"
 
 
 def miss_text(miss: Miss) -> str:
     """An error in words: "the force to 0.4 N RMS (5.0 % of its range)"."""
     parts = [] if miss.share is None else [f"{number(100 * miss.share, 2)} % of its range"]
     parts += [] if miss.in_noise is None else [f"{number(miss.in_noise, 2)} times its stated noise"]
-    return f"the {miss.word} to {miss.size} RMS" + (f" ({', '.join(parts)})" if parts else "")
+    return f"the {miss.of} to {miss.size} RMS" + (f" ({', '.join(parts)})" if parts else "")
 
 
 def closeness(misses: Iterable[Miss]) -> tuple[str, Tone]:
@@ -103,7 +130,7 @@ def closeness(misses: Iterable[Miss]) -> tuple[str, Tone]:
     beyond = [miss for miss in misses if not (miss.in_noise is not None and miss.in_noise <= _NOISE)]
     if not beyond:
         return "that is within the stated noise", "good"
-    shares = [(miss.share, miss.word) for miss in beyond if miss.share is not None]
+    shares = [(miss.share, miss.of) for miss in beyond if miss.share is not None]
     if not shares:
         return "that is poor (the measurement is constant, and the twin is not)", "warning"
     share, word = max(shares)

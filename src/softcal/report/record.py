@@ -8,7 +8,7 @@ import numpy as np
 
 from softcal.analysis.record import RecordFit
 from softcal.calibration.result import ExperimentFit
-from softcal.report.closeness import KINDS
+from softcal.report.closeness import in_words, of_carrier
 from softcal.report.content import ReportContent
 from softcal.report.format import number, scale_of
 from softcal.report.tables import share_of_peak
@@ -51,13 +51,15 @@ def record_sentence(content: ReportContent, label: str) -> str:
 
 
 def _whole(name: str, found: RecordFit, fitted: ExperimentFit) -> _Whole | None:
-    """The force if it was compared, else the pitch, else the travel; None if none was."""
+    """The force if it was compared, else the pitch, the travel or another channel; None if none was."""
     if found.fit is None:
         return None
-    for channel, word, unit in KINDS:
+    for of, word in in_words(fitted.rmse):
+        channel = str(of)
         share = share_of_peak(found.fit, channel)
-        if share is not None and channel in fitted.rmse:
-            return _Whole(name, word, unit, found.fit.rmse[channel], share, fitted.rmse[channel], found)
+        if share is not None:
+            said = of_carrier(word, of.carrier)
+            return _Whole(name, said, of.kind.unit, found.fit.rmse[channel], share, fitted.rmse[channel], found)
     return None
 
 

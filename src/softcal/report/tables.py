@@ -29,7 +29,7 @@ from softcal.report.format import (
     scale_of,
     with_error,
 )
-from softcal.sensing.channel import carriers, channel_name
+from softcal.sensing.channel import channel_name
 from softcal.twin.parameter_name import parameter_name
 from softcal.units import AS_WRITTEN, interval_digits, plain
 
@@ -194,19 +194,14 @@ def errors_table(content: ReportContent) -> ReportTable:
             if name in records and (whole := records[name].fit) is not None:
                 every.append((label, name, "whole record", whole))
         every += [(label, name, "held out", held.fit) for name, held in result.held_out.items()]
-    of_sensors = {
-        channel: fit.units[channel]
-        for *_, fit in every
-        for channel in fit.alone
-        if "sensors" in carriers(channel_name(channel).kind)
-    }
-    fits = [entry for entry in every if any("." not in c or c in of_sensors for c in entry[-1].rmse)]
+    named = {c: channel_name(c) for *_, fit in every for c in fit.alone if not channel_name(c).kind.is_position}
+    fits = [entry for entry in every if any("." not in c or c in named for c in entry[-1].rmse)]
     channels: list[tuple[str, str, Scale]] = [
         ("tension", "Force", Scale("N", 1.0)),
         ("pitch", "Pitch", Scale("rad", 1.0)),
         ("pitch", "Pitch", scale_of("rad")),
         ("shortening", "Shortening", scale_of("m")),
-        *((channel, channel_name(channel).label, scale_of(unit)) for channel, unit in of_sensors.items()),
+        *((str(one), one.label, scale_of(one.kind.unit)) for one in named.values() if one.carrier),
     ]
     shown = [
         (channel, label, scale)

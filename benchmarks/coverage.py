@@ -149,7 +149,7 @@ def _neck_study(case: Case, chance: np.random.Generator) -> Problem:
     for name, unit, channel in (("tension", "N", "front.tension"), ("pitch", "rad", "plate.pitch")):
         values = seen.channels[channel] + NOISE[name] * chance.standard_normal(case.n)
         channels[name] = Channel(values, unit, case.stated * NOISE[name])
-    rig = Rig(pulleys=Pulleys(2, np.pi, TRUE[PULLEY_FRICTION]))
+    rig = Rig(pulleys=Pulleys(count=2, wrap=np.pi, friction_coefficient=TRUE[PULLEY_FRICTION]))
     pull = Experiment("pull", Dataset("pull", channels), cable="front", plate="plate", rig=rig)
     free = [
         FreeParameter(E, "Pa", 0.1e6, 40e6, "log", start=true[E]),

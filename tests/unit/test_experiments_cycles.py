@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose
 
 from softcal.errors import DatasetError
 from softcal.experiments.dataset import Channel, Dataset
-from softcal.experiments.hysteresis import loops, softening
+from softcal.experiments.hysteresis import loops
 from softcal.experiments.prepare import prepare
 from softcal.experiments.read import ColumnSpec, read_table
 from softcal.experiments.steps.branches import take_branch
@@ -192,7 +192,6 @@ def test_loop_energy_and_softening() -> None:
         assert_allclose(loop.loading_energy, energy + bench_record.FLOOR * bench_record.TRAVEL, rtol=0.01)
         assert_allclose(loop.lost_energy, bench_record.HYSTERESIS * energy, rtol=0.05)
         assert_allclose(loop.hysteresis, loop.lost_energy / loop.loading_energy)
-    assert_allclose(softening(found).loss, 1 - 1 / bench_record.SOFTENING[0], atol=0.01)
 
 
 @given(force=st.sampled_from([1e-3, 1.0, 1e3]), length=st.sampled_from([1e-2, 1.0, 10.0]))

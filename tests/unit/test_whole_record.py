@@ -15,6 +15,7 @@ from softcal.analysis.record import RecordFit, record_fit
 from softcal.calibration.experiment import Experiment
 from softcal.calibration.rig import Pulleys, Rig
 from softcal.experiments.dataset import Channel, Dataset
+from softcal.experiments.steps.cycles import find_cycles
 from softcal.project.project import load
 from softcal.report.all_tables import all_tables
 from softcal.report.conclusions import conclusions
@@ -191,6 +192,29 @@ def test_a_record_without_a_correction_of_the_samples_is_not_compared(tmp_path: 
     found = compare_records(project, calibrate(project, out=None).headline)["pull"]
     assert found.fit is None
     assert "lacks a correction that the compared samples have; got zero" in found.failure
+
+
+def test_the_report_has_peak_and_energy_of_every_cycle() -> None:
+    import bench_record
+
+    given = example_content()
+    label = given.headline
+    moved = bench_record.motion()
+    values = {"time": moved.time, "shortening": moved.shortening, "tension": bench_record.force(moved, 0.0, 0.0, 1)}
+    record = find_cycles(dataset(values))
+    shown = replace(given, records={label: {"pull": RecordFit(None, record, ("shortening",))}})
+    table = all_tables(shown)["cycles"]
+    assert len(table.rows) == len(bench_record.SOFTENING)
+    by_column = dict(zip((column.label for column in table.columns), zip(*table.rows, strict=True), strict=True))
+    peaks = np.array(by_column["Peak force"])
+    np.testing.assert_allclose(by_column["Peak below the first cycle's"], 100 * (1 - peaks / peaks[0]))
+    assert peaks[0] / peaks[-1] == pytest.approx(bench_record.SOFTENING[0], abs=0.02)
+    lost = np.array(by_column["Lost in the loop"]) / np.array(by_column["Work of loading"])
+    np.testing.assert_allclose(by_column["Lost"], 100 * lost)
+    assert np.all(lost > 0.5 * bench_record.HYSTERESIS)
+    assert table.title in render_page(shown, [], all_tables(shown))
+    assert not all_tables(given)["cycles"].rows
+    assert table.title not in render_page(given, [], all_tables(given))
 
 
 def test_the_report_holds_record_and_fit_apart() -> None:

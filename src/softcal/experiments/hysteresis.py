@@ -1,4 +1,4 @@
-"""Inelastic effects, which the elastic twin lacks: loop energies, hysteresis, softening after the first cycle."""
+"""Inelastic effects, which the elastic twin lacks: energies of the loops, and peaks of cycle after cycle."""
 
 from __future__ import annotations
 
@@ -30,19 +30,6 @@ class Loop:
         return self.lost_energy / self.loading_energy if self.loading_energy > 0.0 else 0.0
 
 
-@dataclass(frozen=True)
-class Softening:
-    """Peaks of the first and last cycle [N], and the relative loss of the peak [-]."""
-
-    first_peak: float
-    last_peak: float
-
-    @property
-    def loss(self) -> float:
-        """Relative loss of the first peak [-]."""
-        return (self.first_peak - self.last_peak) / self.first_peak if self.first_peak > 0.0 else 0.0
-
-
 def loops(dataset: Dataset) -> tuple[Loop, ...]:
     """Energies of every cycle, by the area under its branches over the shortening.
 
@@ -67,12 +54,6 @@ def loops(dataset: Dataset) -> tuple[Loop, ...]:
             )
         )
     return tuple(found)
-
-
-def softening(dataset: Dataset) -> Softening:
-    """Peak of the first cycle of the record and of its last."""
-    found = loops(dataset)
-    return Softening(found[0].peak_tension, found[-1].peak_tension)
 
 
 def _area(shortening: Floats, tension: Floats, rows: np.ndarray) -> float:

@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cache
-from types import UnionType
+from numbers import Integral, Real
+from types import NoneType, UnionType
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, Union, get_args, get_origin, get_type_hints
 
 from softcal.errors import Fault, InputError, nearest
@@ -30,7 +31,8 @@ class Declared:
     """
 
     def __post_init__(self) -> None:
-        """Refuse values outside the ranges of their annotations: in a file they are refused as they are read.
+        """Refuse values of another kind than their annotations say, or outside their ranges: in a file they are
+        refused as they are read.
 
         Raises
         ------
@@ -42,9 +44,14 @@ class Declared:
 
     def range_faults(self) -> list[Fault]:
         """The faults of the values, each by the name of its field."""
-        given = {name: value for name in _ranges(type(self)) if (value := getattr(self, name)) is not None}
-        faults = (_ranges(type(self))[name].fault(value, name) for name, value in given.items())
-        return [fault for fault in faults if fault]
+        found: list[Fault | None] = []
+        for name, hint in _hints(type(self)).items():
+            value = getattr(self, name)
+            if not _fits(value, hint):
+                found.append(Fault("this is of the wrong kind", name, shown(value), _in_words(hint)))
+            elif value is not None and name in _ranges(type(self)):
+                found.append(_ranges(type(self))[name].fault(value, name))
+        return [fault for fault in found if fault]
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: object, handler: Callable[[object], CoreSchema]) -> CoreSchema:
@@ -68,11 +75,52 @@ class Range(Protocol):
 
 
 @cache
-def _ranges(cls: type) -> dict[str, Range]:
-    """The ranges of the fields that are numbers or names, or None, by name."""
+def _hints(cls: type[Declared]) -> dict[str, Any]:
+    """The annotations of the fields by name; a field that is None by default may be None."""
+    assert is_dataclass(cls)  # noqa: S101
     hints = get_type_hints(cls, include_extras=True)
+    return {one.name: hints[one.name] | None if one.default is None else hints[one.name] for one in fields(cls)}
+
+
+_KINDS = {float: (Real, "a number in SI"), int: (Integral, "a whole number"), str: (str, "text")}
+
+
+def _fits(value: object, hint: Any) -> bool:
+    """Whether a value is of the kind of an annotation; of lists and arrays, which are checked elsewhere, any is."""
+    if get_origin(hint) in (Union, UnionType):
+        return any(_fits(value, one) for one in get_args(hint))
+    if get_origin(hint) is Annotated:
+        return _fits(value, get_args(hint)[0])
+    if get_origin(hint) is Literal:
+        return value in get_args(hint)
+    if get_origin(hint) is Mapping:
+        return isinstance(value, Mapping)
+    if hint in _KINDS:
+        return isinstance(value, _KINDS[hint][0]) and not isinstance(value, bool)
+    checked = isinstance(hint, type) and (hint in (bool, NoneType) or issubclass(hint, Declared))
+    return isinstance(value, hint) if checked else True
+
+
+def _in_words(hint: Any) -> str:
+    """What values an annotation allows."""
+    if get_origin(hint) in (Union, UnionType):
+        return " or ".join(_in_words(one) for one in get_args(hint))
+    if get_origin(hint) is Annotated:
+        return _in_words(get_args(hint)[0])
+    if get_origin(hint) is Literal:
+        return ", ".join(map(repr, get_args(hint)))
+    words = {bool: "True or False", NoneType: "None", **{kind: words for kind, (_, words) in _KINDS.items()}}
+    if get_origin(hint) is Mapping:
+        return f"a mapping to {_in_words(get_args(hint)[1])}"
+    return words[hint] if hint in words else f"a {hint.__name__}"
+
+
+@cache
+def _ranges(cls: type[Declared]) -> dict[str, Range]:
+    """The ranges of the fields that are numbers or names, or None, by name."""
     kinds = {
-        name: get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,) for name, hint in hints.items()
+        name: get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
+        for name, hint in _hints(cls).items()
     }
     return {
         name: range_

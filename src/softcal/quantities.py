@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from numbers import Real
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from softcal.declare import Reading
+from softcal.declare import Reading, shown
 from softcal.errors import Fault, ParameterError
 from softcal.units import parse_quantity
 
@@ -63,7 +64,9 @@ class Quantity:
         return f"{text}, and not 0" if self.least else text
 
     def fault(self, value: float, where: str = "") -> Fault | None:
-        """The fault of a number [unit], or None."""
+        """The fault of a number [unit], or None; of what is no number too."""
+        if isinstance(value, bool) or not isinstance(value, Real):
+            return Fault("this is not a number", where, shown(value), f"one number in SI ({self.unit})")
         if self.allows(value):
             return None
         return Fault(

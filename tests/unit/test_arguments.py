@@ -12,6 +12,8 @@ import softcal
 from softcal.errors import InputError, ParameterError
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.experiments.plausibility import check_plausible
+from softcal.geometry.neck import Neck
+from softcal.geometry.wire import SolidRod
 from softcal.twin.protocol import Command, Protocol
 
 PULL = Protocol({"front": Command("shortening", np.array([0.0, 0.002]))})
@@ -34,6 +36,27 @@ def test_snapshots_are_none_all_or_those_of_samples() -> None:
 def test_one_sensitivity_may_be_named_alone() -> None:
     response = softcal.simulate(bar_robot(), PULL, sensitivities="bar.youngs_modulus")
     assert set(response.sensitivities["front.tension"]) == {"bar.youngs_modulus"}
+
+
+@pytest.mark.parametrize(
+    ("part", "given", "told"),
+    [
+        (Neck, {"tets": "1700"}, "tets: this is of the wrong kind; got '1700'; allowed: a whole number or None"),
+        (Neck, {"tets": 1700, "n_bells": 2.5}, "n_bells: .*; got 2.5; allowed: a whole number"),
+        (Neck, {"tets": 1700, "outer_diameter": [0.038]}, r"outer_diameter: .*; got \[0.038\]; allowed: a number"),
+        (Neck, {"tets": 1700, "order": 3}, "order: .*; got 3; allowed: 1, 2"),
+        (SolidRod, {"length": 0.02, "diameter": None}, "diameter: .*; got None; allowed: a number in SI"),
+        (softcal.Contact, {"gap": "1 mm"}, "gap: .*; got '1 mm'; allowed: a number in SI or None"),
+        (softcal.Springs, {"youngs_modulus": {"spring1": "1 GPa"}, "poissons_ratio": 0.4}, "spring1: .*'1 GPa'"),
+        (softcal.Springs, {"youngs_modulus": "1 GPa", "poissons_ratio": 0.4}, "allowed: a number in SI or a mapping"),
+        (softcal.Springs, {"youngs_modulus": 1e9, "poissons_ratio": 0.4, "model": "rood"}, "allowed: 'rod', 'solid'"),
+        (softcal.Manipulator, {"springs": "steel"}, "springs: .*; got 'steel'; allowed: a Springs"),
+        (softcal.TimeSettings, {"time_step": True}, "time_step: .*; got True; allowed: a number in SI"),
+    ],
+)  # fmt: skip
+def test_values_of_another_kind_are_refused_with_their_names(part: type, given: dict[str, object], told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        part(**given)
 
 
 def test_a_command_drives_what_a_cable_has() -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from numbers import Real
 from typing import TypeVar
 
 import numpy as np
@@ -194,6 +193,4 @@ def unknown_name(name: str, known: Mapping[str, object]) -> Fault:
 
 def out_of_range(info: ParameterInfo, value: float) -> Fault | None:
     """The fault of a value that is no number, or outside the parameter's range; or None."""
-    if isinstance(value, bool) or not isinstance(value, Real):
-        return Fault("this is not a number", info.name, repr(value), f"one number in SI ({info.unit})")
     return info.quantity.fault(value, info.name)

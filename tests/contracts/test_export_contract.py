@@ -125,6 +125,17 @@ def test_what_is_no_export_is_refused(tmp_path: Path) -> None:
     assert "export unexplained, m: the function has no such parameter; allowed: n" in told
     assert "export unexplained, n: there is no such kind of option; got <class 'float'>" in told
     assert "says nowhere what it writes" in told
+    with pytest.raises(ParameterError, match="there is no such kind of option; got 4; allowed: an ExportOption of int"):
+        register_export("*.csv", n=4)(unexplained)  # type: ignore[arg-type]
+
+    def lacking(request: ExportRequest, folder: Path, n: int) -> list[Path]:
+        """Needs a number."""
+        return []
+
+    with pytest.raises(ParameterError, match="export lacking, n: the function needs a value that no option gives"):
+        register_export("*.csv")(lacking)
+    with pytest.raises(ParameterError, match="has too few parameters; got request; allowed: the request, the folder"):
+        register_export("*.csv")(lambda request: [])
     with pytest.raises(ParameterError, match="there is another export of this name"):
         EXPORTS.add(Export("vtk", EXPORTS["sofa"].function, ()))
     with pytest.raises(ParameterError, match="this is no export"):

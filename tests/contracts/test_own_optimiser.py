@@ -123,6 +123,17 @@ def test_its_options_are_keys_of_the_project_file_and_of_the_command_line(sectio
     assert not {"shortest", "spare", "starts"} & set(plain.extra)
 
 
+def test_an_option_of_another_method_is_refused_where_it_is_given_and_left_alone_in_the_file(
+    section: ModuleType, tmp_path: Path
+) -> None:
+    project, run = load(write_project(tmp_path, ONE, NAMED, OPTIONS)), tmp_path / "run"
+    told = r"spare: neither the method grid nor the loss papers has this option; allowed: alpha, beta"
+    with pytest.raises(ParameterError, match=told):
+        calibrate(project, out=run, method="grid", trials=4, spare=3)
+    assert not run.exists()
+    assert calibrate(project, method="grid", trials=4).headline.method == "grid"
+
+
 @pytest.mark.parametrize(
     ("change", "told"),
     [

@@ -182,6 +182,7 @@ def test_a_sensor_that_cannot_be_told_from_others_is_refused(string: ModuleType)
         (made(name="other", kinds=()), "one or more channels"),
         (made(name="other", kinds=(TENSION,), of="rods"), "no such parts have sensors"),
         (made(kinds=(TENSION,)), "'name' must be there"),
+        (made(name="other", kinds=("tension",)), "this is not a kind of channel; got 'tension'"),
         (Sensor, "'sense' must be there"),
         (load, "this is not a sensor"),
     ):

@@ -102,6 +102,8 @@ def _faults(sensor: type[Sensor], known: Mapping[str, type[Sensor]]) -> list[Fau
     attributes = [name for name in ("name", "kinds") if not hasattr(sensor, name)]
     missing = [*attributes, *sorted(sensor.__abstractmethods__)]
     faults = [Fault("the sensor lacks something", where, allowed=f"'{name}' must be there") for name in missing]
+    others = [kind for kind in getattr(sensor, "kinds", ()) if not isinstance(kind, ChannelKind)]
+    faults += [Fault("this is not a kind of channel", where, repr(one), "a softcal.ChannelKind") for one in others]
     if faults:
         return faults
     if sensor.of not in ("", *PARTS):
@@ -109,12 +111,12 @@ def _faults(sensor: type[Sensor], known: Mapping[str, type[Sensor]]) -> list[Fau
     names = [kind.name for kind in sensor.kinds]
     if not names or len(set(names)) < len(names):
         faults.append(Fault("a sensor has one or more channels, of different kinds", where, ", ".join(names) or "none"))
-    others = {kind.name: kind for one in known.values() for kind in one.kinds if one.name != sensor.name}
+    taken = {kind.name: kind for one in known.values() for kind in one.kinds if one.name != sensor.name}
     for kind in sensor.kinds:
         if not kind.name.isidentifier() or kind.name.endswith("_sd") or kind.name in TAKEN or not kind.unit:
             what = "a kind of channel cannot be called so, or has no unit"
             faults.append(Fault(what, where, f"'{kind.name}' in '{kind.unit}'", attempt="another name"))
-        elif others.get(kind.name, kind) != kind:
+        elif taken.get(kind.name, kind) != kind:
             what = "another sensor has channels of this name that are of another kind"
             faults.append(Fault(what, where, kind.name, attempt="another name"))
     return faults

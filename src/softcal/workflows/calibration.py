@@ -11,6 +11,8 @@ from softcal.calibration.experiment import PULLEY_FRICTION
 from softcal.calibration.hold_out import fitted_part
 from softcal.calibration.interrupts import stoppable
 from softcal.calibration.loss import LOSSES, Loss
+from softcal.calibration.optimiser import OPTIMISERS
+from softcal.calibration.option import options_of
 from softcal.calibration.problem import Problem
 from softcal.calibration.result import CalibrationResult, SearchResult
 from softcal.calibration.run import calibrate as calibrate_problem
@@ -132,9 +134,19 @@ def plan(project: Project, engine: str = SOFTCAL, **changes: object) -> tuple[Ca
     """
     given = {key: value for key, value in changes.items() if value is not None}
     settings = changed(project.calibration, given, "--")
+    _require_used(given, settings)
     settings = changed(settings, {"hold_out": experiments_named(settings.hold_out, project.experiments)}, "--")
     problem = replace(make_problem(project, settings), simulate=engine_for(engine, project.robot, project.engines))
     return settings, _problems(problem, settings.fit, settings.hold_out)
+
+
+def _require_used(given: Mapping[str, object], settings: CalibrationSection) -> None:
+    """Raise if an option is given that neither the method nor the loss has; a file may have those of others too."""
+    used = options_of({"method": OPTIMISERS[settings.method], "loss": LOSSES[settings.loss]})
+    what = f"neither the method {settings.method} nor the loss {settings.loss} has this option"
+    allowed = ", ".join(sorted(used)) or "none"
+    if faults := [Fault(what, name, allowed=allowed) for name in given if name in options_of() and name not in used]:
+        raise ParameterError(faults)
 
 
 def make_problem(project: Project, settings: CalibrationSection | None = None) -> Problem:

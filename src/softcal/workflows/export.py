@@ -146,16 +146,28 @@ def _faults(export: Export, _: Mapping[str, Export]) -> list[Fault]:
         allowed = "what softcal.register_export returns for a function"
         return [Fault("this is no export", "export", repr(export)[:60], allowed)]
     where = f"export {export.name}"
-    parameters = list(inspect.signature(export.function).parameters)[2:]  # after the request and the folder
+    declared = inspect.signature(export.function).parameters
+    parameters = list(declared)[2:]  # after the request and the folder
     faults = [
+        Fault("the function needs a value that no option gives", f"{where}, {name}", attempt=f"{name}=ExportOption(…)")
+        for name in parameters
+        if declared[name].default is inspect.Parameter.empty and name not in export.options
+    ]
+    if len(declared) < 2:
+        got = ", ".join(declared) or "none"
+        faults.append(
+            Fault("the function has too few parameters", where, got, "the request, the folder and the options")
+        )
+    faults += [
         Fault("the function has no such parameter", f"{where}, {name}", allowed=", ".join(parameters))
         for name in export.options
         if name not in parameters
     ]
     faults += [
-        Fault("there is no such kind of option", f"{where}, {name}", repr(option.kind), "int, str, bool")
+        Fault("there is no such kind of option", f"{where}, {name}", got, "an ExportOption of int, str or bool")
         for name, option in export.options.items()
-        if option.kind not in KINDS
+        if (kind := getattr(option, "kind", None)) not in KINDS
+        for got in [repr(option if kind is None else kind)]
     ]
     if not export.summary:
         faults.append(Fault("it says nowhere what it writes", where, attempt="a docstring of the function"))

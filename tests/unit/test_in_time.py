@@ -191,6 +191,7 @@ def test_the_project_says_how_motion_is_computed(tmp_path: Path):
         ("hold: 1 s, settle: {}", "the end of the motion is specified twice"),
         ("rayleigh_mass: 0.1 s", r"dynamics\.rayleigh_mass: the unit does not fit"),
         ("scheme: explicit", r"dynamics\.scheme: there is no such choice"),
+        ("scheme: convergd", r"allowed: 'converged', 'one-solve'\. Try: 'converged'"),
     ],
 )
 def test_faults_of_the_dynamics_section_are_told_by_key(tmp_path: Path, given: str, message: str):

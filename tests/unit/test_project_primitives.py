@@ -78,6 +78,7 @@ def test_a_disc(tmp_path: Path):
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
+        ("primitive: spring", "primitive: sprin", ("mesh", "no such primitive; got 'sprin'", "Try: 'spring'")),
         ("primitive: spring", "primitive: coil", ("mesh", "no such primitive; got 'coil'", "neck, rod, spring, disc")),
         ("height: 9 mm, ", "", ("mesh", "the height of the spring is not specified; got neither")),
         ("height: 9 mm, ", "height: 9 mm, pitch: 6 mm, ", ("got pitch and height",)),

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from robot_case import MANIPULATOR, write_robot
 
-from softcal.errors import StorageError
+from softcal.errors import InputError, StorageError
 from softcal.geometry.section import rectangular
 from softcal.project.project import Project, load
 from softcal.twin.manipulator import Discs, Manipulator, Springs, manipulator
@@ -259,6 +259,9 @@ def test_contact_is_off_unless_asked_for(tmp_path: Path):
     fitted = replace(off, contact=Contact()).contact
     assert on.contact == fitted
     assert fitted is not None
+    wrong = write_robot(tmp_path / "wrong", (gravity, f"  contact: perhaps\n{gravity}"), text=MANIPULATOR)
+    with pytest.raises(InputError, match=r"robot\.contact: .*; got 'perhaps'; allowed: true, false, or a mapping"):
+        load(wrong)
     mine = (gravity, "  contact: {gap: 0.3 mm, friction_coefficient: 0.2, creep: 2 mm/s}\n" + gravity)
     contact = load(write_robot(tmp_path / "mine", mine, text=MANIPULATOR)).robot.contact
     assert contact is not None

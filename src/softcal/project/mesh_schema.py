@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Tag
 
-from softcal.declare import Reading
-from softcal.errors import Fault, InputError
+from softcal.declare import Reading, shown
+from softcal.errors import Fault, InputError, nearest
 from softcal.geometry.disc import SolidDisc
 from softcal.geometry.generate import require_target
 from softcal.geometry.neck import Neck
@@ -60,7 +60,8 @@ FROM_FILE = "file"
 def _known_primitive(data: Any) -> Any:
     name: object = data.get("primitive", "neck") if isinstance(data, dict) else "neck"
     if not isinstance(name, str) or name not in PRIMITIVES:
-        raise InputError(Fault("there is no such primitive", got=repr(name)[:60], allowed=", ".join(PRIMITIVES)))
+        meant = nearest(str(name), PRIMITIVES)
+        raise InputError(Fault("there is no such primitive", "", shown(name), ", ".join(PRIMITIVES), meant))
     return data
 
 

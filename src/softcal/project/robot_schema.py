@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag
 
-from softcal.declare import Reading, listed, require_one
+from softcal.declare import Reading, listed, require_one, shown
 from softcal.errors import Fault, InputError
 from softcal.geometry.placement import Placement
 from softcal.limits import LIMITS
@@ -267,6 +267,8 @@ class LoadSection(Section):
 
 
 def _contact(value: object) -> object:
+    if not isinstance(value, bool | dict | Contact | None):
+        raise InputError(Fault("this is of the wrong kind", "", shown(value), "true, false, or a mapping of keys"))
     return {True: {}, False: None}[value] if isinstance(value, bool) else value
 
 
@@ -281,7 +283,7 @@ class RobotSection(Section):
     cables: Mapping[str, CableSection] = Field(default_factory=dict)
     loads: Mapping[str, LoadSection] = Field(default_factory=dict)
     markers: Mapping[str, MarkerSection] = Field(default_factory=dict)
-    contact: Annotated[Contact | None, BeforeValidator(_contact)] = None
+    contact: Annotated[Contact | None, Reading(_contact)] = None
     sensors: Mapping[str, SensorSection] = Field(default_factory=dict)
     gravity: tuple[Acceleration, Acceleration, Acceleration] = (0.0, 0.0, 0.0)
 

@@ -18,7 +18,7 @@ from pydantic import (
 from pydantic_core import InitErrorDetails
 
 from softcal.declare import FAULT, Reading, as_pydantic, listed, read_mapping, shown
-from softcal.errors import Fault, InputError
+from softcal.errors import Fault, InputError, nearest
 from softcal.limits import Limit
 from softcal.project.document import Findings, KeyPath
 from softcal.quantities import Quantity
@@ -134,7 +134,8 @@ def _fault(found: Any, where: str) -> Fault:
         told = Fault(**found["ctx"])
         return replace(told, where=f"{where}: {told.where}" if told.where else where)
     what, got, allowed = _wording(found)
-    return Fault(what, where, got, allowed)
+    choices = allowed.replace("'", "").split(", ") if found["type"] == "literal_error" else ()
+    return Fault(what, where, got, allowed, nearest(str(found["input"]), choices))
 
 
 def _keys(location: tuple[str | int, ...], data: object) -> tuple[str | int, ...]:

@@ -149,3 +149,15 @@ def test_a_law_that_cannot_be_told_from_others_is_refused(gent: Law) -> None:
         with pytest.raises(ParameterError, match=told):
             register_law(replace(gent, name="other", parameters=(*gent.parameters, constant)))
     assert "other" not in LAWS
+
+
+def test_an_expression_that_cannot_be_read_is_refused_at_once(gent: Law) -> None:
+    wrong = replace(gent, name="wrong", distortional="mu*(I1 - 3", bulk="kapa + mu", shear=3)  # type: ignore[arg-type]
+    with pytest.raises(ParameterError) as error:
+        register_law(wrong)
+    told = str(error.value)
+    assert "law wrong, distortional: this is not an expression; got 'mu*(I1 - 3'" in told
+    assert "law wrong, shear: this is not an expression; got 3" in told
+    assert "law wrong, bulk: the law has no such symbol; got 'kapa'" in told
+    assert "Try: 'kappa'" in told
+    assert len(error.value.faults) == 3

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import ast
+from collections.abc import Iterable, Mapping
 
 from softcal.catalogue import Catalogue
-from softcal.errors import Fault
+from softcal.declare import shown
+from softcal.errors import Fault, nearest
 from softcal.materials.law import FIRST, Law
 from softcal.materials.mooney_rivlin import MOONEY_RIVLIN
 from softcal.materials.neo_hooke import NEO_HOOKE, NEO_HOOKE_ISOCHORIC
@@ -59,7 +61,24 @@ def _faults(law: Law, known: Mapping[str, Law]) -> list[Fault]:
             faults.append(Fault(f"two {kind} have one name", where=f"law {law.name}", got=", ".join(twice)))
     if not law.parameters:
         faults.append(Fault("the law has no constants", where=f"law {law.name}"))
+    written = {what: getattr(law, what) for what in ("distortional", "volumetric_strain", "bulk", "shear")}
+    for what, text in {**law.symbols, **written}.items():
+        faults += _expression_faults(text, f"law {law.name}, {what}", [*letters, *law.symbols, *FIRST, "pi"])
     return faults + _clashes(law, known)
+
+
+def _expression_faults(text: str, where: str, known: Iterable[str]) -> list[Fault]:
+    """What is wrong with an expression by its text alone, as SymPy is slow to import."""
+    try:
+        parts = list(ast.walk(ast.parse(text, mode="eval")))
+    except (SyntaxError, TypeError, ValueError):
+        return [Fault("this is not an expression", where, shown(text), "text such as 'mu/2*(I1 - 3)'")]
+    functions = [part.func for part in parts if isinstance(part, ast.Call)]
+    unknown = {part.id for part in parts if isinstance(part, ast.Name) and part not in functions} - {*known}
+    return [
+        Fault("the law has no such symbol", where, f"'{name}'", ", ".join(known), nearest(name, known))
+        for name in sorted(unknown)
+    ]
 
 
 def constants_of(laws: Mapping[str, Law]) -> dict[str, Parameter]:

@@ -11,6 +11,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -56,7 +57,7 @@ class Block:
     jacobian: Floats | None = None
     point: str = ""
 
-    @property
+    @cached_property
     def grows_with_moduli(self) -> bool:
         """Whether it is proportional to moduli, as forces and the prior of a modulus are; positions and
         angles are not.

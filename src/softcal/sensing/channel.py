@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 from softcal.quantities import Quantity
 from softcal.sensing.kind import ChannelKind
-from softcal.sensing.sensor import SENSORS
+from softcal.sensing.sensor import SENSORS, Sensor
 
 TIME = ChannelKind("time", "s", "Time")
 _DEVIATION = "_sd"  # suffix of the channel with another's standard deviation, sample by sample: `m4.x_sd`
@@ -79,7 +80,13 @@ def channel_unit(name: str) -> str | None:
 
 def kinds() -> Mapping[str, ChannelKind]:
     """Every kind of channel by its name: time, and those of all sensors, positions last."""
-    own = sorted((kind for sensor in SENSORS.values() for kind in sensor.kinds), key=lambda kind: kind.is_position)
+    return _kinds(tuple(SENSORS.values()))
+
+
+@lru_cache(maxsize=8)
+def _kinds(sensors: tuple[type[Sensor], ...]) -> Mapping[str, ChannelKind]:
+    # Names are parsed for every residual of a search; the sensors change only when one is registered.
+    own = sorted((kind for sensor in sensors for kind in sensor.kinds), key=lambda kind: kind.is_position)
     return {kind.name: kind for kind in (TIME, *own)}
 
 

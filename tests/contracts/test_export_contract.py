@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Generator
-from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import ModuleType
 
 import pytest
-from own_module import imported
+from own_module import brought, imported
 from project_case import write_project
 from typer.testing import CliRunner
 
@@ -106,13 +105,8 @@ def test_an_export_of_ones_own_is_a_command(plates: ModuleType, tmp_path: Path) 
 def test_a_package_brings_it_by_an_entry_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "brought_export.py").write_text(PLATES.replace("def plates", "def brought"), encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
-    point = EntryPoint("brought", "brought_export:brought", "softcal.exports")
-    monkeypatch.setattr("softcal.catalogue.entry_points", lambda group: [point] if group == point.group else [])
-    monkeypatch.setattr(EXPORTS, "_asked", False)
-    try:
-        assert EXPORTS.named("brought").files == ("*.csv",)
-    finally:
-        EXPORTS.remove("brought")
+    with brought(EXPORTS, "brought_export:brought", "softcal.exports", "brought", monkeypatch) as export:
+        assert export.files == ("*.csv",)
 
 
 def test_what_is_no_export_is_refused(tmp_path: Path) -> None:

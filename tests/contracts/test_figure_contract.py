@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from dataclasses import replace
-from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import ModuleType
 
 import pytest
-from own_module import imported
+from own_module import brought, imported
 from project_case import write_project
 from report_example import bench_experiment, example_content, tpe_result
 from typer.testing import CliRunner
@@ -114,13 +113,8 @@ def test_a_package_brings_it_by_an_entry_point(tmp_path: Path, monkeypatch: pyte
     text = HISTOGRAM.replace("def residual_histogram", "def brought")
     (tmp_path / "brought_figure.py").write_text(text, encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
-    point = EntryPoint("brought", "brought_figure:brought", "softcal.figures")
-    monkeypatch.setattr("softcal.catalogue.entry_points", lambda group: [point] if group == point.group else [])
-    monkeypatch.setattr(FIGURES, "_asked", False)
-    try:
-        assert FIGURES.named("brought").section == "fit"
-    finally:
-        FIGURES.remove("brought")
+    with brought(FIGURES, "brought_figure:brought", "softcal.figures", "brought", monkeypatch) as figure:
+        assert figure.section == "fit"
 
 
 def test_what_is_no_figure_is_refused(whole: ReportContent) -> None:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Generator
-from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import ModuleType
 
 import pytest
-from own_module import imported
+from own_module import brought, entry_point, imported
 from project_case import MODULUS, write_project
 from typer.testing import CliRunner
 
@@ -163,15 +162,10 @@ def test_a_package_brings_it_by_an_entry_point(tmp_path: Path, monkeypatch: pyte
     text = SECTION.replace('"golden-section"', '"brought-section"')
     (tmp_path / "brought_section.py").write_text(text, encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
-    point = EntryPoint("section", "brought_section:GoldenSection", "softcal.optimisers")
-    monkeypatch.setattr("softcal.catalogue.entry_points", lambda group: [point] if group == point.group else [])
-    monkeypatch.setattr(OPTIMISERS, "_asked", False)
-    try:
-        assert OPTIMISERS.named("brought-section").title == "golden-section search"
-    finally:
-        OPTIMISERS.remove("brought-section")
-    monkeypatch.setattr(OPTIMISERS, "_asked", False)
-    monkeypatch.setattr("softcal.catalogue.entry_points", lambda group: [EntryPoint("x", "json:dumps", group)])
+    group = "softcal.optimisers"
+    with brought(OPTIMISERS, "brought_section:GoldenSection", group, "brought-section", monkeypatch) as optimiser:
+        assert optimiser.title == "golden-section search"
+    entry_point(OPTIMISERS, "json:dumps", group, monkeypatch)
     with pytest.raises(ParameterError, match=r"method: this is not an optimiser; got <function dumps"):
         OPTIMISERS.named("anything")
 

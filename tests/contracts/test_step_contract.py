@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from dataclasses import replace
-from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
-from own_module import imported
+from own_module import brought, imported
 from project_case import write_project
 
 import softcal
@@ -134,13 +133,8 @@ def test_a_step_of_ones_own_works_from_a_project_file(own: ModuleType, tmp_path:
 def test_a_package_brings_it_by_an_entry_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "brought_step.py").write_text(GAIN.replace("def gain", "def brought"), encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
-    point = EntryPoint("gain", "brought_step:brought", "softcal.steps")
-    monkeypatch.setattr("softcal.catalogue.entry_points", lambda group: [point] if group == point.group else [])
-    monkeypatch.setattr(STEPS, "_asked", False)
-    try:
-        assert STEPS.named("brought").keeps_gaps
-    finally:
-        STEPS.remove("brought")
+    with brought(STEPS, "brought_step:brought", "softcal.steps", "brought", monkeypatch) as step:
+        assert step.keeps_gaps
 
 
 def test_a_step_that_nobody_registered_is_refused(tmp_path: Path) -> None:

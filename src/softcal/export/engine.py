@@ -100,19 +100,9 @@ def _faults(engine: Engine, known: Mapping[str, Engine]) -> list[Fault]:
 
 ENGINES: Catalogue[Engine] = Catalogue("engine", "softcal.engines", _faults, home="softcal.export.engines")
 
-
-def register_engine(engine: Engine) -> Engine:
-    """Add an engine: `crosscheck --engines` then accepts its name, and `--engine` if it can simulate.
-
-    A package does the same for every process by an entry point of the group `softcal.engines` that names the `Engine`.
-
-    Raises
-    ------
-    ParameterError
-        Where another engine has the name.
-    """
-    ENGINES.add(engine)
-    return engine
+register_engine = ENGINES.registrar(
+    "register_engine", "Add an engine: `crosscheck --engines` then accepts its name, and `--engine` if it can simulate."
+)
 
 
 def state_of(response: Response) -> EngineState:

@@ -92,26 +92,6 @@ def constants_of(laws: Mapping[str, Law]) -> dict[str, Parameter]:
 
 LAWS = Catalogue("law", "softcal.laws", _faults, own=(NEO_HOOKE, NEO_HOOKE_ISOCHORIC, YEOH, MOONEY_RIVLIN))
 
-
-def register_law(law: Law) -> Law:
-    """Add a law: project files, parameters, charts and checks then accept its name.
-
-    A package does the same for every process by an entry point of the group `softcal.laws` that names the `Law`.
-
-    Parameters
-    ----------
-    law
-        The energy and its constants. Constants of one name have one unit in all laws.
-
-    Returns
-    -------
-    Law
-        The same law, so that the call can enclose its definition.
-
-    Raises
-    ------
-    ParameterError
-        Where another law has the name, a constant's name is taken with another unit, or names are ambiguous.
-    """
-    LAWS.add(law)
-    return law
+register_law = LAWS.registrar(
+    "register_law", "Add a law: project files, parameters, charts and checks then accept its name."
+)

@@ -65,16 +65,6 @@ def higher_elements() -> tuple[str, ...]:
     return tuple(name for name, element in ELEMENTS.items() if element.rank > lowest)
 
 
-def register_element(element: Element) -> Element:
-    """Add an element: project files, checks, mesh studies and exports then accept its name.
-
-    A package does the same for every process by an entry point of the group `softcal.elements` that names the
-    `Element`.
-
-    Raises
-    ------
-    ParameterError
-        Where another element has the name, or the name cannot be one.
-    """
-    ELEMENTS.add(element)
-    return element
+register_element = ELEMENTS.registrar(
+    "register_element", "Add an element: project files, checks, mesh studies and exports then accept its name."
+)

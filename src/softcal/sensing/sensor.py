@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Protocol, TypeVar
+from typing import ClassVar, Protocol
 
 from softcal.catalogue import Catalogue
 from softcal.checks import Floats
@@ -124,28 +124,7 @@ def _faults(sensor: type[Sensor], known: Mapping[str, type[Sensor]]) -> list[Fau
 
 SENSORS: Catalogue[type[Sensor]] = Catalogue("sensor", "softcal.sensors", _faults, home="softcal.sensing.sensors")
 
-S = TypeVar("S", bound=type[Sensor])
-
-
-def register_sensor(sensor: S) -> S:
-    """Add a sensor of one's own: a robot's `sensors`, columns of tables, results and reports know it from then on.
-
-    A package does the same for every process by an entry point of the group `softcal.sensors` that names the class.
-
-    Parameters
-    ----------
-    sensor
-        The class, a frozen dataclass; this decorates it.
-
-    Returns
-    -------
-    type[Sensor]
-        The same class.
-
-    Raises
-    ------
-    ParameterError
-        Where another sensor has the name, the class lacks something, or its channels' names mean something else.
-    """
-    SENSORS.add(sensor)
-    return sensor
+register_sensor = SENSORS.registrar(
+    "register_sensor",
+    "Add a sensor of one's own: a robot's `sensors`, columns of tables, results and reports know it from then on.",
+)

@@ -1,4 +1,4 @@
-"""A figure of the report: its name, the section that it stands in, and the function that draws it from the content."""
+"""A figure of the report: its name, its section of the page, and the function that draws it from the content."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Drawing:
     note : str
         An emphasised remark on how it was drawn, or "".
     section : str or None
-        Where it stands, if not in its figure's section.
+        Its section of the page, if not that of its figure.
     """
 
     figure: Figure
@@ -71,7 +71,7 @@ class ReportFigure(FunctionMember):
     function : callable
         From the report's content to drawings; none where the content lacks what the figure needs.
     section : str
-        Where it stands.
+        Its section of the page.
     place : int
         Its place among the figures of its section, from the lowest to the highest.
     """
@@ -117,7 +117,7 @@ def register_figure(section: Section, place: int = LAST) -> Callable[[F], F]:
     Parameters
     ----------
     section
-        Where in the page it stands: overview, compared, twin, fit, record, bench, parameters, mesh or search.
+        Its section of the page: overview, compared, twin, fit, record, bench, parameters, mesh or search.
     place
         Its place among the figures of the section, from the lowest to the highest; softcal's own have 1 to 3.
 
@@ -143,7 +143,7 @@ def register_figure(section: Section, place: int = LAST) -> Callable[[F], F]:
 
 
 def named_figures(names: Collection[str]) -> list[ReportFigure]:
-    """The figures of these names, or all of them where there are none, as they stand in their sections.
+    """The figures of these names, or all of them where there are none, in the order of the page.
 
     Raises
     ------

@@ -13,7 +13,7 @@ from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.rig import Rig
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.geometry.centreline import helix
-from softcal.geometry.section import circular
+from softcal.geometry.section import RoundBar
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Cable, Marker, Plate, Robot, Rod, ViaPoint
 from softcal.twin.simulate import simulate
@@ -50,7 +50,7 @@ def manipulator(youngs_modulus: float = 1.6e9) -> Robot:
             Rod(
                 f"spring{i + 1}",
                 line,
-                circular(0.010),
+                RoundBar(0.010),
                 {"youngs_modulus": youngs_modulus, "poissons_ratio": 0.43},
                 clamped={discs[i]: np.array([0]), discs[i + 1]: np.array([last])},
                 density=900.0,

@@ -117,9 +117,10 @@ def loaded(pose: Pose, at: int, *, force=(0.0, 0.0, 0.0), moment=(0.0, 0.0, 0.0)
 
 def compliances(section: CrossSection, E: float, nu: float) -> np.ndarray:
     """1 / (k1 G A, k2 G A, E A, E I1, E I2, G J)."""
-    shear = [(s0 + s1 * (1.0 + nu)) / (E * section.area) for s0, s1 in (section.shear1, section.shear2)]
-    bending = [1.0 / (E * section.I1), 1.0 / (E * section.I2), 2.0 * (1.0 + nu) / (E * section.J)]
-    return np.array([*shear, 1.0 / (E * section.area), *bending])
+    of = section.constants
+    shear = [(s0 + s1 * (1.0 + nu)) / (E * of.area) for s0, s1 in (of.shear1, of.shear2)]
+    bending = [1.0 / (E * of.I1), 1.0 / (E * of.I2), 2.0 * (1.0 + nu) / (E * of.J)]
+    return np.array([*shear, 1.0 / (E * of.area), *bending])
 
 
 def tip_by_shooting(

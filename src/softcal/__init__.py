@@ -49,8 +49,9 @@ if TYPE_CHECKING:
     from softcal.geometry.mesh import TetMesh as TetMesh
     from softcal.geometry.primitives import box_mesh as box_mesh
     from softcal.geometry.read import read_mesh as read_mesh
-    from softcal.geometry.section import circular as circular
-    from softcal.geometry.section import rectangular as rectangular
+    from softcal.geometry.section import GivenSection as GivenSection
+    from softcal.geometry.section import RectangularBar as RectangularBar
+    from softcal.geometry.section import RoundBar as RoundBar
     from softcal.limits import Limit as Limit
     from softcal.materials.catalogue import register_law as register_law
     from softcal.materials.law import Law as Law
@@ -129,6 +130,7 @@ _HOMES = {
     "ExportRequest": "softcal.workflows.export",
     "Fault": "softcal.errors",
     "FreeParameter": "softcal.calibration.parameters",
+    "GivenSection": "softcal.geometry.section",
     "InputError": "softcal.errors",
     "Law": "softcal.materials.law",
     "Limit": "softcal.limits",
@@ -149,10 +151,12 @@ _HOMES = {
     "Protocol": "softcal.twin.protocol",
     "Quantity": "softcal.quantities",
     "RecordFit": "softcal.analysis.record",
+    "RectangularBar": "softcal.geometry.section",
     "ReportContent": "softcal.report.content",
     "Response": "softcal.twin.response",
     "Robot": "softcal.twin.robot",
     "Rod": "softcal.twin.robot",
+    "RoundBar": "softcal.geometry.section",
     "RoutingAxis": "softcal.twin.cables",
     "Schedule": "softcal.twin.schedule",
     "SearchSettings": "softcal.calibration.settings",
@@ -174,7 +178,6 @@ _HOMES = {
     "box_mesh": "softcal.geometry.primitives",
     "calibrate": "softcal.workflows.calibration",
     "check": "softcal.workflows.checking",
-    "circular": "softcal.geometry.section",
     "compare_records": "softcal.workflows.whole_record",
     "helix": "softcal.geometry.centreline",
     "load": "softcal.project.project",
@@ -186,7 +189,6 @@ _HOMES = {
     "quantity": "softcal.quantities",
     "ramp": "softcal.twin.schedule",
     "read_mesh": "softcal.geometry.read",
-    "rectangular": "softcal.geometry.section",
     "register_engine": "softcal.export.engine",
     "register_export": "softcal.workflows.export",
     "register_figure": "softcal.report.figure",
@@ -226,6 +228,7 @@ __all__ = [
     "ExportRequest",
     "Fault",
     "FreeParameter",
+    "GivenSection",
     "InputError",
     "Law",
     "Limit",
@@ -246,10 +249,12 @@ __all__ = [
     "Protocol",
     "Quantity",
     "RecordFit",
+    "RectangularBar",
     "ReportContent",
     "Response",
     "Robot",
     "Rod",
+    "RoundBar",
     "RoutingAxis",
     "Schedule",
     "SearchSettings",
@@ -271,7 +276,6 @@ __all__ = [
     "box_mesh",
     "calibrate",
     "check",
-    "circular",
     "compare_records",
     "helix",
     "load",
@@ -283,7 +287,6 @@ __all__ = [
     "quantity",
     "ramp",
     "read_mesh",
-    "rectangular",
     "register_engine",
     "register_export",
     "register_figure",

@@ -18,7 +18,7 @@ from softcal.checks import Floats, Ints
 from softcal.geometry.centreline import straight
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
-from softcal.geometry.section import rectangular
+from softcal.geometry.section import RectangularBar
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.cable import CableTerm
 from softcal.mechanics.contact import ContactTerm
@@ -106,7 +106,7 @@ def bent_column(element: str = "P1", law: str = "neo-hooke", friction: float = 0
 def whip() -> Robot:
     """The column with a rod on its plate."""
     line = straight((0.0, 0.0, 0.1), (0.0, 0.05, 0.16), at=np.linspace(0.0, 1.0, 4))
-    rod = Rod("whip", line, rectangular(0.004, 0.002), elastic(1e8), {"plate": np.array([0])}, density=1e4)
+    rod = Rod("whip", line, RectangularBar(0.004, 0.002), elastic(1e8), {"plate": np.array([0])}, density=1e4)
     return replace(bent_column(), rods=(rod,))
 
 

@@ -130,6 +130,22 @@ CASES: dict[str, tuple[Change, tuple[str, ...]]] = {
         ("section: {diameter: 4 mm}", "section: {diameter: 4 mm, width: 3 mm}"),
         ("rods.mast.section", "not of one kind", "diameter, width", "width and height"),
     ),
+    "a section without a key": (
+        ("section: {diameter: 4 mm}", "section: {}"),
+        ("rods.mast.section", "not of one kind", "nothing", "width and height"),
+    ),
+    "a section with a mistyped key": (
+        ("section: {diameter: 4 mm}", "section: {diametr: 4 mm}"),
+        ("rods.mast.section", "not of one kind", "'diameter'"),
+    ),
+    "half a section": (
+        ("section: {diameter: 4 mm}", "section: {width: 4 mm, hight: 4 mm}"),
+        ("rods.mast.section.hight", "unknown key", "'height'"),
+    ),
+    "a section that is a number": (
+        ("section: {diameter: 4 mm}", "section: 4 mm"),
+        ("rods.mast.section", "wrong kind", "a mapping of keys"),
+    ),
     "a tube without a wall": (
         ("section: {diameter: 4 mm}", "section: {diameter: 4 mm, inner_diameter: 5 mm}"),
         ("rods.mast.section", "inner diameter does not fit", "below 0.004 m"),

@@ -12,7 +12,7 @@ from softcal.geometry.centreline import straight
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.quadratic import to_quadratic
-from softcal.geometry.section import rectangular
+from softcal.geometry.section import RectangularBar
 from softcal.materials.catalogue import LAWS
 from softcal.materials.law import Law
 from softcal.mechanics.damping import Damping, TimeStep
@@ -75,11 +75,12 @@ def test_lumped_mass_is_positive_and_whole(element):
 
 def test_a_rod_weighs_its_length_and_turns_with_its_section():
     """Rigid discs at both ends keep the rod's end nodes; all of its mass is on frames."""
-    section, density, length = rectangular(0.004, 0.002), 1200.0, 0.1
+    bar, density, length = RectangularBar(0.004, 0.002), 1200.0, 0.1
+    section = bar.constants
     line = straight((0.0, 0.0, 0.0), (0.0, 0.0, length), at=np.linspace(0.0, 1.0, 6), first=(1.0, 0.0, 0.0))
     plates = (Plate("a", {}, np.zeros(3)), Plate("b", {}, np.array([0.0, 0.0, length])))
     ends = {"a": np.array([0]), "b": np.array([5])}
-    robot = Robot(plates=plates, rods=(Rod("rod", line, section, elastic(), ends, density=density),))
+    robot = Robot(plates=plates, rods=(Rod("rod", line, bar, elastic(), ends, density=density),))
     twin = build_twin(robot)
     carried = robot_inertia(twin, robot).carried
     assert carried.mass.sum() == pytest.approx(density * section.area * length)
@@ -90,7 +91,7 @@ def test_a_rod_weighs_its_length_and_turns_with_its_section():
 def test_a_plate_has_the_inertia_of_its_disc_or_the_one_given():
     disc = Disc(np.zeros(3), np.array([0.0, 0.0, 1.0]), diameter=0.08, thickness=0.006)
     line = straight((0.0, 0.0, 0.0), (0.0, 0.0, 0.1), at=np.linspace(0.0, 1.0, 3))
-    rod = Rod("rod", line, rectangular(0.004, 0.002), elastic(), {"disc": np.array([2])}, fixed=np.array([0]))
+    rod = Rod("rod", line, RectangularBar(0.004, 0.002), elastic(), {"disc": np.array([2])}, fixed=np.array([0]))
     plate = Plate("disc", {}, np.array([0.0, 0.0, 0.1]), mass=0.03, disc=disc)
 
     def tensor(given: Plate) -> np.ndarray:
@@ -136,7 +137,7 @@ def moving_robots() -> dict[str, Robot]:
     column = column_robot("P1", density=1200.0, mass=0.05, cables=())
     plate = replace(column.plates[0], inertia=np.diag([4e-5, 5e-5, 6e-5]))
     line = straight((0.0, 0.0, 0.1), (0.0, 0.05, 0.16), at=np.linspace(0.0, 1.0, 4))
-    rod = Rod("whip", line, rectangular(0.004, 0.002), elastic(1e8), {"plate": np.array([0])}, density=1e4)
+    rod = Rod("whip", line, RectangularBar(0.004, 0.002), elastic(1e8), {"plate": np.array([0])}, density=1e4)
     low = box_mesh((0.03, 0.03, 0.05), (2, 2, 3))
     high = box_mesh((0.03, 0.03, 0.04), (3, 3, 2), origin=(0.0, 0.0, 0.05))
     bodies = (
@@ -207,7 +208,7 @@ def test_momentum_of_a_spinning_robot_is_that_of_its_particles():
     own = second_moments(np.zeros((3, 3))) + column * np.diag([0.03**2, 0.03**2, 0.1**2]) / 12.0
     own += second_moments(np.diag([4e-5, 5e-5, 6e-5]))
     axes = robot.rods[0].centreline.triads[0]
-    section = robot.rods[0].section
+    section = robot.rods[0].section.constants
     own += 1e4 * np.linalg.norm([0.05, 0.06]) * axes @ np.diag([section.I2, section.I1, 0.0]) @ axes.T
     angular = sum(np.cross(x, m * (v + np.cross(omega, x))) for m, x in parts)
     angular = angular + (np.trace(own) * np.eye(3) - own) @ omega

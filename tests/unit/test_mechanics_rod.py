@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from softcal.errors import MeshError
 from softcal.geometry.centreline import helix, straight
-from softcal.geometry.section import circular
+from softcal.geometry.section import RoundBar
 from softcal.mechanics import rotation_kernels
 from softcal.mechanics.rod import build_rod
 
@@ -18,7 +18,7 @@ LINE = straight((0, 0, 0), (0, 0, 1), 4)
 def test_elements_within_one_frame_are_left_out():
     """A disc holds the middle nodes: what is inside it cannot deform."""
     references = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.4], [0.0, 0.0, 1.0]])
-    rod = build_rod("rod", circular(0.1), LINE, [0, 1, 1, 1, 2], references)
+    rod = build_rod("rod", RoundBar(0.1), LINE, [0, 1, 1, 1, 2], references)
     assert rod.frames.tolist() == [[0, 1], [1, 2]]
     assert rod.arm[:, 1] == pytest.approx(np.array([[-0.1, 0.0, -0.15], [0.0, 0.0, 0.0]]))
     assert rod.length == pytest.approx([0.25, 0.25])
@@ -35,16 +35,16 @@ def test_elements_within_one_frame_are_left_out():
 )
 def test_frames_that_do_not_fit_are_refused(frames, n_frames, message):
     with pytest.raises(MeshError, match=message):
-        build_rod("rod", circular(0.1), LINE, frames, np.zeros((n_frames, 3)))
+        build_rod("rod", RoundBar(0.1), LINE, frames, np.zeros((n_frames, 3)))
 
 
 def test_too_few_elements_around_a_coil_are_refused():
     def coil(n):
         return helix((0, 0, 0), (0, 0, 1), diameter=1.0, pitch=0.1, turns=1.0, at=n)
 
-    on_own_frames(circular(0.1), coil(4))
+    on_own_frames(RoundBar(0.1), coil(4))
     with pytest.raises(MeshError, match=r"turns too much .* more elements"):
-        on_own_frames(circular(0.1), coil(3))
+        on_own_frames(RoundBar(0.1), coil(3))
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-5, 0.3, 0.999999, 1.000001, 2.0, 3.1, np.pi - 1e-9, np.pi])
@@ -69,14 +69,14 @@ def test_coefficients_meet_where_series_and_closed_form_do():
 
 
 def test_turn_is_the_angle_between_neighbours():
-    rod, pose = on_own_frames(circular(0.1), LINE)
+    rod, pose = on_own_frames(RoundBar(0.1), LINE)
     R = Rotation.from_rotvec([[0, 0, 0], [0.3, 0, 0], [2.0, 0, 0], [2.0, 0, 0], [2.0, 0.1, 0]]).as_matrix()
     assert rod._coordinates(pose.c, R)[1][:3] == pytest.approx([0.3, 1.7, 0.0], abs=1e-12)
 
 
 def test_forces_in_a_bar_pulled_bent_and_twisted():
     """Force and moment of the later end on each element, in the world's axes, and the strains that make them."""
-    rod, pose = on_own_frames(circular(0.1), LINE)
+    rod, pose = on_own_frames(RoundBar(0.1), LINE)
     section = rod.section
     E, G = 1e6, 1e6 / 2.6
 
@@ -86,13 +86,13 @@ def test_forces_in_a_bar_pulled_bent_and_twisted():
 
     strain, force, _ = at_later_ends(1.01 * pose.c, pose.R)
     assert strain[:, :3] == pytest.approx(np.tile([0.0, 0.0, 0.01], (4, 1)), abs=1e-14)
-    assert force == pytest.approx(np.tile([0.0, 0.0, 0.01 * E * section.area], (4, 1)), abs=1e-8)
+    assert force == pytest.approx(np.tile([0.0, 0.0, 0.01 * E * section.constants.area], (4, 1)), abs=1e-8)
     twist = Rotation.from_rotvec(np.outer(pose.c[:, 2], [0, 0, 2.0])).as_matrix()
     strain, _, moment = at_later_ends(pose.c, twist)
     assert strain[:, 3:] == pytest.approx(np.tile([0.0, 0.0, 2.0], (4, 1)), abs=1e-14)
-    assert moment == pytest.approx(np.tile([0.0, 0.0, 2.0 * G * section.J], (4, 1)), abs=1e-8)
+    assert moment == pytest.approx(np.tile([0.0, 0.0, 2.0 * G * section.constants.J], (4, 1)), abs=1e-8)
     z = pose.c[:, 2]  # an arc in the x-z plane of radius 1, about y
     arc = at_rest(np.stack([1.0 - np.cos(z), 0 * z, np.sin(z)], axis=1)).c
     _, force, moment = at_later_ends(arc, Rotation.from_rotvec(np.outer(z, [0, 1.0, 0])).as_matrix())
-    assert moment == pytest.approx(np.tile([0.0, E * section.I1, 0.0], (4, 1)), abs=1e-8)
+    assert moment == pytest.approx(np.tile([0.0, E * section.constants.I1, 0.0], (4, 1)), abs=1e-8)
     assert force == pytest.approx(np.zeros((4, 3)), abs=1e-8)

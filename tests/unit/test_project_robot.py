@@ -12,7 +12,7 @@ import pytest
 from robot_case import MANIPULATOR, write_robot
 
 from softcal.errors import InputError, StorageError
-from softcal.geometry.section import rectangular
+from softcal.geometry.section import RectangularBar
 from softcal.project.project import Project, load
 from softcal.twin.manipulator import Discs, Manipulator, Springs, manipulator
 from softcal.twin.masses import plate_inertia
@@ -184,13 +184,13 @@ def test_a_curve_through_points_with_a_station_between_them(tmp_path: Path):
 @pytest.mark.parametrize(
     ("section", "expected"),
     [
-        ("{width: 3 mm, height: 5 mm}", rectangular(0.003, 0.005)),
+        ("{width: 3 mm, height: 5 mm}", RectangularBar(0.003, 0.005).constants),
         ("{diameter: 4 mm, inner_diameter: 3 mm}", None),
         ("{area: 9 mm^2, I1: 5 mm^4, I2: 6 mm^4, J: 7 mm^4}", None),
     ],
 )
 def test_sections(tmp_path: Path, section: str, expected: object):
-    found = rod_of(tmp_path, ("{diameter: 4 mm}", section)).section
+    found = rod_of(tmp_path, ("{diameter: 4 mm}", section)).section.constants
     if expected is not None:
         assert found == expected
     elif "inner" in section:
@@ -227,7 +227,7 @@ def test_the_manipulator_and_more_parts(tmp_path: Path):
     assert [marker.name for marker in robot.markers] == ["marker1", "marker2", "marker3", "marker4", "tip"]
     for one, other in zip(robot.rods, expected.rods, strict=True):
         np.testing.assert_array_equal(one.centreline.nodes, other.centreline.nodes)
-        assert one.section.outer_diameter == pytest.approx(other.section.outer_diameter)
+        assert one.section.constants.outer_diameter == pytest.approx(other.section.constants.outer_diameter)
         assert one.parameters == other.parameters
     np.testing.assert_array_equal(robot.cables[-1].via_points[1].at, part(robot, "S3").holes["h2"])
     assert [plate.mass for plate in robot.plates] == [0.0, 0.02, 0.02, 0.02, 0.02]

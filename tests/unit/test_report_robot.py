@@ -11,7 +11,7 @@ from pyvista import PolyData
 
 from softcal.geometry.centreline import straight
 from softcal.geometry.pose import Pose
-from softcal.geometry.section import circular
+from softcal.geometry.section import RoundBar
 from softcal.report.check_figures import robot_scenes
 from softcal.report.robot_view import plate_disc, robot_points, rod_tube
 from softcal.report.scene import Arrow, Ball, FlatDisc, Part, Tube
@@ -53,14 +53,14 @@ def test_a_spring_is_drawn_as_thick_as_its_wire():
     outer = np.hypot(mesh.points[:, 0], mesh.points[:, 1])
     assert outer.max() == pytest.approx(0.015 + 0.0045, rel=2e-3)
     assert outer.min() == pytest.approx(0.015 - 0.0045, rel=5e-3)
-    assert mesh.volume == pytest.approx(rod.section.area * rod.centreline.stations[-1], rel=0.02)
+    assert mesh.volume == pytest.approx(rod.section.constants.area * rod.centreline.stations[-1], rel=0.02)
 
 
 def test_a_rod_of_one_element_is_drawn():
     rod = Rod(
         "bar",
         straight((0, 0, 0), (0, 0, 0.1), 1),
-        circular(0.01),
+        RoundBar(0.01),
         {"youngs_modulus": 1e9, "poissons_ratio": 0.4},
         fixed=np.array([0]),
     )

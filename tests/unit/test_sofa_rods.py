@@ -14,7 +14,7 @@ from softcal.export.sofa_robot import linear_robot
 from softcal.export.sofa_rods import SEGMENTS, finer, linear_rod, node_volumes, rod_parameters
 from softcal.export.sofa_scene import ASSUMED_DENSITY, scene_parameters
 from softcal.geometry.centreline import Centreline, helix, straight
-from softcal.geometry.section import circular, rectangular
+from softcal.geometry.section import RectangularBar, RoundBar
 from softcal.mechanics.rod import build_rod
 from softcal.twin.protocol import Protocol
 from softcal.twin.robot import Cable, Disc, Marker, Plate, PointLoad, Robot, Rod, ViaPoint
@@ -36,7 +36,7 @@ def hung(density: float = 900.0) -> Robot:
         centre_of_mass=np.array([0.0, 0.0, 0.011]),
     )  # fmt: skip
     wire = Rod(
-        "wire", coil(), rectangular(0.003, 0.005), elastic(1e9, 0.4),
+        "wire", coil(), RectangularBar(0.003, 0.005), elastic(1e9, 0.4),
         clamped={"foot": np.array([0]), "head": np.array([N - 1, N])}, density=density,
     )  # fmt: skip
     cable = Cable("pull", (ViaPoint((0.02, 0.0, 0.01), "head"), ViaPoint((0.02, 0.0, -0.05))))
@@ -97,7 +97,7 @@ def test_rod_has_every_component_and_number(tmp_path, monkeypatch):
         assert node.own("MechanicalObject").position.value == [[*at, *UNTURNED] for at in line.nodes[indices].tolist()]
         mass, volume, *inertia = node.own("UniformMass").vertexMass.value
         assert volume == 1.0
-        section = robot.rods[0].section
+        section = robot.rods[0].section.constants
         np.testing.assert_allclose(inertia, ((section.I1 + section.I2) / section.area * np.eye(3)).ravel())
         total += mass * len(indices)
         seen += indices
@@ -111,7 +111,7 @@ def test_rod_has_every_component_and_number(tmp_path, monkeypatch):
 
 def test_rod_on_no_moving_plate_is_one_node(tmp_path, monkeypatch):
     use_fake(monkeypatch)
-    rod = Rod("rod", straight((0, 0, 0), (0.1, 0, 0), 4), circular(0.004), elastic(1e9, 0.4), fixed=[0, 1])
+    rod = Rod("rod", straight((0, 0, 0), (0.1, 0, 0), 4), RoundBar(0.004), elastic(1e9, 0.4), fixed=[0, 1])
     robot = Robot(rods=(rod,), gravity=(0.0, 0.0, -9.81))
     root, _ = recorded(robot, Protocol({}), tmp_path)
     (node,) = root.children[0].children
@@ -122,7 +122,9 @@ def test_rod_on_no_moving_plate_is_one_node(tmp_path, monkeypatch):
     (weightless,) = [part for part in node.objects if part.name == "rod_weightless"]
     forces = np.array(weightless.forces.value)
     assert forces.shape == (4 * SEGMENTS + 1, 6)
-    np.testing.assert_allclose(forces.sum(axis=0), [0, 0, ASSUMED_DENSITY * 9.81 * rod.section.area * 0.1, 0, 0, 0])
+    np.testing.assert_allclose(
+        forces.sum(axis=0), [0, 0, ASSUMED_DENSITY * 9.81 * rod.section.constants.area * 0.1, 0, 0, 0]
+    )
     masses = [child.own("UniformMass").vertexMass.value[0] for child in node.children]
     assert masses[0] == pytest.approx(2.0 * masses[1])
 
@@ -172,7 +174,7 @@ def test_finer_rod_is_the_helix_with_more_elements():
     assert cut.clamped["head"].tolist() == list(range(3 * N - 3, 3 * N + 1))
     assert cut.clamped["foot"].tolist() == [0]
     assert finer(replace(rod, clamped={}, fixed=[4, 0, 2, 3]), 2).fixed.tolist() == [0, 4, 5, 6, 7, 8]
-    assert node_volumes(cut).sum() == pytest.approx(rod.section.area * line.stations[-1])
+    assert node_volumes(cut).sum() == pytest.approx(rod.section.constants.area * line.stations[-1])
 
 
 def test_nodes_on_plates_that_stand_still_are_fixed():
@@ -198,7 +200,7 @@ def test_parameters_and_readme_of_a_robot_of_rods(tmp_path):
 
 @pytest.mark.parametrize("line", [straight((0, 0, 0), (0.03, 0.05, 0.1), 5), coil(N)])
 def test_elements_that_are_alike_share_one_flexibility(line):
-    rod = Rod("rod", line, circular(0.004), elastic(1e9, 0.4), fixed=[0])
+    rod = Rod("rod", line, RoundBar(0.004), elastic(1e9, 0.4), fixed=[0])
     written = rod_parameters(rod, 1000.0)
     assert len(written["flexibilities"]) == 1
     assert written["kinds"] == [0] * (len(written["nodes"]) - 1)
@@ -208,7 +210,7 @@ def test_elements_of_two_lengths_have_two_flexibilities(tmp_path, monkeypatch):
     """The stiffness of every one of them is its own nevertheless."""
     use_fake(monkeypatch)
     line = straight((0, 0, 0), (0.03, 0.05, 0.1), [0.0, 0.1, 0.2, 0.6, 1.0])
-    robot = Robot(rods=(Rod("rod", line, circular(0.004), elastic(1e9, 0.4), fixed=[0]),))
+    robot = Robot(rods=(Rod("rod", line, RoundBar(0.004), elastic(1e9, 0.4), fixed=[0]),))
     _, parameters = recorded(robot, Protocol({}), tmp_path)
     written = parameters["rods"]["rod"]
     assert written["kinds"] == [0] * 2 * SEGMENTS + [1] * 2 * SEGMENTS

@@ -84,7 +84,7 @@ def test_a_wire_is_a_tube_around_its_nodes_with_flat_ends():
     robot = hung()
     wire = skins(linear_robot(robot))["wire"]
     rod = finer(robot.rods[0], SEGMENTS)
-    n, radius = len(rod.centreline.nodes), 0.5 * rod.section.outer_diameter
+    n, radius = len(rod.centreline.nodes), 0.5 * rod.section.constants.outer_diameter
     assert len(wire.points) == SIDES * (n + 2) + 2  # those of the ends twice, and their middles
     away = np.linalg.norm(wire.points - rod.centreline.nodes[wire.nodes], axis=1)
     np.testing.assert_allclose(np.sort(away)[2:], radius, rtol=1e-12)

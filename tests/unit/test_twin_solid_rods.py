@@ -7,7 +7,7 @@ import pytest
 
 from softcal.errors import MeshError
 from softcal.geometry.centreline import straight
-from softcal.geometry.section import CrossSection, circular, rectangular
+from softcal.geometry.section import CrossSection, RectangularBar, RoundBar
 from softcal.twin.manipulator import Cables, Manipulator, Springs, manipulator
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.robot import Plate, Robot, Rod
@@ -16,7 +16,7 @@ from softcal.twin.solid_rods import solid_body, with_solid_rods
 SPRINGS = Springs(youngs_modulus=1e9, poissons_ratio=0.4, density=900.0)
 SHAPE = Manipulator(springs=SPRINGS)
 ONE_END = Cables(ends={"S1": 0.0})
-ROUND = circular(0.01)
+ROUND = RoundBar(0.01)
 
 
 def rod(*, section: CrossSection = ROUND, n: int = 8, at: int = 8, fixed: tuple[int, ...] = (0,)) -> Rod:
@@ -84,8 +84,8 @@ def test_fixed_ends_are_fixed():
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        (rod(section=rectangular(0.01, 0.02)), "round"),
-        (rod(section=circular(0.01, inner_diameter=0.006)), "round"),
+        (rod(section=RectangularBar(0.01, 0.02)), "round"),
+        (rod(section=RoundBar(0.01, inner_diameter=0.006)), "round"),
         (rod(at=5), "ends only; got node 5"),
         (rod(fixed=(0, 3)), "node 3"),
         (rod(n=7, at=7), "even number"),

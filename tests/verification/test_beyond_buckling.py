@@ -7,7 +7,7 @@ import pytest
 from mechanics_cases import elastic
 
 from softcal.geometry.centreline import straight
-from softcal.geometry.section import circular
+from softcal.geometry.section import RoundBar
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Cable, Plate, Robot, Rod, ViaPoint
 from softcal.twin.simulate import simulate
@@ -23,7 +23,7 @@ def tentacle(elements: int, spans: int) -> Robot:
     plates = tuple(Plate(f"disc{node}", {}, at) for node, at in heights.items())
     line = straight((0, 0, 0), (0, 0, LENGTH), elements)
     clamped = {f"disc{node}": [node] for node in heights}
-    rod = Rod("rod", line, circular(DIAMETER), elastic(E, 0.3), clamped=clamped, fixed=[0])
+    rod = Rod("rod", line, RoundBar(DIAMETER), elastic(E, 0.3), clamped=clamped, fixed=[0])
     cables = []
     for i, angle in enumerate(2.0 * np.pi * np.arange(3) / 3.0):
         x = SIDE * np.array([np.cos(angle), np.sin(angle), 0.0])

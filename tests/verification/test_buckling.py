@@ -15,7 +15,7 @@ from sweep_case import robot
 from softcal.geometry.centreline import straight
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.quadratic import to_quadratic
-from softcal.geometry.section import circular, rectangular
+from softcal.geometry.section import RectangularBar, RoundBar
 from softcal.mechanics import path as path_module
 from softcal.mechanics.node import Line, node_at, pushing
 from softcal.mechanics.path import between, follow
@@ -41,7 +41,7 @@ def column(
     section=None, *, cables: tuple[Cable, ...] = (), loads: tuple[PointLoad, ...] = (), elements: int = 40
 ) -> Robot:
     """A straight rod that stands on the ground, with a plate on top."""
-    section = rectangular(WIDTH, THICKNESS) if section is None else section
+    section = RectangularBar(WIDTH, THICKNESS) if section is None else section
     line = straight((0, 0, 0), tuple(TOP), elements)
     rod = Rod("column", line, section, elastic(E, 0.3), clamped={"top": [elements]}, fixed=[0])
     return Robot(plates=(Plate("top", {}, TOP),), rods=(rod,), cables=cables, loads=loads)
@@ -142,7 +142,7 @@ def test_two_cables_that_pull_alike_buckle_it_too() -> None:
     cables = (axial(0.004, "left"), axial(-0.004, "right"))
     half = 0.5 * PINNED * np.array([0.5, 1.5])
     response = simulate(
-        column(rectangular(THICKNESS, WIDTH), cables=cables),
+        column(RectangularBar(THICKNESS, WIDTH), cables=cables),
         Protocol({n: Command("tension", half) for n in ("left", "right")}),
     )
     assert response.succeeded, response.status
@@ -154,7 +154,7 @@ def test_two_cables_that_pull_alike_buckle_it_too() -> None:
 
 def test_what_can_move_without_force_counts_as_stable() -> None:
     """A round column may buckle to any side: it turns about its axis without force, and that is no second buckling."""
-    response = simulate(column(circular(0.006), cables=(axial(),)), pulled(0.005, 0.01, 0.02))
+    response = simulate(column(RoundBar(0.006), cables=(axial(),)), pulled(0.005, 0.01, 0.02))
     assert response.succeeded, response.status
     k = [modulus_of(chord_of, 1.0 - v / LENGTH) for v in (0.005, 0.01, 0.02)]
     bending = E * np.pi * 0.003**4 / 4.0
@@ -250,7 +250,7 @@ def tendons(side: float = 0.004) -> tuple[Cable, ...]:
 def test_three_cables_fold_a_round_column_up_once() -> None:
     """Beyond 2.18 of Euler's load foot and top meet. It seemed to fall again and again there."""
     alike = np.array([2.54 * np.pi**2 * ROUND_EI / LENGTH**2 / 3.0])
-    robot = column(circular(0.006), cables=tendons(), elements=16)
+    robot = column(RoundBar(0.006), cables=tendons(), elements=16)
     response = simulate(robot, Protocol({cable.name: Command("tension", alike) for cable in robot.cables}))
     assert response.succeeded, response.status
     assert response.instabilities.count("before sample") == 1
@@ -274,7 +274,7 @@ def test_a_round_column_buckles_once_and_stays_in_its_plane(elements: int, share
     """It turns about its axis without force: rounding chose how far, in every step, and thousands of nodes followed."""
     critical = np.pi**2 * ROUND_EI / LENGTH**2
     protocol = Protocol({"front": Command("tension", critical * np.array([0.5, 1.02, share]))})
-    response = simulate(column(circular(0.006), cables=(axial(),), elements=elements), protocol)
+    response = simulate(column(RoundBar(0.006), cables=(axial(),), elements=elements), protocol)
     assert response.succeeded, response.status
     assert response.n_factorisations < 300
     assert response.instabilities.count("mm of shortening") == 1
@@ -294,7 +294,7 @@ def test_a_round_column_buckles_once_and_stays_in_its_plane(elements: int, share
 def test_a_round_column_leans_once_under_a_weight() -> None:
     for share in (1.05, 2.54, 5.0):
         load = np.array([0.0, 0.0, -share * np.pi**2 * ROUND_EI / LENGTH**2 / 4.0])
-        robot = column(circular(0.006), loads=(PointLoad("weight", "top", TOP, load),), elements=16)
+        robot = column(RoundBar(0.006), loads=(PointLoad("weight", "top", TOP, load),), elements=16)
         response = simulate(robot, Protocol({}))
         assert response.succeeded, response.status
         assert response.n_factorisations < 600
@@ -307,7 +307,7 @@ def test_a_round_column_leans_once_under_a_weight() -> None:
 def test_three_tendons_pulled_alike_buckle_a_round_column_once(control: str) -> None:
     """By length its top moves aside to any side as in a parallelogram: that is free as long as all cables are taut."""
     share = {"tension": 1.2 * np.pi**2 * ROUND_EI / LENGTH**2 / 3.0, "shortening": 0.9e-3}[control]
-    robot = column(circular(0.006), cables=tendons(), elements=16)
+    robot = column(RoundBar(0.006), cables=tendons(), elements=16)
     commands = {cable.name: Command(control, share * np.array([0.2, 1.0])) for cable in robot.cables}
     response = simulate(robot, Protocol(commands))
     assert response.succeeded, response.status
@@ -320,7 +320,11 @@ def test_three_tendons_pulled_alike_buckle_a_round_column_once(control: str) -> 
 
 
 def test_free_modes_are_found_where_there_are_some() -> None:
-    for section, n_free in ((circular(0.006), 1), (rectangular(WIDTH, THICKNESS), 0), (rectangular(0.005, 0.0051), 0)):
+    for section, n_free in (
+        (RoundBar(0.006), 1),
+        (RectangularBar(WIDTH, THICKNESS), 0),
+        (RectangularBar(0.005, 0.0051), 0),
+    ):
         twin = build_twin(column(section, cables=(axial(),)))
         statics = Statics(twin.system, parameter_values(twin.robot))
         line = Line(np.array([False]), np.zeros(1), np.zeros(1), np.zeros(1), np.ones(1))

@@ -13,7 +13,7 @@ from softcal.geometry.centreline import helix, straight
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.quadratic import to_quadratic
-from softcal.geometry.section import circular
+from softcal.geometry.section import RoundBar
 from softcal.mechanics.state import moved
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.term import Controls
@@ -49,7 +49,7 @@ def two_blocks(element: str = "P2") -> Robot:
     guide = Rod(
         "guide",
         line,
-        circular(0.02),
+        RoundBar(0.02),
         {"youngs_modulus": 5e7, "poissons_ratio": 0.3},
         clamped={"lift": np.array([4])},
         fixed=np.array([0]),
@@ -70,7 +70,7 @@ def spring(contact: bool, pitch: float = 0.008) -> Robot:
     rod = Rod(
         "spring",
         coil,
-        circular(0.006),
+        RoundBar(0.006),
         {"youngs_modulus": 1e9, "poissons_ratio": 0.4},
         clamped={"top": np.array([96])},
         fixed=np.array([0]),
@@ -147,7 +147,7 @@ def test_rims_of_discs_meet_and_stay_apart():
     height, across, thick = 0.03, 0.05, 0.004
     line = straight((0, 0, 0), (0, 0, height), 12)
     material = {"youngs_modulus": 5e8, "poissons_ratio": 0.4}
-    rod = Rod("back", line, circular(0.003), material, clamped={"low": np.array([0]), "high": np.array([12])})
+    rod = Rod("back", line, RoundBar(0.003), material, clamped={"low": np.array([0]), "high": np.array([12])})
     plates = tuple(
         Plate(name, {}, np.array([0, 0, z]), fixed=name == "low", disc=Disc(np.array([0, 0, z]), E_Z, across, thick))
         for name, z in (("low", 0.0), ("high", height))
@@ -222,7 +222,7 @@ def two_springs() -> Robot:
     upper = Rod(
         "upper",
         coil,
-        circular(0.006),
+        RoundBar(0.006),
         {"youngs_modulus": 1e9, "poissons_ratio": 0.4},
         clamped={"middle": np.array([0]), "top": np.array([48])},
     )

@@ -25,7 +25,7 @@ from softcal.export.engines.calculix import _fitted_pose, _needed
 from softcal.export.load_path import LoadPath, load_path
 from softcal.export.sofa_settings import SofaSettings
 from softcal.geometry.centreline import straight
-from softcal.geometry.section import circular
+from softcal.geometry.section import RoundBar
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Command, Protocol, furthest_state
 from softcal.twin.robot import Cable, Plate, PointLoad, Robot, Rod, ViaPoint
@@ -107,7 +107,7 @@ def test_what_an_engine_leaves_out_is_no_fault_and_is_named(monkeypatch):
 def test_sofas_beams_leave_out_the_strain_of_rods():
     """Of a straight wire pulled along its axis it is F / (E A), and of a robot without rods nothing."""
     wire = Rod(
-        "wire", straight((0.0, 0.0, 0.0), (0.0, 0.0, 0.1), 4), circular(0.002), elastic(1e9, 0.3),
+        "wire", straight((0.0, 0.0, 0.0), (0.0, 0.0, 0.1), 4), RoundBar(0.002), elastic(1e9, 0.3),
         clamped={"end": np.array([4])}, fixed=np.array([0]),
     )  # fmt: skip
     end = Plate("end", {}, np.array([0.0, 0.0, 0.1]))

@@ -9,7 +9,7 @@ from mechanics_cases import column_robot, elastic, held, potential, side_cable
 from softcal.errors import SimulationError
 from softcal.geometry.centreline import helix, straight
 from softcal.geometry.primitives import box_mesh
-from softcal.geometry.section import circular, rectangular
+from softcal.geometry.section import RectangularBar, RoundBar
 from softcal.mechanics import dynamics as dynamics_module
 from softcal.mechanics.damping import Damping
 from softcal.mechanics.dynamics import Drive, Dynamics
@@ -43,11 +43,11 @@ def dynamics_of(robot: Robot, damping: Damping, scheme: str = "converged") -> Dy
 
 def mass_on_a_bar() -> tuple[Robot, float, float]:
     """One element that stretches, 50 mm, a disc at its end; the disc's mass [kg] and the bar's stiffness [N/m]."""
-    section, E, length, mass = circular(0.002), 2e5, 0.05, 0.03
+    section, E, length, mass = RoundBar(0.002), 2e5, 0.05, 0.03
     bar = straight((0.0, 0.0, 0.0), (0.0, 0.0, length), at=1)
     rod = Rod("bar", bar, section, elastic(E), {"disc": np.array([1])}, fixed=np.array([0]))
     disc = Plate("disc", {}, np.array([0.0, 0.0, length]), mass=mass, inertia=1e-6 * np.eye(3))
-    return Robot(plates=(disc,), rods=(rod,)), mass, E * section.area / length
+    return Robot(plates=(disc,), rods=(rod,)), mass, E * section.constants.area / length
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
@@ -78,11 +78,13 @@ def test_a_mass_on_a_bar_is_the_damped_oscillator_to_order_one(scheme):
 
 def cantilever(n: int) -> tuple[Robot, float]:
     """A steel strip of n elements under a little gravity, and its first natural frequency [rad/s]."""
-    length, section, E, density = 0.3, rectangular(0.01, 0.001), 2e11, 7800.0
+    length, section, E, density = 0.3, RectangularBar(0.01, 0.001), 2e11, 7800.0
     line = straight((0.0, 0.0, 0.0), (length, 0.0, 0.0), at=n, first=(0.0, 1.0, 0.0))
     rod = Rod("strip", line, section, elastic(E), fixed=np.array([0]), density=density)
     robot = Robot(rods=(rod,), gravity=np.array([0.0, 0.0, -0.01]))
-    return robot, 1.8751040687119611**2 * np.sqrt(E * section.I1 / (density * section.area * length**4))
+    return robot, 1.8751040687119611**2 * np.sqrt(
+        E * section.constants.I1 / (density * section.constants.area * length**4)
+    )
 
 
 def test_a_cantilever_swings_at_euler_and_bernoullis_first_frequency():
@@ -108,7 +110,7 @@ def dumbbell() -> Robot:
     """Two unequal discs on a short stiff rod, held by nothing."""
     line = straight((0.0, 0.0, 0.0), (0.0, 0.0, 0.04), at=3)
     ends = {"a": np.array([0]), "b": np.array([3])}
-    rod = Rod("rod", line, circular(0.008), elastic(1e9), ends, density=1000.0)
+    rod = Rod("rod", line, RoundBar(0.008), elastic(1e9), ends, density=1000.0)
     plates = (
         Plate("a", {}, np.zeros(3), mass=0.02, inertia=np.diag([4e-6, 6e-6, 9e-6])),
         Plate("b", {}, np.array([0.0, 0.0, 0.04]), mass=0.05, inertia=np.diag([2e-5, 3e-5, 4e-5])),
@@ -239,7 +241,7 @@ def manipulator() -> Robot:
         base = (0.0, 0.0, heights[i] - 0.004)
         line = helix(base, (0.0, 0.0, -1.0), diameter=0.03, pitch=0.046, turns=2, at=20, towards=(1.0, 0.0, 0.0))
         ends = {f"S{i}": np.array([0]), f"S{i + 1}": np.array([20])}
-        rods.append(Rod(f"spring{i + 1}", line, circular(0.008), elastic(8e8, 0.43), ends, density=900.0))
+        rods.append(Rod(f"spring{i + 1}", line, RoundBar(0.008), elastic(8e8, 0.43), ends, density=900.0))
     via = [ViaPoint(np.array([0.025, 0.0, 0.05]))]
     via += [ViaPoint(np.array([0.025, 0.0, z]), f"S{i}") for i, z in enumerate(heights)]
     marker = Marker("m2", "S2", np.array([0.02, 0.0, -0.2]))

@@ -8,11 +8,11 @@ from rod_cases import Pose, assembled, at_rest, modulus, on_own_frames, solved
 from scipy.spatial.transform import Rotation
 
 from softcal.geometry.centreline import Centreline, helix, polyline, straight
-from softcal.geometry.section import rectangular
+from softcal.geometry.section import RectangularBar
 from softcal.mechanics.rod import RodTerm, build_rod
 
 THETA = modulus(2.0, 0.3)
-SECTION = rectangular(0.3, 0.5)
+SECTION = RectangularBar(0.3, 0.5)
 LINES = {
     "straight": straight((0, 0, 0), (1, 2, 3), 5),
     "helix": helix((0, 0, 0), (0, 0, 1), diameter=2.0, pitch=0.7, turns=0.8, at=5),
@@ -168,7 +168,7 @@ def test_a_straight_rod_rolls_up_into_a_circle(n):
     line = straight((0, 0, 0), (0, 0, 1.0), fractions / fractions[-1], first=(1, 0, 0))
     rod, pose = on_own_frames(SECTION, line)
     load = np.zeros((n + 1, 6))
-    load[-1, 4] = 2.0 * np.pi * THETA["youngs_modulus"] * SECTION.I2
+    load[-1, 4] = 2.0 * np.pi * THETA["youngs_modulus"] * SECTION.constants.I2
     pose = solved(rod, pose, THETA, load)
     radius, s = 1.0 / (2.0 * np.pi), line.stations
     circle = radius * np.stack([1.0 - np.cos(s / radius), 0.0 * s, np.sin(s / radius)], axis=1)
@@ -186,7 +186,7 @@ def test_bars_in_tension_shear_and_torsion(n):
     load[-1] = [P, 2 * P, 3 * P, 0.0, 0.0, 4 * P]
     pose = solved(rod, rest, THETA, load, tolerance=1e-8)
     moved = pose.c[-1] - rest.c[-1]
-    A, I1, I2, J = SECTION.area, SECTION.I1, SECTION.I2, SECTION.J
+    A, I1, I2, J = (getattr(SECTION.constants, name) for name in ("area", "I1", "I2", "J"))
     expected = [P * (L**3 / (3 * E * I2) + L / (k * G * A)), 2 * P * (L**3 / (3 * E * I1) + L / (k * G * A))]
     assert moved[:2] == pytest.approx(expected, rel=1e-4)  # the rest is of second order in P
     assert moved[2] == pytest.approx(3 * P * L / (E * A), rel=1e-3)

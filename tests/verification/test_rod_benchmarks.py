@@ -7,14 +7,14 @@ from scipy.optimize import brentq
 from scipy.special import ellipeinc, ellipk, ellipkinc
 
 from softcal.geometry.centreline import helix, straight
-from softcal.geometry.section import CrossSection, circular, given, rectangular
+from softcal.geometry.section import CrossSection, GivenSection, RectangularBar, RoundBar
 from softcal.mechanics.rod import RodTerm, build_rod
 
 # A cantilever under a dead load across its end, P L^2 / E I = `times`: the elastica.
 
-SLENDER = circular(1e-3)  # on a length of 1: shear and stretch count for less than 1e-6
+SLENDER = RoundBar(1e-3)  # on a length of 1: shear and stretch count for less than 1e-6
 STEEL = modulus(2e11, 0.3)
-STIFFNESS = 2e11 * SLENDER.I1
+STIFFNESS = 2e11 * SLENDER.constants.I1
 
 
 def elastica_tip(times: float) -> np.ndarray:
@@ -84,8 +84,8 @@ def _seen_from_the_clamp(x: np.ndarray) -> np.ndarray:
     return np.array([x @ ARC.triads[0][:, 0], x @ ARC.triads[0][:, 2], x[2]])
 
 
-POLAR = given(1.0, 1 / 12, 1 / 12, 1 / 6)  # with the polar moment for J, as in most publications
-SQUARE = rectangular(1.0, 1.0)  # with Saint-Venant's J
+POLAR = GivenSection(1.0, 1 / 12, 1 / 12, 1 / 6)  # with the polar moment for J, as in most publications
+SQUARE = RectangularBar(1.0, 1.0)  # with Saint-Venant's J
 
 
 @pytest.mark.parametrize("force", PUBLISHED)
@@ -142,7 +142,7 @@ def spring(turns: float, pitch: float, per_turn: int) -> tuple[RodTerm, Pose]:
     line = helix((0, 0, 0), (0, 0, 1), diameter=D, pitch=pitch, turns=turns, at=n)
     references = np.array(line.nodes)
     references[0], references[-1] = (0, 0, 0), (0, 0, pitch * turns)
-    return build_rod("spring", circular(d), line, np.arange(n + 1), references), at_rest(references)
+    return build_rod("spring", RoundBar(d), line, np.arange(n + 1), references), at_rest(references)
 
 
 def spring_flexibility(turns: float, pitch: float, per_turn: int) -> np.ndarray:

@@ -7,7 +7,7 @@ import pytest
 from mechanics_cases import column_robot, elastic, pulled, side_cable, tensed, twin_and_theta
 
 from softcal.geometry.centreline import straight
-from softcal.geometry.section import circular
+from softcal.geometry.section import RoundBar
 from softcal.mechanics.node import Line, node_at
 from softcal.mechanics.path import follow
 from softcal.mechanics.state import rest_state
@@ -141,7 +141,7 @@ def random_robot(seed: int) -> Robot:
         )
     line = straight((0.0, 0.0, 0.0), (0.0, 0.0, 0.1), 8)
     fixed, tip = np.array([0]), {"plate": np.array([8])}
-    rod = Rod("neck", line, circular(0.03), elastic(E, nu), tip, fixed, density=1100.0)
+    rod = Rod("neck", line, RoundBar(0.03), elastic(E, nu), tip, fixed, density=1100.0)
     plate = Plate("plate", {}, np.array([0.0, 0.0, 0.1]), mass=mass)
     return Robot((), (plate,), (side_cable("front", (0.05, 0.0)),), gravity=np.array(gravity), rods=(rod,))
 

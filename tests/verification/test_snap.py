@@ -9,7 +9,7 @@ from mechanics_cases import elastic, pulled
 
 import softcal
 from softcal.geometry.centreline import straight
-from softcal.geometry.section import rectangular
+from softcal.geometry.section import RectangularBar
 from softcal.mechanics.stability import overdamped_equilibrium
 from softcal.mechanics.state import rest_state
 from softcal.mechanics.statics import Statics
@@ -27,7 +27,7 @@ SIDES = {"left": -1.0, "right": 1.0}
 
 
 def hinge(name, start, end, **held):
-    return Rod(name, straight(start, end, 2), rectangular(WIDTH, THICKNESS), elastic(MODULUS, 0.3), **held)
+    return Rod(name, straight(start, end, 2), RectangularBar(WIDTH, THICKNESS), elastic(MODULUS, 0.3), **held)
 
 
 @pytest.fixture(scope="module")

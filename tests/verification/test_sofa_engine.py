@@ -39,7 +39,7 @@ from softcal.export.sofa_install import find_sofa
 from softcal.export.sofa_robot import linear_robot
 from softcal.export.sofa_scene import scene_parameters, write_scene
 from softcal.geometry.centreline import straight
-from softcal.geometry.section import circular
+from softcal.geometry.section import RoundBar
 from softcal.project.project import load
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Cable, Plate, Robot, Rod, ViaPoint
@@ -266,7 +266,7 @@ def test_sofa_itself_pulls_the_scene_by_schedule_and_by_keys(tmp_path):
 def backbone() -> Robot:
     """A rod with a plate at its end, which a cable bends."""
     rod = Rod(
-        "rod", straight((0.0, 0.0, 0.0), (0.0, 0.0, 0.1), 4, first=(0.0, 1.0, 0.0)), circular(4e-3),
+        "rod", straight((0.0, 0.0, 0.0), (0.0, 0.0, 0.1), 4, first=(0.0, 1.0, 0.0)), RoundBar(4e-3),
         elastic(1e9, 0.4), clamped={"tip": np.array([4])}, fixed=[0],
     )  # fmt: skip
     tip = Plate("tip", {}, np.array([0.0, 0.0, 0.1]), mass=0.01)

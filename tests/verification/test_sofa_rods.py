@@ -13,7 +13,7 @@ from mechanics_cases import column_robot, elastic, pulled, tensed
 from softcal.export.crosscheck import crosscheck
 from softcal.export.sofa_engine import sofa_engine
 from softcal.geometry.centreline import helix, straight
-from softcal.geometry.section import CrossSection, circular, given, rectangular
+from softcal.geometry.section import CrossSection, GivenSection, RectangularBar, RoundBar
 from softcal.twin.protocol import Protocol
 from softcal.twin.response import Response
 from softcal.twin.robot import Cable, Marker, Plate, PointLoad, Robot, Rod, ViaPoint
@@ -54,7 +54,7 @@ def apart(responses: tuple[Response, Response], plate: str) -> np.ndarray:
 
 def test_small_deflections_are_softcals():
     """Of a stout rod, in whose deflection shear has a share; SOFA's own beams have none, nor such a section."""
-    robot = cantilever((0.0, 0.5, 1.0), n=3, section=rectangular(0.02, 0.03))
+    robot = cantilever((0.0, 0.5, 1.0), n=3, section=RectangularBar(0.02, 0.03))
     theirs, ours = both(robot, NOTHING)
     for axis, deflection in (("y", 4e-6), ("z", 2e-6)):
         moved = ours.channels[f"tip.{axis}"][0]
@@ -66,7 +66,7 @@ def test_large_deflections_approach_softcals():
     """Three quarters of a slender rod's length sideways: off by 1 in 1000 of it, far less with shorter elements."""
     found = {}
     for n in (10, 20):
-        robot = cantilever((0.0, 0.0, 8.0 / 2**4), n=n, section=circular(0.002))
+        robot = cantilever((0.0, 0.0, 8.0 / 2**4), n=n, section=RoundBar(0.002))
         responses = both(robot, NOTHING)
         assert responses[1].channels["tip.z"][0] > 0.7 * LENGTH
         (found[n],) = apart(responses, "tip") / LENGTH
@@ -75,7 +75,7 @@ def test_large_deflections_approach_softcals():
 
 
 def test_weight_of_rods():
-    robot = cantilever((0.0, 0.0, 0.0), n=8, section=circular(0.004), weight=True)
+    robot = cantilever((0.0, 0.0, 0.0), n=8, section=RoundBar(0.004), weight=True)
     responses = both(robot, NOTHING)
     assert responses[1].channels["tip.z"][0] < -2e-3
     assert apart(responses, "tip")[0] < 1e-3 * abs(responses[1].channels["tip.z"][0])
@@ -85,7 +85,7 @@ def test_helical_spring_pulled_by_a_cable():
     """Pulled together by a third and bent aside; tension, pose, and every node of the wire."""
     n = 36
     wire = Rod(
-        "wire", helix((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), diameter=0.03, pitch=0.03, turns=3, at=n), circular(0.006),
+        "wire", helix((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), diameter=0.03, pitch=0.03, turns=3, at=n), RoundBar(0.006),
         elastic(1e9, 0.4), clamped={"base": np.array([0]), "head": np.array([n])}, density=1000.0,
     )  # fmt: skip
     base = Plate("base", {}, np.zeros(3), fixed=True)
@@ -104,7 +104,7 @@ def test_helical_spring_pulled_by_a_cable():
 
 
 def test_crosscheck_compares_rods():
-    robot = cantilever((0.0, 0.5, 1.0), n=3, section=rectangular(0.02, 0.03))
+    robot = cantilever((0.0, 0.5, 1.0), n=3, section=RectangularBar(0.02, 0.03))
     found = crosscheck(robot, tensed(1.0, cable="slack"), ["sofa"])
     (comparison,) = found.comparisons
     assert comparison.agrees, comparison.verdict
@@ -116,7 +116,7 @@ def test_crosscheck_compares_rods():
 def test_rod_beside_a_body():
     """Both hold one plate; the rod, of a section that is no circle, is drawn and bent."""
     column = column_robot(parameters=elastic(1e6, 0.4), divisions=(2, 2, 6))
-    section = given(1.2e-5, 1.1e-11, 1.9e-11, 2.2e-11)
+    section = GivenSection(1.2e-5, 1.1e-11, 1.9e-11, 2.2e-11)
     rod = Rod(
         "rod", straight((-0.04, 0.0, 0.0), (-0.04, 0.0, 0.1), 8), section, elastic(1e9, 0.3),
         clamped={"plate": np.array([8])}, fixed=[0],
@@ -133,7 +133,7 @@ def test_backbone_through_discs():
     """A rod held by discs along it, weightless under gravity, with a cable through the discs."""
     n = 12
     rod = Rod(
-        "rod", straight((0.0, 0.0, 0.0), (0.0, 0.0, 2 * LENGTH), n), circular(0.004), elastic(1e9, 0.4),
+        "rod", straight((0.0, 0.0, 0.0), (0.0, 0.0, 2 * LENGTH), n), RoundBar(0.004), elastic(1e9, 0.4),
         clamped={"middle": np.array([5, 6, 7]), "top": np.array([n])}, fixed=[0],
     )  # fmt: skip
     middle = Plate("middle", {}, np.array([0.0, 0.0, LENGTH]), mass=0.01)

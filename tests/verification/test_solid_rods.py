@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from softcal.geometry.centreline import Centreline, helix, straight
-from softcal.geometry.section import circular
+from softcal.geometry.section import RoundBar
 from softcal.twin.manipulator import Discs, Manipulator, Springs, manipulator
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Plate, PointLoad, Robot, Rod
@@ -28,7 +28,7 @@ def held(line: Centreline, diameter: float, at: np.ndarray, forces: list[tuple[n
     rod = Rod(
         "rod",
         line,
-        circular(diameter),
+        RoundBar(diameter),
         {"youngs_modulus": E, "poissons_ratio": NU},
         clamped={"tip": np.array([len(line.nodes) - 1])},
         fixed=np.array([0]),
@@ -47,7 +47,7 @@ def tip(robot: Robot) -> np.ndarray:
 # A straight rod of 20 diameters.
 
 LENGTH, THICK = 0.2, 0.01
-SLENDER = circular(THICK)
+SLENDER = RoundBar(THICK)
 X, Y = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
 ORIGIN = np.zeros(3)
 
@@ -57,13 +57,16 @@ def cantilever(forces: list[tuple[np.ndarray, np.ndarray]], layers: int = 40) ->
     return held(line, THICK, np.array([0.0, 0.0, LENGTH]), forces)
 
 
-BENDING = 3.0 * E * SLENDER.I1 / LENGTH**2  # this force times an angle [rad]
+BENDING = 3.0 * E * SLENDER.constants.I1 / LENGTH**2  # this force times an angle [rad]
 SMALL = 1e-3
 CASES = {
     "bending": ([(ORIGIN, SMALL * BENDING * X)], 0),
     "turning": ([(ORIGIN, SMALL * BENDING * Y)], 4),
     "torsion": (
-        [(0.05 * Y, -X * SMALL * G * SLENDER.J / LENGTH / 0.1), (-0.05 * Y, X * SMALL * G * SLENDER.J / LENGTH / 0.1)],
+        [
+            (0.05 * Y, -X * SMALL * G * SLENDER.constants.J / LENGTH / 0.1),
+            (-0.05 * Y, X * SMALL * G * SLENDER.constants.J / LENGTH / 0.1),
+        ],
         5,
     ),
 }

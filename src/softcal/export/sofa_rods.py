@@ -52,7 +52,7 @@ def rod_parameters(rod: Rod, density: float) -> dict[str, Any]:
         "nodes": rod.centreline.nodes.tolist(),
         "youngs_modulus": rod.parameters["youngs_modulus"],
         "poissons_ratio": rod.parameters["poissons_ratio"],
-        "radius": 0.5 * rod.section.outer_diameter,
+        "radius": 0.5 * rod.section.constants.outer_diameter,
         "flexibilities": flexibilities,
         "kinds": kinds,
         "axes": Rotation.from_matrix(rod.centreline.triads[:-1]).as_quat().tolist(),
@@ -102,14 +102,15 @@ def _with_between(nodes: Ints, segments: int) -> Ints:
 
 def node_volumes(rod: Rod) -> Floats:
     """Volume of the rod per node (m,) [m^3]: half of the adjacent elements."""
-    half = 0.5 * rod.section.area * rod.centreline.lengths
+    half = 0.5 * rod.section.constants.area * rod.centreline.lengths
     return np.append(half, 0.0) + np.insert(half, 0, 0.0)
 
 
 def _masses(rod: Rod, density: float) -> list[dict[str, Any]]:
     """Groups of nodes of equal mass [kg]; inertia: per mass, isotropic, that of the section about its axis [m^2]."""
     masses = density * node_volumes(rod)
-    inertia = (rod.section.I1 + rod.section.I2) / rod.section.area
+    section = rod.section.constants
+    inertia = (section.I1 + section.I2) / section.area
     groups: list[dict[str, Any]] = []
     for node in np.argsort(-masses, kind="stable").tolist():
         mass = float(masses[node])

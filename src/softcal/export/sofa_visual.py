@@ -65,7 +65,7 @@ def rod_skin(rod: Rod) -> Skin:
     """A round wire of the section's outer diameter, closed at its ends."""
     line, n = rod.centreline, len(rod.centreline.nodes)
     angle = np.linspace(0.0, 2.0 * np.pi, SIDES, endpoint=False)
-    ring = 0.5 * rod.section.outer_diameter * np.column_stack([np.cos(angle), np.sin(angle)])
+    ring = 0.5 * rod.section.constants.outer_diameter * np.column_stack([np.cos(angle), np.sin(angle)])
     walls = line.nodes[:, None] + np.einsum("nij,sj->nsi", line.triads[:, :, :2], ring)
     one = SIDES * np.arange(n - 1)[:, None] + np.arange(SIDES)
     two = SIDES * np.arange(n - 1)[:, None] + np.roll(np.arange(SIDES), -1)

@@ -33,7 +33,7 @@ from numpy.typing import ArrayLike
 from softcal.checks import Floats, Ints
 from softcal.errors import Fault, MeshError
 from softcal.geometry.centreline import Centreline
-from softcal.geometry.section import CrossSection
+from softcal.geometry.section import CrossSection, SectionConstants
 from softcal.mechanics import rod_kernels
 from softcal.mechanics.damping import TimeStep
 from softcal.mechanics.frame_blocks import UNPLANNED, FrameBlocks, frame_blocks
@@ -129,7 +129,7 @@ class RodTerm(Term):
     def measure(self, sizes: Sizes, theta: Theta) -> None:
         own = part_theta(theta, self.name)
         sizes.shear_modulus = max(sizes.shear_modulus, 0.5 * own["youngs_modulus"] / (1.0 + own["poissons_ratio"]))
-        sizes.volume += float(self.length.sum()) * self.section.area
+        sizes.volume += float(self.length.sum()) * self.section.constants.area
         tangent = self.assemble(sizes.rest.position, sizes.rest.rotation, own).tangent
         self.blocks.add_gradient(sizes.stiffness, np.einsum("nii->ni", tangent))
         frames = np.unique(self.frames)
@@ -269,7 +269,7 @@ def build_rod(
             )
         )
     length = centreline.lengths[ends[:, 0]]
-    bending, shear = _flexibility(section, xi, length)
+    bending, shear = _flexibility(section.constants, xi, length)
     return RodTerm(
         name=name,
         section=section,
@@ -283,7 +283,7 @@ def build_rod(
     )
 
 
-def _flexibility(section: CrossSection, xi: Floats, length: Floats) -> tuple[Floats, Floats]:
+def _flexibility(section: SectionConstants, xi: Floats, length: Floats) -> tuple[Floats, Floats]:
     """E times the elements' flexibility: what does not depend on Poisson's ratio, and what goes with 1 + nu."""
     (a1, b1), (a2, b2), A = section.shear1, section.shear2, section.area
     bending = np.array([a1 / A, a2 / A, 1.0 / A, 1.0 / section.I1, 1.0 / section.I2, 0.0])

@@ -7,13 +7,11 @@ from collections.abc import Iterable
 import numpy as np
 
 from softcal.checks import Ints
-from softcal.geometry import section as sections
 from softcal.geometry.centreline import Centreline
 from softcal.geometry.placement import placed_centreline
-from softcal.geometry.section import CrossSection
 from softcal.limits import LIMITS
 from softcal.project.document import Findings, KeyPath
-from softcal.project.rod_schema import BarSection, RodSection
+from softcal.project.rod_schema import RodSection
 from softcal.twin.robot import Rod
 
 
@@ -33,40 +31,27 @@ def build_rod(name: str, rod: RodSection, plates: Iterable[str], findings: Findi
             allowed="clamped: {PLATE: station}, or fixed: station",
             attempt="fixed: start",
         )
-    with findings.at((*path, "section")):
-        section = _section(rod.section)
-        key, shape = rod.shape
-        with findings.at((*path, key)):
-            shape.require_fitting(section.outer_diameter)
-            clamped = {
-                plate: _arcs(where, shape.length, (*path, "clamped", plate), findings)
-                for plate, where in rod.clamped.items()
-            }
-            fixed = _arcs(rod.fixed, shape.length, (*path, "fixed"), findings)
-            elements = rod.elements or shape.elements
-            LIMITS["elements of a rod"].check(elements)
-            line = shape.centreline(sorted({*fixed, *(s for arcs in clamped.values() for s in arcs)}), elements)
-            if rod.placement is not None:
-                with findings.at((*path, "placement")):
-                    line = placed_centreline(line, rod.placement.pose)
-            if len(findings.faults) > n_faults:
-                return None
-            with findings.at(path):
-                parameters = {"youngs_modulus": rod.youngs_modulus, "poissons_ratio": rod.poissons_ratio}
-                held = {plate: _nodes(line, shape.length, arcs) for plate, arcs in clamped.items()}
-                return Rod(name, line, section, parameters, held, _nodes(line, shape.length, fixed), rod.density)
+    key, shape = rod.shape
+    with findings.at((*path, key)):
+        shape.require_fitting(rod.section.constants.outer_diameter)
+        clamped = {
+            plate: _arcs(where, shape.length, (*path, "clamped", plate), findings)
+            for plate, where in rod.clamped.items()
+        }
+        fixed = _arcs(rod.fixed, shape.length, (*path, "fixed"), findings)
+        elements = rod.elements or shape.elements
+        LIMITS["elements of a rod"].check(elements)
+        line = shape.centreline(sorted({*fixed, *(s for arcs in clamped.values() for s in arcs)}), elements)
+        if rod.placement is not None:
+            with findings.at((*path, "placement")):
+                line = placed_centreline(line, rod.placement.pose)
+        if len(findings.faults) > n_faults:
+            return None
+        with findings.at(path):
+            parameters = {"youngs_modulus": rod.youngs_modulus, "poissons_ratio": rod.poissons_ratio}
+            held = {plate: _nodes(line, shape.length, arcs) for plate, arcs in clamped.items()}
+            return Rod(name, line, rod.section, parameters, held, _nodes(line, shape.length, fixed), rod.density)
     return None
-
-
-def _section(given: BarSection) -> CrossSection:
-    if given.diameter is not None:
-        return sections.circular(given.diameter, inner_diameter=given.inner_diameter or 0.0)
-    if given.width is not None and given.height is not None:
-        return sections.rectangular(given.width, given.height)
-    constants = [value or 0.0 for value in (given.area, given.I1, given.I2, given.J)]
-    if given.shear_coefficients is None:
-        return sections.given(*constants)
-    return sections.given(*constants, shear_coefficients=given.shear_coefficients)
 
 
 def _arcs(stations: Iterable[float | str], length: float, path: KeyPath, findings: Findings) -> list[float]:

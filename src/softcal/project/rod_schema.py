@@ -3,60 +3,44 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated
+from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Discriminator, Field, Tag
 
 from softcal.declare import Reading, require_one
-from softcal.errors import Fault, InputError
+from softcal.errors import Fault, InputError, nearest
 from softcal.geometry.placement import Placement
 from softcal.geometry.rod_shapes import Helix, Polyline, RodShape, Straight
+from softcal.geometry.section import CrossSection, GivenSection, RectangularBar, RoundBar
 from softcal.limits import LIMITS
 from softcal.project.section import Section
-from softcal.quantities import (
-    QUANTITIES,
-    Area,
-    Density,
-    Modulus,
-    PoissonsRatio,
-    PositiveRatio,
-    SecondMoment,
-    Size,
-)
+from softcal.quantities import QUANTITIES, Density, Modulus, PoissonsRatio
 from softcal.twin.robot import Rod
 
+BARS: Mapping[str, type[CrossSection]] = {cls.__name__: cls for cls in (RoundBar, RectangularBar, GivenSection)}
 
-class BarSection(Section):
-    """A rod's section: a round bar or tube, a rectangular bar, or given constants."""
 
-    diameter: Size | None = None
-    inner_diameter: Size | None = None
-    width: Size | None = None
-    height: Size | None = None
-    area: Area | None = None
-    I1: SecondMoment | None = None
-    I2: SecondMoment | None = None
-    J: SecondMoment | None = None
-    shear_coefficients: tuple[PositiveRatio, PositiveRatio] | None = None
+def _kinds(data: Any) -> list[str]:
+    """The kinds of section that have one of the keys of a mapping."""
+    return [name for name, cls in BARS.items() if data.keys() & cls.__annotations__.keys()]
 
-    def _check(self) -> None:
-        given = {key for key in type(self).model_fields if getattr(self, key) is not None}
-        constants = {"area", "I1", "I2", "J"}
-        kinds = (
-            {"diameter"},
-            {"diameter", "inner_diameter"},
-            {"width", "height"},
-            constants,
-            constants | {"shear_coefficients"},
-        )
-        if given not in kinds:
-            raise InputError(
-                Fault(
-                    "the section is not of one kind",
-                    got=", ".join(sorted(given)) or "nothing",
-                    allowed="diameter (and inner_diameter), width and height, or area, I1, I2 and J",
-                )
-            )
+
+def _of_one_kind(data: Any) -> Any:
+    if isinstance(data, dict) and len(_kinds(data)) != 1:
+        got = ", ".join(sorted(map(str, data))) or "nothing"
+        allowed = "diameter (and inner_diameter), width and height, or area, I1, I2 and J"
+        meant = nearest(got, [key for cls in BARS.values() for key in cls.__annotations__])
+        raise InputError(Fault("the section is not of one kind", "", got, allowed, meant))
+    return data
+
+
+Bar = Annotated[
+    Annotated[RoundBar, Tag("RoundBar")]
+    | Annotated[RectangularBar, Tag("RectangularBar")]
+    | Annotated[GivenSection, Tag("GivenSection")],
+    Discriminator(lambda data: _kinds(data)[0] if isinstance(data, dict) else "RoundBar"),
+    Reading(_of_one_kind),
+]
 
 
 def _station(value: object) -> float | str:
@@ -80,7 +64,7 @@ class RodSection(Section):
     helix: Helix | None = None
     polyline: Polyline | None = None
     elements: Annotated[int, LIMITS["elements of a rod"]] | None = None
-    section: BarSection
+    section: Bar
     youngs_modulus: Modulus
     poissons_ratio: PoissonsRatio
     density: Density = Rod.density

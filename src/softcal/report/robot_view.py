@@ -34,7 +34,7 @@ def rod_tube(rod: Rod, nodes: Floats, colour: str | Floats) -> Tube:
     fine = np.unique(np.concatenate([np.linspace(a, b, STEPS + 1) for a, b in pairwise(stations)]))
     path = CubicSpline(stations, nodes)(fine) if len(nodes) > 2 else _between(stations, nodes, fine)
     shades = colour if isinstance(colour, str) else _between(stations, colour, fine)
-    return Tube(path, 0.5 * rod.section.outer_diameter, colour=shades, bulky=True)
+    return Tube(path, 0.5 * rod.section.constants.outer_diameter, colour=shades, bulky=True)
 
 
 def _between(stations: Floats, values: Floats, at: Floats) -> Floats:

@@ -57,7 +57,7 @@ class Contact(Declared):
 
 def wire_diameter(rod: Rod) -> float:
     """The diameter [m] of the round wire with the section's area."""
-    return math.sqrt(4.0 * rod.section.area / math.pi)
+    return math.sqrt(4.0 * rod.section.constants.area / math.pi)
 
 
 def mean_edge(mesh: TetMesh) -> float:

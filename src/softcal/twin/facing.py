@@ -50,4 +50,4 @@ def plate_radius(robot: Robot, plate: Plate) -> float:
     offsets = np.concatenate([*points, plate.reference[None]]) - plate.reference
     across = offsets - np.outer(offsets @ normal, normal)
     widest = float(np.max(np.linalg.norm(across, axis=1)))
-    return 1.08 * max([widest, *(rod.section.outer_diameter for rod in clamped)])
+    return 1.08 * max([widest, *(rod.section.constants.outer_diameter for rod in clamped)])

@@ -70,7 +70,7 @@ def build_loads(
             unit[start : start + mesh.n_points] = volumes[:, None] * robot.gravity
     for rod in robot.rods:
         unit = per_unit[f"{rod.name}.density"] = np.zeros((n_points, 3))
-        half = 0.5 * rod.section.area * rod.centreline.lengths[:, None] * robot.gravity
+        half = 0.5 * rod.section.constants.area * rod.centreline.lengths[:, None] * robot.gravity
         n = first[rod.name]
         unit[n : n + len(half)] += half
         unit[n + 1 : n + 1 + len(half)] += half

@@ -19,7 +19,7 @@ from softcal.declare import Declared, Reading
 from softcal.errors import Fault, InputError, nearest
 from softcal.geometry.coil import Coil
 from softcal.geometry.rod_shapes import ELEMENTS_PER_TURN
-from softcal.geometry.section import circular
+from softcal.geometry.section import RoundBar
 from softcal.geometry.wire import SolidSpring
 from softcal.limits import LIMITS
 from softcal.mechanics.elements import DEFAULT, ElementName
@@ -282,7 +282,7 @@ def manipulator(of: Manipulator, *, gravity: Sequence[float] = (0.0, 0.0, -9.81)
         modulus = moduli[name] if isinstance(moduli, Mapping) else moduli
         parameters = {"youngs_modulus": modulus, "poissons_ratio": springs.poissons_ratio}
         clamped = {before: np.array([0]), after: np.array([elements])}
-        rods.append(Rod(name, line, circular(springs.wire_diameter), parameters, clamped, density=springs.density))
+        rods.append(Rod(name, line, RoundBar(springs.wire_diameter), parameters, clamped, density=springs.density))
     plates = _plates(of)
     robot = Robot(
         plates=plates, cables=_cables(of, plates), rods=tuple(rods), markers=_markers(of), gravity=np.asarray(gravity)

@@ -55,10 +55,10 @@ def _add_rod(carried: FrameMasses, twin: Twin, rod: Rod) -> None:
     frames = layout.rider[twin.first_point[rod.name] :][:m]
     half = 0.5 * rod.centreline.lengths
     line = rod.density * (np.append(half, 0.0) + np.insert(half, 0, 0.0))  # [kg/m^2]: times area is mass
-    triads = rod.centreline.triads
-    along = np.array([rod.section.I2, rod.section.I1, 0.0])  # second moment along axis 1 is I2, that about axis 2
+    triads, section = rod.centreline.triads, rod.section.constants
+    along = np.array([section.I2, section.I1, 0.0])  # second moment along axis 1 is I2, that about axis 2
     tensors = line[:, None, None] * (triads * along) @ np.swapaxes(triads, 1, 2)
-    carried.add(frames, rod.section.area * line, rod.centreline.nodes - layout.references[frames], tensors)
+    carried.add(frames, section.area * line, rod.centreline.nodes - layout.references[frames], tensors)
 
 
 def _add_plate(carried: FrameMasses, twin: Twin, plate: Plate) -> None:

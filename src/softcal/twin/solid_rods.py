@@ -10,7 +10,7 @@ import numpy as np
 
 from softcal.checks import Ints
 from softcal.errors import Fault, MeshError
-from softcal.geometry.section import CrossSection, circular
+from softcal.geometry.section import RoundBar, SectionConstants
 from softcal.geometry.wire import wire_mesh
 from softcal.mechanics.elements import DEFAULT
 from softcal.twin.robot import Body, Plate, Robot, Rod
@@ -62,7 +62,7 @@ def solid_body(rod: Rod, *, rings: int = 1, element: str = DEFAULT.name) -> Body
     MeshError
         For a rod that is not round, has an odd number of elements, or is held elsewhere than at its ends.
     """
-    diameter = _diameter(rod.section)
+    diameter = _diameter(rod.section.constants)
     faults: list[Fault] = []
     if diameter is None:
         faults.append(
@@ -103,9 +103,9 @@ def _end_nodes(rod: Rod, held: Ints, start: Ints, end: Ints) -> Ints:
     return np.concatenate([none, *(nodes for node, nodes in ((0, start), (last, end)) if node in held)])
 
 
-def _diameter(section: CrossSection) -> float | None:
+def _diameter(section: SectionConstants) -> float | None:
     """Diameter [m] of the section if it is a full circle, else None."""
     diameter = math.sqrt(4.0 * section.area / math.pi)
-    round_bar = circular(diameter)
+    round_bar = RoundBar(diameter).constants
     pairs = [(getattr(section, key), getattr(round_bar, key)) for key in ("I1", "I2", "J")]
     return diameter if all(abs(a - b) <= SAME_SECTION * b for a, b in pairs) else None

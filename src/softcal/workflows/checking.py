@@ -194,7 +194,7 @@ def _rod_rows(project: Project) -> list[tuple[str, str]]:
             (
                 f"rod {rod.name}",
                 f"{format_quantity(float(line.stations[-1]), 'm')} long, {len(line.lengths)} elements, "
-                f"{format_quantity(rod.section.outer_diameter, 'm')} thick, attached: {', '.join(held)}",
+                f"{format_quantity(rod.section.constants.outer_diameter, 'm')} thick, attached: {', '.join(held)}",
             ),
             (
                 "  material",

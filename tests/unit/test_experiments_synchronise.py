@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from softcal.errors import DatasetError
+from softcal.errors import DatasetError, InputError
 from softcal.experiments.dataset import Channel, Dataset, Step
-from softcal.experiments.synchronise import fit_clock, synchronise
+from softcal.experiments.synchronise import CommonMotion, fit_clock, synchronise
 
 MOVED = bench_record.motion(4)
 
@@ -40,14 +40,14 @@ def imu(
     seed=st.integers(0, 99),
 )
 def test_recovers_a_known_clock(lag: float, rate: float, step: float, sign: float, seed: int) -> None:
-    fit = fit_clock(utm(), imu(lag, rate, step=step, sign=sign, seed=seed))
+    fit = fit_clock(utm(), imu(lag, rate, step=step, sign=sign, seed=seed), CommonMotion())
     assert_allclose(fit.to_imu(MOVED.time), MOVED.time + lag + rate * (MOVED.time - 0.5 * MOVED.time[-1]), atol=5e-3)
     assert_allclose(fit.rate, rate, atol=1.5e-4)
     assert sign * fit.correlation > 0.98
 
 
 def test_lag_is_finer_than_a_sample() -> None:
-    fit = fit_clock(utm(), imu(1.2345, noise=0.0, step=0.02), estimate_rate=False)
+    fit = fit_clock(utm(), imu(1.2345, noise=0.0, step=0.02), CommonMotion(estimate_rate=False))
     assert_allclose(fit.lag, 1.2345, atol=1.5e-3)
 
 
@@ -75,7 +75,7 @@ def test_a_clock_that_loses_is_slower(rate: float, told: str) -> None:
 def test_only_samples_that_both_have_are_kept() -> None:
     late = imu(0.0, noise=0.0)
     late = late.take(late.values("time") > 6.0, Step("test"))
-    merged = synchronise(utm(), late, max_lag=2.0)
+    merged = synchronise(utm(), late, CommonMotion(max_lag=2.0))
     assert_allclose(merged.values("time")[0], 6.0, atol=0.05)
 
 
@@ -85,12 +85,12 @@ def test_refuses_another_test_and_a_lag_at_the_edge() -> None:
     with pytest.raises(DatasetError, match=r"utm and imu: .*(hardly correlated|largest searched lag)"):
         synchronise(utm(), noise)
     with pytest.raises(DatasetError, match="peaks at the largest searched lag"):
-        synchronise(utm(), imu(3.0), max_lag=1.0)
+        synchronise(utm(), imu(3.0), CommonMotion(max_lag=1.0))
     still = imu(0.0).with_channels(Step("test"), pitch=np.zeros(imu(0.0).n_samples))
     with pytest.raises(DatasetError, match="a constant signal"):
         synchronise(utm(), still)
     with pytest.raises(DatasetError, match="both records hold the same channel; got shortening"):
-        synchronise(utm(), utm(), signal="shortening")
+        synchronise(utm(), utm(), CommonMotion(signal="shortening"))
 
 
 def test_refuses_two_lags_that_match_as_well() -> None:
@@ -99,4 +99,10 @@ def test_refuses_two_lags_that_match_as_well() -> None:
     same = Dataset("imu", {"time": Channel(time, "s"), "pitch": Channel(np.sin(time), "rad")})
     with pytest.raises(DatasetError, match="two lags match"):
         synchronise(wave, same)
-    assert abs(fit_clock(wave, same, max_lag=1.0).lag) < 1e-6
+    assert abs(fit_clock(wave, same, CommonMotion(max_lag=1.0)).lag) < 1e-6
+
+
+def test_settings_out_of_range_are_refused_in_python_as_in_a_file() -> None:
+    with pytest.raises(InputError) as caught:
+        CommonMotion(max_lag=0.0, min_correlation=1.5)
+    assert [fault.where for fault in caught.value.faults] == ["max_lag", "min_correlation"]

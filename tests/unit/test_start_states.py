@@ -12,7 +12,7 @@ from test_experiments_synchronise import MOVED, imu, utm
 from typer.testing import CliRunner
 
 from softcal.cli.app import app
-from softcal.experiments.synchronise import clock_warning, synchronise
+from softcal.experiments.synchronise import CommonMotion, clock_warning, synchronise
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.write import write_mesh
 from softcal.project.project import load
@@ -158,7 +158,7 @@ def test_a_rate_that_no_quartz_has_is_warned_of(rate: float, odd: bool) -> None:
         assert float(found) == pytest.approx(abs(rate) * 1e6, abs=60.0)
         assert "at a lag of +0.7" in told
         assert "estimate_rate: false" in told
-    assert not clock_warning(synchronise(utm(), imu(0.7, rate), estimate_rate=False, min_correlation=0.5))
+    assert not clock_warning(synchronise(utm(), imu(0.7, rate), CommonMotion(estimate_rate=False, min_correlation=0.5)))
     assert not clock_warning(utm())
 
 

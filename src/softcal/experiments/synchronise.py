@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.declare import Declared
 from softcal.errors import DatasetError, Fault
 from softcal.experiments.dataset import Dataset, Step
+from softcal.quantities import Duration, Share
 from softcal.units import format_quantity
 
 _MAX_SAMPLES = 200_000
@@ -60,35 +62,39 @@ def clock_warning(dataset: Dataset) -> str:
     return ""
 
 
-def synchronise(
-    utm: Dataset,
-    imu: Dataset,
-    *,
-    max_lag: float | None = None,
-    reference: str = "shortening",
-    signal: str = "pitch",
-    estimate_rate: bool = True,
-    min_correlation: float = 0.8,
-) -> Dataset:
-    """The testing machine's dataset with the IMU's channels interpolated at its times.
+@dataclass(frozen=True)
+class CommonMotion(Declared):
+    """The motion that two records of different clocks measured, and how the lag between them is searched.
 
-    Parameters
+    Attributes
     ----------
     max_lag
         Largest lag that is searched [s]; None: as long as half of the shorter record overlaps. For equal cycles, give
         less than the duration of a cycle.
     reference, signal
-        Channels of `utm` and of `imu` that follow the same motion, with equal or opposite sign.
+        Channels of the first and of the second record that follow the same motion, with equal or opposite sign.
     estimate_rate
-        Whether to estimate a rate of the IMU's clock relative to the machine's.
+        Whether to estimate a rate of the second clock relative to the first.
     min_correlation
-        Smallest accepted correlation coefficient over the overlap.
+        Smallest accepted correlation coefficient over the overlap [-].
+    """
+
+    max_lag: Duration | None = None
+    reference: str = "shortening"
+    signal: str = "pitch"
+    estimate_rate: bool = True
+    min_correlation: Share = 0.8
+
+
+def synchronise(utm: Dataset, imu: Dataset, motion: CommonMotion | None = None) -> Dataset:
+    """The testing machine's dataset with the IMU's channels interpolated at its times.
 
     Raises
     ------
     DatasetError
         If both have the same channel, or the correlation is weak, peaks at the largest lag, or has two equal peaks.
     """
+    motion = motion or CommonMotion()
     shared = [key for key in imu.channels if key in utm.channels and key != "time"]
     if shared:
         raise DatasetError(
@@ -104,42 +110,29 @@ def synchronise(
             f"the {place} of the two files has no {channel}",
             where=f"{utm.name} and {imu.name}",
             got=", ".join(data.channels),
-            attempt=f"first the file with {reference}, then the one with {signal}, or {key}: another channel",
+            attempt=f"first the file with {motion.reference}, then the one with {motion.signal}, or {key}: another "
+            "channel",
         )
-        for place, data, key, channel in (("first", utm, "reference", reference), ("second", imu, "signal", signal))
+        for place, data, key, channel in (
+            ("first", utm, "reference", motion.reference),
+            ("second", imu, "signal", motion.signal),
+        )
         if channel not in data.channels
     ]
     if faults:
         raise DatasetError(faults)
-    fit = fit_clock(
-        utm,
-        imu,
-        max_lag=max_lag,
-        reference=reference,
-        signal=signal,
-        estimate_rate=estimate_rate,
-        min_correlation=min_correlation,
-    )
+    fit = fit_clock(utm, imu, motion)
     at = fit.to_imu(utm.values("time"))
     imu_time = imu.values("time")
     inside = np.flatnonzero((at >= imu_time[0]) & (at <= imu_time[-1]))
     outcome = (
         f"the clock of {imu.name} shows {fit.lag:+.4f} s beside that of {utm.name} at "
         f"{format_quantity(fit.middle, 's')}, "
-        f"{_pace(fit.rate) if estimate_rate else 'taken to run as fast'}; "
-        f"correlation of {reference} and {signal} {fit.correlation:+.4f}; "
+        f"{_pace(fit.rate) if motion.estimate_rate else 'taken to run as fast'}; "
+        f"correlation of {motion.reference} and {motion.signal} {fit.correlation:+.4f}; "
         f"{len(inside)} of {utm.n_samples} samples have both"
     )
-    settings = {
-        "with": imu.name,
-        "max_lag": max_lag,
-        "reference": reference,
-        "signal": signal,
-        "estimate_rate": estimate_rate,
-        "min_correlation": min_correlation,
-        "lag": fit.lag,
-        "rate": fit.rate,
-    }
+    settings = {"with": imu.name, **asdict(motion), "lag": fit.lag, "rate": fit.rate}
     step = Step("synchronise", settings, outcome)
     both = replace(utm, provenance=(*utm.provenance, *imu.provenance)).take(inside, step)
     added = {
@@ -150,17 +143,8 @@ def synchronise(
     return replace(both, channels={**both.channels, **added})
 
 
-def fit_clock(
-    utm: Dataset,
-    imu: Dataset,
-    *,
-    max_lag: float | None = None,
-    reference: str = "shortening",
-    signal: str = "pitch",
-    estimate_rate: bool = True,
-    min_correlation: float = 0.8,
-) -> ClockFit:
-    """Lag and rate of the IMU's clock against the UTM's by cross-correlation; settings as in `synchronise`.
+def fit_clock(utm: Dataset, imu: Dataset, motion: CommonMotion) -> ClockFit:
+    """Lag and rate of the IMU's clock against the UTM's by cross-correlation.
 
     Raises
     ------
@@ -168,8 +152,8 @@ def fit_clock(
         If the peak of the correlation is weak, ambiguous or at the limit of the search.
     """
     where = f"{utm.name} and {imu.name}"
-    x_time, x_raw = _distinct(utm.values("time"), utm.values(reference))
-    y_time, y_raw = _distinct(imu.values("time"), imu.values(signal))
+    x_time, x_raw = _distinct(utm.values("time"), utm.values(motion.reference))
+    y_time, y_raw = _distinct(imu.values("time"), imu.values(motion.signal))
     spans = float(np.ptp(x_time)), float(np.ptp(y_time))
     if min(spans) <= 0.0 or min(np.ptp(x_raw), np.ptp(y_raw)) <= 0.0:
         raise DatasetError(Fault("a constant signal cannot be synchronised", where=where))
@@ -177,21 +161,21 @@ def fit_clock(
     x = _evenly(x_time, x_raw, step)
     y = _evenly(y_time, y_raw, step)
     apart = y_time[0] - x_time[0]  # offset of the clocks by their own times
-    coarse, sign = _coarse_lag(x, y, step, apart, max_lag, where)
+    coarse, sign = _coarse_lag(x, y, step, apart, motion.max_lag, where)
     shift, correlation = _refine(x, y, coarse, sign)
-    if abs(correlation) < min_correlation:
+    if abs(correlation) < motion.min_correlation:
         raise DatasetError(
             Fault(
-                f"{reference} and {signal} are hardly correlated, so the clocks cannot be matched",
+                f"{motion.reference} and {motion.signal} are hardly correlated, so the clocks cannot be matched",
                 where=where,
                 got=f"correlation {correlation:+.3f} at a lag of {shift * step + apart:.3f} s",
-                allowed=f"{min_correlation:g} or more",
+                allowed=f"{motion.min_correlation:g} or more",
                 attempt="check that both files are of the same test, or a larger max_lag",
             )
         )
     begin, end = _overlap(len(x), len(y), round(shift))
     lag, middle, rate = shift * step + apart, float(x_time[0] + 0.5 * (begin + end) * step), 0.0
-    if estimate_rate:
+    if motion.estimate_rate:
         lag, rate = _early_and_late(x, y, (begin, end), round(shift), step, sign, lag, apart)
     return ClockFit(float(lag), float(rate), middle, float(correlation))
 

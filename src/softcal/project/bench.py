@@ -211,7 +211,7 @@ def _joined(section: ExperimentSection, records: list[Dataset], path: KeyPath, f
             elif told == ONE_CLOCK:
                 joined = merge_on_one_clock(joined, other)
             else:
-                joined = synchronise(joined, other, **told.settings())
+                joined = synchronise(joined, other, told)
         return joined
     return None
 

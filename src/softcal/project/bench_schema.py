@@ -10,9 +10,10 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag
 from softcal.calibration.rig import Pulleys
 from softcal.declare import Reading
 from softcal.errors import Fault, InputError
+from softcal.experiments.synchronise import CommonMotion
 from softcal.limits import LIMITS
 from softcal.project.section import Given, Section, numbered
-from softcal.quantities import Angle, Duration, Factor, Length, Share, Size, Slack, TensionOffset
+from softcal.quantities import Angle, Factor, Length, Size, Slack, TensionOffset
 
 ONE_CLOCK = "one clock"
 MOTION_CAPTURE = ".c3d"
@@ -87,26 +88,12 @@ def _step(value: object) -> object:
     return value
 
 
-class SynchroniseSection(Section):
-    """Synchronisation of records of two clocks: by the motion that both measured."""
-
-    max_lag: Duration | None = None
-    reference: str = "shortening"
-    signal: str = "pitch"
-    estimate_rate: bool = True
-    min_correlation: Share = 0.8
-
-    def settings(self) -> dict[str, Any]:
-        """As keyword arguments of `softcal.experiments.synchronise.synchronise`."""
-        return dict(self)
-
-
 def _clock_kind(data: Any) -> str:
     return "one" if isinstance(data, str) else "two"
 
 
 Synchronise = Annotated[
-    Annotated[Literal["one clock"], Tag("one")] | Annotated[SynchroniseSection, Tag("two")],
+    Annotated[Literal["one clock"], Tag("one")] | Annotated[CommonMotion, Tag("two")],
     Discriminator(_clock_kind),
 ]
 

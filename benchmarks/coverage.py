@@ -20,7 +20,8 @@ import numpy as np
 import softcal
 from benchmarks.section import table
 from benchmarks.table_twins import NU, ComplianceTable, E, NeckTable, compliance_table, neck_table
-from softcal.calibration.experiment import FRAME, PULLEY_FRICTION, Experiment
+from softcal.calibration.experiment import PULLEY_FRICTION, Experiment
+from softcal.calibration.frame import FRAME
 from softcal.calibration.loss import Loss
 from softcal.calibration.losses.distance import DistanceLoss
 from softcal.calibration.losses.likelihood import LikelihoodLoss

@@ -20,7 +20,8 @@ from benchmarks.coverage import CABLES, CAMERA, FORCES, LENGTH, MARKERS, NECK, R
 from benchmarks.section import table
 from benchmarks.table_twins import NU, SOLVED, E
 from softcal.calibration.convergence import in_standard_errors
-from softcal.calibration.experiment import FRAME, Experiment
+from softcal.calibration.experiment import Experiment
+from softcal.calibration.frame import FRAME
 from softcal.calibration.local_model import Point
 from softcal.calibration.loss import Loss
 from softcal.calibration.losses.distance import DistanceLoss

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from softcal.calibration.experiment import Experiment
-from softcal.calibration.frame import rotation
+from softcal.calibration.frame import Frame, rotation
 from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.rig import Rig
 from softcal.experiments.dataset import Channel, Dataset
@@ -95,5 +95,5 @@ def experiment(
         seen = places @ rotation(np.array(frame[3:])).T + np.array(frame[:3])
         seen = seen + noise * random.standard_normal(seen.shape)
         channels |= {f"{marker}.{axis}": Channel(seen[:, k], "m", noise) for k, axis in enumerate("xyz")}
-    rig = Rig(length=LENGTH, frame=dict(nominal or {}))
+    rig = Rig(length=LENGTH, frame=Frame(**(nominal or {})))
     return Experiment(cable, Dataset(cable, channels), drive=(f"{cable}.tension",), rig=rig)

@@ -9,7 +9,7 @@ import pytest
 from manipulator_case import CABLES, FREE, LENGTH, MODULI, TIED, experiment, manipulator
 
 from softcal.analysis.validation import Validation, folds_of, leave_out, with_split
-from softcal.calibration.experiment import FRAME
+from softcal.calibration.frame import FRAME
 from softcal.calibration.loss import Loss
 from softcal.calibration.losses.distance import DistanceLoss
 from softcal.calibration.losses.likelihood import LikelihoodLoss

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from softcal.calibration.frame import rotation, rotation_rates
+from softcal.calibration.frame import Frame, rotation, rotation_rates
+from softcal.errors import InputError
 
 VECTORS = st.lists(st.floats(-2.0, 2.0), min_size=3, max_size=3).map(np.array)
 
@@ -32,3 +33,9 @@ def test_small_angles_lose_no_digits(angle: float) -> None:
     np.testing.assert_allclose(rotation(r), Rotation.from_rotvec(r).as_matrix(), atol=1e-15)
     below, above = rotation_rates(r * (1 - 1e-7)), rotation_rates(r * (1 + 1e-7))
     np.testing.assert_allclose(below, above, atol=1e-6)
+
+
+def test_a_frame_out_of_range_is_refused_in_python_as_in_a_file() -> None:
+    with pytest.raises(InputError) as caught:
+        Frame(x=1000.0, rz=float("nan"))
+    assert [fault.where for fault in caught.value.faults] == ["x", "rz"]

@@ -19,8 +19,9 @@ from manipulator_case import (
     true_places,
 )
 
-from softcal.calibration.experiment import FRAME, Experiment, rig_parameters
+from softcal.calibration.experiment import Experiment, rig_parameters
 from softcal.calibration.fit import experiment_fit, missing_rows
+from softcal.calibration.frame import FRAME
 from softcal.calibration.loss import Block, gradient, total
 from softcal.calibration.losses.distance import DistanceLoss
 from softcal.calibration.losses.likelihood import LikelihoodLoss

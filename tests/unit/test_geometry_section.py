@@ -61,7 +61,7 @@ def test_a_rectangle_bends_about_its_axes():
         (lambda: GivenSection(1.0, 1.0, 0.0, 1.0), "^I2: the second moment is out of range"),
         (
             lambda: GivenSection(1.0, 1.0, 1.0, 1.0, shear_coefficients=(0.0, 1.0)),
-            "^shear_coefficients: the positive ratio is out of range",
+            "^shear_coefficients.*: the positive ratio is out of range",
         ),
     ],
 )

@@ -10,7 +10,7 @@ from manipulator_case import FREE, LENGTH, MODULI, experiment, manipulator
 from project_case import write_project
 
 from softcal.calibration import hold_out
-from softcal.calibration.experiment import FRAME
+from softcal.calibration.frame import FRAME
 from softcal.calibration.losses.distance import DistanceLoss
 from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import make_problem

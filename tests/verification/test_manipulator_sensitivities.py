@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from manipulator_case import MARKERS, MODULI, manipulator
 
-from softcal.calibration.experiment import FRAME, Experiment
+from softcal.calibration.experiment import Experiment
+from softcal.calibration.frame import FRAME
 from softcal.calibration.observation import Observation, commands, control_parameters, observe
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.twin.parameters import with_parameters

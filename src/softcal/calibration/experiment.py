@@ -18,11 +18,12 @@ last part alone will do (`tension`, `pitch`).
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
+from softcal.calibration.frame import FRAME
 from softcal.calibration.rig import Rig
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
@@ -35,11 +36,6 @@ from softcal.twin.parameters import ParameterInfo
 
 Drive = Literal["shortening", "tension"]
 PULLEY_FRICTION = "pulleys.friction_coefficient"
-FRAME_KINDS = {
-    **dict.fromkeys(("x", "y", "z"), QUANTITIES["length"]),
-    **dict.fromkeys(("rx", "ry", "rz"), QUANTITIES["angle"]),
-}
-FRAME = tuple(f"frame.{axis}" for axis in FRAME_KINDS)
 
 
 @dataclass(frozen=True)
@@ -157,7 +153,7 @@ class Experiment:
         if self.rig.pulleys is not None:
             values[PULLEY_FRICTION] = self.rig.pulleys.friction_coefficient
         if self.points:
-            values |= {f"frame.{axis}": self.rig.frame.get(axis, 0.0) for axis in FRAME_KINDS}
+            values |= {f"frame.{axis}": value for axis, value in asdict(self.rig.frame).items()}
         return {name: self.settings.get(name, value) for name, value in values.items()}
 
     def _comparable(self) -> tuple[str, ...]:
@@ -233,7 +229,7 @@ def rig_kind(name: str) -> Quantity | None:
     if name == PULLEY_FRICTION:
         return QUANTITIES["friction coefficient"]
     parts = parameter_name(name)
-    return (FRAME_KINDS if parts.owner == "frame" else offsets()).get(parts.kind)
+    return FRAME.get(parts.base) if parts.owner == "frame" else offsets().get(parts.kind)
 
 
 def _rows(missing: np.ndarray) -> str:

@@ -2,12 +2,42 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import get_args, get_type_hints
+
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.declare import Declared
+from softcal.quantities import Angle, Length, Quantity
 
 # Below this angle [rad] the coefficients are computed by their series, which is then more accurate than the quotients.
 _SMALL = 1e-2
+
+
+@dataclass(frozen=True)
+class Frame(Declared):
+    """The frame that positions were measured in, relative to the robot's.
+
+    Attributes
+    ----------
+    x, y, z : Translation [m]
+    rx, ry, rz : Rotation vector [rad]
+    """
+
+    x: Length = 0.0
+    y: Length = 0.0
+    z: Length = 0.0
+    rx: Angle = 0.0
+    ry: Angle = 0.0
+    rz: Angle = 0.0
+
+
+# The parameters of a frame by their dotted names.
+FRAME: Mapping[str, Quantity] = {
+    f"frame.{axis}": get_args(hint)[1] for axis, hint in get_type_hints(Frame, include_extras=True).items()
+}
 
 
 def rotation(r: Floats) -> Floats:

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softcal.calibration.experiment import FRAME, PULLEY_FRICTION, Experiment
-from softcal.calibration.frame import rotation, rotation_rates
+from softcal.calibration.experiment import PULLEY_FRICTION, Experiment
+from softcal.calibration.frame import FRAME, rotation, rotation_rates
 from softcal.checks import Floats
 from softcal.errors import Fault, ParameterError
 from softcal.experiments.steps.branches import branch_of
@@ -171,7 +171,7 @@ def _placed(
     derivatives: Derivatives = {}
     for name in names:
         if name in FRAME:
-            k = FRAME.index(name)
+            k = list(FRAME).index(name)
             derivatives[name] = np.tile(np.eye(3)[k], (len(p), 1)) if k < 3 else p @ rates[k - 3].T
         else:
             derivatives[name] = np.column_stack([slopes[part][name] for part in parts]) @ R.T

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated
 
+from softcal.calibration.frame import Frame
 from softcal.declare import Declared
 from softcal.limits import LIMITS
 from softcal.quantities import Friction, Wrap
@@ -41,9 +42,7 @@ class Rig:
     slack, tension_offset : Of every cable [m], [N]
     angle_offsets : Channel -> offset of its angle [rad]
     pulleys : Those between machine and neck; None: there are none
-    frame
-        The frame that positions were measured in: its origin by "x", "y", "z" [m], its rotation vector by "rx", "ry",
-        "rz" [rad]; 0 where not given.
+    frame : The frame that positions were measured in
     length : Length [m] of which reports give distances in per cent; None: they do not
     """
 
@@ -51,9 +50,8 @@ class Rig:
     tension_offset: float = 0.0
     angle_offsets: Mapping[str, float] = field(default_factory=dict[str, float])
     pulleys: Pulleys | None = None
-    frame: Mapping[str, float] = field(default_factory=dict[str, float])
+    frame: Frame = field(default_factory=Frame)
     length: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "angle_offsets", dict(self.angle_offsets))
-        object.__setattr__(self, "frame", dict(self.frame))

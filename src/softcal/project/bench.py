@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from softcal.calibration.experiment import Experiment
+from softcal.calibration.frame import Frame
 from softcal.calibration.observation import slack_faults
 from softcal.calibration.rig import Rig
 from softcal.experiments.dataset import Channel, Dataset, Step
@@ -229,6 +230,6 @@ def _rig(section: ExperimentSection, rig: RigSection) -> Rig:
         tension_offset=section.tension_offset,
         angle_offsets={angle: value for angle, value in angles.items() if value},
         pulleys=rig.pulleys,
-        frame={} if section.frame is None else dict(section.frame),
+        frame=section.frame or Frame(),
         length=rig.length,
     )

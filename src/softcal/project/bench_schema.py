@@ -7,13 +7,14 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag
 
+from softcal.calibration.frame import Frame
 from softcal.calibration.rig import Pulleys
 from softcal.declare import Reading
 from softcal.errors import Fault, InputError
 from softcal.experiments.synchronise import CommonMotion
 from softcal.limits import LIMITS
 from softcal.project.section import Given, Section, numbered
-from softcal.quantities import Angle, Factor, Length, Size, Slack, TensionOffset
+from softcal.quantities import Angle, Factor, Size, Slack, TensionOffset
 
 ONE_CLOCK = "one clock"
 MOTION_CAPTURE = ".c3d"
@@ -98,17 +99,6 @@ Synchronise = Annotated[
 ]
 
 
-class FrameSection(Section):
-    """The frame of the measured positions, as far as it is known: translation, and a rotation vector."""
-
-    x: Length = 0.0
-    y: Length = 0.0
-    z: Length = 0.0
-    rx: Angle = 0.0
-    ry: Angle = 0.0
-    rz: Angle = 0.0
-
-
 def _drive(value: object) -> object:
     if value in (None, "shortening", "tension") or (isinstance(value, list) and all(isinstance(v, str) for v in value)):
         return value
@@ -133,5 +123,5 @@ class ExperimentSection(Section):
     tension_offset: TensionOffset = 0.0
     pitch_offset: Angle = 0.0
     roll_offset: Angle = 0.0
-    frame: FrameSection | None = None
+    frame: Frame | None = None
     settings: Mapping[str, Given] = Field(default_factory=dict)

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from softcal.analysis.nominal import Nominal, nominal
-from softcal.calibration.experiment import FRAME, Experiment
-from softcal.calibration.frame import rotation
+from softcal.calibration.experiment import Experiment
+from softcal.calibration.frame import FRAME, rotation
 from softcal.calibration.observation import commands
 from softcal.calibration.parameters import FreeParameter, SearchSpace
 from softcal.calibration.problem import Problem

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from fake_twin import NU, TRUE, E, fake_experiment, fake_robot, fake_simulate
@@ -9,7 +11,7 @@ from fake_twin import NU, TRUE, E, fake_experiment, fake_robot, fake_simulate
 from softcal.calibration.experiment import Experiment, rig_parameters
 from softcal.calibration.observation import Observation, commands, observe
 from softcal.calibration.rig import Pulleys, Rig
-from softcal.errors import DatasetError
+from softcal.errors import DatasetError, InputError
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Protocol
 
@@ -88,3 +90,9 @@ def test_faults_of_an_experiment_are_told_together() -> None:
         Experiment("pull", whole.dataset, "front", "plate", "shortening", compared=("yaw", "shortening"))
     assert "no channel 'yaw'" in str(caught.value)
     assert "cannot be compared" in str(caught.value)
+
+
+def test_a_rig_out_of_range_is_refused_in_python_as_in_a_file() -> None:
+    with pytest.raises(InputError) as caught:
+        Rig(slack=math.nan, tension_offset=1e9, length=0.0, pulleys=2)
+    assert {fault.where for fault in caught.value.faults} == {"slack", "tension_offset", "length", "pulleys"}

@@ -9,7 +9,7 @@ from typing import Annotated
 from softcal.calibration.frame import Frame
 from softcal.declare import Declared
 from softcal.limits import LIMITS
-from softcal.quantities import Friction, Wrap
+from softcal.quantities import Angle, Friction, Size, Slack, TensionOffset, Wrap
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,25 +33,36 @@ class Pulleys(Declared):
         return self.count * self.wrap
 
 
-@dataclass(frozen=True)
-class Rig:
-    """Nominal values of the bench.
+@dataclass(frozen=True, kw_only=True)
+class CommonRig(Declared):
+    """What all experiments of a bench share.
+
+    Attributes
+    ----------
+    pulleys : Those between machine and neck; None: there are none
+    length : Length [m] of which reports give distances in per cent; None: they do not
+    """
+
+    pulleys: Pulleys | None = None
+    length: Size | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rig(CommonRig):
+    """Nominal values of the bench in one experiment.
 
     Attributes
     ----------
     slack, tension_offset : Of every cable [m], [N]
     angle_offsets : Channel -> offset of its angle [rad]
-    pulleys : Those between machine and neck; None: there are none
     frame : The frame that positions were measured in
-    length : Length [m] of which reports give distances in per cent; None: they do not
     """
 
-    slack: float = 0.0
-    tension_offset: float = 0.0
-    angle_offsets: Mapping[str, float] = field(default_factory=dict[str, float])
-    pulleys: Pulleys | None = None
+    slack: Slack = 0.0
+    tension_offset: TensionOffset = 0.0
+    angle_offsets: Mapping[str, Angle] = field(default_factory=dict[str, float])
     frame: Frame = field(default_factory=Frame)
-    length: float | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         object.__setattr__(self, "angle_offsets", dict(self.angle_offsets))

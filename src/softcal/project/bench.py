@@ -10,7 +10,7 @@ import numpy as np
 from softcal.calibration.experiment import Experiment
 from softcal.calibration.frame import Frame
 from softcal.calibration.observation import slack_faults
-from softcal.calibration.rig import Rig
+from softcal.calibration.rig import CommonRig, Rig
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.experiments.header import MASS
 from softcal.experiments.merge import merge_on_labels, merge_on_one_clock
@@ -30,7 +30,7 @@ from softcal.project.bench_names import (
     settings_of,
     table_layout,
 )
-from softcal.project.bench_schema import MOTION_CAPTURE, ONE_CLOCK, ExperimentSection, RigSection
+from softcal.project.bench_schema import MOTION_CAPTURE, ONE_CLOCK, ExperimentSection
 from softcal.project.document import Findings, KeyPath
 from softcal.project.files import InputFiles
 from softcal.sensing.channel import channel_name, of_kind
@@ -54,7 +54,7 @@ class Bench:
 def build_bench(
     name: str,
     section: ExperimentSection,
-    rig: RigSection,
+    rig: CommonRig,
     steps: Sequence[PlannedStep],
     files: InputFiles,
     findings: Findings,
@@ -223,13 +223,12 @@ def _branch(steps: Sequence[PlannedStep]) -> Branch:
     return next(taken, "loading")
 
 
-def _rig(section: ExperimentSection, rig: RigSection) -> Rig:
+def _rig(section: ExperimentSection, rig: CommonRig) -> Rig:
     angles = {"pitch": section.pitch_offset, "roll": section.roll_offset}
     return Rig(
         slack=section.slack,
         tension_offset=section.tension_offset,
         angle_offsets={angle: value for angle, value in angles.items() if value},
-        pulleys=rig.pulleys,
         frame=section.frame or Frame(),
-        length=rig.length,
+        **vars(rig),
     )

@@ -7,12 +7,13 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+from softcal.calibration.rig import CommonRig
 from softcal.errors import InputError
 from softcal.experiments.header import raise_faults, read_layout
 from softcal.experiments.prepare import PlannedStep, parse_steps
 from softcal.experiments.steps.branches import PULLEY_STEP
 from softcal.project.bench_names import check_names, column_specs, noise_of, table_layout
-from softcal.project.bench_schema import MOTION_CAPTURE, ONE_CLOCK, ExperimentSection, RigSection
+from softcal.project.bench_schema import MOTION_CAPTURE, ONE_CLOCK, ExperimentSection
 from softcal.project.document import Findings, KeyPath
 from softcal.project.files import InputFiles
 from softcal.project.robot_schema import RobotSection
@@ -21,7 +22,7 @@ from softcal.project.robot_schema import RobotSection
 def plan_bench(
     name: str,
     section: ExperimentSection,
-    rig: RigSection,
+    rig: CommonRig,
     robot: RobotSection | None,
     files: InputFiles,
     findings: Findings,

@@ -1,4 +1,4 @@
-"""Schema of the `rig` and `experiments` sections of a project file."""
+"""Schema of the `experiments` section of a project file."""
 
 from __future__ import annotations
 
@@ -8,24 +8,17 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Discriminator, Field, Tag
 
 from softcal.calibration.frame import Frame
-from softcal.calibration.rig import Pulleys
+from softcal.calibration.rig import Rig
 from softcal.declare import Reading
 from softcal.errors import Fault, InputError
 from softcal.experiments.synchronise import CommonMotion
 from softcal.limits import LIMITS
 from softcal.project.section import Given, Section, numbered
-from softcal.quantities import Angle, Factor, Size, Slack, TensionOffset
+from softcal.quantities import Angle, Factor, Slack, TensionOffset
 
 ONE_CLOCK = "one clock"
 MOTION_CAPTURE = ".c3d"
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
-
-
-class RigSection(Section):
-    """The rig between the robot and the instruments."""
-
-    pulleys: Pulleys | None = None
-    length: Size | None = None
 
 
 class ColumnSection(Section):
@@ -119,8 +112,8 @@ class ExperimentSection(Section):
     synchronise: Synchronise | None = None
     prepare: list[Annotated[str | Mapping[str, Any], Reading(_step, "instead")]] = Field(default_factory=list)
     noise: Mapping[str, Given] = Field(default_factory=dict)
-    slack: Slack = 0.0
-    tension_offset: TensionOffset = 0.0
+    slack: Slack = Rig.slack
+    tension_offset: TensionOffset = Rig.tension_offset
     pitch_offset: Angle = 0.0
     roll_offset: Angle = 0.0
     frame: Frame | None = None

@@ -8,12 +8,12 @@ from pathlib import Path
 
 from softcal.calibration.experiment import PULLEY_FRICTION, Experiment, rig_parameters
 from softcal.calibration.parameters import SearchSpace
+from softcal.calibration.rig import CommonRig
 from softcal.errors import Fault, ParameterError, ProjectFileError
 from softcal.project.axes import Axis, cells_fault, doubled, parse_axis
 from softcal.project.bench import Bench, build_bench
 from softcal.project.bench_fit import check_test, held_rig, held_robot
 from softcal.project.bench_names import experiments_named
-from softcal.project.bench_schema import RigSection
 from softcal.project.document import Document, Findings
 from softcal.project.files import InputFiles, sha256
 from softcal.project.meshes import is_generated, mesh_maker
@@ -104,12 +104,12 @@ def _known(built: BuiltRobot, benches: Mapping[str, Bench]) -> dict[str, Paramet
     }
 
 
-def _with_held_friction(rig: RigSection, given: Mapping[str, str | float]) -> RigSection:
+def _with_held_friction(rig: CommonRig, given: Mapping[str, str | float]) -> CommonRig:
     """The rig with the fixed value of the pulleys' friction: the data are prepared under it."""
     if PULLEY_FRICTION not in given or rig.pulleys is None:
         return rig
     friction = rig_value(PULLEY_FRICTION, given[PULLEY_FRICTION])
-    return rig.model_copy(update={"pulleys": replace(rig.pulleys, friction_coefficient=friction)})
+    return replace(rig, pulleys=replace(rig.pulleys, friction_coefficient=friction))
 
 
 def _check_settling(settings: TimeSettings, built: BuiltRobot | None, findings: Findings) -> None:

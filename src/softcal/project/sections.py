@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from softcal.calibration.loss import LOSSES
+from softcal.calibration.rig import CommonRig
 from softcal.errors import Fault, ProjectFileError, nearest
 from softcal.experiments.prepare import PlannedStep
 from softcal.export.sofa_settings import Engines
 from softcal.limits import LIMITS
 from softcal.materials.infill import PrintInfill
 from softcal.project.bench_plan import check_headers, plan_bench
-from softcal.project.bench_schema import ExperimentSection, RigSection
+from softcal.project.bench_schema import ExperimentSection
 from softcal.project.calibration_schema import CalibrationSection, ParameterSection
 from softcal.project.document import Document, Findings
 from softcal.project.files import InputFiles, stored_mesh
@@ -49,7 +50,7 @@ class Sections:
     """The sections of a project file, without faults; steps: the preparation of each experiment's data."""
 
     robot: RobotSection
-    rig: RigSection
+    rig: CommonRig
     experiments: Mapping[str, ExperimentSection]
     steps: Mapping[str, tuple[PlannedStep, ...]]
     parameters: Mapping[str, ParameterSection]
@@ -71,7 +72,7 @@ def read_sections(document: Document, files: InputFiles) -> Sections:
     findings = Findings(document)
     _check_keys(document, findings)
     robot = _section(RobotSection, "robot", document, findings)
-    rig = _section(RigSection, "rig", document, findings, {})
+    rig = _section(CommonRig, "rig", document, findings, {})
     experiments = _entries(ExperimentSection, "experiments", document, findings)
     _check_names(document, experiments, findings)
     parameters = _entries(ParameterSection, "parameters", document, findings)
@@ -84,14 +85,14 @@ def read_sections(document: Document, files: InputFiles) -> Sections:
         check_part_names(robot, findings)
     _find_meshes(document, files, findings)
     plans = {
-        name: plan_bench(name, experiment, rig or RigSection(), robot, files, findings)
+        name: plan_bench(name, experiment, rig or CommonRig(), robot, files, findings)
         for name, experiment in experiments.items()
     }
     set_ups = {name: experiment.set_up for name, experiment in experiments.items()}
     _check_set_ups(set_ups, findings)
     build_search(parameters, None, {key: {} for key in experiments}, set_ups, (), findings)
     tied = [name for name, section in parameters.items() if section.of]
-    _check_calibration(calibration, rig or RigSection(), experiments, tied, findings)
+    _check_calibration(calibration, rig or CommonRig(), experiments, tied, findings)
     if findings.faults:  # else the columns are checked where the tables are read, and all are reported at once there
         for name, experiment in experiments.items():
             check_headers(name, experiment, files, findings)
@@ -152,7 +153,7 @@ def _entries(model: type[S], key: str, document: Document, findings: Findings) -
 
 def _check_calibration(
     section: CalibrationSection | None,
-    rig: RigSection,
+    rig: CommonRig,
     experiments: Collection[str],
     tied: Collection[str],
     findings: Findings,

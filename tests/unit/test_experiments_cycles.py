@@ -17,11 +17,12 @@ from softcal.errors import DatasetError
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.experiments.hysteresis import loops
 from softcal.experiments.prepare import prepare
-from softcal.experiments.read import ColumnSpec, read_table
+from softcal.experiments.read import read_table
 from softcal.experiments.steps.branches import take_branch
 from softcal.experiments.steps.corrections import detrend
 from softcal.experiments.steps.cycles import classify_cycles, find_cycles, select_cycles
 from softcal.experiments.synchronise import synchronise
+from softcal.experiments.table_format import ColumnSpec
 
 
 def record(moved: Motion, *, noise: float = 0.02, drift: float = 5e-4, seed: int = 1) -> Dataset:

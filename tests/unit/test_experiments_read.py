@@ -14,7 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from softcal.errors import DatasetError, StorageError, UnitError
 from softcal.experiments.orientation import plate_angles
-from softcal.experiments.read import ColumnSpec, read_table
+from softcal.experiments.read import read_table
+from softcal.experiments.table_format import ColumnSpec, TableFormat
 
 NECK = Path(__file__).parents[3] / "shared/data/neck/utm-equilibrium-15mms.csv"
 UTM = {
@@ -93,7 +94,7 @@ def test_numbers_survive_every_layout_and_unit(
     lines = [f"No{delimiter}Force"]
     lines += [f"{i}{delimiter}{v * unit[1]!r}".replace(".", decimal) for i, v in enumerate(values)]
     path = write(tmp_path_factory.mktemp("layout"), "\n".join(lines), encoding)
-    dataset = read_table(path, {"tension": ColumnSpec("Force", unit[0])}, decimal=decimal)
+    dataset = read_table(path, {"tension": ColumnSpec("Force", unit[0])}, TableFormat(decimal=decimal))
     assert_allclose(dataset.values("tension"), values, rtol=1e-12, atol=1e-300)
 
 
@@ -122,14 +123,14 @@ def test_a_machine_that_writes_tension_negative(tmp_path: Path) -> None:
 )
 def test_unit_from_the_file(tmp_path: Path, header: str) -> None:
     path = write(tmp_path, header + "\n0.001\n0.002\n")
-    dataset = read_table(path, {"tension": ColumnSpec("Force")}, delimiter=",")
+    dataset = read_table(path, {"tension": ColumnSpec("Force")}, TableFormat(delimiter=","))
     assert_allclose(dataset.values("tension"), [1.0, 2.0])
 
 
 def test_rows_named_by_number(tmp_path: Path) -> None:
     path = write(tmp_path, "Time,Force\nA,B\nchannel 1,channel 2\ns,N\n0,1\n1,2\nEnd of test\n")
     columns = {"time": ColumnSpec("A"), "tension": ColumnSpec("B")}
-    dataset = read_table(path, columns, header_row=2, units_row=4, skip_footer=1)
+    dataset = read_table(path, columns, TableFormat(header_row=2, units_row=4, skip_footer=1))
     assert_allclose(dataset.values("tension"), [1.0, 2.0])
 
 
@@ -272,11 +273,11 @@ def test_quaternion_columns(tmp_path: Path) -> None:
     quaternions = plate_rotation(angle, np.zeros(5)).as_quat(scalar_first=True)
     rows = "\n".join(" ".join(f"{v:.9f}" for v in row) for row in quaternions)
     columns = {key: ColumnSpec(key) for key in ("qw", "qx", "qy", "qz")}
-    dataset = read_table(write(tmp_path, "qw qx qy qz\n" + rows), columns, rest_samples=2)
+    dataset = read_table(write(tmp_path, "qw qx qy qz\n" + rows), columns, TableFormat(rest_samples=2))
     assert set(dataset.channels) == {"pitch", "roll", "yaw"}
     assert_allclose(dataset.values("pitch"), angle, atol=1e-8)
     with pytest.raises(DatasetError, match="right-handed"):
-        read_table(tmp_path / "bench.csv", columns, axes=("y", "x", "z"))
+        read_table(tmp_path / "bench.csv", columns, TableFormat(axes=("y", "x", "z")))
     columns.pop("qw")
     with pytest.raises(DatasetError, match="no qw"):
         read_table(tmp_path / "bench.csv", columns)

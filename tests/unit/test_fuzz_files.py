@@ -28,7 +28,8 @@ from softcal.calibration.run import calibrate
 from softcal.cli import main
 from softcal.errors import InputError
 from softcal.experiments.motion_capture import read_c3d
-from softcal.experiments.read import ColumnSpec, read_table
+from softcal.experiments.read import read_table
+from softcal.experiments.table_format import ColumnSpec
 from softcal.project.base_file import read_base
 from softcal.project.camera_file import read_camera
 from softcal.workflows.mesh_study_files import read_study

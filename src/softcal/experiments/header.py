@@ -12,24 +12,12 @@ from softcal.errors import DatasetError, Fault, UnitError, nearest
 from softcal.experiments.columns import Filter
 from softcal.experiments.orientation import QUATERNION
 from softcal.experiments.table import Table, bare_unit, is_unit, load_table, split_header
+from softcal.experiments.table_format import ColumnSpec, TableFormat
 from softcal.sensing.channel import channel_name, channel_unit, kinds
 from softcal.sensing.sensors.plate import ANGLES
 from softcal.units import unit_factor
 
 MASS = "mass"  # a mass that hangs from a cable: its weight is the tension
-
-
-@dataclass(frozen=True)
-class ColumnSpec:
-    """Column of a channel in a file.
-
-    name: the column's header, with or without its unit. unit: of the numbers; None reads it from the file.
-    scale: factor on the numbers, such as -1 for a machine that writes tension negative.
-    """
-
-    name: str
-    unit: str | None = None
-    scale: float = 1.0
 
 
 @dataclass
@@ -67,15 +55,11 @@ class ColumnLayout:
     unit_faults: list[Fault] = field(default_factory=list[Fault])
 
 
-def read_layout(  # noqa: PLR0913 (one keyword for each thing in which files differ)
+def read_layout(
     path: Path,
     columns: Mapping[str, ColumnSpec],
+    written: TableFormat,
     *,
-    delimiter: str | None = None,
-    header_row: int | None = None,
-    units_row: int | None = None,
-    skip_rows: int = 0,
-    skip_footer: int = 0,
     where: Mapping[str, object] | None = None,
     optional: Collection[str] = (),
     label: str | None = None,
@@ -93,11 +77,7 @@ def read_layout(  # noqa: PLR0913 (one keyword for each thing in which files dif
     table = load_table(
         path,
         [*(spec.name for spec in columns.values()), *(where or {}), *([label] if label else [])],
-        delimiter=delimiter,
-        header_row=header_row,
-        units_row=units_row,
-        skip_rows=skip_rows,
-        skip_footer=skip_footer,
+        written,
     )
     layout = ColumnLayout(table, {k: spec for k, spec in columns.items() if k not in optional or table.find(spec.name)})
     for key, spec in layout.columns.items():

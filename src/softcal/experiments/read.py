@@ -13,28 +13,22 @@ from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault, InputError
 from softcal.experiments.columns import N_NAMED, Columns, Filter, Odd, cells_of, read_columns
 from softcal.experiments.dataset import Channel, Dataset, Step
-from softcal.experiments.header import ColumnSpec, column_unit, raise_faults, read_layout
+from softcal.experiments.header import column_unit, raise_faults, read_layout
 from softcal.experiments.orientation import QUATERNION, plate_angles
 from softcal.experiments.table import WHITESPACE, Table
+from softcal.experiments.table_format import ColumnSpec, TableFormat
 from softcal.sensing.sensors.plate import ANGLES
 
 _N_VALUES = 10  # values of a column listed in a fault
 
 
-def read_table(  # noqa: PLR0913 (one keyword for each thing in which files differ)
+def read_table(
     path: str | Path,
     columns: Mapping[str, ColumnSpec],
+    written: TableFormat | None = None,
     *,
     name: str = "",
-    delimiter: str | None = None,
-    decimal: str | None = None,
-    header_row: int | None = None,
-    units_row: int | None = None,
-    skip_rows: int = 0,
-    skip_footer: int = 0,
     where: Mapping[str, object] | None = None,
-    axes: Sequence[str] = ("x", "y", "z"),
-    rest_samples: int = 10,
     optional: Collection[str] = (),
     label: str | None = None,
 ) -> Dataset:
@@ -50,18 +44,12 @@ def read_table(  # noqa: PLR0913 (one keyword for each thing in which files diff
         several cables, plates and markers, such as `cable1.tension` or `m4.x` (an empty cell is a missing value), and
         their standard deviations, such as `m4.x_sd`; hanging mass of a cable [kg]. The four columns qw, qx, qy, qz
         become pitch, roll and yaw (`orientation.plate_angles`).
+    written
+        The format of the table; default: detected from the file.
     name
         Name of the dataset; default: the file's stem.
-    delimiter, decimal
-        comma, semicolon, tab or " " (any white space); "." or ",". None detects them from the file.
-    header_row, units_row
-        1-based line of the column names and of the units below. None detects them from the file.
-    skip_rows, skip_footer
-        Lines to skip at the top and at the bottom.
     where
         Column -> value, or list of values: keeps only matching rows, compared as numbers if both are numbers.
-    axes, rest_samples
-        For quaternions: the robot's x, y, z in sensor axes, and the number of samples at rest at the beginning.
     optional
         Channels that are omitted if the file has no such column.
     label
@@ -77,18 +65,8 @@ def read_table(  # noqa: PLR0913 (one keyword for each thing in which files diff
     StorageError
         Where the file cannot be read.
     """
-    layout = read_layout(
-        Path(path),
-        columns,
-        delimiter=delimiter,
-        header_row=header_row,
-        units_row=units_row,
-        skip_rows=skip_rows,
-        skip_footer=skip_footer,
-        where=where,
-        optional=optional,
-        label=label,
-    )
+    written = written or TableFormat()
+    layout = read_layout(Path(path), columns, written, where=where, optional=optional, label=label)
     table, columns, places = layout.table, layout.columns, layout.places
     faults = list(layout.faults)
     held = read_columns(
@@ -97,7 +75,7 @@ def read_table(  # noqa: PLR0913 (one keyword for each thing in which files diff
         may_miss=lambda key: "." in key,
         filters=layout.filters,
         label=layout.label,
-        decimal=decimal,
+        decimal=written.decimal,
     )
     faults += _unmet(table, layout.filters, held)
     values: dict[str, Floats] = {}
@@ -113,7 +91,7 @@ def read_table(  # noqa: PLR0913 (one keyword for each thing in which files diff
     raise_faults(faults, layout.unit_faults)
     n_kept, n_rows, labels, used_decimal = len(held.lines), held.n_rows, held.labels, held.decimal
     del held  # its numbers are in `values`; frees memory of large tables
-    channels, notes = _channels(table, values, axes, rest_samples)
+    channels, notes = _channels(table, values, written.axes, written.rest_samples)
     if n_equal_times:
         notes.append(f"{n_equal_times} sample(s) share their time with the one before")
     settings: dict[str, Any] = {

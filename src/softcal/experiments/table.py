@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from softcal.errors import DatasetError, Fault, UnitError
+from softcal.experiments.table_format import TableFormat
 from softcal.experiments.text_file import TextFile, open_text
 from softcal.units import SI_UNITS, unit_factor
 
@@ -107,16 +108,7 @@ class Table:
             raise DatasetError(Fault("no data below the column names", where=where, allowed="at least one row"))
 
 
-def load_table(
-    path: Path,
-    wanted: Sequence[str],
-    *,
-    delimiter: str | None = None,
-    header_row: int | None = None,
-    units_row: int | None = None,
-    skip_rows: int = 0,
-    skip_footer: int = 0,
-) -> Table:
+def load_table(path: Path, wanted: Sequence[str], written: TableFormat) -> Table:
     """Detect the format of a text table; the header is the line with the most of the `wanted` column names.
 
     Raises
@@ -126,28 +118,25 @@ def load_table(
     DatasetError
         If it is empty, is not text, or has no column names.
     """
-    if delimiter is not None and len(delimiter) != 1:
-        raise DatasetError(
-            Fault("this is not a delimiter", str(path), repr(delimiter), 'one character, or " " for any white space')
-        )
     file = open_text(path)
-    last = file.n_lines - skip_footer
-    body = _beginning(file, skip_rows, last, max(header_row or 0, units_row or 0))
+    last = file.n_lines - written.skip_footer
+    body = _beginning(file, written.skip_rows, last, max(written.header_row or 0, written.units_row or 0))
     if not body:
+        skipped = min(written.skip_rows + written.skip_footer, file.n_lines)
         raise DatasetError(
             Fault(
                 "the file is empty",
                 where=str(path),
-                got=f"{file.n_lines} line(s), {min(skip_rows + skip_footer, file.n_lines)} of them skipped",
+                got=f"{file.n_lines} line(s), {skipped} of them skipped",
                 allowed="a line of column names and rows of numbers",
             )
         )
-    chosen = delimiter if delimiter is not None else _sniff_delimiter(path, body, wanted, header_row)
-    header_line = _find_header(path, body, wanted, chosen, header_row, last)
+    chosen = written.delimiter or _sniff_delimiter(path, body, wanted, written.header_row)
+    header_line = _find_header(path, body, wanted, chosen, written.header_row, last)
     header = next(line for number, line in body if number == header_line)
     headers = _cells(path, header_line, _uncomment(header), chosen, header=True)
     below = [(n, _cells(path, n, line, chosen)) for n, line in body if n > header_line and not _is_comment(line)]
-    unit_cells, first = _take_units_row(below, header_line, units_row, path)
+    unit_cells, first = _take_units_row(below, header_line, written.units_row, path)
     while headers and not headers[-1]:
         headers.pop()
     return Table(

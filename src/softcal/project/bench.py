@@ -24,11 +24,10 @@ from softcal.experiments.steps.noise import set_noise
 from softcal.experiments.steps.pulleys import correct_pulley_friction
 from softcal.experiments.synchronise import clock_warning, synchronise
 from softcal.project.bench_names import (
-    column_specs,
+    asked_of,
     compared_channels,
     noise_of,
     settings_of,
-    table_layout,
 )
 from softcal.project.bench_schema import MOTION_CAPTURE, ONE_CLOCK, ExperimentSection
 from softcal.project.document import Findings, KeyPath
@@ -176,23 +175,12 @@ class _Prepared:
 
 def _read(name: str, section: ExperimentSection, i: int, files: InputFiles, findings: Findings) -> Dataset | None:
     file, path = section.files[i], ("experiments", name, "files", i)
-    columns, optional = column_specs(file)
     with findings.at((*path, "path")):
         found = files.find(file.path, "data file")
         with findings.at(path):
             if found.suffix.lower() == MOTION_CAPTURE:
                 return read_c3d(found, file.markers, name=name)
-            return read_table(
-                found,
-                columns,
-                name=name,
-                decimal=file.decimal,
-                axes=file.axes,
-                rest_samples=file.rest_samples,
-                optional=optional,
-                label=section.label,
-                **table_layout(file),
-            )
+            return read_table(found, written=file, name=name, label=section.label, **asked_of(file))
     return None
 
 

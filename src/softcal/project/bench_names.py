@@ -10,9 +10,10 @@ import numpy as np
 
 from softcal.calibration.experiment import Experiment, rig_parameters
 from softcal.errors import Fault, ParameterError
-from softcal.experiments.header import MASS, ColumnSpec
+from softcal.experiments.header import MASS
 from softcal.experiments.orientation import QUATERNION
-from softcal.project.bench_schema import ExperimentSection, FileSection
+from softcal.experiments.table_format import ColumnSpec
+from softcal.project.bench_schema import BenchFile, ExperimentSection
 from softcal.project.document import Findings, KeyPath
 from softcal.project.robot_schema import RobotSection
 from softcal.quantities import QUANTITIES, noise_in
@@ -77,10 +78,11 @@ def _check_drive(section: ExperimentSection, path: KeyPath, findings: Findings) 
         )
 
 
-def column_specs(file: FileSection) -> tuple[dict[str, ColumnSpec], list[str]]:
-    """The columns to read, and those of them that may not be there: the standard deviations of markers."""
-    columns = {key: ColumnSpec(column.name, column.unit, column.scale) for key, column in file.columns.items()}
-    optional: list[str] = []
+def asked_of(file: BenchFile) -> dict[str, Any]:
+    """The columns and rows to read of a file's table, as keywords of `read_layout` and `read_table`; columns that may
+    not be there are the standard deviations of markers.
+    """
+    columns, optional = dict(file.columns), list[str]()
     for marker, name in file.markers.items():
         for here, there in zip(positions(marker), positions(name), strict=True):
             columns.setdefault(str(here), ColumnSpec(str(there)))
@@ -88,19 +90,8 @@ def column_specs(file: FileSection) -> tuple[dict[str, ColumnSpec], list[str]]:
             if deviation not in columns:
                 columns[deviation] = ColumnSpec(str(there.deviation))
                 optional.append(deviation)
-    return columns, optional
-
-
-def table_layout(file: FileSection) -> dict[str, Any]:
-    """How the table of a file is written, and which rows are asked for: keywords of `read_layout` and `read_table`."""
-    return {
-        "delimiter": file.delimiter,
-        "header_row": file.header_row,
-        "units_row": file.units_row,
-        "skip_rows": file.skip_rows,
-        "skip_footer": file.skip_footer,
-        "where": {key: values[0] if len(values) == 1 else values for key, values in file.where.items()},
-    }
+    where = {key: values[0] if len(values) == 1 else values for key, values in file.where.items()}
+    return {"columns": columns, "optional": optional, "where": where}
 
 
 def channels_named(name: str, channels: Iterable[str]) -> list[str]:

@@ -12,7 +12,7 @@ from softcal.errors import InputError
 from softcal.experiments.header import raise_faults, read_layout
 from softcal.experiments.prepare import PlannedStep, parse_steps
 from softcal.experiments.steps.branches import PULLEY_STEP
-from softcal.project.bench_names import check_names, column_specs, noise_of, table_layout
+from softcal.project.bench_names import asked_of, check_names, noise_of
 from softcal.project.bench_schema import MOTION_CAPTURE, ONE_CLOCK, ExperimentSection
 from softcal.project.document import Findings, KeyPath
 from softcal.project.files import InputFiles
@@ -52,13 +52,12 @@ def plan_bench(
 def check_headers(name: str, section: ExperimentSection, files: InputFiles, findings: Findings) -> None:
     """Whether the tables of an experiment that are there have the columns that it names; no row of them is read."""
     for i, file in enumerate(section.files):
-        columns, optional = column_specs(file)
         with findings.at(("experiments", name, "files", i, "path")):
             path = files.find(file.path, "data file")
             if path.suffix.lower() == MOTION_CAPTURE:
                 continue
             with findings.at(("experiments", name)):
-                layout = read_layout(path, columns, optional=optional, label=section.label, **table_layout(file))
+                layout = read_layout(path, written=file, label=section.label, **asked_of(file))
                 raise_faults(layout.faults, layout.unit_faults)
 
 

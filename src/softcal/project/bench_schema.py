@@ -3,30 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag
+from pydantic import Discriminator, Field, Tag
 
 from softcal.calibration.frame import Frame
 from softcal.calibration.rig import Rig
 from softcal.declare import Reading
 from softcal.errors import Fault, InputError
 from softcal.experiments.synchronise import CommonMotion
+from softcal.experiments.table_format import ColumnSpec, TableFormat
 from softcal.limits import LIMITS
 from softcal.project.section import Given, Section, numbered
-from softcal.quantities import Angle, Factor, Slack, TensionOffset
+from softcal.quantities import Angle, Slack, TensionOffset
 
 ONE_CLOCK = "one clock"
 MOTION_CAPTURE = ".c3d"
-Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
-
-
-class ColumnSection(Section):
-    """Column of a channel in a file; the unit may be omitted where the file names it."""
-
-    name: str
-    unit: str | None = None
-    scale: Factor = 1.0
 
 
 def _named(value: object) -> object:
@@ -34,40 +27,27 @@ def _named(value: object) -> object:
     return {str(name): name for name in value} if isinstance(value, list) else value
 
 
-def _separating(value: str) -> str:
-    if len(value) != 1 or value.isalnum() or value in "\"'.+-_\r\n" or not (value.isprintable() or value == "\t"):
-        raise InputError(
-            Fault("this cannot separate columns", got=repr(value), allowed='one character, such as ",", ";" or "\\t"')
-        )
-    return value
-
-
-class FileSection(Section):
-    """One bench file.
+@dataclass(frozen=True, kw_only=True)
+class BenchFile(TableFormat):
+    """One bench file, and what is read of it.
 
     markers: marker or plate of the robot -> the beginning of its columns' names in the file (`m4` for `m4.x`); in a
     .c3d file, its label.
     """
 
     path: str
-    columns: Mapping[str, ColumnSection] = Field(default_factory=dict)
-    markers: Annotated[Mapping[str, str], BeforeValidator(_named)] = Field(default_factory=dict)
-    where: Mapping[str, Annotated[list[Given], BeforeValidator(numbered), Field(min_length=1)]] = Field(
-        default_factory=dict
+    columns: Mapping[str, ColumnSpec] = field(default_factory=dict[str, ColumnSpec])
+    markers: Annotated[Mapping[str, str], Reading(_named)] = field(default_factory=dict[str, str])
+    where: Mapping[str, Annotated[list[Given], Reading(numbered), Field(min_length=1)]] = field(
+        default_factory=dict[str, list[Given]]
     )
-    delimiter: Annotated[str, Reading(_separating, "after")] | None = None
-    decimal: Literal[".", ","] | None = None
-    header_row: Annotated[int, LIMITS["lines before the data"]] | None = None
-    units_row: Annotated[int, LIMITS["lines before the data"]] | None = None
-    skip_rows: Annotated[int, LIMITS["rows to skip"]] = 0
-    skip_footer: Annotated[int, LIMITS["rows to skip"]] = 0
-    axes: tuple[Axis, Axis, Axis] = ("x", "y", "z")
-    rest_samples: Annotated[int, LIMITS["samples"]] = 10
 
-    def _check(self) -> None:
+    def __post_init__(self) -> None:
+        super().__post_init__()
         if not self.columns and not self.markers:
             raise InputError(Fault("nothing is read from the file", allowed="columns, markers, or both"))
-        extra = sorted(self.model_fields_set - {"path", "markers"})
+        of_a_table = [one for one in fields(self) if one.name not in ("path", "markers")]
+        extra = sorted(one.name for one in of_a_table if getattr(self, one.name) not in (one.default, {}))
         if extra and self.path.lower().endswith(MOTION_CAPTURE):
             raise InputError(
                 Fault("a .c3d file is not a table", got=", ".join(extra), allowed="path, and markers with their labels")
@@ -107,7 +87,7 @@ class ExperimentSection(Section):
     drive: Annotated[Literal["shortening", "tension"] | list[str] | None, Reading(_drive, "instead")] = None
     compare: Annotated[list[str], Field(min_length=1)] | None = None
     set_up: str = ""
-    files: Annotated[list[FileSection], Field(min_length=1), LIMITS["files of an experiment"]]
+    files: Annotated[list[BenchFile], Field(min_length=1), LIMITS["files of an experiment"]]
     label: str | None = None
     synchronise: Synchronise | None = None
     prepare: list[Annotated[str | Mapping[str, Any], Reading(_step, "instead")]] = Field(default_factory=list)

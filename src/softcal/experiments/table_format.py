@@ -1,0 +1,67 @@
+"""How a bench table is written, where it is not to be detected, and the sensor that wrote it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from softcal.declare import Declared
+from softcal.errors import Fault, InputError
+from softcal.limits import LIMITS
+from softcal.quantities import Factor
+
+Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
+Line = Annotated[int, LIMITS["lines before the data"]]
+Skipped = Annotated[int, LIMITS["rows to skip"]]
+
+
+@dataclass(frozen=True)
+class ColumnSpec(Declared):
+    """Column of a channel in a file.
+
+    Attributes
+    ----------
+    name : The column's header, with or without its unit
+    unit : Of the numbers; None reads it from the file
+    scale : Factor on the numbers, such as -1 for a machine that writes tension negative
+    """
+
+    name: str
+    unit: str | None = None
+    scale: Factor = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class TableFormat(Declared):
+    """The format of a table.
+
+    Attributes
+    ----------
+    delimiter, decimal
+        Comma, semicolon, tab or " " (any white space); "." or ",". None detects them from the file.
+    header_row, units_row
+        1-based line of the column names and of the units below. None detects them from the file.
+    skip_rows, skip_footer
+        Lines to skip at the top and at the bottom.
+    axes, rest_samples
+        For quaternions: the robot's x, y, z in sensor axes, and the number of samples at rest at the beginning.
+    """
+
+    delimiter: str | None = None
+    decimal: Literal[".", ","] | None = None
+    header_row: Line | None = None
+    units_row: Line | None = None
+    skip_rows: Skipped = 0
+    skip_footer: Skipped = 0
+    axes: tuple[Axis, Axis, Axis] = ("x", "y", "z")
+    rest_samples: Annotated[int, LIMITS["samples"]] = 10
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.delimiter is not None and not _separates(self.delimiter):
+            allowed = 'one character, such as ",", ";" or "\\t"'
+            raise InputError(Fault("this cannot separate columns", "delimiter", repr(self.delimiter), allowed))
+
+
+def _separates(text: str) -> bool:
+    return len(text) == 1 and not text.isalnum() and text not in "\"'.+-_\r\n" and (text.isprintable() or text == "\t")

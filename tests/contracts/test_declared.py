@@ -142,7 +142,7 @@ STATED: list[tuple[str, Declared]] = [
     (
         "{youngs_modulus: {spring1: 2 GPa, spring2: 3 Pa}, poissons_ratio: 0.4, density: 900 kg/m^3, "
         "wire_diameter: 5 mm, coil_diameter: 5 cm, turns: 4, left_handed: true, azimuth: 1 rad, model: solid, "
-        "elements_per_turn: 20, rings: 2, layers_per_turn: 9, element: P2}",
+        "rings: 2, layers_per_turn: 9, element: P2}",
         Springs(
             youngs_modulus={"spring1": 2e9, "spring2": 3.0},
             poissons_ratio=0.4,
@@ -153,11 +153,14 @@ STATED: list[tuple[str, Declared]] = [
             left_handed=True,
             azimuth=1.0,
             model="solid",
-            elements_per_turn=20,
             rings=2,
             layers_per_turn=9,
             element="P2",
         ),
+    ),
+    (
+        "{youngs_modulus: 1 GPa, poissons_ratio: 0.4, elements_per_turn: 20}",
+        Springs(youngs_modulus=1e9, poissons_ratio=0.4, elements_per_turn=20),
     ),
     (
         "{radius: 3 cm, ends: {S1: 1 rad}, per_end: 2, exit: 3 mm, friction_coefficient: 0.1}",

@@ -126,7 +126,7 @@ def test_an_option_of_another_method_is_refused_where_it_is_given_and_left_alone
     section: ModuleType, tmp_path: Path
 ) -> None:
     project, run = load(write_project(tmp_path, ONE, NAMED, OPTIONS)), tmp_path / "run"
-    told = r"spare: neither the method grid nor the loss papers has this option; allowed: alpha, beta"
+    told = r"--option spare=3: neither the method grid nor the loss papers has this option; allowed: alpha, beta"
     with pytest.raises(ParameterError, match=told):
         calibrate(project, out=run, method="grid", trials=4, spare=3)
     assert not run.exists()

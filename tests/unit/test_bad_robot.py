@@ -270,6 +270,14 @@ OWN: dict[str, tuple[Change, tuple[str, ...]]] = {
         ("turns: 3", "turns: 3\n      elements_per_turn: 2"),
         ("robot.manipulator.springs.elements_per_turn", "too few elements in a turn", "got 2"),
     ),
+    "rings of rods": (
+        ("turns: 3", "turns: 3\n      rings: 1"),
+        ("springs.rings", "the model 'rod' have no such setting", "allowed: elements_per_turn", "Try: model: solid"),
+    ),
+    "elements of solid springs": (
+        ("turns: 3", "turns: 3\n      model: solid\n      elements_per_turn: 9"),
+        ("springs.elements_per_turn", "model 'solid' have no such", "rings, layers_per_turn, element", "model: rod"),
+    ),
 }
 
 

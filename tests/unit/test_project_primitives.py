@@ -80,7 +80,7 @@ def test_a_disc(tmp_path: Path):
     [
         ("primitive: spring", "primitive: sprin", ("mesh", "no such primitive; got 'sprin'", "Try: 'spring'")),
         ("primitive: spring", "primitive: coil", ("mesh", "no such primitive; got 'coil'", "neck, rod, spring, disc")),
-        ("height: 9 mm, ", "", ("mesh", "the height of the spring is not specified; got neither")),
+        ("height: 9 mm, ", "", ("coil.mesh: the height of the spring is not specified; got neither",)),
         ("height: 9 mm, ", "height: 9 mm, pitch: 6 mm, ", ("got pitch and height",)),
         ("turns: 1.5", "turn: 1.5", ("mesh.turn", "unknown key", "'turns'")),
         ("height: 9 mm", "height: 2 mm", ("mesh", "coils of the spring overlap", "1.333 mm from wire to wire")),
@@ -97,14 +97,27 @@ def test_faults_of_a_spring(tmp_path: Path, old: str, new: str, told: tuple[str,
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
-        ("size: 6 mm, ", "", ("needs a target; got neither size nor tets",)),
-        ("radius: 10 mm", "radius: 14 mm", ("holes do not fit into the disc",)),
-        ("count: 3, ", "", ("mesh.holes", "'count' must be given")),
+        ("size: 6 mm, ", "", ("coil.mesh: the mesh needs a target; got neither size nor tets",)),
+        ("radius: 10 mm", "radius: 14 mm", ("coil.mesh: the holes do not fit into the disc",)),
+        ("count: 3, ", "", ("mesh.holes.count: a key is missing", "'count' must be given")),
     ],
 )
 def test_faults_of_a_disc(tmp_path: Path, old: str, new: str, told: tuple[str, ...]):
     (fault,) = faults_of(write_robot(tmp_path, (old, new), text=DISC.replace("region: end", "region: top")))
     assert all(part in fault for part in told), fault
+
+
+@pytest.mark.parametrize(
+    ("mesh", "told"),
+    [
+        ("3", "coil.mesh: this is of the wrong kind; got 3; allowed: a mapping of keys"),
+        ("{file: 3, unit: mm}", "coil.mesh.file: this is of the wrong kind; got 3; allowed: text"),
+        ("{file: a.stl, tets: 90}", "coil.mesh: the unit of the mesh is missing"),
+    ],
+)
+def test_faults_of_a_mesh_stand_at_the_keys_of_the_file(tmp_path: Path, mesh: str, told: str):
+    given = next(line for line in SPRING.splitlines() if "mesh:" in line).partition("mesh: ")[2]
+    assert told in faults_of(write_robot(tmp_path, (given, mesh), text=SPRING))[0]
 
 
 def test_only_meshes_of_gmsh_are_kept_with_a_run():

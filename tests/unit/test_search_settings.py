@@ -62,8 +62,14 @@ def test_what_makes_no_sense_is_refused_by_its_name(changes: dict, told: str) ->
 def test_a_project_takes_any_of_its_calibration_section_and_nothing_else(tmp_path: Path) -> None:
     project = load(write_project(tmp_path))
     assert project.calibration.search == SearchSettings(options={"starts": 1})
-    with pytest.raises(InputError, match=r"methd: unknown key; .* Try: 'method'"):
-        calibrate_project(project, out=tmp_path / "run", methd="grid")
+    for given, said in (
+        ({"methd": "grid"}, r"^--option methd=grid: neither the method .* has this option; .* Try: 'method'"),
+        ({"start": 3}, r"^--option start=3: neither .* allowed: alpha, beta, starts\. Try: 'starts'"),
+        ({"starts": 0}, r"^--option starts=0: there are too few starts"),
+        ({"hold_out": 3}, r"^--hold-out: this is of the wrong kind"),
+    ):
+        with pytest.raises(InputError, match=said):
+            calibrate_project(project, out=tmp_path / "run", **given)
     assert not (tmp_path / "run").exists()
     heavier = calibrate_project(project, method="grid", trials=4, alpha=0.6, beta=2.0).headline
     plain = calibrate_project(project, method="grid", trials=4, alpha=None, starts=None).headline

@@ -67,11 +67,11 @@ def build_bench(
     n_faults = len(findings.faults)
     records = [_read(name, section, i, files, findings) for i in range(len(section.files))]
     record = _joined(section, [r for r in records if r is not None], path, findings)
-    channels = None if record is None or None in records else list(record.channels)
-    noise = noise_of(section.noise, channels, (*path, "noise"), findings)
-    compared = compared_channels(section, channels or (), path, findings) if channels is not None else ()
     if record is None or None in records:
         return None
+    channels = [_as_tension(name) for name in record.channels]
+    noise = noise_of(section.noise, channels, (*path, "noise"), findings)
+    compared = compared_channels(section, channels, path, findings)
     record = _with_tensions(record, built, path, findings)
     if sentence := clock_warning(record):
         findings.warn((*path, "synchronise"), sentence)
@@ -147,12 +147,17 @@ def _with_tensions(record: Dataset, robot: Robot | None, path: KeyPath, findings
     channels: dict[str, Channel] = {}
     for name, channel in record.channels.items():
         if name in hanging:
-            tension = str(replace(channel_name(name), kind=TENSION))
-            channels[tension] = Channel(channel.values * g, "N", channel.sigma * g)
+            channels[_as_tension(name)] = Channel(channel.values * g, "N", channel.sigma * g)
         else:
             channels[name] = channel
     step = Step("weigh", {"gravity": g}, f"{', '.join(hanging)}: the tensions are weights under {g:.5g} m/s^2")
     return replace(record, channels=channels, provenance=(*record.provenance, step))
+
+
+def _as_tension(name: str) -> str:
+    """A channel's name, but for a hanging mass that of the tension which its weight is."""
+    one = channel_name(name)
+    return str(replace(one, kind=TENSION)) if one.kind.name == MASS else name
 
 
 @dataclass

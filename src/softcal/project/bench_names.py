@@ -95,11 +95,14 @@ def asked_of(file: BenchFile) -> dict[str, Any]:
 
 
 def channels_named(name: str, channels: Iterable[str]) -> list[str]:
-    """The channels of a name: itself, a marker's three, or those that match a pattern (`m*`)."""
+    """The channels of a name: itself, a marker's three, or those that match a pattern, of channels if it has a dot
+    (`*.tension`), else of markers (`m*`).
+    """
 
     def means(channel: str) -> bool:
         of = channel_name(channel)
-        return channel == name or (of.point != "" and not of.is_deviation and fnmatchcase(of.point, name))
+        matched = channel if "." in name else of.point
+        return channel == name or (matched != "" and not of.is_deviation and fnmatchcase(matched, name))
 
     return [channel for channel in channels if means(channel)]
 
@@ -130,14 +133,14 @@ def noise_of(
     """
     sigmas: dict[str, tuple[str, float]] = {}
     for key, value in given.items():
-        named = [key] if channel_unit(key) is not None else channels_named(key, channels or ())
+        # A preparation step may make the channel of a name; a pattern, or a marker's name, means what the files have.
+        named = channels_named(key, channels or ()) or ([key] if channel_unit(key) is not None else [])
         if not named:
             if channels is not None:
                 findings.unknown((*path, key), "channel", key, [*kinds(), *channels])
             continue
         with findings.at((*path, key)):
-            sigma = noise_in(channel_unit(named[0]) or "1").read(value)
-            sigmas |= {channel: (key, sigma) for channel in named}
+            sigmas |= {name: (key, noise_in(channel_unit(name) or "1").read(value)) for name in named}
     return sigmas
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import PurePath
 from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, Tag
+from pydantic import TypeAdapter
 
 from softcal.declare import Reading, shown
 from softcal.errors import Fault, InputError, nearest
@@ -54,30 +54,21 @@ class MeshFile(Section):
 
 
 PRIMITIVES: Mapping[str, type[Primitive]] = {"neck": Neck, "rod": SolidRod, "spring": SolidSpring, "disc": SolidDisc}
-FROM_FILE = "file"
+KEY = "primitive"
 
 
-def _known_primitive(data: Any) -> Any:
-    name: object = data.get("primitive", "neck") if isinstance(data, dict) else "neck"
+def _read(value: Any) -> MeshFile | Primitive:
+    if not isinstance(value, dict) or KEY not in value:
+        return MeshFile.model_validate(value)
+    name = value[KEY]
     if not isinstance(name, str) or name not in PRIMITIVES:
         meant = nearest(str(name), PRIMITIVES)
         raise InputError(Fault("there is no such primitive", "", shown(name), ", ".join(PRIMITIVES), meant))
-    return data
+    return TypeAdapter(PRIMITIVES[name]).validate_python({key: given for key, given in value.items() if key != KEY})
 
 
-def _measures(data: Any) -> Any:
-    return {key: value for key, value in data.items() if key != "primitive"}
-
-
-Mesh = Annotated[
-    Annotated[MeshFile, Tag(FROM_FILE)]
-    | Annotated[Neck, Reading(_measures), Tag("neck")]
-    | Annotated[SolidRod, Reading(_measures), Tag("rod")]
-    | Annotated[SolidSpring, Reading(_measures), Tag("spring")]
-    | Annotated[SolidDisc, Reading(_measures), Tag("disc")],
-    Discriminator(lambda data: str(data.get("primitive", FROM_FILE)) if isinstance(data, dict) else FROM_FILE),
-    Reading(_known_primitive),
-]
+# `file: PATH`, or `primitive: NAME` and the measures of its class.
+Mesh = Annotated[MeshFile | Primitive, Reading(_read, "instead")]
 
 
 class RegionSection(Section):

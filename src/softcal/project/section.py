@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
 from typing import Annotated, Any, TypeVar
@@ -106,25 +106,28 @@ def validated(model: type[T], data: object, path: KeyPath, findings: Findings) -
         return None
 
 
-def changed(section: S, changes: Mapping[str, object], where: str) -> S:
+def changed(section: S, changes: Mapping[str, object], where: Callable[[str], str]) -> S:
     """A section with some values replaced, checked like those of a file.
+
+    where: how a key was given, such as `--trials` for "trials"; faults name it.
 
     Raises
     ------
     InputError
-        Where a value is not allowed; `where` comes before its key.
+        Where a value is not allowed.
     """
     try:
         return type(section).model_validate({**section.model_dump(), **changes})
     except ValidationError as error:
         faults: list[Fault] = []
         for found in error.errors():
-            faults.append(_fault(found, where + ".".join(str(part) for part in found["loc"])))
+            keys = [str(part) if i else where(str(part)) for i, part in enumerate(found["loc"])]
+            faults.append(_fault(found, ".".join(keys)))
         raise InputError(faults) from error
 
 
 def _record(found: Any, data: object, path: KeyPath, findings: Findings) -> None:
-    place = (*path, *_keys(found["loc"], data))
+    place = (*path, *_keys(found, data))
     findings.faults.append(_fault(found, findings.document.where(place)))
 
 
@@ -138,8 +141,9 @@ def _fault(found: Any, where: str) -> Fault:
     return Fault(what, where, got, allowed, nearest(str(found["input"]), choices))
 
 
-def _keys(location: tuple[str | int, ...], data: object) -> tuple[str | int, ...]:
-    """The part of a pydantic location that is in the file, without the tags of unions."""
+def _keys(found: Any, data: object) -> tuple[str | int, ...]:
+    """The keys of an error's pydantic location, without the tags of unions: those in the file, and a missing one."""
+    location: tuple[str | int, ...] = found["loc"]
     keys: list[str | int] = []
     here: Any = data
     for i, part in enumerate(location):
@@ -147,7 +151,7 @@ def _keys(location: tuple[str | int, ...], data: object) -> tuple[str | int, ...
             here = here[part]
         elif isinstance(here, list) and isinstance(part, int) and part < len(here):
             here = here[part]
-        elif i < len(location) - 1:
+        elif i < len(location) - 1 or found["type"] not in ("missing", FAULT):
             continue
         keys.append(part)
     return tuple(keys)

@@ -67,6 +67,10 @@ def _moduli(value: object) -> float | dict[str, float]:
     return {name: read(entry) for name, entry in given.items()}
 
 
+MESHED_BY = {"rod": ("elements_per_turn",), "solid": ("rings", "layers_per_turn", "element")}
+"""Which settings of springs determine their elements, by their model."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Springs(Declared):
     """The springs of a manipulator, all alike except for moduli given by name.
@@ -79,8 +83,8 @@ class Springs(Declared):
     turns, left_handed : Number of turns [-], and sense
     azimuth : Of the wire's start, about +z from +x [rad]
     model : Rods or solid bodies; the latter are 40 to 70 times slower
-    elements_per_turn : Of rods
-    rings, layers_per_turn, element : Of solid springs, as of a `SolidSpring` and a `Body`
+    elements_per_turn : Of rods; None: 12
+    rings, layers_per_turn, element : Of solid springs, as of a `SolidSpring` and a `Body`; None: their defaults
     """
 
     youngs_modulus: Annotated[float | Mapping[str, float], Reading(_moduli, "instead")]
@@ -92,17 +96,24 @@ class Springs(Declared):
     left_handed: bool = False
     azimuth: Angle = 0.0
     model: Literal["rod", "solid"] = "rod"
-    elements_per_turn: Annotated[int, LIMITS["elements in a turn"]] = ELEMENTS_PER_TURN
-    rings: Annotated[int, LIMITS["rings of elements"]] = 1
+    elements_per_turn: Annotated[int, LIMITS["elements in a turn"]] | None = None
+    rings: Annotated[int, LIMITS["rings of elements"]] | None = None
     layers_per_turn: Annotated[int, LIMITS["layers in a turn"]] | None = None
-    element: ElementName = DEFAULT.name
+    element: ElementName | None = None
 
     def range_faults(self) -> list[Fault]:
-        """Those of the moduli among them."""
+        """Those of the moduli among them, and settings of the other model."""
         given = self.youngs_modulus
         moduli = given.items() if isinstance(given, Mapping) else [("", given)]
         found = (QUANTITIES["modulus"].fault(value, f"youngs_modulus.{name}".rstrip(".")) for name, value in moduli)
-        return [*super().range_faults(), *(fault for fault in found if fault)]
+        what = f"springs of the model '{self.model}' have no such setting"
+        foreign = [
+            Fault(what, name, allowed=", ".join(MESHED_BY[self.model]), attempt=f"model: {model}")
+            for model, names in MESHED_BY.items()
+            for name in names
+            if self.model in MESHED_BY and model != self.model and getattr(self, name) is not None
+        ]
+        return [*super().range_faults(), *(fault for fault in found if fault), *foreign]
 
 
 def _ends(value: object) -> object:
@@ -269,7 +280,7 @@ def manipulator(of: Manipulator, *, gravity: Sequence[float] = (0.0, 0.0, -9.81)
     """
     springs, is_solid = of.springs, of.springs.model == "solid"
     moduli = springs.youngs_modulus
-    per_turn = 2 * _layers(of) if is_solid else springs.elements_per_turn
+    per_turn = 2 * _layers(of) if is_solid else springs.elements_per_turn or ELEMENTS_PER_TURN
     elements = max(1, math.ceil(springs.turns * per_turn - 1e-9))
     LIMITS["elements of a rod"].check(elements)
     towards = (math.cos(springs.azimuth), math.sin(springs.azimuth), 0.0)
@@ -287,14 +298,19 @@ def manipulator(of: Manipulator, *, gravity: Sequence[float] = (0.0, 0.0, -9.81)
     robot = Robot(
         plates=plates, cables=_cables(of, plates), rods=tuple(rods), markers=_markers(of), gravity=np.asarray(gravity)
     )
-    return with_solid_rods(robot, rings=springs.rings, element=springs.element) if is_solid else robot
+    if not is_solid:
+        return robot
+    return with_solid_rods(robot, rings=springs.rings or 1, element=springs.element or DEFAULT.name)
 
 
 def _layers(of: Manipulator) -> int:
     """Number of layers of tets in a turn of a solid spring."""
     springs, coil = of.springs, of.coil
     return SolidSpring(
-        **vars(coil), wire_diameter=springs.wire_diameter, rings=springs.rings, layers_per_turn=springs.layers_per_turn
+        **vars(coil),
+        wire_diameter=springs.wire_diameter,
+        rings=springs.rings or 1,
+        layers_per_turn=springs.layers_per_turn,
     ).layers
 
 

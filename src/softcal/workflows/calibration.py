@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from softcal.calibration.problem import Problem
 from softcal.calibration.result import CalibrationResult, SearchResult
 from softcal.calibration.run import calibrate as calibrate_problem
 from softcal.calibration.search import Progress
-from softcal.errors import CalibrationError, Fault, InputError, ParameterError
+from softcal.errors import CalibrationError, Fault, InputError, ParameterError, nearest
 from softcal.project.bench_names import experiments_named
 from softcal.project.calibration_schema import CalibrationSection
 from softcal.project.names import JOINT
@@ -133,19 +133,36 @@ def plan(project: Project, engine: str = SOFTCAL, **changes: object) -> tuple[Ca
         As `calibrate`.
     """
     given = {key: value for key, value in changes.items() if value is not None}
-    settings = changed(project.calibration, given, "--")
-    _require_used(given, settings)
-    settings = changed(settings, {"hold_out": experiments_named(settings.hold_out, project.experiments)}, "--")
+    fields = {name for name in CalibrationSection.model_fields if name != "options"}
+
+    def where(name: str) -> str:
+        return f"--{name.replace('_', '-')}" if name in fields else f"--option {name}={given[name]}"
+
+    known = {name: value for name, value in given.items() if name in fields or name in options_of()}
+    settings = changed(project.calibration, known, where)
+    options = [name for name in given if name not in fields]
+    _require_used(options, settings, fields, where)
+    settings = changed(settings, {"hold_out": experiments_named(settings.hold_out, project.experiments)}, where)
     problem = replace(make_problem(project, settings), simulate=engine_for(engine, project.robot, project.engines))
     return settings, _problems(problem, settings.fit, settings.hold_out)
 
 
-def _require_used(given: Mapping[str, object], settings: CalibrationSection) -> None:
-    """Raise if an option is given that neither the method nor the loss has; a file may have those of others too."""
+def _require_used(
+    options: Collection[str], settings: CalibrationSection, others: Collection[str], where: Callable[[str], str]
+) -> None:
+    """Raise if an option is given that neither the method nor the loss has; a file may have those of others too.
+
+    others: the settings that are not options, one of which may have been meant.
+    """
     used = options_of({"method": OPTIMISERS[settings.method], "loss": LOSSES[settings.loss]})
     what = f"neither the method {settings.method} nor the loss {settings.loss} has this option"
     allowed = ", ".join(sorted(used)) or "none"
-    if faults := [Fault(what, name, allowed=allowed) for name in given if name in options_of() and name not in used]:
+    faults = [
+        Fault(what, where(name), allowed=allowed, attempt=nearest(name, (*used, *others)))
+        for name in options
+        if name not in used
+    ]
+    if faults:
         raise ParameterError(faults)
 
 

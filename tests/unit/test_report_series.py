@@ -8,13 +8,16 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.figure import Figure
 from report_example import E_NAME, NU_NAME, bench_experiment, example_content, fit_of, tpe_result
 
 from softcal.calibration.result import Trial
-from softcal.report.figures.history import search_history
+from softcal.experiments.dataset import Channel, Dataset
+from softcal.report.figures.force_displacement import draw_record
+from softcal.report.figures.history import draw_history, search_history
 from softcal.report.figures.loss import grid_of_trials
 from softcal.report.figures.parameter import forest_rows
-from softcal.report.figures.trajectory import trajectory_panels
+from softcal.report.figures.trajectory import draw_trajectory, trajectory_panels
 
 
 def test_residual_is_simulated_minus_measured_in_shown_units() -> None:
@@ -63,6 +66,32 @@ def test_best_so_far_never_rises_and_failures_are_apart(losses: list[float | Non
     assert len(history.numbers) + len(history.failed) == len(losses)
     if len(history.best):
         assert history.best[-1] == min(loss for loss in losses if loss is not None)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 7])
+def test_few_trials_have_whole_numbers(n: int) -> None:
+    trials = [Trial(i, {}, "COMPLETE", 10.0**-i) for i in range(n)]
+    assert whole(draw_history("pull", search_history(trials)))
+
+
+def test_few_samples_have_whole_numbers() -> None:
+    data = Dataset("states", {"m1.x": Channel(np.array([0.0, 0.1, 0.3]), "m"), "m1.y": Channel(np.zeros(3), "m")})
+    assert whole(draw_record(data))
+    experiment = bench_experiment("a", 0.02, 2e6)
+    seen = fit_of(experiment)
+    few = replace(seen, **{kind: {name: values[:3] for name, values in getattr(seen, kind).items()} for kind in SERIES})
+    assert whole(draw_trajectory(trajectory_panels(experiment, few)))
+
+
+SERIES = ("measured", "simulated")
+
+
+def whole(figure: Figure) -> bool:
+    """Whether the ticks in sight of the lowest x axis are whole numbers, and there is one."""
+    axes = figure.axes[-1]
+    low, high = axes.get_xlim()
+    ticks = [tick for tick in axes.get_xticks() if low <= tick <= high]
+    return bool(ticks) and all(float(tick).is_integer() for tick in ticks)
 
 
 def test_a_grid_of_trials_is_found_with_its_holes() -> None:

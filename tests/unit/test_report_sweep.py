@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -205,6 +206,10 @@ def test_the_report_of_a_sweep_has_its_figures_and_page(content: ReportContent):
         "The best cell for each section",
     ):
         assert words in page, words
+    captions = {picture.name: picture.caption for picture in pictures}
+    assert captions["twin"].startswith("The twin at the sweep's best cell at rest and at its largest pitch")
+    assert "with the shapes of the twin at the sweep's best cell" in captions["places"]
+    assert "calibration" not in re.sub(r"<style.*?</style>|data:[^\"]*", "", page, flags=re.DOTALL).lower()
 
 
 @pytest.mark.usefixtures("flat")

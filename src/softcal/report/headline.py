@@ -40,6 +40,8 @@ class Headline(ABC):
         What the run was, a noun.
     tuned
         What its values are called beside the nominal ones.
+    twin
+        What the robot at its values is called.
     comparison, gains_title
         Headings of the page's section, and of its table, that compare them.
     """
@@ -47,6 +49,7 @@ class Headline(ABC):
     content: ReportContent
     kind: ClassVar[str]
     tuned: ClassVar[str]
+    twin: ClassVar[str]
     comparison: ClassVar[str]
     gains_title: ClassVar[str]
 
@@ -77,6 +80,7 @@ class CalibrationHeadline(Headline):
     result: SearchResult
     kind = "calibration"
     tuned = "calibrated"
+    twin = "the calibrated twin"
     comparison = gains_title = "Nominal and calibrated"
 
     @property
@@ -114,6 +118,7 @@ class SweepHeadline(Headline):
     result: SweepResult
     kind = "sweep"
     tuned = "best cell"
+    twin = "the twin at the sweep's best cell"
     comparison = "The sweep"
     gains_title = "The best cell for each section"
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from softcal.calibration.result import Distance, ExperimentFit, SearchResult
 from softcal.report.content import ReportContent
 from softcal.report.format import joined, number, result_label
+from softcal.report.headline import headline
 from softcal.report.tables import Cell, Column, ReportTable
 
 MM = 1e3
@@ -39,7 +40,7 @@ def distances_table(content: ReportContent) -> ReportTable:
             first = (result_label(label), place.experiment, "predicted" if place.held_out else "fitted")
             for marker, distance in place.fit.distances.items():
                 rows.append((*first, marker, *_cells(distance, place.fit), place.fit.missing.get(marker, 0)))
-    headings = ("Calibration", "Experiment", "", "Marker")
+    headings = (headline(content).kind.capitalize(), "Experiment", "", "Marker")
     numbers = (("Mean", "mm"), ("Largest", "mm"), ("RMS", "mm"), ("Mean", "% of length"), ("Largest", "% of length"))
     columns = [Column(text) for text in headings] + [Column(text, unit) for text, unit in numbers]
     note = "Predicted: the experiment was held out of the fit. Not seen: states without a measurement of the marker."

@@ -29,6 +29,7 @@ from softcal.report.format import (
     scale_of,
     with_error,
 )
+from softcal.report.headline import headline
 from softcal.sensing.channel import channel_name
 from softcal.twin.parameter_name import parameter_name
 from softcal.units import AS_WRITTEN, interval_digits, plain
@@ -109,7 +110,7 @@ def parameters_table(content: ReportContent) -> ReportTable:
         fitted = (f"{parameter_label(name, others)}: {estimate_text(result.parameters[name])}" for name in others)
         rows.append((*row, *importances, result.loss, ", ".join(bound) or "none", "; ".join(fitted) or None))
     columns = (
-        Column("Calibration"),
+        Column(headline(content).kind.capitalize()),
         *(
             Column(f"{sign}{parameter_label(kind)}", scale.unit, digits)
             for kind, scale in zip(kinds, scales, strict=True)
@@ -124,9 +125,7 @@ def parameters_table(content: ReportContent) -> ReportTable:
         "± is one standard error; an empty cell means that there is none or that the parameter was fixed."
         f"{importance_note(content)}"
     )
-    return ReportTable(
-        "table-1-parameters", "Table I. Calibrated parameters and their importance", columns, tuple(rows), note
-    )
+    return ReportTable("table-1-parameters", "Table I. Parameters and their importance", columns, tuple(rows), note)
 
 
 def importance_note(content: ReportContent) -> str:
@@ -142,7 +141,7 @@ def _interval(ends: tuple[float, float], bounds: tuple[float, float], scale: Sca
 
 
 def all_parameters_table(content: ReportContent) -> ReportTable:
-    """Every calibrated parameter of every calibration, with its bounds."""
+    """Every parameter of every result, with its bounds."""
     rows: list[tuple[Cell, ...]] = []
     for label, result in content.results.items():
         for name in ordered_parameters({label: result}):
@@ -169,7 +168,7 @@ def all_parameters_table(content: ReportContent) -> ReportTable:
                 )
             )
     labels = (
-        "Calibration",
+        headline(content).kind.capitalize(),
         "Parameter",
         "Value",
         "95 % interval",
@@ -181,7 +180,7 @@ def all_parameters_table(content: ReportContent) -> ReportTable:
     )
     columns = tuple(Column(label) for label in labels)
     note = f"± is one standard error.{importance_note(content)}"
-    return ReportTable("parameters", "Every calibrated parameter", columns, tuple(rows), note)
+    return ReportTable("parameters", "Every parameter and its bounds", columns, tuple(rows), note)
 
 
 def errors_table(content: ReportContent) -> ReportTable:
@@ -208,7 +207,7 @@ def errors_table(content: ReportContent) -> ReportTable:
         for channel, label, scale in channels
         if any(channel in entry[-1].rmse for entry in fits)
     ]
-    columns = [Column("Calibration"), Column("Experiment"), Column("Compared over")]
+    columns = [Column(headline(content).kind.capitalize()), Column("Experiment"), Column("Compared over")]
     for channel, label, scale in shown:
         columns += [Column(f"{label} RMSE", scale.unit), Column(f"{label} RMSE, detrended", scale.unit)]
         if channel == "tension":
@@ -254,11 +253,12 @@ def share_of_range(fit: ExperimentFit, channel: str = "tension") -> float | None
 
 
 def run_table(content: ReportContent) -> ReportTable:
-    """Cost and status of each calibration."""
+    """Cost and status of each result."""
+    kind = headline(content).kind
     columns = tuple(
         Column(label)
         for label in (
-            "Calibration", "Method", "Loss", "Seed", "Trials", "Failed", "Solves", "Factorisations",
+            kind.capitalize(), "Method", "Loss", "Seed", "Trials", "Failed", "Solves", "Factorisations",
             "Wall time", "Status",
         )
     )  # fmt: skip
@@ -270,7 +270,7 @@ def run_table(content: ReportContent) -> ReportTable:
         for label, result in content.results.items()
     )  # fmt: skip
     note = "A solve is one forward trajectory of the twin; a factorisation is one linear system factored within it."
-    return ReportTable("run-facts", "How each calibration ran", columns, rows, note)
+    return ReportTable("run-facts", f"How each {kind} ran", columns, rows, note)
 
 
 def stamps_table(content: ReportContent) -> ReportTable:
@@ -296,7 +296,8 @@ def failures_table(content: ReportContent) -> ReportTable:
             (result_label(label), count, reason, number_of_first)
             for reason, count, number_of_first in grouped_failures(result)
         ]
-    columns = (Column("Calibration"), Column("Trials"), Column("Reason (first of its kind)"), Column("First trial"))
+    kind = headline(content).kind.capitalize()
+    columns = (Column(kind), Column("Trials"), Column("Reason (first of its kind)"), Column("First trial"))
     return ReportTable("failed-trials", "Trials that could not be simulated", columns, tuple(rows))
 
 

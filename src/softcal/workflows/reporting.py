@@ -71,7 +71,7 @@ def write_report(
     named_figures(figures)
     begin("Reading the run")
     read = load_run(run)
-    begin("Simulating the calibrated twin")
+    begin("Simulating the twin")
     content = report_content(read, solved or {})
     return write_content(content, Path(out) if out is not None else read.folder, figures=figures, progress=begin)
 

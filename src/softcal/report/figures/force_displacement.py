@@ -14,7 +14,7 @@ from softcal.experiments.steps.noise import NOISE_STEPS
 from softcal.report.content import ExperimentContent, ReportContent
 from softcal.report.figure import Drawing, register_figure
 from softcal.report.format import joined, scale_of
-from softcal.report.style import BLUE, LOOP, MUTED, ORANGE, house_style, new_figure
+from softcal.report.style import BLUE, LOOP, MUTED, ORANGE, count_axis, house_style, new_figure
 from softcal.sensing.channel import channel_name
 from softcal.sensing.sensors.plate import ANGLES
 
@@ -108,7 +108,10 @@ def draw_record(data: Dataset) -> Figure:
             axes.plot(x, data.values(name) / scale.factor, color=BLUE, linewidth=1.2)
             axes.set_ylabel(scale.axis(channel_name(name).label))
         stack[0].set_title(data.name)
-        stack[-1].set_xlabel("Time [s]" if timed else "Sample")
+        if timed:
+            stack[-1].set_xlabel("Time [s]")
+        else:
+            count_axis(stack[-1], "Sample")
         return figure
 
 

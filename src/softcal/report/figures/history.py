@@ -14,7 +14,7 @@ from softcal.report.content import ReportContent
 from softcal.report.figure import Drawing, register_figure
 from softcal.report.figures.loss import MANY_POINTS
 from softcal.report.format import number, result_label
-from softcal.report.style import BLUE, MUTED, RED, house_style, new_figure, plain_log_ticks
+from softcal.report.style import BLUE, MUTED, RED, count_axis, house_style, new_figure, plain_log_ticks
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -74,7 +74,7 @@ def draw_history(title: str, history: SearchHistory) -> Figure:
                 history.failed, np.full(len(history.failed), 0.97), "x", color=RED, markersize=5,
                 transform=axes.get_xaxis_transform(), label=f"failed ({len(history.failed)})", clip_on=False,
             )  # fmt: skip
-        axes.set_xlabel("Trial")
+        count_axis(axes, "Trial")
         axes.set_ylabel("Loss")
         axes.set_title(title)
         figure.legend(loc="outside lower center", ncols=3)

@@ -1,4 +1,4 @@
-"""The measured force and the twin's, of every experiment of the headline calibration."""
+"""The measured force and the twin's, of every experiment of the headline."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from softcal.report.content import ExperimentContent, ReportContent
 from softcal.report.figure import Drawing, register_figure
 from softcal.report.figures.force_displacement import force_displacement_axes
 from softcal.report.format import result_label, scale_of
+from softcal.report.headline import headline
 from softcal.report.style import SERIES, house_style, new_figure
 
 if TYPE_CHECKING:
@@ -23,9 +24,10 @@ if TYPE_CHECKING:
 
 @register_figure("overview")
 def overview(content: ReportContent) -> Iterator[Drawing]:
-    """Force over displacement of all experiments of the headline calibration, measured and simulated."""
+    """Force over displacement of all experiments of the headline, measured and simulated."""
     if has_curves(content):
-        caption = f"Measured cable force (points) and the calibrated twin (lines): {result_label(content.headline)}."
+        whose = headline(content).twin
+        caption = f"Measured cable force (points) and {whose} (lines): {result_label(content.headline)}."
         yield Drawing(draw_overview(content, content.headline_result), caption)
 
 

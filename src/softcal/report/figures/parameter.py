@@ -17,6 +17,7 @@ from softcal.report.format import (
     parameter_label,
     result_label,
 )
+from softcal.report.headline import headline
 from softcal.report.style import BLUE, FAINT, INK, MUTED, RED, house_style, new_figure
 from softcal.twin.parameter_name import parameter_name
 
@@ -29,7 +30,8 @@ if TYPE_CHECKING:
 def parameter(content: ReportContent) -> Iterator[Drawing]:
     """Every parameter's estimates and 95 % intervals, by calibration."""
     for name in dict.fromkeys(parameter_name(name).base for name in ordered_parameters(content.results)):
-        yield Drawing(draw_forest(name, content.results), forest_caption(name, content.results), of=name)
+        caption = forest_caption(name, content.results, headline(content).kind)
+        yield Drawing(draw_forest(name, content.results), caption, of=name)
 
 
 def forest_rows(base: str, results: Mapping[str, SearchResult]) -> dict[str, Estimate]:
@@ -73,14 +75,14 @@ def draw_forest(name: str, results: Mapping[str, SearchResult]) -> Figure:
         return figure
 
 
-def forest_caption(name: str, results: Mapping[str, SearchResult]) -> str:
-    """Caption of a parameter's chart."""
+def forest_caption(name: str, results: Mapping[str, SearchResult], kind: str) -> str:
+    """Caption of a parameter's chart; kind: what the results are, such as "calibration"."""
     having = forest_rows(name, results).values()
     drawn = [estimate for estimate in having if estimate.interval is not None or estimate.standard_error]
     bars = "bars are 95 % intervals" if drawn else "no intervals are known"
     bars += " within the bounds" if any(estimate.is_held for estimate in drawn) else ""
     marker = "; open marker: at a bound" if any(estimate.at_bound for estimate in having) else ""
-    return f"{parameter_label(name)} ({name}) by calibration; {bars}{marker}."
+    return f"{parameter_label(name)} ({name}) by {kind}; {bars}{marker}."
 
 
 def draw_rows(axes: Axes, rows: Mapping[str, Estimate], scale: Scale) -> None:

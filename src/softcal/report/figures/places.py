@@ -15,6 +15,7 @@ from softcal.report.content import ReportContent
 from softcal.report.equilibrium_shapes import EquilibriumShapes
 from softcal.report.figure import Drawing, register_figure
 from softcal.report.format import result_label
+from softcal.report.headline import headline
 from softcal.report.outline import View, outline, two_views
 from softcal.report.robot_view import robot_points
 from softcal.report.style import FAINT, INK, MUTED, SERIES, house_style, new_figure
@@ -35,7 +36,7 @@ _THIN = 1e-6  # of the markers' largest extent: a smaller second extent means th
 
 @register_figure("fit", place=1)
 def places(content: ReportContent) -> Iterator[Drawing]:
-    """Measured and simulated marker positions of the headline calibration, in two views with the twin's shapes."""
+    """Measured and simulated marker positions of the headline, in two views with the twin's shapes."""
     if content.equilibria is None:
         return
     fits = content.headline_result.experiments
@@ -45,8 +46,8 @@ def places(content: ReportContent) -> Iterator[Drawing]:
         return
     title = result_label(content.headline)
     caption = (
-        f"{title}: measured and simulated marker positions in the robot's frame, with the shapes of the calibrated "
-        "twin."
+        f"{title}: measured and simulated marker positions in the robot's frame, with the shapes of "
+        f"{headline(content).twin}."
     )
     left = len(fits) - len(content.equilibria.shapes)
     caption += f" {left} further experiments are omitted." if left > 0 else ""

@@ -15,7 +15,7 @@ from softcal.experiments.dataset import Dataset
 from softcal.report.content import ExperimentContent, ReportContent
 from softcal.report.figure import Drawing, register_figure
 from softcal.report.format import Scale, file_stem, joined, result_label, scale_of
-from softcal.report.style import INK, MEASURED, MUTED, SIMULATED, house_style, new_figure
+from softcal.report.style import INK, MEASURED, MUTED, SIMULATED, count_axis, house_style, new_figure
 from softcal.sensing.channel import channel_name, channel_unit
 
 if TYPE_CHECKING:
@@ -44,11 +44,15 @@ def trajectory(content: ReportContent) -> Iterator[Drawing]:
 
 @dataclass(frozen=True)
 class Abscissa:
-    """The horizontal axis of a trajectory in display units; note: why it is not the expected one, or ""."""
+    """The horizontal axis of a trajectory in display units.
+
+    note: why it is not the expected one, or ""; is_count: whether it numbers the samples.
+    """
 
     values: Floats
     label: str
     note: str = ""
+    is_count: bool = False
 
 
 @dataclass(frozen=True)
@@ -96,12 +100,12 @@ def _abscissa(experiment: ExperimentContent, n_samples: int) -> Abscissa:
     data = experiment.prepared
     if data.n_samples != n_samples:
         note = f"{n_samples} samples were compared, the prepared data has {data.n_samples}; the axis is their number."
-        return Abscissa(np.arange(n_samples, dtype=np.float64), "Sample", note)
+        return Abscissa(np.arange(n_samples, dtype=np.float64), "Sample", note, is_count=True)
     for name in (experiment.drive, "time"):
         if name in data.channels and np.all(np.diff(data.values(name)) >= 0):
             scale = scale_of(data.channels[name].unit)
             return Abscissa(data.values(name) / scale.factor, scale.axis(channel_name(name).label))
-    return Abscissa(np.arange(n_samples, dtype=np.float64), "Sample")
+    return Abscissa(np.arange(n_samples, dtype=np.float64), "Sample", is_count=True)
 
 
 def _pieces(data: Dataset, n_samples: int) -> tuple[slice, ...]:
@@ -133,7 +137,10 @@ def draw_trajectory(path: TrajectoryPanels, width: float = 5.2) -> Figure:
         stack[0].set_title(path.experiment)
         # Beside the title, where it covers no curve.
         stack[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.1)
-        stack[-1].set_xlabel(path.abscissa.label)
+        if path.abscissa.is_count:
+            count_axis(stack[-1], path.abscissa.label)
+        else:
+            stack[-1].set_xlabel(path.abscissa.label)
         figure.align_ylabels(list(stack))
         return figure
 

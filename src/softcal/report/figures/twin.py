@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from softcal.report.content import ReportContent
 from softcal.report.figure import Drawing, register_figure
 from softcal.report.format import joined
+from softcal.report.headline import headline
 from softcal.report.scene_figure import ScenePicture, draw_side_by_side
 from softcal.report.scene_render import render_scenes
 from softcal.report.scene_twin import twin_scenes
@@ -15,7 +16,7 @@ from softcal.report.twin_view import TwinView
 
 @register_figure("twin")
 def twin(content: ReportContent) -> Iterator[Drawing]:
-    """The calibrated twin at rest and bent, coloured by displacement."""
+    """The twin at the headline's values, at rest and bent, coloured by displacement."""
     if content.twin is None:
         return
     drawn, robot = draw_twin(content.twin), content.twin.robot
@@ -24,7 +25,8 @@ def twin(content: ReportContent) -> Iterator[Drawing]:
     drawn_as += ["fixed regions are grey"] if any(len(body.fixed) for body in robot.bodies) else []
     drawn_as += ["the tubes are cables"] if robot.cables else []
     drawn_as += ["the discs are rigid plates"] if robot.plates else []
-    caption = f"The calibrated twin {states}, to one scale: {joined(drawn_as)}."
+    whose = headline(content).twin
+    caption = f"{whose[0].upper()}{whose[1:]} {states}, to one scale: {joined(drawn_as)}."
     yield Drawing(drawn.figure, caption, shown="png", note=drawn.note)
 
 

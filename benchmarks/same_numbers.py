@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -32,9 +33,9 @@ NOT_COMPARED = {
     "n_solves",
     "n_factorisations",
     "settings",
-    "extra",
     "importance",
 }
+OPTIONAL = "extra"  # the axes of a sweep, and options of the search, of which a checkout may know more than another
 LIMIT = 1e-9
 FLAT = 1e-6  # where a search ends in a flat valley
 SMALLEST = 1e-12  # [SI]: below this a number is rounding
@@ -54,11 +55,15 @@ def numbers(value: Any, path: str = "") -> Iterator[tuple[str, float]]:
 
 
 def difference(one: dict[str, float], other: dict[str, float]) -> tuple[float, str]:
-    """The largest relative difference of two documents' numbers, and where it is; infinite where one has more."""
-    if missing := sorted(set(one) ^ set(other)):
+    """The largest relative difference of two documents' numbers, and where it is; infinite where one has more.
+
+    Numbers that are `OPTIONAL` are compared where both have them.
+    """
+    missing = sorted(place for place in set(one) ^ set(other) if OPTIONAL not in re.split(r"[. ]", place))
+    if missing:
         return float("inf"), f"{missing[0]} is in one alone"
     worst, where = 0.0, ""
-    for place, value in one.items():
+    for place, value in ((place, value) for place, value in one.items() if place in other):
         size = max(abs(value), abs(other[place]), SMALLEST)
         if (part := abs(value - other[place]) / size) > worst:
             worst, where = part, f"{place}: {value:.12g} and {other[place]:.12g}"

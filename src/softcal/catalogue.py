@@ -44,17 +44,6 @@ class FunctionMember:
         """Where the function is defined; "" for one that was typed or executed as text."""
         return self.function.__module__ or ""
 
-    def register(self, family: Catalogue[Any]) -> None:
-        """Add it to its family, for entry points too, which name the function.
-
-        Raises
-        ------
-        ParameterError
-            As `Catalogue.add`.
-        """
-        family.add(self)
-        self.function.__dict__[_MEMBER] = self
-
 
 class Catalogue(Mapping[str, T], Generic[T]):
     """The members of a family by their attribute `name`: objects, or classes.
@@ -174,6 +163,20 @@ class Catalogue(Mapping[str, T], Generic[T]):
         ParameterError
             Where another {self.what} has the name, or something is wrong with this one.
         """
+        return register
+
+    def decorator(self, make: Callable[[M], T]) -> Callable[[M], M]:
+        """A decorator that adds the member made of a function, which stays as it is; an entry point names the function.
+
+        What is decorated raises a ParameterError as `add` does.
+        """
+
+        def register(function: M) -> M:
+            member = make(function)
+            self.add(member)
+            function.__dict__[_MEMBER] = member
+            return function
+
         return register
 
     def remove(self, name: str) -> None:

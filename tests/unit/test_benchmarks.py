@@ -10,6 +10,8 @@ import pytest
 from benchmarks.assembly import AGREEMENT, difference
 from benchmarks.mesh_table import Kind, Row, verdict
 from benchmarks.peers import Task, felupe_assembler, scikit_fem_assembler, softcal_assembler
+from benchmarks.same_numbers import difference as apart
+from benchmarks.same_numbers import numbers
 from benchmarks.section import Goal, Section
 from benchmarks.timing import interleaved
 from softcal.geometry.primitives import box_mesh
@@ -74,3 +76,16 @@ def test_the_peers_compute_the_same(build, order):
     assert difference(theirs.common(theirs.assemble()), reference) < AGREEMENT
     stiffer = build(Task(mesh, case.u, 8.1e5, 5e6))
     assert difference(stiffer.common(stiffer.assemble()), reference) > AGREEMENT
+
+
+def test_axes_of_sweeps_are_compared_and_options_where_both_checkouts_have_them():
+    mine = {"loss": 2.0, "wall_s": 3.0, "extra": {"axes": {"E": [1e6, 2e6]}, "starts": 3}}
+    its = {"loss": 2.0, "wall_s": 4.0, "extra": {"axes": {"E": [1e6, 2e6]}}}
+
+    def both(mine: dict, its: dict) -> tuple[float, str]:
+        return apart(*(({f"sweep/result.json {place}": value for place, value in numbers(one)}) for one in (mine, its)))
+
+    assert both(mine, its) == (0.0, "")
+    worst, where = both(mine, {**its, "extra": {"axes": {"E": [1e6, 4e6]}}})
+    assert (worst, where) == (0.5, "sweep/result.json extra.axes.E[1]: 2000000 and 4000000")
+    assert both(mine, {"extra": its["extra"]}) == (float("inf"), "sweep/result.json loss is in one alone")

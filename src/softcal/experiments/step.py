@@ -119,10 +119,6 @@ def register_step(*, keeps_gaps: bool = False, leaves_out: LeavesOut = "", **set
     ParameterError
         Where another step has the name, or a setting is no parameter of the function.
     """
-
-    def register(function: F) -> F:
-        made = PreparationStep(function.__name__, function, settings, keeps_gaps, leaves_out)
-        made.register(STEPS)
-        return function
-
-    return register
+    return STEPS.decorator(
+        lambda function: PreparationStep(function.__name__, function, settings, keeps_gaps, leaves_out)
+    )

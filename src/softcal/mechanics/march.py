@@ -24,8 +24,8 @@ SAME = 1e-9  # of the largest command: closer commands count as equal
 
 
 @dataclass(frozen=True)
-class Way:
-    """A straight line through the space of commands, and the last nodes on it."""
+class CommandPath:
+    """A straight line through the space of commands, and the last equilibria on it, from which it can be continued."""
 
     line: Line
     nodes: tuple[Node, ...]
@@ -61,7 +61,7 @@ class Reached:
         dz/dtheta at fixed commands (n_unknowns, k).
     snaps, has_snapped
         Whether the robot snapped through on the line to it, and whether there or before.
-    way
+    commanded
         The line to it; None where the next one cannot continue it.
     """
 
@@ -70,7 +70,7 @@ class Reached:
     by_parameter: Floats
     snaps: bool = False
     has_snapped: bool = False
-    way: Way | None = None
+    commanded: CommandPath | None = None
 
 
 def reach(statics: Statics, last: Reached, target: Controls, names: tuple[str, ...]) -> Reached:
@@ -95,18 +95,18 @@ def reach(statics: Statics, last: Reached, target: Controls, names: tuple[str, .
     # A driven actuator moves from its present coordinate to the target's; the check below drives those at a limit.
     held = last.controls.is_held
     start = Controls(held, np.where(held, last.controls.effort, 0.0), system.coordinates(state.x))
-    way, end = last.way, None if last.way is None else last.way.to(target)
+    commanded, end = last.commanded, None if last.commanded is None else last.commanded.to(target)
     for _ in range(4 * len(system.actuators) + 4):
-        if way is None or end is None:
-            way, end = Way(_line(start, target), ()), 1.0
-        line, has_snapped = way.line, last.has_snapped or snaps
+        if commanded is None or end is None:
+            commanded, end = CommandPath(_line(start, target), ()), 1.0
+        line, has_snapped = commanded.line, last.has_snapped or snaps
         statics.seeks_free_modes = has_snapped
         driven = by_coordinate & ~start.is_held
         if not np.any(line.effort_rate[start.is_held]) and not np.any(line.coordinate_rate[~start.is_held]):
-            node, way = stable_node_at(statics, line, end, state, names), None
+            node, commanded = stable_node_at(statics, line, end, state, names), None
             snaps |= node.is_snapped
         else:
-            begin = way.nodes or (replace(node_at(statics, line, 0.0, state, ()), has_snapped=has_snapped),)
+            begin = commanded.nodes or (replace(node_at(statics, line, 0.0, state, ()), has_snapped=has_snapped),)
             path = follow(statics, line, begin, end, first_step=end - begin[-1].c, names=names)
             first = next((i for i, node in enumerate(path.nodes) if (driven & pushing(system, node.state)).any()), None)
             node = path.nodes[-1]
@@ -117,7 +117,7 @@ def reach(statics: Statics, last: Reached, target: Controls, names: tuple[str, .
             elif not path.reached:
                 raise SimulationError(f"no equilibrium beyond {100 * node.c / end:.3g} % of the step: {path.status}.")
             snaps |= any(node.is_snapped for node in path.nodes[1:])
-            way = Way(line, path.nodes[-2:])
+            commanded = CommandPath(line, path.nodes[-2:])
         state, here = node.state, line.at(node.c)
         coordinates = system.coordinates(state.x)
         pushes = driven & pushing(system, state)
@@ -125,7 +125,7 @@ def reach(statics: Statics, last: Reached, target: Controls, names: tuple[str, .
         returns &= node.c == end
         if not pushes.any() and not returns.any():
             controls = _held(target, start.is_held, start.effort)
-            return _reached(statics, node, controls, names, snaps, last.has_snapped or snaps, way)
+            return _reached(statics, node, controls, names, snaps, last.has_snapped or snaps, commanded)
         if snaps:
             break  # the snap-through was found with fixed taut and slack states; with switching ones it ends elsewhere
         is_held = (start.is_held | pushes) & ~returns
@@ -134,7 +134,7 @@ def reach(statics: Statics, last: Reached, target: Controls, names: tuple[str, .
         if pushes.any():
             state = _released(statics, state, start, pushes)
             start = replace(start, coordinate=system.coordinates(state.x))
-        way = None
+        commanded = None
     return _fallen(statics, last, target, names)
 
 
@@ -180,13 +180,13 @@ def _reached(
     names: tuple[str, ...],
     snaps: bool,
     has_snapped: bool,
-    way: Way | None = None,
+    commanded: CommandPath | None = None,
 ) -> Reached:
     """The sample that ends at a node: converged, and remembered."""
     state = statics.system.advanced(node.state, controls, statics.theta, node.by_parameter, names)
-    # The nodes on the way there have the memory of its start, and are no part of what follows.
-    way = None if statics.system.remembers else way
-    return Reached(state, controls, node.by_parameter, snaps, has_snapped, way)
+    # The nodes on the line there have the memory of its start, and are no part of what follows.
+    commanded = None if statics.system.remembers else commanded
+    return Reached(state, controls, node.by_parameter, snaps, has_snapped, commanded)
 
 
 def _line(start: Controls, target: Controls) -> Line:

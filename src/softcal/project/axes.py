@@ -140,14 +140,14 @@ def _range(text: str, unit: str, name: str) -> list[float]:
         raise ParameterError(Fault("the range is empty: start and stop are equal", name, f"'{text}'"))
     if step == 0:
         raise ParameterError(Fault("the step is zero", name, f"'{text}'", "a distance between values"))
-    way = stop - start
-    if step < 0 < way:
+    span = stop - start
+    if step < 0 < span:
         raise ParameterError(
             Fault("the step leads away from the stop", name, f"'{text}'", "a step of the other sign, or without one")
         )
-    LIMITS["values on an axis"].check(1 + abs(way / step), where=name)
-    n = int(abs(way / step) + 1e-6) + 1
-    signed = abs(step) if way > 0 else -abs(step)
+    LIMITS["values on an axis"].check(1 + abs(span / step), where=name)
+    n = int(abs(span / step) + 1e-6) + 1
+    signed = abs(step) if span > 0 else -abs(step)
     return [float(f"{start + k * signed:.{_DIGITS}g}") for k in range(n)]
 
 

@@ -133,13 +133,9 @@ def register_figure(section: Section, place: int = LAST) -> Callable[[F], F]:
     ParameterError
         Where another figure has the name, there is no such section, or the function says nowhere what it shows.
     """
-
-    def register(function: F) -> F:
-        made = ReportFigure(function.__name__.replace("_", "-"), function, section, place)
-        made.register(FIGURES)
-        return function
-
-    return register
+    return FIGURES.decorator(
+        lambda function: ReportFigure(function.__name__.replace("_", "-"), function, section, place)
+    )
 
 
 def named_figures(names: Collection[str]) -> list[ReportFigure]:

@@ -211,13 +211,7 @@ def register_export(*files: str, pulled: bool = True, hint: str = "", **options:
     ParameterError
         Where another export has the name, an option is no parameter of the function, or it says nowhere what it writes.
     """
-
-    def register(function: F) -> F:
-        made = Export(function.__name__, function, files, options, pulled, hint)
-        made.register(EXPORTS)
-        return function
-
-    return register
+    return EXPORTS.decorator(lambda function: Export(function.__name__, function, files, options, pulled, hint))
 
 
 def write_export(name: str, request: ExportRequest, folder: Path, **options: Any) -> list[Path]:

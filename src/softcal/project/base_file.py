@@ -12,7 +12,7 @@ from softcal.geometry.pose import Pose
 from softcal.project.document import Document, Findings
 from softcal.project.section import Section, validated
 from softcal.project.yaml_file import read_document
-from softcal.quantities import Angle, Length, Size
+from softcal.quantities import Angle, Point, Size
 
 FORMAT = 1
 
@@ -31,7 +31,7 @@ class Base:
 class BaseMarkerSection(Section):
     """Place of a marker of the base."""
 
-    at: tuple[Length, Length, Length]
+    at: Point
     rotation_vector: Turn = (0.0, 0.0, 0.0)
     size: Size | None = None
 

@@ -11,6 +11,7 @@ from pydantic_core import InitErrorDetails
 from softcal.calibration.loss import LOSSES
 from softcal.calibration.optimiser import OPTIMISERS
 from softcal.calibration.option import options_of
+from softcal.calibration.parameters import FreeParameter, Scale
 from softcal.calibration.settings import SearchSettings
 from softcal.declare import MemberOf, listed
 from softcal.limits import LIMITS
@@ -31,7 +32,7 @@ class ParameterSection(Section):
 
     of: Annotated[list[str], BeforeValidator(listed), Field(min_length=1)] | None = None
     bounds: tuple[Given, Given]
-    scale: Literal["linear", "log"] = "linear"
+    scale: Scale = FreeParameter.scale
     per: Literal["experiment", "set_up"] | None = None
     start: Given | None = None
     prior: PriorSection | None = None

@@ -16,7 +16,7 @@ from softcal.analysis.mesh_verdict import times_text
 from softcal.calibration.result import Distance, Estimate
 from softcal.cli.calibration_table import interval_text, print_results, value_text
 from softcal.report.agreement import chance_text, range_text, size_text
-from softcal.report.closeness import Miss, miss_text
+from softcal.report.closeness import Miss, closeness, miss_text
 from softcal.report.format import duration, file_stem, joined, number, with_error
 from softcal.report.tables import all_parameters_table
 from softcal.twin.crossings import span_in_words
@@ -165,6 +165,15 @@ def test_what_is_missed():
     assert miss_text(missed) == "the force to 0.400 N RMS (5.0 % of its range, 8.0 times its stated noise)"
     assert miss_text(replace(missed, in_noise=None)) == "the force to 0.400 N RMS (5.0 % of its range)"
     assert miss_text(replace(missed, share=None, in_noise=None)) == "the force to 0.400 N RMS"
+
+
+def test_a_channel_without_a_range_is_judged_beside_others_and_by_one_sample() -> None:
+    force = Miss("20mm", "force", 0.4, "N", 0.07, 8.0)
+    pitch = Miss("20mm", "pitch", 0.2, "rad", None, 40.0)
+    told = "that is poor (all measured values of the pitch are the same, and the twin's differ from them)"
+    assert closeness([force, pitch]) == closeness([pitch]) == (told, "warning")
+    assert closeness([force])[1] == "note"
+    assert closeness([replace(pitch, in_noise=0.5)])[1] == "good"
 
 
 def test_where_something_crosses():

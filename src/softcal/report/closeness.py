@@ -130,10 +130,10 @@ def closeness(misses: Iterable[Miss]) -> tuple[str, Tone]:
     beyond = [miss for miss in misses if not (miss.in_noise is not None and miss.in_noise <= _NOISE)]
     if not beyond:
         return "that is within the stated noise", "good"
-    shares = [(miss.share, miss.of) for miss in beyond if miss.share is not None]
-    if not shares:
-        return "that is poor (the measurement is constant, and the twin is not)", "warning"
-    share, word = max(shares)
+    if flat := [miss.of for miss in beyond if miss.share is None]:  # constant, or of one sample
+        told = f"all measured values of the {joined(flat)} are the same, and the twin's differ from them"
+        return f"that is poor ({told})", "warning"
+    share, word = max((miss.share, miss.of) for miss in beyond if miss.share is not None)
     close, poor = number(100 * CLOSE, 1), number(100 * POOR, 2)
     if share <= CLOSE:
         return f"that is close (at most {close} % of the range)", "good"

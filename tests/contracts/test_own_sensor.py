@@ -189,3 +189,24 @@ def test_a_sensor_that_cannot_be_told_from_others_is_refused(string: ModuleType)
         with pytest.raises(ParameterError, match=told):
             register_sensor(sensor)  # type: ignore[type-var]
     assert "other" not in SENSORS
+
+
+def test_names_of_parts_and_channels_are_judged_with_all_other_faults(string: ModuleType, tmp_path: Path) -> None:
+    """Without the robot, whatever is wrong with it elsewhere."""
+    drive = ("    plate: plate\n", "    plate: plate\n    drive: [back.shortening, pitch]\n")
+    tied = "  tied: {of: [baz.youngs*, spring*.youngs_modulus, b*.youngs_modulus], bounds: [1 MPa, 9 MPa]}"
+    free = ("  bar.youngs_modulus: {bounds: [0.1 MPa, 40 MPa], scale: log}", tied)
+    sensor = ("experiments:\n", "  sensors:\n    pot: {sensor: string, between: [plate, plat]}\nexperiments:\n")
+    with pytest.raises(ProjectFileError) as error:
+        load(write_project(tmp_path, drive, free, sensor, ("element: P1", "element: P9")))
+    told = [str(fault).partition(": ")[2] for fault in error.value.faults]
+    begins = (
+        "robot.bodies.bar.element: there is no such element; got 'P9'",
+        "robot.sensors.pot: the robot has no such marker or plate; got 'plat'",
+        "experiments.pull.drive: this channel cannot drive the twin; got pitch",
+        "experiments.pull.drive[0]: there is no such channel among the columns; got 'back.shortening'",
+        "parameters.tied.of: there is no such part of the robot or the rig; got 'baz'",
+        "parameters.tied.of: there is no such part of the robot or the rig; got 'spring'",
+    )
+    assert len(told) == len(begins), told
+    assert [begin for begin in begins if not any(text.startswith(begin) for text in told)] == []

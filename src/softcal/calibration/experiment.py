@@ -17,7 +17,7 @@ last part alone will do (`tension`, `pitch`).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Literal
 
@@ -165,21 +165,12 @@ class Experiment:
         return (*short, *(c for c, name in channels.items() if name.carrier))
 
     def _drive_faults(self) -> list[Fault]:
-        faults: list[Fault] = []
-        for channel in self.drives:
-            if not self.twin_channel(channel).kind.drives:
-                allowed = "the tension or shortening of a cable, such as cable1.tension"
-                faults.append(Fault("this channel cannot drive the twin", self.name, got=channel, allowed=allowed))
-            elif channel in self.dataset.channels and not np.all(np.isfinite(self.dataset.values(channel))):
-                rows = _rows(~np.isfinite(self.dataset.values(channel)))
-                faults.append(Fault("a channel that drives the twin has no value", self.name, f"{channel}, {rows}"))
-        owners = [self.twin_channel(channel).carrier for channel in self.drives]
-        faults += [
-            Fault("a cable is driven twice", self.name, got=owner)
-            for owner in sorted(set(owners))
-            if owners.count(owner) > 1
+        faults = [
+            Fault("a channel that drives the twin has no value", self.name, f"{channel}, {_rows(~known)}")
+            for channel in self.drives
+            if channel in self.dataset.channels and not np.all(known := np.isfinite(self.dataset.values(channel)))
         ]
-        return faults
+        return [*drive_faults([(channel, self.twin_channel(channel)) for channel in self.drives], self.name), *faults]
 
     def _compare_faults(self) -> list[Fault]:
         faults: list[Fault] = []
@@ -222,6 +213,19 @@ def rig_parameters(experiments: Iterable[Experiment]) -> dict[str, ParameterInfo
             if kind is not None:
                 found.setdefault(name, ParameterInfo(name, kind, value))
     return found
+
+
+def drive_faults(drives: Sequence[tuple[str, ChannelName]], where: str) -> list[Fault]:
+    """The faults of the channels that drive the twin, each by its name in the data and the twin's channel."""
+    allowed = "the tension or shortening of a cable, such as cable1.tension"
+    faults = [
+        Fault("this channel cannot drive the twin", where, got=channel, allowed=allowed)
+        for channel, of_twin in drives
+        if not of_twin.kind.drives
+    ]
+    owners = [of_twin.carrier for _, of_twin in drives]
+    twice = sorted({owner for owner in owners if owners.count(owner) > 1})
+    return [*faults, *(Fault("a cable is driven twice", where, got=owner) for owner in twice)]
 
 
 def rig_kind(name: str) -> Quantity | None:

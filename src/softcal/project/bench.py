@@ -24,6 +24,7 @@ from softcal.experiments.steps.noise import set_noise
 from softcal.experiments.steps.pulleys import correct_pulley_friction
 from softcal.experiments.synchronise import clock_warning, synchronise
 from softcal.project.bench_names import (
+    as_tension,
     asked_of,
     compared_channels,
     noise_of,
@@ -69,7 +70,7 @@ def build_bench(
     record = _joined(section, [r for r in records if r is not None], path, findings)
     if record is None or None in records:
         return None
-    channels = [_as_tension(name) for name in record.channels]
+    channels = [as_tension(name) for name in record.channels]
     noise = noise_of(section.noise, channels, (*path, "noise"), findings)
     compared = compared_channels(section, channels, path, findings)
     record = _with_tensions(record, built, path, findings)
@@ -147,17 +148,11 @@ def _with_tensions(record: Dataset, robot: Robot | None, path: KeyPath, findings
     channels: dict[str, Channel] = {}
     for name, channel in record.channels.items():
         if name in hanging:
-            channels[_as_tension(name)] = Channel(channel.values * g, "N", channel.sigma * g)
+            channels[as_tension(name)] = Channel(channel.values * g, "N", channel.sigma * g)
         else:
             channels[name] = channel
     step = Step("weigh", {"gravity": g}, f"{', '.join(hanging)}: the tensions are weights under {g:.5g} m/s^2")
     return replace(record, channels=channels, provenance=(*record.provenance, step))
-
-
-def _as_tension(name: str) -> str:
-    """A channel's name, but for a hanging mass that of the tension which its weight is."""
-    one = channel_name(name)
-    return str(replace(one, kind=TENSION)) if one.kind.name == MASS else name
 
 
 @dataclass

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from typing import Any
 
 import numpy as np
 
-from softcal.calibration.experiment import Experiment, rig_parameters
+from softcal.calibration.experiment import Experiment, drive_faults, rig_parameters
 from softcal.errors import Fault, ParameterError
 from softcal.experiments.header import MASS
 from softcal.experiments.orientation import QUATERNION
 from softcal.experiments.table_format import ColumnSpec
 from softcal.project.bench_schema import BenchFile, ExperimentSection
 from softcal.project.document import Findings, KeyPath
-from softcal.project.robot_schema import RobotSection
 from softcal.quantities import QUANTITIES, noise_in
 from softcal.sensing.channel import carriers, channel_name, channel_unit, kinds, positions
 from softcal.sensing.sensors.cable import TENSION
@@ -25,12 +25,17 @@ from softcal.twin.parameters import robot_parameters, unknown_name
 from softcal.twin.robot import PointLoad, Robot
 
 
-def check_names(section: ExperimentSection, robot: RobotSection | None, path: KeyPath, findings: Findings) -> None:
-    """Every cable, plate and marker that the section names must be one of the robot's."""
+def check_names(
+    section: ExperimentSection, parts: Mapping[str, list[str]] | None, path: KeyPath, findings: Findings
+) -> None:
+    """Every cable, plate and marker that the section names must be one of the robot's.
+
+    parts: names by kind, such as "cables"; None where they are not known.
+    """
     _check_drive(section, path, findings)
-    if robot is None:
+    if parts is None:
         return
-    cables, plates, markers = (robot.names(parts) for parts in ("cables", "plates", "markers"))
+    cables, plates, markers = (parts[kind] for kind in ("cables", "plates", "markers"))
     if section.cable is not None and section.cable not in cables:
         findings.unknown((*path, "cable"), "cable", section.cable, cables)
     if section.plate is not None and section.plate not in plates:
@@ -51,15 +56,24 @@ def check_names(section: ExperimentSection, robot: RobotSection | None, path: Ke
                 findings.unknown((*where, "markers", marker), "marker or plate", marker, [*markers, *plates])
         for channel in file.columns:
             name = channel_name(channel)
-            parts = carriers(TENSION if name.kind.name == MASS else name.kind)
-            known = [part for of in parts for part in robot.names(of)]
-            if name.carrier and parts and name.carrier not in known:
-                what = " or ".join(of.removesuffix("s") for of in parts)
+            kinds_of = carriers(TENSION if name.kind.name == MASS else name.kind)
+            known = [part for of in kinds_of for part in parts[of]]
+            if name.carrier and kinds_of and name.carrier not in known:
+                what = " or ".join(of.removesuffix("s") for of in kinds_of)
                 findings.unknown((*where, "columns", channel), what, name.carrier, known)
 
 
 def _check_drive(section: ExperimentSection, path: KeyPath, findings: Findings) -> None:
     columns = [key for file in section.files for key in file.columns]
+    if isinstance(section.drive, list):
+        known = [as_tension(key) for key in columns]
+        for i, channel in enumerate(section.drive):
+            if channel not in known:
+                findings.unknown((*path, "drive", i), "channel among the columns", channel, known)
+        named = [(name, channel_name(name)) for name in section.drive if name in known]
+        of_twin = [(name, one if one.carrier else replace(one, carrier=section.cable or "")) for name, one in named]
+        for fault in drive_faults(of_twin, ""):
+            findings.add((*path, "drive"), fault.what, got=fault.got, allowed=fault.allowed)
     if isinstance(section.drive, str) and section.cable is None:
         allowed = "cable: NAME, or drive: [cable1.tension]"
         findings.add((*path, "drive"), "the driven cable is not specified", got=section.drive, allowed=allowed)
@@ -92,6 +106,12 @@ def asked_of(file: BenchFile) -> dict[str, Any]:
                 optional.append(deviation)
     where = {key: values[0] if len(values) == 1 else values for key, values in file.where.items()}
     return {"columns": columns, "optional": optional, "where": where}
+
+
+def as_tension(name: str) -> str:
+    """A channel's name, but for a hanging mass that of the tension which its weight is."""
+    one = channel_name(name)
+    return str(replace(one, kind=TENSION)) if one.kind.name == MASS else name
 
 
 def channels_named(name: str, channels: Iterable[str]) -> list[str]:

@@ -16,23 +16,22 @@ from softcal.project.bench_names import asked_of, check_names, noise_of
 from softcal.project.bench_schema import MOTION_CAPTURE, ONE_CLOCK, ExperimentSection
 from softcal.project.document import Findings, KeyPath
 from softcal.project.files import InputFiles
-from softcal.project.robot_schema import RobotSection
 
 
 def plan_bench(
     name: str,
     section: ExperimentSection,
     rig: CommonRig,
-    robot: RobotSection | None,
+    parts: Mapping[str, list[str]] | None,
     files: InputFiles,
     findings: Findings,
 ) -> tuple[PlannedStep, ...]:
     """The preparation of an experiment's data; every fault goes to `findings`, and its steps are then left out.
 
-    robot: its section, None where that has faults of its own.
+    parts: the names of the robot's parts by kind; None where they are not known.
     """
     path: KeyPath = ("experiments", name)
-    check_names(section, robot, path, findings)
+    check_names(section, parts, path, findings)
     steps = [_planned(step, (*path, "prepare", i), findings) for i, step in enumerate(section.prepare)]
     if rig.pulleys is not None and any(step is not None and step.name == PULLEY_STEP for step in steps):
         findings.add(

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from softcal.limits import LIMITS
-from softcal.project.document import Findings
+from softcal.project.document import Document, Findings
 from softcal.project.names import RESERVED_OF_PARTS, folded, name_fault
 from softcal.project.robot_schema import RobotSection
+from softcal.project.section import validated
+from softcal.twin.manipulator import Manipulator
 
 KINDS = ("bodies", "rods", "plates", "ties", "cables", "loads", "markers", "sensors")
 
@@ -13,6 +15,27 @@ KINDS = ("bodies", "rods", "plates", "ties", "cables", "loads", "markers", "sens
 def generated_names(section: RobotSection, kind: str) -> tuple[str, ...]:
     """The parts of a kind that a manipulator generates."""
     return section.manipulator.part_names(kind) if section.manipulator else ()
+
+
+def part_names(document: Document) -> dict[str, list[str]] | None:
+    """The names of the robot's parts by kind, whatever else is wrong with it; None where they are not known: of a
+    manipulator with faults, or no robot.
+    """
+    robot = document.data.get("robot")
+    if not isinstance(robot, dict):
+        return None
+    given: dict[str, object] = robot
+    own: Manipulator | None = None
+    if given.get("manipulator") is not None:
+        own = validated(Manipulator, given["manipulator"], (), Findings(document))
+        if own is None:
+            return None
+    found: dict[str, list[str]] = {}
+    for kind in KINDS:
+        written = given.get(kind)
+        names = [str(name) for name in written] if isinstance(written, dict) else []
+        found[kind] = list(dict.fromkeys([*(own.part_names(kind) if own else ()), *names]))
+    return found
 
 
 def check_part_names(section: RobotSection, findings: Findings) -> None:

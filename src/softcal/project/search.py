@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from fnmatch import fnmatchcase
@@ -12,8 +13,12 @@ from softcal.errors import Fault, InputError, ParameterError
 from softcal.project.calibration_schema import ParameterSection
 from softcal.project.document import Findings, KeyPath
 from softcal.quantities import QUANTITIES, Quantity
+from softcal.twin.parameter_name import parameter_name
 from softcal.twin.parameters import ParameterInfo, kind_by_name, unknown_name
 from softcal.units import parse_quantity
+
+OF_RIG = ("frame", "pulleys")
+"""What has parameters beside the parts of the robot."""
 
 
 def build_search(
@@ -65,6 +70,26 @@ def build_search(
     with findings.at(("parameters",)):
         return search_space(free, list(experiments), known, experiments, set_ups)
     return None
+
+
+def check_owners(
+    sections: Mapping[str, ParameterSection], parts: Mapping[str, Iterable[str]] | None, findings: Findings
+) -> None:
+    """Record the parameters whose owner is no part of the robot or of the rig; all is not known of them yet.
+
+    parts: the names of the robot's parts by kind; None where they are not known.
+    """
+    if parts is None:
+        return
+    owners = [*(name for names in parts.values() for name in names), *OF_RIG]
+    for name, section in sections.items():
+        path: KeyPath = ("parameters", name, "of") if section.of else ("parameters", name)
+        for wanted in section.of or [name]:
+            literal = re.split(r"[*?[]", wanted)[0]
+            begun = parameter_name(literal)
+            owner, is_whole = begun.part or begun.kind, bool(begun.part) or literal == wanted
+            if not any(one == owner if is_whole else one.startswith(owner) for one in owners):
+                findings.unknown(path, "part of the robot or the rig", owner, owners)
 
 
 def _targets(name: str, section: ParameterSection, known: Mapping[str, ParameterInfo] | None) -> list[str]:

@@ -20,10 +20,11 @@ from softcal.project.document import Document, Findings
 from softcal.project.files import InputFiles, stored_mesh
 from softcal.project.mesh_schema import MeshFile
 from softcal.project.names import RESERVED_OF_TESTS, check_names
-from softcal.project.robot_names import check_part_names
+from softcal.project.robot_names import check_part_names, part_names
 from softcal.project.robot_schema import BodySection, RobotSection
-from softcal.project.search import build_search
+from softcal.project.search import build_search, check_owners
 from softcal.project.section import validated
+from softcal.project.sensor_schema import check_sensors
 from softcal.project.sweep_schema import SweepSection
 from softcal.twin.time_settings import Settling, TimeSettings
 
@@ -84,12 +85,17 @@ def read_sections(document: Document, files: InputFiles) -> Sections:
     if robot is not None:
         check_part_names(robot, findings)
     _find_meshes(document, files, findings)
+    parts = part_names(document)
+    sensors = _raw(document, "robot").get("sensors")
+    if parts is not None and isinstance(sensors, dict):
+        check_sensors(sensors, parts, findings)
     plans = {
-        name: plan_bench(name, experiment, rig or CommonRig(), robot, files, findings)
+        name: plan_bench(name, experiment, rig or CommonRig(), parts, files, findings)
         for name, experiment in experiments.items()
     }
     set_ups = {name: experiment.set_up for name, experiment in experiments.items()}
     _check_set_ups(set_ups, findings)
+    check_owners(parameters, parts, findings)
     build_search(parameters, None, {key: {} for key in experiments}, set_ups, (), findings)
     tied = [name for name, section in parameters.items() if section.of]
     _check_calibration(calibration, rig or CommonRig(), experiments, tied, findings)

@@ -12,7 +12,7 @@ from softcal.declare import Reading, as_pydantic, shown
 from softcal.errors import Fault, InputError
 from softcal.project.document import Findings
 from softcal.sensing.sensor import SENSORS, NamedSensor, Sensor
-from softcal.twin.channels import sensor_fault
+from softcal.twin.channels import part_fault, sensor_fault
 from softcal.twin.robot import Robot
 
 KEY = "sensor"
@@ -32,6 +32,18 @@ def _read(value: Any) -> Sensor:
 
 # `sensor: NAME`, and the fields of the class that is registered by that name.
 SensorSection = Annotated[Sensor, Reading(_read, "instead")]
+
+
+def check_sensors(given: Mapping[str, object], parts: Mapping[str, list[str]], findings: Findings) -> None:
+    """Record the sensors that read parts which the robot does not have; faults of their own are on record already."""
+    for name, one in given.items():
+        try:
+            sensor = _read(one)
+        except (InputError, ValidationError):
+            continue
+        if fault := part_fault(name, sensor, parts):
+            path = ("robot", "sensors", name)
+            findings.add(path, fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt)
 
 
 def built_sensors(given: Mapping[str, Sensor], robot: Robot, findings: Findings) -> tuple[NamedSensor, ...]:

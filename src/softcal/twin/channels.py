@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -46,13 +46,33 @@ def require_sensors(robot: Robot) -> None:
         raise ParameterError(faults)
 
 
+def part_fault(name: str, sensor: Sensor, parts: Mapping[str, Iterable[str]]) -> Fault | None:
+    """The fault of a sensor that every part has, or that reads one which is not among a robot's parts; or None.
+
+    parts: names by kind, such as "plates"; where they are is not known yet.
+    """
+    if fault := _of_parts(name, sensor):
+        return fault
+    # Somewhere, no two at the same place, so that what a sensor reads of two of them is a number.
+    somewhere = {
+        kind: {part: np.array([np.cos(k), np.sin(k), k + 0.5 * i]) for k, part in enumerate(parts[kind])}
+        for i, kind in enumerate(PARTS)
+    }
+    try:
+        sensor.sense(_AtRest(*(somewhere[kind] for kind in ("markers", "plates", "cables"))))
+    except _NoPart as error:
+        return replace(error.faults[0], where=name)
+    except (ParameterError, ArithmeticError):
+        return None  # it may read a number where the parts are
+    return None
+
+
 def sensor_fault(robot: Robot, name: str, sensor: Sensor) -> Fault | None:
     """The fault of a sensor on a robot at rest, or None."""
-    if sensor.of:
-        allowed = ", ".join(sorted(key for key, one in SENSORS.items() if not one.of)) or "none"
-        return Fault(f"every one of the {sensor.of} has this sensor", name, sensor.name, allowed)
+    if fault := _of_parts(name, sensor):
+        return fault
     try:
-        read = np.asarray(sensor.sense(_AtRest(robot)), dtype=np.float64)
+        read = np.asarray(sensor.sense(_at_rest(robot)), dtype=np.float64)
     except ParameterError as error:
         (fault,) = error.faults
         return Fault(fault.what, name, fault.got, fault.allowed, fault.attempt)
@@ -62,29 +82,47 @@ def sensor_fault(robot: Robot, name: str, sensor: Sensor) -> Fault | None:
     return None
 
 
+def _of_parts(name: str, sensor: Sensor) -> Fault | None:
+    """The fault of a sensor that every part of a kind has already, or None."""
+    if not sensor.of:
+        return None
+    allowed = ", ".join(sorted(key for key, one in SENSORS.items() if not one.of)) or "none"
+    return Fault(f"every one of the {sensor.of} has this sensor", name, sensor.name, allowed)
+
+
+class _NoPart(ParameterError):
+    """A sensor reads a part that there is not."""
+
+
 @dataclass(frozen=True)
 class _AtRest:
-    """The robot as it was built, as sensors see it."""
+    """The robot as it was built, as sensors see it: places [m] of markers and plates, and cables, by name."""
 
-    robot: Robot
+    markers: Mapping[str, Floats]
+    plates: Mapping[str, Floats]
+    cables: Mapping[str, object]
 
     def point(self, name: str) -> Floats:
-        markers = {marker.name: marker.at for marker in self.robot.markers}
-        return _named(name, "marker or plate", {**markers, **self._plates})
+        return _named(name, "marker or plate", {**self.markers, **self.plates})
 
     def rotation(self, plate: str) -> Floats:
-        _named(plate, "plate", self._plates)
+        _named(plate, "plate", self.plates)
         return np.eye(3)
 
     def shortening(self, cable: str) -> float:
-        return _named(cable, "cable", {cable.name: 0.0 for cable in self.robot.cables})
+        _named(cable, "cable", self.cables)
+        return 0.0
 
     def tension(self, cable: str) -> float:
         return self.shortening(cable)
 
-    @property
-    def _plates(self) -> dict[str, Floats]:
-        return {plate.name: plate.reference for plate in self.robot.plates}
+
+def _at_rest(robot: Robot) -> _AtRest:
+    return _AtRest(
+        {marker.name: marker.at for marker in robot.markers},
+        {plate.name: plate.reference for plate in robot.plates},
+        {cable.name: cable for cable in robot.cables},
+    )
 
 
 V = TypeVar("V")
@@ -93,5 +131,5 @@ V = TypeVar("V")
 def _named(name: str, what: str, known: Mapping[str, V]) -> V:
     if name not in known:
         allowed = ", ".join(known) or "none"
-        raise ParameterError(Fault(f"the robot has no such {what}", "", f"'{name}'", allowed, nearest(name, known)))
+        raise _NoPart(Fault(f"the robot has no such {what}", "", f"'{name}'", allowed, nearest(name, known)))
     return known[name]

@@ -14,6 +14,11 @@ class ParameterName:
     experiment: str = ""
 
     @property
+    def part(self) -> str:
+        """The part of the robot or of the rig that it belongs to: `bar` of `bar.core.youngs_modulus`."""
+        return self.owner.partition(".")[0]
+
+    @property
     def base(self) -> str:
         """The dotted name without the experiment."""
         return f"{self.owner}.{self.kind}" if self.owner else self.kind

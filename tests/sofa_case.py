@@ -92,7 +92,7 @@ def many_parts() -> Robot:
     head = Plate(
         "head", {"high": high.node_sets["z1"]}, np.array([0.0, 0.0, 0.1]), mass=0.03,
         centre_of_mass=np.array([0.002, 0.0, 0.11]),
-        disc=Disc(np.array([0.0, 0.0, 0.1]), np.array([0.0, 0.0, 1.0]), 0.06, 0.01),
+        disc=Disc(0.06, 0.01, centre=np.array([0.0, 0.0, 0.1])),
     )  # fmt: skip
     bodies = (
         Body("low", low, [], elastic(1e6, 0.4), element="P1", density=1100.0),

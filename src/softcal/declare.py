@@ -1,5 +1,5 @@
-"""Declarations for project files: frozen dataclasses that pydantic reads by their annotations; Python users need no
-pydantic.
+"""Declarations: frozen dataclasses that check their values by their annotations, and that pydantic reads from project
+files; Python users need no pydantic.
 
 The annotations carry kinds of quantity and limits of counts (`softcal.quantities`, `softcal.limits`): a file's "38 mm"
 is read by them, a Python user gives numbers in SI. Pydantic is imported only where a file is read.
@@ -23,35 +23,41 @@ if TYPE_CHECKING:
 FAULT = "softcal_fault"
 
 
-class Declared:
-    """Base of the frozen dataclasses that a mapping of a project file can describe, its keys being the fields.
+class Checked:
+    """Base of the frozen dataclasses whose values are of the kinds of their annotations, and in their ranges.
 
-    An unknown key is a fault that names the nearest known one. A fault raised by `__post_init__` is reported at the
-    field that its `where` names, or at the mapping.
+    Lists are kept as tuples, and arrays and mappings as copies.
     """
 
     def __post_init__(self) -> None:
-        """Refuse values of another kind than their annotations say, or outside their ranges: in a file they are
-        refused as they are read.
+        """Refuse values of another kind than their annotations say, or outside their ranges.
 
         Raises
         ------
         InputError
             With every such value, by the name of its field.
         """
-        if faults := self.range_faults():
+        faults: list[Fault] = []
+        kept = {
+            name: _kept(getattr(self, name), hint, self._where(name), faults)
+            for name, hint in _hints(type(self)).items()
+        }
+        if faults:
             raise InputError(faults)
+        for name, value in kept.items():
+            object.__setattr__(self, name, value)
 
-    def range_faults(self) -> list[Fault]:
-        """The faults of the values, each by the name of its field."""
-        found: list[Fault | None] = []
-        for name, hint in _hints(type(self)).items():
-            value = getattr(self, name)
-            if not _fits(value, hint):
-                found.append(Fault("this is of the wrong kind", name, shown(value), _in_words(hint)))
-            elif value is not None and name in _ranges(type(self)):
-                found.append(_ranges(type(self))[name].fault(value, name))
-        return [fault for fault in found if fault]
+    def _where(self, name: str) -> str:
+        """How messages name a field."""
+        return name
+
+
+class Declared(Checked):
+    """Base of the frozen dataclasses that a mapping of a project file can describe, its keys being the fields.
+
+    An unknown key is a fault that names the nearest known one. A fault raised by `__post_init__` is reported at the
+    field that its `where` names, or at the mapping.
+    """
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: object, handler: Callable[[object], CoreSchema]) -> CoreSchema:
@@ -66,70 +72,101 @@ class Declared:
         return core_schema.no_info_wrap_validator_function(read, handler(source))
 
 
-class Range(Protocol):
-    """What a value is allowed to be, such as a kind of quantity, a limit of a count, or the members of a family."""
-
-    def fault(self, value: Any, where: str = "") -> Fault | None:
-        """The fault of a value, or None."""
-        ...
-
-
 @cache
-def _hints(cls: type[Declared]) -> dict[str, Any]:
+def _hints(cls: type[Checked]) -> dict[str, Any]:
     """The annotations of the fields by name; a field that is None by default may be None."""
     assert is_dataclass(cls)  # noqa: S101
     hints = get_type_hints(cls, include_extras=True)
     return {one.name: hints[one.name] | None if one.default is None else hints[one.name] for one in fields(cls)}
 
 
+def as_annotated(value: Any, hint: Any, where: str) -> Any:
+    """A value [SI] of Python's, as a field of an annotation keeps it.
+
+    Raises
+    ------
+    InputError
+        With all that is wrong with it.
+    """
+    faults: list[Fault] = []
+    kept = _kept(value, hint, where, faults)
+    if faults:
+        raise InputError(faults)
+    return kept
+
+
+def _kept(value: Any, hint: Any, where: str, faults: list[Fault]) -> Any:
+    """As `as_annotated`, but what is wrong goes to `faults`."""
+    origin, of = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        n_faults = len(faults)
+        kept = _kept(value, of[0], where, faults)
+        for mark in of[1:]:
+            if hasattr(mark, "checked") and len(faults) == n_faults:
+                try:
+                    kept = mark.checked(kept, where=where)
+                except InputError as error:
+                    faults += error.faults
+        return kept
+    if origin in _UNIONS and (member := next((one for one in of if _fits(value, one)), None)) is not None:
+        return _kept(value, member, where, faults)
+    if origin is tuple and (entries := _entries(value, of)) is not None:
+        return tuple(_kept(one, kind, f"{where}[{i}]", faults) for i, (one, kind) in enumerate(entries))
+    if origin is Mapping and isinstance(value, Mapping):
+        given: Mapping[Any, Any] = value
+        return {key: _kept(one, of[1], f"{where}.{key}", faults) for key, one in given.items()}
+    if not _fits(value, hint):
+        faults.append(Fault("this is of the wrong kind", where, shown(value), _in_words(hint)))
+    return value
+
+
+_UNIONS = (Union, UnionType)
 _KINDS = {float: (Real, "a number in SI"), int: (Integral, "a whole number"), str: (str, "text")}
 
 
-def _fits(value: object, hint: Any) -> bool:
-    """Whether a value is of the kind of an annotation; of lists and arrays, which are checked elsewhere, any is."""
-    if get_origin(hint) in (Union, UnionType):
-        return any(_fits(value, one) for one in get_args(hint))
-    if get_origin(hint) is Annotated:
-        return _fits(value, get_args(hint)[0])
-    if get_origin(hint) is Literal:
-        return value in get_args(hint)
-    if get_origin(hint) is Mapping:
+def _fits(value: Any, hint: Any) -> bool:
+    """Whether a value is of the kind of an annotation, whatever its range."""
+    origin, of = get_origin(hint), get_args(hint)
+    if origin in _UNIONS:
+        return any(_fits(value, one) for one in of)
+    if origin is Annotated:
+        return _fits(value, of[0])
+    if origin is Literal:
+        return any(isinstance(value, type(one)) and value == one for one in of)
+    if origin is tuple:
+        entries = _entries(value, of)
+        return entries is not None and all(_fits(one, kind) for one, kind in entries)
+    if origin is Mapping:
         return isinstance(value, Mapping)
     if hint in _KINDS:
         return isinstance(value, _KINDS[hint][0]) and not isinstance(value, bool)
-    checked = isinstance(hint, type) and (hint in (bool, NoneType) or issubclass(hint, Declared))
-    return isinstance(value, hint) if checked else True
+    return isinstance(value, hint) if isinstance(hint, type) else value is not None
+
+
+def _entries(value: Any, kinds: tuple[Any, ...]) -> list[tuple[Any, Any]] | None:
+    """The entries of a list or array, each with its annotation among those of a tuple; None where they do not match."""
+    given = value.tolist() if hasattr(value, "tolist") else value
+    if isinstance(given, str | Mapping) or not isinstance(given, Collection):
+        return None
+    of = kinds[:1] * len(given) if kinds[-1:] == (...,) else kinds
+    return [*zip(given, of, strict=True)] if len(given) == len(of) else None
 
 
 def _in_words(hint: Any) -> str:
     """What values an annotation allows."""
-    if get_origin(hint) in (Union, UnionType):
-        return " or ".join(_in_words(one) for one in get_args(hint))
-    if get_origin(hint) is Annotated:
-        return _in_words(get_args(hint)[0])
-    if get_origin(hint) is Literal:
-        return ", ".join(map(repr, get_args(hint)))
+    origin, of = get_origin(hint), get_args(hint)
+    if origin in _UNIONS:
+        return " or ".join(_in_words(one) for one in of)
+    if origin is Annotated:
+        return _in_words(of[0])
+    if origin is Literal:
+        return ", ".join(map(repr, of))
+    if origin is tuple:
+        return f"a list, each {_in_words(of[0])}" if of[-1] is ... else f"{len(of)} entries, each {_in_words(of[0])}"
+    if origin is Mapping:
+        return f"a mapping to {_in_words(of[1])}"
     words = {bool: "True or False", NoneType: "None", **{kind: words for kind, (_, words) in _KINDS.items()}}
-    if get_origin(hint) is Mapping:
-        return f"a mapping to {_in_words(get_args(hint)[1])}"
-    return words[hint] if hint in words else f"a {hint.__name__}"
-
-
-@cache
-def _ranges(cls: type[Declared]) -> dict[str, Range]:
-    """The ranges of the fields that are numbers or names, or None, by name."""
-    kinds = {
-        name: get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
-        for name, hint in _hints(cls).items()
-    }
-    return {
-        name: range_
-        for name, several in kinds.items()
-        for one in several
-        if get_origin(one) is Annotated and get_args(one)[0] in (float, int, str)
-        for range_ in get_args(one)[1:]
-        if hasattr(range_, "fault")
-    }
+    return words[hint] if hint in words else f"a {hint.__name__}" if isinstance(hint, type) else "an array"
 
 
 @dataclass(frozen=True)
@@ -155,6 +192,40 @@ class Reading:
         return core_schema.no_info_after_validator_function(read, handler(source))
 
 
+@dataclass(frozen=True)
+class ByShape:
+    """Annotates a union of a value, a mapping and lists: what is given is read as the member of its shape, whose faults
+    are then the only ones.
+    """
+
+    def __get_pydantic_core_schema__(self, source: object, handler: Callable[[object], CoreSchema]) -> CoreSchema:
+        from pydantic import TypeAdapter
+
+        members = get_args(source)
+        readers = {_shape(member): TypeAdapter(member) for member in reversed(members)}
+
+        def read(value: Any) -> Any:
+            return readers.get(_shape_given(value), readers[_shape(members[0])]).validate_python(value)
+
+        return Reading(read, "instead").__get_pydantic_core_schema__(source, handler)
+
+
+def _shape(hint: Any) -> str:
+    """The shape of what an annotation allows."""
+    origin, of = get_origin(hint), get_args(hint)
+    if origin is tuple:
+        return "table" if get_origin(of[0]) is tuple else "list"
+    return _shape(of[0]) if origin is Annotated else "mapping" if origin is Mapping else "value"
+
+
+def _shape_given(value: object) -> str:
+    """The shape of a file's value."""
+    if isinstance(value, list):
+        rows: list[object] = value
+        return "table" if any(isinstance(row, list) for row in rows) else "list"
+    return "mapping" if isinstance(value, dict) else "value"
+
+
 class Family(Protocol):
     """An extensible family, such as the elements: a catalogue of its members."""
 
@@ -165,23 +236,38 @@ class Family(Protocol):
         ...
 
 
-@dataclass(frozen=True, eq=False)
-class MemberOf:
-    """Annotates the name of a member of a family that others can add to: `Annotated[str, MemberOf(ELEMENTS)]`."""
+@dataclass(frozen=True)
+class Check:
+    """Annotates a field by a function of a value and its place, which returns the value as it is kept.
 
-    family: Family
+    Files and Python's values are checked by it alike, after the annotated kind; it raises an InputError.
+    """
 
-    def fault(self, value: str, where: str = "") -> Fault | None:
-        """The fault of a name, or None."""
-        return None if value in self.family else self.family.unknown(value, where)
+    function: Callable[[Any, str], Any]
+
+    def checked(self, value: Any, *, where: str = "") -> Any:
+        """The value as it is kept."""
+        return self.function(value, where)
 
     def __get_pydantic_core_schema__(self, source: object, handler: Callable[[object], CoreSchema]) -> CoreSchema:
-        return Reading(self._checked, "after").__get_pydantic_core_schema__(source, handler)
+        return Reading(self.checked, "after").__get_pydantic_core_schema__(source, handler)
 
-    def _checked(self, value: str) -> str:
-        if fault := self.fault(value):
-            raise InputError(fault)
+
+def member_of(family: Family) -> Check:
+    """For the name of a member of a family that others can add to: `Annotated[str, member_of(ELEMENTS)]`.
+
+    Raises
+    ------
+    InputError
+        As it checks a name without a member.
+    """
+
+    def named(value: str, where: str) -> str:
+        if value not in family:
+            raise InputError(family.unknown(value, where))
         return value
+
+    return Check(named)
 
 
 def require_one(declared: object, keys: Sequence[str], what: str, *, nothing: str = "neither", allowed: str) -> None:

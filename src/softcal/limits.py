@@ -7,23 +7,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sized
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeVar
+from numbers import Integral
+from typing import TYPE_CHECKING, Any
 
-from softcal.declare import Reading, shown
+from softcal.declare import Check, Reading, shown
 from softcal.errors import Fault, InputError
 
 if TYPE_CHECKING:
     from pydantic_core import CoreSchema
-
-T = TypeVar("T", bound=Sized)
 
 
 @dataclass(frozen=True)
 class Limit:
     """Allowed range of a count: least to most of `of`; attempt: suggestion if there are more.
 
-    It annotates counts, and lists and mappings with at most that many entries, in the project file's schema:
-    `Annotated[int, LIMITS["tets"]]`.
+    It annotates counts that a project file can give: `Annotated[int, LIMITS["tets"]]`.
     """
 
     of: str
@@ -57,7 +55,7 @@ class Limit:
         if fault := self.fault(count, where):
             raise InputError(fault)
 
-    def checked(self, value: object, *, where: str = "") -> int:
+    def checked(self, value: Any, *, where: str = "") -> int:
         """A count within the range.
 
         Raises
@@ -65,23 +63,28 @@ class Limit:
         InputError
             Where it is no whole number, or there are too many or too few.
         """
-        if isinstance(value, bool) or not isinstance(value, int):
+        if isinstance(value, bool) or not isinstance(value, Integral):
             raise InputError(Fault("this is of the wrong kind", where, shown(value), "a whole number"))
-        self.check(value, where=where)
-        return value
+        self.check(int(value), where=where)
+        return int(value)
 
     def read(self, value: object, *, where: str = "") -> int:
         """As `checked`: a count has no unit."""
         return self.checked(value, where=where)
 
-    def __get_pydantic_core_schema__(self, source: object, handler: Callable[[object], CoreSchema]) -> CoreSchema:
-        reading = Reading(self.checked) if source is int else Reading(self._entries, "after")
-        return reading.__get_pydantic_core_schema__(source, handler)
+    @property
+    def entries(self) -> Check:
+        """For lists and mappings with so many entries, or none: `Annotated[list[str], LIMITS["markers"].entries]`."""
 
-    def _entries(self, value: T) -> T:
-        if value:
-            self.check(len(value))
-        return value
+        def counted(value: Sized, where: str) -> Sized:
+            if value:
+                self.check(len(value), where=where)
+            return value
+
+        return Check(counted)
+
+    def __get_pydantic_core_schema__(self, source: object, handler: Callable[[object], CoreSchema]) -> CoreSchema:
+        return Reading(self.checked).__get_pydantic_core_schema__(source, handler)
 
 
 LIMITS: Mapping[str, Limit] = {

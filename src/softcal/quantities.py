@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from numbers import Real
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from softcal.declare import Reading, shown
+from softcal.declare import Check, Reading, shown
 from softcal.errors import Fault, ParameterError
 from softcal.units import parse_quantity
 
@@ -209,15 +209,12 @@ Turns = Annotated[float, QUANTITIES["number of turns"]]
 Refinement = Annotated[float, QUANTITIES["refinement"]]
 Factor = Annotated[float, QUANTITIES["scale factor"]]
 Point = tuple[Length, Length, Length]
-ForceVector = tuple[Force, Force, Force]
-Traction = tuple[Pressure, Pressure, Pressure]
-Gravity = tuple[Acceleration, Acceleration, Acceleration]
 
 
-def _pointing(value: tuple[float, float, float]) -> tuple[float, float, float]:
+def _pointing(value: tuple[float, float, float], where: str) -> tuple[float, float, float]:
     if not any(value):
-        raise ParameterError(Fault("the direction has no length", got="[0, 0, 0]", allowed="such as [0, 0, 1]"))
+        raise ParameterError(Fault("the direction has no length", where, "[0, 0, 0]", "such as [0, 0, 1]"))
     return value
 
 
-Direction = Annotated[tuple[Ratio, Ratio, Ratio], Reading(_pointing, "after")]
+Direction = Annotated[tuple[Ratio, Ratio, Ratio], Check(_pointing)]

@@ -166,7 +166,7 @@ def test_a_project_file_is_told_of_those_there_are(tmp_path: Path):
     with pytest.raises(InputError, match=told):
         load(path)
     with pytest.raises(
-        ParameterError, match=r"bar\.element: there is no such element; got 'P3'; allowed: P1, P1_4, P2, P2P1"
+        InputError, match=r"bar\.element: there is no such element; got 'P3'; allowed: P1, P1_4, P2, P2P1"
     ):
         replace(bar_robot().bodies[0], element="P3")
 

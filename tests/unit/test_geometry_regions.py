@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from softcal.errors import MeshError
+from softcal.errors import InputError, MeshError
 from softcal.geometry.locate import locate_points
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.primitives import box_mesh
@@ -106,7 +106,7 @@ def test_an_unknown_name_suggests_the_nearest(cube):
     ],
 )
 def test_shapes_without_extent_are_refused(make):
-    with pytest.raises(MeshError):
+    with pytest.raises(InputError):
         make()
 
 

@@ -89,7 +89,7 @@ def test_a_rod_weighs_its_length_and_turns_with_its_section():
 
 
 def test_a_plate_has_the_inertia_of_its_disc_or_the_one_given():
-    disc = Disc(np.zeros(3), np.array([0.0, 0.0, 1.0]), diameter=0.08, thickness=0.006)
+    disc = Disc(diameter=0.08, thickness=0.006, centre=np.zeros(3))
     line = straight((0.0, 0.0, 0.0), (0.0, 0.0, 0.1), at=np.linspace(0.0, 1.0, 3))
     rod = Rod("rod", line, RectangularBar(0.004, 0.002), elastic(), {"disc": np.array([2])}, fixed=np.array([0]))
     plate = Plate("disc", {}, np.array([0.0, 0.0, 0.1]), mass=0.03, disc=disc)

@@ -81,7 +81,7 @@ def test_a_disc_has_its_holes():
 
 
 def test_a_disc_goes_with_its_plate():
-    plate = Plate("top", {}, np.array([0.01, 0.0, 0.0]), disc=Disc(np.array([0.0, 0.0, 0.1]), [0, 0, 1], 0.04, 0.01))
+    plate = Plate("top", {}, np.array([0.01, 0.0, 0.0]), disc=Disc(0.04, 0.01, centre=np.array([0.0, 0.0, 0.1])))
     turn = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
     part = plate_disc(robot(), plate, Pose(turn, np.array([0.01, 0.0, 0.5])), "#0072b2", opacity=1.0)
     assert part is not None

@@ -32,7 +32,7 @@ def hung(density: float = 900.0) -> Robot:
     foot = Plate("foot", {}, np.zeros(3), fixed=True)
     head = Plate(
         "head", {}, np.array([0.0, 0.0, 0.01]), mass=0.02,
-        disc=Disc(np.array([0.0, 0.0, 0.011]), np.array([0.0, 0.0, 1.0]), 0.05, 0.002),
+        disc=Disc(0.05, 0.002, centre=np.array([0.0, 0.0, 0.011])),
         centre_of_mass=np.array([0.0, 0.0, 0.011]),
     )  # fmt: skip
     wire = Rod(

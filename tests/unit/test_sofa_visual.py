@@ -52,7 +52,7 @@ def test_a_box_has_three_points_at_every_corner_and_smooth_faces():
 
 
 def test_a_disc_is_smooth_around_and_sharp_at_its_rims():
-    points, triangles = disc_skin(Disc([0, 0, 0.1], [0, 0, 1], 0.06, 0.01))
+    points, triangles = disc_skin(Disc(0.06, 0.01, centre=np.array([0, 0, 0.1])))
     source, split = split_at_edges(points, triangles)
     np.testing.assert_array_equal(source[split], triangles)
     assert len(source) == len(points) + 2 * RIM
@@ -189,7 +189,7 @@ def test_the_scene_shows_bodies_discs_cables_and_markers(tmp_path, monkeypatch, 
 def test_the_scene_shows_wires_and_discs_that_stand_still(tmp_path, monkeypatch):
     use_fake(monkeypatch)
     robot = hung()
-    foot = replace(robot.plates[0], disc=Disc([0, 0, 0], [0, 0, 1], 0.05, 0.002))
+    foot = replace(robot.plates[0], disc=Disc(0.05, 0.002, centre=np.zeros(3)))
     robot = replace(robot, plates=(foot, robot.plates[1]))
     root, parameters = recorded(robot, tensed(0.1, cable="pull"), tmp_path, seen=True)
     by_part = {surface.node.parents[0].name: surface.node for surface in root.find("OglModel")}

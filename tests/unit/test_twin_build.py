@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mechanics_cases import column_robot, elastic, pulled
 
-from softcal.errors import MeshError, ParameterError
+from softcal.errors import InputError, MeshError
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.quadratic import to_quadratic
 from softcal.mechanics.elements import ELEMENTS
@@ -110,9 +110,9 @@ def test_socket_of_clamped_tets_costs_nothing_and_changes_nothing():
 def test_what_cannot_be_built_is_refused_by_name():
     robot = column_robot("P1")
     (body,), (plate,) = robot.bodies, robot.plates
-    with pytest.raises(ParameterError, match=r"neck\.law: there is no such law; got 'ogden'; allowed: mooney-rivlin"):
+    with pytest.raises(InputError, match=r"neck\.law: there is no such law; got 'ogden'; allowed: mooney-rivlin"):
         build_twin(replace(robot, bodies=(replace(body, law="ogden"),)))
-    with pytest.raises(ParameterError, match=r"neck\.element: there is no such element"):
+    with pytest.raises(InputError, match=r"neck\.element: there is no such element"):
         build_twin(replace(robot, bodies=(replace(body, element="Q1"),)))
     with pytest.raises(MeshError, match=r"neck: 9 node\(s\) are both fixed and tied to a plate"):
         build_twin(replace(robot, plates=(replace(plate, nodes={"neck": body.fixed}),)))

@@ -149,7 +149,7 @@ def test_rims_of_discs_meet_and_stay_apart():
     material = {"youngs_modulus": 5e8, "poissons_ratio": 0.4}
     rod = Rod("back", line, RoundBar(0.003), material, clamped={"low": np.array([0]), "high": np.array([12])})
     plates = tuple(
-        Plate(name, {}, np.array([0, 0, z]), fixed=name == "low", disc=Disc(np.array([0, 0, z]), E_Z, across, thick))
+        Plate(name, {}, np.array([0, 0, z]), fixed=name == "low", disc=Disc(across, thick, E_Z))
         for name, z in (("low", 0.0), ("high", height))
     )
     via = (ViaPoint(np.array([0.02, 0, -0.05])), ViaPoint(np.array([0.02, 0, 0]), "low"))

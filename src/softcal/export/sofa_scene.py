@@ -169,7 +169,7 @@ def _plate(plate: Plate) -> dict[str, Any]:
         per_mass = per_mass + RADIUS_OF_GYRATION**2 * np.eye(3)
     return {
         "reference": plate.reference.tolist(),
-        "centre_of_mass": np.asarray(plate.centre_of_mass).tolist(),
+        "centre_of_mass": plate.centre_of_mass.tolist(),
         "mass": plate.mass,
         "inertia_per_mass": per_mass.tolist(),
         "fixed": plate.fixed,

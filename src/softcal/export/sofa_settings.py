@@ -11,7 +11,7 @@ from softcal.errors import Fault, InputError
 from softcal.limits import LIMITS
 from softcal.quantities import Duration, Rate, Speed, Time
 
-TimeSteps = Annotated[tuple[Duration, ...], LIMITS["time steps to try"], Reading(listed)]
+TimeSteps = Annotated[tuple[Duration, ...], LIMITS["time steps to try"].entries, Reading(listed)]
 
 
 @dataclass(frozen=True)

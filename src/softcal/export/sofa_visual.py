@@ -57,7 +57,7 @@ def plate_skin(robot: Robot, plate: Plate) -> Skin | None:
     radius = plate_radius(robot, plate)
     if not radius > 0.0:
         return None
-    flat = Disc(plate.reference, plate_normal(robot, plate), 2.0 * radius, FLAT * radius)
+    flat = Disc(2.0 * radius, FLAT * radius, plate_normal(robot, plate), plate.reference)
     return Skin(*disc_skin(flat), opacity=SEE_THROUGH)
 
 

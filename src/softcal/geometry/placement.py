@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from softcal.checks import frozen_floats
 from softcal.declare import Declared, Reading, listed
-from softcal.errors import Fault, MeshError
 from softcal.geometry.mesh import TetMesh
 from softcal.quantities import Angle, Direction, Point
 
@@ -35,26 +33,15 @@ class Placement(Declared):
 
     @property
     def pose(self) -> Pose:
-        """As a motion of the part's points.
-
-        Raises
-        ------
-        MeshError
-            For an axis without a direction.
-        """
+        """As a motion of the part's points."""
         from scipy.spatial.transform import Rotation
 
         from softcal.geometry.pose import Pose
 
         rotation = np.eye(3)
         for turn in self.rotation:
-            vector = frozen_floats(turn.axis, name="axis", shape=(3,))
-            size = float(np.linalg.norm(vector))
-            if not size > 0.0:
-                raise MeshError(
-                    Fault("the axis of a rotation has no direction", got=str(list(turn.axis)), allowed="not zero")
-                )
-            rotation = Rotation.from_rotvec(vector / size * turn.angle).as_matrix() @ rotation
+            axis = np.asarray(turn.axis, dtype=np.float64) / float(np.linalg.norm(turn.axis))
+            rotation = Rotation.from_rotvec(axis * turn.angle).as_matrix() @ rotation
         return Pose(rotation, np.asarray(self.position, dtype=np.float64))
 
 

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from softcal.checks import Floats, Ints, frozen_floats
+from softcal.checks import Floats, Ints
 from softcal.declare import Declared
 from softcal.errors import Fault, MeshError, nearest
 from softcal.geometry.mesh import TetMesh
@@ -57,15 +57,6 @@ class Plane(Declared):
     tolerance: Clearance = 0.0
     side: Side = "on"
 
-    def __post_init__(self) -> None:
-        frozen_floats(self.point, name="a plane's point", shape=(3,))
-        if not np.linalg.norm(frozen_floats(self.normal, name="a plane's normal", shape=(3,))) > 0:
-            raise MeshError(Fault("a plane has no normal", got=str(self.normal), allowed="a vector that is not zero"))
-        if not self.tolerance >= 0:
-            raise MeshError(Fault("a plane's tolerance is negative", got=f"{self.tolerance:g} m", allowed=">= 0 m"))
-        if self.side not in ("on", "above", "below"):
-            raise MeshError(Fault("a plane's side is unknown", got=f"'{self.side}'", allowed="on, above, below"))
-
     def contains(self, points: Floats, slack: float) -> Mask:
         """Which points (n, 3) [m] lie on the asked side of it, give or take `slack` [m]."""
         normal = np.asarray(self.normal) / np.linalg.norm(self.normal)
@@ -86,10 +77,9 @@ class Cylinder(Declared):
     radius: Size
 
     def __post_init__(self) -> None:
-        ends = [frozen_floats(end, name="a cylinder's end", shape=(3,)) for end in (self.start, self.end)]
-        if not np.linalg.norm(ends[1] - ends[0]) > 0:
+        super().__post_init__()
+        if self.start == self.end:
             raise MeshError(Fault("a cylinder has no length", got=f"{self.start} to {self.end}"))
-        _check_radius("a cylinder", self.radius)
 
     def contains(self, points: Floats, slack: float) -> Mask:
         """Which points (n, 3) [m] lie inside, give or take `slack` [m]."""
@@ -108,10 +98,6 @@ class Sphere(Declared):
 
     centre: Point
     radius: Size
-
-    def __post_init__(self) -> None:
-        frozen_floats(self.centre, name="a sphere's centre", shape=(3,))
-        _check_radius("a sphere", self.radius)
 
     def contains(self, points: Floats, slack: float) -> Mask:
         """Which points (n, 3) [m] lie inside, give or take `slack` [m]."""
@@ -181,11 +167,6 @@ def select_elements(mesh: TetMesh, region: Region, *, where: str = "") -> Ints:
 
 def _slack(mesh: TetMesh) -> float:
     return ROUNDING * float(np.linalg.norm(np.ptp(mesh.points, axis=0)))
-
-
-def _check_radius(shape: str, radius: float) -> None:
-    if not radius > 0:
-        raise MeshError(Fault(f"{shape} has no radius", got=f"{radius:g} m", allowed="> 0 m"))
 
 
 def _something(chosen: Ints, mesh: TetMesh, region: Region, kind: str, where: str) -> Ints:

@@ -1,14 +1,64 @@
-"""Circles in space: points on them, such as guide holes, and a direction normal to their axis."""
+"""Circles in space: rings of guide holes, points, and a direction normal to the axis."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from softcal.checks import Floats, frozen_floats
-from softcal.errors import Fault, MeshError
+from softcal.declare import Declared
+from softcal.errors import Fault, InputError, MeshError
+from softcal.limits import LIMITS
+from softcal.quantities import Angle, Direction, Point, Size
+
+
+@dataclass(frozen=True)
+class Ring(Declared):
+    """Holes evenly spaced on a circle.
+
+    Attributes
+    ----------
+    count, radius : Their number, and that of the circle [m]
+    first_angle : Angle [rad] of the first about `axis`, from `zero`
+    names : Of each; None: h1, h2, …
+    centre : Of the circle (3,) [m]; None: where the plate's reference is
+    axis, zero : Directions (3,): about which angles count, and from which
+    """
+
+    count: Annotated[int, LIMITS["holes on a ring"]]
+    radius: Size
+    first_angle: Angle = 0.0
+    names: tuple[str, ...] | None = None
+    centre: Point | None = None
+    axis: Direction = (0.0, 0.0, 1.0)
+    zero: Direction = (1.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if len(self.hole_names) != self.count or len(set(self.hole_names)) != self.count:
+            got, allowed = ", ".join(self.hole_names) or "none", f"{self.count} names"
+            raise InputError(Fault("the ring needs one name for each hole", got=got, allowed=allowed))
+
+    @property
+    def hole_names(self) -> tuple[str, ...]:
+        """The names given, or h1, h2, …"""
+        return tuple(f"h{k + 1}" for k in range(self.count)) if self.names is None else self.names
+
+    def holes(self, reference: ArrayLike) -> dict[str, Floats]:
+        """The point (3,) [m] of each hole by name, on a plate with a reference (3,) [m].
+
+        Raises
+        ------
+        MeshError
+            Where `zero` is along the axis.
+        """
+        centre = reference if self.centre is None else self.centre
+        points = ring_points(centre, self.axis, self.zero, self.radius, self.count, self.first_angle)
+        return dict(zip(self.hole_names, points, strict=True))
 
 
 def across(axis: Floats) -> Floats:

@@ -122,7 +122,7 @@ class Polyline(RodShape):
     first : Direction (3,) whose part normal to the curve becomes axis 1 of the first section; None: any
     """
 
-    points: Annotated[tuple[Point, ...], LIMITS["points of a line"]]
+    points: Annotated[tuple[Point, ...], LIMITS["points of a line"].entries]
     first: Direction | None = None
 
     def __post_init__(self) -> None:

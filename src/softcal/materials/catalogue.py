@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterable, Mapping
+from typing import Annotated
 
 from softcal.catalogue import Catalogue
-from softcal.declare import shown
+from softcal.declare import member_of, shown
 from softcal.errors import Fault, nearest
 from softcal.materials.law import FIRST, Law
 from softcal.materials.mooney_rivlin import MOONEY_RIVLIN
@@ -91,6 +92,8 @@ def constants_of(laws: Mapping[str, Law]) -> dict[str, Parameter]:
 
 
 LAWS = Catalogue("law", "softcal.laws", _faults, own=(NEO_HOOKE, NEO_HOOKE_ISOCHORIC, YEOH, MOONEY_RIVLIN))
+# The name of a law, as a project file gives it.
+LawName = Annotated[str, member_of(LAWS)]
 
 register_law = LAWS.registrar(
     "register_law", "Add a law: project files, parameters, charts and checks then accept its name."

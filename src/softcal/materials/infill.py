@@ -3,10 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
-from softcal.declare import Declared
+from softcal.declare import Check, Declared
 from softcal.errors import Fault, InputError
 from softcal.quantities import Exponent, Infill, Modulus
+
+
+def _ordered(value: tuple[float, float], where: str) -> tuple[float, float]:
+    low, high = value
+    if not 0 < low <= high:
+        raise InputError(Fault("the range is reversed or not positive", where, f"{low} to {high}"))
+    return value
 
 
 @dataclass(frozen=True)
@@ -16,20 +24,9 @@ class PrintInfill(Declared):
     bulk_youngs_modulus [Pa]: lowest and highest; infill phi [-], 0 < phi <= 1; exponent gamma [-]: lowest and highest.
     """
 
-    bulk_youngs_modulus: tuple[Modulus, Modulus]
+    bulk_youngs_modulus: Annotated[tuple[Modulus, Modulus], Check(_ordered)]
     infill: Infill
-    exponent: tuple[Exponent, Exponent]
-
-    def __post_init__(self) -> None:
-        faults = self.range_faults()
-        faults += [
-            Fault("the range is reversed or not positive", where=name, got=f"{low} to {high}")
-            for name in ("bulk_youngs_modulus", "exponent")
-            for low, high in [getattr(self, name)]
-            if not 0 < low <= high
-        ]
-        if faults:
-            raise InputError(faults)
+    exponent: Annotated[tuple[Exponent, Exponent], Check(_ordered)]
 
     @property
     def effective_modulus(self) -> tuple[float, float]:

@@ -43,7 +43,7 @@ def complete(given: Mapping[str, float], constants: Sequence[Parameter], *, owne
     Raises
     ------
     ParameterError
-        For unknown constants, and for missing ones without a default; all at once.
+        For unknown constants, missing ones without a default, and values out of range; all at once.
     """
     names = [constant.name for constant in constants]
     allowed = ", ".join(names)
@@ -57,6 +57,8 @@ def complete(given: Mapping[str, float], constants: Sequence[Parameter], *, owne
         for one in constants
         if one.name not in given and one.default is None
     ]
+    found = (one.quantity.fault(given[one.name], f"{owner}.{one.name}") for one in constants if one.name in given)
+    faults += [fault for fault in found if fault]
     if faults:
         raise ParameterError(faults)
     return {one.name: given[one.name] if one.default is None else given.get(one.name, one.default) for one in constants}

@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 
 from softcal.catalogue import Catalogue
-from softcal.declare import MemberOf
+from softcal.declare import member_of
 from softcal.errors import Fault
 from softcal.geometry.cell import LINEAR, QUADRATIC
 from softcal.mechanics.element import Element, Quadrature
@@ -56,7 +56,7 @@ def _faults(element: Element, known: Mapping[str, Element]) -> list[Fault]:
 
 ELEMENTS = Catalogue("element", "softcal.elements", _faults, own=(P1, P2, P2P1))
 # The name of an element, as a project file gives it.
-ElementName = Annotated[str, MemberOf(ELEMENTS)]
+ElementName = Annotated[str, member_of(ELEMENTS)]
 
 
 def higher_elements() -> tuple[str, ...]:

@@ -207,14 +207,12 @@ def _weight(load: PointLoad, mass: float, robot: Robot) -> float:
         Where the load does not point along gravity.
     """
     g = float(np.linalg.norm(robot.gravity))
-    along = float(np.dot(robot.gravity, np.asarray(load.direction)))
+    along = float(np.dot(robot.gravity, load.direction))
     if not g > 0 or along < (1 - 1e-6) * g:
         raise ParameterError(
             Fault(
                 "a mass hangs along gravity",
-                got="no gravity"
-                if not g > 0
-                else f"a load in the direction {np.round(np.asarray(load.direction), 3).tolist()}",
+                got="no gravity" if not g > 0 else f"a load in the direction {np.round(load.direction, 3).tolist()}",
                 allowed="a load whose direction is that of gravity, or its force",
             )
         )

@@ -87,7 +87,7 @@ class ExperimentSection(Section):
     drive: Annotated[Literal["shortening", "tension"] | list[str] | None, Reading(_drive, "instead")] = None
     compare: Annotated[list[str], Field(min_length=1)] | None = None
     set_up: str = ""
-    files: Annotated[list[BenchFile], Field(min_length=1), LIMITS["files of an experiment"]]
+    files: Annotated[list[BenchFile], Field(min_length=1), LIMITS["files of an experiment"].entries]
     label: str | None = None
     synchronise: Synchronise | None = None
     prepare: list[Annotated[str | Mapping[str, Any], Reading(_step, "instead")]] = Field(default_factory=list)

@@ -13,7 +13,7 @@ from softcal.calibration.optimiser import OPTIMISERS
 from softcal.calibration.option import options_of
 from softcal.calibration.parameters import FreeParameter, Scale
 from softcal.calibration.settings import SearchSettings
-from softcal.declare import MemberOf, listed
+from softcal.declare import listed, member_of
 from softcal.limits import LIMITS
 from softcal.project.section import Given, Section, read_quantities
 
@@ -41,9 +41,9 @@ class ParameterSection(Section):
 class CalibrationSection(Section):
     """Settings of the calibration. The options [SI] of all losses and methods are keys of the file, by their names."""
 
-    loss: Annotated[str, MemberOf(LOSSES)] = "papers"
+    loss: Annotated[str, member_of(LOSSES)] = "papers"
     options: Mapping[str, int | float] = Field(default_factory=dict)
-    method: Annotated[str, MemberOf(OPTIMISERS)] = SearchSettings.method
+    method: Annotated[str, member_of(OPTIMISERS)] = SearchSettings.method
     trials: Annotated[int, LIMITS["trials"]] | None = None
     seed: Annotated[int, LIMITS["seeds"]] = SearchSettings.seed
     fit: Literal["each", "joint", "both"] = "joint"

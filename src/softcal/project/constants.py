@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Any
 
 from pydantic import Field
 from pydantic_core import InitErrorDetails
 
-from softcal.declare import MemberOf
-from softcal.materials.catalogue import LAWS, constants_of
+from softcal.materials.catalogue import LAWS, LawName, constants_of
 from softcal.materials.law import Law
 from softcal.materials.parameter import Parameter
 from softcal.project.section import Section, read_quantities
@@ -56,7 +55,7 @@ class ConstantsSection(Section):
 class LawSection(ConstantsSection):
     """The constants of the law that the mapping names."""
 
-    law: Annotated[str, MemberOf(LAWS)] = Body.law
+    law: LawName = Body.law
 
     @classmethod
     def _of_law(cls, given: Mapping[str, Any]) -> Mapping[str, Parameter]:

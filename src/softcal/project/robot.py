@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from softcal.checks import Ints, frozen_floats
+from softcal.checks import Ints
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quality import MeshReport, check_quality
 from softcal.project.document import Findings
@@ -36,7 +36,7 @@ class BuiltRobot:
 def build_robot(section: RobotSection, make_mesh: MeshMaker, findings: Findings) -> BuiltRobot | None:
     """The robot of a project, or None where it has a fault; every fault goes to `findings`."""
     n_faults = len(findings.faults)
-    gravity = frozen_floats(section.gravity, name="gravity")
+    gravity = section.gravity
     given: Robot | None = None
     if section.manipulator is not None:
         with findings.at(("robot", "manipulator", "springs")):

@@ -7,24 +7,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softcal.checks import Floats, frozen_floats
+from softcal.checks import Floats
 from softcal.geometry.bore import wall_around
 from softcal.geometry.locate import nearest_places
-from softcal.geometry.ring import ring_points
 from softcal.project.document import Findings, KeyPath
 from softcal.project.robot_bodies import BuiltBodies
 from softcal.project.robot_schema import (
     CableSection,
-    HolesSection,
     LoadSection,
     MarkerSection,
     PlateSection,
-    RingSection,
     TieSection,
     ViaSection,
 )
 from softcal.twin.joints import tie_fault
-from softcal.twin.robot import Cable, Disc, Marker, Plate, PointLoad, SurfaceLoad, Tie, ViaPoint, inertia_tensor
+from softcal.twin.robot import Cable, Marker, Plate, PointLoad, SurfaceLoad, Tie, ViaPoint
 from softcal.twin.routing import bored, require_movable
 from softcal.units import format_quantity
 
@@ -54,7 +51,7 @@ class Carriers:
             elif where.on in self.plates:
                 return self.plates[where.on].holes[where.hole]
             return None
-        return None if where.at is None else frozen_floats(where.at, name="point")
+        return where.at
 
     def support(self, on: str, at: Floats | None, path: KeyPath, *, may_stand_off: bool = False) -> None:
         """Record that a part's carrier does not exist, or that its point is outside the carrying body."""
@@ -101,37 +98,21 @@ def build_plate(name: str, plate: PlateSection, built: BuiltBodies, findings: Fi
             nodes[body] = built.nodes(body, region, at, findings)
     if len(nodes) < len(plate.tied) or any(found is None for found in nodes.values()):
         return None
-    inertia = None
-    if plate.inertia is not None:
-        with findings.at((*path, "inertia")):
-            given = np.asarray(plate.inertia)
-            inertia = inertia_tensor(np.diag(given) if given.ndim == 1 else given, "inertia")
-        if inertia is None:
-            return None
-    with findings.at(path):
-        reference = frozen_floats(plate.reference, name=f"{name}.reference")
-        with findings.at((*path, "holes")):
-            holes = _holes(plate.holes, reference)
-            with findings.at((*path, "disc")):
-                disc = plate.disc
-                shape = None
-                if disc is not None:
-                    centre = reference if disc.centre is None else np.asarray(disc.centre)
-                    shape = Disc(centre, np.asarray(disc.axis), disc.diameter, disc.thickness, disc.hole_diameter)
-                centre_of_mass = None if plate.centre_of_mass is None else np.asarray(plate.centre_of_mass)
-                return Plate(name, nodes, reference, plate.mass, centre_of_mass, plate.fixed, holes, shape, inertia)
+    with findings.at((*path, "holes")):
+        holes = {**plate.holes.points, **(ring.holes(plate.reference) if (ring := plate.holes.ring) else {})}
+        with findings.at(path):
+            return Plate(
+                name,
+                nodes,
+                plate.reference,
+                plate.mass,
+                plate.centre_of_mass,
+                plate.fixed,
+                holes,
+                plate.disc,
+                plate.inertia,
+            )
     return None
-
-
-def _holes(section: HolesSection, reference: Floats) -> dict[str, Floats]:
-    found = {name: frozen_floats(at, name=name) for name, at in section.points.items()}
-    return found | ({} if section.ring is None else _ring(section.ring, reference))
-
-
-def _ring(ring: RingSection, reference: Floats) -> dict[str, Floats]:
-    centre = reference if ring.centre is None else np.asarray(ring.centre)
-    points = ring_points(centre, ring.axis, ring.zero, ring.radius, ring.count, ring.first_angle)
-    return dict(zip(ring.hole_names, points, strict=True))
 
 
 def build_tie(name: str, tie: TieSection, built: BuiltBodies, findings: Findings) -> Tie | None:
@@ -168,8 +149,8 @@ def build_cable(name: str, cable: CableSection, carriers: Carriers) -> Cable | N
         elif section.hole is None:
             carriers.support(section.on, at, (*path, "via", i))
         if at is not None:
-            via.append(ViaPoint(at, section.on, section.radius or 0.0))
-        if section.radius is not None and section.on not in carriers.built.sections:
+            via.append(ViaPoint(at, section.on, section.radius))
+        if section.radius > 0.0 and section.on not in carriers.built.sections:
             carriers.findings.add(
                 (*path, "via", i, "radius"),
                 "only a via point in a body has a radius",
@@ -204,7 +185,7 @@ def build_load(name: str, load: LoadSection, gravity: Floats, carriers: Carriers
         faces = carriers.built.faces(load, path, findings)
         if faces is None:
             return None
-        return SurfaceLoad(name, load.on, faces, frozen_floats(load.traction, name=name))
+        return SurfaceLoad(name, load.on, faces, load.traction)
     at = carriers.place(load, path)
     if load.hole is None:
         carriers.support(load.on, at, path)
@@ -216,10 +197,8 @@ def build_load(name: str, load: LoadSection, gravity: Floats, carriers: Carriers
     return None
 
 
-def _force(
-    load: LoadSection, gravity: Floats, path: KeyPath, findings: Findings
-) -> tuple[Floats, Floats | None] | None:
-    """The force [N] of a point load, and its direction where it is given by itself."""
+def _force(load: LoadSection, gravity: Floats, path: KeyPath, findings: Findings) -> tuple[Floats, Floats] | None:
+    """The force [N] of a point load, and its direction."""
     if load.mass is not None:
         if not np.any(gravity):
             findings.add(
@@ -232,15 +211,9 @@ def _force(
             return None
         return load.mass * gravity, gravity
     if isinstance(load.force, tuple):
-        return frozen_floats(load.force, name="force"), None
-    direction = np.asarray(load.direction, dtype=np.float64)
-    size = float(np.linalg.norm(direction))
-    if not size > 0.0:
-        findings.add(
-            (*path, "direction"), "the direction has no length", got=str(direction.tolist()), allowed="not zero"
-        )
-        return None
-    return (load.force or 0.0) * direction / size, direction
+        return np.array(load.force), PointLoad.direction
+    assert load.direction is not None  # noqa: S101
+    return (load.force or 0.0) * load.direction, load.direction
 
 
 def build_marker(name: str, marker: MarkerSection, carriers: Carriers) -> Marker | None:

@@ -1,15 +1,24 @@
-"""Schema of the `robot` section of a project file. Names are not resolved and files not read here."""
+"""Schema of the `robot` section of a project file. Names are not resolved and files not read here.
+
+A section stands beside a part's class where it names what only the whole project has: meshes, regions, stations, holes
+of plates, which become nodes and points. A class that had the names, and a `Robot` that resolved them, would be longer:
+all names that are wrong are reported at once, also where other parts have faults, so before there can be a `Robot`.
+What a section and its class share has one kind and one default, that of the class.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag
+import numpy as np
+from pydantic import BeforeValidator, Field
 
-from softcal.declare import Reading, listed, require_one, shown
+from softcal.arrays import Gravity, Position, Traction, UnitVector
+from softcal.declare import ByShape, Reading, listed, require_one, shown
 from softcal.errors import Fault, InputError
 from softcal.geometry.placement import Placement
+from softcal.geometry.ring import Ring
 from softcal.limits import LIMITS
 from softcal.mechanics.elements import ElementName
 from softcal.project.constants import ConstantsSection, LawSection
@@ -17,24 +26,11 @@ from softcal.project.mesh_schema import Mesh, RegionSection
 from softcal.project.rod_schema import RodSection
 from softcal.project.section import Section
 from softcal.project.sensor_schema import SensorSection
-from softcal.quantities import (
-    QUANTITIES,
-    Acceleration,
-    Angle,
-    Clearance,
-    Density,
-    Direction,
-    Friction,
-    Mass,
-    MomentOfInertia,
-    Point,
-    Size,
-    Traction,
-)
+from softcal.quantities import Clearance, Density, Force, Friction, Mass, Size
 from softcal.twin.barrier import Contact
 from softcal.twin.cables import Cable, RoutingAxis
 from softcal.twin.manipulator import Manipulator
-from softcal.twin.robot import Body, Disc, Plate
+from softcal.twin.robot import Body, Disc, Inertia, Plate, PointLoad, Tie, ViaPoint
 
 
 class MaterialSection(ConstantsSection):
@@ -56,49 +52,11 @@ class BodySection(LawSection):
     placement: Placement | None = None
 
 
-class DiscSection(Section):
-    """The shape of a plate: a flat cylinder around `centre`, by default the plate's reference."""
-
-    diameter: Size
-    thickness: Size
-    axis: Direction = (0.0, 0.0, 1.0)
-    centre: Point | None = None
-    hole_diameter: Clearance = Disc.hole_diameter
-
-
-class RingSection(Section):
-    """Holes evenly spaced on a circle; angles count about `axis` from `zero`."""
-
-    count: Annotated[int, LIMITS["holes on a ring"]]
-    radius: Size
-    first_angle: Angle = 0.0
-    names: list[str] | None = None
-    centre: Point | None = None
-    axis: Direction = (0.0, 0.0, 1.0)
-    zero: Direction = (1.0, 0.0, 0.0)
-
-    def _check(self) -> None:
-        names = self.names
-        if names is not None and (len(names) != self.count or len(set(names)) != self.count):
-            raise InputError(
-                Fault(
-                    "the ring needs one name for each hole",
-                    got=", ".join(names) or "none",
-                    allowed=f"{self.count} names",
-                )
-            )
-
-    @property
-    def hole_names(self) -> list[str]:
-        """The names given, or h1, h2, …"""
-        return self.names or [f"h{k + 1}" for k in range(self.count)]
-
-
 class HolesSection(Section):
     """The guide holes of a plate: points by name, or a ring of them, or both."""
 
-    points: Mapping[str, Point] = Field(default_factory=dict)
-    ring: RingSection | None = None
+    points: Mapping[str, Position] = Field(default_factory=dict)
+    ring: Ring | None = None
 
     def _check(self) -> None:
         twice = sorted(set(self.points) & set(self.ring.hole_names if self.ring else []))
@@ -113,33 +71,19 @@ class HolesSection(Section):
         return [*self.points, *(self.ring.hole_names if self.ring else [])]
 
 
-_Moments = tuple[MomentOfInertia, MomentOfInertia, MomentOfInertia]
-
-
-def _inertia_kind(value: Any) -> str:
-    return "tensor" if isinstance(value, list) and any(isinstance(row, list) for row in value) else "moments"
-
-
-# About the centre of mass: the three moments about the axes, or the rows of the tensor.
-Inertia = Annotated[
-    Annotated[_Moments, Tag("moments")] | Annotated[tuple[_Moments, _Moments, _Moments], Tag("tensor")],
-    Discriminator(_inertia_kind),
-]
-
-
 class PlateSection(Section):
     """A rigid plate: tied to a region of one body or of several, clamped to rods, or fixed."""
 
-    reference: Point
+    reference: Position
     body: str | None = None
     region: str | None = None
     bodies: Mapping[str, str] = Field(default_factory=dict)
     mass: Mass = Plate.mass
-    centre_of_mass: Point | None = None
-    inertia: Inertia | None = None
+    centre_of_mass: Position = Plate.centre_of_mass
+    inertia: Inertia | None = Plate.inertia
     fixed: bool = Plate.fixed
     holes: HolesSection = HolesSection()
-    disc: DiscSection | None = None
+    disc: Disc | None = Plate.disc
 
     def _check(self) -> None:
         if (self.body is None) != (self.region is None):
@@ -164,7 +108,7 @@ class TieSection(Section):
     body: str
     region: str
     on: str
-    tolerance: Size | None = None
+    tolerance: Size | None = Tie.tolerance
 
 
 class ViaSection(Section):
@@ -173,10 +117,10 @@ class ViaSection(Section):
     radius: of the part that fixes the cable in a body, such as a knot.
     """
 
-    on: str = ""
-    at: Point | None = None
+    on: str = ViaPoint.on
+    at: Position | None = None
     hole: str | None = None
-    radius: Size | None = None
+    radius: Clearance = ViaPoint.radius
 
     def _check(self) -> None:
         _require_place(self)
@@ -186,7 +130,7 @@ class MarkerSection(Section):
     """A point whose position is measured, on a plate or body."""
 
     on: str
-    at: Point | None = None
+    at: Position | None = None
     hole: str | None = None
 
     def _check(self) -> None:
@@ -206,23 +150,11 @@ class CableSection(Section):
     which the cable's routing offset moves its via points; None: it has no routing offset.
     """
 
-    via: Annotated[list[ViaSection], Field(min_length=2), LIMITS["points of a line"]]
+    via: Annotated[list[ViaSection], Field(min_length=2), LIMITS["points of a line"].entries]
     friction_coefficient: Friction = Cable.friction_coefficient
     pulled_end: Literal["first", "last"] = Cable.pulled_end
     route: Literal["bore", "straight"] = "bore"
-    routing_axis: RoutingAxis | None = None
-
-
-def _force(value: object) -> float | tuple[float, float, float]:
-    read = QUANTITIES["force"].read
-    if not isinstance(value, list):
-        return read(value)
-    parts: list[Any] = value
-    if len(parts) != 3:
-        raise InputError(
-            Fault("the list has the wrong length", got=str(len(parts)), allowed="three components, or one force")
-        )
-    return (read(parts[0]), read(parts[1]), read(parts[2]))
+    routing_axis: RoutingAxis | None = Cable.routing_axis
 
 
 POINT_LOADS = ({"at", "force"}, {"at", "direction", "force"}, {"at", "mass"})
@@ -232,10 +164,10 @@ class LoadSection(Section):
     """A dead force at a point, a mass that hangs from one, or a traction on a region of a body's surface."""
 
     on: str
-    at: Point | None = None
+    at: Position | None = None
     hole: str | None = None
-    force: Annotated[float | tuple[float, float, float] | None, Reading(_force, "instead")] = None
-    direction: Direction | None = None
+    force: Annotated[Force | tuple[Force, Force, Force], ByShape()] | None = None
+    direction: UnitVector | None = PointLoad.direction
     mass: Mass | None = None
     region: str | None = None
     traction: Traction | None = None
@@ -285,7 +217,7 @@ class RobotSection(Section):
     markers: Mapping[str, MarkerSection] = Field(default_factory=dict)
     contact: Annotated[Contact | None, Reading(_contact)] = None
     sensors: Mapping[str, SensorSection] = Field(default_factory=dict)
-    gravity: tuple[Acceleration, Acceleration, Acceleration] = (0.0, 0.0, 0.0)
+    gravity: Gravity = Field(default_factory=lambda: np.zeros(3))
 
     def _check(self) -> None:
         if not (self.bodies or self.rods or self.manipulator):

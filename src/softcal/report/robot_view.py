@@ -69,7 +69,7 @@ def plate_rim(robot: Robot, plate: Plate, pose: Pose) -> Floats:
     """Points around a plate at a pose (n, 3), for the line from its label."""
     centre = plate.reference if plate.disc is None else plate.disc.centre
     normal = plate_normal(robot, plate)
-    shape = plate.disc or Disc(centre, normal, 2 * max(plate_radius(robot, plate), 1e-9), 1.0)
+    shape = plate.disc or Disc(2 * max(plate_radius(robot, plate), 1e-9), 1.0, normal, centre)
     return pose.apply(0.97 * (_rim(shape) - shape.centre) + centre - plate.reference)
 
 

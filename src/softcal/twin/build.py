@@ -177,11 +177,10 @@ def build_twin(robot: Robot) -> Twin:
     forces: list[PointForce] = []
     given = {body.name: body.mesh for body in robot.bodies}
     for plate in robot.plates:
-        assert plate.centre_of_mass is not None  # noqa: S101
         forces.append((f"{plate.name}.mass", support(plate.centre_of_mass, plate.name, plate.name), robot.gravity))
     for load in robot.loads:
         if isinstance(load, PointLoad):
-            forces.append((f"{load.name}.force", support(load.at, load.on, load.name), np.asarray(load.direction)))
+            forces.append((f"{load.name}.force", support(load.at, load.on, load.name), load.direction))
         else:
             forces.extend(surface_forces(load, given, meshes, builder.first))
 

@@ -7,10 +7,12 @@ from typing import Literal
 
 import numpy as np
 
-from softcal.checks import Floats, frozen_floats
-from softcal.declare import Declared
+from softcal.arrays import Position
+from softcal.checks import Floats
+from softcal.declare import Checked, Declared
 from softcal.errors import Fault, InputError
-from softcal.quantities import Direction, Point
+from softcal.quantities import Clearance, Direction, Friction, Length, Point
+from softcal.twin.part import NamedPart
 
 COINCIDENT = 1e-12  # of a cable's length: neighbouring via points as near as this are at one place
 
@@ -27,11 +29,6 @@ class RoutingAxis(Declared):
 
     point: Point = (0.0, 0.0, 0.0)
     direction: Direction = (0.0, 0.0, 1.0)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not any(self.direction):
-            raise InputError(Fault("a routing axis has no direction", "direction", "(0, 0, 0)", "a direction"))
 
     def away(self, at: Floats) -> tuple[Floats, Floats]:
         """Unit vectors (n, 3) from the axis to points (n, 3) [m], and their distances (n,) [m] from it.
@@ -59,7 +56,7 @@ class RoutingAxis(Declared):
 
 
 @dataclass(frozen=True)
-class ViaPoint:
+class ViaPoint(Checked):
     """A point that a cable runs through.
 
     radius spreads its force over a ball; the force of a point indents a body without bound as the mesh gets finer.
@@ -74,20 +71,16 @@ class ViaPoint:
         Radius [m] of the part that fixes the cable in a body, such as a knot; zero for a point force.
     """
 
-    at: Floats
+    at: Position
     on: str = ""
-    radius: float = 0.0
+    radius: Clearance = 0.0
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "at", frozen_floats(self.at, name="via point", shape=(3,)))
-        if not 0.0 <= self.radius < np.inf:
-            raise InputError(
-                Fault("a via point's radius is out of range", got=f"{self.radius:g} m", allowed="0 or more")
-            )
+    def _where(self, name: str) -> str:
+        return f"via point, {name}"
 
 
 @dataclass(frozen=True)
-class Cable:
+class Cable(NamedPart):
     """A cable through via points, its fixed end first or last; length L = sum |p_{i+1} - p_i|.
 
     Attributes
@@ -106,15 +99,14 @@ class Cable:
         Offset [m] from the axis; the positions of the via points include it already.
     """
 
-    name: str
     via_points: tuple[ViaPoint, ...]
-    friction_coefficient: float = 0.0
+    friction_coefficient: Friction = 0.0
     pulled_end: Literal["first", "last"] = "last"
     routing_axis: RoutingAxis | None = None
-    routing_offset: float = 0.0
+    routing_offset: Length = 0.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "via_points", tuple(self.via_points))
+        super().__post_init__()
         if len(self.via_points) < 2:
             raise InputError(
                 Fault("a cable needs at least two via points", where=self.name, got=str(len(self.via_points)))

@@ -27,7 +27,7 @@ NO_PAIRS: Ints = np.zeros((0, 2), dtype=np.int64)
 def disc_skin(disc: Disc) -> tuple[Floats, Ints]:
     """Points (n, 3) [m] and outward triangles of a disc's skin; its holes are filled, its rim has straight pieces."""
     rim = ring_points(np.zeros(3), disc.axis, across(disc.axis), 0.5 * disc.diameter, RIM)
-    up = 0.5 * disc.thickness * np.asarray(disc.axis)
+    up = 0.5 * disc.thickness * disc.axis
     points = disc.centre + np.concatenate([[up, -up], rim + up, rim - up])
     i, j = np.arange(RIM), np.roll(np.arange(RIM), -1)
     top, bottom, zero = 2 + i, 2 + RIM + i, np.zeros(RIM, dtype=np.int64)

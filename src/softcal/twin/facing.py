@@ -21,7 +21,7 @@ def plate_normal(robot: Robot, plate: Plate) -> Floats:
     it.
     """
     if plate.disc is not None:
-        return np.asarray(plate.disc.axis)
+        return plate.disc.axis
     tied = [body.mesh.points[plate.nodes[body.name]] for body in robot.bodies if body.name in plate.nodes]
     if tied:
         held = [body.mesh.points[body.fixed] for body in robot.bodies if len(body.fixed)]

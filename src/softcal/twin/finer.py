@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -11,6 +10,7 @@ from softcal.geometry.mesh import TetMesh
 from softcal.geometry.refine import MeshCounts, count, refined_centreline, refined_mesh, refined_nodes
 from softcal.mechanics.element import Element
 from softcal.mechanics.elements import ELEMENTS
+from softcal.quantities import QUANTITIES
 from softcal.twin.robot import Body, Plate, PointLoad, Robot, Rod, SurfaceLoad
 
 # Apart from the names of the mesh's own sets.
@@ -85,7 +85,7 @@ def halved(robot: Robot) -> Robot:
             replace(
                 tie,
                 nodes=nodes(tie.body, f"tie {tie.name}"),
-                tolerance=math.inf if tie.tolerance is None else tie.tolerance,
+                tolerance=QUANTITIES["size"].upper if tie.tolerance is None else tie.tolerance,
             )
             for tie in robot.ties
         ),

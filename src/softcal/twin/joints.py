@@ -39,7 +39,7 @@ def number_frames(robot: Robot) -> Frames:
     """
     plates = {plate.name: plate for plate in robot.plates}
     moving = [plate for plate in robot.plates if not plate.fixed]
-    references: list[Floats] = [np.asarray(plate.reference)[None] for plate in moving]
+    references: list[Floats] = [plate.reference[None] for plate in moving]
     of_plate = {plate.name: i for i, plate in enumerate(moving)}
     n = len(moving)
     own: dict[str, Ints] = {}
@@ -64,7 +64,7 @@ def number_frames(robot: Robot) -> Frames:
             raise MeshError(Fault("the plate is tied to no body and no rod", where=plate.name))
     still = [plate for plate in robot.plates if plate.fixed]
     of_plate.update({plate.name: n + i for i, plate in enumerate(still)})
-    references += [np.asarray(plate.reference)[None] for plate in still]
+    references += [plate.reference[None] for plate in still]
     n_fixed = len(still)
     if any(len(rod.fixed) for rod in robot.rods):
         references.append(np.zeros((1, 3)))

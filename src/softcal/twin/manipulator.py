@@ -15,7 +15,7 @@ from typing import Annotated, Literal
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.declare import Declared, Reading
+from softcal.declare import ByShape, Declared, Reading
 from softcal.errors import Fault, InputError, nearest
 from softcal.geometry.coil import Coil
 from softcal.geometry.rod_shapes import ELEMENTS_PER_TURN
@@ -23,7 +23,7 @@ from softcal.geometry.section import RoundBar
 from softcal.geometry.wire import SolidSpring
 from softcal.limits import LIMITS
 from softcal.mechanics.elements import DEFAULT, ElementName
-from softcal.quantities import QUANTITIES, Angle, Clearance, Density, Friction, Mass, PoissonsRatio, Size, Turns
+from softcal.quantities import Angle, Clearance, Density, Friction, Mass, Modulus, PoissonsRatio, Size, Turns
 from softcal.twin.robot import Cable, Disc, Marker, Plate, Robot, Rod, ViaPoint
 from softcal.twin.solid_rods import with_solid_rods
 
@@ -59,14 +59,6 @@ class Discs(Declared):
     mass: Mass | None = None
 
 
-def _moduli(value: object) -> float | dict[str, float]:
-    read = QUANTITIES["modulus"].read
-    if not isinstance(value, dict):
-        return read(value)
-    given: dict[str, object] = value
-    return {name: read(entry) for name, entry in given.items()}
-
-
 MESHED_BY = {"rod": ("elements_per_turn",), "solid": ("rings", "layers_per_turn", "element")}
 """Which settings of springs determine their elements, by their model."""
 
@@ -87,7 +79,7 @@ class Springs(Declared):
     rings, layers_per_turn, element : Of solid springs, as of a `SolidSpring` and a `Body`; None: their defaults
     """
 
-    youngs_modulus: Annotated[float | Mapping[str, float], Reading(_moduli, "instead")]
+    youngs_modulus: Annotated[Modulus | Mapping[str, Modulus], ByShape()]
     poissons_ratio: PoissonsRatio
     density: Density = Rod.density
     wire_diameter: Size = 0.009
@@ -101,19 +93,17 @@ class Springs(Declared):
     layers_per_turn: Annotated[int, LIMITS["layers in a turn"]] | None = None
     element: ElementName | None = None
 
-    def range_faults(self) -> list[Fault]:
-        """Those of the moduli among them, and settings of the other model."""
-        given = self.youngs_modulus
-        moduli = given.items() if isinstance(given, Mapping) else [("", given)]
-        found = (QUANTITIES["modulus"].fault(value, f"youngs_modulus.{name}".rstrip(".")) for name, value in moduli)
+    def __post_init__(self) -> None:
+        super().__post_init__()
         what = f"springs of the model '{self.model}' have no such setting"
         foreign = [
             Fault(what, name, allowed=", ".join(MESHED_BY[self.model]), attempt=f"model: {model}")
             for model, names in MESHED_BY.items()
             for name in names
-            if self.model in MESHED_BY and model != self.model and getattr(self, name) is not None
+            if model != self.model and getattr(self, name) is not None
         ]
-        return [*super().range_faults(), *(fault for fault in found if fault), *foreign]
+        if foreign:
+            raise InputError(foreign)
 
 
 def _ends(value: object) -> object:
@@ -324,7 +314,7 @@ def _plates(of: Manipulator) -> tuple[Plate, ...]:
         holes = {
             f"h{k + 1}": of.on_disc(number, of.cables.radius, azimuth) for k, azimuth in enumerate(of.cable_azimuths)
         }
-        disc = Disc(middle, of.outwards, shape.diameter, shape.thickness, of.discs.hole_diameter)
+        disc = Disc(shape.diameter, shape.thickness, of.outwards, hole_diameter=of.discs.hole_diameter)
         plates.append(Plate(name, {}, middle, 0.0 if is_base else mass, fixed=is_base, holes=holes, disc=disc))
     return tuple(plates)
 

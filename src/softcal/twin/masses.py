@@ -63,7 +63,7 @@ def _add_rod(carried: FrameMasses, twin: Twin, rod: Rod) -> None:
 
 def _add_plate(carried: FrameMasses, twin: Twin, plate: Plate) -> None:
     frame = twin.frame[plate.name]
-    arm = np.asarray(plate.centre_of_mass) - twin.system.layout.references[frame]
+    arm = plate.centre_of_mass - twin.system.layout.references[frame]
     carried.add(np.array([frame]), np.array([plate.mass]), arm[None], _plate_moments(plate)[None])
 
 
@@ -78,6 +78,6 @@ def _plate_moments(plate: Plate) -> Floats:
         return second_moments(plate.inertia)
     if plate.disc is None:
         return np.zeros((3, 3))
-    axis = np.asarray(plate.disc.axis)
+    axis = plate.disc.axis
     across, along = plate.mass * plate.disc.diameter**2 / 16.0, plate.mass * plate.disc.thickness**2 / 12.0
     return across * (np.eye(3) - np.outer(axis, axis)) + along * np.outer(axis, axis)

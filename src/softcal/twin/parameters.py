@@ -99,7 +99,7 @@ def robot_parameters(robot: Robot) -> dict[str, ParameterInfo]:
             add(cable.name, "routing_offset", cable.routing_offset, away, shapes=True)
     for load in robot.loads:
         if isinstance(load, PointLoad):
-            add(load.name, "force", float(np.dot(load.force, np.asarray(load.direction))))
+            add(load.name, "force", float(np.dot(load.force, load.direction)))
     return infos
 
 
@@ -177,7 +177,9 @@ def _with_material(part: Part, values: Mapping[str, float], name: str) -> Part:
 
 def _with_force(load: PointLoad, values: Mapping[str, float]) -> PointLoad:
     name = f"{load.name}.force"
-    return replace(load, force=values[name] * np.asarray(load.direction)) if name in values else load
+    if name not in values or not load.direction.any():
+        return load
+    return replace(load, force=values[name] * load.direction)
 
 
 def unknown_name(name: str, known: Mapping[str, object]) -> Fault:

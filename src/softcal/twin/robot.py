@@ -4,28 +4,36 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from softcal.checks import Floats, Ints, frozen_floats, frozen_ints
+from softcal.arrays import ArrayOf, ForceVector, Gravity, Numbers, Position, Traction, Triangles, UnitVector
+from softcal.checks import Floats, frozen_floats
+from softcal.declare import ByShape, Check, Checked, Declared
 from softcal.errors import Fault, InputError
 from softcal.geometry.centreline import Centreline
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.section import CrossSection
-from softcal.materials.catalogue import LAWS
+from softcal.materials.catalogue import LAWS, LawName
 from softcal.materials.elastic_constants import LINEAR_ELASTIC
 from softcal.materials.parameter import complete
-from softcal.mechanics.elements import DEFAULT, ELEMENTS
+from softcal.mechanics.elements import DEFAULT, ElementName
+from softcal.quantities import Clearance, Density, Mass, MomentOfInertia, Size
 from softcal.sensing.sensor import NamedSensor
 from softcal.twin.barrier import Contact
 from softcal.twin.cables import Cable, ViaPoint
+from softcal.twin.part import NamedPart
 
 Control = Literal["tension", "shortening"]
 
 
+# What another part chooses where it is omitted: a plate for its disc, a force for its direction.
+CHOSEN: Any = None
+
+
 @dataclass(frozen=True)
-class Material:
+class Material(NamedPart):
     """A material of some tets of a mesh.
 
     Attributes
@@ -36,18 +44,13 @@ class Material:
     density : [kg/m^3]
     """
 
-    name: str
-    tets: Ints
+    tets: Numbers
     parameters: Mapping[str, float]
-    density: float = 0.0
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "tets", frozen_ints(self.tets, name=f"tets of {self.name}", shape=(None,)))
-        object.__setattr__(self, "parameters", dict(self.parameters))
+    density: Density = 0.0
 
 
 @dataclass(frozen=True)
-class Body:
+class Body(NamedPart):
     """A deformable body.
 
     Attributes
@@ -62,19 +65,17 @@ class Body:
     inclusions : Tets of other materials of the same law, with shared nodes; constants not given are the body's
     """
 
-    name: str
     mesh: TetMesh
-    fixed: Ints
+    fixed: Numbers
     parameters: Mapping[str, float]
-    law: str = "neo-hooke"
-    element: str = DEFAULT.name
-    density: float = 0.0
+    law: LawName = "neo-hooke"
+    element: ElementName = DEFAULT.name
+    density: Density = 0.0
     inclusions: tuple[Material, ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "fixed", frozen_ints(self.fixed, name=f"fixed nodes of {self.name}", shape=(None,)))
-        ELEMENTS.named(self.element, where=f"{self.name}.element")
-        constants = LAWS.named(self.law, where=f"{self.name}.law").parameters
+        super().__post_init__()
+        constants = LAWS[self.law].parameters
         own = complete(self.parameters, constants, owner=self.name)
         object.__setattr__(self, "parameters", own)
         inclusions = (
@@ -104,7 +105,7 @@ class Body:
 
 
 @dataclass(frozen=True)
-class Rod:
+class Rod(NamedPart):
     """A slender elastic part as a geometrically exact rod: a backbone, or the wire of a helical spring.
 
     Attributes
@@ -117,22 +118,19 @@ class Rod:
     density : [kg/m^3]
     """
 
-    name: str
     centreline: Centreline
     section: CrossSection
     parameters: Mapping[str, float]
-    clamped: Mapping[str, Ints] = field(default_factory=dict)
-    fixed: Ints = field(default_factory=lambda: frozen_ints([], name="fixed", shape=(None,)))
-    density: float = 0.0
+    clamped: Mapping[str, Numbers] = field(default_factory=dict)
+    fixed: Numbers = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    density: Density = 0.0
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         object.__setattr__(self, "parameters", complete(self.parameters, LINEAR_ELASTIC, owner=self.name))
-        object.__setattr__(self, "fixed", frozen_ints(self.fixed, name=f"fixed nodes of {self.name}", shape=(None,)))
-        clamped = {key: frozen_ints(n, name=f"nodes of {self.name}", shape=(None,)) for key, n in self.clamped.items()}
-        object.__setattr__(self, "clamped", clamped)
         n = len(self.centreline.nodes)
-        held = np.concatenate([self.fixed, *clamped.values()])
-        if len(held) and not (held.min() >= 0 and held.max() < n):
+        held = np.concatenate([self.fixed, *self.clamped.values()])
+        if len(held) and held.max() >= n:
             raise InputError(
                 Fault("the rod has no such node", self.name, got=str(int(held.max())), allowed=f"0 to {n - 1}")
             )
@@ -143,42 +141,49 @@ class Rod:
 
 
 @dataclass(frozen=True)
-class Disc:
+class Disc(Declared):
     """The shape of a plate: a flat cylinder, drawn and kept clear of bodies; the statics do not need it.
 
     Attributes
     ----------
-    centre, axis : Centre (3,) [m] and direction (3,), stored as a unit vector, in the rest frame
-    diameter, thickness, hole_diameter : [m]; the last one is that of the plate's guide holes
+    diameter, thickness : [m]
+    axis, centre : Unit vector (3,) and point (3,) [m] in the rest frame, by default the plate's reference
+    hole_diameter : That of the plate's guide holes [m]
     """
 
-    centre: Floats
-    axis: Floats
-    diameter: float
-    thickness: float
-    hole_diameter: float = 0.0
+    diameter: Size
+    thickness: Size
+    axis: UnitVector = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    centre: Position = CHOSEN
+    hole_diameter: Clearance = 0.0
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "centre", frozen_floats(self.centre, name="centre of a disc", shape=(3,)))
-        axis = frozen_floats(self.axis, name="axis of a disc", shape=(3,))
-        size = float(np.linalg.norm(axis))
-        faults = [
-            Fault(f"a disc's {name} is out of range", got=f"{value:.6g}", allowed=allowed)
-            for name, value, allowed, is_right in (
-                ("axis", size, "a direction", size > 0.0),
-                ("diameter", self.diameter, "> 0", 0.0 < self.diameter < np.inf),
-                ("thickness", self.thickness, "> 0", 0.0 < self.thickness < np.inf),
-                ("hole diameter", self.hole_diameter, ">= 0", 0.0 <= self.hole_diameter < np.inf),
+
+def _of_a_rigid_body(value: Floats, where: str) -> Floats:
+    tensor = frozen_floats(np.diag(value) if value.ndim == 1 else value, name=where)
+    moments = np.linalg.eigvalsh(tensor)
+    size = float(np.abs(tensor).max())
+    # For a non-negative mass distribution, no principal moment exceeds the sum of the other two.
+    if np.abs(tensor - tensor.T).max() > 1e-9 * size or not moments[2] <= (1.0 + 1e-9) * (moments[0] + moments[1]):
+        raise InputError(
+            Fault(
+                "no rigid body has this inertia",
+                where=where,
+                got=np.array2string(tensor, precision=4),
+                allowed="a symmetric matrix whose largest principal moment is at most the sum of the others [kg m^2]",
             )
-            if not is_right
-        ]
-        if faults:
-            raise InputError(faults)
-        object.__setattr__(self, "axis", frozen_floats(axis / size, name="axis of a disc"))
+        )
+    return tensor
+
+
+_Moments = tuple[MomentOfInertia, MomentOfInertia, MomentOfInertia]
+# A tensor (3, 3) about the centre of mass; the three moments about the axes stand for it.
+Inertia = Annotated[
+    Floats, ArrayOf(Annotated[_Moments | tuple[_Moments, _Moments, _Moments], ByShape()]), Check(_of_a_rigid_body)
+]
 
 
 @dataclass(frozen=True)
-class Plate:
+class Plate(NamedPart):
     """A rigid plate tied to nodes of one body (or of several), or clamped to rods.
 
     Attributes
@@ -191,32 +196,25 @@ class Plate:
     holes : Name -> point (3,) [m], rest frame, through which a cable may run
     disc : Its shape, where known
     inertia
-        Tensor (3, 3) about the centre of mass [kg m^2], rest frame, used in dynamics alone; None: that of its disc with
-        its mass, or of a point mass without a disc.
+        Tensor (3, 3), or moments (3,) about the axes, about the centre of mass [kg m^2], rest frame, used in dynamics
+        alone; None: that of its disc with its mass, or of a point mass without a disc.
     """
 
-    name: str
-    nodes: Mapping[str, Ints]
-    reference: Floats
-    mass: float = 0.0
-    centre_of_mass: Floats | None = None
+    nodes: Mapping[str, Numbers]
+    reference: Position
+    mass: Mass = 0.0
+    centre_of_mass: Position = CHOSEN
     fixed: bool = False
-    holes: Mapping[str, Floats] = field(default_factory=dict)
+    holes: Mapping[str, Position] = field(default_factory=dict)
     disc: Disc | None = None
-    inertia: Floats | None = None
+    inertia: Inertia | None = None
 
     def __post_init__(self) -> None:
-        nodes = {body: frozen_ints(n, name=f"nodes of {self.name}", shape=(None,)) for body, n in self.nodes.items()}
-        object.__setattr__(self, "nodes", nodes)
-        object.__setattr__(self, "reference", frozen_floats(self.reference, name=f"{self.name}.reference", shape=(3,)))
-        centre = self.reference if self.centre_of_mass is None else self.centre_of_mass
-        object.__setattr__(
-            self, "centre_of_mass", frozen_floats(centre, name=f"{self.name}.centre_of_mass", shape=(3,))
-        )
-        holes = {name: frozen_floats(at, name=f"{self.name}.{name}", shape=(3,)) for name, at in self.holes.items()}
-        object.__setattr__(self, "holes", holes)
-        if self.inertia is not None:
-            object.__setattr__(self, "inertia", inertia_tensor(self.inertia, f"{self.name}.inertia"))
+        super().__post_init__()
+        if self.centre_of_mass is CHOSEN:
+            object.__setattr__(self, "centre_of_mass", self.reference)
+        if self.disc is not None and self.disc.centre is CHOSEN:
+            object.__setattr__(self, "disc", replace(self.disc, centre=self.reference))
 
     def via(self, hole: str) -> ViaPoint:
         """The point of a cable in one of the plate's holes.
@@ -232,32 +230,8 @@ class Plate:
         return ViaPoint(self.holes[hole], self.name)
 
 
-def inertia_tensor(values: Floats, name: str) -> Floats:
-    """The tensor of a rigid body about its centre of mass [kg m^2], (3, 3).
-
-    Raises
-    ------
-    InputError
-        Where no rigid body has it.
-    """
-    tensor = frozen_floats(values, name=name, shape=(3, 3))
-    moments = np.linalg.eigvalsh(tensor)
-    size = float(np.abs(tensor).max())
-    # For a non-negative mass distribution, no principal moment exceeds the sum of the other two.
-    if np.abs(tensor - tensor.T).max() > 1e-9 * size or not moments[2] <= (1.0 + 1e-9) * (moments[0] + moments[1]):
-        raise InputError(
-            Fault(
-                "no rigid body has this inertia",
-                where=name,
-                got=np.array2string(tensor, precision=4),
-                allowed="a symmetric matrix whose largest principal moment is at most the sum of the others [kg m^2]",
-            )
-        )
-    return tensor
-
-
 @dataclass(frozen=True)
-class Tie:
+class Tie(NamedPart):
     """Nodes of a body bonded to another body, whose mesh need not match; tie the finer side to the coarser.
 
     Attributes
@@ -267,18 +241,14 @@ class Tie:
     tolerance : Largest distance [m] of the nodes from it; None: a quarter of an edge of the nearest tet
     """
 
-    name: str
     body: str
-    nodes: Ints
+    nodes: Numbers
     on: str
-    tolerance: float | None = None
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "nodes", frozen_ints(self.nodes, name=f"nodes of {self.name}", shape=(None,)))
+    tolerance: Size | None = None
 
 
 @dataclass(frozen=True)
-class Marker:
+class Marker(NamedPart):
     """A point whose position is measured.
 
     A marker outside its body follows the nearest element, whose deformation is extrapolated.
@@ -289,16 +259,12 @@ class Marker:
     at : Position (3,) [m] in the rest frame
     """
 
-    name: str
     on: str
-    at: Floats
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "at", frozen_floats(self.at, name=f"{self.name}.at", shape=(3,)))
+    at: Position
 
 
 @dataclass(frozen=True)
-class PointLoad:
+class PointLoad(NamedPart):
     """A dead force at a point of a body or plate.
 
     Attributes
@@ -309,23 +275,21 @@ class PointLoad:
     direction : Unit vector (3,) of the force; needed where its magnitude is zero now and another value later
     """
 
-    name: str
     on: str
-    at: Floats
-    force: Floats
-    direction: Floats | None = None
+    at: Position
+    force: ForceVector
+    direction: UnitVector = CHOSEN
 
     def __post_init__(self) -> None:
-        for key in ("at", "force"):
-            object.__setattr__(self, key, frozen_floats(getattr(self, key), name=f"{self.name}.{key}", shape=(3,)))
-        direction = self.force if self.direction is None else np.asarray(self.direction)
-        length = float(np.linalg.norm(direction))
-        unit = direction / length if length > 0.0 else direction
-        object.__setattr__(self, "direction", frozen_floats(unit, name=f"{self.name}.direction", shape=(3,)))
+        super().__post_init__()
+        if self.direction is CHOSEN:
+            size = float(np.linalg.norm(self.force))
+            unit = self.force / size if size > 0.0 else self.force
+            object.__setattr__(self, "direction", frozen_floats(unit, name="direction"))
 
 
 @dataclass(frozen=True)
-class SurfaceLoad:
+class SurfaceLoad(NamedPart):
     """A dead traction on a part of a body's surface.
 
     Attributes
@@ -335,18 +299,13 @@ class SurfaceLoad:
     traction : Force per undeformed area (3,) [Pa]
     """
 
-    name: str
     on: str
-    faces: Ints
-    traction: Floats
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "faces", frozen_ints(self.faces, name=f"{self.name}.faces"))
-        object.__setattr__(self, "traction", frozen_floats(self.traction, name=f"{self.name}.traction", shape=(3,)))
+    faces: Triangles
+    traction: Traction
 
 
 @dataclass(frozen=True)
-class Robot:
+class Robot(Checked):
     """Bodies, rods, plates, ties, cables, loads, markers and sensors, with gravity and contact.
 
     Attributes
@@ -360,7 +319,7 @@ class Robot:
     plates: tuple[Plate, ...] = ()
     cables: tuple[Cable, ...] = ()
     loads: tuple[PointLoad | SurfaceLoad, ...] = ()
-    gravity: Floats = field(default_factory=lambda: frozen_floats((0.0, 0.0, 0.0), name="gravity"))
+    gravity: Gravity = field(default_factory=lambda: np.zeros(3))
     rods: tuple[Rod, ...] = ()
     ties: tuple[Tie, ...] = ()
     markers: tuple[Marker, ...] = ()
@@ -368,10 +327,8 @@ class Robot:
     sensors: tuple[NamedSensor, ...] = ()
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         kinds = ("bodies", "plates", "cables", "loads", "rods", "ties", "markers", "sensors")
-        for key in kinds:
-            object.__setattr__(self, key, tuple(getattr(self, key)))
-        object.__setattr__(self, "gravity", frozen_floats(self.gravity, name="gravity", shape=(3,)))
         names = [part.name for key in kinds for part in getattr(self, key)]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:

@@ -7,16 +7,19 @@ from dataclasses import MISSING, fields
 from inspect import isabstract
 from io import StringIO
 from types import NoneType
-from typing import get_args, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 import numpy as np
 import pytest
 from pydantic_core import PydanticUndefined
 from ruamel.yaml import YAML
 
-from softcal.calibration.rig import Pulleys
+from softcal.calibration.frame import Frame
+from softcal.calibration.rig import CommonRig, Pulleys, Rig
 from softcal.declare import Declared
 from softcal.errors import InputError, ProjectFileError
+from softcal.experiments.synchronise import CommonMotion
+from softcal.experiments.table_format import ColumnSpec, TableFormat
 from softcal.export.sofa_settings import Engines, Rest, SofaSettings
 from softcal.geometry.coil import Coil
 from softcal.geometry.disc import GuideHoles, SolidDisc
@@ -25,8 +28,10 @@ from softcal.geometry.placement import Placement, Turn
 from softcal.geometry.regions import Box, Cylinder, Plane, Sphere
 from softcal.geometry.ring import Ring
 from softcal.geometry.rod_shapes import Helix, Polyline, Straight
+from softcal.geometry.section import GivenSection, RectangularBar, RoundBar
 from softcal.geometry.wire import SolidRod, SolidSpring
 from softcal.materials.infill import PrintInfill
+from softcal.project.bench_schema import BenchFile
 from softcal.project.document import Document, Findings
 from softcal.project.robot_schema import (
     BodySection,
@@ -51,6 +56,20 @@ from softcal.twin.manipulator import BaseDisc, Cables, DiscMarkers, Discs, Manip
 from softcal.twin.robot import Body, Disc, Marker, Material, Plate, PointLoad, Robot, Rod, SurfaceLoad, Tie, ViaPoint
 from softcal.twin.time_settings import Settling, TimeSettings
 
+TABLE_TEXT = (
+    "delimiter: ';', decimal: ',', header_row: 2, units_row: 3, skip_rows: 1, skip_footer: 4, axes: [y, -x, z], "
+    "rest_samples: 5"
+)
+TABLE: dict[str, Any] = {
+    "delimiter": ";",
+    "decimal": ",",
+    "header_row": 2,
+    "units_row": 3,
+    "skip_rows": 1,
+    "skip_footer": 4,
+    "axes": ("y", "-x", "z"),
+    "rest_samples": 5,
+}
 # Of every class: texts that state each of its fields, none as it is by default, and the same in Python.
 STATED: list[tuple[str, Declared]] = [
     ("{speed: 2 um/s, hold: 50 ms, longest: 8 s, on: plate}", Settling(2e-6, 0.05, 8.0, "plate")),
@@ -75,6 +94,42 @@ STATED: list[tuple[str, Declared]] = [
     ("{gap: 0.1 mm, stiffness: 2 MPa, friction_coefficient: 0.5, creep: 2 mm/s}", Contact(1e-4, 2e6, 0.5, 2e-3)),
     ("{friction_coefficient: 0.5}", Contact(friction_coefficient=0.5)),
     ("{point: [1 mm, 0 m, 0 m], direction: [0, 2, 0]}", RoutingAxis((0.001, 0.0, 0.0), (0.0, 2.0, 0.0))),
+    ("{x: 1 mm, y: 2 mm, z: 3 mm, rx: 0.1 rad, ry: 0.2 rad, rz: 0.3 rad}", Frame(1e-3, 2e-3, 3e-3, 0.1, 0.2, 0.3)),
+    ("{pulleys: {wrap: 2 rad}, length: 425 mm}", CommonRig(pulleys=Pulleys(wrap=2.0), length=0.425)),
+    (
+        "{pulleys: {wrap: 2 rad}, length: 425 mm, slack: 2 mm, tension_offset: 0.1 N, angle_offsets: {pitch: 0.1 rad}, "
+        "frame: {x: 1 m}}",
+        Rig(
+            pulleys=Pulleys(wrap=2.0),
+            length=0.425,
+            slack=0.002,
+            tension_offset=0.1,
+            angle_offsets={"pitch": 0.1},
+            frame=Frame(x=1.0),
+        ),
+    ),
+    (
+        "{max_lag: 2 s, reference: tension, signal: roll, estimate_rate: false, min_correlation: 90 %}",
+        CommonMotion(2.0, "tension", "roll", False, 0.9),
+    ),
+    ("{name: Force, unit: kN, scale: -1}", ColumnSpec("Force", "kN", -1.0)),
+    (f"{{{TABLE_TEXT}}}", TableFormat(**TABLE)),
+    (
+        f"{{{TABLE_TEXT}, path: a.csv, columns: {{tension: {{name: Force}}}}, markers: [m4], where: {{Speed: [2]}}}}",
+        BenchFile(
+            **TABLE,
+            path="a.csv",
+            columns={"tension": ColumnSpec("Force")},
+            markers={"m4": "m4"},
+            where={"Speed": [2]},
+        ),
+    ),
+    ("{diameter: 4 mm, inner_diameter: 2 mm}", RoundBar(0.004, 0.002)),
+    ("{width: 4 mm, height: 2 mm}", RectangularBar(0.004, 0.002)),
+    (
+        "{area: 2 mm^2, I1: 3e-12 m^4, I2: 4e-12 m^4, J: 5e-12 m^4, shear_coefficients: [0.8, 0.9]}",
+        GivenSection(2e-6, 3e-12, 4e-12, 5e-12, (0.8, 0.9)),
+    ),
     ("{count: 3, wrap: 2 rad, friction_coefficient: 0.1}", Pulleys(count=3, wrap=2.0, friction_coefficient=0.1)),
     ("{axis: [0, 0, 2], angle: 90 deg}", Turn((0.0, 0.0, 2.0), math.radians(90.0))),
     (

@@ -24,6 +24,7 @@ help:
 	@echo "make test-slow  run the slow tests, for $(SLOW_LIMIT) at most"
 	@echo "make bench      run the benchmarks, write benchmarks/RESULTS.md"
 	@echo "make mesh-table compute docs/mesh-table.md anew: ten minutes and 4 GB"
+	@echo "make table-one  compute docs/table-one.md anew: six minutes"
 	@echo "make coverage   measure the coverage of 95 % intervals, write docs/uncertainty.md: ten minutes"
 	@echo "make lint       ruff, pyright, layers, licences"
 	@echo "make format     let ruff format and mend what it can"
@@ -63,6 +64,9 @@ coverage: $(RUN)
 
 mesh-table: $(RUN)
 	$(PYTHON_IN) -m benchmarks.mesh_table
+
+table-one: $(RUN)
+	$(PYTHON_IN) -m benchmarks.table_one
 
 # Parts of their own, so that `make --keep-going lint` tells all at once.
 lint: lint-ruff lint-format lint-types lint-layers lint-licences

@@ -30,6 +30,7 @@ from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import Problem, make_problem
 from softcal.calibration.rig import Pulleys, Rig
 from softcal.calibration.run import calibrate
+from softcal.calibration.uncertain import UncertainParameter
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.project.project import load
 from softcal.twin.parameters import with_parameters
@@ -60,6 +61,9 @@ class Case:
 
     n: samples of each channel of the neck, 0 for the manipulator. true: in the place of `TRUE`. ratios: bounds of nu.
     stated: the noise in the data sheet over the true one. depth: noise of the camera's axis over that across it.
+    correlation: of neighbouring samples' noise. misfit: a smooth error of the force, over its root mean square; a third
+    of it in the pitch. reaches: the largest shortening [m] of each pull; spread: standard deviation of ln E among them.
+    gain: standard deviation of the load cell's, which is known of it beforehand and drawn anew in every study.
     """
 
     name: str
@@ -70,18 +74,34 @@ class Case:
     ratios: tuple[float, float] = (0.30, 0.4999)
     stated: float = 1.0
     depth: float = 1.0
+    correlation: float = 0.0
+    misfit: float = 0.0
+    reaches: tuple[float, ...] = (REACH[1],)
+    spread: float = 0.0
+    gain: float = 0.0
 
     @property
     def truth(self) -> dict[str, float]:
         """What is free and has to be found [SI by label], but for the camera's frame."""
         if not self.n:
             return dict(SPRINGS)
-        free = {name: value for name, value in TRUE.items() if name != PULLEY_FRICTION or self.loss.uses_priors}
-        return {**free, **(self.true or {})}
+        has_friction = self.loss.uses_priors and len(self.reaches) == 1
+        free = {name: value for name, value in TRUE.items() if name != PULLEY_FRICTION or has_friction}
+        free |= self.true or {}
+        if len(self.reaches) > 1:
+            free |= {f"{SLACK}[{pull}]": free[SLACK] for pull in self.pulls}
+        return free
+
+    @property
+    def pulls(self) -> tuple[str, ...]:
+        """Names of the neck's experiments."""
+        return tuple(f"pull{k + 1}" for k in range(len(self.reaches)))
 
 
 LIKELIHOOD, PAPERS, DISTANCE = LikelihoodLoss(), PapersLoss(), DistanceLoss(LENGTH)
 NEAR_BOUND, PAPER_RATIOS = {NU: 0.41}, (0.40, 0.4999)
+FOUR = (0.020, 0.026, 0.030, 0.034)  # [m]
+CORRELATED, MISFIT, SPREAD, GAIN_SD = 0.95, 0.03, 0.03, 0.02
 NEAR_WORDS = "ν 0.41 within bounds of 0.40 and 0.4999"
 CASES = (
     Case("likelihood", "neck, `likelihood`, a prior on the pulleys' friction", LIKELIHOOD),
@@ -90,6 +110,22 @@ CASES = (
     Case("papers", "neck, `papers`, friction known", PAPERS),
     Case("papers-1000", "the same, 1000 samples", PAPERS, n=1000),
     Case("papers-bound", f"the same, 60 samples, {NEAR_WORDS}", PAPERS, true=NEAR_BOUND, ratios=PAPER_RATIOS),
+    Case(
+        "likelihood-correlated",
+        "neck, `likelihood`, noise correlated by 0.95, 1000 samples",
+        LIKELIHOOD,
+        n=1000,
+        correlation=CORRELATED,
+    ),
+    Case("papers-correlated", "the same, `papers`", PAPERS, n=1000, correlation=CORRELATED),
+    Case("likelihood-misfit", "neck, `likelihood`, smooth misfit of 3 % of the force", LIKELIHOOD, misfit=MISFIT),
+    Case("papers-misfit", "the same, `papers`", PAPERS, misfit=MISFIT),
+    Case("likelihood-alike", "four pulls, `likelihood`, one E", LIKELIHOOD, reaches=FOUR),
+    Case("papers-alike", "the same, `papers`", PAPERS, reaches=FOUR),
+    Case("likelihood-differ", "four pulls, `likelihood`, E differs by 3 %", LIKELIHOOD, reaches=FOUR, spread=SPREAD),
+    Case("papers-differ", "the same, `papers`", PAPERS, reaches=FOUR, spread=SPREAD),
+    Case("likelihood-gain", "neck, `likelihood`, load cell off by 2 % (`uncertain:`)", LIKELIHOOD, gain=GAIN_SD),
+    Case("papers-gain", "the same, `papers`", PAPERS, gain=GAIN_SD),
     Case("distance", "manipulator, `distance`, the camera's frame free", DISTANCE, n=0),
     Case("distance-depth", "the same, three times the noise in depth", DISTANCE, n=0, depth=3.0),
 )
@@ -99,7 +135,8 @@ CASES = (
 class Coverage:
     """Of one parameter of a case: how many studies gave an interval, how many of those contain the true value.
 
-    ratio: the intervals' mean half-length over 1.96 times the estimates' root-mean-square error.
+    ratio: the intervals' mean half-length over 1.96 times the estimates' root-mean-square error. differ: studies that
+    call the experiments different in any parameter.
     """
 
     case: Case
@@ -108,6 +145,7 @@ class Coverage:
     given: int
     held: int
     ratio: float
+    differ: int = 0
 
     @property
     def share(self) -> float:
@@ -118,8 +156,10 @@ def coverage(case: Case, studies: int = STUDIES) -> list[Coverage]:
     """Run the studies of a case."""
     truth = case.truth
     found: dict[str, list[tuple[float, tuple[float, float] | None]]] = {}
+    differ = 0
     for seed in range(studies):
         result = calibrate(study(case, seed), starts=1)
+        differ += any(spread.differs for spread in result.spreads.values())
         for name, estimate in result.parameters.items():
             if name in truth:
                 found.setdefault(name, []).append((estimate.value, estimate.interval))
@@ -129,7 +169,7 @@ def coverage(case: Case, studies: int = STUDIES) -> list[Coverage]:
         inside = np.sum((ends[:, 0] <= truth[name]) & (truth[name] <= ends[:, 1]))
         error = float(np.sqrt(np.mean([(value - truth[name]) ** 2 for value, _ in held])))
         ratio = float(np.mean(ends[:, 1] - ends[:, 0])) / 2 / (1.96 * error) if len(ends) else float("nan")
-        rows.append(Coverage(case, name, len(held), len(ends), int(inside), ratio))
+        rows.append(Coverage(case, name, len(held), len(ends), int(inside), ratio, differ))
     return rows
 
 
@@ -142,26 +182,56 @@ def study(case: Case, seed: int) -> Problem:
 def _neck_study(case: Case, chance: np.random.Generator) -> Problem:
     robot, twin = neck()
     true = case.truth
-    shortening = np.linspace(*REACH, case.n)
-    of_robot = {name: true[name] for name in (E, NU)}
-    pulled = Protocol({"front": Command("shortening", shortening - true[SLACK])})
-    seen = twin(with_parameters(robot, of_robot), pulled)
-    channels = {"shortening": Channel(shortening, "m")}
-    for name, unit, channel in (("tension", "N", "front.tension"), ("pitch", "rad", "plate.pitch")):
-        values = seen.channels[channel] + NOISE[name] * chance.standard_normal(case.n)
-        channels[name] = Channel(values, unit, case.stated * NOISE[name])
-    rig = Rig(pulleys=Pulleys(count=2, wrap=np.pi, friction_coefficient=TRUE[PULLEY_FRICTION]))
-    pull = Experiment("pull", Dataset("pull", channels), cable="front", plate="plate", rig=rig)
+    experiments: list[Experiment] = []
+    gains = {"tension": 1.0 + case.gain * chance.standard_normal() if case.gain else 1.0, "pitch": 1.0}
+    for name, reach in zip(case.pulls, case.reaches, strict=True):
+        shortening = np.linspace(REACH[0], reach, case.n)
+        of_robot = {
+            E: true[E] * np.exp(case.spread * chance.standard_normal()) if case.spread else true[E],
+            NU: true[NU],
+        }
+        pulled = Protocol({"front": Command("shortening", shortening - true[SLACK])})
+        seen = twin(with_parameters(robot, of_robot), pulled)
+        channels = {"shortening": Channel(shortening, "m")}
+        for kind, unit, channel, share in (
+            ("tension", "N", "front.tension", 1.0),
+            ("pitch", "rad", "plate.pitch", 1 / 3),
+        ):
+            values = gains[kind] * seen.channels[channel] + NOISE[kind] * _noise(case, chance)
+            if case.misfit:
+                size = share * case.misfit * float(np.sqrt(np.mean(seen.channels[channel] ** 2)))
+                values = values + size * _smooth(case.n, chance)
+            channels[kind] = Channel(values, unit, case.stated * NOISE[kind])
+        rig = Rig(pulleys=Pulleys(count=2, wrap=np.pi, friction_coefficient=TRUE[PULLEY_FRICTION]))
+        experiments.append(Experiment(name, Dataset(name, channels), cable="front", plate="plate", rig=rig))
     free = [
         FreeParameter(E, "Pa", 0.1e6, 40e6, "log", start=true[E]),
         FreeParameter(NU, "1", *case.ratios, start=true[NU]),
-        FreeParameter(SLACK, "m", 0.0, 6e-3, start=true[SLACK]),
+        FreeParameter(SLACK, "m", 0.0, 6e-3, start=true[SLACK], per_experiment=len(experiments) > 1),
     ]
-    if case.loss.uses_priors:
+    if PULLEY_FRICTION in true:
         mean = TRUE[PULLEY_FRICTION] + PRIOR_SD * chance.standard_normal()
         friction = FreeParameter(PULLEY_FRICTION, "1", 0.0, 0.3, start=TRUE[PULLEY_FRICTION])
         free.append(replace(friction, prior_mean=mean, prior_sd=PRIOR_SD))
-    return make_problem(robot, [pull], free, case.loss, twin)
+    uncertain = [UncertainParameter("front.tension_gain", "1", case.gain)] if case.gain else []
+    return make_problem(robot, experiments, free, case.loss, twin, uncertain)
+
+
+def _noise(case: Case, chance: np.random.Generator) -> np.ndarray:
+    """Noise of unit variance along a record, with the case's correlation of neighbours."""
+    from scipy.signal import lfilter
+
+    values = chance.standard_normal(case.n)
+    if not case.correlation:
+        return values
+    values[1:] *= np.sqrt(1 - case.correlation**2)
+    return lfilter([1.0], [1.0, -case.correlation], values)
+
+
+def _smooth(n: int, chance: np.random.Generator) -> np.ndarray:
+    """One wave along the record, of random phase and size (root mean square one in the mean)."""
+    turn = 2 * np.pi * np.linspace(0, 1, n)
+    return np.cos(turn) * chance.standard_normal() + np.sin(turn) * chance.standard_normal()
 
 
 def _manipulator_study(case: Case, chance: np.random.Generator) -> Problem:
@@ -218,6 +288,8 @@ def page(found: Sequence[Coverage]) -> str:
     studies = max(one.studies for one in found)
     text = TEXT.read_text(encoding="utf-8").replace("{{table}}", "\n".join(table(head, rows)))
     sampling = f"{100 * np.sqrt(0.95 * 0.05 / studies):.1f}"
+    for one in found:
+        text = text.replace(f"{{{{differ {one.case.name}}}}}", f"{one.differ} of {one.studies}")
     return text.replace("{{studies}}", str(studies)).replace("{{sampling}}", sampling)
 
 

@@ -31,13 +31,15 @@ SOLVED = "Read off a table."
 class NeckTable:
     """Chebyshev coefficients (d, nu) of tension over modulus [m^2] and pitch [rad], both over d [m]; reach: its ranges.
 
-    Divided by d they are smooth and have no root in the range, and at d = 0 both are exactly zero.
+    Divided by d they are smooth and have no root in the range, and at d = 0 both are exactly zero. Where the elements
+    lock, the series runs in ln(0.5 - nu): linear tets are stiffer by a constant over 0.5 - nu.
     """
 
     tension: Floats
     pitch: Floats
     shortenings: tuple[float, float]
     ratios: tuple[float, float]
+    locks: bool = False
 
     def __call__(
         self,
@@ -72,12 +74,14 @@ class NeckTable:
     def _read(self, table: Floats, d: Floats, ratio: float) -> tuple[Floats, Floats, Floats]:
         """A channel and its derivatives by d and by nu; zero where the cable is slack."""
         taut = d > 0
-        x, y = (_scaled(values, ends) for values, ends in ((d, self.shortenings), (ratio, self.ratios)))
+        ends = _place(self.ratios, locks=self.locks)
+        x = _scaled(d, self.shortenings)
+        y = _scaled(_place(np.float64(ratio), locks=self.locks), (float(ends[0]), float(ends[1])))
         at_ratio = chebyshev.chebval(y, table.T)
         over_d = chebyshev.chebval(x, at_ratio)
         slope = chebyshev.chebval(x, chebyshev.chebder(at_ratio)) * 2 / (self.shortenings[1] - self.shortenings[0])
         by_ratio = chebyshev.chebval(x, chebyshev.chebval(y, chebyshev.chebder(table.T)))
-        by_ratio = by_ratio * 2 / (self.ratios[1] - self.ratios[0])
+        by_ratio = by_ratio * 2 / (ends[1] - ends[0]) * (-1 / (0.5 - ratio) if self.locks else 1.0)
         return (
             np.where(taut, d * over_d, 0.0),
             np.where(taut, over_d + d * slope, 0.0),
@@ -86,19 +90,25 @@ class NeckTable:
 
 
 def neck_table(
-    robot: Robot, reach: float, ratios: tuple[float, float] = (0.29, 0.4999), shape: tuple[int, int] = (14, 9)
+    robot: Robot,
+    reach: float,
+    ratios: tuple[float, float] = (0.29, 0.4999),
+    shape: tuple[int, int] = (14, 9),
+    *,
+    locks: bool = False,
 ) -> NeckTable:
     """The table of a neck up to a shortening [m], through `shape` equilibria by shortening and ratio."""
     shortenings = (0.0, reach)
     places = [chebyshev.chebpts1(n) for n in shape]
     d, nu = (
         0.5 * (ends[0] + ends[1]) + 0.5 * (ends[1] - ends[0]) * x
-        for ends, x in zip((shortenings, ratios), places, strict=True)
+        for ends, x in zip((shortenings, _place(ratios, locks=locks)), places, strict=True)
     )
+    nu = 0.5 - np.exp(nu) if locks else nu
     solved = [_solved(with_parameters(robot, {E: REFERENCE, NU: float(value)}), pull(d)) for value in nu]
     tension = np.column_stack([one.channels[TENSION] / REFERENCE / d for one in solved])
     pitch = np.column_stack([one.channels[PITCH] / d for one in solved])
-    return NeckTable(*(_coefficients(values, places) for values in (tension, pitch)), shortenings, ratios)
+    return NeckTable(*(_coefficients(values, places) for values in (tension, pitch)), shortenings, ratios, locks)
 
 
 @dataclass(frozen=True)
@@ -158,6 +168,11 @@ def _solved(robot: Robot, protocol: Protocol, names: Sequence[str] = ()) -> Resp
     if not seen.succeeded:
         raise RuntimeError(seen.status)
     return seen
+
+
+def _place(ratios: Floats | tuple[float, float], *, locks: bool) -> Floats:
+    """Where ratios are in the variable of the series."""
+    return np.log(0.5 - np.asarray(ratios)) if locks else np.asarray(ratios)
 
 
 def _scaled(values: Floats | float, ends: tuple[float, float]) -> Floats | float:

@@ -14,6 +14,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from softcal.analysis.candidate import Candidate as Candidate
     from softcal.analysis.record import RecordFit as RecordFit
     from softcal.calibration.experiment import Experiment as Experiment
     from softcal.calibration.loss import Loss as Loss
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from softcal.calibration.result import CalibrationResult as CalibrationResult
     from softcal.calibration.result import SweepResult as SweepResult
     from softcal.calibration.settings import SearchSettings as SearchSettings
+    from softcal.calibration.uncertain import UncertainParameter as UncertainParameter
     from softcal.errors import CalibrationError as CalibrationError
     from softcal.errors import DatasetError as DatasetError
     from softcal.errors import Fault as Fault
@@ -100,7 +102,9 @@ if TYPE_CHECKING:
     from softcal.workflows.export import ExportRequest as ExportRequest
     from softcal.workflows.export import register_export as register_export
     from softcal.workflows.export import write_export as write_export
+    from softcal.workflows.intervals import intervals as intervals
     from softcal.workflows.mesh_study import mesh_study as mesh_study
+    from softcal.workflows.next_test import next_test as next_test
     from softcal.workflows.reporting import write_report as write_report
     from softcal.workflows.run_folder import load_run as load_run
     from softcal.workflows.simulation import pull as pull
@@ -116,6 +120,7 @@ _HOMES = {
     "CalibrationError": "softcal.errors",
     "CalibrationResult": "softcal.calibration.result",
     "Calibrations": "softcal.workflows.calibration",
+    "Candidate": "softcal.analysis.candidate",
     "Channel": "softcal.experiments.dataset",
     "ChannelKind": "softcal.sensing.kind",
     "Command": "softcal.twin.protocol",
@@ -131,6 +136,7 @@ _HOMES = {
     "Fault": "softcal.errors",
     "FreeParameter": "softcal.calibration.parameters",
     "GivenSection": "softcal.geometry.section",
+    "UncertainParameter": "softcal.calibration.uncertain",
     "InputError": "softcal.errors",
     "Law": "softcal.materials.law",
     "Limit": "softcal.limits",
@@ -180,11 +186,13 @@ _HOMES = {
     "check": "softcal.workflows.checking",
     "compare_records": "softcal.workflows.whole_record",
     "helix": "softcal.geometry.centreline",
+    "intervals": "softcal.workflows.intervals",
     "load": "softcal.project.project",
     "load_run": "softcal.workflows.run_folder",
     "make_problem": "softcal.calibration.problem",
     "manipulator": "softcal.twin.manipulator",
     "mesh_study": "softcal.workflows.mesh_study",
+    "next_test": "softcal.workflows.next_test",
     "pull": "softcal.workflows.simulation",
     "quantity": "softcal.quantities",
     "ramp": "softcal.twin.schedule",
@@ -214,6 +222,7 @@ __all__ = [
     "CalibrationError",
     "CalibrationResult",
     "Calibrations",
+    "Candidate",
     "Channel",
     "ChannelKind",
     "Command",
@@ -271,6 +280,7 @@ __all__ = [
     "TetMesh",
     "Tie",
     "TimeSettings",
+    "UncertainParameter",
     "UnitError",
     "ViaPoint",
     "box_mesh",
@@ -278,11 +288,13 @@ __all__ = [
     "check",
     "compare_records",
     "helix",
+    "intervals",
     "load",
     "load_run",
     "make_problem",
     "manipulator",
     "mesh_study",
+    "next_test",
     "pull",
     "quantity",
     "ramp",

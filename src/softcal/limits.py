@@ -118,6 +118,7 @@ LIMITS: Mapping[str, Limit] = {
         Limit("rows to skip", 1_000_000, 0),
         Limit("lines before the data", 10_000),
         Limit("samples", 1_000_000),
+        Limit("repeats", 100),
         Limit("cycles", 100_000, 0),
         Limit("markers", 1000),
         # Searches

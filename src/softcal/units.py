@@ -187,6 +187,7 @@ def _meant(unit: str, si_unit: str) -> str:
 AS_WRITTEN = 10
 """Significant digits that show a number as written, without floating-point rounding."""
 _PLAIN = 999_999.5
+_MOST_DECIMALS = 8
 
 
 def parse_quantity(value: object, si_unit: str, *, where: str = "") -> float:
@@ -251,22 +252,25 @@ def plain(number: float, digits: int = 4) -> str:
     return f"{float(text):.0f}" if "e+" in text and abs(number) < _PLAIN else text
 
 
-def digits_showing(step: float, size: float, least: int = 4) -> int:
-    """Significant digits at which numbers of magnitude `size` show two digits of an error or difference `step`."""
-    if not 0.0 < step < abs(size) < math.inf:
-        return least
-    above = math.floor(math.log10(abs(size))) - math.floor(math.log10(step))
-    return min(max(least, above + 2), AS_WRITTEN)
+def rounded(value: float, uncertainty: float | None, least: int = 0) -> str:
+    """A number to the second significant digit of its uncertainty; to three digits where that is not known.
+
+    least: significant digits that are shown however large the uncertainty is.
+    """
+    if not value or uncertainty is None or not 0.0 < uncertainty < math.inf or not math.isfinite(value):
+        return plain(value or 0.0, 3)
+    place = _place(uncertainty, 2)
+    if least:
+        place = min(place, _place(value, least))
+    if place < -_MOST_DECIMALS or abs(value) >= _PLAIN:
+        return f"{value:.{min(max(math.floor(math.log10(abs(value))) - place, 0), AS_WRITTEN)}e}"
+    text = f"{round(value, -place):.{max(-place, 0)}f}"
+    return text if float(text) else text.removeprefix("-")
 
 
-def interval_digits(ends: tuple[float, float], bounds: tuple[float, float], least: int = 4) -> tuple[int, int]:
-    """Significant digits of an interval's ends: those that show its width, and all of an end that is a bound."""
-    digits = digits_showing(ends[1] - ends[0], max(map(abs, ends)), least)
-    low, high = (
-        AS_WRITTEN if math.isclose(end, bound, rel_tol=1e-9) else digits
-        for end, bound in zip(ends, bounds, strict=True)
-    )
-    return low, high
+def _place(value: float, digits: int) -> int:
+    """Power of ten of a number's last one of so many significant digits."""
+    return math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}")))) - digits + 1
 
 
 def readable_unit(value: float, si_unit: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -88,13 +89,21 @@ def test_a_study_goes_through_calibrate_and_is_the_same_again(monkeypatch: pytes
     assert all(row.given == 2 for row in rows)
 
 
+def text_of(page: str) -> list[str]:
+    """Its lines beside the table; the counts of studies that call tests different are those of cases not run here."""
+    counted = re.sub(r"\{\{differ [\w-]+\}\}|\d+ of 200(?= studies|\n|,| and|\.)", "N of 200", page)
+    return [line for line in counted.splitlines() if line[:1] != "|"]
+
+
 def test_the_page_is_the_one_that_the_command_writes() -> None:
     rows = [coverage.Coverage(CASES["papers"], E, 200, 198, 190, 1.04)]
     told = coverage.page(rows)
     assert "| neck, `papers`, friction known | neck.youngs_modulus | 2.3 MPa | 198 of 200 | 96.0 % | 1.04 |" in told
     kept = coverage.PAGE.read_text(encoding="utf-8")
-    assert [line for line in told.splitlines() if line[:1] != "|"] == [
-        line for line in kept.splitlines() if line[:1] != "|"
-    ]
+    assert text_of(told) == text_of(kept)
+    assert "{{" not in kept
     for case in coverage.CASES:
-        assert kept.count(f"| {case.words} |") == len(case.truth)
+        alike = [one for one in coverage.CASES if one.words == case.words]
+        # Of several pulls each has its own slack, and there is none in common.
+        n_rows = sum(len(one.truth) - (len(one.reaches) > 1) for one in alike)
+        assert kept.count(f"| {case.words} |") == n_rows

@@ -125,7 +125,7 @@ def test_a_vague_measurement_cannot_widen_what_a_prior_says() -> None:
     told = estimator(LikelihoodLoss(), Z[:2], ONES[:2], blocks)
     assert math.sqrt((told.root.T @ told.root)[1, 1]) == pytest.approx(0.05, rel=1e-6)
     assert told.noise["tension"].size == pytest.approx(10.0, rel=0.2)
-    assert told.dof[1] > 1e9
+    assert told.dof[1] > 1e5  # not infinite: the bounds tie it to the first parameter, by a millionth
     assert told.dof[0] > 30
 
 

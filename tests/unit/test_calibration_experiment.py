@@ -16,8 +16,16 @@ from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Protocol
 
 PULLEYS = Pulleys(wrap=np.pi, friction_coefficient=0.1)
-NAMES = (E, NU, "front.slack", "front.tension_offset", "plate.pitch_offset", "pulleys.friction_coefficient")
-AT = dict(zip(NAMES, (2.0e6, 0.44, 1.7e-3, 0.3, 0.02, 0.13), strict=True))
+AT = {
+    E: 2.0e6,
+    NU: 0.44,
+    "front.slack": 1.7e-3,
+    "front.tension_offset": 0.3,
+    "front.tension_gain": 1.05,
+    "plate.pitch_offset": 0.02,
+    "pulleys.friction_coefficient": 0.13,
+}
+NAMES = tuple(AT)
 
 
 def read(experiment: Experiment, values: dict[str, float], names: tuple[str, ...] = ()) -> Observation:

@@ -198,7 +198,7 @@ def test_as_many_parameters_as_values_leave_nothing_to_be_sure_of(
     if method == "least-squares":
         assert all((p.interval is None) == saturated for p in result.parameters.values())
         assert not (saturated and any(p.standard_error for p in result.parameters.values()))
-        assert any("standard errors include" in note.text for note in result.notes) == (not saturated)
+        assert any("The intervals include the noise" in note.text for note in result.notes) == (not saturated)
 
 
 def test_a_ratio_at_its_bound_does_not_make_the_modulus_sure() -> None:
@@ -244,3 +244,21 @@ def test_logarithms_are_searched_and_their_intervals_stated_in_them() -> None:
     low, high = told.intervals[E]
     assert math.sqrt(low * high) == pytest.approx(best.theta[E], rel=1e-4)
     assert math.log(high / low) == pytest.approx(2 * T * told.standard_errors[E] / best.theta[E], rel=0.05)
+
+
+def test_parameters_that_move_together_are_named_with_what_the_other_would_tell() -> None:
+    """By force alone E and nu trade off; the error with nu given is that of a fit in which nu is fixed."""
+    one = replace(fake_experiment(noise=0.02, seed=3), compared=("tension",))
+    free = [
+        FreeParameter(E, "Pa", 0.1e6, 40e6, "log", start=2e6),
+        FreeParameter(NU, "1", 0.30, 0.4999, start=0.43),
+    ]
+    both = calibrate(make_problem(fake_robot(), [one], free, None, fake_simulate))
+    (note,) = [note.text for note in both.notes if "move together" in note.text]
+    nu = both.parameters[NU].value
+    alone = calibrate(make_problem(fake_robot(poissons_ratio=nu), [one], free[:1], None, fake_simulate))
+    error = alone.parameters[E].standard_error
+    assert error is not None
+    stated = float(note.partition("would be ")[2].partition(" %")[0])
+    assert stated == pytest.approx(100 * error / alone.parameters[E].value, rel=0.05)
+    assert not any("move together" in note.text for note in alone.notes)

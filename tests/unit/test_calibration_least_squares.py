@@ -12,7 +12,9 @@ import pytest
 from fake_twin import NU, TRUE, E, fake_experiment, fake_robot, fake_simulate, soft_necks_fail
 from scipy.optimize import minimize
 
+from softcal.calibration.convergence import in_standard_errors
 from softcal.calibration.descent import Descent
+from softcal.calibration.experiment import PULLEY_FRICTION, Rig
 from softcal.calibration.local_model import LocalModel, Point
 from softcal.calibration.loss import Block, Loss
 from softcal.calibration.losses.likelihood import LikelihoodLoss
@@ -20,7 +22,10 @@ from softcal.calibration.losses.papers import PapersLoss
 from softcal.calibration.optimisers.least_squares import LeastSquaresOptimiser
 from softcal.calibration.parameters import FreeParameter, SearchSpace
 from softcal.calibration.problem import Evaluation, Problem, make_problem
+from softcal.calibration.rig import Pulleys
 from softcal.calibration.sensitivity import local_statistics
+from softcal.calibration.trusted_model import trusted_model
+from softcal.experiments.dataset import Channel
 
 BOUNDS = {E: (0.1e6, 40e6), NU: (0.4, 0.4999)}
 CORNERS = list(itertools.product(*BOUNDS.values()))
@@ -219,6 +224,66 @@ def test_other_starts_find_the_minimum_that_the_first_has_missed(monkeypatch: py
     assert best.theta == pytest.approx(TRUE, rel=1e-3)
     assert n <= 12
     assert "Converged" in status
+
+
+def in_a_thin_valley(seed: int) -> Problem:
+    """Friction and modulus scale the same force: only the prior separates them. The misfit is ten times the noise."""
+    experiment = fake_experiment(slack=1e-3, rig=Rig(pulleys=Pulleys(wrap=np.pi, friction_coefficient=0.1)))
+    chance, turn = np.random.default_rng(seed), np.linspace(0, 2 * np.pi, 41)
+    held = dict(experiment.dataset.channels)
+    for name, share in (("tension", 0.03), ("pitch", 0.01)):
+        values = held[name].values
+        size = np.sqrt(np.mean(values**2))
+        wave = np.cos(turn) * chance.standard_normal() + np.sin(turn) * chance.standard_normal()
+        noise = 0.1 * share * size * np.ones(41)
+        held[name] = Channel(values + share * size * wave, held[name].unit, noise)
+    parameters = [
+        FreeParameter(E, "Pa", 0.1e6, 40e6, "log", TRUE[E]),
+        FreeParameter(NU, "1", 0.3, 0.4999, start=TRUE[NU]),
+        FreeParameter("front.slack", "m", 0.0, 6e-3, start=1e-3),
+        FreeParameter(PULLEY_FRICTION, "1", 0.0, 0.3, start=0.1, prior_mean=chance.normal(0.1, 0.02), prior_sd=0.02),
+    ]
+    experiment = replace(experiment, dataset=replace(experiment.dataset, channels=held))
+    return make_problem(fake_robot(), [experiment], parameters, LikelihoodLoss(), fake_simulate)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_thin_valley_under_a_prior_is_walked_in_few_steps_whatever_the_misfit(seed: int) -> None:
+    problem = in_a_thin_valley(seed)
+    best, n, status = search(problem)
+    assert "Converged" in status
+    assert n <= 12
+    prior = next(p for p in problem.space.parameters if p.prior_sd)
+    # The data cannot tell the friction from the modulus, so it is the prior's.
+    assert best.theta[PULLEY_FRICTION] == pytest.approx(prior.prior_mean, abs=0.11 * prior.prior_sd)
+
+
+def test_the_model_that_predicted_the_other_points_is_trusted() -> None:
+    problem = in_a_thin_valley(0)
+    z = problem.space.to_search(problem.space.start)
+    along_factors = np.array([-0.55 / np.log(400), 0.0, 0.0, 0.3])  # E down as exp(2 pi friction) goes up
+
+    def simulated(step: np.ndarray) -> Point:
+        return Point(z + step, problem.evaluate(problem.space.to_model(z + step), jacobian=True).blocks)
+
+    def model(others: list[Point]) -> LocalModel:
+        return trusted_model(problem.space, problem.loss, simulated(np.zeros(4)), others)
+
+    assert model([simulated(along_factors)])._plain
+    for others in ([], [simulated(np.array([0.1, 0.0, 0.0, 0.0]))]):
+        assert not model(others)._plain
+    plain = LocalModel(problem.space, problem.loss, simulated(np.zeros(4)), plain=True)
+    assert plain.missed(simulated(np.array([-0.45, 0.0, 0.0, 0.0]))) == 1.0  # it is no better than no model there
+    assert plain.missed(simulated(1e-4 * along_factors)) < 1e-3
+
+
+def test_a_prior_counts_by_its_standard_deviation_wherever_its_mean_is() -> None:
+    space = SearchSpace((FreeParameter("a", "m", 0.0, 1.0), FreeParameter("b", "m", 0.0, 1.0)))
+    data = Block("pull", "tension", np.ones(50), 1e-3 * np.ones(50), 1e-3, np.outer(np.ones(50), [1.0, 0.0]))
+    for off in (0.0, 1e-9, 0.2):
+        prior = Block("", "b", np.zeros(1), np.array([off]), 0.05, np.array([[0.0, 1.0]]))
+        here = Point(np.array([0.5, 0.5]), (data, prior))
+        assert in_standard_errors(space, LikelihoodLoss(), here, np.array([0.0, 0.01])) == pytest.approx(0.2)
 
 
 @pytest.mark.parametrize("reciprocal", [False, True])

@@ -50,6 +50,7 @@ def test_result_json_holds_what_is_promised_in_si(run: tuple[Path, CalibrationRe
         "standard_error": result.parameters[E].standard_error,
         "interval": list(result.parameters[E].interval),
         "scale": "log",
+        "shares": dict(result.parameters[E].shares),
     }
     for key in ("loss", "method", "seed", "n_solves", "n_factorisations", "wall_s", "status", "n_failed_trials"):
         assert held[key] == getattr(result, key)
@@ -84,6 +85,8 @@ def test_every_header_of_the_tables_has_its_unit(run: tuple[Path, CalibrationRes
         "measured.pitch [rad]",
         "simulated.tension [N]",
         "simulated.pitch [rad]",
+        "band.tension [N]",
+        "band.pitch [rad]",
     ]
     assert len(rows) == 41
     with (folder / "trials.csv").open() as file:

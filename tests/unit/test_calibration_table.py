@@ -6,17 +6,18 @@ from dataclasses import replace
 
 from report_example import E_NAME, bench_experiment, tpe_result
 
+from softcal.calibration.digits import interval_text
 from softcal.calibration.outcome import bound_note
 from softcal.calibration.result import Estimate
-from softcal.cli.calibration_table import interval_text, print_results, value_text
+from softcal.cli.calibration_table import print_results, value_text
 
 
 def test_an_interval_is_told_in_the_unit_of_its_value():
     assert interval_text(Estimate(2.8e5, "Pa", False, 1e4, 1e6, 1e4, (2.58e5, 3.07e5))) == "258 to 307 kPa"
     assert interval_text(Estimate(2.8e5, "Pa", False, 1e4, 1e6, 1e4)) == ""
     held = Estimate(2e5, "Pa", True, 2e5, 1e6, None, (2e5, 2.01e5), beyond=27.0)
-    assert interval_text(held) == "200 to 201 kPa, within the bounds"
-    assert interval_text(replace(held, beyond=1.9)) == "200 to 201 kPa"
+    assert interval_text(held) == "200 to 201.00 kPa, within the bounds"
+    assert interval_text(replace(held, beyond=1.9)) == "200 to 201.00 kPa"
 
 
 def test_only_shared_parameters_have_a_line_for_their_interval(capsys):
@@ -59,7 +60,7 @@ def test_what_is_poor_or_decided_by_a_bound_is_a_warning_before_the_status(capsy
 
 def test_numbers_of_the_table_are_as_people_write_them(capsys):
     wide = Estimate(7.07e5, "Pa", False, 5e4, 1e7, 1.4e6, (5e4, 1e7))
-    assert value_text(wide) == "707 ± 1400 kPa"
+    assert value_text(wide) == "700 ± 1400 kPa"
     assert interval_text(wide) == "50 to 10000 kPa"
     assert value_text(Estimate(0.49999, "1", True, 0.3, 0.49999)) == "0.49999 (at a bound)"
     experiments = [bench_experiment("20mm", 0.02, 1.2e6)]

@@ -237,8 +237,8 @@ def said(study: MeshStudy) -> list[str]:
 
 def test_the_verdict_says_how_much_and_what_to_do():
     assert said(made_up(2.5e6)) == [
-        "The mesh makes x too low by 20 %: 2 MPa, where 2.5 MPa is expected with every element halved. "
-        "That is 10 times its standard error, which includes independent noise only.",
+        "The mesh makes x too low by 20 %: 2.000 MPa, where 2.500 MPa is expected with every element halved. "
+        "That is 10 times its standard error by noise.",
         "This error exceeds the noise: use P2P1 elements or a finer mesh, and calibrate again.",
     ]
     high, advice = said(made_up(1.6e6, elements=("P2P1",)))
@@ -249,14 +249,14 @@ def test_the_verdict_says_how_much_and_what_to_do():
 def test_noise_may_hide_the_mesh():
     (verdict,) = mesh_verdicts(made_up(2.02e6))
     assert verdict.tone == "good"
-    assert verdict.text == "The mesh makes x too low by 0.99 %, 0.4 times its standard error: below the noise."
+    assert verdict.text == "The mesh makes x too low by 0.99 %, 0.4 times its standard error by noise."
     (between,) = mesh_verdicts(made_up(2.1e6))
     assert between.tone == "note"
 
 
 def test_a_ratio_is_told_by_its_difference_and_far_ones_as_a_direction():
     near, *_ = said(made_up(0.43, found=0.4, error=0.02, unit="1", bounds=(0.2, 0.4999)))
-    assert "too low by 0.03: 0.4, where 0.43 is expected" in near
+    assert "too low by 0.03: 0.400, where 0.430 is expected" in near
     assert "direction" not in near
     far, *_ = said(made_up(0.48, found=0.3, error=0.02, unit="1", bounds=(0.2, 0.4999)))
     assert "only the direction is reliable" in far
@@ -273,7 +273,7 @@ def test_bounds_are_told():
 def test_what_is_nothing_is_told_as_nothing():
     assert said(made_up(2.0e6)) == ["The mesh does not shift x."]
     to_zero, *_ = said(made_up(0.0, found=0.1, unit="N", error=0.01, bounds=(-1.0, 1.0)))
-    assert "too high by 0.1 N: 0.1 N, where 0 N is expected" in to_zero
+    assert "too high by 0.1 N: 0.100 N, where 0 N is expected" in to_zero
 
 
 def test_shifts_in_words():

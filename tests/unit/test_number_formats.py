@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import replace
+from decimal import Decimal
 
 import pytest
 from hypothesis import example, given
@@ -13,14 +14,15 @@ from report_example import E_NAME, bench_experiment, example_content, tpe_result
 
 from softcal.analysis.agreement import Agreement
 from softcal.analysis.mesh_verdict import times_text
+from softcal.calibration.digits import interval_text
 from softcal.calibration.result import Distance, Estimate
-from softcal.cli.calibration_table import interval_text, print_results, value_text
+from softcal.cli.calibration_table import print_results, value_text
 from softcal.report.agreement import chance_text, range_text, size_text
 from softcal.report.closeness import Miss, closeness, miss_text
-from softcal.report.format import duration, file_stem, joined, number, with_error
+from softcal.report.format import duration, file_stem, joined, number
 from softcal.report.tables import all_parameters_table
 from softcal.twin.crossings import span_in_words
-from softcal.units import format_quantity, plain, readable_unit
+from softcal.units import format_quantity, plain, readable_unit, rounded
 from tests.strategies import numbers
 
 SIGNED = st.builds(lambda sign, exponent: sign * 10.0**exponent, st.sampled_from((-1, 1)), numbers(-12, 12))
@@ -56,16 +58,31 @@ def test_numbers_at_the_ends(value: float, text: str):
 
 @given(SIGNED, numbers(-14, 6))
 @example(1.983, -12.0)
-def test_an_error_is_never_shown_as_none(value: float, exponent: float):
-    error = 10.0**exponent
-    shown, told = read(with_error(value, error))
-    assert told == pytest.approx(error, rel=0.06)
-    assert abs(shown - value) <= 0.06 * error + 1e-9 * abs(value)  # ten digits at most
+@example(-0.04, 0.0)
+def test_a_number_is_told_to_the_second_digit_of_its_uncertainty(value: float, exponent: float):
+    uncertainty = 10.0**exponent
+    text = rounded(value, uncertainty)
+    (told,) = read(text)
+    assert abs(told - value) <= 0.06 * uncertainty + 1e-9 * abs(value)  # ten digits at most
+    last = Decimal(text).as_tuple().exponent
+    assert isinstance(last, int)
+    assert 10.0**last > 0.0099 * uncertainty or "." not in text  # a whole number may end in zeros
+    assert text not in ("-0", "-0.0", "-0.00")
 
 
-@pytest.mark.parametrize("error", [None, 0.0, -1.0, math.inf, math.nan])
-def test_without_an_error_the_value_stands_alone(error: float | None):
-    assert with_error(1.98321, error) == "1.98"
+def test_an_uncertainty_decides_the_digits():
+    assert rounded(1.98321, 0.0213) == "1.983"
+    assert rounded(0.45, 0.0996) == "0.45"
+    assert rounded(707.0, 4975.0) == "700"
+    assert rounded(60.0, 4975.0, least=1) == "60"
+    assert rounded(-0.04, 3.1) == "0.0"
+    assert rounded(1.2345678e9, 1e6) == "1.2346e+09"
+    assert rounded(0.0, 0.1) == rounded(-0.0, 0.1) == "0"
+
+
+@pytest.mark.parametrize("unknown", [None, 0.0, -1.0, math.inf, math.nan])
+def test_where_the_uncertainty_is_not_known_a_number_has_three_digits(unknown: float | None):
+    assert rounded(1.98321, unknown) == "1.98"
 
 
 @given(numbers(1e-6, 1e9), numbers(1e-7, 0.5), st.sampled_from(("Pa", "m", "N", "rad", "kg", "1")))
@@ -80,11 +97,13 @@ def test_the_ends_of_an_interval_are_told_apart(value: float, share: float, unit
 
 def test_a_value_is_told_as_far_as_its_error_reaches():
     estimate = Estimate(3.18704e6, "Pa", False, 1e5, 4e7, 21.0)
-    assert value_text(estimate) == "3.18704 ± 2.1e-05 MPa"
-    assert value_text(replace(estimate, standard_error=7.3e3)) == "3.187 ± 0.0073 MPa"
-    assert value_text(replace(estimate, standard_error=None)) == "3.187 MPa"
+    assert value_text(estimate) == "3.187040 ± 0.000021 MPa"
+    assert value_text(replace(estimate, standard_error=7.3e3)) == "3.187 ± 0.007 MPa"
+    assert value_text(replace(estimate, standard_error=None)) == "3.19 MPa"
     narrow = replace(estimate, interval=(3.186999e6, 3.187082e6))
     assert interval_text(narrow) == "3.186999 to 3.187082 MPa"
+    wide = replace(estimate, standard_error=1.15e5, interval=(2.8137e6, 3.7632e6))
+    assert (value_text(wide), interval_text(wide)) == ("3.19 ± 0.12 MPa", "2.81 to 3.76 MPa")
 
 
 def test_the_report_tells_the_ends_of_an_interval_apart():
@@ -93,7 +112,7 @@ def test_the_report_tells_the_ends_of_an_interval_apart():
     estimate = replace(joint.parameters[E_NAME], value=1.2e6, interval=(1.199996e6, 1.200004e6))
     close = replace(content, results={"joint": replace(joint, parameters={E_NAME: estimate})})
     (row,) = all_parameters_table(close).rows
-    assert "1.199996 to 1.200004" in row
+    assert "1.1999960 to 1.2000040" in row
 
 
 @pytest.mark.parametrize(
@@ -156,8 +175,13 @@ def test_how_far_fits_are_apart():
     assert size_text(fits(0.95e6, 1.05e6, "Pa", None)) == "10 %"
     assert size_text(fits(-1e-3, 2e-3, "m", None)) == "3.0 mm"
     assert size_text(fits(0.40, 0.45, "1", None)) == "0.050"
-    assert range_text(fits(0.95e6, 1.05e6, "Pa", None)) == "0.9500 to 1.050 MPa"
-    assert range_text(fits(0.40, 0.45, "1", None)) == "0.4000 to 0.4500"
+    assert range_text(fits(0.95e6, 1.05e6, "Pa", None)) == "0.95 to 1.05 MPa"
+    assert range_text(fits(0.40, 0.45, "1", None)) == "0.4 to 0.45"
+    known = fits(0.95e6, 1.05e6, "Pa", None)
+    sure = {name: replace(one, standard_error=2e4) for name, one in known.estimates.items()}
+    assert range_text(replace(known, estimates=sure)) == "0.950 to 1.050 MPa"
+    vague = {name: replace(one, standard_error=2e6) for name, one in known.estimates.items()}
+    assert size_text(replace(known, estimates=vague)) == "10 %"
 
 
 def test_what_is_missed():
@@ -189,3 +213,5 @@ def test_an_end_that_is_a_bound_is_shown_as_it_was_written():
     assert interval_text(nu) == "0.4 to 0.4999"
     inside = Estimate(0.43, "1", False, 0.1, 0.4999, 0.02, (0.391, 0.469123456))
     assert interval_text(inside) == "0.391 to 0.469"
+    log = Estimate(3e6, "Pa", False, 1e5, 4e8, None, (2e5, 3e8), scale="log")
+    assert interval_text(log) == "0.2 to 300 MPa"

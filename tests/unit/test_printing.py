@@ -59,7 +59,7 @@ def test_calibrations_side_by_side_as_far_as_they_fit(printed: Printed) -> None:
     results = {label: with_intervals(result) for label, result in example_content(n_trials=5).results.items()}
     print_results(results)
     lines = printed()
-    assert {"neck.youngs_modulus", "1.9 ± 0.023 MPa", "1.08 to 1.32 MPa", "front.slack[20 mm, 2 mm/s]"} <= cells(lines)
+    assert {"neck.youngs_modulus", "1.90 ± 0.02 MPa", "1.08 to 1.32 MPa", "front.slack[20 mm, 2 mm/s]"} <= cells(lines)
     (labels, *of_each), joint = rows(lines, 4), rows(lines, 2)
     assert labels == ["", "20 mm, 2 mm/s", "20 mm, 5 mm/s", "35 mm, 2 mm/s"]
     assert joint[0] == ["", "joint"]

@@ -14,7 +14,7 @@ from softcal.calibration.result import CalibrationResult, Distance, Estimate, Ex
 from softcal.cli.calibration_table import print_results
 from softcal.experiments.dataset import Channel, Dataset, Step
 from softcal.materials.infill import PrintInfill
-from softcal.report.conclusions import conclusions, headline_sentence
+from softcal.report.conclusions import conclusions, verdict
 from softcal.report.content import ExperimentContent, ReportContent
 from softcal.report.figures.force_displacement import steps_between
 from softcal.report.figures.parameter import forest_caption
@@ -92,10 +92,10 @@ def test_moduli_of_the_shipped_neck_differ_far_beyond_noise() -> None:
     warning = told(report, "warning")
     assert "E differs between the separate fits by 9.4 %" in warning
     assert "from 3.197 ± 0.012 MPa (test3) to 3.5130 ± 0.0036 MPa (test1)" in warning
-    assert "more than their standard errors allow" in warning
+    assert "more than the noise within them explains" in warning
     assert "p < 1e-10" in warning
-    first = headline_sentence(report)
-    assert "E = 3.294 MPa (3.197 to 3.513 MPa test by test)" in first.text
+    first = verdict(report)
+    assert "E = 3.294 ± 0.005 MPa, from 3 tests." in first.text
     assert "E differs between the separate fits by 9.4 %" in first.text
     assert first.tone == "warning"
     assert "agree" not in told(report)
@@ -104,9 +104,9 @@ def test_moduli_of_the_shipped_neck_differ_far_beyond_noise() -> None:
 def test_moduli_within_their_errors_are_said_to_be_so() -> None:
     joint = result("test1", "test2", estimates={E_NAME: modulus(3.31, 0.1)})
     report = content({**separate((3.3, 0.15), (3.35, 0.12)), "joint": joint})
-    assert "E differs between the separate fits by 1.5 %" in told(report, "good")
-    assert "no more than their standard errors allow" in told(report, "good")
-    first = headline_sentence(report)
+    assert "E differs between the separate fits by 2 %" in told(report, "good")
+    assert "no more than the noise within them explains" in told(report, "good")
+    first = verdict(report)
     assert "E = 3.31 ± 0.10 MPa" in first.text
     assert "differs" not in first.text
     assert first.tone == "good"
@@ -115,13 +115,13 @@ def test_moduli_within_their_errors_are_said_to_be_so() -> None:
 def test_units_and_symbols_keep_their_letters_at_the_beginning_of_the_summary() -> None:
     silent = replace(fit(), rmse={})
     report = content({"test1": result("test1", made=silent)})
-    assert headline_sentence(report).text.startswith("E = 2.300 ± 0.010 MPa.")
+    assert verdict(report).text.startswith("E = 2.300 ± 0.010 MPa, from one test.")
 
 
 def test_without_standard_errors_nothing_is_said_of_agreement() -> None:
     report = content(separate((3.3, None), (3.31, None)))
     assert "without standard errors this cannot be compared with noise" in told(report, "note")
-    assert "differs" not in headline_sentence(report).text
+    assert "differs" not in verdict(report).text
     one = separate((3.3, 0.1), (3.9, 0.1), (40.0, None))
     assert "Excluded, having no standard error: test3." in told(content(one))
 
@@ -149,14 +149,14 @@ def test_every_separate_fit_is_judged_and_the_worst_is_named() -> None:
     fits = {f"test{i}": result(f"test{i}", made=fit(0.1, 0.1)) for i in (1, 2, 3)}
     fits["test4"] = result("test4", made=fit(0.1, 2.2))
     report = content(fits)
-    first = headline_sentence(report)
+    first = verdict(report)
     assert "the pitch within 2.2 deg (RMS; worst in test4)" in first.text
     assert first.tone == "warning"
     sentence = "test4: the twin reproduces the force to 0.100 N RMS (1.2 % of its range) and the pitch to 2.20 deg RMS"
     assert sentence in told(report, "warning")
     assert "that is poor (the pitch above 10 % of its range)" in told(report, "warning")
     assert "E = 2.300 to 2.300 MPa test by test" in first.text
-    good = headline_sentence(content({name: fits[name] for name in ("test1", "test2")}))
+    good = verdict(content({name: fits[name] for name in ("test1", "test2")}))
     assert good.tone == "good"
 
 
@@ -168,7 +168,7 @@ def test_channels_of_named_parts_are_judged_as_those_of_short_names_are() -> Non
     report = content({"test1": result("test1", made=named)})
     assert "the force of left to 0.100 N RMS (1.2 % of its range)" in told(report, "warning")
     assert "poor (the pitch of head above 10 % of its range)" in told(report, "warning")
-    first = headline_sentence(report)
+    first = verdict(report)
     assert "the measured force within 1.2 % of its range (RMS) and the pitch within 2.2 deg" in first.text
     assert first.tone == "warning"
     errors = errors_table(report)
@@ -201,7 +201,7 @@ def test_a_search_that_did_not_converge_comes_first() -> None:
     report = content({"a": result("a", converged=False, status="Stopped after 40 trajectories.")})
     assert "The search did not converge" in conclusions(report)[0].text
     assert conclusions(report)[0].tone == "warning"
-    assert "The search did not converge" in headline_sentence(report).text
+    assert "The search did not converge" in verdict(report).text
     assert "How the search ended" not in told(report)
 
 
@@ -209,7 +209,7 @@ def test_a_search_that_did_not_converge_comes_first() -> None:
 def test_another_search_says_how_it_ended_in_a_note(converged: bool | None) -> None:
     report = content({"a": result("a", converged=converged)})
     assert "How the search ended: Converged in 3 trajectories." in told(report, "note")
-    assert "did not converge" not in told(report) + headline_sentence(report).text
+    assert "did not converge" not in told(report) + verdict(report).text
 
 
 # How close the fit is.
@@ -228,7 +228,7 @@ def test_closeness_is_judged_by_the_range(force: float, word: str) -> None:
 def test_an_error_of_the_size_of_the_noise_is_as_close_as_can_be() -> None:
     report = content({"a": result("a", made=fit(1.0))}, sigma=1.0)
     assert "1.0 times its stated noise); that is within the stated noise" in told(report, "good")
-    assert headline_sentence(report).tone == "good"
+    assert verdict(report).tone == "good"
     report = content({"a": result("a", made=fit(1.0))}, sigma=0.2)
     assert "5.0 times its stated noise); that is poor" in told(report, "warning")
 
@@ -264,18 +264,18 @@ def test_what_its_bound_keeps_from_the_data_is_said_in_the_first_line(capsys: py
         "intervals are computed within the bounds."
     )
     held = content(at(27.0))
-    assert want.format("0.4") in headline_sentence(held).text
+    assert want.format("0.4") in verdict(held).text
     assert told(held, "warning").count("the best fit is beyond it") == 1
     assert "best fit is beyond" not in told(held, "note")
-    assert "0.4 to 0.401, within the bounds" in all_parameters_table(held).as_csv()
+    assert "0.4 to 0.40100, within the bounds" in all_parameters_table(held).as_csv()
     print_results(at(27.0))
     assert f"Warning: a: {NU_NAME} {want.format('0.4')}" in capsys.readouterr().err
     whole = replace(at(27.0)["a"].parameters[NU_NAME], interval=(0.4, 0.5))
     assert "the data hardly determine it" in told(content({"a": result("a", estimates={NU_NAME: whole})}), "warning")
     assert "not by the data" in bound_note(NU_NAME, whole).text
     free = content(at(0.7))
-    assert "best fit is beyond" not in told(free) + headline_sentence(free).text
-    assert "within the noise, the data agree with this value" in told(free, "warning")
+    assert "best fit is beyond" not in told(free) + verdict(free).text
+    assert "within the noise, the data exclude neither this value" in told(free, "warning")
     assert "within the bounds" not in all_parameters_table(free).as_csv()
 
 
@@ -298,9 +298,9 @@ def test_a_fit_of_as_many_parameters_as_values_is_not_called_close_or_identified
         return content({"a": replace(found, notes=notes)}, sigma=1.0)
 
     one, two = of(1), of(2)
-    assert "1 parameter was fitted to 1 measured value" in headline_sentence(one).text
+    assert "1 parameter was fitted to 1 measured value" in verdict(one).text
     assert "1 parameter was fitted to 1 measured value" in told(one, "warning")
-    assert "fitted to" not in told(one, "note") + told(two) + headline_sentence(two).text
+    assert "fitted to" not in told(one, "note") + told(two) + verdict(two).text
     for words in ("within the stated noise", "Identified"):
         assert words not in told(one)
         assert words in told(two, "good")

@@ -17,7 +17,7 @@ from softcal.report.figures.force_displacement import draw_record
 from softcal.report.figures.history import draw_history, search_history
 from softcal.report.figures.loss import grid_of_trials
 from softcal.report.figures.parameter import forest_rows
-from softcal.report.figures.trajectory import draw_trajectory, trajectory_panels
+from softcal.report.figures.trajectory import draw_trajectory, trajectory, trajectory_panels
 
 
 def test_residual_is_simulated_minus_measured_in_shown_units() -> None:
@@ -27,6 +27,23 @@ def test_residual_is_simulated_minus_measured_in_shown_units() -> None:
     assert (force.channel, pitch.channel, pitch.scale.unit) == ("tension", "pitch", "deg")
     np.testing.assert_allclose(force.residual, fit.simulated["tension"] - fit.measured["tension"])
     np.testing.assert_allclose(pitch.residual, np.rad2deg(fit.simulated["pitch"] - fit.measured["pitch"]))
+
+
+def test_the_band_of_a_further_test_is_drawn_and_told_where_it_is_known() -> None:
+    content = example_content(n_trials=3)
+    label, result = next(iter(content.results.items()))
+    name, fit = next(iter(result.experiments.items()))
+    without = next(trajectory(content))
+    assert "95 %" not in without.caption
+    assert not any(axes.collections for axes in without.figure.axes)
+    known = replace(fit, bands={"pitch": np.full(50, np.deg2rad(0.5))})
+    results = {**content.results, label: replace(result, experiments={**result.experiments, name: known})}
+    drawing = next(trajectory(replace(content, results=results)))
+    assert "The band holds 95 % of the samples" in drawing.caption
+    force, pitch = trajectory_panels(content.experiments[name], known).panels
+    assert force.band is None
+    np.testing.assert_allclose(pitch.band, 0.5)
+    assert [len(axes.collections) for axes in drawing.figure.axes] == [0, 0, 1, 1]
 
 
 def test_unmeasured_pitch_is_shown_alone() -> None:

@@ -14,7 +14,7 @@ from softcal.errors import InputError
 from softcal.project.project import Project, load
 from softcal.report.all_tables import all_tables
 from softcal.report.comparison import comparison, improvement_table, improvements
-from softcal.report.conclusions import conclusions, headline_sentence
+from softcal.report.conclusions import conclusions, verdict
 from softcal.report.content import ReportContent
 from softcal.report.figure import report_pictures
 from softcal.report.figures import configurations, twin
@@ -127,7 +127,9 @@ def test_what_was_gained_is_told_and_flagged(content: ReportContent):
     texts = [sentence.text for sentence in conclusions(content)]
     assert any("is at its upper bound of 0.3" in text for text in texts)
     assert any(text.startswith("The error of all sections fell from 1") for text in texts)
-    assert headline_sentence(content).text.startswith("With the best of 6 cells, E = 800 MPa and ν = 0.300,")
+    first, last = verdict(content).sentences
+    assert first == "The best of 6 cells, E = 800 MPa and ν = 0.3, from 2 tests."
+    assert last.startswith("The twin reproduces the markers to 0.0002")
 
 
 def test_shapes_are_those_of_the_strongest_pull(project: Project, content: ReportContent):

@@ -74,3 +74,9 @@ def test_a_project_takes_any_of_its_calibration_section_and_nothing_else(tmp_pat
     heavier = calibrate_project(project, method="grid", trials=4, alpha=0.6, beta=2.0).headline
     plain = calibrate_project(project, method="grid", trials=4, alpha=None, starts=None).headline
     assert [t.loss for t in heavier.trials] == pytest.approx([2 * (t.loss or 0.0) for t in plain.trials])
+
+
+def test_the_error_of_the_mesh_is_computed_once_and_for_no_fit_of_a_validation(tmp_path: Path) -> None:
+    project = load(write_project(tmp_path))
+    assert project.calibration.mesh_error
+    assert not project.calibration.search.mesh_error

@@ -196,7 +196,7 @@ def test_a_key_that_is_missing_is_refused(name: str, finished: Path, tmp_path: P
     folder = shutil.copytree(finished / file.split("/")[0], tmp_path / "copy")
     target = folder / file.partition("/")[2]
     document = json.loads(target.read_text())
-    optional = {"project", "verdicts", "format" if "result" in name else ""}
+    optional = {"project", "verdicts", *(("format", "residuals") if "result" in name else ())}
     refused = 0
     for key in document:
         if key in optional:
@@ -304,8 +304,9 @@ TABLES: dict[str, tuple[str, Callable[[str], str]]] = {
         for value in values
         for row in (-1,)
     },
-    "a simulated value that is another": ("response-pull.csv", in_cell(-1, -1, "0.5")),
-    "a measured value that is another": ("response-pull.csv", in_cell(-1, -4, "77")),
+    "a simulated value that is another": ("response-pull.csv", in_cell(-1, -3, "0.5")),
+    "a measured value that is another": ("response-pull.csv", in_cell(-1, -6, "77")),
+    "a band that is no number": ("response-pull.csv", in_cell(-1, -1, "nan")),
     "a trial less": ("trials.csv", without_line),
     "a sample less": ("response-pull.csv", without_line),
     "no samples": ("response-pull.csv", lambda text: text.splitlines()[0] + "\n"),

@@ -26,6 +26,7 @@ T = np.array([0.05, 0.3, 0.8, 1.6])
 AT = {
     "front.slack": 0.002,
     "front.tension_offset": 0.1,
+    "front.tension_gain": 1.04,
     "plate.pitch_offset": 0.02,
     "pulleys.friction_coefficient": 0.12,
 }

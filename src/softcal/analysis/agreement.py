@@ -1,8 +1,9 @@
-"""Agreement of separate fits of one robot: do their estimates differ by more than their standard errors allow?
+"""Agreement of separate fits of one robot: do their estimates differ by more than the noise within them explains?
 
-Cochran's Q (Biometrics 10, 1954) of the fits' values y (logarithms, where all are positive) with standard errors s is
-sum (y - mean)^2 / s^2, the mean weighted by 1 / s^2. If one value describes all fits, Q is distributed as chi^2 with
-one degree of freedom less than the number of fits.
+Cochran's Q (Biometrics 10, 1954) of the fits' values y (logarithms, where all are positive) with standard errors s by
+noise is sum (y - mean)^2 / s^2, the mean weighted by 1 / s^2. If one value describes all fits, Q is distributed as
+chi^2 with one degree of freedom less than the number of fits. What is uncertain in all fits alike (friction, a gain) is
+not in s: it moves all values together.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ class Agreement:
 
     @property
     def differs(self) -> bool:
-        """Whether the fits differ by more than their standard errors allow."""
+        """Whether the fits differ by more than the noise within them explains."""
         return self.chance is not None and self.chance < LIMIT
 
     @property
@@ -56,7 +57,7 @@ class Agreement:
     @property
     def uncounted(self) -> tuple[str, ...]:
         """Labels of the fits without a standard error."""
-        return tuple(label for label, e in self.estimates.items() if not e.standard_error)
+        return tuple(label for label, e in self.estimates.items() if not e.noise_error)
 
 
 def agreements(results: Mapping[str, SearchResult]) -> tuple[Agreement, ...]:
@@ -73,7 +74,7 @@ def agreements(results: Mapping[str, SearchResult]) -> tuple[Agreement, ...]:
 def _agreement(name: str, estimates: Mapping[str, Estimate]) -> Agreement:
     from scipy.special import chdtrc
 
-    pairs = [(e.value, e.standard_error) for e in estimates.values() if e.standard_error]
+    pairs = [(e.value, error) for e in estimates.values() if (error := e.noise_error)]
     if len(pairs) < 2:
         return Agreement(name, estimates)
     values, errors = np.array(pairs, dtype=float).T

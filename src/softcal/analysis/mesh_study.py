@@ -26,6 +26,7 @@ import numpy as np
 from softcal.analysis.mesh_changes import Change, changes_between, grouped
 from softcal.calibration.local_model import LocalModel, Point
 from softcal.calibration.loss import Block, rms, total
+from softcal.calibration.mesh_error import UNKNOWNS
 from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.problem import Evaluation, Problem
 from softcal.calibration.result import Estimate
@@ -40,7 +41,6 @@ from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
 
 LIMIT = "limit"
-UNKNOWNS = 150_000  # a minute or two per trajectory
 TOLERANCE = 1e-5  # of the interpolation over a channel's largest value: well below the changes by the mesh
 ORDERS = (0.5, 6.0)  # plausible orders of convergence
 _OFF = 2e-3  # of the search range: a larger distance from the optimum is reported
@@ -209,7 +209,7 @@ class _Model:
         self.z = np.clip(space.to_search(base.theta), 0.0, 1.0)
         # Step to the optimum on the original mesh: zero if the values are optimal.
         self.own_step = self._minimum(base.blocks)[0] - self.z
-        statistics = local_statistics(space, problem.loss, base.theta, base.blocks)
+        statistics = local_statistics(space, problem.loss, base.theta, base.blocks, problem.uncertain)
         self.parameters = statistics.estimates(space, base.theta)
 
     @property

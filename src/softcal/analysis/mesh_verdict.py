@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 from softcal.analysis.mesh_study import LIMIT, Finer, MeshStudy
+from softcal.calibration.digits import shown, with_unit
 from softcal.calibration.result import Estimate
 from softcal.units import format_quantity, readable_unit
 
 Tone = Literal["good", "note", "warning"]
-_COUNTS = "which includes independent noise only"
+_COUNTS = "by noise"
 # Shifts in standard errors: hidden by noise up to the first, a warning from the second on.
 HIDDEN, DECIDES = 1.0, 3.0
 # Shifts over a parameter's range: negligible below the first; beyond the second, local derivatives are not valid.
@@ -40,8 +41,11 @@ def mesh_verdicts(study: MeshStudy) -> tuple[MeshVerdict, ...]:
 
 
 def shift_in_errors(estimate: Estimate, value: float) -> float | None:
-    """Distance of another value from an estimate over its standard error; None if it has none."""
-    return (value - estimate.value) / estimate.standard_error if estimate.standard_error else None
+    """Distance of another value from an estimate over its standard error by noise; None if it has none.
+
+    Differences between experiments are not in it: the mesh's error is the same in all of them.
+    """
+    return (value - estimate.value) / estimate.noise_error if estimate.noise_error else None
 
 
 def shift_text(estimate: Estimate, value: float) -> str:
@@ -69,7 +73,7 @@ def reference_text(study: MeshStudy) -> str:
 def _verdict(label: str, study: MeshStudy, best: Finer) -> MeshVerdict:
     estimate, value = study.parameters[label], best.values[label]
     unit = readable_unit(estimate.value, estimate.unit)
-    here, there = (format_quantity(v, estimate.unit, unit) for v in (estimate.value, value))
+    here, there = (with_unit(estimate, shown(estimate, v)) for v in (estimate.value, value))
     errors = shift_in_errors(estimate, value)
     if estimate.at_bound and abs(value - estimate.value) <= _NEAR * (estimate.upper - estimate.lower):
         text = f"{label} is at a bound, {here}, and is expected there on a finer mesh too."
@@ -84,7 +88,7 @@ def _verdict(label: str, study: MeshStudy, best: Finer) -> MeshVerdict:
         by = f"{100.0 * change / abs(value):.2g} %"
     least = " or more" if label in best.at_bound and not estimate.at_bound else ""
     if errors is not None and abs(errors) <= HIDDEN:
-        hidden = f"{times_text(errors)} times its standard error: below the noise."
+        hidden = f"{times_text(errors)} times its standard error {_COUNTS}."
         return MeshVerdict(f"The mesh makes {label} too {side} by {by}{least}, {hidden}", "good")
     text = f"The mesh makes {label} too {side} by {by}{least}: {here}, where {there} is expected"
     text += f" {reference_text(study)}."
@@ -96,7 +100,7 @@ def _verdict(label: str, study: MeshStudy, best: Finer) -> MeshVerdict:
         return MeshVerdict(f"{text} It has no standard error to compare with.", "note")
     size = abs(errors)
     tone: Tone = "warning" if size > DECIDES else "note"
-    return MeshVerdict(f"{text} That is {times_text(size)} times its standard error, {_COUNTS}.", tone)
+    return MeshVerdict(f"{text} That is {times_text(size)} times its standard error {_COUNTS}.", tone)
 
 
 def _advice(study: MeshStudy) -> str:

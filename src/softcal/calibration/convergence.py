@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from dataclasses import replace
 
 import numpy as np
@@ -20,19 +21,18 @@ _GAIN = 0.2
 _TWIN_ROUNDING = 1e-5
 
 
-def distance_to_minimum(space: SearchSpace, loss: Loss, here: Point) -> float:
+def distance_to_minimum(space: SearchSpace, loss: Loss, here: Point, trusted: LocalModel) -> float:
     """Distance of a simulated point from the minimum within the bounds, in standard errors.
 
     The larger of two measures: the length of Gauss-Newton's step, and a fifth of the attainable reduction of the loss.
     The latter is sqrt((n - k) (S - S_min) / S), with the sum of squares S of n residuals and k parameters, and its
-    minimum S_min by the model with the scaling of forces: towards a distant bound the loss may decrease by much, of
+    minimum S_min by `trusted`, the search's own model there: towards a distant bound the loss may decrease by much, of
     which a linearisation at a large misfit shows little.
     """
     plain = LocalModel(space, loss, here, plain=True)
     step = plain.minimise(np.zeros(space.size), np.ones(space.size)) - here.z
-    scaled = LocalModel(space, loss, here)
-    lowest = scaled.loss(scaled.minimise(np.zeros(space.size), np.ones(space.size)))
-    before, after = loss.squares(scaled.loss(here.z)), loss.squares(lowest)
+    lowest = trusted.loss(trusted.minimise(np.zeros(space.size), np.ones(space.size)))
+    before, after = loss.squares(trusted.loss(here.z)), loss.squares(lowest)
     left = before + loss.squares(total(loss, [_rounding(block) for block in here.blocks]))
     n = sum(len(block.residual) for block in here.blocks)
     gain = math.sqrt(max(before - after, 0.0) * max(n - space.size, 1) / left) if left > 0.0 else 0.0
@@ -50,20 +50,22 @@ def in_standard_errors(space: SearchSpace, loss: Loss, here: Point, step: Floats
 
     C is Gauss-Newton's covariance. For the step to the minimum, p = C g, the length is sqrt(g' C g), with the gradient
     g of half the loss. The noise of each group of channels is estimated from its own residuals: a channel with a large
-    misfit does not hide how well another determines a parameter. No noise is below the twin's rounding error.
+    misfit does not hide how well another determines a parameter. No noise is below the twin's rounding error. A prior
+    counts by its stated standard deviation, as in the estimator, whatever is left of it: one residual estimates none.
     """
     theta = step * space.jacobian(here.z)
-    moved: dict[str, float] = {}
-    left: dict[str, float] = {}
-    count: dict[str, int] = {}
+    by_priors = 0.0
+    groups: defaultdict[str, Floats] = defaultdict(lambda: np.zeros(3))  # moved, left, count
     for block in here.blocks:
-        group = loss.noise_group(block) if block.experiment else ""
+        moved = jacobian_of(block) @ theta
+        if not block.experiment:
+            by_priors += float(np.sum((moved / block.sigma) ** 2))
+            continue
         floor = _TWIN_ROUNDING * rms(block.measured)
         weights = loss.precisions(block, floor + 1e-300)
-        moved[group] = moved.get(group, 0.0) + float(weights @ (jacobian_of(block) @ theta) ** 2)
-        left[group] = left.get(group, 0.0) + float(weights @ (block.residual**2 + floor**2))
-        count[group] = count.get(group, 0) + len(block.residual)
-    n = sum(count.values())
+        left = weights @ (block.residual**2 + floor**2)
+        groups[loss.noise_group(block)] += np.array([weights @ moved**2, left, len(moved)])
+    n = sum(count for _, _, count in groups.values())
     free = max(n - space.size, 1) / n  # of each residual, once the parameters are fitted
-    squares = (moved[g] * count[g] * free / left[g] for g in moved if left[g] > 0.0)
-    return math.sqrt(sum(squares))
+    by_data = sum(moved * count * free / left for moved, left, count in groups.values() if left > 0.0)
+    return math.sqrt(by_priors + by_data)

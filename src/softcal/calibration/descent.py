@@ -8,7 +8,8 @@ Three rules make it fast and robust:
 - it has converged where Gauss-Newton's step to the minimum is shorter than a tenth of a standard error at the lowest
   point simulated, and hardly any reduction of the loss is left (`distance_to_minimum`); the status reports any other
   end.
-- a model that does not reproduce the twin at its own point is replaced by Gauss-Newton's.
+- it follows the model that predicts best the last points simulated (`trusted_model`); where that has no step left,
+  Gauss-Newton's is tried.
 
 Why not `scipy.optimize.least_squares`: it cannot handle a point without an equilibrium (here the trust region shrinks
 and the search continues from the last point), it minimises sums of squares while the papers' loss is a sum of RMSEs,
@@ -18,7 +19,6 @@ solved by SciPy.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +28,7 @@ from softcal.calibration.local_model import LocalModel, Point
 from softcal.calibration.loss import Loss, total
 from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.problem import Evaluation
+from softcal.calibration.trusted_model import trusted_model
 from softcal.checks import Floats
 
 _SETTLED = 0.01  # of the smooth surrogate: with less reduction left, the search continues with the loss itself
@@ -110,11 +111,11 @@ class Descent:
                 self._propose()
             return
         self._since_failure += 1
-        before, after = self._losses(self._here()), self._losses(tried)
-        # The loss after rescaling counts as long as it can be reduced.
-        which = int(before[1] - self._promised > _RESCALED * before[1])
-        gain, promised = before[which] - after[which], before[which] - self._promised
-        if gain <= 0.0 and after[0] >= before[0]:
+        (before, before_rescaled), (after, after_rescaled) = self._losses(self._here()), self._losses(tried)
+        gain, promised = before_rescaled - after_rescaled, before_rescaled - self._promised
+        if promised <= _RESCALED * before_rescaled:  # rescaling has done what it can
+            gain, promised = before - after, before - self._promised
+        if gain <= 0.0 and after >= before:
             self._centre = self.z
         length = float(np.abs(tried.z - self._centre).max())
         if gain < 0.25 * promised:
@@ -128,7 +129,7 @@ class Descent:
 
     def _move(self, to: Point, evaluation: Evaluation) -> None:
         self.z, self.best = to.z, evaluation
-        self._distance = distance_to_minimum(self.space, self.loss, to)
+        self._distance = distance_to_minimum(self.space, self.loss, to, self._model(self.loss))
         # The region is centred at the rescaled moduli: else one that is far off would bound the other parameters.
         self._centre = LocalModel(self.space, self._merit, to).rescaled() if self._rescaling else to.z
         self._propose()
@@ -179,20 +180,10 @@ class Descent:
         return plain, model.loss(model.rescaled())
 
     def _model(self, merit: Loss) -> LocalModel:
-        """The model around this point with the smallest prediction error at the last points, bent to the nearest of
-        them.
-        """
-        here = self._here()
+        """The model that the search follows from here, by the last points."""
         others = [point for point, _ in self._seen[-_MEMORY:] if point.z is not self.z]
-        models = [LocalModel(self.space, merit, here, reciprocal=reciprocal) for reciprocal in (True, False)]
-
-        def misfit(model: LocalModel) -> float:
-            return sum(abs(math.log((model.loss(p.z) + 1e-300) / (total(merit, p.blocks) + 1e-300))) for p in others)
-
-        model = min(models, key=misfit)
-        if others:
-            model.bend(min(others, key=lambda point: self._length(point.z)))
-        return model if model.reproduces() else LocalModel(self.space, merit, here, plain=True)
+        others.sort(key=lambda point: self._length(point.z))
+        return trusted_model(self.space, merit, self._here(), others)
 
     def _here(self) -> Point:
         if self.best is None:

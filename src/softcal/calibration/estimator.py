@@ -8,13 +8,11 @@ W and Hessian A then give
 (the sandwich: Huber 1967, White 1980). For a likelihood with the right noise it is the inverse of A; for a sum of
 RMSEs, whose weights are not one over the variances, it is not. A includes the curvature of the root in each RMSE.
 
-The noise is independent from sample to sample. Its size is the same within a group of channels (`Loss.noise_group`) and
-is estimated from the group's residuals without bias:
-
-    E |r_g|^2 = sum_h s_h^2 |M_gh|^2,    M = I - J A^-1 J^T W
-
-Where the loss states the noise, the estimate is at least the stated one. A prior is a measurement of known noise:
-misfit does not widen it.
+The errors e come from independent sources (`noise.py`): the noise of each group of channels, white or correlated along
+the records; the priors and the uncertain parameters, which misfit does not widen; and, where the experiments of a joint
+fit differ by more than their noise explains, the difference of each experiment from their mean. The interval of such a
+parameter is that of the mean over the experiments as random effects give it, and no longer that of the loss's own
+weights.
 """
 
 from __future__ import annotations
@@ -24,55 +22,45 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from softcal.calibration.between_experiments import Between, between_experiments, white_noise_within
+from softcal.calibration.budget import Budget
+from softcal.calibration.correlation import ErrorRecord
 from softcal.calibration.loss import Block, Loss
+from softcal.calibration.noise import PRIOR, Noise, ScaledBlock, Source, sources, systematic_sources, white_noise
+from softcal.calibration.uncertain import UncertainParameter
 from softcal.checks import Floats
 
 # Singular value over the largest, in units of the search range, below which a direction counts as unidentifiable.
 _BLIND = 1e-7
-PRIOR = ""
-"""The group of the priors."""
-_ITERATIONS = 200
-_SPENT = 0.5  # degrees of freedom below which a group's noise cannot be estimated
-_ROUNDING = 1e-12  # of the search range: no standard error is smaller
-
-
-@dataclass(frozen=True)
-class Noise:
-    """The noise of a group of channels.
-
-    Attributes
-    ----------
-    size
-        Its standard deviation: over the stated one [-] where that is known, else in the channels' unit [SI].
-    dof
-        Degrees of freedom of its estimate [-], infinite where the stated noise is used.
-    stated
-        Whether the noise of the group is stated.
-    """
-
-    size: float
-    dof: float
-    stated: bool
 
 
 @dataclass(frozen=True)
 class Estimator:
-    """Linear response of the minimum to noise, in the unit box of the search [-].
+    """Linear response of the minimum to noise, in the unit box.
 
     Attributes
     ----------
     root
-        `root.T @ root` (size, size) is the covariance of z; zero in unidentifiable directions.
+        `root.T @ root` is the covariance of z, shape (size, size); zero in unidentifiable directions.
     minimum
-        Of the unbounded quadratic model (size,).
+        Of the unbounded quadratic model, shape (size,).
     unseen
-        Unidentifiable directions (k, size), to which no residual is sensitive.
+        Unidentifiable directions, to which no residual is sensitive, rows.
     dof
-        Degrees of freedom of each parameter's variance (size,), by Satterthwaite; infinite where all noise is known.
+        Of each parameter's variance (Satterthwaite), shape (size,), infinite where all noise is known.
     noise
-        Group of channels -> its noise.
+        Noise by group of channels.
     spent
         Groups whose noise cannot be estimated, since the parameters fit them exactly whatever it is.
+    between
+        How the experiments differ in the parameters that they share.
+    variances
+        Kind of source ("noise", "prior", "experiments", or an uncertain parameter, "bounds") -> its part of each
+        variance, shape (size,); see `Budget`.
+    sources
+        The errors of the measurements and priors.
+    within_bounds
+        Covariance (size, size) where every parameter lies within its bounds.
     """
 
     root: Floats
@@ -81,116 +69,169 @@ class Estimator:
     dof: Floats
     noise: Mapping[str, Noise]
     spent: tuple[str, ...]
+    between: tuple[Between, ...]
+    variances: Mapping[str, Floats]
+    sources: tuple[Source, ...]
+    within_bounds: Floats
 
 
 @dataclass(frozen=True)
-class _Part:
-    """A block of n samples in units of its noise v.
+class Weighed:
+    """A block as the loss sees it: weights (n,) of its squares, and the noise (n,) that is stated, None without."""
 
-    Attributes
-    ----------
-    group
-        The group of channels that have this noise.
-    stated
-        Whether v is the stated noise; else it is one.
-    answer
-        J / v (n, size).
-    pull
-        W v J (n, size).
-    residual
-        Residual / v (n,).
+    block: Block
+    weights: Floats
+    stated: Floats | None
+
+
+def estimator(
+    loss: Loss,
+    z: Floats,
+    slopes: Floats,
+    blocks: Sequence[Block],
+    serves: Mapping[str, np.ndarray] | None = None,
+    uncertain: Sequence[UncertainParameter] = (),
+) -> Estimator:
+    """Linearise the minimum near z, where d theta / d z is `slopes`; the blocks must have jacobians.
+
+    serves: experiment -> whether each parameter (size,) has an effect on it; None where experiments are not compared.
+    uncertain: those of the blocks' `systematic`.
     """
+    seen = [Weighed(one, loss.square_weights(one, one.residual), loss.stated_noise(one)) for one in blocks]
+    parts, inverse, unseen = linearised(loss, seen, slopes, len(uncertain))
+    noise, spent = white_noise(parts, inverse)
+    compared = between_experiments(parts, serves, z, uncertain) if serves and len(serves) > 1 and not spent else ()
+    differing = [one for one in compared if one.effects.differs]
+    if differing:
+        noise, spent = white_noise_within(parts, differing)
+    linear = Linear(parts, inverse, [one for one in differing if one.has_interval])
+    minimum = z + linear.step(-inverse @ sum(part.pull.T @ part.residual for part in parts))
+    held = tuple(sources(parts, noise))
+    errs = {k: (p.source, p.label) for k, p in enumerate(uncertain)}
+    budget = linear.budget([*held, *systematic_sources(parts, errs)], differing)
+    return Estimator(
+        budget.root,
+        minimum,
+        unseen,
+        budget.dof,
+        noise,
+        spent,
+        compared,
+        budget.variances,
+        held,
+        budget.within_bounds,
+    )
 
-    group: str
-    stated: bool
-    answer: Floats
-    pull: Floats
-    residual: Floats
 
-
-def estimator(loss: Loss, z: Floats, slopes: Floats, blocks: Sequence[Block]) -> Estimator:
-    """Linearise the minimum near z, where d theta / d z is `slopes`; the blocks must have jacobians."""
-    jacobians = [_jacobian(block) * slopes for block in blocks]
-    weights = [loss.square_weights(block, block.residual) for block in blocks]
-    pulled = [J.T @ (w * b.residual) for J, w, b in zip(jacobians, weights, blocks, strict=True)]
-    gradient: Floats = np.sum(pulled, axis=0)
-    inverse, unseen = _inverse_hessian(loss, blocks, jacobians, weights, gradient)
-    parts: list[_Part] = []
-    for block, J, w in zip(blocks, jacobians, weights, strict=True):
-        stated = loss.stated_noise(block)
-        unit = np.ones(len(w)) if stated is None else stated
+def linearised(
+    loss: Loss, seen: Sequence[Weighed], slopes: Floats, n_uncertain: int = 0
+) -> tuple[list[ScaledBlock], Floats, Floats]:
+    """The parts of blocks with jacobians, the inverse of half the loss's Hessian in the unit box where it has one, and
+    its unidentifiable directions as rows. n_uncertain: the number of uncertain parameters of the blocks.
+    """
+    jacobians = [_jacobian(one.block) * slopes for one in seen]
+    parts: list[ScaledBlock] = []
+    for one, J in zip(seen, jacobians, strict=True):
+        block, w = one.block, one.weights
+        unit = np.ones(len(w)) if one.stated is None else one.stated
         group = loss.noise_group(block) if block.experiment else PRIOR
         over = block.residual / unit
-        parts.append(_Part(group, stated is not None, J / unit[:, None], (w * unit)[:, None] * J, over))
-    noise, spent = _noise(parts, inverse)
-    shares = {group: sum(part.pull.T @ part.pull for part in parts if part.group == group) for group in noise}
-    variances = {group: held.size**2 * np.diag(inverse @ shares[group] @ inverse) for group, held in noise.items()}
-    summed = np.sum(list(variances.values()), axis=0)
-    uncertain = sum(variances[group] ** 2 / held.dof for group, held in noise.items())
-    with np.errstate(divide="ignore", invalid="ignore"):
-        dof = np.where(uncertain > 0, summed**2 / uncertain, np.inf)
-    stacked = [noise[part.group].size * part.pull @ inverse for part in parts]
-    root: Floats = np.linalg.qr(np.concatenate([*stacked, _ROUNDING * np.eye(len(z))]))[1]
-    return Estimator(root, z - inverse @ gradient, unseen, dof, noise, spent)
+        moved = np.zeros((len(w), n_uncertain)) if block.systematic is None else block.systematic
+        changes = [changed / unit[:, None] for changed in (moved, _curving(loss, block, w, moved))]
+        answer, pull = J / unit[:, None], (w * unit)[:, None] * J
+        parts.append(ScaledBlock(block.experiment, group, one.stated is not None, answer, pull, over, *changes))
+    return parts, *_inverse_hessian(loss, seen, jacobians)
 
 
-def _inverse_hessian(
-    loss: Loss, blocks: Sequence[Block], jacobians: Sequence[Floats], weights: Sequence[Floats], gradient: Floats
-) -> tuple[Floats, Floats]:
+@dataclass(frozen=True)
+class Linear:
+    """The minimum's linear response to errors of the measurements.
+
+    inverse: of the Hessian. averaged: parameters in which the experiments differ; they are estimated by the mean of the
+    experiments' own values, each with the weight that its variance and the spread between them give it.
+    """
+
+    parts: Sequence[ScaledBlock]
+    inverse: Floats
+    averaged: Sequence[Between]
+
+    def budget(self, sources: Sequence[Source], differing: Sequence[Between]) -> Budget:
+        """The budget of errors; sources: of the measurements' errors, differing: how experiments differ."""
+        every = (*sources, *(self.differences(one) for one in differing))
+        return Budget(every, [self.responses(source) for source in every], len(self.inverse))
+
+    def responses(self, source: Source) -> list[Floats]:
+        """The responses (m, size) to the records of a source of error."""
+        found = [one.pull @ self.inverse for one in source.records]
+        for between in self.averaged:
+            by_others = self._by_others(between)
+            for record, response in zip(source.records, found, strict=True):
+                direct = 0.0
+                if record.experiment in between.weights:
+                    own = between.responses[record.experiment]
+                    pull = record.pull if record.alone is None else record.alone
+                    direct = between.weights[record.experiment] * (pull @ own)
+                response[:, between.column] = direct + response @ by_others
+        return found
+
+    def step(self, joint: Floats) -> Floats:
+        """The step to the minimum of the quadratic model, where `joint` is that of the loss alone."""
+        step = joint.copy()
+        for between in self.averaged:
+            step[between.column] = between.effects.mean + self._by_others(between) @ joint
+        return step
+
+    def differences(self, between: Between) -> Source:
+        """The differences between experiments in a parameter as a source of error: each has its own value of it."""
+        records: list[ErrorRecord] = []
+        for name in between.steps:
+            own = [p for p in self.parts if p.experiment == name]
+            pull = np.sum([p.answer[:, between.column] @ p.pull for p in own], axis=0)
+            records.append(ErrorRecord(np.zeros(1), np.zeros((1, len(pull))), pull[None, :], name))
+        return Source("experiments", str(between.column), tuple(records), between.effects.spread, between.effects.dof)
+
+    def _by_others(self, between: Between) -> Floats:
+        """Derivative (size,) of a mean over the experiments by the joint values of the other shared parameters."""
+        out = np.zeros(len(self.inverse))
+        for name, own in between.responses.items():
+            moved = sum((own @ p.pull.T) @ p.answer for p in self.parts if p.experiment == name)
+            out -= between.weights[name] * np.where(own == 0.0, moved, 0.0)
+        return out
+
+
+def _curving(loss: Loss, block: Block, weights: Floats, changes: Floats) -> Floats:
+    """Changes of a block's residual (n, k) without the direction in which the loss is straight: a change in it leaves
+    the pull of the block as it is.
+    """
+    along = loss.straight_along(block, block.residual)
+    if along is None:
+        return changes
+    root = np.sqrt(weights)
+    return changes - np.outer(along / root, along @ (root[:, None] * changes))
+
+
+def _inverse_hessian(loss: Loss, seen: Sequence[Weighed], jacobians: Sequence[Floats]) -> tuple[Floats, Floats]:
     """The inverse of half the loss's Hessian in the identifiable directions, and the unidentifiable ones."""
-    rows = [np.sqrt(w)[:, None] * J for J, w in zip(jacobians, weights, strict=True)]
+    rows = [np.sqrt(one.weights)[:, None] * J for one, J in zip(seen, jacobians, strict=True)]
+    gradient = np.sum(
+        [J.T @ (one.weights * one.block.residual) for one, J in zip(seen, jacobians, strict=True)], axis=0
+    )
     size = len(gradient)
     left, sizes, directions = np.linalg.svd(np.concatenate([*rows, np.zeros((size, size))]), full_matrices=False)
-    seen = sizes > _BLIND * max(float(sizes[0]), 1e-300)
-    root = directions[seen] / sizes[seen, None]
+    identified = sizes > _BLIND * max(float(sizes[0]), 1e-300)
+    root = directions[identified] / sizes[identified, None]
     # The curvature of the roots is that at the minimum: of the residuals only the part that no step removes is left.
     step = root.T @ (root @ gradient)
-    hessian = np.eye(int(seen.sum()))
-    places = np.split(left[:, seen], np.cumsum([len(own) for own in rows]))
-    for block, J, place in zip(blocks, jacobians, places, strict=False):
-        along = loss.straight_along(block, block.residual - J @ step)
+    hessian = np.eye(int(identified.sum()))
+    places = np.split(left[:, identified], np.cumsum([len(own) for own in rows]))
+    for one, J, place in zip(seen, jacobians, places, strict=False):
+        along = loss.straight_along(one.block, one.block.residual - J @ step)
         if along is not None:
             flat = place.T @ along
             hessian -= np.outer(flat, flat)
     curvatures, axes = np.linalg.eigh(hessian)
     root = (axes / np.sqrt(np.maximum(curvatures, _BLIND))).T @ root
-    return root.T @ root, directions[~seen]
-
-
-def _noise(parts: Sequence[_Part], inverse: Floats) -> tuple[dict[str, Noise], tuple[str, ...]]:
-    """The noise of every group, and the groups whose noise cannot be estimated."""
-    groups = list(dict.fromkeys(part.group for part in parts if part.group != PRIOR))
-    held = {group: [part for part in parts if part.group == group] for group in groups}
-    answers = {g: sum(part.answer.T @ part.answer for part in held[g]) for g in groups}
-    pulls = {g: sum(part.pull.T @ part.pull for part in held[g]) for g in groups}
-    counts = np.array([sum(len(part.residual) for part in held[g]) for g in groups], dtype=float)
-    used = np.array([np.trace(inverse @ sum(part.pull.T @ part.answer for part in held[g])) for g in groups])
-    squares = np.array([sum(float(part.residual @ part.residual) for part in held[g]) for g in groups])
-    mixing = np.array([[np.trace(inverse @ pulls[h] @ inverse @ answers[g]) for h in groups] for g in groups])
-    mixing += np.diag(counts - 2 * used)
-    by_priors = sum((part.pull.T @ part.pull for part in parts if part.group == PRIOR), np.zeros_like(inverse))
-    priors = np.array([np.trace(inverse @ by_priors @ inverse @ answers[g]) for g in groups])
-    dof = counts - used
-    free = dof > _SPENT
-    stated = np.array([held[g][0].stated for g in groups], dtype=bool)
-    sizes = np.where(free, squares / np.where(free, dof, 1.0), stated.astype(float))
-    for _ in range(_ITERATIONS):
-        expected = mixing @ sizes + priors
-        factor = np.where(free & (expected > 0), squares / np.where(expected > 0, expected, 1.0), 1.0)
-        sizes = sizes * factor
-        if np.all(np.abs(factor - 1.0) < 1e-9):
-            break
-    at_statement = stated & ~(sizes > 1.0)
-    sizes = np.where(at_statement, 1.0, sizes)
-    dof = np.where(at_statement | ~free, np.inf, dof)
-    noise = {
-        g: Noise(float(np.sqrt(size)), float(n), bool(known))
-        for g, size, n, known in zip(groups, sizes, dof, stated, strict=True)
-    }
-    spent = tuple(g for g, known, has in zip(groups, stated, free, strict=True) if not (known or has))
-    if any(part.group == PRIOR for part in parts):
-        noise[PRIOR] = Noise(1.0, np.inf, stated=True)
-    return noise, spent
+    return root.T @ root, directions[~identified]
 
 
 def _jacobian(block: Block) -> Floats:

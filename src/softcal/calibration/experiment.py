@@ -3,9 +3,9 @@
 The rig relates the twin to the instruments:
 
     shortening on the bench = the cable's shortening + slack
-    tension in the dataset  = T exp(n theta (mu - mu_nominal)) + tension offset   (loading: `experiments/steps/pulleys`)
+    tension in the dataset  = gain T exp(n theta (mu - mu_nominal)) + tension offset   (loading, see `steps/pulleys`)
     angle of the IMU        = the plate's angle + its offset
-    position of a marker    = R(frame) (the twin's position) + t(frame)
+    position of a marker    = R(frame) (the twin's position) + t(frame) + its offset
 
 The dataset's tension is T_UTM exp(-n theta mu_nominal): the neck's side under the *nominal* friction. It stays so while
 mu is free; the twin's tension is converted to that side instead. Were the data corrected by the free mu, a large mu
@@ -29,7 +29,7 @@ from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
 from softcal.experiments.dataset import Dataset
 from softcal.quantities import QUANTITIES, Quantity, noise_in
-from softcal.sensing.channel import ChannelName, channel_name, offsets, positions
+from softcal.sensing.channel import ChannelName, channel_name, positions, readings
 from softcal.sensing.sensors.cable import SHORTENING, TENSION
 from softcal.twin.parameter_name import parameter_name
 from softcal.twin.parameters import ParameterInfo
@@ -146,6 +146,7 @@ class Experiment:
         for cable in self.cables:
             nominal = {SHORTENING: self.rig.slack, TENSION: self.rig.tension_offset}
             values |= {ChannelName(kind, cable).offset: value for kind, value in nominal.items()}
+            values[ChannelName(TENSION, cable).gain] = 1.0
         for channel in self.dataset.channels:
             name = self.twin_channel(channel)
             if not name.kind.drives and name.offset and not name.is_deviation:
@@ -233,7 +234,7 @@ def rig_kind(name: str) -> Quantity | None:
     if name == PULLEY_FRICTION:
         return QUANTITIES["friction coefficient"]
     parts = parameter_name(name)
-    return FRAME.get(parts.base) if parts.owner == "frame" else offsets().get(parts.kind)
+    return FRAME.get(parts.base) if parts.owner == "frame" else readings().get(parts.kind)
 
 
 def _rows(missing: np.ndarray) -> str:

@@ -22,6 +22,7 @@ def fingerprints(problem: Problem) -> dict[str, str]:
         "robot": fingerprint(problem.robot),
         "free parameters": fingerprint(problem.space),
         "loss": fingerprint(problem.loss),
+        **({"uncertain parameters": fingerprint(problem.uncertain)} if problem.uncertain else {}),
         **{f"experiment {experiment.name}": fingerprint(experiment) for experiment in problem.experiments},
     }
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from softcal.calibration.experiment import Experiment
@@ -11,8 +13,10 @@ from softcal.calibration.result import Distance, ExperimentFit
 from softcal.checks import Floats
 
 
-def experiment_fit(experiment: Experiment, seen: Observation) -> ExperimentFit:
-    """The errors of the predicted measurements `seen`."""
+def experiment_fit(
+    experiment: Experiment, seen: Observation, bands: Mapping[str, Floats] | None = None
+) -> ExperimentFit:
+    """The errors of the predicted measurements `seen`; bands: channel -> half-width [SI] at its measured samples."""
     channels = experiment.dataset.channels
     errors = {
         channel: (seen.predicted[channel] - channels[channel].values)[experiment.seen(channel)]
@@ -28,6 +32,7 @@ def experiment_fit(experiment: Experiment, seen: Observation) -> ExperimentFit:
         distances=_distances(experiment, errors),
         length=experiment.rig.length,
         missing=_missing(experiment),
+        bands={channel: _at_all(width, experiment.seen(channel)) for channel, width in (bands or {}).items()},
     )
 
 
@@ -40,6 +45,13 @@ def missing_rows(experiment: Experiment) -> dict[str, list[int]]:
         name = experiment.point_of(channel) or channel
         rows[name] = np.flatnonzero(~experiment.seen(channel)).tolist()
     return {name: held for name, held in rows.items() if held}
+
+
+def _at_all(values: Floats, seen: np.ndarray) -> Floats:
+    """Values of the measured samples at all samples, NaN at the others."""
+    found = np.full(len(seen), np.nan)
+    found[seen] = values
+    return found
 
 
 def _missing(experiment: Experiment) -> dict[str, int]:

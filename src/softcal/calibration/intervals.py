@@ -50,6 +50,11 @@ def box_intervals(z: Floats, minimum: Floats, root: Floats, dof: Floats) -> tupl
     return ends, stated
 
 
+def nearest_within(minimum: Floats, root: Floats) -> Floats:
+    """The point (size,) of the unit box that is nearest to the minimum in the metric of the covariance."""
+    return _Profile(minimum, root).best
+
+
 def beyond_bounds(minimum: Floats, root: Floats) -> Floats:
     """Distance of each parameter's own bounds from the best value without them, in standard errors, shape (size,).
 
@@ -81,6 +86,11 @@ class _Profile:
         self._low, self._high = -minimum / self._errors, (1.0 - minimum) / self._errors
         self._best = self._least(None, 0.0)
         self._base = self._distance(self._best)
+
+    @property
+    def best(self) -> Floats:
+        """The point of least distance within the box."""
+        return self._minimum + self._best * self._errors
 
     def end(self, j: int, side: float, t: float, error: float) -> float:
         """Distance of the interval's end from parameter j on one side, without its own bounds."""

@@ -97,6 +97,15 @@ class LocalModel:
         summed = self._share * sum(self._loss.block_value(block, residual) for block, (residual, _) in blocks)
         return math.sqrt(summed) if self._loss.rooted else summed
 
+    def missed(self, at: Point) -> float:
+        """The share of the residuals' change to another simulated point that the model does not predict, at most 1."""
+        error, change = 0.0, 1e-300
+        for here, there, (residual, _) in zip(self._here.blocks, at.blocks, self._residuals(at.z), strict=True):
+            weights = self._loss.square_weights(here, here.residual)
+            error += float(weights @ (there.residual - residual) ** 2)
+            change += float(weights @ (there.residual - here.residual) ** 2)
+        return min(1.0, math.sqrt(error / change))
+
     def reproduces(self) -> bool:
         """Whether it has the value and the first derivative of the twin at its own point, to nine digits."""
         slopes = self._space.jacobian(self._here.z)

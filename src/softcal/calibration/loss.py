@@ -47,6 +47,8 @@ class Block:
         d residual / d theta (n, size of the search space) [SI], or None.
     point
         The marker or plate whose position the channel is a part of; "" for any other channel.
+    systematic
+        Change of the residual (n, k) [SI] by one standard deviation of each uncertain parameter, or None.
     """
 
     experiment: str
@@ -56,6 +58,7 @@ class Block:
     sigma: float | Floats = 0.0
     jacobian: Floats | None = None
     point: str = ""
+    systematic: Floats | None = None
 
     @cached_property
     def grows_with_moduli(self) -> bool:

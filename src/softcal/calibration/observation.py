@@ -168,14 +168,17 @@ def _placed(
     parts = [str(part) for part in positions(point)]
     p = np.column_stack([raw[part] for part in parts])
     rates = rotation_rates(frame[3:])
+    offsets = [part.offset for part in positions(point)]
     derivatives: Derivatives = {}
     for name in names:
         if name in FRAME:
             k = list(FRAME).index(name)
             derivatives[name] = np.tile(np.eye(3)[k], (len(p), 1)) if k < 3 else p @ rates[k - 3].T
+        elif name in offsets:
+            derivatives[name] = np.tile(np.eye(3)[offsets.index(name)], (len(p), 1))
         else:
             derivatives[name] = np.column_stack([slopes[part][name] for part in parts]) @ R.T
-    return p @ R.T + frame[:3], derivatives
+    return p @ R.T + frame[:3] + [rig.get(name, 0.0) for name in offsets], derivatives
 
 
 def _read(
@@ -186,10 +189,14 @@ def _read(
     slopes: Mapping[str, Floats],
 ) -> tuple[Floats, Derivatives]:
     """A channel of the twin as measured by its instrument: gain and offset, and the derivatives."""
-    gain, by_friction = _pulley_gain(experiment, rig) if name.kind == TENSION else (1.0, 0.0)
+    own = rig.get(name.gain, 1.0)
+    pulleys, by_friction = _pulley_gain(experiment, rig) if name.kind == TENSION else (1.0, 0.0)
+    gain = own * pulleys
     derivatives = {p: gain * slope for p, slope in slopes.items()}
     if PULLEY_FRICTION in derivatives:
-        derivatives[PULLEY_FRICTION] = derivatives[PULLEY_FRICTION] + by_friction * raw
+        derivatives[PULLEY_FRICTION] = derivatives[PULLEY_FRICTION] + own * by_friction * raw
+    if name.gain in derivatives:
+        derivatives[name.gain] = derivatives[name.gain] + pulleys * raw
     if name.offset in derivatives:
         derivatives[name.offset] = derivatives[name.offset] + 1.0
     return gain * raw + rig.get(name.offset, 0.0), derivatives
@@ -202,13 +209,14 @@ def _controls(experiment: Experiment, rig: Mapping[str, float], channel: str) ->
     if driven.kind == SHORTENING:
         # Negative values too: a cable drawn out by the sagging robot is slack there, and taut at zero.
         return measured - rig[driven.offset], {driven.offset: -np.ones_like(measured)}
-    gain, by_friction = _pulley_gain(experiment, rig)
+    pulleys, by_friction = _pulley_gain(experiment, rig)
+    gain = rig[driven.gain] * pulleys
     free = (measured - rig[driven.offset]) / gain
     pulled = (free > 0).astype(float)
     controls = np.maximum(free, 0.0)
-    derivatives = {driven.offset: -pulled / gain}
+    derivatives = {driven.offset: -pulled / gain, driven.gain: -controls / rig[driven.gain]}
     if experiment.rig.pulleys is not None:
-        derivatives[PULLEY_FRICTION] = -controls * by_friction / gain
+        derivatives[PULLEY_FRICTION] = -controls * by_friction / pulleys
     return controls, derivatives
 
 

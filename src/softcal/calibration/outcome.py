@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from importlib import metadata
 from typing import Any, TypeVar
@@ -11,11 +11,14 @@ from typing import Any, TypeVar
 from softcal.calibration.experiment import PULLEY_FRICTION
 from softcal.calibration.fanova import fanova_importance
 from softcal.calibration.fit import experiment_fit, missing_rows
+from softcal.calibration.loss import Block
 from softcal.calibration.optimiser import OPTIMISERS
 from softcal.calibration.problem import Evaluation, Problem
+from softcal.calibration.residuals import ResidualRecord, residual_record
 from softcal.calibration.result import Estimate, Note, SearchResult, Trial
 from softcal.calibration.sensitivity import Statistics, local_statistics
-from softcal.units import AS_WRITTEN, format_quantity
+from softcal.calibration.uncertain import UncertainParameter
+from softcal.units import AS_WRITTEN, format_quantity, plain
 
 R = TypeVar("R", bound=SearchResult)
 
@@ -28,10 +31,13 @@ NOMINAL_FRICTION = (
     "Tensions and their errors are those on the robot's side of the pulleys, computed with the nominal friction, so "
     "that the fitted friction does not scale the errors."
 )
-NO_ERRORS = (
-    "This method gives no standard errors: its best trial is near a minimum of the loss, not at it, and the "
-    "derivatives there are not computed. For intervals, use the method least-squares."
+TOO_FAR = (
+    "No standard errors and no intervals: the best trial is several standard errors from a minimum of the loss, so "
+    "that its derivatives do not describe it. More trials, or the method least-squares, come closer."
 )
+NO_DERIVATIVES = "No standard errors and no intervals: the derivatives at the best trial were not computed."
+_AWAY = 0.5  # standard errors between the best trial and the minimum from which it is reported
+_FAR = 3.0  # from which the derivatives at the trial do not describe the minimum
 
 
 @dataclass(frozen=True)
@@ -67,19 +73,32 @@ class Account:
 
 
 def conclude(
-    make: Callable[..., R], problem: Problem, best: Evaluation, trials: tuple[Trial, ...], account: Account, **own: Any
+    make: Callable[..., R],
+    problem: Problem,
+    best: Evaluation,
+    trials: tuple[Trial, ...],
+    account: Account,
+    *,
+    uncertain: tuple[UncertainParameter, ...] | None = None,
+    **own: Any,
 ) -> R:
-    """The result whose best evaluation is `best`; make: its class, own: what that class has of its own."""
+    """The result whose best evaluation is `best`; make: its class, own: what that class has of its own.
+
+    uncertain: the parameters of its blocks' `systematic`; the problem's where None.
+    """
     if best.loss is None:
         raise ValueError("the best evaluation has no loss")
     space = problem.space
     kind = OPTIMISERS[account.method].statistics
-    if kind == "sensitivity":
-        local = local_statistics(space, problem.loss, best.theta, best.blocks)
-        if account.converged is False:
-            local = Statistics(dict.fromkeys(space.labels), local.importance, (Note(NOT_A_MINIMUM),))
+    if all(block.jacobian is not None for block in best.blocks):
+        considered = problem.uncertain if uncertain is None else uncertain
+        local = local_statistics(space, problem.loss, best.theta, best.blocks, considered)
     else:
-        local = _global_statistics(problem, trials, account.seed)
+        local = Statistics(dict.fromkeys(space.labels), {}, (Note(NO_DERIVATIVES),))
+    if account.converged is False:
+        local = Statistics(dict.fromkeys(space.labels), local.importance, (Note(NOT_A_MINIMUM),))
+    if kind == "fanova":
+        local = _of_all_trials(local, problem, best, trials, account.seed)
     parameters = local.estimates(space, best.theta)
     n_failed = sum(trial.state == "FAILED" for trial in trials)
     result = make(
@@ -92,8 +111,13 @@ def conclude(
         n_factorisations=sum(trial.n_factorisations for trial in trials),
         wall_s=account.wall_s,
         status=account.status,
-        experiments={e.name: experiment_fit(e, best.observations[e.name]) for e in problem.experiments},
+        experiments={
+            e.name: experiment_fit(e, best.observations[e.name], local.bands.get(e.name)) for e in problem.experiments
+        },
         importance=local.importance,
+        spreads=local.spreads,
+        left_out=local.left_out,
+        residuals=_residuals(best.blocks),
         trials=trials,
         n_failed_trials=n_failed,
         hashes=account.hashes,
@@ -107,6 +131,14 @@ def conclude(
     return replace(result, notes=(*result.notes, saturated_note(result)))
 
 
+def _residuals(blocks: Iterable[Block]) -> dict[str, dict[str, ResidualRecord]]:
+    found: dict[str, dict[str, ResidualRecord]] = {}
+    for block in blocks:
+        if block.experiment and (record := residual_record(block.residual)) is not None:
+            found.setdefault(block.experiment, {})[block.channel] = record
+    return found
+
+
 def installed_versions() -> dict[str, str]:
     """Versions of the packages on which a result depends."""
     versions = {"python": platform.python_version()}
@@ -118,15 +150,43 @@ def installed_versions() -> dict[str, str]:
     return versions
 
 
-def _global_statistics(problem: Problem, trials: tuple[Trial, ...], seed: int) -> Statistics:
-    errors: dict[str, float | None] = dict.fromkeys(problem.space.labels)
+def _of_all_trials(
+    local: Statistics, problem: Problem, best: Evaluation, trials: tuple[Trial, ...], seed: int
+) -> Statistics:
+    """Statistics at the best of many trials: how far it is from the minimum, and the importances over all of them."""
+    if max(_steps(best.theta, local).values(), default=0.0) > _FAR:
+        local = Statistics(dict.fromkeys(problem.space.labels), {}, (Note(TOO_FAR),))
+    notes = [*local.notes, *_away(problem, best.theta, local)]
     completed = [(dict(trial.theta), trial.loss) for trial in trials if trial.loss is not None]
+    importance: Mapping[str, float] = {}
     try:
-        return Statistics(errors, fanova_importance(problem.space, completed, seed), (Note(NO_ERRORS),))
+        importance = fanova_importance(problem.space, completed, seed)
     except KeyboardInterrupt:
         # It takes long after a thousand trials, and the estimates are already found: only the importances are missing.
-        missing = "The importances are missing: their computation was stopped by the user."
-        return Statistics(errors, {}, (Note(NO_ERRORS), Note(missing)))
+        notes.append(Note("The importances are missing: their computation was stopped by the user."))
+    return replace(local, importance=importance, notes=tuple(notes))
+
+
+def _steps(theta: Mapping[str, float], local: Statistics) -> dict[str, float]:
+    """Label -> distance of the minimum, by the derivatives at theta, in standard errors."""
+    errors = {name: error for name, error in local.standard_errors.items() if error and name in local.minimum}
+    return {name: abs(local.minimum[name] - theta[name]) / error for name, error in errors.items()}
+
+
+def _away(problem: Problem, theta: Mapping[str, float], local: Statistics) -> list[Note]:
+    """A note where the minimum of the loss is not at the best trial."""
+    steps = _steps(theta, local)
+    if not any(step > _AWAY for step in steps.values()):
+        return []
+    units = {p.label: p.unit for p in problem.space.parameters}
+    places = [f"{name} = {format_quantity(local.minimum[name], units[name], digits=4)}" for name in steps]
+    return [
+        Note(
+            f"The best trial is not at the minimum of the loss but up to {plain(max(steps.values()), 2)} standard "
+            f"errors from it; by the derivatives there the minimum is at {', '.join(places)}. The intervals are those "
+            "of the minimum, and include the best trial. The method least-squares finds the minimum."
+        )
+    ]
 
 
 def _notes(

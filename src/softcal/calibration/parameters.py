@@ -5,78 +5,46 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from fnmatch import fnmatchcase
 from typing import Literal
 
 import numpy as np
 
+from softcal.calibration.scope import ScopedParameter, doubled, expanded, resolved
 from softcal.checks import Floats
 from softcal.errors import Fault, ParameterError
-from softcal.twin.parameters import ParameterInfo, unknown_name
+from softcal.twin.parameters import ParameterInfo
 
 Scale = Literal["linear", "log"]
+TWICE = "the parameter is free twice"
 _ROUNDING = 1e-14  # of the search range
 
 
 @dataclass(frozen=True)
-class FreeParameter:
+class FreeParameter(ScopedParameter):
     """A parameter to be found.
 
     Attributes
     ----------
-    name
-        Dotted name of the parameter, or of the common value of tied ones.
-    unit
-        Its SI unit.
     lower, upper
         Bounds [unit].
     scale
         "log" searches the logarithm.
     start
         Initial value of a local search [unit]; None for the robot's own value.
-    per_experiment, per_set_up
-        Whether it is a nuisance with a value of its own in every experiment, or in every set-up.
     prior_mean, prior_sd
         A normal prior [unit], counted by the likelihood loss; None without one.
-    experiment
-        After expansion, the experiment or set-up whose value it is; "" when shared.
     floor, ceiling
         Limits that the parameter may never reach [unit], such as 0.5 for Poisson's ratio.
-    of
-        Parameters tied to this value; empty for the one that `name` names.
-    members
-        Experiments of the set-up whose value it is.
     """
 
-    name: str
-    unit: str
     lower: float
     upper: float
     scale: Scale = "linear"
     start: float | None = None
-    per_experiment: bool = False
     prior_mean: float | None = None
     prior_sd: float | None = None
-    experiment: str = ""
     ceiling: float = math.inf
-    of: tuple[str, ...] = ()
-    per_set_up: bool = False
-    members: tuple[str, ...] = ()
     floor: float = -math.inf
-
-    def serves(self, *experiments: str) -> bool:
-        """Whether it is a parameter of any of these experiments."""
-        return not self.experiment or any(e in (self.members or (self.experiment,)) for e in experiments)
-
-    @property
-    def targets(self) -> tuple[str, ...]:
-        """The parameters of the robot or the rig that have this value."""
-        return self.of or (self.name,)
-
-    @property
-    def label(self) -> str:
-        """The name in results: `front.slack`, or `front.slack[20mm]` for one experiment's or set-up's own."""
-        return f"{self.name}[{self.experiment}]" if self.experiment else self.name
 
 
 @dataclass(frozen=True)
@@ -94,7 +62,7 @@ class SearchSpace:
     def __post_init__(self) -> None:
         object.__setattr__(self, "parameters", tuple(self.parameters))
         faults = [fault for parameter in self.parameters for fault in _faults(parameter)]
-        faults += _doubled(self.parameters)
+        faults += doubled(self.parameters, TWICE)
         if not self.parameters:
             faults.append(Fault("there is no free parameter", "free parameters", allowed="at least one"))
         if faults:
@@ -181,30 +149,23 @@ def search_space(
         what the parameter may ever be (such as a Poisson's ratio of 0.5).
     """
     faults: list[Fault] = []
-    expanded: list[FreeParameter] = []
+    found: list[FreeParameter] = []
     for given in parameters:
-        parameter, unknown = _resolved(given, known)
+        parameter, unknown = resolved(given, known)
         faults += [*unknown, *_faults(parameter)]
         if unknown:
             continue
         infos = [known[target] for target in parameter.targets]
         faults += [fault for info in infos for fault in _limit_faults(parameter, info)]
         floor, ceiling = max(info.floor for info in infos), min(info.ceiling for info in infos)
-        started = replace(parameter, floor=floor, ceiling=ceiling)
         present = sum(info.value for info in infos) / len(infos)
-        if not (parameter.per_experiment or parameter.per_set_up) or parameter.experiment:
-            expanded.append(_started(started, present))
-            continue
-        target = parameter.targets[0]
-        of_rig = own is not None and any(target in held for held in own.values())
-        having = [e for e in experiments if not of_rig or target in (own or {}).get(e, {})]
-        for owner, members in _owners(parameter, having, set_ups or {}).items():
-            one = replace(started, experiment=owner, members=() if members == (owner,) else members)
-            expanded.append(_started(one, (own or {}).get(members[0], {}).get(target, present)))
-    faults += _doubled(expanded)
+        for one in expanded(replace(parameter, floor=floor, ceiling=ceiling), experiments, own, set_ups):
+            members = one.members or (one.experiment,)
+            found.append(_started(one, (own or {}).get(members[0], {}).get(one.targets[0], present)))
+    faults += doubled(found, TWICE)
     if faults:
         raise ParameterError(faults)
-    return SearchSpace(tuple(expanded))
+    return SearchSpace(tuple(found))
 
 
 def split(space: SearchSpace, label: str, known: Mapping[str, ParameterInfo]) -> SearchSpace:
@@ -228,55 +189,10 @@ def split(space: SearchSpace, label: str, known: Mapping[str, ParameterInfo]) ->
     return SearchSpace(tuple(parts))
 
 
-def _resolved(parameter: FreeParameter, known: Mapping[str, ParameterInfo]) -> tuple[FreeParameter, list[Fault]]:
-    """The parameter with the patterns among its targets written out, and what no parameter goes by."""
-    if not parameter.of:
-        return parameter, [] if parameter.name in known else [unknown_name(parameter.name, known)]
-    faults: list[Fault] = []
-    targets: dict[str, None] = {}
-    for wanted in parameter.of:
-        matches = [name for name in known if fnmatchcase(name, wanted)]
-        if not matches:
-            faults.append(unknown_name(wanted, known))
-        targets.update(dict.fromkeys(matches))
-    if parameter.name in known and parameter.name not in targets:
-        faults.append(Fault("the name is that of another parameter", parameter.label, attempt="a name of its own"))
-    return replace(parameter, of=tuple(targets) or parameter.of), faults
-
-
-def _owners(
-    parameter: FreeParameter, experiments: Sequence[str], set_ups: Mapping[str, str]
-) -> dict[str, tuple[str, ...]]:
-    """The experiments, or the set-ups, that have a value of their own each, and the experiments in them."""
-    owners: dict[str, tuple[str, ...]] = {}
-    for experiment in experiments:
-        owner = (set_ups.get(experiment) or experiment) if parameter.per_set_up else experiment
-        owners[owner] = (*owners.get(owner, ()), experiment)
-    return owners
-
-
 def _started(parameter: FreeParameter, present: float) -> FreeParameter:
     if parameter.start is None and parameter.lower <= present <= parameter.upper:
         return replace(parameter, start=present)
     return parameter
-
-
-def _doubled(parameters: Iterable[FreeParameter]) -> list[Fault]:
-    """The faults of parameters that are free twice, alone or tied to others, in all experiments or in one."""
-    given = tuple(parameters)
-    holders: dict[str, list[FreeParameter]] = {}
-    for p in given:
-        for target in p.targets:
-            holders.setdefault(target, []).append(p)
-    faults: dict[str, Fault] = {}
-    for target, found in holders.items():
-        scopes = [p.experiment for p in found]
-        if len(set(scopes)) == len(scopes) and ("" not in scopes or len(scopes) == 1):
-            continue
-        labels = [p.label for p in found]
-        one = labels[0] if len(set(labels)) == 1 else target
-        faults[one] = Fault("the parameter is free twice", one, got="" if one in labels else " and ".join(labels))
-    return list(faults.values())
 
 
 def _faults(parameter: FreeParameter) -> list[Fault]:

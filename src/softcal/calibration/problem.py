@@ -20,7 +20,9 @@ from softcal.calibration.losses.papers import PapersLoss
 from softcal.calibration.observation import Observation, commands, observe
 from softcal.calibration.parameters import FreeParameter, SearchSpace, search_space
 from softcal.calibration.problem_faults import problem_faults
+from softcal.calibration.scope import ScopedParameter
 from softcal.calibration.trajectory import Member, Trajectory
+from softcal.calibration.uncertain import UncertainParameter, uncertain_parameters
 from softcal.checks import Floats
 from softcal.errors import InputError, SimulationError
 from softcal.twin.parameters import ParameterInfo, robot_parameters
@@ -106,12 +108,15 @@ class Problem:
         How the residuals are judged.
     simulate
         The engine; softcal's own twin where None.
+    uncertain
+        Parameters that are not fitted, whose standard deviations are carried into the intervals.
 
     Raises
     ------
     InputError
         For two experiments of one name, a cable or plate that the robot does not have, a free parameter of no effect, a
-        prior that the loss does not count, or a channel that the loss cannot judge.
+        prior that the loss does not count, a parameter that is uncertain and free, or a channel that the loss cannot
+        judge.
     """
 
     robot: Robot
@@ -119,10 +124,12 @@ class Problem:
     space: SearchSpace
     loss: Loss
     simulate: Simulate | None = None
+    uncertain: tuple[UncertainParameter, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "experiments", tuple(self.experiments))
-        if faults := problem_faults(self.robot, self.experiments, self.space, self.loss):
+        object.__setattr__(self, "uncertain", tuple(self.uncertain))
+        if faults := problem_faults(self.robot, self.experiments, self.space, self.loss, self.uncertain):
             raise InputError(faults)
         require(self.loss, self.experiments)
 
@@ -139,8 +146,15 @@ class Problem:
         """The problem of some of the experiments; a rig parameter that none of them has is no longer free."""
         chosen = tuple(e for e in self.experiments if e.name in experiments)
         known = {**robot_parameters(self.robot), **rig_parameters(chosen)}
-        space = self.space.restricted(*(e.name for e in chosen)).without(set(self.known) - set(known))
-        return replace(self, experiments=chosen, space=space)
+        names = [e.name for e in chosen]
+        space = self.space.restricted(*names).without(set(self.known) - set(known))
+        uncertain = tuple(p for p in self.uncertain if p.serves(*names) and set(p.targets) <= set(known))
+        return replace(self, experiments=chosen, space=space, uncertain=uncertain)
+
+    @property
+    def derived(self) -> tuple[str, ...]:
+        """The parameters of the robot and the rig by which an evaluation with the jacobian is differentiated."""
+        return tuple(dict.fromkeys([*self.space.targets, *(t for p in self.uncertain for t in p.targets)]))
 
     def evaluate(self, theta: Mapping[str, float], *, jacobian: bool = False) -> Evaluation:
         """Simulate every experiment at theta [SI by label] and judge it. A failed simulation is a value, not an error.
@@ -164,7 +178,7 @@ class Problem:
                 continue
             response = response.over(group.protocol().n_samples)
             for experiment, samples in group.samples():
-                names = self.space.targets if jacobian else ()
+                names = self.derived if jacobian else ()
                 rig = self._rig(experiment, theta)
                 observations[experiment.name] = observe(experiment, rig, response, samples, names)
         seconds = time.perf_counter() - began
@@ -207,7 +221,7 @@ class Problem:
         seconds: float,
     ) -> Evaluation:
         """The evaluation of observations made at theta."""
-        blocks = (*self._blocks(observations), *self._priors(theta))
+        blocks = (*self._blocks(observations), *self.priors(theta))
         with_jacobian = all(block.jacobian is not None for block in blocks)
         return Evaluation(
             theta=dict(theta),
@@ -254,7 +268,7 @@ class Problem:
 
     def _derived_by(self, group: Trajectory) -> list[str]:
         known = robot_parameters(self.robot)
-        return [*(name for name in self.space.targets if name in known), *group.controls(set(self.space.targets))]
+        return [*(name for name in self.derived if name in known), *group.controls(set(self.derived))]
 
     def _simulate(self, group: Trajectory, jacobian: bool) -> Response:
         simulate = self.simulate or _real_simulate()
@@ -275,7 +289,9 @@ class Problem:
                 if not there.any():
                     continue
                 values = experiment.dataset.values(channel)[there]
-                jacobian = self._columns(experiment.name, seen.derivatives.get(channel, {}), len(there))
+                derivatives = seen.derivatives.get(channel, {})
+                jacobian = _columns(self.space.parameters, experiment.name, derivatives, len(there))
+                systematic = _columns(self.uncertain, experiment.name, derivatives, len(there))
                 blocks.append(
                     Block(
                         experiment.name,
@@ -285,22 +301,13 @@ class Problem:
                         experiment.sigma(channel)[there],
                         None if jacobian is None else jacobian[there],
                         experiment.point_of(channel),
+                        None if systematic is None else systematic[there] * [p.sd for p in self.uncertain],
                     )
                 )
         return blocks
 
-    def _columns(self, experiment: str, derivatives: Mapping[str, Floats], n_samples: int) -> Floats | None:
-        if not derivatives:
-            return None
-        zeros = np.zeros(n_samples)
-        return np.column_stack(
-            [
-                sum((derivatives.get(t, zeros) for t in p.targets), zeros) if p.serves(experiment) else zeros
-                for p in self.space.parameters
-            ]
-        )
-
-    def _priors(self, theta: Mapping[str, float]) -> list[Block]:
+    def priors(self, theta: Mapping[str, float]) -> list[Block]:
+        """The priors as blocks."""
         return [
             Block(
                 "",
@@ -321,19 +328,36 @@ def make_problem(
     parameters: Sequence[FreeParameter],
     loss: Loss | None = None,
     simulate: Simulate | None = None,
+    uncertain: Sequence[UncertainParameter] = (),
 ) -> Problem:
-    """A problem from free parameters as a user gives them; the loss is the papers' unless given.
+    """A problem from free and uncertain parameters as a user gives them; the loss is the papers' unless given.
 
     Raises
     ------
     InputError
-        As `search_space` and `Problem`.
+        As `search_space`, `uncertain_parameters` and `Problem`.
     """
     known = {**robot_parameters(robot), **rig_parameters(experiments)}
     own = {experiment.name: experiment.rig_values() for experiment in experiments}
     set_ups = {experiment.name: experiment.set_up for experiment in experiments}
     space = search_space(parameters, list(own), known, own, set_ups)
-    return Problem(robot, tuple(experiments), space, loss or PapersLoss(), simulate)
+    considered = uncertain_parameters(uncertain, list(own), known, own, set_ups)
+    return Problem(robot, tuple(experiments), space, loss or PapersLoss(), simulate, considered)
+
+
+def _columns(
+    parameters: Sequence[ScopedParameter], experiment: str, derivatives: Mapping[str, Floats], n_samples: int
+) -> Floats | None:
+    """The derivatives (n_samples, len(parameters)) of a channel of an experiment; None where there are none."""
+    if not derivatives or not parameters:
+        return None
+    zeros = np.zeros(n_samples)
+    return np.column_stack(
+        [
+            sum((derivatives.get(t, zeros) for t in p.targets), zeros) if p.serves(experiment) else zeros
+            for p in parameters
+        ]
+    )
 
 
 def _real_simulate() -> Simulate:

@@ -11,19 +11,27 @@ from softcal.calibration.experiment import Experiment, rig_parameters
 from softcal.calibration.friction import friction_faults
 from softcal.calibration.loss import Loss
 from softcal.calibration.parameters import SearchSpace, search_space
+from softcal.calibration.uncertain import UncertainParameter, free_and_uncertain, uncertain_parameters
 from softcal.errors import Fault, ParameterError
 from softcal.twin.parameters import ParameterInfo, out_of_range, robot_parameters, unknown_name
 from softcal.twin.robot import Robot
 
 
-def problem_faults(robot: Robot, experiments: Sequence[Experiment], space: SearchSpace, loss: Loss) -> list[Fault]:
+def problem_faults(
+    robot: Robot,
+    experiments: Sequence[Experiment],
+    space: SearchSpace,
+    loss: Loss,
+    uncertain: Sequence[UncertainParameter] = (),
+) -> list[Fault]:
     """Every fault of a problem's parts, and of how they go together."""
     known = {**robot_parameters(robot), **rig_parameters(experiments)}
     return [
         *_part_faults(robot, experiments),
         *_space_faults(experiments, space, loss, known),
         *_setting_faults(robot, experiments, space, known),
-        *(fault for e in experiments for fault in friction_faults(robot, e, space.free_in(e.name))),
+        *(fault for e in experiments for fault in friction_faults(robot, e, _varied_in(e.name, space, uncertain))),
+        *_uncertain_faults(uncertain, experiments, space, known),
     ]
 
 
@@ -77,6 +85,25 @@ def _space_faults(
     except ParameterError as error:
         faults += error.faults
     return faults
+
+
+def _varied_in(experiment: str, space: SearchSpace, uncertain: Sequence[UncertainParameter]) -> set[str]:
+    """The parameters of the robot and the rig that are free or uncertain in an experiment."""
+    return space.free_in(experiment) | {t for p in uncertain if p.serves(experiment) for t in p.targets}
+
+
+def _uncertain_faults(
+    uncertain: Sequence[UncertainParameter],
+    experiments: Sequence[Experiment],
+    space: SearchSpace,
+    known: Mapping[str, ParameterInfo],
+) -> list[Fault]:
+    try:
+        uncertain_parameters(uncertain, (), known)
+    except ParameterError as error:
+        return list(error.faults)
+    names = [experiment.name for experiment in experiments]
+    return free_and_uncertain(uncertain, names, {name: space.free_in(name) for name in names})
 
 
 def _setting_faults(

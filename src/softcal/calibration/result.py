@@ -10,7 +10,11 @@ from typing import Any, Literal
 
 import numpy as np
 
+from softcal.calibration.left_out import LeftOut
 from softcal.calibration.parameters import Scale
+from softcal.calibration.random_effects import Spread
+from softcal.calibration.residuals import ResidualRecord
+from softcal.calibration.uncertain import EACH
 from softcal.checks import Floats
 from softcal.sensing.channel import channel_name
 
@@ -102,6 +106,10 @@ class Estimate:
         where that is not known.
     scale
         Scale on which the parameter was searched, such as "linear" or "log".
+    shares
+        Source of error -> its share of the estimate's variance [-], sum 1: "noise" of the measurements, "prior",
+        "experiments" (differences between them), "mesh", and uncertain parameters by their names; empty where the
+        variance is not known.
     """
 
     value: float
@@ -114,6 +122,18 @@ class Estimate:
     of: tuple[str, ...] = ()
     beyond: float | None = None
     scale: Scale = "linear"
+    shares: Mapping[str, float] = field(default_factory=dict[str, float])
+
+    @property
+    def noise_error(self) -> float | None:
+        """Standard error [unit] by what one experiment has by itself: noise, priors, and uncertain parameters of its
+        own; without differences between experiments and what is uncertain in all of them alike.
+        """
+        if self.standard_error is None:
+            return None
+        own = ("noise", "prior")
+        other = sum(one for source, one in self.shares.items() if source not in own and not source.endswith(EACH))
+        return self.standard_error * math.sqrt(max(1.0 - other, 0.0))
 
     @property
     def is_held(self) -> bool:
@@ -172,6 +192,9 @@ class ExperimentFit:
         Length [m] of which reports give distances in per cent; None where not given.
     missing
         Marker, plate or channel -> number of samples without a measured value.
+    bands
+        Compared channel -> half the width (n_samples,) [SI] of the 95 % band of a further experiment, NaN where a value
+        is missing; empty where the estimates have no intervals.
     """
 
     rmse: Mapping[str, float]  # channel ("tension", "pitch", "m4.x") -> RMSE
@@ -183,6 +206,7 @@ class ExperimentFit:
     distances: Mapping[str, Distance] = field(default_factory=dict[str, Distance])
     length: float | None = None
     missing: Mapping[str, int] = field(default_factory=dict[str, int])
+    bands: Mapping[str, Floats] = field(default_factory=dict[str, Floats])
 
     @property
     def alone(self) -> tuple[str, ...]:
@@ -264,6 +288,12 @@ class SearchResult(ABC):
         Settings of the search, and the kind of the importances.
     held_out
         Experiment -> its prediction at the values found, for those that did not count in the loss.
+    spreads
+        Label of a shared parameter -> its comparison between the experiments, where two of them can be compared.
+    left_out
+        Experiment -> how well the other ones predict it, of three or more.
+    residuals
+        Experiment -> compared channel -> how its residuals are correlated along the record.
     """
 
     parameters: Mapping[str, Estimate]
@@ -284,6 +314,11 @@ class SearchResult(ABC):
     notes: tuple[Note, ...] = ()
     extra: Mapping[str, Any] = field(default_factory=dict)
     held_out: Mapping[str, HeldOut] = field(default_factory=dict[str, HeldOut])
+    spreads: Mapping[str, Spread] = field(default_factory=dict[str, Spread])
+    left_out: Mapping[str, LeftOut] = field(default_factory=dict[str, LeftOut])
+    residuals: Mapping[str, Mapping[str, ResidualRecord]] = field(
+        default_factory=dict[str, Mapping[str, ResidualRecord]]
+    )
 
     @property
     @abstractmethod

@@ -53,6 +53,7 @@ def result_json(result: SearchResult) -> dict[str, Any]:
                 "interval": None if p.interval is None else list(p.interval),
                 "scale": p.scale,
                 **({"of": list(p.of)} if p.of else {}),
+                **({"shares": dict(p.shares)} if p.shares else {}),
                 **({} if p.beyond is None else {"beyond": p.beyond}),
             }
             for name, p in result.parameters.items()
@@ -73,6 +74,11 @@ def result_json(result: SearchResult) -> dict[str, Any]:
             if result.held_out
             else {}
         ),
+        **({"spreads": {name: asdict(one) for name, one in result.spreads.items()}} if result.spreads else {}),
+        **({"left_out": {name: asdict(one) for name, one in result.left_out.items()}} if result.left_out else {}),
+        "residuals": {
+            name: {channel: asdict(one) for channel, one in held.items()} for name, held in result.residuals.items()
+        },
         "importance": dict(result.importance),
         "notes": [note.text for note in result.notes],
         **({"warnings": warnings} if warnings else {}),
@@ -129,7 +135,7 @@ def _held_out_json(name: str, held: HeldOut) -> dict[str, Any]:
 
 def _response_csv(fit: ExperimentFit) -> str:
     columns: dict[str, Floats] = {f"{name} [{fit.units[name]}]": values for name, values in fit.response.items()}
-    for family, channels in (("measured", fit.measured), ("simulated", fit.simulated)):
+    for family, channels in (("measured", fit.measured), ("simulated", fit.simulated), ("band", fit.bands)):
         columns |= {f"{family}.{name} [{fit.units[name]}]": values for name, values in channels.items()}
     # A value that was not measured is an empty cell.
     cells = ([float(value) if np.isfinite(value) else "" for value in values] for values in columns.values())

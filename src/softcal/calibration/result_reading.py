@@ -11,7 +11,10 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
+from softcal.calibration.left_out import LeftOut
 from softcal.calibration.loss import rms
+from softcal.calibration.random_effects import Spread
+from softcal.calibration.residuals import ResidualRecord
 from softcal.calibration.result import (
     CalibrationResult,
     Distance,
@@ -80,6 +83,9 @@ class _Result(Record):
     converged: bool | None
     experiments: dict[str, _Fit]
     held_out: dict[str, _HeldOut] = Field(default_factory=dict[str, _HeldOut])
+    spreads: dict[str, Spread] = Field(default_factory=dict[str, Spread])
+    left_out: dict[str, LeftOut] = Field(default_factory=dict[str, LeftOut])
+    residuals: dict[str, dict[str, ResidualRecord]] = Field(default_factory=dict[str, dict[str, ResidualRecord]])
     importance: dict[str, float]
     notes: tuple[str, ...]
     warnings: tuple[str, ...] = ()  # those of the notes that are; earlier files have none
@@ -113,6 +119,9 @@ def load_result(folder: Path) -> CalibrationResult | SweepResult:
         "wall_s": held.wall_s,
         "status": held.status,
         "experiments": {name: _fit(folder, name, entry) for name, entry in held.experiments.items()},
+        "spreads": held.spreads,
+        "left_out": held.left_out,
+        "residuals": held.residuals,
         "importance": held.importance,
         "trials": _trials(folder / TRIALS),
         "n_failed_trials": held.n_failed_trials,
@@ -173,6 +182,7 @@ def _fit(folder: Path, name: str, entry: _Fit) -> ExperimentFit:
         distances=entry.distances,
         length=entry.length,
         missing=entry.missing,
+        bands=parts["band"],
     )
     compared = {key for key, error in errors.items() if error is not None and key.endswith("_rmse")}
     if not compared or compared != {f"{channel}_rmse" for channel in fit.simulated}:
@@ -195,19 +205,22 @@ def _error(path: Path, errors: Mapping[str, float | None], key: str) -> float:
 
 
 def _response(path: Path) -> tuple[dict[str, dict[str, Floats]], dict[str, str]]:
-    """Channels of a response table by family (measured, simulated, "" for the twin's own), and their units."""
+    """Channels of a response table by family (measured, simulated, band, "" for the twin's own), and their units."""
     header, rows = read_rows(path, _WHAT)
     if not rows:
         raise contradiction(path, _WHAT, "there are no samples")
-    parts: dict[str, dict[str, Floats]] = {"measured": {}, "simulated": {}, "": {}}
+    parts: dict[str, dict[str, Floats]] = {"measured": {}, "simulated": {}, "band": {}, "": {}}
     units: dict[str, str] = {}
     for column, title in enumerate(header):
         name, _, unit = title.removesuffix("]").rpartition(" [")
         family, _, channel = name.partition(".")
-        known = family in ("measured", "simulated")
+        known = family in parts
         key = channel if known else name
         parts[family if known else ""][key] = np.array(
-            [_number(path, row[column], i, missing=family == "measured") for i, row in enumerate(rows, start=1)]
+            [
+                _number(path, row[column], i, missing=family in ("measured", "band"))
+                for i, row in enumerate(rows, start=1)
+            ]
         )
         units[key] = unit
     return parts, units

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from softcal.calibration.fingerprint import fingerprints
 from softcal.calibration.hold_out import fitted_part, predicted
+from softcal.calibration.mesh_error import with_mesh_error
 from softcal.calibration.optimiser import OPTIMISERS
 from softcal.calibration.outcome import conclude
 from softcal.calibration.problem import Problem
-from softcal.calibration.result import CalibrationResult
+from softcal.calibration.result import CalibrationResult, Note
 from softcal.calibration.result_files import write_result
-from softcal.calibration.search import Observer, Search, searched
+from softcal.calibration.search import Found, Observer, Search, searched
 from softcal.calibration.settings import SearchSettings
 
 
@@ -76,10 +78,10 @@ def calibrate(
         lambda batch: optimiser.begin(part, replace(complete, batch=batch)),
         complete.record(),
         {**fingerprints(problem), **(hashes or {})},
+        derives=True,
     )
     with searched(search, workers=workers, store=store, resume=resume, files=files, progress=progress) as found:
-        account = found.account
-        result = conclude(CalibrationResult, part, found.best, found.trials, account, converged=account.converged)
+        result = _concluded(part, found, mesh_error=given.mesh_error)
         if complete.hold_out:
             found.announce(f"prediction of {', '.join(complete.hold_out)}")
             theta = {name: estimate.value for name, estimate in result.parameters.items()}
@@ -88,6 +90,19 @@ def calibrate(
         if found.folder is not None:
             write_result(result, found.folder)
         return result
+
+
+def _concluded(problem: Problem, found: Found, *, mesh_error: bool) -> CalibrationResult:
+    """The result of a search, its intervals with the error of the mesh where that is asked for."""
+    account = found.account
+    conclusion = partial(conclude, CalibrationResult, problem)
+    if not mesh_error or account.converged is False:
+        return conclusion(found.best, found.trials, account, converged=account.converged)
+    found.announce("one simulation on a finer mesh")
+    seen = with_mesh_error(problem, found.best)
+    account = replace(account, n_solves=account.n_solves + seen.n_solves)
+    result = conclusion(seen.best, found.trials, account, uncertain=seen.uncertain, converged=account.converged)
+    return replace(result, notes=(*result.notes, *([Note(seen.unknown)] if seen.unknown else [])))
 
 
 def calibrate_each(

@@ -6,7 +6,7 @@ import contextlib
 import time
 from collections import Counter
 from collections.abc import Callable, Generator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -63,6 +63,8 @@ class Search:
         The complete settings as a run stores them and a result reports them; among them `seed` and `batch`.
     identity
         What identifies the run: name of the input -> hash.
+    derives
+        Whether the best evaluation is made again with the jacobian where the optimiser needs none.
     """
 
     problem: Problem
@@ -70,6 +72,7 @@ class Search:
     begin: Callable[[int], Optimiser]
     settings: Mapping[str, Any]
     identity: Mapping[str, str]
+    derives: bool = False
 
 
 @dataclass(frozen=True)
@@ -138,6 +141,16 @@ def searched(
         stopped = _course(optimiser, stack.enter_context(evaluator), tally, progress)
         if tally.best is None:
             raise CalibrationError(_no_result(tally, stopped))
+
+        def announce(stage: str) -> None:
+            if progress is not None:
+                with contextlib.suppress(KeyboardInterrupt):  # there is no search any more to be stopped
+                    progress(_progress(tally, optimiser, stage))
+
+        if search.derives and not optimiser.needs_jacobian:
+            announce("derivatives at the best trial")
+            with contextlib.suppress(KeyboardInterrupt):
+                tally.derive()
         account = Account(
             optimiser.name,
             settings["seed"],
@@ -148,11 +161,6 @@ def searched(
             search.identity,
             False if stopped and optimiser.converged is not None else optimiser.converged,
         )
-
-        def announce(stage: str) -> None:
-            if progress is not None:
-                with contextlib.suppress(KeyboardInterrupt):  # there is no search any more to be stopped
-                    progress(_progress(tally, optimiser, stage))
 
         if optimiser.statistics == "fanova":
             announce("importances (fANOVA)")
@@ -169,6 +177,7 @@ class _Tally:
     began: float
     trials: list[Trial] = field(default_factory=list[Trial])
     best: Evaluation | None = None
+    best_number: int = 0
     n_solves: int = 0
     n_failed: int = 0
     earlier: float = 0.0  # wall time [s] of the sessions before this one
@@ -213,7 +222,27 @@ class _Tally:
         self.n_solves += evaluation.n_solves
         self.n_failed += not complete
         if better:
-            self.best = evaluation
+            self.best, self.best_number = evaluation, number
+
+    def derive(self) -> None:
+        """Complete the best evaluation by its jacobian, unless an earlier session did, or it cannot be computed."""
+        best = self.best
+        if best is None:
+            return
+        self.n_solves += best.n_solves
+        if all(block.jacobian is not None for block in best.blocks):
+            return
+        derived = self.problem.evaluate(best.theta, jacobian=True)
+        if derived.loss is None:
+            return
+        seen = {
+            name: replace(observation, derivatives=derived.observations[name].derivatives)
+            for name, observation in best.observations.items()
+        }
+        with interrupts_held():
+            if self.run is not None:
+                self.run.keep(self.best_number, encode(seen))
+            self.best = self.problem.judge(best.theta, seen, best.n_solves, best.n_factorisations, best.seconds)
 
 
 def _course(optimiser: Optimiser, evaluator: Evaluator, tally: _Tally, progress: Observer | None) -> str:

@@ -1,33 +1,44 @@
 """Statistics from the jacobian at the optimum: standard errors, intervals, and the parameters that the data identify.
 
-The covariance is the loss's own (`softcal.calibration.estimator`), the intervals stay within the bounds of the search
-(`softcal.calibration.intervals`). Both hold for noise that is independent from sample to sample. Neighbouring samples
-of one test share most of their error (friction, hysteresis, the mesh), so on real benches these are lower limits.
+The covariance is the loss's own (`softcal.calibration.estimator`), with noise that is correlated along the records and
+differences between the experiments where the residuals show them. The intervals stay within the bounds of the search
+(`softcal.calibration.intervals`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from softcal.calibration.estimator import PRIOR, Estimator, estimator
+from softcal.calibration.band import bands
+from softcal.calibration.estimator import Estimator, estimator
+from softcal.calibration.experiment import rig_kind
 from softcal.calibration.intervals import beyond_bounds, box_intervals
+from softcal.calibration.left_out import LeftOut, left_out
 from softcal.calibration.loss import Block, Loss, rms
-from softcal.calibration.parameters import SearchSpace
+from softcal.calibration.noise import PRIOR
+from softcal.calibration.parameters import FreeParameter, SearchSpace
+from softcal.calibration.random_effects import Spread
 from softcal.calibration.result import Estimate, Note
+from softcal.calibration.spread import spread
+from softcal.calibration.uncertain import MESH_ERROR, UncertainParameter
 from softcal.checks import Floats
-from softcal.units import plain
+from softcal.units import format_quantity, plain
 
 # A parameter with a larger share of an unidentifiable direction cannot be distinguished from the others in it.
-_MIXED = 0.01
+MIXED = 0.01
 # Residuals this many times larger than the stated noise are reported in a note.
 _TOO_LARGE = 1.5
-NOISE_ALONE = (
-    "The standard errors include independent noise only. The errors of the mesh, the material law and the model of the "
-    "rig are not included, and are usually larger."
+_TOGETHER = 0.5
+"""Two parameters whose standard error falls below this share of itself when the other is given move together."""
+NOT_INCLUDED = (
+    "The intervals include the noise and its correlation along the records{}. Errors {}of the material law and of the "
+    "{}model of the rig are not included where they have one sign throughout."
 )
+ONE_EXPERIMENT = "There is one experiment: by how much experiments on this robot differ is not known, nor included."
 
 
 @dataclass(frozen=True)
@@ -46,6 +57,16 @@ class Statistics:
         Label -> ends of the 95 % interval [SI], or None.
     beyond
         Label of a parameter at a bound -> its distance from the best value without the bound, in standard errors [-].
+    shares
+        Label -> source of error -> its share of the estimate's variance [-], sum 1.
+    spreads
+        Label of a shared parameter -> its comparison between the experiments.
+    left_out
+        Experiment -> how well the others predict it, of three or more.
+    bands
+        Experiment -> compared channel -> half the width (n,) [SI] of the 95 % band of a further experiment.
+    minimum
+        Label -> where the minimum is, by the derivatives, within the bounds [SI].
     """
 
     standard_errors: Mapping[str, float | None]
@@ -53,6 +74,11 @@ class Statistics:
     notes: tuple[Note, ...]
     intervals: Mapping[str, tuple[float, float] | None] = field(default_factory=dict[str, tuple[float, float] | None])
     beyond: Mapping[str, float] = field(default_factory=dict[str, float])
+    shares: Mapping[str, Mapping[str, float]] = field(default_factory=dict[str, Mapping[str, float]])
+    spreads: Mapping[str, Spread] = field(default_factory=dict[str, Spread])
+    left_out: Mapping[str, LeftOut] = field(default_factory=dict[str, LeftOut])
+    bands: Mapping[str, Mapping[str, Floats]] = field(default_factory=dict[str, Mapping[str, Floats]])
+    minimum: Mapping[str, float] = field(default_factory=dict[str, float])
 
     def estimates(self, space: SearchSpace, theta: Mapping[str, float]) -> dict[str, Estimate]:
         """The values theta [SI by label] with the statistics of each."""
@@ -69,13 +95,22 @@ class Statistics:
                 p.of,
                 self.beyond.get(p.label),
                 p.scale,
+                self.shares.get(p.label, {}),
             )
             for p in space.parameters
         }
 
 
-def local_statistics(space: SearchSpace, loss: Loss, theta: Mapping[str, float], blocks: Sequence[Block]) -> Statistics:
+def local_statistics(
+    space: SearchSpace,
+    loss: Loss,
+    theta: Mapping[str, float],
+    blocks: Sequence[Block],
+    uncertain: Sequence[UncertainParameter] = (),
+) -> Statistics:
     """Standard errors, intervals and importances at theta [SI by label]; the blocks must have jacobians.
+
+    uncertain: the parameters of the blocks' `systematic`.
 
     A parameter at a bound has an interval, but no standard error; with as many parameters as measurements, none has
     either. The importance of a parameter is its share of the squared change of all channels, over each channel's
@@ -83,11 +118,13 @@ def local_statistics(space: SearchSpace, loss: Loss, theta: Mapping[str, float],
     """
     z = np.clip(space.to_search(theta), 0.0, 1.0)
     slopes = space.jacobian(z)
-    found = estimator(loss, z, slopes, blocks)
+    experiments = dict.fromkeys(block.experiment for block in blocks if block.experiment)
+    serves = {name: np.array([p.serves(name) for p in space.parameters]) for name in experiments}
+    found = estimator(loss, z, slopes, blocks, serves, uncertain)
     importance = _importance(space, loss, blocks, slopes)
     errors: dict[str, float | None] = dict.fromkeys(space.labels)
     intervals: dict[str, tuple[float, float] | None] = dict.fromkeys(space.labels)
-    mixed = np.abs(found.unseen).max(axis=0, initial=0.0) > _MIXED
+    mixed = np.abs(found.unseen).max(axis=0, initial=0.0) > MIXED
     saturated = sum(len(block.residual) for block in blocks) <= space.size  # a prior is a measurement
     notes = list(_notes(space, found, mixed, saturated=saturated))
     if found.spent or mixed.all() or saturated:
@@ -105,7 +142,62 @@ def local_statistics(space: SearchSpace, loss: Loss, theta: Mapping[str, float],
     held = beyond_bounds(found.minimum[known], found.root[:, known])
     labels = [space.labels[j] for j in known]
     beyond = {label: float(far) for label, far in zip(labels, held, strict=True) if at_bound[label]}
-    return Statistics(errors, importance, (*notes, Note(NOISE_ALONE)), intervals, beyond)
+    within = {space.labels[j]: float(error * abs(slopes[j])) for j, error in zip(known, stated, strict=True)}
+    notes += _together(space, theta, within, found, slopes)
+    notes += [Note(not_included(uncertain)), *([Note(ONE_EXPERIMENT)] if len(experiments) == 1 else [])]
+    summed = np.sum(list(found.variances.values()), axis=0)
+    shares = {
+        space.labels[j]: {kind: float(part[j] / summed[j]) for kind, part in found.variances.items() if part[j] > 0.0}
+        for j in known
+        if summed[j] > 0.0
+    }
+    spreads = {space.labels[one.column]: spread(space, z, one, found, known) for one in found.between}
+    predicted = left_out(loss, z, slopes, blocks, serves, found)
+    minimum = space.to_model(np.clip(found.minimum, 0.0, 1.0))
+    widths = bands(loss, slopes, blocks, found)
+    return Statistics(errors, importance, tuple(notes), intervals, beyond, shares, spreads, predicted, widths, minimum)
+
+
+def not_included(uncertain: Sequence[UncertainParameter]) -> str:
+    """What the intervals include, and what they do not."""
+    named = list(dict.fromkeys(p.source for p in uncertain if p != MESH_ERROR))
+    has_mesh = MESH_ERROR in uncertain
+    listed = [*(["the error of the mesh"] if has_mesh else []), *(f"the uncertainty of {name}" for name in named)]
+    included = f", {', '.join(listed[:-1])}{', ' * (len(listed) > 1)}and {listed[-1]}" if listed else ""
+    return NOT_INCLUDED.format(included, "" if has_mesh else "of the mesh, ", "rest of the " if named else "")
+
+
+def _together(
+    space: SearchSpace, theta: Mapping[str, float], errors: Mapping[str, float], found: Estimator, slopes: Floats
+) -> Iterable[Note]:
+    """The robot's parameter whose error would fall most if another one were given, if it would fall to a half or less.
+
+    errors: label -> standard error within the bounds [SI], of the parameters that have one.
+    """
+    covariance = found.root.T @ found.root
+    shared = [j for j, p in enumerate(space.parameters) if p.label in errors and not p.experiment]
+    of_robot = {j for j in shared if all(rig_kind(target) is None for target in space.parameters[j].targets)}
+    pairs: list[tuple[float, int, int]] = []
+    for one, other in itertools.combinations(sorted(shared, key=lambda j: j not in of_robot), 2):
+        if one in of_robot and covariance[other, other] > 0.0:
+            left = max(covariance[one, one] - covariance[one, other] ** 2 / covariance[other, other], 0.0)
+            pairs.append((float(np.sqrt(left) * abs(slopes[one])) / errors[space.labels[one]], one, other))
+    share, j, k = min(pairs, default=(1.0, 0, 0))
+    if share >= _TOGETHER:
+        return
+    one, other, error = space.parameters[j], space.parameters[k], errors[space.labels[j]]
+    alone, given = (_size(one, theta[one.label], size) for size in (error, share * error))
+    yield Note(
+        f"{one.label} and {other.label} move together: the standard error of {one.label} is {alone}, and would be "
+        f"{given} with {other.label} given."
+    )
+
+
+def _size(parameter: FreeParameter, value: float, error: float) -> str:
+    """An error in per cent of the value, where the parameter is searched by its logarithm; else with its unit."""
+    if parameter.scale == "log":
+        return f"{plain(100 * error / abs(value), 2)} %"
+    return format_quantity(error, parameter.unit, digits=2)
 
 
 def _importance(space: SearchSpace, loss: Loss, blocks: Sequence[Block], slopes: Floats) -> dict[str, float]:

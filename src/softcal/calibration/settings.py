@@ -32,6 +32,9 @@ class SearchSettings:
     options
         Option of the optimiser -> its value [SI]; its default where it is left out. Those of other optimisers are
         ignored.
+    mesh_error
+        Whether the intervals include the error of the mesh, by one more simulation on a finer one
+        (`softcal.calibration.mesh_error`). It is no part of the search: a run can be resumed with it or without.
     """
 
     method: str = "least-squares"
@@ -40,6 +43,7 @@ class SearchSettings:
     hold_out: tuple[str, ...] = ()
     batch: int | None = None
     options: Mapping[str, float] = field(default_factory=dict[str, float])
+    mesh_error: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "hold_out", tuple(self.hold_out))

@@ -219,6 +219,17 @@ class RunStore:
         with storing(self.folder / TRIALS):
             self._trials.execute("INSERT INTO trials VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", row)
 
+    def keep(self, number: int, payload: bytes) -> None:
+        """Store other arrays of a trial in the place of its own, such as those with its derivatives.
+
+        Raises
+        ------
+        StorageError
+            For a full disk or a folder that no longer exists.
+        """
+        with storing(self.folder / TRIALS):
+            self._trials.execute("UPDATE trials SET payload = ? WHERE number = ?", (payload, number))
+
     def stored(self) -> dict[int, StoredTrial]:
         """Every trial that is kept, by number.
 

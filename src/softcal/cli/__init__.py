@@ -10,6 +10,8 @@ from softcal.cli import simulate_command
 from softcal.cli import calibrate_commands
 from softcal.cli import validate_command
 from softcal.cli import mesh_study_command
+from softcal.cli import intervals_command
+from softcal.cli import next_test_command
 from softcal.cli import sweep_command
 from softcal.cli import marker_commands
 from softcal.cli import export_commands
@@ -25,6 +27,8 @@ COMMAND_GROUPS = (
     calibrate_commands,
     validate_command,
     mesh_study_command,
+    intervals_command,
+    next_test_command,
     sweep_command,
     marker_commands,
     export_commands,

@@ -77,6 +77,13 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue the run in the folder.")] = False,
     report: WithReport = True,
+    mesh_error: Annotated[
+        bool | None,
+        typer.Option(
+            help="Whether the intervals include the error of the mesh, by one more simulation on a finer one.",
+            show_default=False,
+        ),
+    ] = None,
 ) -> None:
     """Find the free parameters; keeps every trial, and writes tables, figures and a report into a run folder."""
     from softcal.project.project import load
@@ -102,7 +109,9 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
         "engine": None if engine == SOFTCAL else engine,
         "workers": None if workers == 1 else workers,
     }
-    again = f"{shlex.quote(str(project))} --out {shlex.quote(str(folder))}{as_typed({**changes, **others})} --resume"
+    again = f"{shlex.quote(str(project))} --out {shlex.quote(str(folder))}{as_typed({**changes, **others})}"
+    again += f"{' --no-mesh-error' * (mesh_error is False)} --resume"
+    changes["mesh_error"] = mesh_error
     changes["hold_out"] = None if hold_out is None else names(hold_out)
     changes |= {name: scalar(text) for name, text in options.items()}
     if engine != SOFTCAL and not resume:
@@ -118,7 +127,8 @@ def calibrate(  # noqa: PLR0913 (one argument for each option)
                 progress=bars.show,
                 **changes,
             )
-        print_results(found.results, {name: e.dataset for name, e in loaded.experiments.items()})
+        records = {name: record for name, record in loaded.corrected.items() if record is not None}
+        print_results(found.results, {name: e.dataset for name, e in loaded.experiments.items()}, records)
         if found.stopped_by is not None:
             raise found.stopped_by
     solved = furthest_responses(loaded, found.results)

@@ -16,15 +16,22 @@ if TYPE_CHECKING:
     from softcal.experiments.dataset import Dataset
 
 
-def print_results(results: Mapping[str, CalibrationResult], data: Mapping[str, Dataset] | None = None) -> None:
-    """Print the table of all calibrations, warnings, the agreement of separate fits, their status and notes.
+def print_results(
+    results: Mapping[str, CalibrationResult],
+    data: Mapping[str, Dataset] | None = None,
+    records: Mapping[str, Dataset] | None = None,
+) -> None:
+    """Print the table of all calibrations, warnings, the agreement of separate fits, their status and notes, and the
+    three sentences of the report's first screen.
 
-    data: the samples by experiment, for their stated noise.
+    data: the samples by experiment, for their stated noise; records: their records with times, for the speeds.
     """
     if not results:
         return
-    from softcal.report.agreement import agreement_sentences
+    from softcal.report.agreement import agreement_sentences, residual_sentence, spread_sentences
     from softcal.report.closeness import closeness_by_experiment, misses_of
+    from softcal.report.first_screen import FirstScreen, three_sentences
+    from softcal.report.judged import first_label
 
     for label, result in results.items():
         if result.converged is False:
@@ -37,6 +44,11 @@ def print_results(results: Mapping[str, CalibrationResult], data: Mapping[str, D
                 typer.echo(f"Warning: {of}{text}", err=True)
     for text, _ in agreement_sentences(results):
         typer.echo(text)
+    for label, result in results.items():
+        for text, one in spread_sentences(result, records):
+            typer.echo(f"{'Warning: ' * one.differs}{label}: {text}", err=one.differs)
+        if text := residual_sentence(result):
+            typer.echo(f"{label}: {text}")
     notes: dict[Note, list[str]] = {}
     for label, result in results.items():
         for note in result.notes:
@@ -49,11 +61,15 @@ def print_results(results: Mapping[str, CalibrationResult], data: Mapping[str, D
     for note, labels in notes.items():
         if note not in warnings:
             typer.echo(f"Note ({', '.join(labels)}): {note}")
+    for text in three_sentences(FirstScreen(results, first_label(results), data or {}, records or {})):
+        typer.echo(text)
 
 
 def _result_table(results: Mapping[str, CalibrationResult]) -> Table:
     """Table with a column per calibration, and a line per parameter and error of an experiment."""
     from rich.table import Table
+
+    from softcal.calibration.digits import interval_text
 
     table = Table("", *results)
     parameters = dict.fromkeys(name for result in results.values() for name in result.parameters)
@@ -65,6 +81,10 @@ def _result_table(results: Mapping[str, CalibrationResult]) -> Table:
         if "[" not in name and any(estimate is not None and estimate.interval for estimate in found):
             table.add_row(
                 "  95 % interval", *("" if estimate is None else interval_text(estimate) for estimate in found)
+            )
+        if "[" not in name and any(estimate is not None and len(estimate.shares) > 1 for estimate in found):
+            table.add_row(
+                "  its variance", *("" if estimate is None else _budget(name, estimate) for estimate in found)
             )
     table.add_section()
     for name, channel in _error_lines(fit for r in results.values() for fit in r.experiments.items()):
@@ -81,6 +101,12 @@ def _result_table(results: Mapping[str, CalibrationResult]) -> Table:
     table.add_row("loss", *(f"{result.loss:.4g}" for result in results.values()))
     table.add_row("trials", *(_count(result) for result in results.values()))
     return table
+
+
+def _budget(name: str, estimate: Estimate) -> str:
+    from softcal.report.statement import statement
+
+    return statement(name, name, estimate).budget_text
 
 
 def _error_lines(fits: Iterable[tuple[str, ExperimentFit]]) -> list[tuple[str, str]]:
@@ -118,29 +144,8 @@ def _count(result: CalibrationResult) -> str:
     return f"{len(result.trials)}{failed}"
 
 
-def interval_text(estimate: Estimate) -> str:
-    """The 95 % interval with its unit, or ""."""
-    from softcal.units import format_quantity, interval_digits, readable_unit
-
-    if estimate.interval is None:
-        return ""
-    unit = readable_unit(estimate.value, estimate.unit)
-    digits = interval_digits(estimate.interval, (estimate.lower, estimate.upper), 3)
-    ends = zip(estimate.interval, digits, strict=True)
-    low, high = (format_quantity(end, estimate.unit, unit, digits=n) for end, n in ends)
-    within = ", within the bounds" if estimate.is_held else ""
-    return f"{low.removesuffix(f' {unit}')} to {high}{within}"
-
-
 def value_text(estimate: Estimate) -> str:
     """A value with its standard error and unit, and whether it is at a bound."""
-    from softcal.units import AS_WRITTEN, digits_showing, format_quantity, readable_unit
+    from softcal.calibration.digits import estimate_text
 
-    unit = readable_unit(estimate.value, estimate.unit)
-    digits = digits_showing(estimate.standard_error or 0.0, estimate.value)
-    digits = AS_WRITTEN if estimate.value in (estimate.lower, estimate.upper) else digits
-    text = format_quantity(estimate.value, estimate.unit, unit, digits=digits)
-    if estimate.standard_error is not None:
-        error = format_quantity(estimate.standard_error, estimate.unit, unit, digits=2)
-        text = f"{text.removesuffix(f' {unit}')} ± {error}"
-    return text + (" (at a bound)" if estimate.at_bound else "")
+    return estimate_text(estimate) + (" (at a bound)" if estimate.at_bound else "")

@@ -167,18 +167,18 @@ def _parameters(found: MeshStudy, finer: Sequence[Finer]) -> Table:
     from rich.table import Table
 
     from softcal.analysis.mesh_verdict import shift_text
+    from softcal.calibration.digits import shown, with_unit
     from softcal.cli.calibration_table import value_text
-    from softcal.units import format_quantity, readable_unit
 
     table = Table("parameter", "on", "value", "shift")
     for label, estimate in found.parameters.items():
-        unit, name = readable_unit(estimate.value, estimate.unit), label.replace("[", r"\[")
+        name = label.replace("[", r"\[")
         if label in found.of_robot:
             table.add_row(name, "original", value_text(estimate), "")
             name = ""
         for one in finer:
             if label in found.of_robot or one.name == found.reference:
-                there = format_quantity(one.values[label], estimate.unit, unit)
+                there = with_unit(estimate, shown(estimate, one.values[label]))
                 bound = " (at a bound)" if label in one.at_bound else ""
                 table.add_row(name, one.name, there + bound, shift_text(estimate, one.values[label]))
         if label in found.of_robot:

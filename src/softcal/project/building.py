@@ -14,6 +14,7 @@ from softcal.project.axes import Axis, cells_fault, doubled, parse_axis
 from softcal.project.bench import Bench, build_bench
 from softcal.project.bench_fit import check_test, held_rig, held_robot
 from softcal.project.bench_names import experiments_named
+from softcal.project.candidate_schema import build_candidates
 from softcal.project.document import Document, Findings
 from softcal.project.files import InputFiles, sha256
 from softcal.project.meshes import is_generated, mesh_maker
@@ -22,6 +23,7 @@ from softcal.project.robot import BuiltRobot, build_robot
 from softcal.project.search import build_search, held_values, names_held, rig_value, untied
 from softcal.project.sections import Sections
 from softcal.project.sweep_schema import SweepSection
+from softcal.project.uncertain import build_uncertain
 from softcal.twin.parameters import ParameterInfo, robot_parameters
 from softcal.twin.time_settings import TimeSettings
 
@@ -54,10 +56,13 @@ def build_project(
     own = {name: whole[name].experiment.rig_values() if name in whole else {} for name in experiments}
     set_ups = {name: experiment.set_up for name, experiment in experiments.items()}
     space = build_search(parameters, known, own, set_ups, names_held(given, known or ()), findings)
+    uncertain = build_uncertain(sections.uncertain, known, own, set_ups, space, findings)
     tied = {name: tuple(section.of) for name, section in parameters.items() if section.of}
     _check_settings(space, {name: bench.experiment for name, bench in whole.items()}, findings)
     _check_settling(sections.dynamics, built, findings)
     _check_sweep(sections.sweep, known, tied, experiments, findings)
+    tests = {name: bench.experiment for name, bench in whole.items()}
+    candidates = build_candidates(sections.candidates, tests, built.robot, findings) if built and known else ()
     findings.raise_if_any()
 
     if built is None or known is None:
@@ -81,8 +86,10 @@ def build_project(
         records={name: bench.record for name, bench in whole.items()},
         corrected={name: bench.corrected for name, bench in whole.items()},
         space=space,
+        uncertain=uncertain,
         tied=tied,
         calibration=sections.calibration,
+        candidates=candidates,
         sweep=sections.sweep,
         dynamics=sections.dynamics,
         engines=sections.engines,

@@ -38,6 +38,14 @@ class ParameterSection(Section):
     prior: PriorSection | None = None
 
 
+class UncertainSection(Section):
+    """A parameter that is not fitted and not exactly known: its standard deviation, and what errs with it."""
+
+    sd: Given
+    of: Annotated[list[str], BeforeValidator(listed), Field(min_length=1)] | None = None
+    per: Literal["experiment", "set_up"] | None = None
+
+
 class CalibrationSection(Section):
     """Settings of the calibration. The options [SI] of all losses and methods are keys of the file, by their names."""
 
@@ -49,6 +57,7 @@ class CalibrationSection(Section):
     fit: Literal["each", "joint", "both"] = "joint"
     hold_out: Annotated[list[str], BeforeValidator(listed)] = Field(default_factory=list)
     split: Annotated[list[str], BeforeValidator(listed)] = Field(default_factory=list)
+    mesh_error: bool = True
 
     @classmethod
     def _allowed(cls, given: Mapping[str, Any]) -> set[str]:
@@ -69,6 +78,6 @@ class CalibrationSection(Section):
 
     @property
     def search(self) -> SearchSettings:
-        """The settings of the search."""
+        """The settings of a search; `mesh_error` is of the one result that is reported first."""
         options = {option.name: self.options[option.name] for option in OPTIMISERS[self.method].options}
         return SearchSettings(self.method, self.trials, self.seed, tuple(self.hold_out), options=options)

@@ -12,8 +12,10 @@ from softcal.project.sections import read_sections
 from softcal.project.yaml_file import read_document
 
 if TYPE_CHECKING:
+    from softcal.analysis.candidate import Candidate
     from softcal.calibration.experiment import Experiment
     from softcal.calibration.parameters import SearchSpace
+    from softcal.calibration.uncertain import UncertainParameter
     from softcal.checks import Ints
     from softcal.errors import Fault
     from softcal.experiments.dataset import Dataset
@@ -43,10 +45,14 @@ class Project:
         (None where there is no such record).
     space
         The free parameters; None where none is free.
+    uncertain
+        Parameters that are not fitted, with their standard deviations.
     tied
         Name of a common value -> names or patterns of the parameters tied to it.
     calibration, sweep, dynamics, engines
         The settings of these sections; sweep is None where the file has none.
+    candidates
+        Tests that could be made next.
     print_infill
         Infill of the print, or None where not given.
     held
@@ -72,8 +78,10 @@ class Project:
     records: Mapping[str, Dataset]
     corrected: Mapping[str, Dataset | None]
     space: SearchSpace | None
+    uncertain: tuple[UncertainParameter, ...]
     tied: Mapping[str, tuple[str, ...]]
     calibration: CalibrationSection
+    candidates: tuple[Candidate, ...]
     sweep: SweepSection | None
     dynamics: TimeSettings
     engines: Engines

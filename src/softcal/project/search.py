@@ -10,7 +10,7 @@ from fnmatch import fnmatchcase
 from softcal.calibration.experiment import rig_kind
 from softcal.calibration.parameters import FreeParameter, SearchSpace, search_space
 from softcal.errors import Fault, InputError, ParameterError
-from softcal.project.calibration_schema import ParameterSection
+from softcal.project.calibration_schema import ParameterSection, UncertainSection
 from softcal.project.document import Findings, KeyPath
 from softcal.quantities import QUANTITIES, Quantity
 from softcal.twin.parameter_name import parameter_name
@@ -49,7 +49,7 @@ def build_search(
             with findings.at((*path, "of") if section.of else path):
                 raise ParameterError([unknown_name(wanted, known) for wanted in section.of or [name]])
             continue
-        kind = known[targets[0]].quantity if known is not None else _kind_by_name((section.of or [name])[0])
+        kind = known[targets[0]].quantity if known is not None else quantity_of((section.of or [name])[0])
         parameter = None if kind is None else _free(name, section, kind.unit, path, findings)
         left = tuple(target for target in targets if target not in held)
         if parameter is None or name in held or (targets and not left):
@@ -73,17 +73,20 @@ def build_search(
 
 
 def check_owners(
-    sections: Mapping[str, ParameterSection], parts: Mapping[str, Iterable[str]] | None, findings: Findings
+    key: str,
+    sections: Mapping[str, ParameterSection] | Mapping[str, UncertainSection],
+    parts: Mapping[str, Iterable[str]] | None,
+    findings: Findings,
 ) -> None:
     """Record the parameters whose owner is no part of the robot or of the rig; all is not known of them yet.
 
-    parts: the names of the robot's parts by kind; None where they are not known.
+    key: that of the sections in the file. parts: the names of the robot's parts by kind; None where they are not known.
     """
     if parts is None:
         return
     owners = [*(name for names in parts.values() for name in names), *OF_RIG]
     for name, section in sections.items():
-        path: KeyPath = ("parameters", name, "of") if section.of else ("parameters", name)
+        path: KeyPath = (key, name, "of") if section.of else (key, name)
         for wanted in section.of or [name]:
             literal = re.split(r"[*?[]", wanted)[0]
             begun = parameter_name(literal)
@@ -176,18 +179,19 @@ def _free(name: str, section: ParameterSection, unit: str, path: KeyPath, findin
         numbers["bounds.1"],
         section.scale,
         numbers.get("start"),
-        section.per == "experiment",
-        numbers.get("prior.mean"),
-        numbers.get("prior.sd"),
+        per_experiment=section.per == "experiment",
+        prior_mean=numbers.get("prior.mean"),
+        prior_sd=numbers.get("prior.sd"),
         of=tuple(section.of or ()),
         per_set_up=section.per == "set_up",
     )
 
 
-def _kind_by_name(name: str) -> Quantity | None:
+def quantity_of(name: str) -> Quantity | None:
+    """The kind of quantity of a parameter by its name alone; None where that does not tell."""
     return kind_by_name(name) or rig_kind(name)
 
 
 def _guess(name: str, parameter: FreeParameter) -> ParameterInfo:
-    kind = _kind_by_name((parameter.of or (name,))[0])
+    kind = quantity_of((parameter.of or (name,))[0])
     return ParameterInfo(name, kind or QUANTITIES["ratio"], parameter.lower)

@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 from softcal.calibration.loss import LOSSES
 from softcal.calibration.rig import CommonRig
+from softcal.calibration.uncertain import RESERVED
 from softcal.errors import Fault, ProjectFileError, nearest
 from softcal.experiments.prepare import PlannedStep
 from softcal.export.sofa_settings import Engines
@@ -15,7 +16,8 @@ from softcal.limits import LIMITS
 from softcal.materials.infill import PrintInfill
 from softcal.project.bench_plan import check_headers, plan_bench
 from softcal.project.bench_schema import ExperimentSection
-from softcal.project.calibration_schema import CalibrationSection, ParameterSection
+from softcal.project.calibration_schema import CalibrationSection, ParameterSection, UncertainSection
+from softcal.project.candidate_schema import CandidateSection
 from softcal.project.document import Document, Findings
 from softcal.project.files import InputFiles, stored_mesh
 from softcal.project.mesh_schema import MeshFile
@@ -26,6 +28,7 @@ from softcal.project.search import build_search, check_owners
 from softcal.project.section import validated
 from softcal.project.sensor_schema import check_sensors
 from softcal.project.sweep_schema import SweepSection
+from softcal.project.uncertain import build_uncertain
 from softcal.twin.time_settings import Settling, TimeSettings
 
 S = TypeVar("S")
@@ -37,7 +40,9 @@ SECTIONS = (
     "rig",
     "experiments",
     "parameters",
+    "uncertain",
     "calibration",
+    "candidates",
     "sweep",
     "dynamics",
     "engines",
@@ -55,7 +60,9 @@ class Sections:
     experiments: Mapping[str, ExperimentSection]
     steps: Mapping[str, tuple[PlannedStep, ...]]
     parameters: Mapping[str, ParameterSection]
+    uncertain: Mapping[str, UncertainSection]
     calibration: CalibrationSection
+    candidates: Mapping[str, CandidateSection]
     dynamics: TimeSettings
     engines: Engines
     sweep: SweepSection | None
@@ -77,7 +84,9 @@ def read_sections(document: Document, files: InputFiles) -> Sections:
     experiments = _entries(ExperimentSection, "experiments", document, findings)
     _check_names(document, experiments, findings)
     parameters = _entries(ParameterSection, "parameters", document, findings)
+    uncertain = _entries(UncertainSection, "uncertain", document, findings)
     calibration = _section(CalibrationSection, "calibration", document, findings, {})
+    candidates = _entries(CandidateSection, "candidates", document, findings)
     dynamics = _dynamics(document, findings)
     engines = _section(Engines, "engines", document, findings, {})
     swept = _section(SweepSection, "sweep", document, findings)
@@ -95,8 +104,10 @@ def read_sections(document: Document, files: InputFiles) -> Sections:
     }
     set_ups = {name: experiment.set_up for name, experiment in experiments.items()}
     _check_set_ups(set_ups, findings)
-    check_owners(parameters, parts, findings)
+    check_owners("parameters", parameters, parts, findings)
+    check_owners("uncertain", uncertain, parts, findings)
     build_search(parameters, None, {key: {} for key in experiments}, set_ups, (), findings)
+    build_uncertain(uncertain, None, {}, {}, None, findings)
     tied = [name for name, section in parameters.items() if section.of]
     _check_calibration(calibration, rig or CommonRig(), experiments, tied, findings)
     if findings.faults:  # else the columns are checked where the tables are read, and all are reported at once there
@@ -105,7 +116,20 @@ def read_sections(document: Document, files: InputFiles) -> Sections:
     findings.raise_if_any()
     if robot is None or rig is None or calibration is None or dynamics is None or engines is None:
         raise ProjectFileError(Fault("the project is incomplete", document.name))
-    return Sections(robot, rig, experiments, plans, parameters, calibration, dynamics, engines, swept, print_infill)
+    return Sections(
+        robot,
+        rig,
+        experiments,
+        plans,
+        parameters,
+        uncertain,
+        calibration,
+        candidates,
+        dynamics,
+        engines,
+        swept,
+        print_infill,
+    )
 
 
 def _find_meshes(document: Document, files: InputFiles, findings: Findings) -> None:
@@ -189,14 +213,20 @@ def _check_calibration(
 def _check_names(document: Document, experiments: Mapping[str, ExperimentSection], findings: Findings) -> None:
     """Experiments, set-ups and tied parameters give files, columns and labels their names."""
     tests = _raw(document, "experiments")
-    check_names({name: ("experiments", name) for name in tests}, findings, RESERVED_OF_TESTS)
+    candidates = _raw(document, "candidates")
+    names = {name: ("experiments", name) for name in tests} | {name: ("candidates", name) for name in candidates}
+    check_names(names, findings, RESERVED_OF_TESTS)
+    for name in set(tests) & set(candidates):
+        findings.add(("candidates", name), "an experiment has the name of the candidate", got=f"'{name}'")
     check_names(
         {one.set_up: ("experiments", name, "set_up") for name, one in experiments.items() if one.set_up},
         findings,
         RESERVED_OF_TESTS,
     )
-    tied = [name for name, given in _raw(document, "parameters").items() if isinstance(given, dict) and given.get("of")]
-    check_names({name: ("parameters", name) for name in tied}, findings)
+    for section, reserved in (("parameters", ()), ("uncertain", RESERVED)):
+        given = _raw(document, section)
+        tied = [name for name, one in given.items() if isinstance(one, dict) and one.get("of")]
+        check_names({name: (section, name) for name in tied}, findings, reserved)
     if fault := LIMITS["experiments"].fault(len(tests)):
         findings.add(("experiments",), fault.what, got=fault.got, allowed=fault.allowed)
 

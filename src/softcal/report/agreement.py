@@ -1,12 +1,21 @@
-"""Sentences on the agreement of separate fits (Cochran's Q test), for the report and the command line."""
+"""Sentences on the agreement of separate fits, and of the experiments of a joint fit, for the report and the command
+line.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from softcal.analysis.agreement import Agreement, agreements
+from softcal.analysis.trend import Trend, trends
+from softcal.calibration.digits import display_unit, estimate_text, half_width, shown, value_text, with_unit
+from softcal.calibration.random_effects import Spread
 from softcal.calibration.result import Estimate, SearchResult
-from softcal.report.format import estimate_scale, estimate_text, joined, number, parameter_label, result_label
+from softcal.experiments.dataset import Dataset
+from softcal.report.format import estimate_scale, joined, number, parameter_label, result_label
+from softcal.units import rounded
 
 _TINY = 1e-10  # smaller probabilities are shown as "p < 1e-10"
 
@@ -14,14 +23,32 @@ _TINY = 1e-10  # smaller probabilities are shown as "p < 1e-10"
 def agreement_sentences(results: Mapping[str, SearchResult]) -> list[tuple[str, Agreement]]:
     """One sentence per robot parameter that was estimated by several separate fits."""
     found = agreements(results)
-    return [(agreement_text(one, parameter_label(one.name, [other.name for other in found])), one) for one in found]
+    names = [one.name for one in found]
+    texts = (agreement_text(one, parameter_label(one.name, names)) + _jointly(one, names, results) for one in found)
+    return list(zip(texts, found, strict=True))
+
+
+def _jointly(one: Agreement, names: Sequence[str], results: Mapping[str, SearchResult]) -> str:
+    """Why a joint fit finds otherwise, where it does: it compares the tests with the other parameters at one value."""
+    for result in results.values():
+        spread = result.spreads.get(one.name)
+        if spread is None or one.chance is None or spread.differs == one.differs:
+            continue
+        others = [parameter_label(name, names) for name in names if name != one.name and name in result.parameters]
+        at = f"with {joined(others)} at {'their' if len(others) > 1 else 'its'} joint value{'s' * (len(others) > 1)}"
+        differ = f"the tests {'differ' if spread.differs else 'do not differ'} ({_chance_text(spread.chance)})"
+        if not others:
+            return f" In the joint fit {differ}."
+        return f" Here each test has its own {joined(others)} too; {at}, in the joint fit, {differ}."
+    return ""
 
 
 def agreement_text(one: Agreement, name: str) -> str:
-    """The spread of the fits, and whether it exceeds what their standard errors allow."""
+    """The spread of the fits, and whether it exceeds what the noise within them explains."""
     low, high = one.least[1], one.largest[1]
     if low.value == high.value:
-        return f"{name} is the same in all {len(one.estimates)} separate fits, {_plain(low)}."
+        text = f"{name} is the same in all {len(one.estimates)} separate fits, {value_text(low)}"
+        return f"{text}: a bound, which does not show that they agree." if low.at_bound else f"{text}."
     lowest, highest = (f"{estimate_text(e)} ({result_label(label)})" for label, e in (one.least, one.largest))
     text = f"{name} differs between the separate fits by {size_text(one)}, from {lowest} to {highest}"
     if one.q is None or one.chance is None:
@@ -31,33 +58,105 @@ def agreement_text(one: Agreement, name: str) -> str:
     left = f" Excluded, having no standard error: {joined(map(result_label, one.uncounted))}."
     left = left if one.uncounted else ""
     if one.differs:
-        return f"{text}: more than their standard errors allow {test}. One value does not describe all tests.{left}"
-    return f"{text}: no more than their standard errors allow {test}.{left}"
+        return f"{text}: more than the noise within them explains {test}. One value does not describe all tests.{left}"
+    return f"{text}: no more than the noise within them explains {test}.{left}"
+
+
+def spread_sentences(result: SearchResult, records: Mapping[str, Dataset] | None = None) -> list[tuple[str, Spread]]:
+    """One sentence per parameter on how the experiments of a joint fit differ in it, and with what.
+
+    records: experiment -> its record with times, for the speeds.
+    """
+    names = list(result.spreads)
+    fixed = ", with the other shared parameters at their joint values" if len(names) > 1 else ""
+    with_what = trend_sentences(result, records)
+    return [
+        (_spread_text(one, result.parameters[name], parameter_label(name, names), fixed) + with_what.get(name, ""), one)
+        for name, one in result.spreads.items()
+    ]
+
+
+def trend_sentences(result: SearchResult, records: Mapping[str, Dataset] | None = None) -> dict[str, str]:
+    """Label of a parameter that rises or falls with a condition of the experiments -> " E falls with …"."""
+    names = list(result.spreads)
+    return {
+        one.name: f" {parameter_label(one.name, names)} {_trend_text(one, result.parameters[one.name])}"
+        for one in trends(result, records)
+    }
+
+
+def _trend_text(one: Trend, estimate: Estimate) -> str:
+    text = f"{'rises' if one.power > 0 else 'falls'} with the {one.condition} of the tests ({_chance_text(one.chance)})"
+    if estimate.unit != "Pa":
+        return f"{text}: the model lacks an effect of the {one.condition}."
+    if one.condition == "amplitude":
+        material = "stiffening" if one.power > 0 else "softening"
+        return f"{text}: {material} of the material, or an error of the slack or the mesh."
+    if one.power > 0:
+        return f"{text}: rate dependence of the material, or an error of the clocks or of the friction."
+    return f"{text}, which rate dependence does not explain: compare the order of the tests, clocks and friction."
+
+
+def _spread_text(one: Spread, estimate: Estimate, name: str, fixed: str) -> str:
+    chance = _chance_text(one.chance)
+    if not one.differs:
+        return f"{name} does not differ between the experiments by more than the noise within them explains ({chance})."
+    scale = estimate_scale(estimate)
+    values = [
+        f"{rounded(value / scale.factor, one.spread / scale.factor)} ({label})" for label, value in one.values.items()
+    ]
+    text = (
+        f"{name} differs between the experiments by more than the noise within them explains ({chance}): "
+        f"{joined(values)} {scale.unit}".rstrip()
+        + fixed
+    )
+    if one.next_interval is None:
+        return f"{text}. Two experiments are too few for a reliable interval of their mean."
+    low, high = (shown(replace(estimate, interval=one.next_interval), end) for end in one.next_interval)
+    return (
+        f"{text}. The 95 % interval is that of the mean of such experiments; a further one is expected to give "
+        f"{low} to {high} {scale.unit}".rstrip()
+        + "."
+    )
+
+
+def residual_sentence(result: SearchResult) -> str:
+    """How much the samples tell where neighbouring residuals are alike; "" where they are not."""
+    alike = [
+        (experiment, channel, one)
+        for experiment, held in result.residuals.items()
+        for channel, one in held.items()
+        if one.are_alike
+    ]
+    if not alike:
+        return ""
+    parts = [f"{e}, {c}: {one.n} as much as {number(max(one.effective, 1.0), 2)}" for e, c, one in alike]
+    return f"Neighbouring residuals are alike, so that samples tell less than their number: {'; '.join(parts)}."
 
 
 def chance_text(one: Agreement) -> str:
     """The p-value: "p = 0.31", "p < 1e-10"."""
-    if one.chance is None:
-        return "p unknown"
-    return f"p < {_TINY:.0e}" if one.chance < _TINY else f"p = {number(one.chance, 2)}"
+    return "p unknown" if one.chance is None else _chance_text(one.chance)
+
+
+def _chance_text(chance: float) -> str:
+    return f"p < {_TINY:.0e}" if chance < _TINY else f"p = {number(chance, 2)}"
 
 
 def size_text(one: Agreement) -> str:
     """Largest minus smallest value: in per cent of their mean, or as a number."""
     low, high = one.least[1], one.largest[1]
+    apart, halves = high.value - low.value, [half_width(end) for end in (low, high)]
+    sure = math.hypot(*(half or 0.0 for half in halves)) if all(halves) else 0.0
     if low.unit == "1" or low.value <= 0:
         scale = estimate_scale(high)
-        return f"{number((high.value - low.value) / scale.factor, 2)} {scale.unit}".rstrip()
-    return f"{number(200 * (high.value - low.value) / (high.value + low.value), 2)} %"
+        return with_unit(high, rounded(apart / scale.factor, max(apart, sure) / scale.factor))
+    mean = 0.5 * (low.value + high.value)
+    return f"{rounded(100 * apart / mean, 100 * max(apart, sure) / mean)} %"
 
 
 def range_text(one: Agreement) -> str:
     """The smallest and the largest value: "3.197 to 3.513 MPa"."""
     low, high = one.least[1], one.largest[1]
-    scale = estimate_scale(high)
-    return f"{number(low.value / scale.factor, 4)} to {number(high.value / scale.factor, 4)} {scale.unit}".rstrip()
-
-
-def _plain(estimate: Estimate) -> str:
-    scale = estimate_scale(estimate)
-    return f"{number(estimate.value / scale.factor, 4)} {scale.unit}".rstrip()
+    unit, vaguest = display_unit(high), max((low, high), key=lambda end: half_width(end) or 0.0)
+    return with_unit(high, " to ".join(shown(vaguest, end.value, unit) for end in (low, high)))

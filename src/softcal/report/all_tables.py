@@ -5,6 +5,7 @@ from __future__ import annotations
 from softcal.report.comparison import improvement_table
 from softcal.report.content import ReportContent
 from softcal.report.cycles import cycles_table
+from softcal.report.left_out import left_out_table
 from softcal.report.mesh_section import mesh_tables
 from softcal.report.positions import distances_table
 from softcal.report.tables import (
@@ -26,6 +27,7 @@ def all_tables(content: ReportContent) -> dict[str, ReportTable]:
         all_parameters_table(content),
         errors_table(content),
         distances_table(content),
+        left_out_table(content),
         cycles_table(content),
         improvement_table(content),
         *mesh_tables(content),

@@ -2,34 +2,38 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from softcal.analysis.agreement import Agreement, agreements
 from softcal.calibration.outcome import BEYOND_THE_BOUNDS, WITHIN_THE_BOUNDS, saturated_note
 from softcal.calibration.result import Estimate, ExperimentFit, SearchResult
-from softcal.report.agreement import agreement_sentences, chance_text, range_text, size_text
-from softcal.report.closeness import Tone, closeness, closeness_by_experiment, misses_of, worst_of
+from softcal.report.agreement import (
+    agreement_sentences,
+    chance_text,
+    range_text,
+    residual_sentence,
+    size_text,
+    spread_sentences,
+)
+from softcal.report.closeness import Tone, closeness_by_experiment, misses_of
 from softcal.report.comparison import improvements
 from softcal.report.content import ReportContent
+from softcal.report.first_screen import FirstScreen, is_poor, three_sentences
 from softcal.report.format import (
-    NORMAL_95,
-    estimate_scale,
-    estimate_text,
     find_parameter,
     joined,
-    material_kinds,
     number,
     parameter_label,
     result_label,
 )
 from softcal.report.headline import headline
-from softcal.report.positions import fit_sentence, fitted_distance, prediction_sentence
+from softcal.report.left_out import left_out_sentence
+from softcal.report.positions import fit_sentence, prediction_sentence
 from softcal.report.record import record_sentence
+from softcal.report.statement import interval_share
 from softcal.report.tables import grouped_failures
 from softcal.sensing.channel import channel_name
-from softcal.twin.parameter_name import parameter_name
 from softcal.units import AS_WRITTEN, format_quantity
 
 # An estimate is identified if its 95 % interval covers less than this share of the allowed range.
@@ -48,25 +52,35 @@ class Sentence:
     tone: Tone
 
 
-def headline_sentence(content: ReportContent) -> Sentence:
-    """Summary of the report: the estimates, the quality of the fit, and the most serious warnings."""
-    results = content.judged
-    misses = [miss for result in results.values() for miss in misses_of(content.samples, result)]
-    estimates = _estimates(content)
-    fit = joined(filter(None, (worst_of(misses, word) for word in ("force", "pitch"))))
-    fit = f"the twin reproduces {fit}" if fit else ""
-    near = [(label, text) for label, one in results.items() if (text := fitted_distance(one))]
-    if near:
-        distance = joined(f"{text}{f' in {label}' if len(results) > 1 else ''}" for label, text in near)
-        fit = f"{fit} and the markers to {distance}" if fit else f"the twin reproduces the markers to {distance}"
-    only = fit or estimates
-    lead = f"With {estimates}, {fit}." if estimates and fit else f"{only[:1].upper()}{only[1:]}."
+def first_screen(content: ReportContent) -> FirstScreen:
+    """What the first screen of a report speaks of."""
+    lead = headline(content).lead
+    return FirstScreen(content.results, content.headline, content.samples, content.recorded, content.mesh_study, lead)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The summary of a report: what casts doubt on it, and its three sentences."""
+
+    warnings: tuple[str, ...]
+    sentences: tuple[str, ...]
+    tone: Tone
+
+    @property
+    def text(self) -> str:
+        """All in one."""
+        return " ".join([*self.warnings, *self.sentences])
+
+
+def verdict(content: ReportContent) -> Verdict:
+    """Summary of the report: the most serious warnings, then the three sentences of the first screen."""
+    results, of = content.judged, first_screen(content)
     grave = [*_unconverged(results), *_saturated(results), *_bounds(results, held=True), *_differences(content)]
     others = [s for s in (*_bounds(results), *_identified(results)) if s.tone == "warning"]
-    doubts = grave or others[:1]
-    poor = any(closeness([miss])[1] == "warning" for miss in misses)
-    text = " ".join([lead, *(doubt.text for doubt in doubts)])
-    return Sentence(text, "warning" if doubts or poor else "good")
+    told = any(not one.is_determined for one in of.material)  # the second sentence says so
+    doubts = grave or ([] if told else others[:1])
+    tone: Tone = "warning" if doubts or others or is_poor(of) else "good"
+    return Verdict(tuple(doubt.text for doubt in doubts), tuple(three_sentences(of)), tone)
 
 
 def conclusions(content: ReportContent) -> list[Sentence]:
@@ -76,7 +90,10 @@ def conclusions(content: ReportContent) -> list[Sentence]:
         *_unconverged(results),
         *_saturated(results),
         *(Sentence(text, _agreement_tone(one)) for text, one in agreement_sentences(content.results)),
+        *_spreads(content),
         *(sentence for result in results.values() for sentence in _residuals(content, result)),
+        *(Sentence(_of(label, results, t), "note") for label, r in results.items() if (t := residual_sentence(r))),
+        *(Sentence(_of(label, results, t), "note") for label, r in results.items() if (t := left_out_sentence(r))),
         *_records(content),
         *_positions(results),
         *_gain(content),
@@ -101,32 +118,6 @@ def _of(label: str, results: Mapping[str, SearchResult], text: str) -> str:
     return f"{result_label(label)}: {text}" if len(results) > 1 else text
 
 
-def _material(result: SearchResult) -> list[tuple[str, Estimate]]:
-    kinds = material_kinds([result])
-    return [(name, e) for name, e in result.parameters.items() if parameter_name(name).kind in kinds]
-
-
-def _estimates(content: ReportContent) -> str:
-    """The material's parameters in words; if separate fits differ, their range instead of a standard error."""
-    results, first = content.judged, content.headline_result
-    material = _material(first)
-    names = [name for name, _ in material]
-    spread = {one.name: one for one in agreements(content.results)}
-    parts: list[str] = []
-    for name, estimate in material:
-        one = spread.get(name)
-        text = estimate_text(estimate)
-        if one is not None and len(results) > 1:
-            text = f"{range_text(one)} test by test"
-        elif one is not None and one.differs:
-            scale = estimate_scale(estimate)
-            plain = f"{number(estimate.value / scale.factor, 4)} {scale.unit}".rstrip()
-            text = f"{plain} ({range_text(one)} test by test)"
-        parts.append(f"{parameter_label(name, names)} = {text}")
-    summary = joined(parts)
-    return f"{headline(content).lead}{summary}" if summary else ""
-
-
 def _unconverged(results: Mapping[str, SearchResult]) -> Iterable[Sentence]:
     for label, result in results.items():
         if result.missed_minimum:
@@ -147,13 +138,20 @@ def _differences(content: ReportContent) -> Iterable[Sentence]:
     for one in found:
         text = (
             f"{parameter_label(one.name, names)} differs between the separate fits by {size_text(one)} "
-            f"({range_text(one)}), more than their standard errors allow ({chance_text(one)})."
+            f"({range_text(one)}), more than the noise within them explains ({chance_text(one)})."
         )
         yield Sentence(text, "warning")
 
 
 def _agreement_tone(one: Agreement) -> Tone:
     return "warning" if one.differs else "note" if one.chance is None else "good"
+
+
+def _spreads(content: ReportContent) -> Iterable[Sentence]:
+    """How the experiments of a joint fit differ."""
+    for label, result in content.judged.items():
+        for text, one in spread_sentences(result, content.recorded):
+            yield Sentence(_of(label, content.judged, text), "warning" if one.differs else "good")
 
 
 def _residuals(content: ReportContent, result: SearchResult) -> Iterable[Sentence]:
@@ -218,8 +216,8 @@ def _why_at_bound(estimate: Estimate) -> str:
     if share is None:
         return "the loss decreases beyond the bound, or the data do not determine the parameter."
     if share < _IDENTIFIED:
-        agree = "within the noise, the data agree with this value, and possibly with values beyond the bound."
-        return "the loss decreases beyond the bound." if estimate.beyond is None else agree
+        allowed = "within the noise, the data exclude neither this value nor values beyond the bound."
+        return "the loss decreases beyond the bound." if estimate.beyond is None else allowed
     return f"the data hardly determine it; its 95 % interval covers {_percent(share)} of the allowed range."
 
 
@@ -254,20 +252,6 @@ def _by_trials(result: SearchResult) -> bool:
 
 def _percent(share: float) -> str:
     return "all" if share >= _ALL else f"{number(100 * share, 2)} %"
-
-
-def interval_share(estimate: Estimate) -> float | None:
-    """Ratio of the 95 % interval to the allowed range, both on the scale of the search; None if unknown."""
-    error = estimate.standard_error
-    if (error is None and estimate.interval is None) or estimate.upper <= estimate.lower:
-        return None
-    if error is not None and not math.isfinite(error):
-        return math.inf
-    reach = NORMAL_95 * (error or 0.0)
-    low, high = estimate.interval or (estimate.value - reach, estimate.value + reach)
-    if estimate.scale == "log" and low > 0:
-        return math.log(high / low) / math.log(estimate.upper / estimate.lower)
-    return (high - low) / (estimate.upper - estimate.lower)
 
 
 def _failures(content: ReportContent) -> Iterable[Sentence]:

@@ -14,6 +14,7 @@ from softcal.experiments.dataset import Dataset
 from softcal.materials.infill import PrintInfill
 from softcal.report.compared import Compared
 from softcal.report.equilibrium_shapes import EquilibriumShapes
+from softcal.report.judged import first_label, judged
 from softcal.report.twin_view import TwinView
 
 
@@ -144,12 +145,17 @@ class ReportContent:
         if faults:
             raise InputError(faults)
         if not self.headline:
-            object.__setattr__(self, "headline", "joint" if "joint" in self.results else next(iter(self.results)))
+            object.__setattr__(self, "headline", first_label(self.results))
 
     @property
     def samples(self) -> dict[str, Dataset]:
         """The compared samples by experiment."""
         return {name: experiment.prepared for name, experiment in self.experiments.items()}
+
+    @property
+    def recorded(self) -> dict[str, Dataset]:
+        """The record of each experiment with its times, corrected where that is available."""
+        return {name: experiment.corrected or experiment.raw for name, experiment in self.experiments.items()}
 
     @property
     def headline_result(self) -> SearchResult:
@@ -159,10 +165,7 @@ class ReportContent:
     @property
     def judged(self) -> Mapping[str, SearchResult]:
         """The results that are judged: the headline, or all fits if each experiment was fitted by itself."""
-        first = self.headline_result
-        if len(first.experiments) > 1:
-            return {self.headline: first}
-        return {label: one for label, one in self.results.items() if len(one.experiments) == 1}
+        return judged(self.results, self.headline)
 
     @property
     def calibrations(self) -> Mapping[str, CalibrationResult]:

@@ -10,11 +10,7 @@ from softcal.calibration.optimiser import OPTIMISERS
 from softcal.calibration.result import Estimate, SearchResult
 from softcal.materials.catalogue import LAWS, constants_of
 from softcal.twin.parameter_name import parameter_name
-from softcal.units import digits_showing, readable_unit, unit_factor
-
-NORMAL_95 = 1.959964  # half width of a 95 % interval in standard errors
-
-_MOST_DECIMALS = 8
+from softcal.units import readable_unit, unit_factor
 
 _SYMBOLS = {"friction_coefficient": "μ", "density": "ρ"}
 
@@ -50,25 +46,6 @@ def number(value: float, digits: int = 3) -> str:
     if -4 <= exponent < 6:
         return f"{value:.{max(digits - 1 - exponent, 0)}f}"
     return f"{value:.{digits - 1}e}"
-
-
-def with_error(value: float, error: float | None) -> str:
-    """A value and its standard error, rounded to two digits of the error: "1.983 ± 0.021"."""
-    if error is None or not math.isfinite(error) or error <= 0:
-        return number(value)
-    exponent = math.floor(math.log10(float(f"{error:.1e}")))
-    decimals = max(1 - exponent, 0)
-    if decimals > _MOST_DECIMALS:
-        digits = digits_showing(error, value, 2)
-        return f"{value:.{digits - 1}e} ± {error:.1e}"
-    return f"{value:.{decimals}f} ± {error:.{decimals}f}"
-
-
-def estimate_text(estimate: Estimate) -> str:
-    """An estimate with its standard error and unit: "1.983 ± 0.021 MPa"."""
-    scale = estimate_scale(estimate)
-    error = None if estimate.standard_error is None else estimate.standard_error / scale.factor
-    return f"{with_error(estimate.value / scale.factor, error)} {scale.unit}".rstrip()
 
 
 def parameter_label(name: str, others: Iterable[str] = ()) -> str:

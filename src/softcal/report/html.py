@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,31 +11,24 @@ from pathlib import Path
 from softcal.analysis.mesh_verdict import mesh_verdicts
 from softcal.calibration.result import SearchResult
 from softcal.report.comparison import improvements
-from softcal.report.conclusions import conclusions, headline_sentence
+from softcal.report.conclusions import conclusions, first_screen, verdict
 from softcal.report.content import ReportContent
 from softcal.report.figure import Picture
-from softcal.report.format import (
-    estimate_scale,
-    material_kinds,
-    number,
-    ordered_parameters,
-    parameter_label,
-    scale_of,
-    with_error,
-)
+from softcal.report.first_screen import mesh_note
+from softcal.report.format import material_kinds, number, scale_of
 from softcal.report.headline import headline
 from softcal.report.positions import MM, places, pooled
+from softcal.report.statement import SOURCES, Statement, legend
 from softcal.report.tables import ReportTable, provenance_rows, share_of_peak
 from softcal.sensing.channel import channel_name, channel_unit
 from softcal.twin.parameter_name import parameter_name
-from softcal.units import format_range
 
-_FEW = 4  # numbers on the first screen
+_COLOURS = 4  # for uncertain parameters
 
 
 @dataclass(frozen=True)
 class KeyNumber:
-    """A number of the first screen: its symbol, value with error, unit, and a small remark."""
+    """A number of the first screen: its name, value, unit, and a small remark."""
 
     label: str
     value: str
@@ -54,15 +48,23 @@ def render_page(content: ReportContent, pictures: Sequence[Picture], tables: Map
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["embedded"] = embedded
+    environment.filters |= {"embedded": embedded, "unbroken": unbroken}
     sections: dict[str, list[Picture]] = {}
     for picture in pictures:
         sections.setdefault(picture.section, []).append(picture)
+    of = first_screen(content)
+    shown, folded = of.shown
     return environment.get_template("report.html.j2").render(
         content=content,
         key_numbers=key_numbers(content),
         first=headline(content),
-        summary=headline_sentence(content),
+        statements=shown,
+        folded=folded,
+        legend=legend([*shown, *folded]),
+        marks=marks([*shown, *folded]),
+        mesh_note=mesh_note(of),
+        n_judged=len(of.judged),
+        verdict=verdict(content),
         conclusions=conclusions(content),
         sections=sections,
         tables=tables,
@@ -78,10 +80,22 @@ def render_page(content: ReportContent, pictures: Sequence[Picture], tables: Map
     )
 
 
+def marks(statements: Sequence[Statement]) -> dict[str, str]:
+    """The style's class for each source of error; uncertain parameters share a few colours."""
+    fixed = {source.kind for source in SOURCES}
+    own = [source.kind for source in legend(statements) if source.kind not in fixed]
+    return {kind: kind for kind in fixed} | {kind: f"uncertain-{i % _COLOURS}" for i, kind in enumerate(own)}
+
+
 def _fits_table_1(content: ReportContent) -> bool:
     """Whether paper A's Table I can show the material's estimates: each of its constants at most once."""
     kinds = [[parameter_name(name).kind for name in result.parameters] for result in content.results.values()]
     return all(held.count(kind) <= 1 for held in kinds for kind in material_kinds(content.results.values()))
+
+
+def unbroken(text: str) -> str:
+    """The text with exponents that no line break divides."""
+    return re.sub(r"(?<=\de)-(?=\d)", "\N{NON-BREAKING HYPHEN}", text)
 
 
 def embedded(picture: Picture) -> str:
@@ -91,28 +105,15 @@ def embedded(picture: Picture) -> str:
 
 
 def key_numbers(content: ReportContent) -> list[KeyNumber]:
-    """The estimates of the headline calibration, material parameters first; per-experiment ones only if few."""
-    result = content.headline_result
+    """What was gained over the nominal values, and the errors of the headline calibration."""
     found: list[KeyNumber] = []
-    names = ordered_parameters({content.headline: result})
-    if len(names) > _FEW:
-        names = [name for name in names if not parameter_name(name).experiment] or names
-    for name in names[:_FEW]:
-        estimate = result.parameters[name]
-        scale = estimate_scale(estimate)
-        error = None if estimate.standard_error is None else estimate.standard_error / scale.factor
-        remark = f"bounds {format_range(estimate.lower, estimate.upper, estimate.unit)}"
-        if estimate.at_bound:
-            remark = f"at its bound; {remark}"
-        value = with_error(estimate.value / scale.factor, error)
-        found.append(KeyNumber(parameter_label(name, result.parameters), value, scale.unit, remark.rstrip()))
     gains = improvements(content)
     if gains:
         gain, first = gains[0].reduction, gains[0]
         remark = f"{first.error_text(first.nominal)} at the nominal values, {first.error_text(first.tuned)} now"
         value = "–" if gain is None else number(gain)
         found.append(KeyNumber("Error reduced by", value, "%", remark))
-    return found + _key_errors(result)
+    return found + _key_errors(content.headline_result)
 
 
 def _key_errors(result: SearchResult) -> list[KeyNumber]:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from softcal.analysis.mesh_changes import pooled
 from softcal.analysis.mesh_study import MeshStudy
 from softcal.analysis.mesh_verdict import shift_text
+from softcal.calibration.digits import estimate_text, shown, with_unit
 from softcal.report.content import ReportContent
-from softcal.report.format import estimate_scale, estimate_text, number, scale_of
+from softcal.report.format import number, scale_of
 from softcal.report.tables import Cell, Column, ReportTable
 
 
@@ -19,11 +20,10 @@ def mesh_tables(content: ReportContent) -> tuple[ReportTable, ReportTable]:
 def _parameters(study: MeshStudy | None) -> ReportTable:
     rows: list[tuple[Cell, ...]] = []
     for label, estimate in study.parameters.items() if study is not None else ():
-        scale = estimate_scale(estimate)
         for one in study.finer if study is not None else ():
             if one.failure:
                 continue
-            there = f"{number(one.values[label] / scale.factor, 4)} {scale.unit}".rstrip()
+            there = with_unit(estimate, shown(estimate, one.values[label]))
             unknowns = None if one.size is None else one.size.unknowns
             cells = [estimate_text(estimate), one.name, unknowns, there, shift_text(estimate, one.values[label])]
             rows.append((label, *cells, "yes" if label in one.at_bound else "no"))

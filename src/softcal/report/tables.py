@@ -9,7 +9,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softcal.calibration.result import ExperimentFit, SearchResult
+from softcal.calibration.digits import (
+    difference,
+    ends_text,
+    estimate_text,
+    shown,
+    value_and_error,
+    within_bounds,
+)
+from softcal.calibration.result import Estimate, ExperimentFit, SearchResult
 from softcal.csv_text import csv_text
 from softcal.experiments.dataset import Dataset, Step
 from softcal.materials.catalogue import LAWS, constants_of
@@ -18,7 +26,6 @@ from softcal.report.format import (
     Scale,
     duration,
     estimate_scale,
-    estimate_text,
     find_parameter,
     material_kinds,
     method_label,
@@ -27,12 +34,11 @@ from softcal.report.format import (
     parameter_label,
     result_label,
     scale_of,
-    with_error,
 )
 from softcal.report.headline import headline
 from softcal.sensing.channel import channel_name
 from softcal.twin.parameter_name import parameter_name
-from softcal.units import AS_WRITTEN, interval_digits, plain
+from softcal.units import AS_WRITTEN, plain
 
 Cell = str | float | int | None
 
@@ -45,6 +51,17 @@ _IMPORTANCES = {
     "the estimate, scaled by the range of the parameter and by the noise or RMSE of the channel; a local measure, not "
     "fANOVA.",
 }
+
+
+class Known(float):
+    """A number with the text that shows it to the digits of its interval."""
+
+    def __new__(cls, value: float, text: str) -> Known:
+        known = super().__new__(cls, value)
+        known.text = text
+        return known
+
+    text: str
 
 
 @dataclass(frozen=True)
@@ -83,6 +100,8 @@ class ReportTable:
 def _text(cell: Cell, column: Column) -> str:
     if cell is None or cell == "":
         return "–"
+    if isinstance(cell, Known):
+        return cell.text
     return cell if isinstance(cell, str) else str(cell) if isinstance(cell, int) else number(cell, column.digits)
 
 
@@ -99,11 +118,7 @@ def parameters_table(content: ReportContent) -> ReportTable:
         for kind, scale in zip(kinds, scales, strict=True):
             name = find_parameter(result.parameters, kind)
             estimate = result.parameters[name] if name else None
-            error = estimate.standard_error if estimate else None
-            row += [
-                estimate.value / scale.factor if estimate else None,
-                None if error is None else error / scale.factor,
-            ]
+            row += [None, None] if estimate is None else _value_and_error(estimate, scale)
             importances.append(result.importance.get(name) if name else None)
         bound = [parameter_label(name) for name, estimate in result.parameters.items() if estimate.at_bound]
         others = [name for name in result.parameters if parameter_name(name).kind not in kinds]
@@ -112,9 +127,9 @@ def parameters_table(content: ReportContent) -> ReportTable:
     columns = (
         Column(headline(content).kind.capitalize()),
         *(
-            Column(f"{sign}{parameter_label(kind)}", scale.unit, digits)
+            Column(f"{sign}{parameter_label(kind)}", scale.unit)
             for kind, scale in zip(kinds, scales, strict=True)
-            for sign, digits in (("", 4), ("± ", 2))
+            for sign in ("", "± ")
         ),
         *(Column(f"Importance of {parameter_label(kind)}") for kind in kinds),
         Column("Loss"),
@@ -128,16 +143,16 @@ def parameters_table(content: ReportContent) -> ReportTable:
     return ReportTable("table-1-parameters", "Table I. Parameters and their importance", columns, tuple(rows), note)
 
 
+def _value_and_error(estimate: Estimate, scale: Scale) -> tuple[Cell, Cell]:
+    value, error, unit = estimate.value, estimate.standard_error, scale.unit or "1"
+    told = Known(value / scale.factor, shown(estimate, value, unit))
+    return told, None if error is None else Known(error / scale.factor, difference(estimate, error, unit))
+
+
 def importance_note(content: ReportContent) -> str:
     """Definition of the importances by their kind; "" if the kind is unknown."""
     kinds = dict.fromkeys(one.extra.get("importance_kind") for one in content.results.values() if one.importance)
     return "".join(f" {_IMPORTANCES[kind]}" for kind in kinds if kind in _IMPORTANCES)
-
-
-def _interval(ends: tuple[float, float], bounds: tuple[float, float], scale: Scale) -> str:
-    return " to ".join(
-        plain(end / scale.factor, digits) for end, digits in zip(ends, interval_digits(ends, bounds), strict=True)
-    )
 
 
 def all_parameters_table(content: ReportContent) -> ReportTable:
@@ -147,19 +162,14 @@ def all_parameters_table(content: ReportContent) -> ReportTable:
         for name in ordered_parameters({label: result}):
             estimate = result.parameters[name]
             scale = estimate_scale(estimate)
-            error = estimate.standard_error
-            value = with_error(estimate.value / scale.factor, None if error is None else error / scale.factor)
             low, high = (plain(bound / scale.factor, AS_WRITTEN) for bound in (estimate.lower, estimate.upper))
-            within = ", within the bounds" if estimate.is_held else ""
-            bounds = (estimate.lower, estimate.upper)
-            interval = None if estimate.interval is None else _interval(estimate.interval, bounds, scale) + within
             at_bound = "yes" if estimate.at_bound else "no"
             rows.append(
                 (
                     result_label(label),
                     name,
-                    value,
-                    interval,
+                    value_and_error(estimate),
+                    ends_text(estimate) + within_bounds(estimate) or None,
                     scale.unit,
                     low,
                     high,

@@ -54,6 +54,13 @@ class ChannelName:
         return "" if self.kind.offset is None else f"{self.carrier}.{self.kind.offset[0]}"
 
     @property
+    def gain(self) -> str:
+        """Name of the rig's parameter by which what the twin reads is multiplied, such as `front.tension_gain`; ""
+        without one.
+        """
+        return "" if self.kind.gain is None else f"{self.carrier}.{self.kind.gain[0]}"
+
+    @property
     def deviation(self) -> ChannelName:
         """The channel with the standard deviations of this one."""
         return replace(self, is_deviation=True)
@@ -90,9 +97,11 @@ def _kinds(sensors: tuple[type[Sensor], ...]) -> Mapping[str, ChannelKind]:
     return {kind.name: kind for kind in (TIME, *own)}
 
 
-def offsets() -> Mapping[str, Quantity]:
-    """Kinds of quantity of the rig's parameters that are added to channels, by the last part of their names."""
-    return dict(kind.offset for kind in kinds().values() if kind.offset is not None)
+def readings() -> Mapping[str, Quantity]:
+    """Kinds of quantity of the rig's parameters between the twin and its channels, offsets and gains, by the last part
+    of their names.
+    """
+    return dict(one for kind in kinds().values() for one in (kind.offset, kind.gain) if one is not None)
 
 
 def carriers(kind: ChannelKind) -> tuple[str, ...]:

@@ -29,10 +29,14 @@ class ChannelKind:
     offset
         Last part of the name of the rig's parameter that is added to what the twin reads, and its kind of quantity;
         None where there is none.
+    gain
+        As offset, of the parameter by which what the twin reads is multiplied.
     most, mistake
         Largest plausible magnitude [unit], and what a larger one suggests, such as "mm read as m".
     paper_weight
         Weight [1/unit] in the cost of paper A; None where that has none.
+    noise
+        Standard deviation [unit] of a common instrument, for tests that were not made yet; None where there is none.
     """
 
     name: str
@@ -42,9 +46,11 @@ class ChannelKind:
     drives: bool = False
     compared: int = 0
     offset: tuple[str, Quantity] | None = None
+    gain: tuple[str, Quantity] | None = None
     most: float = inf
     mistake: str = "the wrong unit"
     paper_weight: float | None = None
+    noise: float | None = None
 
     @property
     def is_position(self) -> bool:

@@ -15,7 +15,7 @@ from softcal.vision.bundle import BASE, Adjustment, Bundle, Sighting, adjust
 from softcal.vision.camera import Camera
 from softcal.vision.marker_scene import Glimpse, MarkerSet
 from softcal.vision.marker_start import GroupStart, start_group, view_candidates
-from softcal.vision.square_pose import Candidate, pose_candidates
+from softcal.vision.square_pose import PoseCandidate, pose_candidates
 
 # A pose is ambiguous if the cost of a second one is larger by less than this, in units of the corners' variance.
 _TELLING = 9.0
@@ -91,7 +91,7 @@ def estimate_poses(camera: Camera, markers: MarkerSet, glimpses: Sequence[Glimps
     """
     everything = {number for one in glimpses for number in one.corners}
     glimpses = [_wanted(markers, one) for one in glimpses]
-    candidates: dict[str, Sequence[Candidate]] = {
+    candidates: dict[str, Sequence[PoseCandidate]] = {
         view: view_candidates(camera, markers, [one for one in glimpses if one.viewpoint == view])
         for view in dict.fromkeys(one.viewpoint for one in glimpses)
     }
@@ -146,7 +146,7 @@ def estimate_poses(camera: Camera, markers: MarkerSet, glimpses: Sequence[Glimps
 
 
 def _starts(
-    camera: Camera, markers: MarkerSet, used: Sequence[Glimpse], candidates: dict[str, Sequence[Candidate]]
+    camera: Camera, markers: MarkerSet, used: Sequence[Glimpse], candidates: dict[str, Sequence[PoseCandidate]]
 ) -> dict[str, GroupStart]:
     """The start of every state; the pose of a viewpoint shared by several states is stored in `candidates`."""
     starts: dict[str, GroupStart] = {}
@@ -155,14 +155,14 @@ def _starts(
         starts[group] = start_group(camera, markers, mine, candidates)
         for view, pose in starts[group].views.items():
             if len(candidates[view]) > 1 and sum(one.viewpoint == view for one in used) > len(mine):
-                candidates[view] = (Candidate(pose, 0.0),)  # shared with other states: determined once
+                candidates[view] = (PoseCandidate(pose, 0.0),)  # shared with other states: determined once
     return starts
 
 
 def _seen_beside_the_base(
     markers: MarkerSet,
     glimpses: Sequence[Glimpse],
-    candidates: Mapping[str, Sequence[Candidate]],
+    candidates: Mapping[str, Sequence[PoseCandidate]],
     problem: _Problem,
     best: Adjustment,
     starts: Mapping[str, GroupStart],

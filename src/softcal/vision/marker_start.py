@@ -16,7 +16,7 @@ from softcal.geometry.pose import Pose
 from softcal.vision.bundle import BASE, Adjustment, Bundle, Sighting, adjust
 from softcal.vision.camera import Camera
 from softcal.vision.marker_scene import Glimpse, MarkerSet
-from softcal.vision.square_pose import Candidate, pose_candidates
+from softcal.vision.square_pose import PoseCandidate, pose_candidates
 
 # Excess cost [px²] above which a pose is discarded: impossible by chance for corners accurate to 0.1 px.
 _CLEARLY_WORSE = 0.3
@@ -36,7 +36,7 @@ class GroupStart:
     margin: float
 
 
-def view_candidates(camera: Camera, markers: MarkerSet, glimpses: Sequence[Glimpse]) -> tuple[Candidate, ...]:
+def view_candidates(camera: Camera, markers: MarkerSet, glimpses: Sequence[Glimpse]) -> tuple[PoseCandidate, ...]:
     """Poses (base frame to camera frame) of one viewpoint, from the base in all its images; best first."""
     seen = [(number, one.corners[number]) for one in glimpses for number in markers.base if number in one.corners]
     if not seen:
@@ -50,7 +50,7 @@ def start_group(
     camera: Camera,
     markers: MarkerSet,
     glimpses: Sequence[Glimpse],
-    views: Mapping[str, Sequence[Candidate]],
+    views: Mapping[str, Sequence[PoseCandidate]],
 ) -> GroupStart:
     """The choice of poses with the least cost over all images of one state.
 
@@ -97,7 +97,7 @@ def _settled(
     markers: MarkerSet,
     glimpses: Sequence[Glimpse],
     poses: Mapping[str, Pose],
-    single: Mapping[tuple[int, int], Sequence[Candidate]],
+    single: Mapping[tuple[int, int], Sequence[PoseCandidate]],
 ) -> tuple[float, dict[str, Pose], dict[int, Pose]]:
     """Cost [px²] and adjusted poses of a state for one choice of its viewpoints' poses."""
     names = list(poses)

@@ -20,7 +20,7 @@ _SAME = np.radians(1.0)  # rotation below which two poses are the same
 
 
 @dataclass(frozen=True)
-class Candidate:
+class PoseCandidate:
     """A pose (points' frame to camera frame) at a local minimum of the cost [px²]."""
 
     pose: Pose
@@ -32,7 +32,7 @@ def square_corners(size: float) -> Floats:
     return np.array([[-1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, -1.0, 0.0]]) * size / 2
 
 
-def pose_candidates(camera: Camera, points: Floats, pixels: Floats) -> tuple[Candidate, ...]:
+def pose_candidates(camera: Camera, points: Floats, pixels: Floats) -> tuple[PoseCandidate, ...]:
     """Poses that project points (n, 3) [m] to pixels (n, 2), best first; empty if there is none.
 
     A square or another planar set has up to two, any other set one.
@@ -44,7 +44,7 @@ def pose_candidates(camera: Camera, points: Floats, pixels: Floats) -> tuple[Can
     method = cv2.SOLVEPNP_IPPE if is_flat else cv2.SOLVEPNP_SQPNP
     directions = camera.directions(pixels)
     found, turns, shifts, _ = cv2.solvePnPGeneric(points, directions[:, None], np.eye(3), np.zeros(5), flags=method)
-    candidates: list[Candidate] = []
+    candidates: list[PoseCandidate] = []
     sighting = Sighting(0, BASE, points, pixels)
     for turn, shift in zip(turns[:found], shifts[:found], strict=True):
         start = Bundle(camera, (Pose.of(np.ravel(turn), np.ravel(shift)),), ())
@@ -53,5 +53,5 @@ def pose_candidates(camera: Camera, points: Floats, pixels: Floats) -> tuple[Can
         best = adjust(start, [sighting])
         pose = best.bundle.views[0]
         if all(pose.angle_to(other.pose) > _SAME for other in candidates):
-            candidates.append(Candidate(pose, best.cost))
+            candidates.append(PoseCandidate(pose, best.cost))
     return tuple(sorted(candidates, key=lambda one: one.cost))

@@ -80,7 +80,8 @@ def calibrate(
     changes
         Any of the project's `calibration` section, in the place of what it says: `method`, `fit` ("each", "joint" or
         "both"), `trials`, `seed`, `starts`, `loss`, `hold_out` (experiments that are not fitted but predicted), `split`
-        (tied parameters that get a value for each of their parts). None leaves what it says.
+        (tied parameters that get a value for each of their parts), `mesh_error` (whether the intervals of the joint
+        result, or of the only one, include the error of the mesh). None leaves what it says.
 
     Raises
     ------
@@ -100,6 +101,7 @@ def calibrate(
     elif resume:
         raise InputError(Fault("there is no run to resume without its folder", attempt="out"))
     results: dict[str, CalibrationResult] = {}
+    headline = JOINT if JOINT in problems or len(problems) > 1 else next(iter(problems))
     with stoppable() as stop:
         for label, one in problems.items():
             store = None if folder is None else calibration_folder(folder, label)
@@ -107,7 +109,7 @@ def calibrate(
             try:
                 results[label] = calibrate_problem(
                     one,
-                    settings.search,
+                    replace(settings.search, mesh_error=settings.mesh_error and label == headline),
                     workers=workers,
                     store=store,
                     resume=resume and begun,
@@ -192,7 +194,9 @@ def make_problem(project: Project, settings: CalibrationSection | None = None) -
         raise ParameterError(faults)
     settings = settings or project.calibration
     loss = make_loss(settings, _length(project))
-    problem = Problem(project.robot, tuple(project.experiments.values()), project.space, loss)
+    problem = Problem(
+        project.robot, tuple(project.experiments.values()), project.space, loss, uncertain=project.uncertain
+    )
     for tied in settings.split:
         problem = with_split(problem, tied)
     return problem

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from softcal.calibration.experiment import Experiment, rig_parameters
+from softcal.calibration.scope import ScopedParameter
 from softcal.checks import Ints
 from softcal.errors import Fault
 from softcal.geometry.cell import CELLS
@@ -267,10 +268,10 @@ def _search_rows(project: Project) -> list[tuple[str, str]]:
     rows: dict[str, str] = {}
     for parameter in project.space.parameters:
         bounds = format_range(parameter.lower, parameter.upper, parameter.unit)
-        per = ", one for each experiment" if parameter.per_experiment else ""
-        per = ", one for each set-up" if parameter.per_set_up else per
-        tied = f", one value for {', '.join(parameter.of)}" if parameter.of else ""
-        rows[f"free {parameter.name}"] = f"{bounds}, {parameter.scale}{per}{tied}"
+        rows[f"free {parameter.name}"] = f"{bounds}, {parameter.scale}{_scope(parameter)}"
+    for one in project.uncertain:
+        sd = format_quantity(one.sd, one.unit, digits=AS_WRITTEN)
+        rows[f"uncertain {one.name}"] = f"standard deviation {sd}{_scope(one)}"
     settings = project.calibration
     if settings.hold_out:
         rows["held out"] = ", ".join(settings.hold_out)
@@ -278,6 +279,13 @@ def _search_rows(project: Project) -> list[tuple[str, str]]:
         rows["untied"] = ", ".join(settings.split)
     rows["calibration"] = f"{settings.method}, loss {settings.loss}, fit {settings.fit}, seed {settings.seed}"
     return list(rows.items())
+
+
+def _scope(parameter: ScopedParameter) -> str:
+    """Whether a parameter has one value, in words after it."""
+    per = ", one for each experiment" if parameter.per_experiment else ""
+    per = ", one for each set-up" if parameter.per_set_up else per
+    return per + (f", one value for {', '.join(parameter.of)}" if parameter.of else "")
 
 
 def _beyond_bounds(project: Project) -> list[str]:

@@ -1,4 +1,4 @@
-"""Source of a mesh study: a calibrated run at its calibrated values, or a project at its present parameters.
+"""Source of a study: a calibrated run at its calibrated values, or a project at its present parameters.
 
 Modules that only a study needs are imported after the project is read, so that its faults are reported at once.
 """
@@ -16,6 +16,7 @@ from softcal.project.project import Project, load
 
 if TYPE_CHECKING:
     from softcal.calibration.problem import Problem
+    from softcal.calibration.result import CalibrationResult
     from softcal.workflows.run import CalibrationRun
 
 
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 class StudySource:
     """A problem with the values to study [SI by label], and the label of the run's calibration, or "".
 
-    notes: remarks for the reader of the study.
+    notes: remarks for the reader of the study. result: the run's, with these values.
     """
 
     problem: Problem
@@ -31,6 +32,7 @@ class StudySource:
     calibration: str
     project: Project
     notes: tuple[str, ...] = ()
+    result: CalibrationResult | None = None
 
 
 def study_source(path: Path, values: Mapping[str, str] | None = None, calibration: str = "") -> StudySource:
@@ -45,19 +47,11 @@ def study_source(path: Path, values: Mapping[str, str] | None = None, calibratio
         For a folder that holds no run.
     """
     if path.is_dir():
-        from softcal.workflows.run import SweepRun
-        from softcal.workflows.run_folder import load_run, refuse_project_folder
-
-        refuse_project_folder(path)
         if values:
             raise InputError(
                 Fault("a run has its calibrated values", "--set", ", ".join(values), "a project file with --set")
             )
-        run = load_run(path)
-        if isinstance(run, SweepRun):
-            attempt = "softcal calibrate, or softcal mesh-study PROJECT for its present values"
-            raise InputError(Fault("a sweep has no optimum to study", str(run.folder), attempt=attempt))
-        return _of_run(run, calibration)
+        return run_source(path, calibration)
     if calibration:
         raise InputError(Fault("a project file holds no calibrations", "--calibration", f"'{calibration}'"))
     project = load(path, values=values or {})
@@ -65,6 +59,30 @@ def study_source(path: Path, values: Mapping[str, str] | None = None, calibratio
 
     problem = make_problem(project)
     return StudySource(problem, _present(problem), "", project)
+
+
+def run_source(path: Path, calibration: str = "") -> StudySource:
+    """The values of a run's joint or named calibration.
+
+    Raises
+    ------
+    InputError
+        For no folder, an unknown calibration, or a sweep.
+    StorageError
+        For a folder that holds no run.
+    """
+    from softcal.workflows.run import SweepRun
+    from softcal.workflows.run_folder import load_run, refuse_project_folder
+
+    if path.is_file():
+        raise InputError(
+            Fault("a file holds no calibration", str(path), allowed="a run folder", attempt="softcal calibrate")
+        )
+    refuse_project_folder(path)
+    run = load_run(path)
+    if isinstance(run, SweepRun):
+        raise InputError(Fault("a sweep has no optimum to study", str(run.folder), attempt="softcal calibrate"))
+    return _of_run(run, calibration)
 
 
 def default_folder(path: Path) -> Path | None:
@@ -89,7 +107,9 @@ def _of_run(run: CalibrationRun, calibration: str) -> StudySource:
     problem = make_problem(run.project, run.settings).only(list(result.experiments))
     engine = result.hashes.get("engine", SOFTCAL)
     notes = () if engine == SOFTCAL else (f"The calibration was computed by {engine}, the study by {SOFTCAL}.",)
-    return StudySource(problem, {name: e.value for name, e in result.parameters.items()}, label, run.project, notes)
+    return StudySource(
+        problem, {name: e.value for name, e in result.parameters.items()}, label, run.project, notes, result
+    )
 
 
 def _present(problem: Problem) -> dict[str, float]:

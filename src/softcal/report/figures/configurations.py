@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from softcal.calibration.digits import value_text
+from softcal.calibration.result import Estimate
 from softcal.report.compared import Compared, Configuration
 from softcal.report.content import ReportContent
 from softcal.report.figure import Drawing, register_figure
 from softcal.report.figures.overview import has_curves
-from softcal.report.format import number, parameter_label, scale_of
+from softcal.report.format import number, parameter_label
 from softcal.report.robot_view import robot_points
 from softcal.report.scene import Ball, Part, Scene, Tube, bending_camera, extent_points, length_scale
 from softcal.report.scene_figure import ScenePicture, draw_side_by_side
 from softcal.report.scene_render import render_scenes
 from softcal.report.scene_twin import displacements, twin_parts
 from softcal.twin.facing import up_direction
+from softcal.units import format_quantity
 
 if TYPE_CHECKING:
     from softcal.report.twin_view import TwinView
@@ -31,7 +34,7 @@ def configurations(content: ReportContent) -> Iterator[Drawing]:
     compared = content.compared
     if compared is None or len(compared.configurations) < 2:
         return
-    drawn = draw_configurations(compared)
+    drawn = draw_configurations(compared, content.headline_result.parameters)
     caption = (
         f"{compared.state}: the twin at selected values, with the root mean square distance of its markers (blue) "
         "from their measured positions (red). Colour: displacement from rest, one scale for all."
@@ -40,13 +43,17 @@ def configurations(content: ReportContent) -> Iterator[Drawing]:
     yield Drawing(drawn.figure, caption, shown="png", note=drawn.note, section=section)
 
 
-def draw_configurations(compared: Compared) -> ScenePicture:
-    """Shapes side by side in one projection; measured markers as balls, joined by a line to the simulated position."""
+def draw_configurations(compared: Compared, estimates: Mapping[str, Estimate]) -> ScenePicture:
+    """Shapes side by side in one projection; measured markers as balls, joined by a line to the simulated position.
+
+    estimates: label -> what is known of the values of one of the shapes.
+    """
     from softcal.report.style import RED, SKY
 
     views = compared.configurations
     largest = max(float(values.max()) for view in views for values in displacements(view.twin).values())
-    scenes = tuple(_scene(view, compared, largest) for view in views)
+    titles = [_title(view, compared, estimates) for view in views]
+    scenes = tuple(_scene(view, title, largest) for view, title in zip(views, titles, strict=True))
     moved = [_mean_place(view.twin, bent=True) - _mean_place(view.twin, bent=False) for view in views]
     camera = bending_camera(extent_points(scenes), up_direction(views[0].twin.robot), np.mean(moved, axis=0))
     cameras = (camera,) * len(scenes)
@@ -55,7 +62,7 @@ def draw_configurations(compared: Compared) -> ScenePicture:
     )
 
 
-def _scene(view: Configuration, compared: Compared, largest: float) -> Scene:
+def _scene(view: Configuration, title: str, largest: float) -> Scene:
     from softcal.report.style import RED
 
     moved = displacements(view.twin)
@@ -67,10 +74,10 @@ def _scene(view: Configuration, compared: Compared, largest: float) -> Scene:
             extra.append(Tube(np.stack([view.measured[name], at]), 0.003 * size, colour=RED))
     plates = {plate.name for plate in view.twin.robot.plates}
     kept = tuple(label for label in labels if label.text in plates)
-    return Scene(_title(view, compared), (*parts, *extra), kept)
+    return Scene(title, (*parts, *extra), kept)
 
 
-def _title(view: Configuration, compared: Compared) -> str:
+def _title(view: Configuration, compared: Compared, estimates: Mapping[str, Estimate]) -> str:
     """Name and error, with the parameters below."""
     if compared.length is None:
         error = f"{number(1e3 * view.distance)} mm"
@@ -78,9 +85,11 @@ def _title(view: Configuration, compared: Compared) -> str:
         error = f"{number(100 * view.distance / compared.length)} %"
     texts: list[str] = []
     for name, value in view.parameters.items():
-        scale = scale_of(compared.units[name], value)
-        label = parameter_label(name, compared.units)
-        texts.append(f"{label} {value / scale.factor:.4g} {scale.unit}".strip())
+        known = estimates.get(name)
+        text = format_quantity(value, compared.units[name])
+        if known is not None and known.value == value:
+            text = value_text(known)
+        texts.append(f"{parameter_label(name, compared.units)} {text}")
     n_shown = max(1, sum(len(", ".join(texts[: k + 1])) <= _LONGEST for k in range(len(texts))))
     shown = ", ".join(texts[:n_shown]) + (", …" if n_shown < len(texts) else "")
     return f"{view.name}: {error}\n{shown}"

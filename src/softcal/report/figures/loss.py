@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softcal.calibration.result import Estimate, SearchResult
+from softcal.calibration.digits import estimate_text, value_text
+from softcal.calibration.result import SearchResult
 from softcal.materials.catalogue import LAWS, constants_of
 from softcal.report.content import Landscape, ReportContent
 from softcal.report.figure import Drawing, register_figure
 from softcal.report.format import (
     Scale,
     estimate_scale,
-    estimate_text,
     number,
     parameter_label,
     result_label,
@@ -217,7 +217,7 @@ def _draw_optimum(axes: Axes, result: SearchResult, pair: tuple[str, str], scale
     axes.plot(
         *at, marker="*", markersize=16, color=ORANGE, markeredgecolor=INK, linestyle="", label="optimum", zorder=5
     )
-    lines = [f"{parameter_label(name)} = {_value(e)}" for name, e in zip(pair, (x, y), strict=True)]
+    lines = [f"{parameter_label(name)} = {value_text(e)}" for name, e in zip(pair, (x, y), strict=True)]
     right, upper = _half(axes, *at)
     axes.annotate(
         "\n".join([*lines, f"loss {number(result.loss)}"]), at, xytext=(-16 if right else 16, -16 if upper else 16),
@@ -225,11 +225,6 @@ def _draw_optimum(axes: Axes, result: SearchResult, pair: tuple[str, str], scale
         color=INK, bbox={"facecolor": "white", "edgecolor": FAINT, "alpha": 0.92, "boxstyle": "round,pad=0.35"},
         arrowprops={"arrowstyle": "-", "color": INK, "linewidth": 0.8}, zorder=6,
     )  # fmt: skip
-
-
-def _value(estimate: Estimate) -> str:
-    scale = estimate_scale(estimate)
-    return f"{number(estimate.value / scale.factor)} {scale.unit}".rstrip()
 
 
 def _half(axes: Axes, x: float, y: float) -> tuple[bool, bool]:

@@ -6,9 +6,10 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from softcal.analysis.mesh_study import MeshStudy
+from softcal.calibration.digits import shown, value_text, with_unit
 from softcal.report.content import ReportContent
 from softcal.report.figure import Drawing, register_figure
-from softcal.report.format import estimate_scale, number, parameter_label
+from softcal.report.format import estimate_scale, parameter_label
 from softcal.report.style import BLUE, FAINT, INK, MUTED, RED, house_style, new_figure
 
 if TYPE_CHECKING:
@@ -77,7 +78,7 @@ def _draw_parameter(axes: Axes, study: MeshStudy, label: str) -> None:
     axes.tick_params(axis="y", length=0)
     axes.grid(visible=False, axis="y")
     axes.grid(axis="x", color=FAINT, alpha=0.5)
-    unit = f" {scale.unit}" if scale.unit else ""
-    title = f"{parameter_label(label, study.parameters)}: {number(value, 4)}{unit}, {number(there, 4)}{unit} expected"
+    expected = with_unit(estimate, shown(estimate, estimate.value if best is None else best.values[label]))
+    title = f"{parameter_label(label, study.parameters)}: {value_text(estimate)}, {expected} expected"
     axes.set_title(title, fontsize=9)
     axes.set_xlabel(f"[{scale.unit}]" if scale.unit else "")

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
+from softcal.calibration.digits import estimate_text, half_width
 from softcal.calibration.result import Estimate, SearchResult
 from softcal.report.content import ReportContent
 from softcal.report.figure import Drawing, register_figure
 from softcal.report.format import (
-    NORMAL_95,
     Scale,
     estimate_scale,
-    estimate_text,
     ordered_parameters,
     parameter_label,
     result_label,
@@ -112,5 +111,5 @@ def interval(estimate: Estimate) -> tuple[float, float]:
     """The 95 % interval; the value twice if there is no standard error."""
     if estimate.interval is not None:
         return estimate.interval
-    reach = NORMAL_95 * (estimate.standard_error or 0.0)
+    reach = half_width(estimate) or 0.0
     return estimate.value - reach, estimate.value + reach

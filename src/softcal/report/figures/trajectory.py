@@ -37,6 +37,10 @@ def trajectory(content: ReportContent) -> Iterator[Drawing]:
             silent = [panel.label.lower() for panel in path.panels if panel.measured is None]
             if silent:
                 caption += f" The {joined(silent)} was not measured; only the simulated one is shown."
+            if any(panel.band is not None for panel in path.panels):
+                caption += (
+                    " The band holds 95 % of the samples of a further test of this kind, where nothing else changes."
+                )
             if path.abscissa.note:
                 caption += f" {path.abscissa.note}"
             yield Drawing(draw_trajectory(path), caption, of=name if alone else f"{name} by {label}")
@@ -57,7 +61,10 @@ class Abscissa:
 
 @dataclass(frozen=True)
 class TrajectoryPanel:
-    """One channel over the trajectory in display units; measured and residual are None if not measured."""
+    """One channel over the trajectory in display units; measured and residual are None if not measured.
+
+    band: half the width of the 95 % band of a further experiment, None where that is not known.
+    """
 
     channel: str
     label: str
@@ -65,6 +72,7 @@ class TrajectoryPanel:
     measured: Floats | None
     simulated: Floats
     residual: Floats | None
+    band: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -90,7 +98,8 @@ def trajectory_panels(experiment: ExperimentContent, fit: ExperimentFit) -> Traj
         measured = fit.measured.get(name)
         shown = None if measured is None else np.asarray(measured, dtype=np.float64) / scale.factor
         residual = None if shown is None else simulated - shown
-        panels.append(TrajectoryPanel(name, channel_name(name).label, scale, shown, simulated, residual))
+        band = fit.bands[name] / scale.factor if name in fit.bands else None
+        panels.append(TrajectoryPanel(name, channel_name(name).label, scale, shown, simulated, residual, band))
     n_samples = len(panels[0].simulated) if panels else 0
     abscissa = _abscissa(experiment, n_samples)
     return TrajectoryPanels(experiment.name, abscissa, tuple(panels), _pieces(experiment.prepared, n_samples))
@@ -136,7 +145,7 @@ def draw_trajectory(path: TrajectoryPanels, width: float = 5.2) -> Figure:
                 _draw_residual(axes, path, panel)
         stack[0].set_title(path.experiment)
         # Beside the title, where it covers no curve.
-        stack[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.1)
+        stack[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.1)
         if path.abscissa.is_count:
             count_axis(stack[-1], path.abscissa.label)
         else:
@@ -150,6 +159,9 @@ def _draw_values(axes: Axes, path: TrajectoryPanels, panel: TrajectoryPanel) -> 
     for piece in path.pieces:
         named = piece.start == 0
         x = path.abscissa.values[piece]
+        if panel.band is not None:
+            low, high = (panel.simulated[piece] + side * panel.band[piece] for side in (-1, 1))
+            axes.fill_between(x, low, high, color=SIMULATED, alpha=0.15, linewidth=0, label="95 %" if named else None)
         if panel.measured is not None:
             axes.plot(
                 x, panel.measured[piece], color=MEASURED, linestyle="" if few else "-", marker="o" if few else "",
@@ -171,8 +183,11 @@ def _draw_residual(axes: Axes, path: TrajectoryPanels, panel: TrajectoryPanel) -
     axes.axhline(0.0, color=INK, linewidth=0.8)
     for piece in path.pieces:
         x, off = path.abscissa.values[piece], panel.residual[piece]
+        if panel.band is not None:
+            axes.fill_between(x, -panel.band[piece], panel.band[piece], color=SIMULATED, alpha=0.15, linewidth=0)
         axes.plot(x, off, color=SIMULATED, linewidth=1.2, marker=_lone(piece), markersize=4.5)
-    reach = 1.15 * float(np.nanmax(np.abs(panel.residual))) or 1.0
+    widest = 0.0 if panel.band is None else float(np.nanmax(panel.band))
+    reach = 1.15 * max(float(np.nanmax(np.abs(panel.residual))), widest) or 1.0
     axes.set_ylim(-reach, reach)
     axes.set_ylabel(panel.scale.axis("Residual"))
     axes.locator_params(axis="y", nbins=3)

@@ -20,6 +20,7 @@ SHORTENING = ChannelKind(
     most=1.0,
     mistake="mm read as m",
     paper_weight=300.0,  # alpha per millimetre, for an experiment driven by tension
+    noise=2e-5,  # a testing machine's crosshead
 )
 TENSION = ChannelKind(
     "tension",
@@ -28,9 +29,11 @@ TENSION = ChannelKind(
     drives=True,
     compared=1,
     offset=("tension_offset", QUANTITIES["tension offset"]),
+    gain=("tension_gain", QUANTITIES["positive ratio"]),
     most=5e3,
     mistake="N read as kN",
     paper_weight=0.3,  # alpha
+    noise=0.05,  # a load cell of 50 N
 )
 
 

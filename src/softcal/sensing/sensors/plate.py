@@ -24,6 +24,7 @@ def _angle(name: str, compared: int = 0) -> ChannelKind:
         most=np.pi,
         mistake="degrees read as rad",
         paper_weight=1.0,  # beta
+        noise=np.deg2rad(0.1),  # an IMU
     )
 
 

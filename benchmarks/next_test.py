@@ -1,0 +1,216 @@
+"""What `softcal next-test` expects of a further test, against calibrations with that test; writes docs/next-test.md.
+
+python -m benchmarks.next_test [--studies 60] [--cases NAME …] [--out FILE]
+
+Every study draws new noise (and new moduli, where the tests differ), calibrates, ranks the candidates, then draws each
+of them and calibrates with it among the data. The neck is read off a table of softcal's own answers
+(`benchmarks.table_twins`).
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.coverage import LIKELIHOOD, NECK, NOISE, PAPERS, REACH, SLACK, SPREAD, TRUE
+from benchmarks.neck_case import PITCH, TENSION, pull
+from benchmarks.section import table
+from benchmarks.table_twins import NU, E, NeckTable, neck_table
+from softcal.analysis.candidate import Candidate
+from softcal.analysis.next_test import next_tests
+from softcal.calibration.experiment import Experiment
+from softcal.calibration.loss import Loss
+from softcal.calibration.parameters import FreeParameter
+from softcal.calibration.problem import Problem, make_problem
+from softcal.calibration.run import calibrate
+from softcal.experiments.dataset import Channel, Dataset
+from softcal.project.project import load
+from softcal.twin.parameters import with_parameters
+from softcal.twin.robot import Robot
+
+HERE = Path(__file__).resolve().parent
+PAGE, TEXT = HERE.parent / "docs" / "next-test.md", HERE / "next_test.md"
+STUDIES = 60
+N = 60  # samples of a pull
+LIKE = "pull1"  # to 34 mm
+CANDIDATES = (
+    Candidate(name="the same again", like=LIKE),
+    Candidate(name="twice", like=LIKE, repeats=2),
+    Candidate(name="to 44 mm", like=LIKE, reach=0.044),
+    Candidate(name="to 17 mm", like=LIKE, reach=0.017),
+    Candidate(name="an IMU 5 times better", like=LIKE, noise={"pitch": NOISE["pitch"] / 5}),
+    Candidate(name="5 times the samples", like=LIKE, samples=5 * N),
+)
+
+
+@dataclass(frozen=True)
+class Case:
+    """Pulls to the given reaches [m]; spread: standard deviation of ln E among all tests, the added ones too."""
+
+    name: str
+    words: str
+    loss: Loss
+    reaches: tuple[float, ...] = (REACH[1], 0.030)
+    spread: float = 0.0
+
+
+FOUR = (REACH[1], 0.030, 0.026, 0.034)
+CASES = (
+    Case("likelihood", "two pulls, `likelihood`", LIKELIHOOD),
+    Case("papers", "two pulls, `papers`", PAPERS),
+    Case(
+        "likelihood-differ", f"four pulls whose E differs by {100 * SPREAD:g} %, `likelihood`", LIKELIHOOD, FOUR, SPREAD
+    ),
+    Case("papers-differ", "the same, `papers`", PAPERS, FOUR, SPREAD),
+)
+
+
+@dataclass(frozen=True)
+class Shrinkage:
+    """Of one candidate in one case: mean half-length of E's interval over E, at present, expected, and found.
+
+    rms: errors of ln E with the test, root mean square.
+    """
+
+    case: Case
+    candidate: str
+    present: float
+    expected: float
+    found: float
+    rms: float
+
+    @property
+    def ratio(self) -> float:
+        """Expected over found."""
+        return self.expected / self.found
+
+
+def shrinkages(case: Case, studies: int = STUDIES) -> list[Shrinkage]:
+    """Run the studies of a case."""
+    present: list[float] = []
+    expected: dict[str, list[float]] = {one.name: [] for one in CANDIDATES}
+    found: dict[str, list[float]] = {one.name: [] for one in CANDIDATES}
+    errors: dict[str, list[float]] = {one.name: [] for one in CANDIDATES}
+    for seed in range(studies):
+        chance = np.random.default_rng([seed, 1122])
+        tests = [drawn(f"pull{k + 1}", reach, case, chance) for k, reach in enumerate(case.reaches)]
+        problem = study(case, tests)
+        result = calibrate(problem, starts=1)
+        interval = result.parameters[E].interval
+        ranked = next_tests(problem, {name: one.value for name, one in result.parameters.items()}, CANDIDATES, E)
+        outlooks = {one.candidate.name: one for one in ranked.outlooks}
+        if interval is None or any(one.interval is None for one in outlooks.values()):
+            continue
+        present.append(half_length(interval))
+        for candidate in CANDIDATES:
+            added = [
+                drawn(f"next{k}", candidate.reach or REACH[1], case, chance, candidate.noise, candidate.samples or N)
+                for k in range(candidate.repeats)
+            ]
+            after = calibrate(study(case, [*tests, *added]), starts=1).parameters[E]
+            if after.interval is not None:
+                expected[candidate.name].append(half_length(outlooks[candidate.name].interval or (1.0, 1.0)))
+                found[candidate.name].append(half_length(after.interval))
+                errors[candidate.name].append(float(np.log(after.value / TRUE[E])))
+    return [
+        Shrinkage(
+            case,
+            name,
+            float(np.mean(present)),
+            float(np.mean(expected[name])),
+            float(np.mean(found[name])),
+            float(np.sqrt(np.mean(np.square(errors[name])))),
+        )
+        for name in expected
+    ]
+
+
+def half_length(interval: tuple[float, float]) -> float:
+    """Of the interval of a modulus, over its middle."""
+    return float(np.log(interval[1] / interval[0])) / 2
+
+
+def study(case: Case, tests: Sequence[Experiment]) -> Problem:
+    """The calibration of some tests."""
+    robot, twin = neck()
+    free = [
+        FreeParameter(E, "Pa", 0.1e6, 40e6, "log", start=TRUE[E]),
+        FreeParameter(NU, "1", 0.30, 0.4999, start=TRUE[NU]),
+        FreeParameter(SLACK, "m", 0.0, 6e-3, start=TRUE[SLACK], per_experiment=True),
+    ]
+    return make_problem(robot, tests, free, case.loss, twin)
+
+
+def drawn(
+    name: str,
+    reach: float,
+    case: Case,
+    chance: np.random.Generator,
+    noise: Mapping[str, float] | None = None,
+    n: int = N,
+) -> Experiment:
+    """One pull with new noise, and a new modulus where the tests differ."""
+    robot, twin = neck()
+    modulus = TRUE[E] * np.exp(case.spread * chance.standard_normal())
+    shortening = np.linspace(REACH[0] * reach / REACH[1], reach, n)
+    seen = twin(with_parameters(robot, {E: modulus, NU: TRUE[NU]}), pull(shortening - TRUE[SLACK]))
+    sigmas = {**NOISE, **(noise or {})}
+    channels = {"shortening": Channel(shortening, "m")}
+    for kind, unit, channel in (("tension", "N", TENSION), ("pitch", "rad", PITCH)):
+        values = seen.channels[channel] + sigmas[kind] * chance.standard_normal(n)
+        channels[kind] = Channel(values, unit, sigmas[kind])
+    return Experiment(name, Dataset(name, channels), cable="front", plate="plate")
+
+
+@cache
+def neck() -> tuple[Robot, NeckTable]:
+    """The neck of examples/neck-bench (1.7k P2P1 tets) and its table."""
+    robot = load(NECK).robot
+    return robot, neck_table(robot, 0.0445)
+
+
+def page(found: Sequence[Shrinkage], studies: int) -> str:
+    """docs/next-test.md with the table of what was found."""
+    head = ["Study", "Candidate", "At present", "Expected", "Found", "Expected over found", "1.96 rms error"]
+    rows = [
+        [
+            one.case.words,
+            one.candidate,
+            *(f"± {100 * value:.2g} %" for value in (one.present, one.expected, one.found)),
+            f"{one.ratio:.2f}",
+            f"{196 * one.rms:.2g} %",
+        ]
+        for one in found
+    ]
+    text = TEXT.read_text(encoding="utf-8").replace("{{table}}", "\n".join(table(head, rows)))
+    return text.replace("{{studies}}", str(studies))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--studies", type=int, default=STUDIES, help=f"of each case; {STUDIES} by default")
+    names = [case.name for case in CASES]
+    parser.add_argument("--cases", nargs="+", metavar="NAME", choices=names, default=names, help=", ".join(names))
+    parser.add_argument("--out", type=Path, default=PAGE, help="where the page goes; docs/next-test.md by default")
+    arguments = parser.parse_args()
+    found: list[Shrinkage] = []
+    for case in CASES:
+        if case.name not in arguments.cases:
+            continue
+        began = time.perf_counter()
+        rows = shrinkages(case, arguments.studies)
+        print(f"{case.name}: {time.perf_counter() - began:.0f} s")
+        for one in rows:
+            print(f"  {one.candidate}: expected {one.expected:.5f}, found {one.found:.5f}, ratio {one.ratio:.3f}")
+        found += rows
+    arguments.out.write_text(page(found, arguments.studies), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,181 @@
+"""A bench test that could be made: like one of the calibration's, but for what is stated of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from softcal.calibration.experiment import Experiment, rig_kind
+from softcal.calibration.parameters import FreeParameter
+from softcal.checks import Floats
+from softcal.errors import Fault, InputError
+from softcal.experiments.dataset import Channel, Dataset
+from softcal.sensing.channel import ChannelName, channel_name, kinds
+from softcal.sensing.sensors.cable import SHORTENING, TENSION
+from softcal.twin.parameter_name import parameter_name
+
+
+@dataclass(frozen=True, kw_only=True)
+class Candidate:
+    """A test that could be made.
+
+    Attributes
+    ----------
+    name
+        Of the test.
+    like
+        The calibration's experiment that it is like in all that follows, and in its rig.
+    cable
+        The cable that is pulled; "" for the same.
+    control
+        "shortening" or "tension" of the cable, by which it is pulled; "" for the same.
+    reach
+        Largest shortening [m] or tension [N]; with several driven cables the others are in proportion. None: as far.
+    samples
+        Number of samples; 0 for as many.
+    measured
+        Channels that are compared, besides those of `like`.
+    noise
+        Channel -> standard deviation of its noise [SI], where that is not the one found in the calibration.
+    better
+        Channel -> factor by which its instrument has less noise than in the calibration [-].
+    settings
+        Parameter of the robot or rig -> its value [SI] in the test, such as the force of a hanging mass.
+    repeats
+        How many times it is made.
+    """
+
+    name: str
+    like: str
+    cable: str = ""
+    control: str = ""
+    reach: float | None = None
+    samples: int = 0
+    measured: tuple[str, ...] = ()
+    noise: Mapping[str, float] = field(default_factory=dict[str, float])
+    better: Mapping[str, float] = field(default_factory=dict[str, float])
+    settings: Mapping[str, float] = field(default_factory=dict[str, float])
+    repeats: int = 1
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "measured", tuple(self.measured))
+        object.__setattr__(self, "noise", dict(self.noise))
+        object.__setattr__(self, "better", dict(self.better))
+        object.__setattr__(self, "settings", dict(self.settings))
+
+
+def as_experiment(candidate: Candidate, like: Experiment) -> Experiment:
+    """The test with its commands; what it would measure is zero, with a noise of one unit.
+
+    Raises
+    ------
+    InputError
+        Where the test cannot be stated as a change of `like`.
+    """
+    driven = like.drives
+    if not driven and (candidate.cable or candidate.control or candidate.reach is not None):
+        raise InputError(Fault("no cable is pulled in the experiment that this one is like", candidate.name, like.name))
+    others = [c for c in driven if candidate.control not in ("", like.twin_channel(c).kind.name)]
+    if len(driven) > 1 and (candidate.cable or others):
+        got = f"{', '.join(driven)} in {like.name}"
+        raise InputError(Fault("several cables are pulled", candidate.name, got, "reach, samples, noise or settings"))
+    drives = {_renamed(channel, candidate, like, is_drive=True): channel for channel in driven}
+    values = {name: _commands(candidate, like, old, name) for name, old in drives.items()}
+    largest = max((float(np.abs(one).max()) for one in values.values()), default=0.0)
+    if candidate.reach is not None and largest > 0.0:
+        values = {name: one * (candidate.reach / largest) for name, one in values.items()}
+    n = candidate.samples or like.dataset.n_samples
+    values = {name: _resampled(one, n) for name, one in values.items()}
+    kept = [_renamed(channel, candidate, like) for channel in like.compared]
+    if others:
+        # The cable's other channel is compared, in the place of the one that now drives it.
+        other = _renamed(others[0], replace(candidate, control=""), like, is_drive=True)
+        kept = [other if name in drives else name for name in kept]
+    compared = tuple(dict.fromkeys(one for one in (*kept, *candidate.measured) if one not in drives))
+    channels = {name: Channel(one, channel_name(name).kind.unit) for name, one in values.items()}
+    channels |= {name: Channel(np.zeros(n), channel_name(name).kind.unit, 1.0) for name in compared}
+    labels = tuple(f"{i + 1}" for i in range(n)) if like.dataset.labels else ()
+    own = candidate.cable and like.cable != candidate.cable
+    gone = f"{_cable(like)}." if own else "\0"
+    return replace(
+        like,
+        name=candidate.name,
+        dataset=Dataset(candidate.name, channels, like.dataset.provenance, labels=labels),
+        cable=candidate.cable if like.cable and candidate.cable else like.cable,
+        drive=tuple(values) if isinstance(like.drive, tuple) else candidate.control or like.drive,
+        compared=compared,
+        settings={k: v for k, v in like.settings.items() if not k.startswith(gone)} | dict(candidate.settings),
+    )
+
+
+def own_parameters(candidate: Candidate, like: Experiment, free: tuple[FreeParameter, ...]) -> dict[str, FreeParameter]:
+    """Label in the calibration -> the test's own parameter of the same kind: its slack, its offsets.
+
+    Those of a set-up are shared with the test, and so are all others, but for those of the rig of a cable that is
+    pulled instead of another.
+    """
+    old = _cable(like)
+    found: dict[str, FreeParameter] = {}
+    for p in free:
+        is_own = p.experiment == like.name and not p.members
+        of_cable = bool(candidate.cable) and all(_is_of_rig(target, old) for target in p.targets)
+        if not p.serves(like.name) or not (is_own or of_cable):
+            continue
+        names = {t: t.replace(f"{old}.", f"{candidate.cable}.", 1) if of_cable else t for t in p.targets}
+        found[p.label] = replace(
+            p, name=names.get(p.name, p.name), of=tuple(names.values()) if p.of else (), experiment=candidate.name
+        )
+    return found
+
+
+def noise_like(candidate: Candidate, like: Experiment, channel: str) -> str:
+    """The channel of `like` that is measured by the same instrument; "" where none is."""
+    return next((old for old in like.compared if _renamed(old, candidate, like) == channel), "")
+
+
+def _is_of_rig(target: str, cable: str) -> bool:
+    return parameter_name(target).owner == cable and rig_kind(target) is not None
+
+
+def _cable(like: Experiment) -> str:
+    """The one cable that is pulled; "" where there is none, or several."""
+    carriers = {like.twin_channel(channel).carrier for channel in like.drives}
+    return carriers.pop() if len(carriers) == 1 else ""
+
+
+def _renamed(channel: str, candidate: Candidate, like: Experiment, *, is_drive: bool = False) -> str:
+    """A channel of `like` as that of the candidate's cable; is_drive: with its control."""
+    name = channel_name(channel)
+    if candidate.cable and name.carrier == _cable(like) != "":
+        name = replace(name, carrier=candidate.cable)
+    if is_drive and candidate.control:
+        name = replace(name, kind=kinds()[candidate.control])
+    return str(name)
+
+
+def _commands(candidate: Candidate, like: Experiment, old: str, new: str) -> Floats:
+    """The values of the control: those of `like`, or evenly from nothing to what was measured of it there."""
+    values = like.dataset.values(old)
+    if channel_name(old).kind == channel_name(new).kind:
+        return values
+    kind = TENSION if channel_name(old).kind == SHORTENING else SHORTENING
+    other = next((c for c in like.dataset.channels if like.twin_channel(c) == ChannelName(kind, _cable(like))), None)
+    if other is not None:
+        most = float(np.nanmax(like.dataset.values(other)))
+    elif candidate.reach is not None:
+        most = candidate.reach
+    else:
+        raise InputError(
+            Fault(
+                f"how far the {kind.name} goes is not known",
+                candidate.name,
+                allowed=f"such as {kind.name}: 20 {kind.unit}",
+            )
+        )
+    return np.linspace(0.0, most, len(values) + 1)[1:]
+
+
+def _resampled(values: Floats, n: int) -> Floats:
+    return np.interp(np.linspace(0.0, 1.0, n), np.linspace(0.0, 1.0, len(values)), values)

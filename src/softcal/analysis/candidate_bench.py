@@ -1,0 +1,206 @@
+"""Candidates beside the calibration's experiments, simulated together at the calibrated values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from softcal.analysis.candidate import Candidate, as_experiment, noise_like, own_parameters
+from softcal.calibration.added_test import AddedChannel, AddedTest
+from softcal.calibration.experiment import Experiment
+from softcal.calibration.loss import Block
+from softcal.calibration.losses.likelihood import LikelihoodLoss
+from softcal.calibration.mesh_error import with_mesh_error
+from softcal.calibration.observation import commands, slack_faults
+from softcal.calibration.parameters import FreeParameter, SearchSpace
+from softcal.calibration.problem import Problem
+from softcal.calibration.uncertain import UncertainParameter
+from softcal.checks import Floats
+from softcal.errors import Fault, InputError, SimulationError
+from softcal.sensing.channel import ChannelName
+from softcal.sensing.sensors.cable import SHORTENING
+from softcal.twin.parameters import robot_parameters, with_shape
+from softcal.twin.protocol import Protocol, command_faults
+
+# A block, and its derivatives (n,) [SI] by label.
+Row = tuple[Block, Mapping[str, Floats]]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A candidate as an experiment.
+
+    own: label of the calibration -> the test's own parameter of that kind.
+    """
+
+    candidate: Candidate
+    like: Experiment
+    test: Experiment
+    own: Mapping[str, FreeParameter]
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """Experiment or candidate -> its blocks; candidate -> why it has none, a sentence; number of trajectories.
+
+    uncertain: the parameters of the blocks' `systematic`, with the error of the mesh. note: a sentence where that is
+    not known, or "".
+    """
+
+    rows: Mapping[str, Sequence[Row]]
+    failures: Mapping[str, str]
+    n_solves: int
+    uncertain: tuple[UncertainParameter, ...] = ()
+    note: str = ""
+
+
+def planned(problem: Problem, theta: Mapping[str, float], candidate: Candidate) -> Plan:
+    """A candidate as an experiment, for a problem at theta [SI by label].
+
+    Raises
+    ------
+    InputError
+        Where the robot cannot be tested so.
+    """
+    names = [experiment.name for experiment in problem.experiments]
+    if candidate.name in names:
+        raise InputError(Fault("an experiment has the name of the candidate", candidate.name))
+    if candidate.like not in names:
+        allowed = ", ".join(names)
+        raise InputError(
+            Fault("there is no such experiment to be like", candidate.name, f"'{candidate.like}'", allowed)
+        )
+    like = problem.experiments[names.index(candidate.like)]
+    test = as_experiment(candidate, like)
+    plan = Plan(candidate, like, test, own_parameters(candidate, like, problem.space.parameters))
+    for channel in test.compared:
+        if not _noise(problem, plan, channel):
+            allowed = f"noise: {{{channel}: …}}"
+            raise InputError(Fault(f"the noise of '{channel}' is not known", candidate.name, allowed=allowed))
+    whole, values = joined(problem, theta, [plan])
+    _require_possible(whole, values, test)
+    return plan
+
+
+def joined(problem: Problem, theta: Mapping[str, float], plans: Sequence[Plan]) -> tuple[Problem, dict[str, float]]:
+    """The problem with the candidates among its experiments, and theta with their own parameters.
+
+    It is judged by a loss that accepts every channel: only the derivatives are of interest.
+    """
+    shared: list[FreeParameter] = []
+    for p in problem.space.parameters:
+        new = [plan.test.name for plan in plans if p.members and plan.like.name in p.members]
+        shared.append(replace(p, members=(*p.members, *new)))
+    experiments = (*problem.experiments, *(plan.test for plan in plans))
+    own = {p.label: (p, theta[old]) for plan in plans for old, p in plan.own.items()}
+    space = SearchSpace((*shared, *(p for p, _ in own.values())))
+    loss = LikelihoodLoss({channel: 1.0 for experiment in experiments for channel in experiment.compared})
+    whole = replace(problem, experiments=experiments, space=space, loss=loss)
+    return whole, {**theta, **{label: value for label, (_, value) in own.items()}}
+
+
+def simulated(problem: Problem, theta: Mapping[str, float], plans: Sequence[Plan]) -> Simulated:
+    """The problem's experiments and all candidates, at once, with the error of the mesh in each.
+
+    Raises
+    ------
+    SimulationError
+        Where the problem's experiments cannot be simulated.
+    """
+    failures: dict[str, str] = {}
+    whole, values = joined(problem, theta, plans)
+    found = whole.evaluate(values, jacobian=True)
+    n_solves = found.n_solves
+    if found.loss is None:
+        done = set(found.observations)
+        for plan in [plan for plan in plans if plan.test.name not in done]:
+            alone = whole.only([plan.test.name]).evaluate(values)
+            n_solves += alone.n_solves
+            failures[plan.test.name] = (alone.failure or found.failure).removeprefix(f"{plan.test.name}: ")
+        whole, values = joined(problem, theta, [plan for plan in plans if plan.test.name in done])
+        found = whole.evaluate(values, jacobian=True)
+        n_solves += found.n_solves
+    if found.loss is None:
+        raise SimulationError(f"The twin cannot be simulated at the values found. {found.failure}")
+    finer = with_mesh_error(whole, found)
+    rows: dict[str, list[Row]] = {}
+    for block in finer.best.blocks:
+        if block.experiment and block.jacobian is not None:
+            columns = dict(zip(whole.space.labels, block.jacobian.T, strict=True))
+            rows.setdefault(block.experiment, []).append((block, columns))
+    return Simulated(rows, failures, n_solves + finer.n_solves, finer.uncertain, finer.unknown)
+
+
+def base_blocks(problem: Problem, theta: Mapping[str, float], rows: Mapping[str, Sequence[Row]]) -> list[Block]:
+    """The blocks of the problem's own experiments and priors, with their jacobians."""
+    labels = problem.space.labels
+    found = [
+        replace(block, jacobian=np.column_stack([by[label] for label in labels]))
+        for experiment in problem.experiments
+        for block, by in rows[experiment.name]
+    ]
+    return [*found, *problem.priors(theta)] if problem.loss.uses_priors else found
+
+
+def added_test(problem: Problem, slopes: Floats, plan: Plan, rows: Sequence[Row]) -> AddedTest:
+    """A simulated candidate in the unit box of the search, where d theta / dz is `slopes`."""
+    space, own = problem.space, plan.own
+    per = dict(zip(space.labels, slopes, strict=True))
+    # A parameter without an effect, such as the offset of an angle that is not measured, is none of the test.
+    held = [old for old, p in own.items() if any(np.any(by[p.label]) for _, by in rows)]
+    channels: list[AddedChannel] = []
+    for block, by in rows:
+        zeros = np.zeros(len(block.residual))
+        known, sigma = _noise(problem, plan, block.channel) or (None, None)
+        channels.append(
+            AddedChannel(
+                block.channel,
+                np.column_stack([by.get(label, zeros) * slope for label, slope in per.items()]),
+                np.column_stack([zeros, *(by[own[old].label] * per[old] for old in held)])[:, 1:],
+                known,
+                sigma,
+                plan.candidate.better.get(block.channel, 1.0),
+                not problem.loss.faults([replace(plan.test, compared=(block.channel,))]),
+                block.systematic,
+            )
+        )
+    priors = [
+        per[old] / sd * np.eye(len(held))[k] for k, old in enumerate(held) if (sd := own[old].prior_sd) is not None
+    ]
+    serves = np.array([p.serves(plan.like.name) and p.label not in own for p in space.parameters])
+    rows_of_priors = np.array(priors).reshape(len(priors), len(held))
+    return AddedTest(plan.test.name, tuple(channels), serves, rows_of_priors, plan.candidate.repeats)
+
+
+def _noise(problem: Problem, plan: Plan, channel: str) -> tuple[tuple[str, str] | None, float | None] | None:
+    """The experiment and channel whose noise a channel has, and its own [SI] where that is another; None where neither
+    is known.
+    """
+    sigma = plan.candidate.noise.get(channel)
+    own = noise_like(plan.candidate, plan.like, channel)
+    if own:
+        return (plan.like.name, own), sigma
+    twin: ChannelName = plan.test.twin_channel(channel)
+    measured = [(e, c) for e in problem.experiments for c in e.compared if e.twin_channel(c).kind == twin.kind]
+    measured.sort(key=lambda one: one[0].twin_channel(one[1]) != twin)
+    if measured:
+        experiment, other = measured[0]
+        return (experiment.name, other), sigma
+    stated = [c.sigma for name, c in plan.like.dataset.channels.items() if plan.like.twin_channel(name) == twin]
+    sigma = sigma or max(stated, default=0.0) or twin.kind.noise
+    return (None, sigma) if sigma else None
+
+
+def _require_possible(problem: Problem, theta: Mapping[str, float], test: Experiment) -> None:
+    """Raise an InputError where no cable can follow the commands of a test."""
+    own = problem.space.values_for(test.name, theta)
+    rig = {name: own.get(name, value) for name, value in test.rig_values().items()}
+    known = robot_parameters(problem.robot)
+    robot = with_shape(problem.robot, {k: v for k, v in {**test.settings, **own}.items() if k in known})
+    faults = command_faults(robot, Protocol(commands(test, rig)))
+    if any(test.twin_channel(channel).kind == SHORTENING for channel in test.drives):
+        faults += slack_faults(replace(test, settings={**test.settings, **rig}))
+    if faults:
+        raise InputError(faults)

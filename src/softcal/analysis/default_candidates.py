@@ -1,0 +1,146 @@
+"""The candidates that a calibration suggests by itself: changes of the furthest pull of each cable."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from softcal.analysis.candidate import Candidate
+from softcal.calibration.experiment import Experiment
+from softcal.calibration.problem import Problem
+from softcal.sensing.channel import ChannelName, positions
+from softcal.sensing.sensors.cable import SHORTENING, TENSION
+from softcal.sensing.sensors.plate import ANGLES
+from softcal.twin.parameters import robot_parameters
+from softcal.twin.robot import PointLoad, Robot
+
+FURTHER, LESS_FAR = 1.5, 0.5
+BETTER = 5.0  # times less noise
+HEAVIER = 2.0  # times the largest force of a load in the experiments
+HANGING = 0.1  # of the largest tension
+
+
+def default_candidates(problem: Problem) -> list[Candidate]:
+    """Tests that a bench like the one of the problem could make next.
+
+    Of the furthest pull of each cable: again, further, less far. Of the furthest of all besides: by the cable's other
+    control; with a sensor more, of those that the robot's parts have; with a sensor five times better; with heavier
+    loads. And the cables that were not pulled, as far as that one.
+    """
+    references = _references(problem.experiments)
+    found = [one for like in references for one in _pulls(like)]
+    like = furthest(problem)
+    found += [*_other_control(like), *_more_sensors(problem.robot, like), *_better_sensors(like)]
+    found += [*_heavier(problem, like), *_other_cables(problem, references, like)]
+    return found
+
+
+def furthest(problem: Problem) -> Experiment:
+    """The experiment in which a cable is pulled hardest."""
+    return max(_references(problem.experiments), key=_force)
+
+
+def _references(experiments: Sequence[Experiment]) -> list[Experiment]:
+    """The furthest pull of each cable or set of cables."""
+    furthest: dict[tuple[str, ...], Experiment] = {}
+    for experiment in experiments:
+        key = tuple(sorted(str(experiment.twin_channel(channel)) for channel in experiment.drives))
+        if key not in furthest or _reach(experiment) > _reach(furthest[key]):
+            furthest[key] = experiment
+    return list(furthest.values())
+
+
+def _reach(experiment: Experiment) -> float:
+    """The largest command [m or N]."""
+    return max((float(np.abs(experiment.dataset.values(c)).max()) for c in experiment.drives), default=0.0)
+
+
+def _force(experiment: Experiment) -> float:
+    """The largest measured tension [N]."""
+    tensions = [c for c in experiment.dataset.channels if experiment.twin_channel(c).kind == TENSION]
+    return max((float(np.nanmax(experiment.dataset.values(c))) for c in tensions), default=0.0)
+
+
+def _pulls(like: Experiment) -> Iterable[Candidate]:
+    yield Candidate(name=f"{like.name} again", like=like.name)
+    if like.drives and (reach := _reach(like)) > 0.0:
+        yield Candidate(name=f"{like.name} {FURTHER:g} times as far", like=like.name, reach=FURTHER * reach)
+        yield Candidate(name=f"{like.name} {LESS_FAR:g} times as far", like=like.name, reach=LESS_FAR * reach)
+
+
+def _other_control(like: Experiment) -> Iterable[Candidate]:
+    """By tension instead of shortening, or the reverse, where the bench has measured how far that goes."""
+    if len(like.drives) != 1:
+        return
+    driven = like.twin_channel(like.drives[0])
+    other = SHORTENING if driven.kind == TENSION else TENSION
+    if any(like.twin_channel(c) == ChannelName(other, driven.carrier) for c in like.dataset.channels):
+        yield Candidate(name=f"{like.name} by {other.name}", like=like.name, control=other.name)
+
+
+def _more_sensors(robot: Robot, like: Experiment) -> Iterable[Candidate]:
+    """A channel of each driven cable, the angles of each plate and the positions of all markers, where not compared."""
+    seen = {like.twin_channel(channel) for channel in (*like.compared, *like.drives)}
+    for channel in like.drives:
+        driven = like.twin_channel(channel)
+        other = ChannelName(SHORTENING if driven.kind == TENSION else TENSION, driven.carrier)
+        if other not in seen:
+            yield _measured(f"{like.name} with the {other.kind.name}", like, [other])
+    for plate in robot.plates:
+        angles = [ChannelName(kind, plate.name) for kind in ANGLES]
+        if not seen & set(angles):
+            yield _measured(f"{like.name} with an IMU on {plate.name}", like, angles)
+    points = [part.name for part in (robot.markers or robot.plates)]
+    new = [place for point in points for place in positions(point) if place not in seen]
+    if new and len(new) == 3 * len(points):
+        yield _measured(f"{like.name} with positions of {'markers' if robot.markers else 'plates'}", like, new)
+
+
+def _measured(name: str, like: Experiment, channels: Sequence[ChannelName]) -> Candidate:
+    short = {like.twin_channel(kind): kind for kind in ("tension", "shortening", "pitch", "roll", "yaw")}
+    return Candidate(name=name, like=like.name, measured=tuple(short.get(one, str(one)) for one in channels))
+
+
+def _better_sensors(like: Experiment) -> Iterable[Candidate]:
+    """Each instrument five times better: that of positions, or of any other kind of channel."""
+    kinds: dict[str, list[str]] = {}
+    for channel in like.compared:
+        kind = like.twin_channel(channel).kind
+        kinds.setdefault("camera" if kind.is_position else f"{kind.name} sensor", []).append(channel)
+    for what, channels in kinds.items():
+        name = f"{like.name} with a {BETTER:g} times better {what}"
+        yield Candidate(name=name, like=like.name, better=dict.fromkeys(channels, BETTER))
+
+
+def _heavier(problem: Problem, like: Experiment) -> Iterable[Candidate]:
+    """Twice the largest load of the experiments, or a mass on the last plate of a tenth of the largest tension."""
+    free = set(problem.space.targets)
+    names = [f"{load.name}.force" for load in problem.robot.loads if isinstance(load, PointLoad)]
+    known = robot_parameters(problem.robot)
+    most = {
+        name: max((e.settings.get(name, known[name].value) for e in problem.experiments), key=abs)
+        for name in names
+        if name not in free
+    }
+    loaded = max(problem.experiments, key=lambda e: sum(abs(e.settings.get(name, 0.0)) for name in names))
+    if any(most.values()):
+        settings = {name: HEAVIER * force for name, force in most.items()}
+        yield Candidate(name=f"{loaded.name} with {HEAVIER:g} times the load", like=loaded.name, settings=settings)
+        return
+    g, plates = float(np.linalg.norm(problem.robot.gravity)), problem.robot.plates
+    if not (g > 0.0 and plates and _force(like) > 0.0) or f"{plates[-1].name}.mass" in free:
+        return
+    more = float(f"{HANGING * _force(like) / g:.1g}")
+    settings = {f"{plates[-1].name}.mass": plates[-1].mass + more}
+    yield Candidate(name=f"{like.name} with {1e3 * more:g} g on {plates[-1].name}", like=like.name, settings=settings)
+
+
+def _other_cables(problem: Problem, pulled: Sequence[Experiment], like: Experiment) -> Iterable[Candidate]:
+    """Cables that no experiment pulls."""
+    if len(like.drives) != 1:
+        return
+    known = {experiment.twin_channel(channel).carrier for experiment in pulled for channel in experiment.drives}
+    for cable in problem.robot.cables:
+        if cable.name not in known:
+            yield Candidate(name=f"{cable.name} as {like.name}", like=like.name, cable=cable.name)

@@ -1,0 +1,249 @@
+"""The next test: candidates ranked by how much each would shrink the interval of one parameter.
+
+Every candidate is simulated at the calibrated values, with exact derivatives, beside the calibration's experiments:
+candidates that pull the same cable in the same way share one trajectory. What is then expected of the estimates is
+linear algebra (`softcal.calibration.added_test`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from softcal.analysis.candidate import Candidate
+from softcal.analysis.candidate_bench import Plan, Simulated, added_test, base_blocks, planned, simulated
+from softcal.calibration.added_test import ExpectedEstimates, with_added_test
+from softcal.calibration.estimator import Estimator, estimator
+from softcal.calibration.experiment import Experiment, rig_kind
+from softcal.calibration.intervals import box_intervals, student
+from softcal.calibration.parameters import FreeParameter
+from softcal.calibration.problem import Problem
+from softcal.calibration.sensitivity import MIXED
+from softcal.checks import Floats
+from softcal.errors import CalibrationError, Fault, InputError, ParameterError, nearest
+from softcal.units import format_quantity
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """What is expected of a candidate.
+
+    Attributes
+    ----------
+    candidate
+        The test.
+    interval
+        Expected 95 % interval of the parameter [SI], around its present value; None where it would still have none.
+    share
+        Its length over that of the present one [-], both without the bounds of the parameter; None where one of the two
+        does not exist.
+    joint
+        Standard errors of the robot's parameters over the present ones [-]: the geometric mean over the axes of their
+        joint region, the (2 p)th root of the ratio of determinants for p parameters (D-optimal); None where the present
+        region is not finite.
+    failure
+        Why the test cannot be simulated, a sentence, or "".
+    """
+
+    candidate: Candidate
+    interval: tuple[float, float] | None = None
+    share: float | None = None
+    joint: float | None = None
+    failure: str = ""
+
+
+@dataclass(frozen=True)
+class NextTests:
+    """Candidates in the order of the expected interval of one parameter, shortest first (c-optimal).
+
+    Attributes
+    ----------
+    parameter, unit, value, interval
+        Label, SI unit, estimate, and present 95 % interval (None: it has none).
+    outlooks
+        What is expected of each candidate; those that cannot be simulated come last.
+    notes
+        What the intervals assume.
+    n_solves
+        Number of simulated trajectories.
+    """
+
+    parameter: str
+    unit: str
+    value: float
+    interval: tuple[float, float] | None
+    outlooks: tuple[Outlook, ...]
+    notes: tuple[str, ...] = ()
+    n_solves: int = 0
+
+    @property
+    def best(self) -> Outlook | None:
+        """The first candidate, where it has an interval."""
+        return next((one for one in self.outlooks if one.interval is not None), None)
+
+
+def next_tests(
+    problem: Problem, theta: Mapping[str, float], candidates: Sequence[Candidate], parameter: str = ""
+) -> NextTests:
+    """Rank candidates for a problem at its minimum theta [SI by label].
+
+    parameter: label of the one whose interval counts; by default the first of the robot.
+
+    Raises
+    ------
+    ParameterError
+        For an unknown parameter.
+    CalibrationError
+        Where the noise cannot be estimated from the experiments.
+    SimulationError
+        Where the twin cannot be simulated at theta.
+    """
+    labels = problem.space.labels
+    label = parameter or default_parameter(problem)
+    if label not in labels:
+        raise ParameterError(
+            Fault("there is no such free parameter", "--for", f"'{label}'", ", ".join(labels), nearest(label, labels))
+        )
+    plans: dict[str, Plan] = {}
+    failures: dict[str, str] = {}
+    for candidate in candidates:
+        try:
+            plans[candidate.name] = planned(problem, theta, candidate)
+        except InputError as error:
+            failures[candidate.name] = str(error)
+    seen = simulated(problem, theta, list(plans.values()))
+    failures |= seen.failures
+    present = _Present(problem, theta, seen, labels.index(label))
+    found = [
+        (Outlook(one, failure=failures[one.name]), np.inf) if one.name in failures else present.outlook(plans[one.name])
+        for one in candidates
+    ]
+    ranked = sorted(found, key=lambda one: (bool(one[0].failure), one[1]))
+    return NextTests(
+        label,
+        problem.space.parameters[labels.index(label)].unit,
+        theta[label],
+        present.interval,
+        tuple(one for one, _ in ranked),
+        tuple(present.notes([plan for name, plan in plans.items() if name not in failures])),
+        seen.n_solves,
+    )
+
+
+def default_parameter(problem: Problem) -> str:
+    """The first free parameter of the robot, else the first of all."""
+    return next((p.label for p in problem.space.parameters if _is_of_robot(p)), problem.space.labels[0])
+
+
+def _is_of_robot(parameter: FreeParameter) -> bool:
+    return not parameter.experiment and all(rig_kind(target) is None for target in parameter.targets)
+
+
+class _Present:
+    """The calibration as it is, in the unit box, with the parameter in column j."""
+
+    def __init__(self, problem: Problem, theta: Mapping[str, float], seen: Simulated, j: int) -> None:
+        space = problem.space
+        self._problem, self._theta, self._rows, self._j = problem, theta, seen.rows, j
+        self._uncertain, self._note = seen.uncertain, seen.note
+        self._z = np.clip(space.to_search(theta), 0.0, 1.0)
+        self._slopes = space.jacobian(self._z)
+        self._blocks = base_blocks(problem, theta, seen.rows)
+        self._serves = {e.name: np.array([p.serves(e.name) for p in space.parameters]) for e in problem.experiments}
+        self._found = estimator(problem.loss, self._z, self._slopes, self._blocks, self._serves, seen.uncertain)
+        if self._found.spent:
+            raise CalibrationError(
+                f"The noise of {' and of '.join(self._found.spent)} cannot be estimated: there are as many parameters "
+                "as measurements, so that the effect of another test is not known."
+            )
+        self.interval, self._length = self._reach(self._found, self._found.minimum)
+        # What is expected of further data is that they agree with the present estimates.
+        self._centre = self._z.copy()
+        for one in self._found.between:
+            if one.effects.differs:
+                self._centre[one.column] += one.effects.mean
+
+    def outlook(self, plan: Plan) -> tuple[Outlook, float]:
+        """What is expected of a candidate, and the length of the interval in the unit box."""
+        added = added_test(self._problem, self._slopes, plan, self._rows[plan.test.name])
+        after = with_added_test(
+            self._problem.loss, self._blocks, self._slopes, self._serves, self._found, added, self._uncertain
+        )
+        interval, length = self._reach(after, self._centre)
+        share = length / self._length if np.isfinite(length) and np.isfinite(self._length) else None
+        return Outlook(plan.candidate, interval, share, self._joint(after)), length
+
+    def notes(self, plans: Sequence[Plan]) -> Iterable[str]:
+        """What the intervals assume."""
+        parameter = self._problem.space.parameters[self._j]
+        between = next((one for one in self._found.between if one.column == self._j), None)
+        if len(self._problem.experiments) == 1:
+            yield (
+                "There is one experiment: by how much tests of this robot differ is not known, nor included. A second "
+                "and a third test are the way to know it."
+            )
+        elif between is not None and between.effects.differs:
+            spread = format_quantity(between.effects.spread * abs(self._slopes[self._j]), parameter.unit, digits=2)
+            yield (
+                f"The experiments differ in {parameter.label}, with a standard deviation of {spread}: the intervals "
+                "are those of the mean over such tests, and each candidate is one more of them, with the same spread."
+            )
+            if not between.has_interval:
+                yield "Two experiments do not give this spread an interval: the present one leaves it out."
+        names = dict.fromkeys(one.name.partition(" in ")[0] for one in self._found.sources if one.process is not None)
+        if names:
+            yield (
+                f"The residuals of {' and of '.join(names)} are correlated along the record, as the candidates' are "
+                "assumed to be: more samples, or a better sensor, bring little. A channel that was not measured so far "
+                "is assumed to have none of this misfit, so that its gain is an upper limit."
+            )
+        if self._note:
+            yield self._note
+        loss = self._problem.loss
+        new = [(plan, c) for plan in plans for c in plan.test.compared]
+        strange = dict.fromkeys(c for plan, c in new if loss.faults([_alone(plan, c)]))
+        if strange:
+            yield (
+                f"The loss '{loss.name}' does not count {', '.join(strange)}: at the same noise they are given the "
+                "mean weight of the channels that it counts."
+            )
+
+    def _reach(self, one: Estimator | ExpectedEstimates, minimum: Floats) -> tuple[tuple[float, float] | None, float]:
+        """The interval [SI] and its length without the parameter's bounds, in the unit box; infinite without one."""
+        known = np.flatnonzero(~_mixed(one))
+        if self._j not in known:
+            return None, np.inf
+        at = int(np.flatnonzero(known == self._j)[0])
+        z = self._z[known]
+        ends, errors = box_intervals(z, minimum[known], one.root[:, known], one.dof[known])
+        space = self._problem.space
+        label = space.labels[self._j]
+
+        def model(value: float) -> float:
+            moved = self._z.copy()
+            moved[self._j] = value
+            return space.to_model(moved)[label]
+
+        value = self._theta[label]
+        interval = min(model(float(ends[at, 0])), value), max(model(float(ends[at, 1])), value)
+        return interval, float(2.0 * student(one.dof[known])[at] * errors[at])
+
+    def _joint(self, after: ExpectedEstimates) -> float | None:
+        """The robot's parameters together: standard errors expected over those of the present."""
+        known = ~(_mixed(self._found) | _mixed(after))
+        columns = [j for j, p in enumerate(self._problem.space.parameters) if _is_of_robot(p) and known[j]]
+        if not columns:
+            return None
+        sizes = [np.log(np.abs(np.diag(np.linalg.qr(one.root[:, columns])[1]))).mean() for one in (after, self._found)]
+        return float(np.exp(sizes[0] - sizes[1]))
+
+
+def _mixed(one: Estimator | ExpectedEstimates) -> np.ndarray:
+    return np.abs(one.unseen).max(axis=0, initial=0.0) > MIXED
+
+
+def _alone(plan: Plan, channel: str) -> Experiment:
+    """The test with one compared channel."""
+    return replace(plan.test, compared=(channel,))

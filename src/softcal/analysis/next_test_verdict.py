@@ -1,0 +1,33 @@
+"""Which test to make next, in words."""
+
+from __future__ import annotations
+
+from softcal.analysis.next_test import NextTests
+from softcal.units import format_range, plain
+
+_LITTLE = 0.95  # of the present length: a shorter interval is worth a sentence
+
+
+def interval_text(interval: tuple[float, float], unit: str) -> str:
+    """Ends of an interval [SI] in words, with four digits."""
+    return format_range(*interval, unit, digits=4)
+
+
+def verdict(found: NextTests) -> str:
+    """The best candidate, and what is expected of it."""
+    best = found.best
+    if best is None:
+        return f"No candidate would give {found.parameter} an interval."
+    expected = interval_text(best.interval, found.unit) if best.interval else ""
+    if found.interval is None:
+        return (
+            f"{found.parameter} has no interval: the data do not determine it. With '{best.candidate.name}' one of "
+            f"{expected} is expected."
+        )
+    now = f"The 95 % interval of {found.parameter} is {interval_text(found.interval, found.unit)}."
+    if best.share is None or best.share > _LITTLE:
+        return f"{now} No candidate would shorten it by more than {100 * (1 - _LITTLE):.0f} %."
+    return (
+        f"{now} '{best.candidate.name}' is expected to shorten it most, to {plain(best.share, 2)} of its length: "
+        f"{expected}."
+    )

@@ -1,0 +1,137 @@
+"""Whether the values that differ between the experiments of a joint fit follow how the experiments were made.
+
+A value as a power of the amplitude is a straight line of logarithms, with one slope and no choice of a form after the
+fact:
+
+    ln value_i = a + b ln amplitude_i + e_i,    weights 1 / (v_i + tau^2)
+
+The slope is tested by Student's t with k - 2 degrees of freedom, against the scatter about the line (Knapp and Hartung,
+Statistics in Medicine 22, 2003), so that experiments which differ at random show a trend one time in twenty. An exact
+order alone would not do: three values are in order by chance in one case of three. Where the experiments differ in both
+their amplitude and their speed, the chance of each counts twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from softcal.calibration.random_effects import Spread
+from softcal.calibration.result import ExperimentFit, SearchResult
+from softcal.checks import Floats
+from softcal.experiments.dataset import Dataset
+from softcal.sensing.channel import channel_name
+
+LIMIT = 0.05
+"""Chance below which values follow a condition."""
+_FEWEST = 3
+_ALIKE = 1.2  # ratio of the largest amplitude to the smallest below which they are alike
+
+Condition = Literal["amplitude", "speed"]
+
+
+@dataclass(frozen=True)
+class Trend:
+    """A parameter that rises or falls with a condition of the experiments.
+
+    Attributes
+    ----------
+    name
+        Label of the parameter.
+    condition
+        "amplitude": the largest magnitude of the drive; "speed": its rate.
+    power
+        The value grows as the condition to this power [-]; of values that are not positive, its sign alone counts.
+    chance
+        Probability that experiments without a trend show as much.
+    """
+
+    name: str
+    condition: Condition
+    power: float
+    chance: float
+
+
+def trends(result: SearchResult, records: Mapping[str, Dataset] | None = None) -> tuple[Trend, ...]:
+    """The clearest trend of each parameter in which the experiments differ, where it has one.
+
+    records: experiment -> its record with times, for the speeds.
+    """
+    known: dict[Condition, Mapping[str, float]] = {
+        "amplitude": _amplitudes(result),
+        "speed": _speeds(result, records or {}),
+    }
+    found: list[Trend] = []
+    for name, spread in result.spreads.items():
+        if not spread.differs or len(spread.values) < _FEWEST:
+            continue
+        tested = [one for condition, at in known.items() if (one := _trend(name, spread, condition, at)) is not None]
+        clearest = min(tested, key=lambda one: one.chance, default=None)
+        if clearest is not None and len(tested) * clearest.chance < LIMIT:
+            found.append(Trend(name, clearest.condition, clearest.power, len(tested) * clearest.chance))
+    return tuple(found)
+
+
+def _trend(name: str, spread: Spread, condition: Condition, at: Mapping[str, float]) -> Trend | None:
+    if not all(at.get(experiment, 0.0) > 0.0 for experiment in spread.values):
+        return None
+    x = np.array([at[experiment] for experiment in spread.values])
+    y = np.array(list(spread.values.values()))
+    if x.max() < _ALIKE * x.min():
+        return None
+    weights = np.array([spread.weights.get(experiment, 1.0) for experiment in spread.values])
+    power, chance = slope(np.log(x), np.log(y) if np.all(y > 0) else y, weights)
+    return Trend(name, condition, power, chance)
+
+
+def slope(x: Floats, y: Floats, weights: Floats) -> tuple[float, float]:
+    """Slope of a weighted straight line through k > 2 points, and the chance of one as steep without any trend."""
+    from scipy.special import stdtr
+
+    away, off = x - np.average(x, weights=weights), y - np.average(y, weights=weights)
+    square = float(weights @ away**2)
+    steep = float(weights @ (away * off)) / square
+    dof = len(x) - 2
+    error = float(np.sqrt(weights @ (off - steep * away) ** 2 / dof / square))
+    if error == 0.0:
+        return steep, 0.0 if steep else 1.0
+    return steep, float(2.0 * stdtr(dof, -abs(steep) / error))
+
+
+def _amplitudes(result: SearchResult) -> dict[str, float]:
+    """The largest magnitude of what drove each experiment [SI]; empty where they were not driven alike."""
+    drives = {name: _drives(fit) for name, fit in result.experiments.items()}
+    kinds = [{channel_name(drive).kind.name for drive in held} for held in drives.values()]
+    if any(kind != kinds[0] or len(kind) != 1 for kind in kinds):
+        return {}
+    fits = result.experiments
+    return {name: max(float(np.nanmax(np.abs(fits[name].measured[d]))) for d in held) for name, held in drives.items()}
+
+
+def _speeds(result: SearchResult, records: Mapping[str, Dataset]) -> dict[str, float]:
+    """The usual rate of what drove each experiment [SI]; none of an experiment without times."""
+    found: dict[str, float] = {}
+    for name, fit in result.experiments.items():
+        channels = records[name].channels if name in records else {}
+        rates = [_rate(records[name], drive) for drive in _drives(fit) if drive in channels and "time" in channels]
+        if rates:
+            found[name] = max(rates)
+    return found
+
+
+def _rate(record: Dataset, drive: str) -> float:
+    step = np.diff(record.values("time"))
+    moving = step > 0.0
+    return float(np.nanmedian(np.abs(np.diff(record.values(drive))[moving] / step[moving]))) if moving.any() else 0.0
+
+
+def _drives(fit: ExperimentFit) -> tuple[str, ...]:
+    """The measured channels that drove the twin: those of a kind that can, and that were not compared."""
+    return tuple(
+        channel
+        for channel in fit.measured
+        if not (of := channel_name(channel)).is_deviation and of.kind.drives and channel not in fit.rmse
+    )

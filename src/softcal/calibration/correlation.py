@@ -1,0 +1,241 @@
+"""Residuals along a record as a stationary process plus white noise, by restricted maximum likelihood (REML).
+
+Neighbouring samples of an experiment share most of their error: friction, hysteresis, a law that does not fit. Along
+the record, in the order of its samples, the residuals of a channel have the covariance
+
+    s^2 [a exp(-|i - j| / l) + (1 - a) delta_ij]
+
+with the correlated share a and the correlation length l [samples]. The three are found by REML (Patterson and Thompson
+1971), which is free of the bias that the fitted parameters X cause: it sees only what no change of theta can explain.
+White noise alone is kept unless the likelihood ratio asks for more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from softcal.checks import Floats
+
+BINS = 100
+"""A longer record is averaged to so many values: a correlation within one of them is part of its own noise."""
+FEWEST = 8  # values of a record in which a correlation can be seen
+_RATIO = 8.0
+"""Twice the log-likelihood that a process must gain: two parameters, one at its bound, at about 1 %."""
+_SHORTEST = 0.5  # correlation length [values]
+_LENGTHS = 24
+_SHARES = np.array([0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.95, 0.98, 0.99, 0.997, 0.999])
+_STEP = 0.05  # of the logarithms by which the likelihood's curvature is taken
+_NULL = 1e-9  # singular value over the largest below which a column of X counts as dependent
+
+
+@dataclass(frozen=True)
+class ErrorRecord:
+    """One channel of one experiment, averaged to at most `BINS` values.
+
+    Attributes
+    ----------
+    residual
+        Residuals over the stated noise (or [SI] where none is stated), shape (m,).
+    answer
+        d residual / dz, shape (m, size).
+    pull
+        Pull of each value on the loss's minimum, shape (m, size).
+    experiment
+        The experiment that it is of.
+    alone
+        Pull on the minimum of weighted squares of the experiment alone, where it is another than `pull`.
+    """
+
+    residual: Floats
+    answer: Floats
+    pull: Floats
+    experiment: str = ""
+    alone: Floats | None = None
+
+
+@dataclass(frozen=True)
+class Process:
+    """A stationary process plus white noise in the values of a group's records.
+
+    Attributes
+    ----------
+    variance
+        s^2 of one value, in the square of the records' unit.
+    share
+        a, the correlated share of the variance [-].
+    length
+        l, the correlation length [values].
+    scatter
+        Covariance of the estimates of (ln s^2, logit a, ln l), zero for those at the end of their range, shape (3, 3).
+    """
+
+    variance: float
+    share: float
+    length: float
+    scatter: Floats
+
+    def covariance(self, n: int) -> Floats:
+        """Of n neighbouring values, shape (n, n)."""
+        return _covariance(self._phi, n)
+
+    @property
+    def _phi(self) -> Floats:
+        return np.array([np.log(self.variance), _logit(np.array(self.share)), np.log(self.length)])
+
+    def scatter_of(self, responses: Sequence[Floats]) -> Floats:
+        """Variance (k,) of the estimated variances of k quantities with these responses (m, k) to the records."""
+
+        def variances(phi: Floats) -> Floats:
+            parts = [np.einsum("ij,ik,kj->j", one, _covariance(phi, len(one)), one) for one in responses]
+            return np.sum(parts, axis=0)
+
+        steps = _STEP * np.eye(3)
+        slopes = np.array([(variances(self._phi + d) - variances(self._phi - d)) / (2 * _STEP) for d in steps])
+        return np.einsum("ij,ik,kj->j", slopes, self.scatter, slopes)
+
+
+def record(residual: Floats, answer: Floats, pull: Floats, experiment: str = "") -> ErrorRecord:
+    """The record of a channel, averaged where it is long."""
+    n = len(residual)
+    if n <= BINS:
+        return ErrorRecord(residual, answer, pull, experiment)
+    cuts = np.linspace(0, n, BINS + 1).astype(int)
+    counts = np.diff(cuts).astype(float)
+    of = cuts[:-1]
+    return ErrorRecord(
+        np.add.reduceat(residual, of) / counts,
+        np.add.reduceat(answer, of) / counts[:, None],
+        np.add.reduceat(pull, of),
+        experiment,
+    )
+
+
+def process(records: Sequence[ErrorRecord]) -> Process | None:
+    """The process in a group of records of one kind; None where white noise explains them as well, or too few values
+    are left.
+    """
+    long = [one for one in records if len(one.residual) >= FEWEST]
+    if not long:
+        return None
+    likelihood = _Restricted(long)
+    if likelihood.free < FEWEST or likelihood.is_exact:
+        return None
+    white = float(likelihood.profiled(np.zeros(1), _SHORTEST)[0])
+    best, share, length = likelihood.best()
+    if white - best <= _RATIO:
+        return None
+    variance = likelihood.variance(share, length)
+    phi = np.array([np.log(variance), _logit(np.array(share)), np.log(length)])
+    return Process(variance, share, length, likelihood.scatter(phi))
+
+
+class _Restricted:
+    """Minus twice the restricted log-likelihood of the records' residuals."""
+
+    def __init__(self, records: Sequence[ErrorRecord]) -> None:
+        # Each record by itself is free of what any theta explains: how experiments differ is not noise within one.
+        self._records = [(one.residual, _span(one.answer)) for one in records]
+        self._count = sum(len(one.residual) for one in records)
+        self.free = self._count - sum(columns.shape[1] for _, columns in self._records)
+        self._longest = max(len(one.residual) for one in records)
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether nothing is left of the residuals."""
+        return self.variance(0.0, _SHORTEST) <= 0.0
+
+    def variance(self, share: float, length: float) -> float:
+        """s^2 at a share and a length."""
+        return float(self._parts(np.array([share]), length)[0][0]) / self.free
+
+    def profiled(self, shares: Floats, length: float) -> Floats:
+        """Minus twice the log-likelihood with the best s^2, at each share."""
+        squares, determinants = self._parts(shares, length)
+        return self.free * np.log(np.maximum(squares, 1e-300) / self.free) + determinants
+
+    def at(self, phi: Floats) -> float:
+        """Minus twice the log-likelihood at (ln s^2, logit a, ln l)."""
+        squares, determinants = self._parts(np.array([_share(phi[1])]), float(np.exp(phi[2])))
+        return float(self.free * phi[0] + squares[0] / np.exp(phi[0]) + determinants[0])
+
+    def best(self) -> tuple[float, float, float]:
+        """The least value with its share and length, off a grid and then between its points."""
+        from scipy.optimize import minimize_scalar
+
+        lengths = np.geomspace(_SHORTEST, self._longest / 2, _LENGTHS)
+        grid = np.array([self.profiled(_SHARES, float(length)) for length in lengths])
+        i, k = divmod(int(np.argmin(grid)), len(_SHARES))
+        length = float(lengths[i])
+        ends = _logit(_SHARES[[max(k - 1, 0), min(k + 1, len(_SHARES) - 1)]])
+        found: Any = minimize_scalar(
+            lambda x: float(self.profiled(np.array([_share(x)]), length)[0]), bounds=tuple(ends), method="bounded"
+        )
+        return float(found.fun), _share(found.x), length
+
+    def scatter(self, phi: Floats) -> Floats:
+        """Covariance (3, 3) of the estimates, by the likelihood's curvature."""
+        steps = _STEP * np.eye(3)
+        half = np.array(
+            [
+                [
+                    self.at(phi + p + q) - self.at(phi + p - q) - self.at(phi - p + q) + self.at(phi - p - q)
+                    for q in steps
+                ]
+                for p in steps
+            ]
+        ) / (8 * _STEP**2)
+        # s^2 and l of a process that is longer than the record are told by their ratio alone: what the likelihood does
+        # not know of one of them must not make the other one known.
+        sizes, axes = np.linalg.eigh(half)
+        return (axes / np.maximum(sizes, 0.5 / self._count)) @ axes.T
+
+    def _parts(self, shares: Floats, length: float) -> tuple[Floats, Floats]:
+        """At each share: r' P r in units of s^2, and log |S| + log |X' S^-1 X|."""
+        squares, determinants = np.zeros(len(shares)), np.zeros(len(shares))
+        for residual, columns in self._records:
+            values, axes = _spectrum(len(residual), length)
+            inverse = 1.0 / (shares[:, None] * values + (1.0 - shares[:, None]))
+            rotated, X = axes.T @ residual, axes.T @ columns
+            k = X.shape[1]
+            information = (inverse @ (X[:, :, None] * X[:, None, :]).reshape(len(X), k * k)).reshape(len(shares), k, k)
+            pulled = inverse @ (X * rotated[:, None])
+            squares += inverse @ rotated**2
+            squares -= np.sum(pulled * np.linalg.solve(information, pulled[..., None])[..., 0], axis=1)
+            determinants += np.linalg.slogdet(information)[1] - np.log(inverse).sum(axis=1)
+        return squares, determinants
+
+
+def _logit(share: Floats) -> Floats:
+    return np.log(share / (1.0 - share))
+
+
+def _share(logit: float) -> float:
+    return float(1.0 / (1.0 + np.exp(-logit)))
+
+
+def _span(columns: Floats) -> Floats:
+    """An orthonormal basis of the columns' span."""
+    left, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+    return left[:, sizes > _NULL * max(float(sizes[0]), 1e-300)]
+
+
+def _covariance(phi: Floats, n: int) -> Floats:
+    share = _share(phi[1])
+    return np.exp(phi[0]) * (share * _correlation(n, float(np.exp(phi[2]))) + (1 - share) * np.eye(n))
+
+
+@lru_cache(maxsize=128)
+def _spectrum(n: int, length: float) -> tuple[Floats, Floats]:
+    """Eigenvalues and eigenvectors of the correlation matrix."""
+    values, axes = np.linalg.eigh(_correlation(n, length))
+    return np.maximum(values, 0.0), axes
+
+
+def _correlation(n: int, length: float) -> Floats:
+    places = np.arange(n)
+    return np.exp(-np.abs(places[:, None] - places) / length)

@@ -1,0 +1,89 @@
+"""The error of the mesh as one more uncertain parameter: how every prediction changes on a finer mesh.
+
+The twin is simulated once more at the best values: with locking-free elements where its own are of lower order, else
+with every element halved. The change of the predictions counts as one standard deviation of an error that all samples
+have in common. What is left beyond a halving is a third of the change where the error falls with the square of the
+element size, and as much as the change where it falls with the size itself: within two standard deviations in both.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from softcal.calibration.loss import Block
+from softcal.calibration.problem import Evaluation, Problem
+from softcal.calibration.uncertain import MESH_ERROR, UncertainParameter
+from softcal.errors import MeshError
+from softcal.mechanics.elements import DEFAULT
+from softcal.twin.finer import elevated, halved, has_lower, size
+from softcal.twin.robot import Robot
+
+UNKNOWNS = 150_000  # a minute or two per trajectory
+
+
+@dataclass(frozen=True)
+class WithMeshError:
+    """An evaluation whose blocks know how they change on a finer mesh.
+
+    Attributes
+    ----------
+    best
+        The evaluation.
+    uncertain
+        The uncertain parameters of its blocks, the error of the mesh among them where it is known.
+    unknown
+        Why it is not, a sentence; "" where it is.
+    n_solves
+        Number of simulated trajectories.
+    """
+
+    best: Evaluation
+    uncertain: tuple[UncertainParameter, ...]
+    unknown: str
+    n_solves: int = 0
+
+
+def with_mesh_error(problem: Problem, best: Evaluation, *, max_unknowns: int = UNKNOWNS) -> WithMeshError:
+    """The best evaluation of a problem with the change of its residuals on a finer mesh.
+
+    max_unknowns: limit of the finer mesh; beyond it the error is not computed. Ctrl-C ends the computation alone.
+    """
+    without = WithMeshError(best, problem.uncertain, "")
+    if problem.simulate is not None:
+        return replace(without, unknown="The error of the mesh is not known: the twin is another engine's.")
+    if (n := _unknowns(problem.robot)) > max_unknowns:
+        text = f"a finer one would have {n:,} unknowns, more than the limit of {max_unknowns:,}"
+        return replace(without, unknown=f"The error of the mesh is not known: {text}.")
+    finer: Evaluation | None = None
+    reason = "its computation was stopped by the user"
+    with contextlib.suppress(KeyboardInterrupt):
+        try:
+            finer = replace(problem, robot=_finer(problem.robot)).evaluate(best.theta)
+            reason = finer.failure.removesuffix(".")
+        except MeshError as error:
+            reason = str(error).removesuffix(".")
+    if finer is None or finer.loss is None:
+        return replace(without, unknown=f"The error of the mesh is not known: {reason}.")
+    blocks = tuple(_changed(own, other, problem) for own, other in zip(best.blocks, finer.blocks, strict=True))
+    return WithMeshError(replace(best, blocks=blocks), (*problem.uncertain, MESH_ERROR), "", finer.n_solves)
+
+
+def _finer(robot: Robot) -> Robot:
+    return elevated(robot, DEFAULT.name) if has_lower(robot, DEFAULT.name) else halved(robot)
+
+
+def _unknowns(robot: Robot) -> int:
+    if has_lower(robot, DEFAULT.name):
+        return size(elevated(robot, DEFAULT.name)).unknowns
+    return size(robot, 1).unknowns
+
+
+def _changed(own: Block, finer: Block, problem: Problem) -> Block:
+    """A block with the change of its residual beside that by the uncertain parameters."""
+    if not own.experiment:
+        return own
+    known = own.systematic if own.systematic is not None else np.zeros((len(own.residual), len(problem.uncertain)))
+    return replace(own, systematic=np.column_stack([known, finer.residual - own.residual]))

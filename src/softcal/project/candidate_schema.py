@@ -1,0 +1,101 @@
+"""The `candidates` section of a project file: tests that could be made next."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Annotated
+
+from pydantic import BeforeValidator, Field
+
+from softcal.analysis.candidate import Candidate
+from softcal.calibration.experiment import Experiment
+from softcal.declare import listed
+from softcal.errors import Fault, InputError
+from softcal.limits import LIMITS
+from softcal.project.bench_names import settings_of
+from softcal.project.document import Findings, KeyPath
+from softcal.project.section import Given, Section
+from softcal.quantities import QUANTITIES, noise_in
+from softcal.sensing.channel import channel_unit, positions
+from softcal.twin.robot import Robot
+
+
+class CandidateSection(Section):
+    """A test that could be made: like an experiment, by default the one that pulls hardest, but for what is given.
+
+    shortening, tension: how far the cable is pulled by which of the two. measure: channels, markers or plates, besides
+    those of the experiment. noise: of those channels and of others.
+    """
+
+    like: str = ""
+    cable: str = ""
+    shortening: Annotated[float, QUANTITIES["shortening"]] | None = None
+    tension: Annotated[float, QUANTITIES["tension"]] | None = None
+    samples: Annotated[int, LIMITS["samples"]] | None = None
+    measure: Annotated[list[str], BeforeValidator(listed)] = Field(default_factory=list)
+    noise: Mapping[str, Given] = Field(default_factory=dict)
+    settings: Mapping[str, Given] = Field(default_factory=dict)
+    repeats: Annotated[int, LIMITS["repeats"]] = 1
+
+    def _check(self) -> None:
+        if self.shortening is not None and self.tension is not None:
+            got = "shortening and tension"
+            raise InputError(
+                Fault("a cable is pulled by one of the two", "", got, "shortening: 40 mm, or tension: 8 N")
+            )
+
+
+def build_candidates(
+    sections: Mapping[str, CandidateSection], experiments: Mapping[str, Experiment], robot: Robot, findings: Findings
+) -> tuple[Candidate, ...]:
+    """The candidates with their names resolved; every fault goes to `findings`."""
+    found: list[Candidate] = []
+    for name, section in sections.items():
+        path: KeyPath = ("candidates", name)
+        if not experiments:
+            findings.add(path, "there is no experiment that the candidate could be like", allowed="experiments: …")
+            continue
+        if section.like and section.like not in experiments:
+            findings.unknown((*path, "like"), "experiment", section.like, experiments)
+        if section.cable and section.cable not in (cables := [cable.name for cable in robot.cables]):
+            findings.unknown((*path, "cable"), "cable", section.cable, cables)
+        like = experiments.get(section.like, next(iter(experiments.values())))
+        control = "shortening" if section.shortening is not None else "tension" if section.tension is not None else ""
+        noise = {
+            channel: (key, value)
+            for key, value in section.noise.items()
+            for channel in _channels([key], robot, (*path, "noise", key), findings)
+        }
+        sigmas: dict[str, float] = {}
+        for channel, (key, value) in noise.items():
+            with findings.at((*path, "noise", key)):
+                sigmas[channel] = noise_in(channel_unit(channel) or "1").read(value)
+        found.append(
+            Candidate(
+                name=name,
+                like=section.like,
+                cable=section.cable,
+                control=control,
+                reach=section.tension if section.shortening is None else section.shortening,
+                samples=section.samples or 0,
+                measured=tuple(_channels(section.measure, robot, (*path, "measure"), findings)),
+                noise=sigmas,
+                settings=settings_of(section.settings, like, robot, (*path, "settings"), findings),
+                repeats=section.repeats,
+            )
+        )
+    return tuple(found)
+
+
+def _channels(names: Iterable[str], robot: Robot, path: KeyPath, findings: Findings) -> list[str]:
+    """Channels by their names, and the three of each marker or plate."""
+    points = [part.name for part in (*robot.markers, *robot.plates)]
+    found: list[str] = []
+    for name in names:
+        if channel_unit(name) is not None:
+            found.append(name)
+        elif name in points:
+            found += map(str, positions(name))
+        else:
+            findings.unknown(path, "channel, marker or plate", name, points)
+    return found

@@ -1,0 +1,71 @@
+"""From the project's `uncertain` section to the parameters that are not fitted and not exactly known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from fnmatch import fnmatchcase
+
+from softcal.calibration.parameters import SearchSpace
+from softcal.calibration.uncertain import UncertainParameter, free_and_uncertain, sd_fault, uncertain_parameters
+from softcal.errors import ParameterError
+from softcal.project.calibration_schema import UncertainSection
+from softcal.project.document import Findings
+from softcal.project.search import quantity_of
+from softcal.twin.parameters import ParameterInfo, unknown_name
+from softcal.units import parse_quantity
+
+
+def build_uncertain(
+    sections: Mapping[str, UncertainSection],
+    known: Mapping[str, ParameterInfo] | None,
+    experiments: Mapping[str, Mapping[str, float]],
+    set_ups: Mapping[str, str],
+    space: SearchSpace | None,
+    findings: Findings,
+) -> tuple[UncertainParameter, ...]:
+    """The uncertain parameters, each expanded; those with a fault, which goes to `findings`, are left out.
+
+    known: all parameters; None where the robot or an experiment has faults of its own, so that names cannot be checked,
+    but standard deviations still are. experiments: the values of the rig's parameters in each. set_ups: the set-up of
+    each, "" where it has none.
+
+    Raises
+    ------
+    ParameterError
+        Never past this function: `findings` keeps it among the faults of the file.
+    """
+    given: list[UncertainParameter] = []
+    for name, section in sections.items():
+        path, wanted = ("uncertain", name), section.of or [name]
+        targets = [target for target in known or () if any(fnmatchcase(target, one) for one in wanted)]
+        with findings.at((*path, "of") if section.of else path):
+            if known is not None and not targets:
+                raise ParameterError([unknown_name(one, known) for one in wanted])
+        kind = known[targets[0]].quantity if known and targets else quantity_of(wanted[0])
+        if kind is None:
+            continue
+        with findings.at((*path, "sd")):
+            sd = parse_quantity(section.sd, kind.unit)
+            if fault := sd_fault(sd, kind.unit):
+                raise ParameterError(fault)
+            with findings.at(path):
+                one = UncertainParameter(
+                    name,
+                    kind.unit,
+                    sd,
+                    of=tuple(section.of or ()),
+                    per_experiment=section.per == "experiment",
+                    per_set_up=section.per == "set_up",
+                )
+                if known is not None and targets:
+                    uncertain_parameters([one], list(experiments), known, experiments, set_ups)
+                    given.append(one)
+    if known is None:
+        return ()
+    with findings.at(("uncertain",)):
+        found = uncertain_parameters(given, list(experiments), known, experiments, set_ups)
+        free = {name: space.free_in(name) if space is not None else set[str]() for name in experiments}
+        if faults := free_and_uncertain(found, experiments, free):
+            raise ParameterError(faults)
+        return found
+    return ()

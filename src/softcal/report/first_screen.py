@@ -1,0 +1,241 @@
+"""The first screen of a report, and the end of a calibration on the terminal: what is known of each parameter, and
+three sentences: the estimates and what they rest on, the largest source of their error, the quality of the fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+from softcal.analysis.agreement import Agreement, agreements
+from softcal.analysis.mesh_study import MeshStudy
+from softcal.calibration.digits import value_text
+from softcal.calibration.residuals import ResidualRecord
+from softcal.calibration.result import SearchResult, SweepResult
+from softcal.experiments.dataset import Dataset
+from softcal.report.agreement import range_text, trend_sentences
+from softcal.report.closeness import Miss, closeness, misses_of, worst_of
+from softcal.report.format import (
+    joined,
+    material_kinds,
+    ordered_parameters,
+    parameter_label,
+    result_label,
+)
+from softcal.report.judged import judged
+from softcal.report.positions import fitted_distance
+from softcal.report.statement import MESH, Statement, interval_share, source_of, statement
+from softcal.twin.parameter_name import parameter_name
+from softcal.units import plain
+
+_FEW = 4  # parameters that are all shown
+_MOST = 8  # parameters that are shown of more
+_ALL = 1.0 - 1e-9  # a larger share is the whole
+
+
+@dataclass(frozen=True)
+class FirstScreen:
+    """What the first screen speaks of.
+
+    Attributes
+    ----------
+    results
+        Label -> every result.
+    first
+        Label of the one that is shown first.
+    samples, records
+        Experiment -> its compared samples; its record with times.
+    study
+        Mesh study of one of the results.
+    lead
+        What comes before the estimates.
+    """
+
+    results: Mapping[str, SearchResult]
+    first: str
+    samples: Mapping[str, Dataset] = field(default_factory=dict[str, Dataset])
+    records: Mapping[str, Dataset] = field(default_factory=dict[str, Dataset])
+    study: MeshStudy | None = None
+    lead: str = ""
+
+    @property
+    def judged(self) -> dict[str, SearchResult]:
+        """The results that are judged."""
+        return judged(self.results, self.first)
+
+    @property
+    def statements(self) -> list[Statement]:
+        """What is known of every parameter of the judged results: the material's first, those of single tests last."""
+        results = self.judged
+        names = sorted(ordered_parameters(results), key=lambda name: bool(parameter_name(name).experiment))
+        several = len(results) > 1
+        return [
+            statement(
+                name,
+                parameter_label(name, result.parameters) + (f" in {result_label(label)}" if several else ""),
+                result.parameters[name],
+                self.study,
+            )
+            for name in names
+            for label, result in results.items()
+            if name in result.parameters
+        ]
+
+    @property
+    def shown(self) -> tuple[list[Statement], list[Statement]]:
+        """The statements that are shown, and those that are folded away."""
+        found = self.statements
+        shared = [one for one in found if not parameter_name(one.name).experiment] or found
+        n = len(found) if len(found) <= _FEW else len(shared[:_MOST])
+        return found[:n], found[n:]
+
+    @property
+    def material(self) -> list[Statement]:
+        """The statements on the material; on what all tests share, if no constant of the material was free."""
+        kinds = material_kinds(self.judged.values())
+        found = [one for one in self.statements if parameter_name(one.name).kind in kinds]
+        return found or self.shown[0]
+
+
+def three_sentences(of: FirstScreen) -> list[str]:
+    """The estimates and what they rest on, the largest source of their error, and the quality of the fit."""
+    return [text for text in (_estimates(of), _largest_source(of), _fit(of)) if text]
+
+
+def is_poor(of: FirstScreen) -> bool:
+    """Whether a channel is reproduced poorly."""
+    return any(closeness([miss])[1] == "warning" for miss in _misses(of))
+
+
+def mesh_note(of: FirstScreen) -> str:
+    """Whether the budgets and the intervals include the mesh; "" where there is no budget."""
+    budgets = [one.budget for one in of.statements if one.budget]
+    if not budgets:
+        return ""
+    if any(MESH in one.estimate.shares for one in of.statements):
+        return "The intervals include the mesh's share."
+    if any(MESH in budget for budget in budgets):
+        return "The mesh's share is the square of the shift that its study expects; the intervals do not include it."
+    return "The mesh's share is not included; softcal mesh-study finds it."
+
+
+def _estimates(of: FirstScreen) -> str:
+    results, material = of.judged, of.material
+    if not material:
+        return ""
+    if len(results) > 1:
+        ranges = {one.name: range_text(one) for one in agreements(of.results)}
+        names = list(dict.fromkeys(one.name for one in material))
+        parts = [_over_tests(name, names, ranges, material) for name in names]
+        return f"{joined(parts)}, from {len(results)} separate fits."
+    parts = [one.sentence for one in material[:_FEW]]
+    parts += [f"{len(material) - _FEW} more"] if len(material) > _FEW else []
+    lead = f"{of.lead[:1].upper()}{of.lead[1:]}"
+    return f"{lead}{joined(parts)}, from {_basis(next(iter(results.values())))}."
+
+
+def _over_tests(name: str, names: list[str], ranges: Mapping[str, str], material: Iterable[Statement]) -> str:
+    held = [one for one in material if one.name == name]
+    label = parameter_label(name, names)
+    if not any(one.is_determined for one in held):
+        return f"{label} not determined in any test"
+    return f"{label} = {ranges[name] if name in ranges else value_text(held[0].estimate)} test by test"
+
+
+def _basis(result: SearchResult) -> str:
+    """The tests that an estimate rests on, and what their samples are worth."""
+    n = len(result.experiments)
+    text = f"{n} tests" if n > 1 else "one test"
+    held = _records(result)
+    if not any(one.are_alike for one in held):
+        return text
+    total, worth = sum(one.n for one in held), sum(min(max(one.effective, 1.0), one.n) for one in held)
+    return f"{text} whose {total} measured values tell as much as {plain(round(worth), 2)} independent ones"
+
+
+def _largest_source(of: FirstScreen) -> str:
+    differing = [one for one in agreements(of.results) if one.differs]
+    if len(of.judged) > 1 and differing:
+        return _between_fits(differing)
+    material = of.material
+    vague = list(dict.fromkeys(one.label for one in material if not one.is_determined))
+    text = f"The data do not determine {joined(vague)}: {_most(vague)} nearly the whole allowed range." if vague else ""
+    known = [one for one in material if one.is_determined and one.budget]
+    if not known:
+        return text or _unknown(of)
+    widest = max(known, key=lambda one: interval_share(one.estimate) or 0.0)
+    return f"{text} {_source_of(of, widest)}".strip()
+
+
+def _most(vague: list[str]) -> str:
+    return "their intervals cover" if len(vague) > 1 else "its interval covers"
+
+
+def _between_fits(differing: Iterable[Agreement]) -> str:
+    names = [one.name for one in differing]
+    which = joined(parameter_label(name, names) for name in names)
+    return (
+        f"The largest source of error is that the tests differ in {which} by more than the noise within them explains: "
+        "more samples of the same tests will not reduce it; further tests, or the cause of the differences, will."
+    )
+
+
+def _source_of(of: FirstScreen, one: Statement) -> str:
+    source, share, words = max(one.shares, key=lambda found: found[1])
+    results = [result for result in of.judged.values() if result.parameters.get(one.name) == one.estimate]
+    remedy = source.remedy
+    if source.kind == "noise":
+        remedy = _remedy(record.are_alike for result in results for record in _records(result))
+    of_what = "squared error" if MESH in one.budget and MESH not in one.estimate.shares else "variance"
+    lead = f"All of the known {of_what}" if share > _ALL else f"{words.replace('> ', 'More than ')} of the {of_what}"
+    text = f"{lead} of {one.label} comes from {_with_article(source.words)}: {remedy}."
+    for result in results[:1]:
+        if len(result.experiments) == len(of.judged) == 1:
+            text += " By how much tests differ is not known from one."
+        text += trend_sentences(result, of.records).get(one.name, "")
+    return text
+
+
+def _records(result: SearchResult) -> list[ResidualRecord]:
+    return [record for channels in result.residuals.values() for record in channels.values()]
+
+
+def _remedy(alike: Iterable[bool]) -> str:
+    """What reduces the error by noise; alike: of each channel, whether neighbouring residuals are."""
+    found = list(alike)
+    if not any(found):
+        return source_of("noise").remedy
+    along = "it is correlated along the records" if all(found) else "it is correlated along some of the records"
+    return f"{along}, where a higher sampling rate will not reduce it; further tests will"
+
+
+def _with_article(words: str) -> str:
+    return words if words.startswith(("differences", "other")) else f"the {words}"
+
+
+def _unknown(of: FirstScreen) -> str:
+    """Why the error of the estimates is not known; "" for a sweep, which asks for the best cell only."""
+    result = next(iter(of.judged.values()))
+    if isinstance(result, SweepResult) or any(one.has_interval for one in of.material):
+        return ""
+    if result.missed_minimum:
+        why = "the search did not converge"
+    elif result.is_saturated:
+        why = "there are as many parameters as measured values"
+    else:
+        why = "no intervals could be computed"
+    return f"Their error is not known: {why}."
+
+
+def _misses(of: FirstScreen) -> list[Miss]:
+    return [miss for result in of.judged.values() for miss in misses_of(of.samples, result)]
+
+
+def _fit(of: FirstScreen) -> str:
+    results, misses = of.judged, _misses(of)
+    parts = [text for word in ("force", "pitch") if (text := worst_of(misses, word))]
+    near = [(label, text) for label, one in results.items() if (text := fitted_distance(one))]
+    if near:
+        places = joined(f"{text}{f' in {label}' if len(results) > 1 else ''}" for label, text in near)
+        parts.append(f"the markers to {places}")
+    return f"The twin reproduces {joined(parts)}." if parts else ""

@@ -1,0 +1,195 @@
+"""What is known of one parameter, in words and as a budget: value, 95 % interval, and the sources of its error.
+
+The budget is the variance of the estimate by source. The mesh is no random error: where a mesh study foretells the
+shift of the estimate by refinement, its square counts beside the variance, as in a mean square error. The interval does
+not include it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from softcal.analysis.mesh_study import MeshStudy
+from softcal.calibration.budget import BOUNDS
+from softcal.calibration.digits import NORMAL_95, estimate_text, half_width, interval_text, value_text
+from softcal.calibration.result import Estimate
+from softcal.calibration.uncertain import EACH
+from softcal.report.format import parameter_label
+from softcal.twin.parameter_name import parameter_name
+from softcal.units import format_range
+
+MESH = "mesh"
+WHOLE = 0.9
+"""An interval with this share of the allowed range leaves the parameter anywhere in it."""
+
+
+@dataclass(frozen=True)
+class ErrorSource:
+    """A source of error: what it is called in a legend, and in a table; what is done about it, a clause."""
+
+    kind: str
+    words: str
+    short: str
+    remedy: str
+
+
+SOURCES = (
+    ErrorSource("noise", "noise of the measurements", "noise", "more samples, or a better sensor, will reduce it"),
+    ErrorSource(
+        "experiments",
+        "differences between the tests",
+        "tests",
+        "more samples of the same tests will not reduce it; further tests, or the cause of the differences, will",
+    ),
+    ErrorSource("prior", "priors", "priors", "a better measurement of what they describe will reduce it"),
+    ErrorSource(MESH, "mesh", "mesh", "a finer mesh will reduce it"),
+    ErrorSource(
+        BOUNDS,
+        "other parameters, which the data leave open within their bounds",
+        "bounds",
+        "a measurement that tells them, or narrower bounds, will reduce it",
+    ),
+)
+
+
+@dataclass(frozen=True)
+class Statement:
+    """What is known of one parameter.
+
+    Attributes
+    ----------
+    name, label
+        Its name, and its symbol or short label.
+    estimate
+        Its estimate.
+    budget
+        Kind of source -> share of the squared error [-], sum 1, in the order of `SOURCES`; empty where not known.
+    """
+
+    name: str
+    label: str
+    estimate: Estimate
+    budget: Mapping[str, float]
+
+    @property
+    def is_determined(self) -> bool:
+        """Whether the 95 % interval excludes more than a tenth of the allowed range; True where there is none."""
+        share = interval_share(self.estimate)
+        return share is None or share < WHOLE
+
+    @property
+    def value(self) -> str:
+        """The value with its unit, or the interval if the parameter may be anywhere in it."""
+        return value_text(self.estimate) if self.is_determined else f"anywhere in {self._reach}"
+
+    @property
+    def _reach(self) -> str:
+        one = self.estimate
+        return interval_text(one) or format_range(one.lower, one.upper, one.unit)
+
+    @property
+    def interval(self) -> str:
+        """The 95 % interval with its unit; "" if there is none, or if it is the value."""
+        return interval_text(self.estimate) if self.is_determined else ""
+
+    @property
+    def has_interval(self) -> bool:
+        """Whether a 95 % interval is known."""
+        return self.estimate.interval is not None
+
+    @property
+    def remark(self) -> str:
+        """What a reader must know beside the interval."""
+        one = self.estimate
+        if not self.is_determined:
+            return f"the data do not determine it; the twin uses {value_text(one)}"
+        parts = ["at a bound"] * one.at_bound
+        if one.interval is None:
+            parts.append(f"no interval; searched {format_range(one.lower, one.upper, one.unit)}")
+        return "; ".join(parts)
+
+    @property
+    def sentence(self) -> str:
+        """For a list: "E = 3.30 MPa (95 %: 2.81 to 3.76 MPa)", "ν anywhere in 0.4 to 0.4999"."""
+        if not self.is_determined:
+            return f"{self.label} {self.value}"
+        if not self.has_interval:
+            return f"{self.label} = {estimate_text(self.estimate)}"
+        return f"{self.label} = {self.value} (95 %: {self.interval})"
+
+    @property
+    def shares(self) -> list[tuple[ErrorSource, float, str]]:
+        """Each source with its share [-] and the share in words."""
+        return [(source_of(kind), share, percent(share)) for kind, share in self.budget.items()]
+
+    @property
+    def budget_text(self) -> str:
+        """The budget in words, the largest share first: "tests 98 %, noise 2 %"."""
+        found = sorted(self.shares, key=lambda one: -one[1])
+        return ", ".join(f"{source.short} {words}" for source, _, words in found)
+
+
+def source_of(kind: str) -> ErrorSource:
+    """The source of this kind; any other name is that of uncertain parameters."""
+    for source in SOURCES:
+        if source.kind == kind:
+            return source
+    written = kind.removesuffix(EACH)
+    name, each = parameter_name(written), kind.removeprefix(written)
+    is_pattern = any(mark in written for mark in "*?") or not name.owner
+    words = written if is_pattern else f"{name.kind.replace('_', ' ')} ({name.owner})"
+    label = written if is_pattern else parameter_label(written)
+    return ErrorSource(kind, f"uncertainty of {words}{each}", label, "measuring it more precisely will reduce it")
+
+
+def statement(name: str, label: str, estimate: Estimate, study: MeshStudy | None = None) -> Statement:
+    """What an estimate and, if it is of it, a mesh study say of a parameter."""
+    return Statement(name, label, estimate, _budget(estimate, None if study is None else _shift(name, estimate, study)))
+
+
+def percent(share: float) -> str:
+    """A share in whole per cent; what is below one, or all but one, as such."""
+    if 0.0 < share < 0.01:
+        return "< 1 %"
+    return "> 99 %" if 0.99 < share < 1.0 - 1e-9 else f"{100 * share:.0f} %"
+
+
+def legend(statements: Iterable[Statement]) -> list[ErrorSource]:
+    """The sources that occur in the budgets."""
+    return list(dict.fromkeys(source for one in statements for source, *_ in one.shares))
+
+
+def interval_share(estimate: Estimate) -> float | None:
+    """Ratio of the 95 % interval to the allowed range, both on the scale of the search; None if unknown."""
+    error, half = estimate.standard_error, half_width(estimate)
+    if estimate.upper <= estimate.lower:
+        return None
+    if error is not None and not math.isfinite(error):
+        return math.inf
+    if half is None and error is None:
+        return None
+    low, high = estimate.interval or (estimate.value - (half or 0.0), estimate.value + (half or 0.0))
+    if estimate.scale == "log" and low > 0:
+        return math.log(high / low) / math.log(estimate.upper / estimate.lower)
+    return (high - low) / (estimate.upper - estimate.lower)
+
+
+def _budget(estimate: Estimate, shift: float | None) -> dict[str, float]:
+    shares = {kind: share for kind, share in estimate.shares.items() if share > 0.0}
+    half = half_width(estimate)
+    if shares and shift and half and MESH not in shares:
+        variance = (estimate.standard_error or half / NORMAL_95) ** 2
+        total = variance + shift**2
+        shares = {kind: share * variance / total for kind, share in shares.items()} | {MESH: shift**2 / total}
+    order = [source.kind for source in SOURCES]
+    return dict(sorted(shares.items(), key=lambda one: order.index(one[0]) if one[0] in order else len(order)))
+
+
+def _shift(name: str, estimate: Estimate, study: MeshStudy) -> float | None:
+    """By how much a finer mesh is expected to shift an estimate [unit]; None if the study is not of it."""
+    best, studied = study.best, study.parameters.get(name)
+    if best is None or studied is None or name not in study.of_robot:
+        return None
+    return best.values[name] - estimate.value if math.isclose(studied.value, estimate.value, rel_tol=1e-9) else None

@@ -1,0 +1,123 @@
+"""Intervals of a calibrated run by other methods than the quick one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from softcal.calibration.checked_interval import IntervalStudy
+from softcal.calibration.likelihood_points import Observer
+from softcal.calibration.posterior import SAMPLES, posterior
+from softcal.calibration.profile import profile
+from softcal.calibration.result import SearchResult
+from softcal.calibration.uncertain import MESH_ERROR
+from softcal.errors import Fault, InputError
+from softcal.limits import LIMITS
+from softcal.workflows.intervals_files import folder_name, write_intervals
+from softcal.workflows.output import require_free_folder
+from softcal.workflows.study_source import StudySource, run_source
+
+WITHOUT_MESH = (
+    "The error of the mesh is in the intervals of the calibration, but in neither of those compared here: it is the "
+    "same in both."
+)
+METHODS = ("profile", "posterior")
+
+
+def study_intervals(
+    source: StudySource,
+    by: str = "profile",
+    *,
+    samples: int = SAMPLES,
+    seed: int = 1,
+    workers: int = 1,
+    progress: Observer | None = None,
+) -> IntervalStudy:
+    """The intervals of a source; options as for `intervals`.
+
+    Raises
+    ------
+    InputError
+        As `intervals`.
+    SoftcalError
+        Where the twin cannot be simulated, or the likelihood has no minimum near the values.
+    """
+    check_method(by)
+    if fault := LIMITS["workers"].fault(workers):
+        raise InputError(replace(fault, where="--workers"))
+    if by == "profile":
+        found = profile(source.problem, source.theta, workers=workers, progress=progress)
+    else:
+        options = {"samples": samples, "seed": seed, "workers": workers}
+        found = posterior(source.problem, source.theta, **options, progress=progress)
+    mesh = (WITHOUT_MESH,) if source.result is not None and _has_mesh(source.result) else ()
+    return replace(found, notes=(*source.notes, *mesh, *found.notes))
+
+
+def _has_mesh(result: SearchResult) -> bool:
+    """Whether the intervals of a result include the error of the mesh."""
+    return any(MESH_ERROR.source in estimate.shares for estimate in result.parameters.values())
+
+
+def check_method(by: str) -> None:
+    """Whether there is a method of this name.
+
+    Raises
+    ------
+    InputError
+        Where there is none.
+    """
+    if by not in METHODS:
+        raise InputError(Fault("this is no method for intervals", "--by", f"'{by}'", ", ".join(METHODS)))
+
+
+def intervals(
+    path: str | Path,
+    *,
+    by: str = "profile",
+    calibration: str = "",
+    samples: int = SAMPLES,
+    seed: int = 1,
+    workers: int = 1,
+    out: str | Path | None = None,
+    progress: Observer | None = None,
+) -> IntervalStudy:
+    """95 % intervals of a calibrated run where the quadratic model may not do, beside the quick ones.
+
+    Parameters
+    ----------
+    path
+        A run folder.
+    by
+        "profile": fits with one parameter fixed; "posterior": draws by emcee with a surrogate of the twin.
+    calibration
+        Label of a run's calibration; by default the joint one, else the first.
+    samples, seed
+        Of a posterior: the number of draws, and the seed of its random numbers.
+    workers
+        Processes.
+    out
+        A new folder for the study as JSON and CSV.
+    progress
+        Called after every trajectory with their number.
+
+    Raises
+    ------
+    InputError
+        For an invalid run or option, a calibration that has not converged, or a folder that holds files.
+    SoftcalError
+        Where the twin cannot be simulated, or the likelihood has no minimum near the values.
+    """
+    check_method(by)
+    if out is not None:
+        require_free_folder(Path(out))
+    source = run_source(Path(path), calibration)
+    found = study_intervals(source, by, samples=samples, seed=seed, workers=workers, progress=progress)
+    if out is not None:
+        write_intervals(found, source.project, source.calibration, Path(out))
+    return found
+
+
+def default_folder(run: Path, by: str) -> Path:
+    """Default folder of a study: in the run."""
+    return run / folder_name(by)

@@ -1,0 +1,111 @@
+"""Files of an interval study, written and read: `intervals.json` and `points.csv`."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+from softcal.calibration.checked_interval import IntervalStudy
+from softcal.calibration.outcome import installed_versions
+from softcal.calibration.result import CalibrationResult
+from softcal.calibration.store import write_text
+from softcal.calibration.stored import Record, contradiction, read_record, read_rows
+from softcal.csv_text import csv_text
+from softcal.project.project import Project
+from softcal.workflows.output import new_folder
+
+STUDY, POINTS, EXCESS = "intervals.json", "points.csv", "excess"
+FORMAT = 1
+_WHAT = "the interval study"
+
+
+def folder_name(by: str) -> str:
+    """The folder of a study in a run."""
+    return f"intervals-{by}"
+
+
+def write_intervals(found: IntervalStudy, project: Project, calibration: str, folder: Path) -> None:
+    """Write the study (`intervals.json`) and its points (`points.csv`) into a new folder.
+
+    calibration: label of the studied calibration.
+
+    Raises
+    ------
+    StorageError
+        If the folder holds files, or cannot be written; nothing is then written.
+    """
+    record = {
+        "format": FORMAT,
+        "project": project.name,
+        "calibration": calibration,
+        "sentences": list(found.sentences),
+        "study": asdict(replace(found, points={}, excess=())),
+        "hashes": dict(project.hashes),
+        "versions": installed_versions(),
+    }
+    with new_folder(folder) as part:
+        write_text(part / POINTS, points_csv(found))
+        write_text(part / STUDY, json.dumps(record, indent=2, allow_nan=False) + "\n")
+
+
+def points_csv(found: IntervalStudy) -> str:
+    """A row per point: the parameters [SI], and where there is a likelihood its excess over the least."""
+    header = [f"{label} [{found.intervals[label].unit}]" for label in found.points]
+    columns = list(found.points.values())
+    if found.excess:
+        header, columns = [*header, EXCESS], [*columns, found.excess]
+    return csv_text(header, zip(*columns, strict=True))
+
+
+class _IntervalsRecord(Record):
+    study: IntervalStudy
+    calibration: str
+
+
+@dataclass(frozen=True)
+class StoredIntervals:
+    """A stored study and the label of its calibration."""
+
+    study: IntervalStudy
+    calibration: str
+
+    def is_of(self, results: Mapping[str, CalibrationResult]) -> bool:
+        """Whether the run's values are still the studied ones."""
+        result = results.get(self.calibration)
+        found = {label: one.value for label, one in self.study.intervals.items()}
+        return result is not None and found == {label: e.value for label, e in result.parameters.items()}
+
+
+def read_intervals(folder: Path) -> StoredIntervals | None:
+    """The study in a folder, or None.
+
+    Raises
+    ------
+    StorageError
+        Where it cannot be read, or is damaged.
+    """
+    path = folder / STUDY
+    if not path.is_file():
+        return None
+    record = read_record(_IntervalsRecord, path, _WHAT, FORMAT)
+    header, rows = read_rows(folder / POINTS, _WHAT)
+    columns: dict[str, tuple[float, ...]] = {}
+    for title, cells in zip(header, zip(*rows, strict=True) if rows else [()] * len(header), strict=True):
+        columns[title.rpartition(" [")[0] or title] = tuple(_number(folder / POINTS, cell) for cell in cells)
+    excess = columns.pop(EXCESS, ())
+    if columns and set(columns) != set(record.study.intervals):
+        raise contradiction(folder / POINTS, _WHAT, f"its columns are not the parameters of {STUDY}")
+    return StoredIntervals(replace(record.study, points=columns, excess=excess), record.calibration)
+
+
+def _number(path: Path, cell: str) -> float:
+    try:
+        value = float(cell)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise contradiction(path, _WHAT, f"'{cell[:40]}' stands in the place of a number")
+    return value

@@ -1,0 +1,146 @@
+"""The next test after a calibrated run: candidates of the project and of softcal, ranked."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+
+from softcal.analysis.candidate import Candidate
+from softcal.analysis.default_candidates import default_candidates, furthest
+from softcal.analysis.next_test import NextTests, next_tests
+from softcal.analysis.next_test_verdict import verdict
+from softcal.calibration.outcome import installed_versions
+from softcal.calibration.store import write_text
+from softcal.csv_text import csv_text
+from softcal.errors import Fault, InputError, StorageError
+from softcal.workflows.output import new_folder, require_free_folder
+from softcal.workflows.study_source import StudySource, study_source
+
+RANKING, TABLE = "next-test.json", "candidates.csv"
+FORMAT = 1
+
+
+def next_test(
+    run: str | Path,
+    *,
+    candidates: Sequence[Candidate] = (),
+    parameter: str = "",
+    calibration: str = "",
+    out: str | Path | None = None,
+) -> NextTests:
+    """Rank tests that could be made after a run by the interval that one parameter is expected to have then.
+
+    Those of the project, and changes of its experiments.
+
+    Parameters
+    ----------
+    run
+        A run folder.
+    candidates
+        Further ones.
+    parameter
+        Label of the parameter whose interval counts; by default the first of the robot.
+    calibration
+        Label of the run's calibration; by default the joint one, else the first.
+    out
+        A new folder for the ranking as JSON and CSV.
+
+    Raises
+    ------
+    InputError
+        For an unknown parameter or calibration, or a calibration without intervals.
+    StorageError
+        For a folder that is no run, or an `out` that holds files.
+    CalibrationError
+        Where the noise cannot be estimated from the experiments.
+    SimulationError
+        Where the twin cannot be simulated at the calibrated values.
+    """
+    if out is not None:
+        require_free_folder(Path(out))
+    source = run_source(Path(run), calibration)
+    found = rank(source, parameter, candidates)
+    if out is not None:
+        write_ranking(found, source, Path(out))
+    return found
+
+
+def run_source(run: Path, calibration: str = "") -> StudySource:
+    """A calibration of a run that has intervals.
+
+    Raises
+    ------
+    InputError
+        For an unknown calibration, a sweep, or a search that did not converge.
+    StorageError
+        For a path that is no run.
+    """
+    if not run.is_dir():
+        allowed = "a folder that softcal calibrate wrote"
+        raise StorageError(
+            Fault("there is no run here", str(run), allowed=allowed, attempt="softcal calibrate PROJECT")
+        )
+    source = study_source(run, None, calibration)
+    if source.result is not None and source.result.missed_minimum:
+        raise InputError(
+            Fault("the calibration has no intervals to shorten", source.calibration, "a search that did not converge")
+        )
+    return source
+
+
+def rank(source: StudySource, parameter: str = "", candidates: Sequence[Candidate] = ()) -> NextTests:
+    """The candidates, those of a run's project and those of softcal, ranked; see `next_test`."""
+    problem = source.problem
+    like = furthest(problem).name
+    stated = [replace(one, like=one.like or like) for one in (*candidates, *source.project.candidates)]
+    names = {one.name for one in stated}
+    found = next_tests(
+        problem,
+        source.theta,
+        [*stated, *(one for one in default_candidates(problem) if one.name not in names)],
+        parameter,
+    )
+    return replace(found, notes=(*source.notes, *found.notes))
+
+
+def write_ranking(found: NextTests, source: StudySource, folder: Path) -> None:
+    """Write the ranking (`next-test.json`) and its table (`candidates.csv`) into a new folder.
+
+    Raises
+    ------
+    StorageError
+        If the folder holds files, or cannot be written; nothing is then written.
+    """
+    record = {
+        "format": FORMAT,
+        "project": source.project.name,
+        "calibration": source.calibration,
+        "verdict": verdict(found),
+        "next_test": asdict(found),
+        "hashes": dict(source.project.hashes),
+        "versions": installed_versions(),
+    }
+    with new_folder(folder) as part:
+        write_text(part / TABLE, candidates_csv(found))
+        write_text(part / RANKING, json.dumps(record, indent=2, allow_nan=False) + "\n")
+
+
+def candidates_csv(found: NextTests) -> str:
+    """A row for each candidate, in the order of the ranking; the interval in SI."""
+    header = ["candidate", "like", "parameter", "unit", "lower", "upper", "of present length [1]"]
+    rows = [
+        [
+            one.candidate.name,
+            one.candidate.like,
+            found.parameter,
+            found.unit,
+            *(one.interval or (None, None)),
+            one.share,
+            one.joint,
+            one.failure,
+        ]
+        for one in found.outlooks
+    ]
+    return csv_text([*header, "all parameters, of present standard errors [1]", "not possible because"], rows)

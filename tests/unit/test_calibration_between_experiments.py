@@ -1,0 +1,82 @@
+"""How experiments of a joint fit differ, on a linear model: which parameter, their own values, and the interval."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from softcal.calibration.estimator import Estimator, estimator
+from softcal.calibration.loss import Block
+from softcal.calibration.losses.likelihood import LikelihoodLoss
+
+N, K = 40, 4
+PLACES = np.linspace(0.1, 1.0, N)
+# Two shared parameters, and an offset of each experiment's own.
+SHARED = np.column_stack([PLACES, PLACES**2])
+SIGMA = 0.01
+LOSS = LikelihoodLoss()
+Z = np.full(2 + K, 0.5)
+NAMES = [f"pull{i}" for i in range(K)]
+SERVES = {name: np.array([True, True, *(j == i for j in range(K))]) for i, name in enumerate(NAMES)}
+
+
+def found_with(own: np.ndarray, seed: int = 0, column: int = 0) -> tuple[Estimator, np.ndarray]:
+    """The estimator at the joint minimum, and that minimum less the truth; own: each experiment's first parameter."""
+    chance = np.random.default_rng([seed, 8])
+    jacobians = [np.column_stack([SHARED, np.tile(np.eye(K)[i], (N, 1))]) for i in range(K)]
+    noise = [SIGMA * chance.standard_normal(N) - SHARED[:, column] * own[i] for i in range(K)]
+    step = np.linalg.lstsq(np.concatenate(jacobians), -np.concatenate(noise), rcond=None)[0]
+    blocks = [
+        Block(name, "tension", np.full(N, 5.0), e + J @ step, SIGMA, J)
+        for name, e, J in zip(NAMES, noise, jacobians, strict=True)
+    ]
+    return estimator(LOSS, Z, np.ones(2 + K), blocks, SERVES), step
+
+
+OWN = np.array([-0.2, 0.05, 0.1, 0.3])
+
+
+def test_each_experiments_own_value_is_found_without_another_fit() -> None:
+    found, step = found_with(OWN)
+    first = found.between[0]
+    assert first.column == 0
+    assert first.effects.differs
+    values = step[0] + np.array([first.steps[name] for name in NAMES])
+    np.testing.assert_allclose(values, OWN, atol=5 * SIGMA)
+    assert first.effects.spread == pytest.approx(OWN.std(ddof=1), rel=0.1)
+    assert found.minimum[0] == pytest.approx(Z[0] + first.effects.mean, abs=0.02)
+
+
+def test_one_difference_is_not_counted_in_two_parameters() -> None:
+    """E and nu trade off: a difference in one of them alone must not appear in the other."""
+    found, _ = found_with(OWN)
+    assert [one.effects.differs for one in found.between] == [True, False]
+    found, _ = found_with(OWN, column=1)
+    assert [(one.column, one.effects.differs) for one in found.between] == [(1, True), (0, False)]
+
+
+def test_alike_experiments_leave_the_estimator_as_it_is() -> None:
+    found, _ = found_with(np.zeros(K))
+    assert not any(one.effects.differs for one in found.between)
+    assert set(found.variances) == {"noise", "bounds"}
+    assert np.all(found.variances["bounds"] < 0.1 * found.variances["noise"])
+
+
+def test_a_difference_beyond_the_bounds_is_no_explanation() -> None:
+    found, _ = found_with(8.0 * OWN)
+    assert all(one.column != 0 for one in found.between)
+
+
+def test_the_interval_holds_the_mean_of_the_experiments() -> None:
+    from scipy.stats import t
+
+    held = {"first": 0, "second": 0, "own": 0}
+    n = 150
+    for seed in range(n):
+        own = 0.1 * np.random.default_rng([seed, 9]).standard_normal(K)
+        found, step = found_with(own, seed)
+        reach = t.ppf(0.975, found.dof) * np.linalg.norm(found.root, axis=0)
+        inside = np.abs(found.minimum - (Z - step)) <= reach  # of the truth: no difference in the mean
+        held = {k: held[k] + int(inside[i]) for i, k in enumerate(held)}
+    assert all(0.91 * n <= count for count in held.values()), held
+    assert held["first"] <= 0.99 * n

@@ -1,0 +1,112 @@
+"""What is said of experiments that differ and of residuals that are alike: where it is true, and nowhere else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fake_twin import E, fake_experiment, fake_robot, fake_simulate
+from test_report_conclusions import content
+
+from softcal.calibration.parameters import FreeParameter
+from softcal.calibration.problem import make_problem
+from softcal.calibration.result import CalibrationResult
+from softcal.calibration.result_reading import load_result
+from softcal.calibration.run import calibrate
+from softcal.cli.calibration_table import print_results
+from softcal.report.agreement import residual_sentence, spread_sentences
+from softcal.report.left_out import left_out_sentence, left_out_table
+
+MODULUS = FreeParameter(E, "Pa", 0.1e6, 40e6, "log", start=2e6)
+DIFFERENT = "differs between the experiments by more than the noise within them explains"
+
+
+def fitted(own: tuple[float, ...], noise: float = 0.02, folder: Path | None = None) -> CalibrationResult:
+    """A joint fit of experiments, each with its own factor on the force."""
+    experiments = []
+    for i, factor in enumerate(own):
+        one = fake_experiment(f"pull{i + 1}", noise=noise, seed=i)
+        tension = one.dataset.channels["tension"]
+        channels = {**one.dataset.channels, "tension": replace(tension, values=factor * tension.values)}
+        experiments.append(replace(one, dataset=replace(one.dataset, channels=channels)))
+    return calibrate(make_problem(fake_robot(), experiments, [MODULUS], None, fake_simulate), store=folder)
+
+
+def test_experiments_that_differ_are_named_with_their_values(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    result = fitted((0.95, 1.0, 1.08), folder=tmp_path / "run")
+    ((text, one),) = spread_sentences(result)
+    assert DIFFERENT in text
+    assert "The 95 % interval is that of the mean of such experiments" in text
+    values = np.array(list(one.values.values()))
+    np.testing.assert_allclose(values / values[1], (0.95, 1.0, 1.08), rtol=0.01)
+    estimate = result.parameters[E]
+    assert estimate.interval is not None
+    assert estimate.interval[0] < values.min() * 1.01
+    assert estimate.interval[1] > values.max() * 0.99
+    assert one.next_interval is not None
+    assert one.next_interval[0] < estimate.interval[0]
+    assert one.next_interval[1] > estimate.interval[1]
+    assert estimate.shares["experiments"] > 0.9
+    assert sum(estimate.shares.values()) == pytest.approx(1.0)
+    again = load_result(tmp_path / "run")
+    assert again.spreads == result.spreads
+    assert again.residuals == result.residuals
+    assert again.parameters[E].shares == estimate.shares
+    print_results({"joint": result})
+    assert f"Warning: joint: E {DIFFERENT}" in capsys.readouterr().err.replace("\n", " ")
+
+
+def test_two_experiments_have_no_interval_of_their_mean() -> None:
+    ((text, one),) = spread_sentences(fitted((0.95, 1.05)))
+    assert DIFFERENT in text
+    assert one.next_interval is None
+    assert "Two experiments are too few for a reliable interval of their mean." in text
+
+
+def test_alike_experiments_are_said_to_agree_within_their_noise() -> None:
+    result = fitted((1.0, 1.0, 1.0))
+    ((text, one),) = spread_sentences(result)
+    assert not one.differs
+    assert "does not differ between the experiments by more than the noise within them explains" in text
+    assert set(result.parameters[E].shares) == {"noise"}
+
+
+def test_one_experiment_says_that_its_spread_is_not_known() -> None:
+    one, three = fitted((1.0,)), fitted((1.0, 1.0, 1.0))
+    assert not spread_sentences(one)
+    assert any("There is one experiment" in note.text for note in one.notes)
+    assert not any("There is one experiment" in note.text for note in three.notes)
+
+
+def test_alike_residuals_are_told_and_independent_ones_are_not() -> None:
+    result = fitted((1.0,))
+    assert residual_sentence(result) == ""
+    held = {
+        name: {channel: replace(one, correlation=0.95) for channel, one in channels.items()}
+        for name, channels in result.residuals.items()
+    }
+    text = residual_sentence(replace(result, residuals=held))
+    assert text.startswith("Neighbouring residuals are alike")
+    assert "pull1, tension" in text
+
+
+def test_how_the_experiments_predict_each_other_is_told_and_kept(tmp_path: Path) -> None:
+    result = fitted((1.0, 1.0, 1.0), folder=tmp_path / "run")
+    text = left_out_sentence(result)
+    shares = [100 * share for one in result.left_out.values() for share in one.within.values()]
+    assert text.startswith("Predicted by the others, each of the 3 experiments has ")
+    assert f"{min(shares):.3g} to {max(shares):.3g} %" in text
+    assert min(shares) > 80
+    assert load_result(tmp_path / "run").left_out == result.left_out
+    assert left_out_sentence(fitted((1.0, 1.1))) == ""
+    table = left_out_table(content({"joint": result}))
+    assert [row[:3] for row in table.rows][:2] == [
+        ("All jointly", "pull1", "tension"),
+        ("All jointly", "pull1", "pitch"),
+    ]
+    assert table.rows[0][-1] == pytest.approx(100 * result.left_out["pull1"].within["tension"])
+    assert not left_out_table(content({"joint": fitted((1.0, 1.1))})).rows

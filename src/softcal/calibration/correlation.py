@@ -130,6 +130,8 @@ def process(records: Sequence[ErrorRecord]) -> Process | None:
     if white - best <= _RATIO:
         return None
     variance = likelihood.variance(share, length)
+    if not variance > 0.0:  # residuals of a fit that is exact but for rounding
+        return None
     phi = np.array([np.log(variance), _logit(np.array(share)), np.log(length)])
     return Process(variance, share, length, likelihood.scatter(phi))
 

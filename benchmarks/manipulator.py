@@ -108,7 +108,9 @@ def _with_solid_springs(element: str) -> Robot:
         raise RuntimeError(f"{TEMPLATE} is not written as this benchmark expects")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(shutil.copytree(TEMPLATE.parent, folder, dirs_exist_ok=True)) / TEMPLATE.name
-        path.write_text(text.replace(rods, solids), encoding="utf-8")
+        # A spring of solids has no elements along its wire.
+        kept = [line for line in text.splitlines(keepends=True) if "elements_per_turn" not in line]
+        path.write_text("".join(kept).replace(rods, solids), encoding="utf-8")
         return load(path).robot
 
 

@@ -4,7 +4,6 @@ are kept as read-only arrays.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -36,7 +35,9 @@ class ArrayOf:
         return frozen_floats(as_annotated(value, self.of, where), name=where)
 
     def __get_pydantic_core_schema__(self, source: object, handler: Any) -> CoreSchema:
-        kept: Callable[[Any], Floats] = lambda value: frozen_floats(value, name="")  # noqa: E731
+        def kept(value: Any) -> Floats:
+            return frozen_floats(value, name="")
+
         return Reading(kept, "after").__get_pydantic_core_schema__(self.of, handler.generate_schema)
 
 

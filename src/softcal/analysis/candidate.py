@@ -131,7 +131,7 @@ def own_parameters(candidate: Candidate, like: Experiment, free: tuple[FreeParam
 
 
 def noise_like(candidate: Candidate, like: Experiment, channel: str) -> str:
-    """The channel of `like` that is measured by the same instrument; "" where none is."""
+    """The channel of `like` from the same instrument, or ""."""
     return next((old for old in like.compared if _renamed(old, candidate, like) == channel), "")
 
 

@@ -40,7 +40,7 @@ class ErrorRecord:
     Attributes
     ----------
     residual
-        Residuals over the stated noise (or [SI] where none is stated), shape (m,).
+        Residuals (m,), divided by the stated noise; in SI units without one.
     answer
         d residual / dz, shape (m, size).
     pull
@@ -191,8 +191,8 @@ class _Restricted:
                 for p in steps
             ]
         ) / (8 * _STEP**2)
-        # s^2 and l of a process that is longer than the record are told by their ratio alone: what the likelihood does
-        # not know of one of them must not make the other one known.
+        # Where the correlation length exceeds the record, only the ratio of s^2 and l is identified: the curvature in
+        # the other direction is near zero, and is limited from below.
         sizes, axes = np.linalg.eigh(half)
         return (axes / np.maximum(sizes, 0.5 / self._count)) @ axes.T
 

@@ -15,7 +15,7 @@ NORMAL_95 = 1.959964  # half-width of a 95 % interval in standard errors
 
 
 def half_width(estimate: Estimate) -> float | None:
-    """Half of the 95 % interval [unit]; None where none is known."""
+    """Half the length of the 95 % interval [unit]; None without an interval."""
     error = estimate.standard_error
     if estimate.interval is not None:
         return 0.5 * (estimate.interval[1] - estimate.interval[0])
@@ -59,12 +59,12 @@ def estimate_text(estimate: Estimate) -> str:
 
 
 def ends_text(estimate: Estimate) -> str:
-    """The ends of the 95 % interval, "1.94 to 2.02"; "" where none is known."""
+    """The ends of the 95 % interval, "1.94 to 2.02"; "" without an interval."""
     return " to ".join(shown(estimate, end) for end in estimate.interval or ())
 
 
 def interval_text(estimate: Estimate) -> str:
-    """The 95 % interval with its unit, "1.94 to 2.02 MPa"; "" where none is known."""
+    """The 95 % interval with its unit, "1.94 to 2.02 MPa"; "" without an interval."""
     if estimate.interval is None:
         return ""
     return with_unit(estimate, ends_text(estimate)) + within_bounds(estimate)

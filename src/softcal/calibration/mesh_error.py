@@ -19,7 +19,6 @@ from softcal.calibration.uncertain import MESH_ERROR, UncertainParameter
 from softcal.errors import MeshError
 from softcal.mechanics.elements import DEFAULT
 from softcal.twin.finer import elevated, halved, has_lower, size
-from softcal.twin.robot import Robot
 
 UNKNOWNS = 150_000  # a minute or two per trajectory
 
@@ -54,14 +53,16 @@ def with_mesh_error(problem: Problem, best: Evaluation, *, max_unknowns: int = U
     without = WithMeshError(best, problem.uncertain, "")
     if problem.simulate is not None:
         return replace(without, unknown="The error of the mesh is not known: the twin is another engine's.")
-    if (n := _unknowns(problem.robot)) > max_unknowns:
+    is_lower = has_lower(problem.robot, DEFAULT.name)
+    raised = elevated(problem.robot, DEFAULT.name) if is_lower else problem.robot
+    if (n := size(raised, 0 if is_lower else 1).unknowns) > max_unknowns:
         text = f"a finer one would have {n:,} unknowns, more than the limit of {max_unknowns:,}"
         return replace(without, unknown=f"The error of the mesh is not known: {text}.")
     finer: Evaluation | None = None
     reason = "its computation was stopped by the user"
     with contextlib.suppress(KeyboardInterrupt):
         try:
-            finer = replace(problem, robot=_finer(problem.robot)).evaluate(best.theta)
+            finer = replace(problem, robot=raised if is_lower else halved(raised)).evaluate(best.theta)
             reason = finer.failure.removesuffix(".")
         except MeshError as error:
             reason = str(error).removesuffix(".")
@@ -69,16 +70,6 @@ def with_mesh_error(problem: Problem, best: Evaluation, *, max_unknowns: int = U
         return replace(without, unknown=f"The error of the mesh is not known: {reason}.")
     blocks = tuple(_changed(own, other, problem) for own, other in zip(best.blocks, finer.blocks, strict=True))
     return WithMeshError(replace(best, blocks=blocks), (*problem.uncertain, MESH_ERROR), "", finer.n_solves)
-
-
-def _finer(robot: Robot) -> Robot:
-    return elevated(robot, DEFAULT.name) if has_lower(robot, DEFAULT.name) else halved(robot)
-
-
-def _unknowns(robot: Robot) -> int:
-    if has_lower(robot, DEFAULT.name):
-        return size(elevated(robot, DEFAULT.name)).unknowns
-    return size(robot, 1).unknowns
 
 
 def _changed(own: Block, finer: Block, problem: Problem) -> Block:

@@ -170,7 +170,7 @@ def not_included(uncertain: Sequence[UncertainParameter]) -> str:
 def _together(
     space: SearchSpace, theta: Mapping[str, float], errors: Mapping[str, float], found: Estimator, slopes: Floats
 ) -> Iterable[Note]:
-    """The robot's parameter whose error would fall most if another one were given, if it would fall to a half or less.
+    """The pair in which one parameter's standard error falls most if the other is given, if it falls to half or less.
 
     errors: label -> standard error within the bounds [SI], of the parameters that have one.
     """

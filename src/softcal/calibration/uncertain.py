@@ -115,7 +115,7 @@ def sd_fault(sd: float, unit: str, where: str = "") -> Fault | None:
 
 
 def _written_out(given: UncertainParameter, known: Iterable[str]) -> list[UncertainParameter]:
-    """One for each parameter that a name with a wildcard stands for."""
+    """One for each parameter that matches a name with wildcards; the given one without them."""
     if given.of or not any(mark in given.name for mark in "*?["):
         return [given]
     matches = [name for name in known if fnmatchcase(name, given.name)]

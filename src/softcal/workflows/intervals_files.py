@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from softcal.calibration.checked_interval import IntervalStudy
-from softcal.calibration.outcome import installed_versions
 from softcal.calibration.result import CalibrationResult
-from softcal.calibration.store import write_text
 from softcal.calibration.stored import Record, contradiction, read_record, read_rows
 from softcal.csv_text import csv_text
 from softcal.project.project import Project
-from softcal.workflows.output import new_folder
+from softcal.workflows.study_files import FORMAT, are_values_of, write_study_files
 
 STUDY, POINTS, EXCESS = "intervals.json", "points.csv", "excess"
-FORMAT = 1
 _WHAT = "the interval study"
 
 
@@ -37,18 +33,8 @@ def write_intervals(found: IntervalStudy, project: Project, calibration: str, fo
     StorageError
         If the folder holds files, or cannot be written; nothing is then written.
     """
-    record = {
-        "format": FORMAT,
-        "project": project.name,
-        "calibration": calibration,
-        "sentences": list(found.sentences),
-        "study": asdict(replace(found, points={}, excess=())),
-        "hashes": dict(project.hashes),
-        "versions": installed_versions(),
-    }
-    with new_folder(folder) as part:
-        write_text(part / POINTS, points_csv(found))
-        write_text(part / STUDY, json.dumps(record, indent=2, allow_nan=False) + "\n")
+    record = {"sentences": list(found.sentences), "study": asdict(replace(found, points={}, excess=()))}
+    write_study_files(folder, STUDY, record, {POINTS: points_csv(found)}, project, calibration)
 
 
 def points_csv(found: IntervalStudy) -> str:
@@ -74,9 +60,8 @@ class StoredIntervals:
 
     def is_of(self, results: Mapping[str, CalibrationResult]) -> bool:
         """Whether the run's values are still the studied ones."""
-        result = results.get(self.calibration)
-        found = {label: one.value for label, one in self.study.intervals.items()}
-        return result is not None and found == {label: e.value for label, e in result.parameters.items()}
+        values = {label: one.value for label, one in self.study.intervals.items()}
+        return are_values_of(values, results.get(self.calibration))
 
 
 def read_intervals(folder: Path) -> StoredIntervals | None:

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from softcal.analysis.mesh_study import MeshStudy
 from softcal.analysis.mesh_verdict import mesh_verdicts
-from softcal.calibration.outcome import installed_versions
 from softcal.calibration.result import CalibrationResult
-from softcal.calibration.store import write_text
 from softcal.calibration.stored import Record, read_record
 from softcal.csv_text import csv_text
 from softcal.project.project import Project
-from softcal.workflows.output import new_folder
+from softcal.workflows.study_files import FORMAT, are_values_of, write_study_files
 
 FOLDER, STUDY, PARAMETERS, CHANGES = "mesh-study", "mesh-study.json", "parameters.csv", "changes.csv"
-FORMAT = 1
 
 
 def write_study(found: MeshStudy, project: Project, calibration: str, folder: Path) -> None:
@@ -31,19 +27,9 @@ def write_study(found: MeshStudy, project: Project, calibration: str, folder: Pa
     StorageError
         If the folder holds files, or cannot be written; nothing is then written.
     """
-    record = {
-        "format": FORMAT,
-        "project": project.name,
-        "calibration": calibration,
-        "verdicts": [one.text for one in mesh_verdicts(found)],
-        "study": asdict(found),
-        "hashes": dict(project.hashes),
-        "versions": installed_versions(),
-    }
-    with new_folder(folder) as part:
-        write_text(part / PARAMETERS, parameters_csv(found))
-        write_text(part / CHANGES, changes_csv(found))
-        write_text(part / STUDY, json.dumps(record, indent=2, allow_nan=False) + "\n")
+    record = {"verdicts": [one.text for one in mesh_verdicts(found)], "study": asdict(found)}
+    tables = {PARAMETERS: parameters_csv(found), CHANGES: changes_csv(found)}
+    write_study_files(folder, STUDY, record, tables, project, calibration)
 
 
 class _StudyRecord(Record):
@@ -60,9 +46,8 @@ class StoredStudy:
 
     def is_of(self, results: Mapping[str, CalibrationResult]) -> bool:
         """Whether the run's values are still the studied ones."""
-        result = results.get(self.calibration)
-        found = {label: e.value for label, e in self.study.parameters.items()}
-        return result is not None and found == {label: e.value for label, e in result.parameters.items()}
+        values = {label: e.value for label, e in self.study.parameters.items()}
+        return are_values_of(values, results.get(self.calibration))
 
 
 def read_study(folder: Path) -> StoredStudy | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -11,11 +10,10 @@ from softcal.analysis.candidate import Candidate
 from softcal.analysis.default_candidates import default_candidates, furthest
 from softcal.analysis.next_test import NextTests, next_tests
 from softcal.analysis.next_test_verdict import verdict
-from softcal.calibration.outcome import installed_versions
-from softcal.calibration.store import write_text
 from softcal.csv_text import csv_text
 from softcal.errors import Fault, InputError, StorageError
-from softcal.workflows.output import new_folder, require_free_folder
+from softcal.workflows.output import require_free_folder
+from softcal.workflows.study_files import write_study_files
 from softcal.workflows.study_source import StudySource, study_source
 
 RANKING, TABLE = "next-test.json", "candidates.csv"
@@ -113,18 +111,8 @@ def write_ranking(found: NextTests, source: StudySource, folder: Path) -> None:
     StorageError
         If the folder holds files, or cannot be written; nothing is then written.
     """
-    record = {
-        "format": FORMAT,
-        "project": source.project.name,
-        "calibration": source.calibration,
-        "verdict": verdict(found),
-        "next_test": asdict(found),
-        "hashes": dict(source.project.hashes),
-        "versions": installed_versions(),
-    }
-    with new_folder(folder) as part:
-        write_text(part / TABLE, candidates_csv(found))
-        write_text(part / RANKING, json.dumps(record, indent=2, allow_nan=False) + "\n")
+    record = {"verdict": verdict(found), "next_test": asdict(found)}
+    write_study_files(folder, RANKING, record, {TABLE: candidates_csv(found)}, source.project, source.calibration)
 
 
 def candidates_csv(found: NextTests) -> str:

@@ -23,14 +23,17 @@ MODULUS = FreeParameter(E, "Pa", 0.1e6, 40e6, "log", start=2e6)
 DIFFERENT = "differs between the experiments by more than the noise within them explains"
 
 
-def fitted(own: tuple[float, ...], noise: float = 0.02, folder: Path | None = None) -> CalibrationResult:
+def fitted(
+    own: tuple[float, ...], noise: float = 0.02, folder: Path | None = None, set_ups: tuple[str, ...] = ()
+) -> CalibrationResult:
     """A joint fit of experiments, each with its own factor on the force."""
     experiments = []
     for i, factor in enumerate(own):
         one = fake_experiment(f"pull{i + 1}", noise=noise, seed=i)
         tension = one.dataset.channels["tension"]
         channels = {**one.dataset.channels, "tension": replace(tension, values=factor * tension.values)}
-        experiments.append(replace(one, dataset=replace(one.dataset, channels=channels)))
+        set_up = set_ups[i] if set_ups else ""
+        experiments.append(replace(one, dataset=replace(one.dataset, channels=channels), set_up=set_up))
     return calibrate(make_problem(fake_robot(), experiments, [MODULUS], None, fake_simulate), store=folder)
 
 
@@ -58,6 +61,21 @@ def test_experiments_that_differ_are_named_with_their_values(
     assert again.parameters[E].shares == estimate.shares
     print_results({"joint": result})
     assert f"Warning: joint: E {DIFFERENT}" in capsys.readouterr().err.replace("\n", " ")
+
+
+def test_set_ups_that_differ_are_compared_in_the_place_of_their_experiments(tmp_path: Path) -> None:
+    own = (0.95, 0.95, 1.0, 1.0, 1.08, 1.08)
+    result = fitted(own, folder=tmp_path / "run", set_ups=("a", "a", "b", "b", "c", "c"))
+    ((text, one),) = spread_sentences(result)
+    assert DIFFERENT.replace("experiments", "set-ups") in text
+    assert "The 95 % interval is that of the mean of such set-ups" in text
+    assert list(one.values) == ["a", "b", "c"]
+    by_experiment, estimate = fitted(own).parameters[E], result.parameters[E]
+    assert by_experiment.interval is not None
+    assert estimate.interval is not None
+    assert estimate.shares["set-ups"] > 0.9
+    assert np.ptp(estimate.interval) > 1.5 * np.ptp(by_experiment.interval)
+    assert load_result(tmp_path / "run").spreads == result.spreads
 
 
 def test_two_experiments_have_no_interval_of_their_mean() -> None:

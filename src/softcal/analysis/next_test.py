@@ -187,11 +187,12 @@ class _Present:
         elif between is not None and between.effects.differs:
             spread = format_quantity(between.effects.spread * abs(self._slopes[self._j]), parameter.unit, digits=2)
             yield (
-                f"The experiments differ in {parameter.label}, with a standard deviation of {spread}: the intervals "
-                "are those of the mean over such tests, and each candidate is one more of them, with the same spread."
+                f"The {between.kind} differ in {parameter.label}, with a standard deviation of {spread}: the intervals "
+                f"are those of the mean over such {between.kind}, and each candidate is one more of them, with the "
+                "same spread."
             )
             if not between.has_interval:
-                yield "Two experiments do not give this spread an interval: the present one leaves it out."
+                yield f"Two {between.kind} do not give this spread an interval: the present one leaves it out."
         names = dict.fromkeys(one.name.partition(" in ")[0] for one in self._found.sources if one.process is not None)
         if names:
             yield (

@@ -23,6 +23,7 @@ from softcal.calibration.correlation import BINS, ErrorRecord, Process, record
 from softcal.calibration.estimator import Estimator, Linear, Weighed, linearised
 from softcal.calibration.loss import Block, Loss, rms
 from softcal.calibration.noise import PRIOR, ScaledBlock, Source, systematic_sources
+from softcal.calibration.set_ups import parts_by_set_up, serves_by_set_up
 from softcal.calibration.uncertain import UncertainParameter
 from softcal.checks import Floats
 
@@ -156,6 +157,7 @@ def with_added_test(
             jacobian[0, start : start + q] = row
             seen.append(Weighed(Block("", "prior", np.zeros(1), np.zeros(1), 1.0, jacobian), np.ones(1), np.ones(1)))
     parts, inverse, unseen = linearised(loss, seen, np.ones(wide), len(uncertain))
+    parts, serves = parts_by_set_up(parts, found.set_ups), serves_by_set_up(serves, found.set_ups)
     sources = _base_sources(parts, found, starts)
     new = [part for part in parts if part.experiment in starts]
     for part, channel in zip(new, list(added.channels) * added.repeats, strict=True):

@@ -13,7 +13,7 @@ several parameters are compared, the chance of each counts as many times (Holm, 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,7 +28,7 @@ from softcal.calibration.noise import (
     systematic_sources,
     white_noise,
 )
-from softcal.calibration.random_effects import RandomEffects, random_effects
+from softcal.calibration.random_effects import Kind, RandomEffects, random_effects
 from softcal.calibration.uncertain import UncertainParameter
 from softcal.checks import Floats
 
@@ -52,6 +52,8 @@ class Between:
         Experiment -> variance of its step by the noise within the experiment.
     responses
         Experiment -> response (size,) of its step to the pull of its residuals.
+    kind
+        What is compared: "experiments", or "set-ups", of which is then said all that is said of experiments here.
     """
 
     column: int
@@ -59,6 +61,7 @@ class Between:
     effects: RandomEffects
     variances: Mapping[str, float]
     responses: Mapping[str, Floats]
+    kind: Kind = "experiments"
 
     @property
     def weights(self) -> Mapping[str, float]:
@@ -100,6 +103,7 @@ def between_experiments(
     serves: Mapping[str, np.ndarray],
     z: Floats,
     uncertain: Sequence[UncertainParameter] = (),
+    members: Mapping[str, Sequence[str]] | None = None,
 ) -> tuple[Between, ...]:
     """The shared parameters that can be compared between two experiments or more, those that differ first.
 
@@ -115,10 +119,13 @@ def between_experiments(
         The joint minimum in the unit box (size,).
     uncertain
         Those of the parts' `systematic`: an error that an experiment has alone can be why it differs.
+    members
+        Set-up -> its experiments, where it is set-ups that are compared, and that the other arguments name.
     """
     left = [int(j) for j in np.flatnonzero(np.sum(list(serves.values()), axis=0) > 1)]
     own = np.sum(list(serves.values()), axis=0) == 1
-    errs = {name: _own_errors(name, uncertain, serves) for name in serves}
+    held = members or {name: (name,) for name in serves}
+    errs = {name: _own_errors(name, uncertain, held) for name in serves}
     by_experiment = [
         one for name, on in serves.items() if (one := _alone(name, parts_alone(name, parts, on & own), on, errs[name]))
     ]
@@ -129,7 +136,7 @@ def between_experiments(
         compared = [replace(one, effects=one.effects.among(len(compared))) for one in compared]
         clearest = min(compared, key=lambda one: one.effects.chance, default=None)
         if clearest is None or not clearest.effects.differs:
-            return (*found, *compared)
+            return tuple(replace(one, kind="set-ups" if members else "experiments") for one in (*found, *compared))
         found.append(clearest)
         left.remove(clearest.column)
         own = own.copy()
@@ -159,10 +166,10 @@ def parts_alone(name: str, parts: Sequence[ScaledBlock], own: np.ndarray) -> lis
 
 
 def _own_errors(
-    name: str, uncertain: Sequence[UncertainParameter], experiments: Collection[str]
+    name: str, uncertain: Sequence[UncertainParameter], members: Mapping[str, Sequence[str]]
 ) -> dict[int, tuple[str, str]]:
-    """The uncertain parameters of one experiment alone."""
-    alone = {k: p for k, p in enumerate(uncertain) if [e for e in experiments if p.serves(e)] == [name]}
+    """The uncertain parameters of one experiment, or set-up, alone."""
+    alone = {k: p for k, p in enumerate(uncertain) if [own for own, es in members.items() if p.serves(*es)] == [name]}
     return {k: (p.source, p.label) for k, p in alone.items()}
 
 

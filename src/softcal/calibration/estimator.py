@@ -27,6 +27,7 @@ from softcal.calibration.budget import Budget
 from softcal.calibration.correlation import ErrorRecord
 from softcal.calibration.loss import Block, Loss
 from softcal.calibration.noise import PRIOR, Noise, ScaledBlock, Source, sources, systematic_sources, white_noise
+from softcal.calibration.set_ups import members, parts_by_set_up, serves_by_set_up, set_ups_of
 from softcal.calibration.uncertain import UncertainParameter
 from softcal.checks import Floats
 
@@ -55,12 +56,14 @@ class Estimator:
     between
         How the experiments differ in the parameters that they share.
     variances
-        Kind of source ("noise", "prior", "experiments", or an uncertain parameter, "bounds") -> its part of each
-        variance, shape (size,); see `Budget`.
+        Kind of source ("noise", "prior", "experiments", "set-ups", or an uncertain parameter, "bounds") -> its part
+        of each variance, shape (size,); see `Budget`.
     sources
         The errors of the measurements and priors.
     within_bounds
         Covariance (size, size) where every parameter lies within its bounds.
+    set_ups
+        Experiment -> its set-up, where it is set-ups that are compared; else empty.
     """
 
     root: Floats
@@ -73,6 +76,7 @@ class Estimator:
     variances: Mapping[str, Floats]
     sources: tuple[Source, ...]
     within_bounds: Floats
+    set_ups: Mapping[str, str]
 
 
 @dataclass(frozen=True)
@@ -100,7 +104,15 @@ def estimator(
     seen = [Weighed(one, loss.square_weights(one, one.residual), loss.stated_noise(one)) for one in blocks]
     parts, inverse, unseen = linearised(loss, seen, slopes, len(uncertain))
     noise, spent = white_noise(parts, inverse)
-    compared = between_experiments(parts, serves, z, uncertain) if serves and len(serves) > 1 and not spent else ()
+    compared: tuple[Between, ...] = ()
+    set_ups: dict[str, str] = {}
+    if serves and len(serves) > 1 and not spent:
+        compared = between_experiments(parts, serves, z, uncertain)
+        if of := set_ups_of(blocks):
+            joined = parts_by_set_up(parts, of)
+            by_set_up = between_experiments(joined, serves_by_set_up(serves, of), z, uncertain, members(of))
+            if any(one.effects.differs for one in by_set_up):
+                parts, compared, set_ups = joined, by_set_up, of
     differing = [one for one in compared if one.effects.differs]
     if differing:
         noise, spent = white_noise_within(parts, differing)
@@ -120,6 +132,7 @@ def estimator(
         budget.variances,
         held,
         budget.within_bounds,
+        set_ups,
     )
 
 
@@ -188,7 +201,7 @@ class Linear:
             own = [p for p in self.parts if p.experiment == name]
             pull = np.sum([p.answer[:, between.column] @ p.pull for p in own], axis=0)
             records.append(ErrorRecord(np.zeros(1), np.zeros((1, len(pull))), pull[None, :], name))
-        return Source("experiments", str(between.column), tuple(records), between.effects.spread, between.effects.dof)
+        return Source(between.kind, str(between.column), tuple(records), between.effects.spread, between.effects.dof)
 
     def _by_others(self, between: Between) -> Floats:
         """Derivative (size,) of a mean over the experiments by the joint values of the other shared parameters."""

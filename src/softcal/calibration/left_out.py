@@ -1,7 +1,8 @@
 """How well the other experiments predict each one, from the jacobians at the joint minimum.
 
 Without experiment i the minimum of the linear model moves by dz. The shared parameters move with it; the experiment's
-own ones (its slack, its offsets) are fitted to it, for no other experiment knows them. Its residuals are then
+own ones (its slack, its offsets) are fitted to it, for no other experiment knows them. Where it is the set-ups that
+differ, the whole set-up of i is left out. Its residuals are then
 
     r_i' = P (r_i + J_i dz),    P = I - J_o (J_o^T W J_o)^-1 J_o^T W
 
@@ -20,6 +21,7 @@ from softcal.calibration.band import half_width
 from softcal.calibration.estimator import Estimator, estimator
 from softcal.calibration.intervals import nearest_within
 from softcal.calibration.loss import Block, Loss, rms
+from softcal.calibration.set_ups import others
 from softcal.checks import Floats
 
 _MIXED = 0.01  # share of an unidentifiable direction from which the others do not determine a parameter
@@ -62,11 +64,11 @@ def left_out(
         return {}
     predicted: dict[str, LeftOut] = {}
     for name, on in serves.items():
-        others = {other: mask for other, mask in serves.items() if other != name}
-        known = np.any(list(others.values()), axis=0)
+        left = {other: serves[other] for other in others(name, serves, found.set_ups)}
+        known = np.any(list(left.values()), axis=0)
         own = on & ~known
-        rest = [b for b in blocks if b.experiment != name and not _only_of(b, ~known)]
-        without = estimator(loss, z, slopes, rest, others)
+        rest = [b for b in blocks if (b.experiment in left or not b.experiment) and not _only_of(b, ~known)]
+        without = estimator(loss, z, slopes, rest, left)
         if without.spent or np.any(np.abs(without.unseen[:, on & known]) > _MIXED):
             continue
         held = [b for b in blocks if b.experiment == name or (own.any() and _only_of(b, own))]

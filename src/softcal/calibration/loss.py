@@ -49,6 +49,8 @@ class Block:
         The marker or plate whose position the channel is a part of; "" for any other channel.
     systematic
         Change of the residual (n, k) [SI] by one standard deviation of each uncertain parameter, or None.
+    set_up
+        The set-up of the experiment; "" where it is one by itself.
     """
 
     experiment: str
@@ -59,6 +61,7 @@ class Block:
     jacobian: Floats | None = None
     point: str = ""
     systematic: Floats | None = None
+    set_up: str = ""
 
     @cached_property
     def grows_with_moduli(self) -> bool:

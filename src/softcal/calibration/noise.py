@@ -86,7 +86,7 @@ class Source:
     Attributes
     ----------
     kind
-        "noise", "prior", "experiments" (differences between them), or the uncertain parameter that errs.
+        "noise", "prior", "experiments" or "set-ups" (differences between them), or the uncertain parameter that errs.
     name
         The group of channels, or the parameter.
     records

@@ -302,6 +302,7 @@ class Problem:
                         None if jacobian is None else jacobian[there],
                         experiment.point_of(channel),
                         None if systematic is None else systematic[there] * [p.sd for p in self.uncertain],
+                        experiment.set_up,
                     )
                 )
         return blocks

@@ -11,12 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from softcal.checks import Floats
 
+Kind = Literal["experiments", "set-ups"]
 DIFFERS = 0.05
 """Chance below which experiments count as different."""
 
@@ -76,6 +77,8 @@ class Spread:
         the search; None for two experiments, which are too few to say.
     weights
         Experiment -> weight of its value in their mean [-], sum 1.
+    kind
+        What is compared: "experiments", or "set-ups", of which is then said all that is said of experiments here.
     """
 
     values: Mapping[str, float]
@@ -85,6 +88,7 @@ class Spread:
     spread: float
     next_interval: tuple[float, float] | None
     weights: Mapping[str, float] = field(default_factory=dict[str, float])
+    kind: Kind = "experiments"
 
     @property
     def differs(self) -> bool:

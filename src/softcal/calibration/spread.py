@@ -36,4 +36,4 @@ def spread(space: SearchSpace, z: Floats, between: Between, found: Estimator, kn
         ends = (model(low), model(high))
     size = effects.spread * abs(float(space.jacobian(z)[j]))
     values = {name: model(z[j] + step) for name, step in between.steps.items()}
-    return Spread(values, effects.q, len(values) - 1, effects.chance, size, ends, between.weights)
+    return Spread(values, effects.q, len(values) - 1, effects.chance, size, ends, between.weights, between.kind)

@@ -98,23 +98,23 @@ def _trend_text(one: Trend, estimate: Estimate) -> str:
 
 
 def _spread_text(one: Spread, estimate: Estimate, name: str, fixed: str) -> str:
-    chance = _chance_text(one.chance)
+    chance, who = _chance_text(one.chance), one.kind
     if not one.differs:
-        return f"{name} does not differ between the experiments by more than the noise within them explains ({chance})."
+        return f"{name} does not differ between the {who} by more than the noise within them explains ({chance})."
     scale = estimate_scale(estimate)
     values = [
         f"{rounded(value / scale.factor, one.spread / scale.factor)} ({label})" for label, value in one.values.items()
     ]
     text = (
-        f"{name} differs between the experiments by more than the noise within them explains ({chance}): "
+        f"{name} differs between the {who} by more than the noise within them explains ({chance}): "
         f"{joined(values)} {scale.unit}".rstrip()
         + fixed
     )
     if one.next_interval is None:
-        return f"{text}. Two experiments are too few for a reliable interval of their mean."
+        return f"{text}. Two {who} are too few for a reliable interval of their mean."
     low, high = (shown(replace(estimate, interval=one.next_interval), end) for end in one.next_interval)
     return (
-        f"{text}. The 95 % interval is that of the mean of such experiments; a further one is expected to give "
+        f"{text}. The 95 % interval is that of the mean of such {who}; a further one is expected to give "
         f"{low} to {high} {scale.unit}".rstrip()
         + "."
     )

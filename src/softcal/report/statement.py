@@ -43,6 +43,12 @@ SOURCES = (
         "tests",
         "more samples of the same tests will not reduce it; further tests, or the cause of the differences, will",
     ),
+    ErrorSource(
+        "set-ups",
+        "differences between the set-ups",
+        "set-ups",
+        "more tests on the same ones will not reduce it; further ones, or the cause of the differences, will",
+    ),
     ErrorSource("prior", "priors", "priors", "a better measurement of what they describe will reduce it"),
     ErrorSource(MESH, "mesh", "mesh", "a finer mesh will reduce it"),
     ErrorSource(

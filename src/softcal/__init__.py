@@ -71,6 +71,7 @@ if TYPE_CHECKING:
     from softcal.sensing.sensor import register_sensor as register_sensor
     from softcal.twin.barrier import Contact as Contact
     from softcal.twin.cables import RoutingAxis as RoutingAxis
+    from softcal.twin.clamp import Clamp as Clamp
     from softcal.twin.in_time import simulate_in_time as simulate_in_time
     from softcal.twin.manipulator import Manipulator as Manipulator
     from softcal.twin.manipulator import Springs as Springs
@@ -123,6 +124,7 @@ _HOMES = {
     "Candidate": "softcal.analysis.candidate",
     "Channel": "softcal.experiments.dataset",
     "ChannelKind": "softcal.sensing.kind",
+    "Clamp": "softcal.twin.clamp",
     "Command": "softcal.twin.protocol",
     "Contact": "softcal.twin.barrier",
     "Dataset": "softcal.experiments.dataset",
@@ -225,6 +227,7 @@ __all__ = [
     "Candidate",
     "Channel",
     "ChannelKind",
+    "Clamp",
     "Command",
     "Contact",
     "Dataset",

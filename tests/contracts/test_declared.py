@@ -52,6 +52,7 @@ from softcal.sensing.sensors.marker import MarkerSensor
 from softcal.sensing.sensors.plate import PlateSensor
 from softcal.twin.barrier import Contact
 from softcal.twin.cables import Cable, RoutingAxis
+from softcal.twin.clamp import Clamp
 from softcal.twin.manipulator import BaseDisc, Cables, DiscMarkers, Discs, Manipulator, Springs
 from softcal.twin.robot import Body, Disc, Marker, Material, Plate, PointLoad, Robot, Rod, SurfaceLoad, Tie, ViaPoint
 from softcal.twin.time_settings import Settling, TimeSettings
@@ -94,6 +95,7 @@ STATED: list[tuple[str, Declared]] = [
     ("{gap: 0.1 mm, stiffness: 2 MPa, friction_coefficient: 0.5, creep: 2 mm/s}", Contact(1e-4, 2e6, 0.5, 2e-3)),
     ("{friction_coefficient: 0.5}", Contact(friction_coefficient=0.5)),
     ("{point: [1 mm, 0 m, 0 m], direction: [0, 2, 0]}", RoutingAxis((0.001, 0.0, 0.0), (0.0, 2.0, 0.0))),
+    ("{direction: [0, 0, 2], depth: 0.5 mm}", Clamp((0.0, 0.0, 1.0), 5e-4)),
     ("{x: 1 mm, y: 2 mm, z: 3 mm, rx: 0.1 rad, ry: 0.2 rad, rz: 0.3 rad}", Frame(1e-3, 2e-3, 3e-3, 0.1, 0.2, 0.3)),
     ("{pulleys: {wrap: 2 rad}, length: 425 mm}", CommonRig(pulleys=Pulleys(wrap=2.0), length=0.425)),
     (

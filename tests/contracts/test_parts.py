@@ -14,6 +14,7 @@ from softcal.geometry.centreline import straight
 from softcal.geometry.primitives import box_mesh
 from softcal.geometry.section import RoundBar
 from softcal.twin.cables import Cable, RoutingAxis, ViaPoint
+from softcal.twin.clamp import Clamp
 from softcal.twin.robot import (
     Body,
     Disc,
@@ -104,6 +105,7 @@ PARTS: list[tuple[str, Callable[..., object], dict[str, Any]]] = [
         {"via_points": [(0, 0, 0)], "friction_coefficient": 3.0, "pulled_end": "top", "routing_offset": True},
     ),
     ("", RoutingAxis, {"point": (0.0, 0.0), "direction": (0.0, 0.0, 0.0)}),
+    ("", Clamp, {"direction": (0.0, 0.0, 0.0), "depth": "1 mm"}),
     ("", Robot, {"bodies": [MESH], "gravity": (0.0, -9.81), "contact": True}),
 ]
 

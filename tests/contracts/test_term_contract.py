@@ -38,6 +38,7 @@ from softcal.mechanics.viscosity import ViscousTerm
 from softcal.twin.barrier import Contact
 from softcal.twin.build import Twin
 from softcal.twin.cables import RoutingAxis
+from softcal.twin.clamp import Clamp
 from softcal.twin.masses import robot_inertia
 from softcal.twin.parameters import robot_parameters, with_parameters
 from softcal.twin.robot import Body, Cable, Robot, Rod, ViaPoint
@@ -101,6 +102,12 @@ def bent_column(element: str = "P1", law: str = "neo-hooke", friction: float = 0
         mass=0.02,
         cables=(side_cable("front", (0.05, 0.0)), through),
     )
+
+
+def clamped_column(element: str) -> Robot:
+    """Its clamp deeper than drawn."""
+    robot = bent_column(element)
+    return replace(robot, bodies=(replace(robot.bodies[0], clamp=Clamp((0.0, 0.0, 1.0), 0.006)),))
 
 
 def whip() -> Robot:
@@ -223,6 +230,8 @@ CASES = {
     "solid, P1": Case(SolidTerm, bent_column, first(SolidTerm)),
     "solid, P2P1": Case(SolidTerm, lambda: bent_column("P2P1"), first(SolidTerm)),
     "solid, Mooney-Rivlin": Case(SolidTerm, lambda: bent_column("P2", "mooney-rivlin"), first(SolidTerm)),
+    "solid, P1, clamped deeper": Case(SolidTerm, lambda: clamped_column("P1"), first(SolidTerm)),
+    "solid, P2P1, clamped deeper": Case(SolidTerm, lambda: clamped_column("P2P1"), first(SolidTerm)),
     "rod": Case(RodTerm, whip, first(RodTerm)),
     "cables": Case(CableTerm, bent_column, first(CableTerm)),
     "cables with friction": Case(CableTerm, lambda: bent_column(friction=0.3), first(CableTerm), has_energy=False),
@@ -231,6 +240,7 @@ CASES = {
     "contact with friction": Case(ContactTerm, lambda: blocks(0.5), in_motion(ContactTerm, pressed), pressed),
     "viscosity": Case(ViscousTerm, bent_column, in_motion(ViscousTerm)),
     "viscosity, P2P1": Case(ViscousTerm, lambda: bent_column("P2P1"), in_motion(ViscousTerm)),
+    "viscosity, clamped deeper": Case(ViscousTerm, lambda: clamped_column("P1"), in_motion(ViscousTerm)),
     "inertia": Case(InertialTerm, whip, in_motion(InertialTerm)),
     "foundation": Case(Foundation, bent_column, lambda twin, theta: bed(twin)),
     "sliders": Case(SliderFoundation, bent_column, lambda twin, theta: bed(twin, SliderFoundation)),

@@ -87,3 +87,19 @@ def test_faults_of_the_section_are_found_beside_those_of_the_robot(tmp_path: Pat
 def test_a_free_parameter_cannot_be_uncertain(tmp_path: Path) -> None:
     (fault,) = faults(tmp_path, "  bar.youngs_modulus: {sd: 0.1 MPa}\n")
     assert "uncertain and free at once" in fault
+
+
+CLAMP = ("      fixed: foot\n", "      fixed: foot\n      clamp: {direction: [0, 0, 1]}\n")
+
+
+def test_the_depth_of_a_clamp_is_a_parameter_of_a_body_that_states_one(tmp_path: Path) -> None:
+    project = loaded(tmp_path, "  bar.clamp_depth: {sd: 1 mm}\n", CLAMP)
+    (depth,) = make_problem(project).uncertain
+    assert (depth.label, depth.sd, depth.unit) == ("bar.clamp_depth", 0.001, "m")
+    found = " ".join(faults(tmp_path / "without", "  bar.clamp_depth: {sd: 1 mm}\n"))
+    assert "uncertain.bar.clamp_depth" in found
+    assert "there is no such parameter" in found
+    away = (CLAMP[0], CLAMP[1].replace("0, 1]", "0, -1]"))
+    found = " ".join(faults(tmp_path / "away", "  bar.clamp_depth: {sd: 1 mm}\n", away))
+    assert "robot.bodies.bar.clamp" in found
+    assert "no fixed face lies behind the body" in found

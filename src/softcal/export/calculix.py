@@ -52,8 +52,8 @@ class Deck:
 
 
 def in_its_law(robot: Robot) -> Robot:
-    """The robot with CalculiX's law, and displacement elements only (C3D4, C3D10)."""
-    return replace(robot, bodies=tuple(_in_its_law(body) for body in robot.bodies))
+    """The robot with CalculiX's law, and displacement elements only (C3D4, C3D10), its meshes ending at the clamps."""
+    return replace(robot, bodies=tuple(_in_its_law(body.as_clamped) for body in robot.bodies))
 
 
 def _in_its_law(body: Body) -> Body:
@@ -79,6 +79,7 @@ def calculix_deck(robot: Robot, shapes: Sequence[Snapshot]) -> Deck:
         For features that a deck cannot represent: rods, contact, friction along cables.
     """
     _require(robot)
+    robot = robot.as_clamped
     twin = build_twin(robot)
     layout = twin.system.layout
     last_node = layout.n_points + 2 * layout.n_moving_frames

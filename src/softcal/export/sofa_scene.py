@@ -52,7 +52,7 @@ def scene_parameters(
     scene, paper A's by default; settings: those of run.py.
     """
     motion = motion or TimeSettings()
-    robot = linear.robot
+    robot = linear.robot.as_clamped
     meshes = {body.name: body.mesh for body in robot.bodies}
     controls: dict[str, Control] = {name: command.control for name, command in protocol.commands.items()}
     largest = {name: float(np.abs(command.values).max(initial=0.0)) for name, command in protocol.commands.items()}
@@ -85,7 +85,7 @@ def write_scene(linear: LinearRobot, parameters: Mapping[str, Any], folder: Path
     in it.
     """
     written = write_sources(folder, package)
-    for body in linear.robot.bodies:
+    for body in linear.robot.as_clamped.bodies:
         path = folder / package / _mesh_file(body)
         path.write_text(legacy_vtk(body.mesh, body.name), encoding="utf-8")
         written.append(path)

@@ -102,6 +102,8 @@ def _grid(robot: Robot, response: Response, shape: Snapshot, names: list[str]) -
         element = ELEMENTS[body.element]
         mesh = TetMesh(_rest_points(body, element, len(x)), tets)
         cells.add(names.index(name), x, mesh.points, tets, element.cell.vtk)
+        if (motion := body.motion(mesh)) is not None:
+            mesh, x = TetMesh(motion.moved(mesh.points), tets), motion.moved(x)
         for part in body.materials:
             own, pressure = TetMesh(mesh.points, tets[part.tets]), shape.pressures.get(part.name)
             cells.stress[-1][part.tets] = cauchy_stress(element, own, LAWS[body.law], part.parameters, x, pressure)

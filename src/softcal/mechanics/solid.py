@@ -16,6 +16,7 @@ from softcal.mechanics.damping import TimeStep
 from softcal.mechanics.element import Element
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.loads import Loads
+from softcal.mechanics.mesh_motion import MeshMotion, cofactor, stress_rate
 from softcal.mechanics.pattern import Pattern
 from softcal.mechanics.scales import Sizes
 from softcal.mechanics.solid_kernels import Places
@@ -84,6 +85,8 @@ class SolidTerm(Term):
         Pressures of each tet (n_tets, n_b), ascending; (n_tets, 0) of a pure displacement element.
     N_p
         Their shape functions at the quadrature points (n_tets, n_q, n_b) [-].
+    motion
+        How a parameter moves the undeformed mesh, with dN and w on the moved one; None where none does.
     places
         Places of the blocks in the tangent.
     """
@@ -96,6 +99,7 @@ class SolidTerm(Term):
     w: Floats
     pressure_conn: Ints
     N_p: Floats
+    motion: MeshMotion | None = None
     places: SolidPlaces = UNPLANNED
 
     @property
@@ -109,7 +113,8 @@ class SolidTerm(Term):
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        return tuple(f"{self.name}.{name}" for name in self.compiled.parameters)
+        own = tuple(f"{self.name}.{name}" for name in self.compiled.parameters)
+        return own if self.motion is None else (*own, self.motion.parameter)
 
     def connectivity(self, layout: Layout) -> Connectivity:
         """The points and pressures of each tet."""
@@ -128,7 +133,8 @@ class SolidTerm(Term):
         n, n_q = self.w.shape
         F = np.empty((n, n_q, 3, 3))
         I1, I2, J = np.empty((n, n_q)), np.empty((n, n_q)), np.empty((n, n_q))
-        solid_kernels.kinematics(state.x, self.conn, self.dN, F, I1, I2, J)
+        x = state.x if self.motion is None else self.motion.moved(state.x)
+        solid_kernels.kinematics(x, self.conn, self.dN, F, I1, I2, J)
         return F, I1, I2, J
 
     def why_not(self, known: Kinematics) -> str:
@@ -138,14 +144,9 @@ class SolidTerm(Term):
     def add(self, into: Sum, given: Given) -> None:
         """J must be positive."""
         gradient, data, places, state = into.full, into.data, self.places, given.state
-        (F, I1, I2, J), values = given.known, self._theta(given.theta)
-        invariants = (I1.ravel(), I2.ravel(), J.ravel())
-        derivatives = self.compiled.distortional if self.is_mixed else self.compiled.full
-        coefficients = stacked(derivatives(*invariants, *values), I1.size)
-        volume = self._volume(invariants[2], state.pressure, values) if self.is_mixed else None
+        (F, I1, _, J) = given.known
+        coefficients, volume = self._coefficients(given)
         if volume is not None:
-            coefficients[2] += volume.p * volume.g[1]
-            coefficients[8] += volume.p * volume.g[2]
             error = volume.g[0] - volume.compliance * volume.p
             solid_kernels.add_volume_gradient(gradient, state.x.size, self.pressure_conn, self.N_p, self.w, error)
         if data is not None and self._is_constant and not self.compiled.has_cross_terms:
@@ -174,12 +175,29 @@ class SolidTerm(Term):
                 volume.compliance,
             )
 
+    def _coefficients(self, given: Given) -> tuple[Floats, _Volume | None]:
+        """The derivatives of the energy by the invariants (9, n_tets * n_q), at given pressures; of a mixed element
+        also what these are made of.
+        """
+        (_, I1, I2, J), values = given.known, self._theta(given.theta)
+        invariants = (I1.ravel(), I2.ravel(), J.ravel())
+        derivatives = self.compiled.distortional if self.is_mixed else self.compiled.full
+        coefficients = stacked(derivatives(*invariants, *values), I1.size)
+        if not self.is_mixed:
+            return coefficients, None
+        volume = self._volume(invariants[2], given.state.pressure, values)
+        coefficients[2] += volume.p * volume.g[1]
+        coefficients[8] += volume.p * volume.g[2]
+        return coefficients, volume
+
     def _volume(self, J: Floats, pressure: Floats, values: tuple[float, ...]) -> _Volume:
         compliance, _ = self.compiled.compliance(*values)
         p = solid_kernels.interpolate(pressure, self.pressure_conn, self.N_p).ravel()
         return _Volume(stacked(self.compiled.strain(J), J.size), p, float(compliance))
 
     def add_by_parameters(self, into: Mapping[str, Sum], given: Given) -> None:
+        if self.motion is not None and self.motion.parameter in into:
+            self._add_by_motion(into[self.motion.parameter].full, given, self.motion)
         wanted = {name: one.full for name, one in part_theta(into, self.name).items()}
         if not wanted:
             return
@@ -199,6 +217,26 @@ class SolidTerm(Term):
                 solid_kernels.add_volume_gradient(
                     wanted[name], state.x.size, self.pressure_conn, self.N_p, self.w, -float(by_parameter[i]) * p
                 )
+
+    def _add_by_motion(self, gradient: Floats, given: Given, motion: MeshMotion) -> None:
+        tets, G = motion.rate(self.conn, self.dN)
+        (F, *invariants), (coefficients, volume) = given.known, self._coefficients(given)
+        known = (F[tets], *(one[tets] for one in invariants))
+        coefficients = coefficients.reshape(9, *self.w.shape)[:, tets]
+        dF = G - known[0] @ G
+        P, dP = stress_rate(known, dF, coefficients)
+        of_size = np.trace(G, axis1=2, axis2=3)
+        flow = of_size[..., None, None] * P + dP - P @ np.swapaxes(G, 2, 3)
+        forces = np.einsum("eq,eqij,eqaj->eai", self.w[tets], flow, self.dN[tets])
+        np.add.at(gradient, 3 * self.conn[tets][..., None] + np.arange(3), forces)
+        if volume is None:
+            return
+        g, error = (
+            row.reshape(self.w.shape)[tets] for row in (volume.g[1], volume.g[0] - volume.compliance * volume.p)
+        )
+        dJ = np.einsum("eqij,eqij->eq", cofactor(known[0], known[0]), dF)
+        rates = np.einsum("eq,eqb->eb", self.w[tets] * (of_size * error + g * dJ), self.N_p[tets])
+        np.add.at(gradient, given.state.x.size + self.pressure_conn[tets], rates)
 
     def energy(self, given: Given) -> float:
         """The stored energy [J] (for a mixed element, the value of its two-field potential)."""
@@ -234,7 +272,8 @@ class SolidTerm(Term):
             lmbda, mu = (step.share * modulus for modulus in self.rest_moduli(before.theta))
             F = before.known[0]
             C_n = np.swapaxes(F, 2, 3) @ F
-            return self, ViscousTerm(self.conn, self.dN, self.w, lmbda, mu, C_n, self.places.displacement)
+            viscous = ViscousTerm(self.conn, self.dN, self.w, lmbda, mu, C_n, self.motion, self.places.displacement)
+            return self, viscous
         held = Sum(step.layout)
         self.add(held, before)
         return replace(self, w=(1.0 + step.share) * self.w), Loads(step.share * held.points, {})
@@ -265,13 +304,29 @@ class SolidTerm(Term):
         return float(J[gives_way].min(initial=1.0))
 
     def _theta(self, theta: Theta) -> tuple[float, ...]:
-        return tuple(theta[name] for name in self.parameters)
+        return tuple(theta[f"{self.name}.{name}"] for name in self.compiled.parameters)
 
 
 def build_solid(
-    name: str, law: Law, element: Element, points: Floats, tets: Ints, *, first_point: int, first_pressure: int = 0
+    name: str,
+    law: Law,
+    element: Element,
+    points: Floats,
+    tets: Ints,
+    *,
+    first_point: int,
+    first_pressure: int = 0,
+    motion: MeshMotion | None = None,
 ) -> tuple[SolidTerm, Ints]:
-    """The term of some tets of a body, and the nodes that have its pressures, in the order of their numbers."""
+    """The term of some tets of a body, and the nodes that have its pressures, in the order of their numbers.
+
+    Raises
+    ------
+    MeshError
+        Where an element is inverted, or its motion inverts it.
+    """
+    if motion is not None:
+        points = points + motion.value * motion.way
     dN, w = element.gradients(points, tets, where=name)
     order = np.argsort(tets, axis=1)
     conn = np.take_along_axis(tets, order, axis=1) + first_point
@@ -289,5 +344,6 @@ def build_solid(
         w,
         np.take_along_axis(number, order, axis=1) + first_pressure,
         np.ascontiguousarray(np.swapaxes(element.pressure_functions().T[order], 1, 2)),
+        motion,
     )
     return term, nodes

@@ -16,6 +16,7 @@ import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.mechanics.layout import Layout
+from softcal.mechanics.mesh_motion import MeshMotion
 from softcal.mechanics.pattern import Pattern
 from softcal.mechanics.solid_kernels import FAST, Places, kinematics
 from softcal.mechanics.state import State
@@ -34,8 +35,8 @@ class ViscousTerm(Term):
         r_s / h times the moduli of the undeformed body [Pa].
     C_n
         F^T F at the step's start (n_tets, n_q, 3, 3) [-].
-    places
-        Places of its blocks in the tangent, as the body's.
+    motion, places
+        How a parameter moves the mesh, and places of the blocks in the tangent, as the body's.
     """
 
     conn: Ints
@@ -44,6 +45,7 @@ class ViscousTerm(Term):
     lmbda: float
     mu: float
     C_n: Floats
+    motion: MeshMotion | None
     places: Places
 
     def connectivity(self, layout: Layout) -> Connectivity:
@@ -55,7 +57,8 @@ class ViscousTerm(Term):
     def kinematics(self, state: State) -> Floats:
         """F (n_tets, n_q, 3, 3)."""
         F, I1, I2, J = np.empty_like(self.C_n), *(np.empty_like(self.w) for _ in range(3))
-        kinematics(state.x, self.conn, self.dN, F, I1, I2, J)
+        x = state.x if self.motion is None else self.motion.moved(state.x)
+        kinematics(x, self.conn, self.dN, F, I1, I2, J)
         return F
 
     def add(self, into: Sum, given: Given) -> None:

@@ -15,6 +15,7 @@ from softcal.geometry.regions import Named, select_elements, select_faces, selec
 from softcal.project.document import Findings, KeyPath
 from softcal.project.robot_schema import BodySection, LoadSection
 from softcal.quantities import QUANTITIES
+from softcal.twin.clamp import clamp_zone
 from softcal.twin.parameters import out_of_range, robot_parameters
 from softcal.twin.robot import Body, Material, Robot
 
@@ -97,9 +98,13 @@ def build_bodies(sections: Mapping[str, BodySection], make_mesh: MeshMaker, find
         if name in built.qualities and (warning := _poor(built.qualities[name], built.meshes[name], fixed)):
             findings.warn((*path, "mesh"), warning)
         inclusions = _inclusions(name, body, built, (*path, "materials"), findings)
-        mesh = built.meshes[name]
+        mesh, clamp = built.meshes[name], None
+        if body.clamp is not None and all(nodes is not None for nodes in found):
+            with findings.at((*path, "clamp")):
+                clamp_zone(mesh, fixed, body.clamp)
+                clamp = body.clamp
         with findings.at((*path, "materials")):
-            whole = Body(name, mesh, fixed, body.constants, body.law, body.element, body.density, inclusions)
+            whole = Body(name, mesh, fixed, body.constants, body.law, body.element, body.density, inclusions, clamp)
             built.bodies.append(whole)
             _check_ranges(whole, path, findings)
     return built

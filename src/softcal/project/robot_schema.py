@@ -29,6 +29,7 @@ from softcal.project.sensor_schema import SensorSection
 from softcal.quantities import Clearance, Density, Force, Friction, Mass, Size
 from softcal.twin.barrier import Contact
 from softcal.twin.cables import Cable, RoutingAxis
+from softcal.twin.clamp import Clamp
 from softcal.twin.manipulator import Manipulator
 from softcal.twin.robot import Body, Disc, Inertia, Plate, PointLoad, Tie, ViaPoint
 
@@ -41,7 +42,7 @@ class MaterialSection(ConstantsSection):
 
 
 class BodySection(LawSection):
-    """A deformable body: its mesh, material, fixed region, and placement."""
+    """A deformable body: its mesh, material, fixed region, clamp, and placement."""
 
     mesh: Mesh
     element: ElementName = Body.element
@@ -49,6 +50,7 @@ class BodySection(LawSection):
     materials: Mapping[str, MaterialSection] = Field(default_factory=dict)
     regions: Mapping[str, RegionSection] = Field(default_factory=dict)
     fixed: Annotated[list[str], BeforeValidator(listed)] = Field(default_factory=list)
+    clamp: Clamp | None = Body.clamp
     placement: Placement | None = None
 
 

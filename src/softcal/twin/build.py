@@ -19,6 +19,7 @@ from softcal.mechanics.cable import build_cables
 from softcal.mechanics.crossing import Skins
 from softcal.mechanics.elements import ELEMENTS
 from softcal.mechanics.layout import FIXED, FREE, TIED, Layout
+from softcal.mechanics.mesh_motion import MeshMotion
 from softcal.mechanics.rod import build_rod
 from softcal.mechanics.solid import SolidTerm, build_solid
 from softcal.mechanics.system import System, build_system
@@ -33,6 +34,7 @@ from softcal.twin.loads import PointForce, Weights, build_loads, surface_forces
 from softcal.twin.parameters import robot_parameters, with_shape
 from softcal.twin.robot import Body, Cable, PointLoad, Robot
 from softcal.twin.routing import offset_rate
+from softcal.units import format_quantity
 
 
 @dataclass(frozen=True)
@@ -106,6 +108,7 @@ def build_twin(robot: Robot) -> Twin:
         first = builder.add(mesh.points, rider)
         builder.first[body.name] = first
         deforms = _deforms(body, mesh, rider)
+        motion = _motion(body, mesh, rider, first)
         for material in body.materials:
             tets = mesh.tets[material.tets[deforms[material.tets]]]
             if len(tets) == 0:
@@ -118,6 +121,7 @@ def build_twin(robot: Robot) -> Twin:
                 tets,
                 first_point=first,
                 first_pressure=n_pressures,
+                motion=motion,
             )
             solids.append(solid)
             if element.is_mixed:
@@ -295,6 +299,25 @@ def _riders(body: Body, mesh: TetMesh, robot: Robot, frame: dict[str, int]) -> I
             Fault("the body is not attached: no node is fixed or tied to a plate or another body", where=body.name)
         )
     return rider
+
+
+def _motion(body: Body, mesh: TetMesh, rider: Ints, first: int) -> MeshMotion | None:
+    """How the depth of the body's clamp moves its mesh; what is tied to plates or bodies cannot move with it."""
+    motion = body.motion(mesh, first)
+    if motion is None:
+        return None
+    carried = motion.way.any(axis=1) & (rider != FREE) & (rider != FIXED)
+    if carried.any() and body.zone is not None:
+        raise MeshError(
+            Fault(
+                "the body is tied to a plate or another body near its clamp, where a depth moves its mesh",
+                where=f"{body.name}.clamp",
+                got=f"{int(carried.sum())} tied nodes within {format_quantity(body.zone.length, 'm')} of the face",
+                allowed="a body that is tied further away",
+                attempt="no clamp: its depth must then be drawn",
+            )
+        )
+    return motion
 
 
 def _deforms(body: Body, mesh: TetMesh, rider: Ints) -> NDArray[np.bool_]:

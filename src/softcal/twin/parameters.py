@@ -62,6 +62,7 @@ KINDS: Mapping[str, Quantity] = {
     "friction_coefficient": QUANTITIES["friction coefficient"],
     "force": QUANTITIES["force"],
     "routing_offset": QUANTITIES["length"],
+    "clamp_depth": QUANTITIES["length"],
 }
 
 
@@ -85,6 +86,8 @@ def robot_parameters(robot: Robot) -> dict[str, ParameterInfo]:
             for constant in LAWS[body.law].parameters:
                 add(material.name, constant.name, material.parameters[constant.name], constant.quantity)
             add(material.name, "density", material.density)
+        if body.clamp is not None and body.zone is not None:
+            add(body.name, "clamp_depth", body.clamp.depth, body.zone.depths, shapes=True)
     for rod in robot.rods:
         for constant in LINEAR_ELASTIC:
             add(rod.name, constant.name, rod.parameters[constant.name], constant.quantity)
@@ -164,7 +167,10 @@ def with_shape(robot: Robot, theta: Mapping[str, float]) -> Robot:
 
 def _with_materials(body: Body, values: Mapping[str, float]) -> Body:
     inclusions = (_with_material(part, values, f"{body.name}.{part.name}") for part in body.inclusions)
-    return replace(_with_material(body, values, body.name), inclusions=tuple(inclusions))
+    clamp = body.clamp
+    if clamp is not None:
+        clamp = replace(clamp, depth=values.get(f"{body.name}.clamp_depth", clamp.depth))
+    return replace(_with_material(body, values, body.name), inclusions=tuple(inclusions), clamp=clamp)
 
 
 def _with_material(part: Part, values: Mapping[str, float], name: str) -> Part:

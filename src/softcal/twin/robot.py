@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -19,10 +20,12 @@ from softcal.materials.catalogue import LAWS, LawName
 from softcal.materials.elastic_constants import LINEAR_ELASTIC
 from softcal.materials.parameter import complete
 from softcal.mechanics.elements import DEFAULT, ElementName
+from softcal.mechanics.mesh_motion import MeshMotion
 from softcal.quantities import Clearance, Density, Mass, MomentOfInertia, Size
 from softcal.sensing.sensor import NamedSensor
 from softcal.twin.barrier import Contact
 from softcal.twin.cables import Cable, ViaPoint
+from softcal.twin.clamp import Clamp, Zone, clamp_zone
 from softcal.twin.part import NamedPart
 
 Control = Literal["tension", "shortening"]
@@ -63,6 +66,7 @@ class Body(NamedPart):
     element : Name of one of softcal's elements (P1, P2, P2P1; see `softcal.mechanics.elements`), or of a registered one
     density : [kg/m^3]
     inclusions : Tets of other materials of the same law, with shared nodes; constants not given are the body's
+    clamp : What fixes it at a plane face, whose depth is then a parameter; None: it is fixed exactly at its fixed nodes
     """
 
     mesh: TetMesh
@@ -72,9 +76,12 @@ class Body(NamedPart):
     element: ElementName = DEFAULT.name
     density: Density = 0.0
     inclusions: tuple[Material, ...] = ()
+    clamp: Clamp | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.clamp is not None:
+            self.zone  # noqa: B018  refuses a clamp that cannot be
         constants = LAWS[self.law].parameters
         own = complete(self.parameters, constants, owner=self.name)
         object.__setattr__(self, "parameters", own)
@@ -102,6 +109,30 @@ class Body(NamedPart):
             rest[part.tets] = False
         own = Material(self.name, np.flatnonzero(rest), self.parameters, self.density)
         return (own, *(replace(part, name=f"{self.name}.{part.name}") for part in self.inclusions))
+
+    @cached_property
+    def zone(self) -> Zone | None:
+        """Where the depth of its clamp moves the mesh; None without a clamp."""
+        return clamp_zone(self.mesh, self.fixed, self.clamp, where=f"{self.name}.clamp") if self.clamp else None
+
+    def motion(self, mesh: TetMesh, first: int = 0) -> MeshMotion | None:
+        """How the depth of its clamp moves the mesh of its element, whose first point has a number in the system; None
+        without a clamp.
+        """
+        if self.clamp is None or self.zone is None:
+            return None
+        way = np.outer(self.zone.shares(mesh), self.zone.direction)
+        return MeshMotion(f"{self.name}.clamp_depth", self.clamp.depth, way, first)
+
+    @property
+    def as_clamped(self) -> Body:
+        """The same body whose mesh ends where the clamp does: for programs that know no depth of it."""
+        motion = self.motion(self.mesh)
+        if motion is None or motion.value == 0.0:
+            return self if self.clamp is None else replace(self, clamp=None)
+        old = self.mesh
+        mesh = TetMesh(motion.moved(old.points), old.tets, old.node_sets, old.face_sets, old.element_sets)
+        return replace(self, mesh=mesh, clamp=None)
 
 
 @dataclass(frozen=True)
@@ -337,3 +368,10 @@ class Robot(Checked):
             raise InputError(Fault("the robot has nothing that bends", got="no body and no rod", allowed="one or more"))
         if self.contact is not None:
             object.__setattr__(self, "contact", self.contact.fitted(self.bodies, self.rods))
+
+    @property
+    def as_clamped(self) -> Robot:
+        """The same robot, every body's mesh ending where its clamp does."""
+        if all(body.clamp is None for body in self.bodies):
+            return self
+        return replace(self, bodies=tuple(body.as_clamped for body in self.bodies))

@@ -51,6 +51,8 @@ def _simulator(settings: SofaSettings, robot: Robot) -> Simulate:
     return engine
 
 
-register_engine(
-    Engine("sofa", lambda robot: linear_robot(robot).robot, _missing, _solve, scene_faults, _strain_of_rods, _simulator)
-)
+def _as_it_has_it(robot: Robot) -> Robot:
+    return linear_robot(robot).robot.as_clamped
+
+
+register_engine(Engine("sofa", _as_it_has_it, _missing, _solve, scene_faults, _strain_of_rods, _simulator))

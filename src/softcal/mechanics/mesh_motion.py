@@ -1,0 +1,79 @@
+"""A solid whose undeformed mesh is moved by a parameter s: node a to X_a + s V_a, and likewise in any other state.
+
+The displacement x - X of a node is then that of the moved one, and the strain energy is that of the body on the moved
+mesh. All else of the robot is as on the given mesh: the points attached to the body, and its weight. So bodies that are
+clamped deeper than drawn are solved on the unknowns of those as drawn. At fixed unknowns, with G = dV/dX on the moved
+mesh,
+
+    dF = (1 - F) G,    d(dN_a) = -G^T dN_a,    dw = w tr G
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from softcal.checks import Floats, Ints
+
+if TYPE_CHECKING:
+    from softcal.mechanics.solid import Kinematics
+
+
+@dataclass(frozen=True)
+class MeshMotion:
+    """How a parameter moves the undeformed mesh of a body.
+
+    Attributes
+    ----------
+    parameter : Its dotted name
+    value : s [m]
+    way : V (n, 3) [-] of the body's points
+    first : Number of the first of them
+    """
+
+    parameter: str
+    value: float
+    way: Floats
+    first: int = 0
+
+    def moved(self, x: Floats) -> Floats:
+        """The positions (n_points, 3) [m] of all points with those of the body moved."""
+        x = x.copy()
+        x[self.first : self.first + len(self.way)] += self.value * self.way
+        return x
+
+    def rate(self, conn: Ints, dN: Floats) -> tuple[Ints, Floats]:
+        """The tets that it deforms (k,), and G (k, n_q, 3, 3) [1/m] in them."""
+        V = self.way[conn - self.first]
+        # The tets far from what moves, and those that all of it carries along, keep their shape.
+        tets = np.flatnonzero((V != V[:, :1]).any(axis=(1, 2)))
+        return tets, np.einsum("eai,eqaj->eqij", V[tets], dN[tets])
+
+
+def stress_rate(known: Kinematics, dF: Floats, coefficients: Floats) -> tuple[Floats, Floats]:
+    """P and its rate for a rate dF of F (n_tets, n_q, 3, 3), by the derivatives of the energy (9, n_tets, n_q)."""
+    F, I1 = known[0], known[1][..., None, None]
+    first, second = coefficients[:3, ..., None, None], coefficients[3:]
+    B = F @ np.swapaxes(F, 2, 3)
+    dB = dF @ np.swapaxes(F, 2, 3) + F @ np.swapaxes(dF, 2, 3)
+    # The invariants' derivatives by F, and how these change.
+    by_F = np.stack([2.0 * F, 2.0 * (I1 * F - B @ F), cofactor(F, F)])
+    dI = np.einsum("ieqkl,eqkl->ieq", by_F, dF)
+    rates = np.stack(
+        [
+            2.0 * dF,
+            2.0 * (dI[0][..., None, None] * F + I1 * dF - dB @ F - B @ dF),
+            cofactor(dF, F) + cofactor(F, dF),
+        ]
+    )
+    rows = ((0, 1, 2), (1, 3, 4), (2, 4, 5))  # of the second derivatives, as they are stored
+    d_first = np.stack([sum(second[k] * dI[j] for j, k in enumerate(row)) for row in rows])
+    P = (first * by_F).sum(axis=0)
+    return P, (first * rates + d_first[..., None, None] * by_F).sum(axis=0)
+
+
+def cofactor(A: Floats, B: Floats) -> Floats:
+    """The rows A_1 x B_2, A_2 x B_0, A_0 x B_1 of matrices (..., 3, 3): cof F of F and F."""
+    return np.cross(A[..., (1, 2, 0), :], B[..., (2, 0, 1), :])

@@ -103,6 +103,7 @@ if TYPE_CHECKING:
     from softcal.workflows.export import ExportRequest as ExportRequest
     from softcal.workflows.export import register_export as register_export
     from softcal.workflows.export import write_export as write_export
+    from softcal.workflows.importance import importance as importance
     from softcal.workflows.intervals import intervals as intervals
     from softcal.workflows.mesh_study import mesh_study as mesh_study
     from softcal.workflows.next_test import next_test as next_test
@@ -188,6 +189,7 @@ _HOMES = {
     "check": "softcal.workflows.checking",
     "compare_records": "softcal.workflows.whole_record",
     "helix": "softcal.geometry.centreline",
+    "importance": "softcal.workflows.importance",
     "intervals": "softcal.workflows.intervals",
     "load": "softcal.project.project",
     "load_run": "softcal.workflows.run_folder",
@@ -291,6 +293,7 @@ __all__ = [
     "check",
     "compare_records",
     "helix",
+    "importance",
     "intervals",
     "load",
     "load_run",

@@ -157,11 +157,11 @@ class LogPosterior:
 
     def function(self) -> Callable[[Floats], Floats]:
         """Minus twice the logarithm (n,) at points z (n, size); infinite outside."""
-        squares = self.surrogate.squares()
+        turned = self.surrogate.turned()
 
         def value(z: Floats) -> Floats:
             inside = np.all((z >= 0.0) & (z <= 1.0), axis=1) & (self.range_at(z) <= 1.0)
-            return np.where(inside, self.of_squares(z, squares(z)), np.inf)
+            return np.where(inside, self.of_squares(z, np.sum(turned.predicted(z) ** 2, axis=1)), np.inf)
 
         return value
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -35,12 +35,15 @@ class Surrogate:
         Total degree.
     coefficients
         Shape (terms, m).
+    missed
+        Sum of the squared errors of the values at the points it was fitted to, each predicted from the others.
     """
 
     centre: Floats
     turn: Floats
     degree: int
     coefficients: Floats
+    missed: float
 
     def coordinates(self, z: Floats) -> Floats:
         """u of points z (n, size)."""
@@ -50,22 +53,9 @@ class Surrogate:
         """The values (n, m) at points z (n, size)."""
         return _terms(self.coordinates(z), self.degree) @ self.coefficients
 
-    def squares(self) -> SquaredSurrogate:
-        """The sum of the squared values, at a cost that does not depend on m."""
-        return SquaredSurrogate(self, np.linalg.qr(self.coefficients.T)[1].T)
-
-
-@dataclass(frozen=True)
-class SquaredSurrogate:
-    """The sum of the squares of a surrogate's values."""
-
-    surrogate: Surrogate
-    root: Floats
-
-    def __call__(self, z: Floats) -> Floats:
-        """At points z (n, size), shape (n,)."""
-        terms = _terms(self.surrogate.coordinates(z), self.surrogate.degree)
-        return np.sum((terms @ self.root) ** 2, axis=1)
+    def turned(self) -> Surrogate:
+        """The surrogate of the values turned into as many as there are terms: their squares have the same sum."""
+        return replace(self, coefficients=np.linalg.qr(self.coefficients.T)[1].T)
 
 
 def fewest_points(size: int, degree: int = 2) -> int:
@@ -95,7 +85,7 @@ def fitted_surrogate(z: Floats, values: Floats, jacobians: Floats, covariance: F
     slopes = jacobians @ np.linalg.inv(turn).T  # by u
     n, size = u.shape
     rows = np.concatenate([values[:, None, :], np.moveaxis(slopes, 2, 1)], axis=1)  # (n, 1 + size, m)
-    best: tuple[float, Surrogate] | None = None
+    best: Surrogate | None = None
     for degree in range(1, HIGHEST + 1):
         terms = np.concatenate([_terms(u, degree)[:, None, :], _slopes(u, degree)], axis=1)
         if degree > 1 and n * (1 + size) < _ROWS * terms.shape[2]:
@@ -105,11 +95,11 @@ def fitted_surrogate(z: Floats, values: Floats, jacobians: Floats, covariance: F
             np.linalg.lstsq(flat, rows.reshape(n * (1 + size), -1), rcond=None)[0], dtype=np.float64
         )
         missed = _missed_by_others(terms, rows - terms @ coefficients)
-        if best is None or missed < _BETTER * best[0]:
-            best = missed, Surrogate(centre, turn, degree, coefficients)
+        if best is None or missed < _BETTER * best.missed:
+            best = Surrogate(centre, turn, degree, coefficients, missed)
     if best is None:
         raise ValueError("there are no points")
-    return best[1]
+    return best
 
 
 def _missed_by_others(terms: Floats, residuals: Floats) -> float:

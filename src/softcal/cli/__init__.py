@@ -11,6 +11,7 @@ from softcal.cli import calibrate_commands
 from softcal.cli import validate_command
 from softcal.cli import mesh_study_command
 from softcal.cli import intervals_command
+from softcal.cli import importance_command
 from softcal.cli import next_test_command
 from softcal.cli import sweep_command
 from softcal.cli import marker_commands
@@ -28,6 +29,7 @@ COMMAND_GROUPS = (
     validate_command,
     mesh_study_command,
     intervals_command,
+    importance_command,
     next_test_command,
     sweep_command,
     marker_commands,

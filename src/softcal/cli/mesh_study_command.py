@@ -50,9 +50,9 @@ def mesh_study(
     No mesher is needed: every tet is divided into eight, linear tets become quadratic, rod elements are halved.
     """
     from softcal.workflows.output import require_free_folder
-    from softcal.workflows.study_source import default_folder, study_source
+    from softcal.workflows.study_source import MESH_STUDY, default_folder, study_source
 
-    folder = out if out is not None else default_folder(source)
+    folder = out if out is not None else default_folder(source, MESH_STUDY)
     if folder is not None:
         require_free_folder(folder)
     studied = study_source(source, parsed_values(values), calibration)
@@ -76,7 +76,7 @@ def mesh_study(
     if folder is not None:
         write_study(found, studied.project, studied.calibration, folder)
         typer.echo(f"Wrote {folder}")
-        if folder == default_folder(source):
+        if folder == default_folder(source, MESH_STUDY):
             typer.echo(f"Into the report with: softcal report {source}")
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from softcal.report.comparison import improvement_table
 from softcal.report.content import ReportContent
 from softcal.report.cycles import cycles_table
+from softcal.report.importance_section import importance_table
 from softcal.report.left_out import left_out_table
 from softcal.report.mesh_section import mesh_tables
 from softcal.report.positions import distances_table
@@ -30,6 +31,7 @@ def all_tables(content: ReportContent) -> dict[str, ReportTable]:
         left_out_table(content),
         cycles_table(content),
         improvement_table(content),
+        importance_table(content),
         *mesh_tables(content),
         run_table(content),
         failures_table(content),

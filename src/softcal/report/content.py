@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from softcal.analysis.importance import ImportanceStudy
 from softcal.analysis.mesh_study import MeshStudy
 from softcal.analysis.record import RecordFit
 from softcal.calibration.result import CalibrationResult, SearchResult, SweepResult
@@ -96,6 +97,10 @@ class ReportContent:
         Mesh study of one of the results.
     mesh_note
         Why an existing mesh study is not shown.
+    importance
+        Sobol indices over the bounds of one of the results.
+    importance_note
+        Of which result they are, or why an existing study is not shown.
     equilibria
         Shapes of the headline's calibration, if positions were compared.
     records
@@ -112,6 +117,8 @@ class ReportContent:
     compared: Compared | None = None
     mesh_study: MeshStudy | None = None
     mesh_note: str = ""
+    importance: ImportanceStudy | None = None
+    importance_note: str = ""
     print_infill: PrintInfill | None = None
     headline: str = ""
     versions: Mapping[str, str] = field(default_factory=dict)

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from softcal.analysis.importance_verdict import importance_sentences
 from softcal.analysis.mesh_verdict import mesh_verdicts
 from softcal.calibration.result import SearchResult
 from softcal.report.comparison import improvements
@@ -76,6 +77,7 @@ def render_page(content: ReportContent, pictures: Sequence[Picture], tables: Map
         ],
         provenance={name: provenance_rows(e.prepared) for name, e in content.experiments.items()},
         fits_table_1=_fits_table_1(content),
+        importance_sentences=() if content.importance is None else importance_sentences(content.importance),
         mesh_verdicts=() if content.mesh_study is None else mesh_verdicts(content.mesh_study),
     )
 

@@ -14,7 +14,7 @@ from softcal.csv_text import csv_text
 from softcal.project.project import Project
 from softcal.workflows.study_files import FORMAT, are_values_of, write_study_files
 
-FOLDER, STUDY, PARAMETERS, CHANGES = "mesh-study", "mesh-study.json", "parameters.csv", "changes.csv"
+STUDY, PARAMETERS, CHANGES = "mesh-study.json", "parameters.csv", "changes.csv"
 
 
 def write_study(found: MeshStudy, project: Project, calibration: str, folder: Path) -> None:

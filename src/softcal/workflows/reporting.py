@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from softcal.analysis.importance import ImportanceStudy
 from softcal.analysis.landscape import ProportionalTwin, loss_over, scales_with_modulus
 from softcal.analysis.mesh_study import MeshStudy
 from softcal.calibration.problem import Problem
@@ -26,10 +27,12 @@ from softcal.workflows.calibrated_shapes import calibrated_shapes, from_undeform
 from softcal.workflows.calibration import JOINT, calibrated, make_problem
 from softcal.workflows.comparing import compared_calibration, compared_sweep
 from softcal.workflows.furthest import furthest_response
-from softcal.workflows.mesh_study_files import FOLDER, read_study
+from softcal.workflows.importance_files import read_importance
+from softcal.workflows.mesh_study_files import read_study
 from softcal.workflows.run import SWEEP, CalibrationRun, Run, SweepRun
 from softcal.workflows.run_folder import load_run
 from softcal.workflows.simulation import twin_view
+from softcal.workflows.study_source import IMPORTANCE, MESH_STUDY
 from softcal.workflows.whole_record import compare_records
 
 # Columns and rows of a computed landscape; with this many trials, the trials are drawn instead.
@@ -89,6 +92,7 @@ def _calibration_content(run: CalibrationRun, solved: Mapping[str, Response]) ->
     project = run.project
     headline = JOINT if JOINT in run.results else next(iter(run.results))
     mesh, mesh_note = _mesh_study(run)
+    importance, importance_note = _importance(run)
     return ReportContent(
         results=run.results,
         headline=headline,
@@ -98,6 +102,8 @@ def _calibration_content(run: CalibrationRun, solved: Mapping[str, Response]) ->
         compared=compared_calibration(project, run.settings, run.results[headline]),
         mesh_study=mesh,
         mesh_note=mesh_note,
+        importance=importance,
+        importance_note=importance_note,
         **_shared(run, run.results[headline], solved.get(headline)),
     )
 
@@ -130,12 +136,22 @@ def _shared(run: Run, result: SearchResult, furthest: Response | None = None) ->
 
 def _mesh_study(run: CalibrationRun) -> tuple[MeshStudy | None, str]:
     """The run's mesh study if it belongs to the present values, else None and why it is not shown."""
-    stored = read_study(run.folder / FOLDER)
+    stored = read_study(run.folder / MESH_STUDY)
     if stored is None:
         return None, ""
     if stored.is_of(run.results):
         return stored.study, f"Of the calibration '{stored.calibration}'." if len(run.results) > 1 else ""
-    return None, f"The mesh study in {FOLDER} is not of the calibrated values: delete it and repeat it."
+    return None, f"The mesh study in {MESH_STUDY} is not of the calibrated values: delete it and repeat it."
+
+
+def _importance(run: CalibrationRun) -> tuple[ImportanceStudy | None, str]:
+    """The run's importance study if it is over the bounds of its search, else None and why it is not shown."""
+    stored = read_importance(run.folder / IMPORTANCE)
+    if stored is None:
+        return None, ""
+    if stored.is_of(run.results):
+        return stored.study, f"Of the calibration '{stored.calibration}'." if len(run.results) > 1 else ""
+    return None, f"The study in {IMPORTANCE} is not over the bounds of the search: delete it and repeat it."
 
 
 def _experiment(project: Project, name: str) -> ExperimentContent:

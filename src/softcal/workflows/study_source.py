@@ -14,6 +14,8 @@ from softcal.errors import Fault, InputError, ParameterError
 from softcal.project.names import JOINT
 from softcal.project.project import Project, load
 
+MESH_STUDY, IMPORTANCE = "mesh-study", "importance"  # folders of studies in a run
+
 if TYPE_CHECKING:
     from softcal.calibration.problem import Problem
     from softcal.calibration.result import CalibrationResult
@@ -85,13 +87,9 @@ def run_source(path: Path, calibration: str = "") -> StudySource:
     return _of_run(run, calibration)
 
 
-def default_folder(path: Path) -> Path | None:
-    """Default folder of a study: in the run; None for a project, whose study is only printed."""
-    if not path.is_dir():
-        return None
-    from softcal.workflows.mesh_study_files import FOLDER
-
-    return path / FOLDER
+def default_folder(path: Path, name: str) -> Path | None:
+    """Default folder of a study of this name: in the run; None for a project, whose study is only printed."""
+    return path / name if path.is_dir() else None
 
 
 def _of_run(run: CalibrationRun, calibration: str) -> StudySource:

@@ -1,0 +1,89 @@
+"""Importance of the parameters of a calibrated run, or of a project before any calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from softcal.analysis.importance import SIMULATIONS, ImportanceStudy, importance_study
+from softcal.calibration.likelihood_points import Observer
+from softcal.errors import InputError
+from softcal.limits import LIMITS
+from softcal.workflows.importance_files import write_importance
+from softcal.workflows.output import require_free_folder
+from softcal.workflows.study_source import StudySource, study_source
+
+
+def study_importance(
+    source: StudySource,
+    *,
+    seed: int = 1,
+    simulations: int = SIMULATIONS,
+    workers: int = 1,
+    progress: Observer | None = None,
+) -> ImportanceStudy:
+    """The importance study of a source; options as for `importance`.
+
+    Raises
+    ------
+    InputError
+        As `importance`.
+    SoftcalError
+        As `importance`.
+    """
+    if fault := LIMITS["workers"].fault(workers):
+        raise InputError(replace(fault, where="--workers"))
+    found = importance_study(source.problem, seed=seed, simulations=simulations, workers=workers, progress=progress)
+    result = source.result
+    by_trials = result is not None and result.extra.get("importance_kind") == "fanova"
+    fanova = dict(result.importance) if result is not None and by_trials else {}
+    return replace(found, fanova=fanova, notes=(*source.notes, *found.notes))
+
+
+def importance(
+    path: str | Path,
+    *,
+    calibration: str = "",
+    values: Mapping[str, str] | None = None,
+    seed: int = 1,
+    simulations: int = SIMULATIONS,
+    workers: int = 1,
+    out: str | Path | None = None,
+    progress: Observer | None = None,
+) -> ImportanceStudy:
+    """Sobol indices of the loss and of every kind of compared channel, over the bounds of the search.
+
+    Parameters
+    ----------
+    path
+        A run folder, or a project file.
+    calibration
+        Label of a run's calibration; by default the joint one, else the first.
+    values
+        Parameters of a project to fix, such as `{"neck.poissons_ratio": "0.45"}`.
+    seed
+        Of the points.
+    simulations
+        Evaluations of the twin, at most.
+    workers
+        Processes.
+    out
+        A new folder for the study as JSON and CSV; a run's report shows the one in its `importance`.
+    progress
+        Called after every evaluation of the twin with their number.
+
+    Raises
+    ------
+    InputError
+        For an invalid source or option, a single free parameter, or a folder that holds files.
+    SoftcalError
+        Where the twin cannot be simulated within the bounds, or its surrogate does not become accurate.
+    """
+    if out is not None:
+        require_free_folder(Path(out))
+    source = study_source(Path(path), values, calibration)
+    found = study_importance(source, seed=seed, simulations=simulations, workers=workers, progress=progress)
+    if out is not None:
+        write_importance(found, source.project, source.calibration, Path(out))
+    return found

@@ -83,7 +83,7 @@ PARTS: list[tuple[str, Callable[..., object], dict[str, Any]]] = [
         {"diameter": 0.0, "thickness": "1", "axis": (0, 0, 0), "centre": "top", "hole_diameter": -0.1},
     ),
     ("bond.", lambda **given: Tie("bond", "a", [0], "b", **given), {"tolerance": 0.0}),
-    ("eye.", lambda **given: Marker("eye", **{"on": "top", **given}), {"on": None, "at": (0.0, 0.0)}),
+    ("eye.", lambda **given: Marker("eye", **{"on": "top", **given}), {"on": None, "at": (0.0, 0.0), "offset": "1 mm"}),
     (
         "weight.",
         lambda **given: PointLoad("weight", "top", **given),

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import re
+import textwrap
 from pathlib import Path
 
 import pytest
 from project_case import PROJECT, write_project
 
+from softcal.calibration.frame import FRAME
 from softcal.errors import ProjectFileError
 from softcal.project.project import Project, load
+from softcal.project.search import quantity_of
+from softcal.sensing.channel import readings
+from softcal.twin.parameters import MARKER_OFFSETS
 from softcal.workflows.calibration import make_problem
 
 END = PROJECT.rstrip().splitlines()[-1]
@@ -103,3 +109,38 @@ def test_the_depth_of_a_clamp_is_a_parameter_of_a_body_that_states_one(tmp_path:
     found = " ".join(faults(tmp_path / "away", "  bar.clamp_depth: {sd: 1 mm}\n", away))
     assert "robot.bodies.bar.clamp" in found
     assert "no fixed face lies behind the body" in found
+
+
+PAGE = (Path(__file__).parents[2] / "docs" / "project-file.md").read_text(encoding="utf-8")
+
+
+def test_the_table_of_the_rig_has_every_parameter_with_its_unit() -> None:
+    table = PAGE.partition("| parameter | unit | what it does | as a rule |")[2].partition("\n\n")[0]
+    rows = [[cell.strip() for cell in line.split(" | ")] for line in table.splitlines()[2:]]
+    found: dict[str, str] = {}
+    for names, unit, *_ in rows:
+        first, *others = re.findall(r"`([\w.]+)`", names)
+        found |= dict.fromkeys([first, *(first.rpartition(".")[0] + other for other in others)], unit)
+    for name, unit in found.items():
+        kind = quantity_of(name)
+        assert kind is not None, name
+        assert kind.unit == unit, name
+    of_rig = {
+        *readings(),
+        *(name.partition(".")[2] for name in FRAME),
+        *MARKER_OFFSETS,
+        "routing_offset",
+        "clamp_depth",
+    }
+    assert {name.rpartition(".")[2] for name in found} == {*of_rig, "friction_coefficient"}
+
+
+def test_the_documented_section_can_be_loaded(tmp_path: Path) -> None:
+    block = PAGE.partition("    uncertain:\n")[2].partition("\n\n")[0]
+    rig = ("experiments:\n", "rig: {pulleys: {count: 2, wrap: 180 deg, friction_coefficient: 0.1}}\nexperiments:\n")
+    marker = ("  cables:\n", "  markers:\n    m1: {on: plate, at: [0 mm, 0 mm, 100 mm]}\n  cables:\n")
+    section = textwrap.indent(textwrap.dedent(block), "  ").replace("neck", "bar")
+    project = loaded(tmp_path, section + "\n", CLAMP, rig, marker)
+    assert {p.name.partition(".")[2] or p.name for p in project.uncertain} == {
+        *("tension_gain", "friction_coefficient", "pitch_offset", "x_offset", "clamp_depth", "density")
+    }

@@ -14,6 +14,8 @@ from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate
 
+PLACE = {"m4.y_offset": 0.003}
+OF_ROBOT = (*MODULI, *PLACE)
 FRAME_AT = dict(zip(FRAME, (0.01, -0.02, 0.03, 0.3, -0.2, 0.4), strict=True))
 
 
@@ -33,10 +35,10 @@ test_of.__test__ = False
 
 def read(test: Experiment, values: dict[str, float], names: tuple[str, ...] = ()) -> Observation:
     """What the bench would read with robot and rig at `values`."""
-    robot = with_parameters(manipulator(), {name: value for name, value in values.items() if name in MODULI})
-    rig = {**test.rig_values(), **{name: value for name, value in values.items() if name not in MODULI}}
+    robot = with_parameters(manipulator(), {name: value for name, value in values.items() if name in OF_ROBOT})
+    rig = {**test.rig_values(), **{name: value for name, value in values.items() if name not in OF_ROBOT}}
     told = commands(test, rig)
-    by = [name for name in names if name in MODULI]
+    by = [name for name in names if name in OF_ROBOT]
     if names and len(told) > 1:
         by += [f"{cable}.{command.control}" for cable, command in told.items()]
     response = simulate(robot, Protocol(told), sensitivities=by, curve_tolerance=0.0)
@@ -55,9 +57,9 @@ def read(test: Experiment, values: dict[str, float], names: tuple[str, ...] = ()
 def test_readings_have_exact_derivatives(tensions, steps, monkeypatch) -> None:
     monkeypatch.setattr("softcal.mechanics.statics.TOLERANCE", 1e-11)
     test = test_of(tensions)
-    gains, place = {f"{cable}.tension_gain": 1.05 for cable in tensions}, {"m4.y_offset": 0.003}
-    values = {**MODULI, **FRAME_AT, **dict.fromkeys(steps, 0.1), **gains, **place}
-    steps = {**steps, **dict.fromkeys([*gains, *place], 1e-5)}
+    gains = {f"{cable}.tension_gain": 1.05 for cable in tensions}
+    values = {**MODULI, **FRAME_AT, **dict.fromkeys(steps, 0.1), **gains, **PLACE}
+    steps = {**steps, **dict.fromkeys([*gains, *PLACE], 1e-5)}
     check(test, values, {**dict.fromkeys(MODULI, 1e5), **dict.fromkeys(FRAME, 1e-5), **steps})
 
 

@@ -5,7 +5,7 @@ The rig relates the twin to the instruments:
     shortening on the bench = the cable's shortening + slack
     tension in the dataset  = gain T exp(n theta (mu - mu_nominal)) + tension offset   (loading, see `steps/pulleys`)
     angle of the IMU        = the plate's angle + its offset
-    position of a marker    = R(frame) (the twin's position) + t(frame) + its offset
+    position of a marker    = R(frame) (the twin's position) + t(frame)
 
 The dataset's tension is T_UTM exp(-n theta mu_nominal): the neck's side under the *nominal* friction. It stays so while
 mu is free; the twin's tension is converted to that side instead. Were the data corrected by the free mu, a large mu

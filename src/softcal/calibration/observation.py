@@ -168,17 +168,14 @@ def _placed(
     parts = [str(part) for part in positions(point)]
     p = np.column_stack([raw[part] for part in parts])
     rates = rotation_rates(frame[3:])
-    offsets = [part.offset for part in positions(point)]
     derivatives: Derivatives = {}
     for name in names:
         if name in FRAME:
             k = list(FRAME).index(name)
             derivatives[name] = np.tile(np.eye(3)[k], (len(p), 1)) if k < 3 else p @ rates[k - 3].T
-        elif name in offsets:
-            derivatives[name] = np.tile(np.eye(3)[offsets.index(name)], (len(p), 1))
         else:
             derivatives[name] = np.column_stack([slopes[part][name] for part in parts]) @ R.T
-    return p @ R.T + frame[:3] + [rig.get(name, 0.0) for name in offsets], derivatives
+    return p @ R.T + frame[:3], derivatives
 
 
 def _read(

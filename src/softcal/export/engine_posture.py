@@ -30,11 +30,8 @@ class EnginePosture:
         twin = twin_of(self.robot)
         if name in twin.frame:
             return self._pose(name)[0]
-        for marker in self.robot.markers:
-            if marker.name == name and marker.on in twin.frame:
-                self._pose(marker.on)
-        x = positions(twin, self.state)
-        return sum((w * x[p] for p, w in twin.markers[name]), np.zeros(3))
+        place = twin.markers[name]
+        return place.position(positions(twin, self.state), self.rotation(place.marker.on) if place.turns else np.eye(3))
 
     def rotation(self, plate: str) -> Floats:
         """Rotation (3, 3) of a plate."""

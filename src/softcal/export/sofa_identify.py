@@ -177,5 +177,5 @@ def _experiment(robot: Robot, protocol: Protocol, target: Response) -> Experimen
 def _rest(robot: Robot) -> dict[str, float]:
     """Undeformed positions of plates and markers [m]."""
     places = {plate.name: plate.reference for plate in robot.plates}
-    places |= {marker.name: marker.at for marker in robot.markers}
+    places |= {marker.name: marker.place for marker in robot.markers}
     return {str(part): float(x) for name, at in places.items() for part, x in zip(positions(name), at, strict=True)}

@@ -229,8 +229,8 @@ def _loads(robot: Robot, still: tuple[str, ...], meshes: Mapping[str, TetMesh]) 
 
 
 def _marker(marker: Marker, still: tuple[str, ...], meshes: Mapping[str, TetMesh]) -> dict[str, Any]:
-    found: dict[str, Any] = {"on": "" if marker.on in still else marker.on, "at": marker.at.tolist()}
+    found: dict[str, Any] = {"on": "" if marker.on in still else marker.on, "at": marker.place.tolist()}
     if marker.on in meshes:
-        nodes, weights = attach(meshes[marker.on], marker.at[None], tolerance=np.inf, where=marker.name)
+        nodes, weights = attach(meshes[marker.on], marker.place[None], tolerance=np.inf, where=marker.name)
         found |= {"nodes": nodes[0].tolist(), "weights": weights[0].tolist()}
     return found

@@ -70,6 +70,22 @@ def attach_point(mesh: TetMesh, point: Floats, *, may_stand_off: bool = False, w
     return _smallest_sum(_conditions(wall.points, point, wall.diameter), *attached, wall.diameter)
 
 
+def attach_directions(mesh: TetMesh, point: Floats, *, where: str = "") -> tuple[Ints, Floats]:
+    """Nodes (n,) of the element of a point (3,) [m], or of the nearest one, and the rates (n, 3) [1/m] of their weights
+    as the point moves along x, y and z: times their positions, the deformation gradient there.
+
+    Raises
+    ------
+    MeshError
+        Where no element is near.
+    """
+    tets, barycentric = locate_points(mesh, point[None, :], tolerance=np.inf, where=where)
+    nodes = mesh.tets[tets[0]]
+    gradients = mesh.cell.gradients(_within(barycentric))[0]
+    local = gradients[:, 1:] - gradients[:, :1]
+    return nodes, local @ np.linalg.inv(mesh.points[nodes].T @ local)
+
+
 def attach_rate(mesh: TetMesh, point: Floats, way: Floats, *, where: str = "") -> tuple[Ints, Floats]:
     """Nodes and rates [1/m] of the weights of a point (3,) [m] inside the mesh that moves along a direction (3,).
 
@@ -92,9 +108,8 @@ def attach_rate(mesh: TetMesh, point: Floats, way: Floats, *, where: str = "") -
                 allowed="a point in the material; one in a bore goes with the bore",
             )
         )
-    gradients = mesh.cell.gradients(barycentric)[0]
-    local = gradients[:, 1:] - gradients[:, :1]
-    return nodes, local @ np.linalg.solve(X.T @ local, way)
+    nodes, rates = attach_directions(mesh, point, where=where)
+    return nodes, rates @ way
 
 
 def attach_ball(mesh: TetMesh, centre: Floats, radius: float, *, where: str = "") -> Attachment:
@@ -138,8 +153,7 @@ def _smallest_sum(conditions: Floats, nodes: Ints, weights: Floats, bore: float 
 
 def _in_elements(mesh: TetMesh, points: Floats, tets: Ints, barycentric: Floats) -> tuple[Ints, Floats]:
     """Nodes and weights of points in elements or beside them, by barycentric coordinates between the corners."""
-    inside = np.clip(barycentric, 0.0, None)
-    inside /= inside.sum(axis=1, keepdims=True)
+    inside = _within(barycentric)
     nodes = mesh.tets[tets]
     X = mesh.points[nodes]
     N = mesh.cell.functions(inside)
@@ -148,3 +162,9 @@ def _in_elements(mesh: TetMesh, points: Floats, tets: Ints, barycentric: Floats)
     left = points - np.einsum("na,nai->ni", N, X)  # to points outside the range of the element's map
     local = np.linalg.solve(np.einsum("nai,nak->nik", X, dN), left[:, :, None])[:, :, 0]
     return nodes, N + np.einsum("nak,nk->na", dN, local)
+
+
+def _within(barycentric: Floats) -> Floats:
+    """Barycentric coordinates (n, 4) of points in the elements that are near those given."""
+    inside = np.clip(barycentric, 0.0, None)
+    return inside / inside.sum(axis=1, keepdims=True)

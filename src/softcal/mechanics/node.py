@@ -105,14 +105,27 @@ def node_at(
     sought = statics.seeks_free_modes or statics.n_unstable() != 0
     free = exclude_free_modes(statics, at) if sought else NO_MODES
     stable = bool(pushing(statics.system, state).any()) or statics.n_unstable() == 0
-    by_theta = statics.system.gradient_by_parameters(state, at, statics.theta, names)
+    # Others, such as the offset of a marker, leave the equilibrium as it is.
+    moving = [k for k, name in enumerate(names) if name in statics.system.parameters]
+    moved = tuple(names[k] for k in moving)
+    by_theta = statics.system.gradient_by_parameters(state, at, statics.theta, moved)
     dz = -statics.solve(np.column_stack([by_control, by_theta]))
     # The effort of a held actuator is prescribed: its rate is the line's.
     efforts = dz[statics.system.layout.first_effort_unknown :]
     efforts[line.is_held, 0] = line.effort_rate[line.is_held]
     slope, by_parameter = dz[:, 0], dz[:, 1:]
-    of_both = mixed_derivatives(statics, controls, state, slope, by_parameter, names if mixed else ())
+    of_both = mixed_derivatives(statics, controls, state, slope, by_parameter, moved if mixed else ())
+    by_parameter, of_both = (_at(moving, values, len(names)) for values in (by_parameter, of_both))
     return Node(c, state, slope, by_parameter, of_both, stable, free=free)
+
+
+def _at(columns: list[int], values: Floats, n: int) -> Floats:
+    """An array (n_unknowns, n) with values in some columns, zero in the others."""
+    if len(columns) == n:
+        return values
+    out = np.zeros((len(values), n))
+    out[:, columns] = values
+    return out
 
 
 def pushing(system: System, state: State) -> np.ndarray:

@@ -135,6 +135,11 @@ class System:
         )
 
     @cached_property
+    def parameters(self) -> frozenset[str]:
+        """Names in theta of all parameters that an equilibrium depends on."""
+        return frozenset(name for term in self.terms for name in term.parameters)
+
+    @cached_property
     def loads(self) -> Loads:
         """The dead loads."""
         return self.of(Loads)[0]

@@ -44,12 +44,7 @@ def build_search(
     free: list[FreeParameter] = []
     for name, section in sections.items():
         path = ("parameters", name)
-        targets = _targets(name, section, known)
-        if known is not None and not targets:
-            with findings.at((*path, "of") if section.of else path):
-                raise ParameterError([unknown_name(wanted, known) for wanted in section.of or [name]])
-            continue
-        kind = known[targets[0]].quantity if known is not None else quantity_of((section.of or [name])[0])
+        targets, kind = named("parameters", name, section, known, findings)
         parameter = None if kind is None else _free(name, section, kind.unit, path, findings)
         left = tuple(target for target in targets if target not in held)
         if parameter is None or name in held or (targets and not left):
@@ -95,11 +90,25 @@ def check_owners(
                 findings.unknown(path, "part of the robot or the rig", owner, owners)
 
 
-def _targets(name: str, section: ParameterSection, known: Mapping[str, ParameterInfo] | None) -> list[str]:
-    """The parameters of the robot and the rig that one of the section is or ties together."""
-    if section.of is None:
-        return [name] if known is None or name in known else []
-    return [target for target in known or () if any(fnmatchcase(target, wanted) for wanted in section.of)]
+def named(
+    key: str,
+    name: str,
+    section: ParameterSection | UncertainSection,
+    known: Mapping[str, ParameterInfo] | None,
+    findings: Findings,
+) -> tuple[list[str], Quantity | None]:
+    """The parameters that an entry of the file means, by its name or by `of`, and the kind of quantity they are; no
+    kind where there is no such parameter, which is recorded. Of parameters that are not known, the kind by the name.
+    """
+    wanted = section.of or [name]
+    if known is None:
+        return [], quantity_of(wanted[0])
+    targets = [target for target in known if any(fnmatchcase(target, one) for one in wanted)]
+    if targets:
+        return targets, known[targets[0]].quantity
+    with findings.at((key, name, "of") if section.of else (key, name)):
+        raise ParameterError([unknown_name(one, known) for one in wanted])
+    return [], None
 
 
 def untied(given: Mapping[str, str | float], sections: Mapping[str, ParameterSection]) -> dict[str, str | float]:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from fnmatch import fnmatchcase
 
 from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.uncertain import UncertainParameter, free_and_uncertain, sd_fault, uncertain_parameters
 from softcal.errors import ParameterError
 from softcal.project.calibration_schema import UncertainSection
 from softcal.project.document import Findings
-from softcal.project.search import quantity_of
-from softcal.twin.parameters import ParameterInfo, unknown_name
+from softcal.project.search import named
+from softcal.twin.parameters import ParameterInfo
 from softcal.units import parse_quantity
 
 
@@ -36,12 +35,8 @@ def build_uncertain(
     """
     given: list[UncertainParameter] = []
     for name, section in sections.items():
-        path, wanted = ("uncertain", name), section.of or [name]
-        targets = [target for target in known or () if any(fnmatchcase(target, one) for one in wanted)]
-        with findings.at((*path, "of") if section.of else path):
-            if known is not None and not targets:
-                raise ParameterError([unknown_name(one, known) for one in wanted])
-        kind = known[targets[0]].quantity if known and targets else quantity_of(wanted[0])
+        path = ("uncertain", name)
+        targets, kind = named("uncertain", name, section, known, findings)
         if kind is None:
             continue
         with findings.at((*path, "sd")):
@@ -57,7 +52,7 @@ def build_uncertain(
                     per_experiment=section.per == "experiment",
                     per_set_up=section.per == "set_up",
                 )
-                if known is not None and targets:
+                if targets and known is not None:
                     uncertain_parameters([one], list(experiments), known, experiments, set_ups)
                     given.append(one)
     if known is None:

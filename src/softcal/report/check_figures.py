@@ -107,8 +107,8 @@ def robot_scenes(robot: Robot) -> tuple[tuple[Scene, ...], tuple[Projection, ...
             if via.on not in shaped
         ]
         names.append(Label(cable.name, refined(path)))
-    parts += [Ball(marker.at, 0.012 * size, colour=SKY) for marker in robot.markers]
-    others += [Label(marker.name, marker.at[None]) for marker in robot.markers]
+    parts += [Ball(marker.place, 0.012 * size, colour=SKY) for marker in robot.markers]
+    others += [Label(marker.name, marker.place[None]) for marker in robot.markers]
     up = up_direction(robot)
     towards = _first_cable_side(robot, points, up)
     forces, force_names = _load_arrows(robot, size)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Hashable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -31,7 +31,9 @@ from softcal.twin.contacts import build_contacts, disc_skin
 from softcal.twin.crossings import build_skins
 from softcal.twin.joints import join_ties, nodes_in_use, number_frames
 from softcal.twin.loads import PointForce, Weights, build_loads, surface_forces
-from softcal.twin.parameters import robot_parameters, with_shape
+from softcal.twin.markers import MarkerPlace, directions_in
+from softcal.twin.parameter_name import parameter_name
+from softcal.twin.parameters import MARKER_OFFSETS, robot_parameters, with_shape
 from softcal.twin.robot import Body, Cable, PointLoad, Robot
 from softcal.twin.routing import offset_rate
 from softcal.units import format_quantity
@@ -48,7 +50,7 @@ class Twin:
     meshes : Body -> the mesh of its element [m]
     frame : Plate -> the number of its frame
     via : Cable -> its via points as weighted points
-    markers : Marker -> its weighted points
+    markers : Marker -> its place on its part
     pressure_nodes
         Material of a mixed body -> the number of its first pressure, the body, and the numbers of the nodes (n,) that
         have one.
@@ -60,7 +62,7 @@ class Twin:
     meshes: dict[str, TetMesh]
     frame: dict[str, int]
     via: dict[str, list[Weights]]
-    markers: dict[str, Weights]
+    markers: dict[str, MarkerPlace]
     pressure_nodes: dict[str, tuple[int, str, Ints]]
 
     @cached_property
@@ -177,7 +179,14 @@ def build_twin(robot: Robot) -> Twin:
         return found
 
     by_offset = {cable.name: away(cable) for cable in robot.cables}
-    markers = {marker.name: support(marker.at, marker.on, marker.name, may_stand_off=True) for marker in robot.markers}
+    markers = {
+        marker.name: MarkerPlace(
+            marker,
+            support(marker.at, marker.on, marker.name, may_stand_off=True),
+            directions_in(meshes[marker.on], marker, builder.first[marker.on]) if marker.on in meshes else (),
+        )
+        for marker in robot.markers
+    }
     forces: list[PointForce] = []
     given = {body.name: body.mesh for body in robot.bodies}
     for plate in robot.plates:
@@ -212,6 +221,7 @@ def build_twin(robot: Robot) -> Twin:
 
 def twin_of(robot: Robot, theta: Mapping[str, float] | None = None) -> Twin:
     """`build_twin`, cached for each robot: the assembled system depends on no parameter values but those of its shape.
+    Where only the offsets of markers differ, it is the same system.
 
     Parameters
     ----------
@@ -231,7 +241,12 @@ def twin_of(robot: Robot, theta: Mapping[str, float] | None = None) -> Twin:
     if key in _CACHE:
         _CACHE.move_to_end(key)
         return _CACHE[key][1]
-    twin = build_twin(shaped)
+    if all(new is old for new, old in zip(shaped.markers, robot.markers, strict=True)):
+        twin = build_twin(shaped)
+    else:
+        others = {name: v for name, v in (theta or {}).items() if parameter_name(name).kind not in MARKER_OFFSETS}
+        drawn = twin_of(robot, others)
+        twin = replace(drawn, robot=shaped, markers={m.name: drawn.markers[m.name].of(m) for m in shaped.markers})
     _CACHE[key] = (robot, twin)
     while len(_CACHE) > CACHE_SIZE:
         _CACHE.popitem(last=False)

@@ -119,7 +119,7 @@ class _AtRest:
 
 def _at_rest(robot: Robot) -> _AtRest:
     return _AtRest(
-        {marker.name: marker.at for marker in robot.markers},
+        {marker.name: marker.place for marker in robot.markers},
         {plate.name: plate.reference for plate in robot.plates},
         {cable.name: cable for cable in robot.cables},
     )

@@ -226,6 +226,6 @@ class _Motion:
         if on in self.twin.frame:
             return float(np.linalg.norm(velocities.frames[self.twin.frame[on]]))
         if on in self.twin.markers:
-            parts = [w * velocities.points[p] for p, w in self.twin.markers[on]]
+            parts = [w * velocities.points[p] for p, w in self.twin.markers[on].points]
             return float(np.linalg.norm(np.sum(parts, axis=0)))
         return float(np.sqrt(np.square(velocities.points).sum(axis=1).max(initial=0.0)))

@@ -32,7 +32,7 @@ class ParameterInfo:
     value : float
         The robot's own [SI].
     shapes : bool
-        Whether the undeformed robot depends on it, so that another value needs another twin.
+        Whether the undeformed robot depends on it, or where it is seen, so that another value needs another twin.
     """
 
     name: str
@@ -55,6 +55,8 @@ class ParameterInfo:
         return self.quantity.upper if self.quantity.ends[1] == ")" else math.inf
 
 
+# By x, y and z.
+MARKER_OFFSETS = tuple(f"{axis}_offset" for axis in "xyz")
 # The kind of quantity of every robot parameter that is no constant of a law, by the last part of its dotted name.
 KINDS: Mapping[str, Quantity] = {
     "density": QUANTITIES["density"],
@@ -63,6 +65,7 @@ KINDS: Mapping[str, Quantity] = {
     "force": QUANTITIES["force"],
     "routing_offset": QUANTITIES["length"],
     "clamp_depth": QUANTITIES["length"],
+    **dict.fromkeys(MARKER_OFFSETS, QUANTITIES["length"]),
 }
 
 
@@ -100,6 +103,9 @@ def robot_parameters(robot: Robot) -> dict[str, ParameterInfo]:
         if cable.routing_axis is not None:
             away = replace(KINDS["routing_offset"], lower=cable.least_offset, ends="(]")
             add(cable.name, "routing_offset", cable.routing_offset, away, shapes=True)
+    for marker in robot.markers:
+        for key, offset in zip(MARKER_OFFSETS, marker.offset.tolist(), strict=True):
+            add(marker.name, key, offset, shapes=True)
     for load in robot.loads:
         if isinstance(load, PointLoad):
             add(load.name, "force", float(np.dot(load.force, load.direction)))
@@ -146,7 +152,8 @@ def with_parameters(robot: Robot, values: Mapping[str, float]) -> Robot:
         for c in robot.cables
     )
     loads = tuple(_with_force(x, values) if isinstance(x, PointLoad) else x for x in robot.loads)
-    return replace(robot, bodies=bodies, rods=rods, plates=plates, cables=cables, loads=loads)
+    markers = tuple(marker.offset_by(values) for marker in robot.markers)
+    return replace(robot, bodies=bodies, rods=rods, plates=plates, cables=cables, loads=loads, markers=markers)
 
 
 def with_shape(robot: Robot, theta: Mapping[str, float]) -> Robot:

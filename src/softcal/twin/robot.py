@@ -288,10 +288,23 @@ class Marker(NamedPart):
     ----------
     name, on : Names of the marker and of the plate or body that carries it
     at : Position (3,) [m] in the rest frame
+    offset : How far from there it is attached (3,) [m], along the axes of the rest frame
     """
 
     on: str
     at: Position
+    offset: Position = field(default_factory=lambda: np.zeros(3))
+
+    @property
+    def place(self) -> Floats:
+        """Where it is attached (3,) [m], in the rest frame."""
+        return self.at + self.offset
+
+    def offset_by(self, values: Mapping[str, float]) -> Marker:
+        """The marker with the offsets among values [SI] of parameters by name; the same if none differs."""
+        axes = zip("xyz", self.offset.tolist(), strict=True)
+        offset = np.array([values.get(f"{self.name}.{axis}_offset", own) for axis, own in axes])
+        return self if np.array_equal(offset, self.offset) else replace(self, offset=offset)
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,8 @@ from softcal.sensing.kind import ChannelKind
 from softcal.sensing.sensor import Posture
 from softcal.twin.build import Twin
 from softcal.twin.loads import Weights
+from softcal.twin.markers import MarkerPlace
+from softcal.twin.parameters import MARKER_OFFSETS
 
 
 def channel_units(twin: Twin) -> dict[str, str]:
@@ -63,7 +65,8 @@ class _StatePosture:
     def point(self, name: str) -> Floats:
         if name in self.twin.frame:
             return self.state.position[self.twin.frame[name]]
-        return sum((w * self.state.x[p] for p, w in self.twin.markers[name]), np.zeros(3))
+        place = self.twin.markers[name]
+        return place.position(self.state.x, _turned(self.twin, self.state, place))
 
     def rotation(self, plate: str) -> Floats:
         return self.state.rotation[self.twin.frame[plate]]
@@ -92,7 +95,14 @@ class _StateRates:
     def point(self, name: str) -> Floats:
         if name in self.twin.frame:
             return self._of_frame(name)[:3]
-        return _point_rates(self.twin, self.state, self.twin.markers[name]) @ self._dq
+        place = self.twin.markers[name]
+        rates, R = _point_rates(self.twin, self.state, place.points) @ self._dq, _turned(self.twin, self.state, place)
+        if place.turns:
+            rates += np.cross(self.rotation(place.marker.on), R @ place.marker.offset, axis=0)
+        # An offset moves its marker at fixed unknowns.
+        for key, axis in zip(MARKER_OFFSETS, place.axes(self.state.x, R).T, strict=True):
+            rates[:, [k for k, one in enumerate(self.names) if one == f"{name}.{key}"]] += axis[:, None]
+        return rates
 
     def rotation(self, plate: str) -> Floats:
         return self._of_frame(plate)[3:]
@@ -120,6 +130,11 @@ class _StateRates:
             return np.zeros((6, self.dz.shape[1]))
         first = layout.first_frame_unknown + 6 * k
         return self.dz[first : first + 6]
+
+
+def _turned(twin: Twin, state: State, place: MarkerPlace) -> Floats:
+    """The rotation (3, 3) of a marker's plate; none for one on a body."""
+    return state.rotation[twin.frame[place.marker.on]] if place.turns else np.eye(3)
 
 
 def _point_rates(twin: Twin, state: State, weights: Weights) -> Floats:

@@ -92,8 +92,11 @@ def snapshot(twin: Twin, state: State, controls: dict[str, float], drive: float,
         return sum((w * state.x[p] for p, w in weights), np.zeros(3))
 
     cables = {name: np.array([place(weights) for weights in via]) for name, via in twin.via.items()}
-    markers = {name: place(weights) for name, weights in twin.markers.items()}
     plates = {name: (state.position[i].copy(), state.rotation[i].copy()) for name, i in twin.frame.items()}
+    still = np.zeros(3), np.eye(3)
+    markers = {
+        name: marker.position(state.x, plates.get(marker.marker.on, still)[1]) for name, marker in twin.markers.items()
+    }
     tensions = {cable.name: float(state.effort[i]) for i, cable in enumerate(robot.cables)}
     return Snapshot(
         _label(drive, unit),

@@ -6,14 +6,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from softcal.checks import Floats
-from softcal.quantities import QUANTITIES
 from softcal.sensing.kind import ChannelKind
 from softcal.sensing.sensor import Posture, PostureRates, Sensor, register_sensor
 
 POSITION = tuple(
-    ChannelKind(
-        name, "m", axis=axis, offset=(f"{name}_offset", QUANTITIES["length"]), noise=5e-4
-    )  # a camera and a print
+    ChannelKind(name, "m", axis=axis, noise=5e-4)  # a camera and a print
     for axis, name in enumerate("xyz")
 )
 

@@ -70,7 +70,9 @@ def test_a_study_is_written_into_the_run_and_read_back(studied: tuple[Path, str]
         assert whole[0] < without_mesh[0] < without_mesh[1] < whole[1]
         assert one.found is not None
         assert one.difference is not None
-        assert one.difference < 0.2
+        # The scatter of few pieces of a record is known less well than the noise of all samples.
+        assert one.difference < (0.2 if one.chance is None else 0.6)
+        assert not one.differs
     assert WITHOUT_MESH in stored.study.notes
     record = json.loads((held / STUDY).read_text(encoding="utf-8"))
     assert record["sentences"] == list(stored.study.sentences)
@@ -85,7 +87,7 @@ def test_it_is_printed_beside_the_quick_one_and_nothing_is_overwritten(
     folder, by = studied
     code, told, _ = run(capsys, "intervals", folder, "--by", by, "--out", tmp_path / "study")
     assert code == 0
-    for expected in ("quick", by, E, "MPa to", "trajectories", "half-length", f"Wrote {tmp_path / 'study'}"):
+    for expected in ("quick", by, E, "MPa to", "trajectories", "differs from", f"Wrote {tmp_path / 'study'}"):
         assert expected in told, expected
     monkeypatch.setattr("softcal.workflows.intervals.study_intervals", None)
     code, _, told = run(capsys, "intervals", folder, "--by", by)
@@ -99,6 +101,11 @@ def test_what_cannot_be_studied_is_refused_in_a_sentence(
     out = tmp_path / "study"
     for arguments, said in (
         ((calibrated, "--by", "magic"), "this is no method for intervals"),
+        ((calibrated, "--by", "jackknife", "--over", "bolts"), "this is no kind of group"),
+        ((calibrated, "--by", "jackknife", "--over", "experiments"), "too few experiments to tell their scatter"),
+        ((calibrated, "--by", "bootstrap", "--over", "cycles"), "too few cycles to tell their scatter"),
+        ((calibrated, "--by", "bootstrap", "--samples", "3"), "there are too few"),
+        ((calibrated, "--over", "markers"), "'profile' takes no groups"),
         ((calibrated, "--calibration", "other"), "the run has no such calibration"),
         ((calibrated.parent / "project.yaml",), "a file holds no calibration"),
         ((tmp_path / "nowhere",), "nowhere"),

@@ -12,6 +12,8 @@ from softcal.units import format_quantity, readable_unit
 
 DIFFERS = 0.1
 """Share of the quick interval's half-length: where an end moves by more, the two intervals differ."""
+UNLIKELY = 0.05
+"""Chance below which two estimated scatters differ."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,8 @@ class CheckedInterval:
         Ends of the other one [unit], within the bounds; None where it could not be found.
     reason
         Why the two differ, the end of a sentence; "" where that is not known.
+    chance
+        The probability that two estimates of one scatter differ as much; None where the ends are compared instead.
     """
 
     value: float
@@ -44,6 +48,7 @@ class CheckedInterval:
     quick: tuple[float, float] | None
     found: tuple[float, float] | None
     reason: str = ""
+    chance: float | None = None
 
     @property
     def difference(self) -> float | None:
@@ -56,7 +61,9 @@ class CheckedInterval:
 
     @property
     def differs(self) -> bool:
-        """Whether an end is elsewhere by more than `DIFFERS`."""
+        """Whether an end is elsewhere by more than `DIFFERS`, or chance does not explain how the scatters differ."""
+        if self.chance is not None:
+            return self.chance < UNLIKELY
         return self.difference is not None and self.difference > DIFFERS
 
     @property
@@ -75,7 +82,7 @@ class IntervalStudy:
     Attributes
     ----------
     by
-        The method: "profile", "posterior" or "bootstrap".
+        The method: "profile", "posterior", "jackknife" or "bootstrap".
     intervals
         Label -> interval beside the quick one.
     notes
@@ -85,10 +92,11 @@ class IntervalStudy:
     wall_s
         Wall time [s].
     points
-        Label -> values [SI] of the simulated points of a profile, or of the draws of a posterior or a bootstrap; all
-        equally long.
+        Label -> values [SI] of the simulated points of a profile, of the draws of a posterior or a bootstrap, or those
+        without each group of a jackknife; all equally long.
     excess
-        Of each point: minus twice the log-likelihood (or log-posterior) less the least found; empty for a bootstrap.
+        Of each point: minus twice the log-likelihood (or log-posterior) less the least found; empty for a bootstrap
+        or a jackknife.
     """
 
     by: str
@@ -107,6 +115,8 @@ class IntervalStudy:
         if missing:
             found = (*found, f"There is no quick interval of {', '.join(missing)}.")
         if not found and any(one.difference is not None for one in self.intervals.values()):
+            if any(one.chance is not None for one in self.intervals.values()):
+                return (f"No interval by {self.by} differs from the quick one by more than chance explains.",)
             share = f"{100 * DIFFERS:.0f} %"
             return (f"No end differs from that of the quick interval by more than {share} of its half-length.",)
         return found

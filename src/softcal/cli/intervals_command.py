@@ -20,18 +20,36 @@ if TYPE_CHECKING:
 @exit_on_error
 def intervals(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a calibrated run.", show_default=False)],
-    by: Annotated[str, typer.Option(metavar="METHOD", help="Method: profile or posterior.")] = "profile",
+    by: Annotated[
+        str, typer.Option(metavar="METHOD", help="Method: profile, posterior, jackknife or bootstrap.")
+    ] = "profile",
+    over: Annotated[
+        str,
+        typer.Option(
+            metavar="GROUPS",
+            help="What a jackknife or bootstrap takes as one: experiments, cables, weights, markers, cycles or records "
+            "(pieces of them).",
+            show_default=False,
+        ),
+    ] = "",
     calibration: Annotated[
         str,
         typer.Option(metavar="NAME", help="Calibration of the run; the joint one by default.", show_default=False),
     ] = "",
-    samples: Annotated[int, typer.Option(metavar="N", help="Number of draws of a posterior.")] = 10_000,
+    samples: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", help="Number of draws: 10,000 of a posterior, 2000 of a bootstrap.", show_default=False
+        ),
+    ] = None,
     seed: Annotated[int, typer.Option(metavar="N", help="Seed of the draws.")] = 1,
     workers: Workers = 1,
     out: Annotated[
         Path | None,
         typer.Option(
-            metavar="DIR", help="A folder that is new or empty; default: 'intervals-METHOD' in RUN.", show_default=False
+            metavar="DIR",
+            help="A folder that is new or empty; default: 'intervals-METHOD[-GROUPS]' in RUN.",
+            show_default=False,
         ),
     ] = None,
 ) -> None:
@@ -39,19 +57,23 @@ def intervals(
 
     profile: fits with one parameter fixed, some eight trajectories a parameter. posterior: draws by emcee within the
     bounds, with a surrogate of the twin through some fifty trajectories, which is checked at others.
+    jackknife: one group of measurements left out at a time, without a further trajectory. bootstrap: groups with random
+    weights, the ends confirmed by some three trajectories each.
     """
     from softcal.workflows.intervals import check_method, default_folder, study_intervals
     from softcal.workflows.intervals_files import write_intervals
     from softcal.workflows.output import require_free_folder
     from softcal.workflows.study_source import run_source
 
-    check_method(by)
-    folder = out if out is not None else default_folder(run, by)
+    check_method(by, over)
+    folder = out if out is not None else default_folder(run, by, over)
     require_free_folder(folder)
     source = run_source(run, calibration)
     with clock() as show:
-        options = {"samples": samples, "seed": seed, "workers": workers}
-        found = study_intervals(source, by, **options, progress=lambda n: show(f"{n} evaluations"))
+        options = {"seed": seed, "workers": workers}
+        found = study_intervals(
+            source, by, over=over, samples=samples, **options, progress=lambda n: show(f"{n} evaluations")
+        )
     typer.echo(f"95 % intervals of the calibration '{source.calibration}'")
     _print_study(found)
     write_intervals(found, source.project, source.calibration, folder)

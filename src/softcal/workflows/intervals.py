@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from softcal.calibration.bootstrap import DRAWS, bootstrap
 from softcal.calibration.checked_interval import IntervalStudy
+from softcal.calibration.groups import KINDS
 from softcal.calibration.likelihood_points import Observer
 from softcal.calibration.posterior import SAMPLES, posterior
 from softcal.calibration.profile import profile
+from softcal.calibration.resampling import jackknife
 from softcal.calibration.result import SearchResult
 from softcal.calibration.uncertain import MESH_ERROR
 from softcal.errors import Fault, InputError
@@ -21,14 +24,17 @@ WITHOUT_MESH = (
     "The error of the mesh is in the intervals of the calibration, but in neither of those compared here: it is the "
     "same in both."
 )
-METHODS = ("profile", "posterior")
+METHODS = ("profile", "posterior", "jackknife", "bootstrap")
+GROUPED = ("jackknife", "bootstrap")
+"""Methods that take groups of measurements."""
 
 
 def study_intervals(
     source: StudySource,
     by: str = "profile",
     *,
-    samples: int = SAMPLES,
+    over: str = "",
+    samples: int | None = None,
     seed: int = 1,
     workers: int = 1,
     progress: Observer | None = None,
@@ -42,14 +48,21 @@ def study_intervals(
     SoftcalError
         Where the twin cannot be simulated, or the likelihood has no minimum near the values.
     """
-    check_method(by)
+    check_method(by, over)
     if fault := LIMITS["workers"].fault(workers):
         raise InputError(replace(fault, where="--workers"))
+    problem, theta = source.problem, source.theta
     if by == "profile":
-        found = profile(source.problem, source.theta, workers=workers, progress=progress)
+        found = profile(problem, theta, workers=workers, progress=progress)
+    elif by == "jackknife":
+        found = jackknife(problem, theta, over=over)
     else:
-        options = {"samples": samples, "seed": seed, "workers": workers}
-        found = posterior(source.problem, source.theta, **options, progress=progress)
+        draws = {"posterior": SAMPLES, "bootstrap": DRAWS}[by] if samples is None else samples
+        options = {"samples": draws, "seed": seed, "workers": workers}
+        if by == "posterior":
+            found = posterior(problem, theta, **options, progress=progress)
+        else:
+            found = bootstrap(problem, theta, over=over, **options, progress=progress)
     mesh = (WITHOUT_MESH,) if source.result is not None and _has_mesh(source.result) else ()
     return replace(found, notes=(*source.notes, *mesh, *found.notes))
 
@@ -59,24 +72,29 @@ def _has_mesh(result: SearchResult) -> bool:
     return any(MESH_ERROR.source in estimate.shares for estimate in result.parameters.values())
 
 
-def check_method(by: str) -> None:
-    """Whether there is a method of this name.
+def check_method(by: str, over: str = "") -> None:
+    """Whether there is a method of this name, and whether it takes such groups.
 
     Raises
     ------
     InputError
-        Where there is none.
+        Where there is none, or it takes none.
     """
     if by not in METHODS:
         raise InputError(Fault("this is no method for intervals", "--by", f"'{by}'", ", ".join(METHODS)))
+    if over and by not in GROUPED:
+        raise InputError(Fault(f"'{by}' takes no groups", "--over", f"'{over}'", f"--by {' or '.join(GROUPED)}"))
+    if over and over not in KINDS:
+        raise InputError(Fault("this is no kind of group", "--over", f"'{over}'", ", ".join(KINDS)))
 
 
-def intervals(
+def intervals(  # noqa: PLR0913 (one keyword for each option)
     path: str | Path,
     *,
     by: str = "profile",
+    over: str = "",
     calibration: str = "",
-    samples: int = SAMPLES,
+    samples: int | None = None,
     seed: int = 1,
     workers: int = 1,
     out: str | Path | None = None,
@@ -89,11 +107,16 @@ def intervals(
     path
         A run folder.
     by
-        "profile": fits with one parameter fixed; "posterior": draws by emcee with a surrogate of the twin.
+        "profile": fits with one parameter fixed; "posterior": draws by emcee with a surrogate of the twin;
+        "jackknife": one group of measurements left out at a time; "bootstrap": groups with random weights.
+    over
+        Of a jackknife or a bootstrap, the kind of group: "experiments", "cables", "weights", "markers", "cycles", or
+        pieces of the "records". By default experiments, of three or more, else records.
     calibration
         Label of a run's calibration; by default the joint one, else the first.
     samples, seed
-        Of a posterior: the number of draws, and the seed of its random numbers.
+        Of a posterior or a bootstrap: the number of draws, by default 10,000 or 2000, and the seed of its
+        random numbers.
     workers
         Processes.
     out
@@ -108,16 +131,16 @@ def intervals(
     SoftcalError
         Where the twin cannot be simulated, or the likelihood has no minimum near the values.
     """
-    check_method(by)
+    check_method(by, over)
     if out is not None:
         require_free_folder(Path(out))
     source = run_source(Path(path), calibration)
-    found = study_intervals(source, by, samples=samples, seed=seed, workers=workers, progress=progress)
+    found = study_intervals(source, by, over=over, samples=samples, seed=seed, workers=workers, progress=progress)
     if out is not None:
         write_intervals(found, source.project, source.calibration, Path(out))
     return found
 
 
-def default_folder(run: Path, by: str) -> Path:
+def default_folder(run: Path, by: str, over: str = "") -> Path:
     """Default folder of a study: in the run."""
-    return run / folder_name(by)
+    return run / folder_name(by, over)

@@ -18,9 +18,9 @@ STUDY, POINTS, EXCESS = "intervals.json", "points.csv", "excess"
 _WHAT = "the interval study"
 
 
-def folder_name(by: str) -> str:
+def folder_name(by: str, over: str = "") -> str:
     """The folder of a study in a run."""
-    return f"intervals-{by}"
+    return "-".join(["intervals", by, *([over] if over else [])])
 
 
 def write_intervals(found: IntervalStudy, project: Project, calibration: str, folder: Path) -> None:

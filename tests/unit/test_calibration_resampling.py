@@ -1,0 +1,253 @@
+"""Jackknife and bootstrap: against closed forms, against fits, and silent where the tests are alike."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fake_twin import E
+from interval_cases import curved, linear_problem, values
+from manipulator_case import CABLES, LENGTH, manipulator
+from scipy.optimize import minimize
+
+from softcal.calibration.bootstrap import bootstrap
+from softcal.calibration.estimator import estimator
+from softcal.calibration.experiment import Experiment
+from softcal.calibration.groups import KINDS, groups_of
+from softcal.calibration.jackknife import delete_one
+from softcal.calibration.loss import Block, Loss, total
+from softcal.calibration.losses.distance import DistanceLoss
+from softcal.calibration.losses.likelihood import LikelihoodLoss
+from softcal.calibration.losses.papers import PapersLoss
+from softcal.calibration.parameters import FreeParameter
+from softcal.calibration.problem import Problem, make_problem
+from softcal.calibration.resampling import jackknife
+from softcal.calibration.reweighted import NONE, Reweighted, reweighted
+from softcal.calibration.rig import Rig
+from softcal.errors import InputError, ParameterError
+from softcal.experiments.dataset import Channel, Dataset
+from softcal.twin.parameters import parameter_values
+from softcal.twin.protocol import Command, Protocol
+from softcal.twin.response import Response
+from softcal.twin.robot import Marker, Robot
+
+ALIKE = "No interval by {} differs from the quick one by more than chance explains."
+SIX = tuple("abcdef")
+STIFF, SOFT = "spring1.youngs_modulus", "spring2.youngs_modulus"
+FORCES = np.array([5.0, 10.0, 15.0])
+MARKERS = tuple(f"m{k}" for k in range(1, 9))
+ROBOT = replace(manipulator(), markers=tuple(Marker(m, "S4", np.array([0.02, 0.0, -LENGTH])) for m in MARKERS))
+
+
+def blocks_of(seed: int, n: int = 30, k: int = 6, size: int = 2, channel: str = "tension") -> list[Block]:
+    """Records at the minimum of least squares: `size` shared parameters, and an offset for each."""
+    chance = np.random.default_rng(seed)
+    jacobians = [
+        np.column_stack([chance.uniform(0.5, 1.5, (n, size)), np.tile(np.eye(k)[i], (n, 1))]) for i in range(k)
+    ]
+    noise = [
+        (1 + i) * 1e-3 * chance.standard_normal(n) + 2e-3 * chance.standard_normal() * jacobians[i][:, 0]
+        for i in range(k)
+    ]
+    step = np.linalg.lstsq(np.concatenate(jacobians), -np.concatenate(noise), rcond=None)[0]
+    return [
+        Block(f"t{i}", channel, np.full(n, 5.0), noise[i] + jacobians[i] @ step, 1e-3, jacobians[i]) for i in range(k)
+    ]
+
+
+def minimum(problem: Problem) -> dict[str, float]:
+    """The minimum of a sum of squares, by Gauss-Newton steps."""
+    space = problem.space
+    z = space.to_search(space.start)
+    for _ in range(6):
+        blocks = problem.evaluate(space.to_model(z), jacobian=True).blocks
+        roots = [np.sqrt(problem.loss.square_weights(b, b.residual)) for b in blocks]
+        rows = np.concatenate([w[:, None] * b.jacobian * space.jacobian(z) for w, b in zip(roots, blocks, strict=True)])
+        right = np.concatenate([w * b.residual for w, b in zip(roots, blocks, strict=True)])
+        z = np.clip(z - np.linalg.lstsq(rows, right, rcond=None)[0], 0.0, 1.0)
+    return space.to_model(z)
+
+
+def grouped(loss: Loss, blocks: list[Block], groups: list[np.ndarray] | None = None) -> Reweighted:
+    size = blocks[0].jacobian.shape[1]
+    z, ones = np.full(size, 0.5), np.ones(size)
+    held = groups or [np.full(len(b.residual), b.experiment or NONE, dtype=object) for b in blocks]
+    return reweighted(loss, z, ones, blocks, held, estimator(loss, z, ones, blocks))
+
+
+def test_the_jackknife_of_a_mean_is_its_standard_error_with_n_less_one_degrees_of_freedom():
+    chance = np.random.default_rng(1)
+    values = chance.standard_normal(7)
+    blocks = [Block(f"t{i}", "tension", np.ones(1), v - np.full(1, values.mean()), 1e-3, -np.ones((1, 1)))
+              for i, v in enumerate(values)]  # fmt: skip
+    found = delete_one(grouped(LikelihoodLoss(), blocks))
+    assert found.budget.root[0, 0] ** 2 == pytest.approx(values.var(ddof=1) / 7, rel=1e-9)
+    assert found.dof[0] == pytest.approx(6.0)
+    assert found.excess[0] == pytest.approx(1.0)
+
+
+def test_each_value_without_an_experiment_is_that_of_a_fit_without_it():
+    blocks = blocks_of(2)
+    found = delete_one(grouped(LikelihoodLoss(), blocks))
+    for i in range(len(blocks)):
+        rest = [b for j, b in enumerate(blocks) if j != i]
+        rows, right = (np.concatenate([getattr(b, k) for b in rest]) for k in ("jacobian", "residual"))
+        step = np.linalg.lstsq(rows, -right, rcond=None)[0]
+        assert found.steps[i, :2] == pytest.approx(step[:2], rel=1e-5, abs=1e-12)
+    assert found.determined.tolist() == [True, True, *[False] * 6]  # an offset is one experiment's own
+    assert np.all((found.dof[:2] > 2) & (found.dof[:2] < 6))
+
+
+def test_with_weights_the_minimum_is_that_of_the_weighted_papers_loss():
+    loss = PapersLoss()
+    blocks = blocks_of(3, k=4, size=1)
+    found = grouped(loss, blocks)
+    for weights in (np.array([2.0, 0.3, 0.7, 1.0]), np.array([0.0, 1.0, 1.0, 1.0])):
+
+        def value(step: np.ndarray, weights: np.ndarray = weights) -> float:
+            return sum(
+                w * loss.block_value(b, b.residual + b.jacobian @ step) for w, b in zip(weights, blocks, strict=True)
+            )
+
+        expected = minimize(value, np.zeros(5), method="BFGS", options={"gtol": 1e-12}).x
+        assert found.minima(weights[None])[0][0] - 0.5 == pytest.approx(expected[0], abs=2e-6)
+    assert total(loss, blocks) > 0
+
+
+def test_the_draws_of_a_linear_model_scatter_as_its_sandwich_says():
+    problem = linear_problem(LikelihoodLoss(), n=400)
+    theta = minimum(problem)
+    found = bootstrap(problem, theta, over="records", samples=4000)
+    space = problem.space
+    draws = np.array([space.to_search(dict(zip(space.labels, row, strict=True)))
+                      for row in zip(*found.points.values(), strict=True)])  # fmt: skip
+    evaluation = problem.evaluate(theta, jacobian=True)
+    slopes = space.jacobian(space.to_search(theta))
+    groups = groups_of(problem, evaluation.blocks, "records")
+    hessian, scores = np.zeros((2, 2)), {}
+    for block, held in zip(evaluation.blocks, groups, strict=True):
+        J = block.jacobian * slopes / block.sigma[:, None]
+        hessian += J.T @ J
+        for name in set(held):
+            scores[name] = scores.get(name, 0.0) + J[held == name].T @ (block.residual / block.sigma)[held == name]
+    k = len(scores)
+    bread = np.linalg.inv(hessian)
+    sandwich = bread @ sum(np.outer(s, s) for s in scores.values()) @ bread * k / (k - 1)
+    t = 2.093 / 1.96  # with twenty pieces
+    assert k == 20
+    assert draws.std(axis=0) / np.sqrt(np.diag(sandwich)) == pytest.approx(t * np.ones(2), rel=0.12)
+    assert np.corrcoef(draws.T)[0, 1] == pytest.approx(sandwich[0, 1] / np.sqrt(np.prod(np.diag(sandwich))), abs=0.08)
+
+
+@pytest.mark.parametrize("loss", [LikelihoodLoss(), PapersLoss()])
+def test_of_alike_experiments_both_say_that_nothing_differs(loss: Loss):
+    problem = linear_problem(loss, names=SIX, noise=0.9)
+    theta = values(problem) if loss.straight_along(blocks_of(1)[0], np.ones(30)) is not None else minimum(problem)
+    for found in (jackknife(problem, theta), bootstrap(problem, theta)):
+        assert found.facts["experiments"] == 6
+        assert found.sentences == (ALIKE.format(found.by),)
+        for one in found.intervals.values():
+            assert 0.4 < (one.found[1] - one.found[0]) / (one.quick[1] - one.quick[0]) < 2.5
+
+
+def test_a_bootstrap_is_confirmed_by_refits_and_repeated_by_its_seed():
+    problem = curved()
+    theta = values(problem)
+    first, again = (bootstrap(problem, theta, samples=500, seed=3) for _ in range(2))
+    assert first.intervals == again.intervals
+    assert first.facts["refits"] == 6
+    assert first.facts["evaluations"] > 6
+    other = bootstrap(problem, theta, samples=500, seed=4)
+    assert other.intervals != first.intervals
+
+
+def straight(
+    robot: Robot,
+    protocol: Protocol,
+    theta: Mapping[str, float] | None = None,
+    *,
+    sensitivities: Sequence[str] = (),
+    snapshots: bool = False,
+) -> Response:
+    """Markers that move in proportion to the force over the moduli, each in its own proportion."""
+    now = parameter_values(robot, theta)
+    ((cable, command),) = protocol.commands.items()
+    chance = np.random.default_rng(CABLES.index(cable))
+    channels, by = {}, {}
+    for name in (f"{marker}.{axis}" for marker in MARKERS for axis in "xyz"):
+        parts = {
+            p: 1e6 * share * command.values for p, share in zip((STIFF, SOFT), chance.uniform(1, 3, 2), strict=True)
+        }
+        channels[name] = sum(part / now[p] for p, part in parts.items())
+        by[name] = {p: -parts[p] / now[p] ** 2 for p in sensitivities if p in parts}
+    units = dict.fromkeys(channels, "m")
+    return Response(channels, units, "Straight.", succeeded=True, n_factorisations=0, sensitivities=by)
+
+
+def markers(seed: int, offset: float = 0.0, force: float = 0.0) -> Problem:
+    """Six cables, three weights, four markers; errors of the markers' places [m] and of each cable's force [-]."""
+    chance = np.random.default_rng(seed)
+    off = {f"{m}.{axis}": offset * chance.standard_normal() for m in MARKERS for axis in "xyz"}
+    tests = []
+    for cable in CABLES:
+        pulled = FORCES * (1 + force * chance.standard_normal())
+        seen = straight(ROBOT, Protocol({cable: Command("tension", pulled)}), {STIFF: 0.7e9, SOFT: 0.9e9})
+        noisy = {n: Channel(v + off[n] + 5e-4 * chance.standard_normal(3), "m", 5e-4) for n, v in seen.channels.items()}
+        channels = {f"{cable}.tension": Channel(FORCES, "N"), **noisy}
+        tests.append(Experiment(cable, Dataset(cable, channels), drive=(f"{cable}.tension",), rig=Rig(length=LENGTH)))
+    free = [FreeParameter(name, "Pa", 0.1e9, 10e9, "log", start=0.8e9) for name in (STIFF, SOFT)]
+    return make_problem(ROBOT, tests, free, DistanceLoss(LENGTH), straight)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_markers_that_are_off_are_said_to_differ_and_the_same_markers_in_place_are_not(seed: int):
+    right, wrong = markers(seed), markers(seed, offset=3e-3)
+    assert jackknife(right, minimum(right), over="markers").sentences == (ALIKE.format("jackknife"),)
+    found = jackknife(wrong, minimum(wrong), over="markers")
+    assert any("the markers differ by more than the noise" in one for one in found.sentences)
+    low, high = found.intervals[SOFT].found
+    assert low < 0.9e9 < high
+
+
+def test_what_is_a_group():
+    problem = markers(1)
+    blocks = problem.evaluate(problem.space.start, jacobian=True).blocks
+    found = {kind: groups_of(problem, blocks, kind) for kind in ("experiments", "cables", "weights", "markers")}
+    names = {kind: {name for held in groups for name in held} for kind, groups in found.items()}
+    assert names["experiments"] == names["cables"] == set(CABLES)
+    assert names["markers"] == set(MARKERS)
+    assert names["weights"] == {"5 N", "10 N", "15 N"}
+    assert set(KINDS) == {"experiments", "cables", "weights", "markers", "cycles", "records"}
+
+
+def test_cycles_are_groups_where_a_record_has_them():
+    problem = linear_problem(LikelihoodLoss(), n=60)
+    (experiment,) = problem.experiments
+
+    def with_cycles(cycle: np.ndarray) -> Problem:
+        data = replace(experiment.dataset, cycle=cycle)
+        return replace(problem, experiments=(replace(experiment, dataset=data),))
+
+    theta = minimum(problem)
+    found = jackknife(with_cycles(np.repeat([2.0, 3.0, 4.0, 5.0], 15)), theta, over="cycles")
+    assert found.facts["cycles"] == 4
+    for averaged in (np.tile([2.0, 3.0, 4.0, 5.0], 15), None):
+        with pytest.raises(InputError, match="too few cycles"):
+            jackknife(with_cycles(averaged), theta, over="cycles")
+
+
+@pytest.mark.parametrize("by", [jackknife, bootstrap])
+def test_what_cannot_be_resampled_is_refused(by):
+    problem = linear_problem(LikelihoodLoss(), n=60)
+    theta = minimum(problem)
+    with pytest.raises(InputError, match="too few experiments") as error:
+        by(problem, theta, over="experiments")
+    assert "3 or more" in str(error.value)
+    with pytest.raises(InputError, match="no kind of group"):
+        by(problem, theta, over="bolts")
+    with pytest.raises(InputError, match="too few markers"):
+        by(problem, theta, over="markers")
+    with pytest.raises(ParameterError, match="samples"):
+        bootstrap(problem, {**theta, E: theta[E]}, samples=10)

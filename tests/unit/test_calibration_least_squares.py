@@ -204,6 +204,18 @@ def test_other_starts_that_see_no_better_minimum_cost_one_trajectory_each() -> N
         assert "3 of 4 starts were abandoned" in status
 
 
+@pytest.mark.parametrize(("n", "has_errors"), [(2, False), (41, True)])
+def test_standard_errors_are_named_only_where_they_exist(n: int, has_errors: bool) -> None:
+    experiment = fake_experiment(n_samples=n + 1, noise=0.02)
+    taut = {name: replace(channel, values=channel.values[1:]) for name, channel in experiment.dataset.channels.items()}
+    experiment = replace(experiment, dataset=replace(experiment.dataset, channels=taut), compared=("tension",))
+    parameters = [FreeParameter(name, unit, *BOUNDS[name]) for name, unit in ((E, "Pa"), (NU, "1"))]
+    problem = make_problem(fake_robot(), [experiment], parameters, PapersLoss({"tension": 1.0}), fake_simulate)
+    status = search(problem)[2]
+    assert status.startswith("Converged in")
+    assert ("standard errors from the minimum" in status) == has_errors
+
+
 def test_where_the_first_start_meets_the_measurements_exactly_no_other_is_begun() -> None:
     problem = problem_of(PapersLoss())
     assert search(problem, starts=4)[1] == search(problem, starts=1)[1]
@@ -399,5 +411,5 @@ def test_what_larger_residuals_widen_is_told(factor: float, prior: bool) -> None
     assert ("accordingly, except for the share of the priors." in told) == ("prior" in told) == prior
     blind = [replace(block, jacobian=np.zeros_like(jacobian)) for block in blocks[:1]]
     told = " ".join(map(str, local_statistics(space, LikelihoodLoss(), {"a": 0.5, "b": 0.5}, blind).notes))
-    assert ("times the stated noise" in told) == (factor > 1)
+    assert ("times the noise of the records" in told) == (factor > 1)
     assert "increased" not in told  # there are none

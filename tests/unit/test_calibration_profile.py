@@ -10,6 +10,8 @@ from fake_twin import NU, E, fake_simulate, soft_necks_fail
 from interval_cases import STATED, curved, linear_problem, values
 from scipy.optimize import brentq, least_squares
 
+from softcal.calibration import adjusted_likelihood, sensitivity
+from softcal.calibration.estimator import estimator
 from softcal.calibration.losses.likelihood import LikelihoodLoss
 from softcal.calibration.losses.papers import PapersLoss
 from softcal.calibration.problem import Problem
@@ -38,6 +40,17 @@ def test_of_a_linear_twin_the_profile_is_the_quick_interval(name: str):
         assert one.difference == pytest.approx(0.0, abs=2e-6), label
     assert found.facts["trajectories"] <= 6 * len(LINEAR[name].experiments)
     assert found.sentences == ("No end differs from that of the quick interval by more than 10 % of its half-length.",)
+
+
+def test_the_estimator_of_the_calibrated_values_is_made_once(monkeypatch: pytest.MonkeyPatch):
+    problem = LINEAR["likelihood"]
+    theta, made = values(problem), list[object]()
+    for module in (sensitivity, adjusted_likelihood):
+        if hasattr(module, "estimator"):
+            monkeypatch.setattr(module, "estimator", lambda *of: made.append(of) or estimator(*of))
+    found = adjusted_likelihood.calibrated(problem, theta)
+    assert len(made) == 1
+    assert all(one.interval is not None for one in found.estimates.values())
 
 
 def by_fits(problem: Problem, theta: dict[str, float]) -> np.ndarray:

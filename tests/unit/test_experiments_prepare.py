@@ -259,6 +259,18 @@ def test_a_tension_that_falls_is_not_said_never_to_change() -> None:
     assert str(Fault("all is wrong.", "p.yaml:3")) == "p.yaml:3: all is wrong."
 
 
+def test_a_pitch_that_never_changes_does_not_swing() -> None:
+    d = np.linspace(0.0, 0.04, 50)
+
+    def told(pitch: np.ndarray) -> str:
+        channels = {"shortening": Channel(d, "m"), "pitch": Channel(pitch, "rad")}
+        return " ".join(check_plausible(Dataset("pull", channels)))
+
+    assert told(np.full(50, 0.1)) == "pull: the pitch never changes: is it the right column?"
+    assert "pitch swings by 0.0229 deg over 40 mm" in told(0.01 * d)
+    assert told(5.0 * d) == ""
+
+
 def test_a_record_of_one_sample_is_told_so() -> None:
     channels = {"shortening": Channel(np.array([0.01]), "m"), "tension": Channel(np.array([3.0]), "N")}
     (told,) = check_plausible(Dataset("pull", channels))

@@ -186,7 +186,7 @@ def test_how_far_fits_are_apart():
 
 def test_what_is_missed():
     missed = Miss("20mm", "force", 0.4, "N", 0.05, 8.0)
-    assert miss_text(missed) == "the force to 0.400 N RMS (5.0 % of its range, 8.0 times its stated noise)"
+    assert miss_text(missed) == "the force to 0.400 N RMS (5.0 % of its range, 8.0 times the noise of its record)"
     assert miss_text(replace(missed, in_noise=None)) == "the force to 0.400 N RMS (5.0 % of its range)"
     assert miss_text(replace(missed, share=None, in_noise=None)) == "the force to 0.400 N RMS"
 

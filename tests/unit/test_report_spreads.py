@@ -41,7 +41,9 @@ def test_experiments_that_differ_are_named_with_their_values(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     result = fitted((0.95, 1.0, 1.08), folder=tmp_path / "run")
-    ((text, one),) = spread_sentences(result)
+    ((text, differs),) = spread_sentences(result)
+    one = result.spreads[E]
+    assert differs
     assert DIFFERENT in text
     assert "The 95 % interval is that of the mean of such experiments" in text
     values = np.array(list(one.values.values()))
@@ -66,7 +68,8 @@ def test_experiments_that_differ_are_named_with_their_values(
 def test_set_ups_that_differ_are_compared_in_the_place_of_their_experiments(tmp_path: Path) -> None:
     own = (0.95, 0.95, 1.0, 1.0, 1.08, 1.08)
     result = fitted(own, folder=tmp_path / "run", set_ups=("a", "a", "b", "b", "c", "c"))
-    ((text, one),) = spread_sentences(result)
+    ((text, _),) = spread_sentences(result)
+    one = result.spreads[E]
     assert DIFFERENT.replace("experiments", "set-ups") in text
     assert "The 95 % interval is that of the mean of such set-ups" in text
     assert list(one.values) == ["a", "b", "c"]
@@ -79,18 +82,37 @@ def test_set_ups_that_differ_are_compared_in_the_place_of_their_experiments(tmp_
 
 
 def test_two_experiments_have_no_interval_of_their_mean() -> None:
-    ((text, one),) = spread_sentences(fitted((0.95, 1.05)))
+    result = fitted((0.95, 1.05))
+    ((text, _),) = spread_sentences(result)
     assert DIFFERENT in text
-    assert one.next_interval is None
+    assert result.spreads[E].next_interval is None
     assert "Two experiments are too few for a reliable interval of their mean." in text
 
 
 def test_alike_experiments_are_said_to_agree_within_their_noise() -> None:
     result = fitted((1.0, 1.0, 1.0))
-    ((text, one),) = spread_sentences(result)
-    assert not one.differs
+    ((text, differs),) = spread_sentences(result)
+    assert not differs
     assert "does not differ between the experiments by more than the noise within them explains" in text
     assert set(result.parameters[E].shares) == {"noise"}
+
+
+def test_what_is_alike_is_one_sentence_with_its_correction() -> None:
+    result = fitted((1.0, 1.0, 1.0))
+    assert "Holm" not in spread_sentences(result)[0][0]  # one comparison
+    one, other = replace(result.spreads[E], chance=1.0), "pulleys.friction_coefficient"
+    parameters = {**result.parameters, other: result.parameters[E]}
+    ((text, differs),) = spread_sentences(
+        replace(result, parameters=parameters, spreads={E: one, other: replace(one, chance=0.21)})
+    )
+    assert not differs
+    assert text == (
+        "E and μ do not differ between the experiments by more than the noise within them explains (p = 0.21 or more, "
+        "Holm's correction for 2 comparisons)."
+    )
+    found = spread_sentences(replace(result, parameters=parameters, spreads={E: one, other: replace(one, chance=0.01)}))
+    assert [differs for _, differs in found] == [True, False]
+    assert all("Holm's correction for 2 comparisons)" in text for text, _ in found)
 
 
 def test_one_experiment_says_that_its_spread_is_not_known() -> None:
@@ -115,9 +137,9 @@ def test_alike_residuals_are_told_and_independent_ones_are_not() -> None:
 def test_how_the_experiments_predict_each_other_is_told_and_kept(tmp_path: Path) -> None:
     result = fitted((1.0, 1.0, 1.0), folder=tmp_path / "run")
     text = left_out_sentence(result)
-    shares = [100 * share for one in result.left_out.values() for share in one.within.values()]
+    shares = [100 * np.mean(list(one.within.values())) for one in result.left_out.values()]  # of as many samples each
     assert text.startswith("Predicted by the others, each of the 3 experiments has ")
-    assert f"{min(shares):.3g} to {max(shares):.3g} %" in text
+    assert f"{min(shares):.3g} to {max(shares):.3g} % of its measured values" in text
     assert min(shares) > 80
     assert load_result(tmp_path / "run").left_out == result.left_out
     assert left_out_sentence(fitted((1.0, 1.1))) == ""

@@ -104,8 +104,24 @@ def test_a_modulus_that_rises_with_speed() -> None:
 
 def test_two_conditions_count_twice() -> None:
     made = joint(np.array(list(NECK.values())), np.array(list(NECK)))
-    (alone,), (with_speeds,) = trends(made), trends(made, at_speeds(made, 0.002, 0.01, 0.004))
+    (alone,), (with_speeds,) = trends(made), trends(made, at_speeds(made, 0.004, 0.010, 0.0045))
     assert with_speeds.chance == pytest.approx(2.0 * alone.chance)
+    assert (alone.tested, with_speeds.tested) == (1, 2)
+    assert "corrected" not in spread_sentences(made)[0][0]
+    told = spread_sentences(made, at_speeds(made, 0.004, 0.010, 0.0045))[0][0]
+    assert "(p = 0.0042, corrected for 2 conditions): softening" in told
+
+
+@pytest.mark.parametrize("speeds", [(0.002, 0.004, 0.006), (0.006, 0.003, 0.002)])
+def test_no_cause_is_named_where_amplitude_and_speed_vary_together(speeds: tuple[float, ...]) -> None:
+    made = joint(np.array(list(NECK.values())), np.array(list(NECK)))
+    records = at_speeds(made, *speeds)
+    (found,) = trends(made, records)
+    assert len(found.along) == 1
+    ((text, _),) = spread_sentences(made, records)
+    assert f"Their {found.along[0]} varies with it, so these tests do not show which of them is the cause." in text
+    assert "softening" not in text
+    assert "rate dependence" not in text
 
 
 @pytest.mark.parametrize(

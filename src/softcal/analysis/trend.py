@@ -8,7 +8,8 @@ fact:
 The slope is tested by Student's t with k - 2 degrees of freedom, against the scatter about the line (Knapp and Hartung,
 Statistics in Medicine 22, 2003), so that experiments which differ at random show a trend one time in twenty. An exact
 order alone would not do: three values are in order by chance in one case of three. Where the experiments differ in both
-their amplitude and their speed, the chance of each counts twice.
+their amplitude and their speed, the chance of each counts twice; where both vary together, neither is named as the
+cause.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ LIMIT = 0.05
 """Chance below which values follow a condition."""
 _FEWEST = 3
 _ALIKE = 1.2  # ratio of the largest amplitude to the smallest below which they are alike
+_TOGETHER = 0.5  # correlation of two conditions above which either can be the cause
 
 Condition = Literal["amplitude", "speed"]
 
@@ -46,13 +48,19 @@ class Trend:
     power
         The value grows as the condition to this power [-]; of values that are not positive, its sign alone counts.
     chance
-        Probability that experiments without a trend show as much.
+        Probability that experiments without a trend show as much in any of the tested conditions.
+    tested
+        Number of conditions in which the experiments differ.
+    along
+        Conditions that vary together with this one, which may be the cause as well.
     """
 
     name: str
     condition: Condition
     power: float
     chance: float
+    tested: int = 1
+    along: tuple[Condition, ...] = ()
 
 
 def trends(result: SearchResult, records: Mapping[str, Dataset] | None = None) -> tuple[Trend, ...]:
@@ -68,23 +76,37 @@ def trends(result: SearchResult, records: Mapping[str, Dataset] | None = None) -
     for name, spread in result.spreads.items():
         if not spread.differs or len(spread.values) < _FEWEST:
             continue
-        tested = [one for condition, at in known.items() if (one := _trend(name, spread, condition, at)) is not None]
-        clearest = min(tested, key=lambda one: one.chance, default=None)
-        if clearest is not None and len(tested) * clearest.chance < LIMIT:
-            found.append(Trend(name, clearest.condition, clearest.power, len(tested) * clearest.chance))
+        differ: dict[Condition, Floats] = {
+            c: x for c, at in known.items() if (x := _logarithms(spread, at)) is not None
+        }
+        y, weights = np.array(list(spread.values.values())), _weights(spread)
+        slopes: dict[Condition, tuple[float, float]] = {
+            c: slope(x, np.log(y) if np.all(y > 0) else y, weights) for c, x in differ.items()
+        }
+        clearest = min(slopes, key=lambda c: slopes[c][1], default=None)
+        if clearest is None or len(slopes) * slopes[clearest][1] >= LIMIT:
+            continue
+        power, chance = slopes[clearest]
+        together = {c: abs(_correlation(x, differ[clearest], weights)) > _TOGETHER for c, x in differ.items()}
+        along: tuple[Condition, ...] = tuple(c for c in differ if together[c] and c != clearest)
+        found.append(Trend(name, clearest, power, len(slopes) * chance, len(slopes), along))
     return tuple(found)
 
 
-def _trend(name: str, spread: Spread, condition: Condition, at: Mapping[str, float]) -> Trend | None:
-    if not all(at.get(experiment, 0.0) > 0.0 for experiment in spread.values):
-        return None
-    x = np.array([at[experiment] for experiment in spread.values])
-    y = np.array(list(spread.values.values()))
-    if x.max() < _ALIKE * x.min():
-        return None
-    weights = np.array([spread.weights.get(experiment, 1.0) for experiment in spread.values])
-    power, chance = slope(np.log(x), np.log(y) if np.all(y > 0) else y, weights)
-    return Trend(name, condition, power, chance)
+def _logarithms(spread: Spread, at: Mapping[str, float]) -> Floats | None:
+    """Those of a condition of the experiments; None where they do not differ in it, or it is not known of all."""
+    x = np.array([at.get(experiment, 0.0) for experiment in spread.values])
+    return np.log(x) if x.min() > 0.0 and x.max() >= _ALIKE * x.min() else None
+
+
+def _weights(spread: Spread) -> Floats:
+    return np.array([spread.weights.get(experiment, 1.0) for experiment in spread.values])
+
+
+def _correlation(x: Floats, y: Floats, weights: Floats) -> float:
+    """Of two conditions over the experiments."""
+    (xx, xy), (_, yy) = np.cov(x, y, aweights=weights, ddof=0)
+    return float(xy / np.sqrt(xx * yy))
 
 
 def slope(x: Floats, y: Floats, weights: Floats) -> tuple[float, float]:

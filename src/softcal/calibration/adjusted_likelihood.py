@@ -24,12 +24,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.calibration.convergence import distance_to_minimum
-from softcal.calibration.estimator import Estimator, estimator
+from softcal.calibration.estimator import Estimator
 from softcal.calibration.local_model import LocalModel, Point, jacobian_of
 from softcal.calibration.loss import Block, Loss, rms
 from softcal.calibration.problem import Evaluation, Problem
 from softcal.calibration.result import Estimate
-from softcal.calibration.sensitivity import local_statistics
+from softcal.calibration.sensitivity import local_estimator, local_statistics
 from softcal.checks import Floats
 from softcal.errors import Fault, InputError, SimulationError
 
@@ -159,9 +159,7 @@ def calibrated(problem: Problem, theta: Mapping[str, float]) -> Calibrated:
         got = f"values {away:.2g} standard errors from it"
         raise _refused("the noise can be estimated only at a minimum of the loss", got, _RUN)
     slopes = space.jacobian(z)
-    names = dict.fromkeys(block.experiment for block in blocks if block.experiment)
-    serves = {name: np.array([p.serves(name) for p in space.parameters]) for name in names}
-    found = estimator(loss, z, slopes, blocks, serves, problem.uncertain)
+    found = local_estimator(space, loss, z, blocks, problem.uncertain)
     if found.spent:
         got = " and ".join(found.spent)
         raise _refused("there are no more measured values than parameters, so the noise cannot be estimated", got)
@@ -169,7 +167,7 @@ def calibrated(problem: Problem, theta: Mapping[str, float]) -> Calibrated:
     if blind.any():
         got = ", ".join(label for label, is_blind in zip(space.labels, blind, strict=True) if is_blind)
         raise _refused("the data do not identify every parameter", got, "fix one of them, or state a prior")
-    estimates = local_statistics(space, loss, theta, blocks, problem.uncertain).estimates(space, theta)
+    estimates = local_statistics(space, loss, theta, blocks, problem.uncertain, found).estimates(space, theta)
     return Calibrated(problem, z, evaluation, estimates, found, AdjustedLikelihood(loss, found, z, blocks, slopes))
 
 

@@ -24,6 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.calibration.convergence import NEAR, distance_to_minimum, in_standard_errors
+from softcal.calibration.estimator import spent_groups
 from softcal.calibration.local_model import LocalModel, Point
 from softcal.calibration.loss import Loss, total
 from softcal.calibration.parameters import SearchSpace
@@ -142,8 +143,8 @@ class Descent:
                 self._by_the_loss_alone(lowest, found)
                 return
             near = f"{self._distance:.1g}" if self._distance > 1e-3 else "less than 0.001"
-            text = f"Converged in {counted(self.evaluations)}, {near} standard errors from the minimum."
-            self._end(text, converged=True)
+            away = f", {near} standard errors from the minimum" if self._has_errors() else ""
+            self._end(f"Converged in {counted(self.evaluations)}{away}.", converged=True)
             return
         before, _ = self._losses(self._here())
         lower, upper = np.maximum(self._centre - self._radius, 0.0), np.minimum(self._centre + self._radius, 1.0)
@@ -192,6 +193,12 @@ class Descent:
 
     def _length(self, to: Floats) -> float:
         return in_standard_errors(self.space, self.loss, self._here(), to - self.z)
+
+    def _has_errors(self) -> bool:
+        """Whether the noise can be estimated here, and standard errors exist."""
+        blocks = self._here().blocks
+        spare = sum(len(block.residual) for block in blocks) - self.space.size
+        return spare > 0 and not spent_groups(self.loss, self.space.jacobian(self.z), blocks)
 
     def _away(self) -> str:
         if self.best is None:

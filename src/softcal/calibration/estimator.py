@@ -136,6 +136,15 @@ def estimator(
     )
 
 
+def spent_groups(loss: Loss, slopes: Floats, blocks: Sequence[Block]) -> tuple[str, ...]:
+    """The groups of channels whose noise cannot be estimated near a minimum, since the parameters fit them exactly
+    whatever it is; the blocks must have jacobians.
+    """
+    seen = [Weighed(one, loss.square_weights(one, one.residual), loss.stated_noise(one)) for one in blocks]
+    parts, inverse, _ = linearised(loss, seen, slopes)
+    return white_noise(parts, inverse)[1]
+
+
 def linearised(
     loss: Loss, seen: Sequence[Weighed], slopes: Floats, n_uncertain: int = 0
 ) -> tuple[list[ScaledBlock], Floats, Floats]:

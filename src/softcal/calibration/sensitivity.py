@@ -30,7 +30,7 @@ from softcal.units import format_quantity, plain
 
 # A parameter with a larger share of an unidentifiable direction cannot be distinguished from the others in it.
 MIXED = 0.01
-# Residuals this many times larger than the stated noise are reported in a note.
+# Residuals this many times larger than the noise of the records are reported in a note.
 _TOO_LARGE = 1.5
 _TOGETHER = 0.5
 """Two parameters whose standard error falls below this share of itself when the other is given move together."""
@@ -101,16 +101,26 @@ class Statistics:
         }
 
 
+def local_estimator(
+    space: SearchSpace, loss: Loss, z: Floats, blocks: Sequence[Block], uncertain: Sequence[UncertainParameter] = ()
+) -> Estimator:
+    """The minimum near z (size,) in the unit box as an estimator, with its experiments compared; see `estimator`."""
+    names = dict.fromkeys(block.experiment for block in blocks if block.experiment)
+    serves = {name: np.array([p.serves(name) for p in space.parameters]) for name in names}
+    return estimator(loss, z, space.jacobian(z), blocks, serves, uncertain)
+
+
 def local_statistics(
     space: SearchSpace,
     loss: Loss,
     theta: Mapping[str, float],
     blocks: Sequence[Block],
     uncertain: Sequence[UncertainParameter] = (),
+    found: Estimator | None = None,
 ) -> Statistics:
     """Standard errors, intervals and importances at theta [SI by label]; the blocks must have jacobians.
 
-    uncertain: the parameters of the blocks' `systematic`.
+    uncertain: the parameters of the blocks' `systematic`. found: the estimator there, where it is known already.
 
     A parameter at a bound has an interval, but no standard error; with as many parameters as measurements, none has
     either. The importance of a parameter is its share of the squared change of all channels, over each channel's
@@ -120,7 +130,7 @@ def local_statistics(
     slopes = space.jacobian(z)
     experiments = dict.fromkeys(block.experiment for block in blocks if block.experiment)
     serves = {name: np.array([p.serves(name) for p in space.parameters]) for name in experiments}
-    found = estimator(loss, z, slopes, blocks, serves, uncertain)
+    found = local_estimator(space, loss, z, blocks, uncertain) if found is None else found
     importance = _importance(space, loss, blocks, slopes)
     errors: dict[str, float | None] = dict.fromkeys(space.labels)
     intervals: dict[str, tuple[float, float] | None] = dict.fromkeys(space.labels)
@@ -227,8 +237,8 @@ def _notes(space: SearchSpace, found: Estimator, mixed: np.ndarray, *, saturated
 
 def _excess_note(channel: str, factor: float, *, widened: bool, priors: bool) -> str:
     text = (
-        f"The residuals of {channel} are {plain(factor, 2)} times the stated noise: the model of the robot or of the "
-        "rig is incomplete, or the stated noise is too small."
+        f"The residuals of {channel} are {plain(factor, 2)} times the noise of the records: the model of the robot "
+        "or of the rig is incomplete, or that noise is stated too small."
     )
     if not widened:
         return text

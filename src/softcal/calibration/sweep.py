@@ -56,6 +56,7 @@ def sweep(
         lambda batch: grid,
         {**GridOptimiser.settled(settings).record(), "axes": {label: list(values) for label, values in given.items()}},
         fingerprints(problem),
+        derives=True,
     )
     with searched(search, workers=workers, store=store, resume=resume, progress=progress) as found:
         result = conclude(SweepResult, problem, found.best, found.trials, found.account, axes=given)

@@ -24,7 +24,7 @@ def print_results(
     """Print the table of all calibrations, warnings, the agreement of separate fits, their status and notes, and the
     three sentences of the report's first screen.
 
-    data: the samples by experiment, for their stated noise; records: their records with times, for the speeds.
+    data: the samples by experiment, for their noise; records: their records with times, for the speeds.
     """
     if not results:
         return
@@ -45,8 +45,8 @@ def print_results(
     for text, _ in agreement_sentences(results):
         typer.echo(text)
     for label, result in results.items():
-        for text, one in spread_sentences(result, records):
-            typer.echo(f"{'Warning: ' * one.differs}{label}: {text}", err=one.differs)
+        for text, differs in spread_sentences(result, records):
+            typer.echo(f"{'Warning: ' * differs}{label}: {text}", err=differs)
         if text := residual_sentence(result):
             typer.echo(f"{label}: {text}")
     notes: dict[Note, list[str]] = {}

@@ -77,6 +77,8 @@ def _swing(dataset: Dataset) -> list[str]:
     travel = float(np.ptp(dataset.values("shortening")))
     if travel <= 5e-3 or swing >= _MIN_ANGLE:
         return []
+    if swing == 0.0:
+        return [f"{dataset.name}: the pitch never changes: is it the right column?"]
     return [
         f"{dataset.name}: pitch swings by {np.degrees(swing):.3g} deg over {travel * 1000:.3g} mm of "
         f"shortening: rad read as deg, or the wrong axis of the IMU?"

@@ -10,8 +10,7 @@ from dataclasses import replace
 
 from softcal.analysis.agreement import Agreement, agreements
 from softcal.analysis.trend import Trend, trends
-from softcal.calibration.digits import display_unit, estimate_text, half_width, shown, value_text, with_unit
-from softcal.calibration.random_effects import Spread
+from softcal.calibration.digits import display_unit, half_width, shown, value_text, with_unit
 from softcal.calibration.result import Estimate, SearchResult
 from softcal.experiments.dataset import Dataset
 from softcal.report.format import estimate_scale, joined, number, parameter_label, result_label
@@ -36,7 +35,8 @@ def _jointly(one: Agreement, names: Sequence[str], results: Mapping[str, SearchR
             continue
         others = [parameter_label(name, names) for name in names if name != one.name and name in result.parameters]
         at = f"with {joined(others)} at {'their' if len(others) > 1 else 'its'} joint value{'s' * (len(others) > 1)}"
-        differ = f"the tests {'differ' if spread.differs else 'do not differ'} ({_chance_text(spread.chance)})"
+        verb = "differ" if spread.differs else "do not differ"
+        differ = f"the tests {verb} ({_chance_text(spread.chance)}{_holm(result)})"
         if not others:
             return f" In the joint fit {differ}."
         return f" Here each test has its own {joined(others)} too; {at}, in the joint fit, {differ}."
@@ -49,12 +49,12 @@ def agreement_text(one: Agreement, name: str) -> str:
     if low.value == high.value:
         text = f"{name} is the same in all {len(one.estimates)} separate fits, {value_text(low)}"
         return f"{text}: a bound, which does not show that they agree." if low.at_bound else f"{text}."
-    lowest, highest = (f"{estimate_text(e)} ({result_label(label)})" for label, e in (one.least, one.largest))
-    text = f"{name} differs between the separate fits by {size_text(one)}, from {lowest} to {highest}"
+    lowest, highest = (f"{value_text(e)} ({result_label(label)})" for label, e in (one.least, one.largest))
     if one.q is None or one.chance is None:
-        return f"{text}; without standard errors this cannot be compared with noise."
+        return f"The separate fits give {name} from {lowest} to {highest}{_in_all_intervals(one)}."
+    text = f"{name} differs between the separate fits by {size_text(one)}, from {lowest} to {highest}"
     freedom = f"{one.dof} degree{'s' * (one.dof > 1)} of freedom"
-    test = f"(Cochran's Q = {number(one.q)} with {freedom}, {chance_text(one)})"
+    test = f"(Cochran's Q = {number(one.q)} of standard errors by noise alone, {freedom}, {chance_text(one)})"
     left = f" Excluded, having no standard error: {joined(map(result_label, one.uncounted))}."
     left = left if one.uncounted else ""
     if one.differs:
@@ -62,18 +62,49 @@ def agreement_text(one: Agreement, name: str) -> str:
     return f"{text}: no more than the noise within them explains {test}.{left}"
 
 
-def spread_sentences(result: SearchResult, records: Mapping[str, Dataset] | None = None) -> list[tuple[str, Spread]]:
-    """One sentence per parameter on how the experiments of a joint fit differ in it, and with what.
+def _in_all_intervals(one: Agreement) -> str:
+    """Which values lie in the 95 % intervals of all fits; "" where a fit has none."""
+    ends = [e.interval for e in one.estimates.values() if e.interval is not None]
+    if len(ends) < len(one.estimates):
+        return ""
+    low, high = max(low for low, _ in ends), min(high for _, high in ends)
+    if low > high:
+        return "; no value lies in the 95 % intervals of all"
+    given = one.largest[1]
+    return f"; {with_unit(given, f'{shown(given, low)} to {shown(given, high)}')} lies in the 95 % intervals of all"
+
+
+def spread_sentences(result: SearchResult, records: Mapping[str, Dataset] | None = None) -> list[tuple[str, bool]]:
+    """Sentences on how the experiments of a joint fit differ, each with whether they do: one per parameter in which
+    they differ, and with what, and one for all other parameters.
 
     records: experiment -> its record with times, for the speeds.
     """
     names = list(result.spreads)
-    fixed = ", with the other shared parameters at their joint values" if len(names) > 1 else ""
     with_what = trend_sentences(result, records)
-    return [
-        (_spread_text(one, result.parameters[name], parameter_label(name, names), fixed) + with_what.get(name, ""), one)
+    found = [
+        (_spread_text(result, name, parameter_label(name, names)) + with_what.get(name, ""), True)
         for name, one in result.spreads.items()
+        if one.differs
     ]
+    for kind in dict.fromkeys(one.kind for one in result.spreads.values()):
+        alike = [name for name, one in result.spreads.items() if one.kind == kind and not one.differs]
+        if not alike:
+            continue
+        chances = [result.spreads[name].chance for name in alike]
+        least = _chance_text(min(chances))
+        more = " or more" if _chance_text(max(chances)) != least else ""
+        labels = joined(parameter_label(name, names) for name in alike)
+        verb = "do not differ" if len(alike) > 1 else "does not differ"
+        what = f"{labels} {verb} between the {kind} by more than the noise within them explains"
+        found.append((f"{what} ({least}{more}{_holm(result)}).", False))
+    return found
+
+
+def _holm(result: SearchResult) -> str:
+    """What is added to a chance of one of several comparisons, each of which is corrected for the others."""
+    n = len(result.spreads)
+    return f", Holm's correction for {n} comparisons" if n > 1 else ""
 
 
 def trend_sentences(result: SearchResult, records: Mapping[str, Dataset] | None = None) -> dict[str, str]:
@@ -86,7 +117,13 @@ def trend_sentences(result: SearchResult, records: Mapping[str, Dataset] | None 
 
 
 def _trend_text(one: Trend, estimate: Estimate) -> str:
-    text = f"{'rises' if one.power > 0 else 'falls'} with the {one.condition} of the tests ({_chance_text(one.chance)})"
+    corrected = f", corrected for {one.tested} conditions" if one.tested > 1 else ""
+    chance = f"({_chance_text(one.chance)}{corrected})"
+    text = f"{'rises' if one.power > 0 else 'falls'} with the {one.condition} of the tests {chance}"
+    if one.along:
+        return (
+            f"{text}. Their {joined(one.along)} varies with it, so these tests do not show which of them is the cause."
+        )
     if estimate.unit != "Pa":
         return f"{text}: the model lacks an effect of the {one.condition}."
     if one.condition == "amplitude":
@@ -97,16 +134,15 @@ def _trend_text(one: Trend, estimate: Estimate) -> str:
     return f"{text}, which rate dependence does not explain: compare the order of the tests, clocks and friction."
 
 
-def _spread_text(one: Spread, estimate: Estimate, name: str, fixed: str) -> str:
-    chance, who = _chance_text(one.chance), one.kind
-    if not one.differs:
-        return f"{name} does not differ between the {who} by more than the noise within them explains ({chance})."
-    scale = estimate_scale(estimate)
+def _spread_text(result: SearchResult, name: str, label: str) -> str:
+    one, estimate = result.spreads[name], result.parameters[name]
+    fixed = ", with the other shared parameters at their joint values" if len(result.spreads) > 1 else ""
+    chance, scale, who = f"{_chance_text(one.chance)}{_holm(result)}", estimate_scale(estimate), one.kind
     values = [
-        f"{rounded(value / scale.factor, one.spread / scale.factor)} ({label})" for label, value in one.values.items()
+        f"{rounded(value / scale.factor, one.spread / scale.factor)} ({test})" for test, value in one.values.items()
     ]
     text = (
-        f"{name} differs between the {who} by more than the noise within them explains ({chance}): "
+        f"{label} differs between the {who} by more than the noise within them explains ({chance}): "
         f"{joined(values)} {scale.unit}".rstrip()
         + fixed
     )

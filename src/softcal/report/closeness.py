@@ -1,12 +1,13 @@
 """Rating of the fit, channel by channel: good, fair or poor.
 
-An error is compared with the noise stated in the data if there is any, otherwise with the range of the measurement:
+An error is compared with the noise of the record if it is known, as stated, or as the scatter of its cycles or samples,
+otherwise with the range of the measurement:
 largest minus smallest value, so that an offset common to all samples does not hide an error.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -21,7 +22,7 @@ from softcal.sensing.channel import ChannelName, channel_name
 Tone = Literal["good", "note", "warning"]
 # RMS error over the measurement's range: close below the first share, poor above the second.
 CLOSE, POOR = 0.03, 0.10
-# An RMS error up to this many times the stated noise counts as noise.
+# An RMS error up to this many times the noise of the record counts as noise.
 _NOISE = 1.2
 # What kinds of channel are called in sentences, those of the most interest first; any other one by its name.
 _WORDS = {"tension": "force", "pitch": "pitch", "shortening": "travel"}
@@ -29,7 +30,7 @@ _WORDS = {"tension": "force", "pitch": "pitch", "shortening": "travel"}
 
 @dataclass(frozen=True)
 class Miss:
-    """Error of a channel in an experiment: RMSE [SI], and its ratio to the range and to the stated noise if known.
+    """Error of a channel in an experiment: RMSE [SI], and its ratio to the range and to the noise if known.
 
     word: for its kind; carrier: the cable, plate or sensor, "" of a short name.
     """
@@ -82,7 +83,7 @@ def of_carrier(word: str, carrier: str) -> str:
 
 
 def _noise(data: Dataset, channel: str) -> float | None:
-    """Stated noise of a channel [SI]: root mean square over its samples; None if not stated."""
+    """Noise of a channel [SI]: root mean square over its samples; None if not known."""
     channels = data.channels
     own = channels.get(str(channel_name(channel).deviation))
     if own is not None:
@@ -100,28 +101,32 @@ def closeness_by_experiment(misses: Iterable[Miss]) -> Iterable[tuple[str, Tone]
         yield f"{name}: the twin reproduces {joined(map(miss_text, missed))}; {word}.", tone
 
 
-def worst_of(misses: Iterable[Miss], word: str) -> str:
-    """The largest error of one channel over all experiments, and its experiment: "the measured force within 2 % …"."""
+def worst(misses: Iterable[Miss], word: str) -> Miss | None:
+    """The largest error of one kind of channel over all experiments, by its share of the range; of angles by itself."""
     found = [miss for miss in misses if miss.word == word]
-    if not found:
+    if not any(miss.unit == "rad" for miss in found):
+        found = [miss for miss in found if miss.share is not None]
+        return max(found, key=lambda miss: miss.share or 0.0, default=None)
+    return max(found, key=lambda miss: miss.error)
+
+
+def worst_of(misses: Collection[Miss], word: str) -> str:
+    """The same in words: "the force within 2 % of its range (RMS; worst in pull_20mm)"; "" without one."""
+    found = worst(misses, word)
+    if found is None:
         return ""
-    where = "; worst in {}" if len(found) > 1 else ""
-    if word == "force":
-        shares = [miss for miss in found if miss.share is not None]
-        if not shares:
-            return ""
-        worst = max(shares, key=lambda miss: miss.share or 0.0)
-        size = f"the measured force within {number(100 * (worst.share or 0.0), 2)} % of its range"
-    else:
-        worst = max(found, key=lambda miss: miss.error)
-        size = f"the pitch within {number(worst.error / scale_of('rad').factor, 2)} deg"
-    return f"{size} (RMS{where.format(worst.place)})"
+    where = f"; worst in {found.place}" if sum(miss.word == word for miss in misses) > 1 else ""
+    scale = scale_of(found.unit)
+    size = f"{number(found.error / scale.factor, 2)} {scale.unit}"
+    if found.unit != "rad":
+        size = f"{number(100 * (found.share or 0.0), 2)} % of its range"
+    return f"the {word} within {size} (RMS{where})"
 
 
 def miss_text(miss: Miss) -> str:
     """An error in words: "the force to 0.4 N RMS (5.0 % of its range)"."""
     parts = [] if miss.share is None else [f"{number(100 * miss.share, 2)} % of its range"]
-    parts += [] if miss.in_noise is None else [f"{number(miss.in_noise, 2)} times its stated noise"]
+    parts += [] if miss.in_noise is None else [f"{number(miss.in_noise, 2)} times the noise of its record"]
     return f"the {miss.of} to {miss.size} RMS" + (f" ({', '.join(parts)})" if parts else "")
 
 
@@ -129,7 +134,7 @@ def closeness(misses: Iterable[Miss]) -> tuple[str, Tone]:
     """Rating of the channel with the largest error, and the measure that it is rated by."""
     beyond = [miss for miss in misses if not (miss.in_noise is not None and miss.in_noise <= _NOISE)]
     if not beyond:
-        return "that is within the stated noise", "good"
+        return "that is within the noise of the record", "good"
     if flat := [miss.of for miss in beyond if miss.share is None]:  # constant, or of one sample
         told = f"all measured values of the {joined(flat)} are the same, and the twin's differ from them"
         return f"that is poor ({told})", "warning"

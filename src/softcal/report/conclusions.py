@@ -34,6 +34,7 @@ from softcal.report.record import record_sentence
 from softcal.report.statement import interval_share
 from softcal.report.tables import grouped_failures
 from softcal.sensing.channel import channel_name
+from softcal.twin.parameter_name import parameter_name
 from softcal.units import AS_WRITTEN, format_quantity
 
 # An estimate is identified if its 95 % interval covers less than this share of the allowed range.
@@ -78,7 +79,7 @@ def verdict(content: ReportContent) -> Verdict:
     grave = [*_unconverged(results), *_saturated(results), *_bounds(results, held=True), *_differences(content)]
     others = [s for s in (*_bounds(results), *_identified(results)) if s.tone == "warning"]
     told = any(not one.is_determined for one in of.material)  # the second sentence says so
-    doubts = grave or ([] if told else others[:1])
+    doubts = [*(grave or ([] if told else others[:1])), *_stability(content)]
     tone: Tone = "warning" if doubts or others or is_poor(of) else "good"
     return Verdict(tuple(doubt.text for doubt in doubts), tuple(three_sentences(of)), tone)
 
@@ -150,8 +151,8 @@ def _agreement_tone(one: Agreement) -> Tone:
 def _spreads(content: ReportContent) -> Iterable[Sentence]:
     """How the experiments of a joint fit differ."""
     for label, result in content.judged.items():
-        for text, one in spread_sentences(result, content.recorded):
-            yield Sentence(_of(label, content.judged, text), "warning" if one.differs else "good")
+        for text, differs in spread_sentences(result, content.recorded):
+            yield Sentence(_of(label, content.judged, text), "warning" if differs else "good")
 
 
 def _residuals(content: ReportContent, result: SearchResult) -> Iterable[Sentence]:
@@ -231,6 +232,8 @@ def _identified(results: Mapping[str, SearchResult]) -> Iterable[Sentence]:
             if result.is_saturated:
                 continue
             if share is not None and share < _IDENTIFIED:
+                if parameter_name(name).experiment:  # of one test or set-up: in the table
+                    continue
                 own = f" ({result_label(of)})" if len(results) > 1 else ""
                 sure.append(f"{label}{own}: {_percent(share)}")
             elif share is not None:

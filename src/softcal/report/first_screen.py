@@ -4,13 +4,14 @@ three sentences: the estimates and what they rest on, the largest source of thei
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from softcal.analysis.agreement import Agreement, agreements
 from softcal.analysis.mesh_study import MeshStudy
+from softcal.calibration.budget import BOUNDS
 from softcal.calibration.digits import value_text
-from softcal.calibration.residuals import ResidualRecord
+from softcal.calibration.residuals import FEWEST, ResidualRecord
 from softcal.calibration.result import SearchResult, SweepResult
 from softcal.experiments.dataset import Dataset
 from softcal.report.agreement import range_text, trend_sentences
@@ -24,12 +25,12 @@ from softcal.report.format import (
 )
 from softcal.report.judged import judged
 from softcal.report.positions import fitted_distance
-from softcal.report.statement import MESH, Statement, interval_share, source_of, statement
+from softcal.report.statement import MESH, ErrorSource, Statement, interval_share, source_of, statement
 from softcal.twin.parameter_name import parameter_name
 from softcal.units import plain
 
 _FEW = 4  # parameters that are all shown
-_MOST = 8  # parameters that are shown of more
+_MOST = 5  # parameters that are shown of more
 _ALL = 1.0 - 1e-9  # a larger share is the whole
 
 
@@ -107,11 +108,16 @@ def is_poor(of: FirstScreen) -> bool:
     return any(closeness([miss])[1] == "warning" for miss in _misses(of))
 
 
-def mesh_note(of: FirstScreen) -> str:
-    """Whether the budgets and the intervals include the mesh; "" where there is no budget."""
+def budget_note(of: FirstScreen) -> str:
+    """What the budgets mean, and whether they and the intervals include the mesh; "" where there is no budget."""
     budgets = [one.budget for one in of.statements if one.budget]
     if not budgets:
         return ""
+    bounds = f"{BOUNDS.capitalize()}: {source_of(BOUNDS).words}. " if any(BOUNDS in one for one in budgets) else ""
+    return bounds + _mesh_note(of, budgets)
+
+
+def _mesh_note(of: FirstScreen, budgets: Iterable[Mapping[str, float]]) -> str:
     if any(MESH in one.estimate.shares for one in of.statements):
         return "The intervals include the mesh's share."
     if any(MESH in budget for budget in budgets):
@@ -181,14 +187,16 @@ def _between_fits(differing: Iterable[Agreement]) -> str:
 
 
 def _source_of(of: FirstScreen, one: Statement) -> str:
-    source, share, words = max(one.shares, key=lambda found: found[1])
     results = [result for result in of.judged.values() if result.parameters.get(one.name) == one.estimate]
-    remedy = source.remedy
-    if source.kind == "noise":
-        remedy = _remedy(record.are_alike for result in results for record in _records(result))
     of_what = "squared error" if MESH in one.budget and MESH not in one.estimate.shares else "variance"
+    _, share, words = max(one.shares, key=lambda found: found[1])
     lead = f"All of the known {of_what}" if share > _ALL else f"{words.replace('> ', 'More than ')} of the {of_what}"
-    text = f"{lead} of {one.label} comes from {_with_article(source.words)}: {remedy}."
+    lead = f"{lead} of {one.label} comes"
+    parts: list[str] = []
+    for source in (source for source, _, as_much in one.shares if as_much == words):  # several, if shown as equal
+        remedy = _remedy(source, of.study, [record for result in results for record in _records(result)])
+        parts.append(f"{'As much comes' if parts else lead} from {source.words}{remedy and f': {remedy}'}.")
+    text = " ".join(parts)
     for result in results[:1]:
         if len(result.experiments) == len(of.judged) == 1:
             text += " By how much tests differ is not known from one."
@@ -200,17 +208,21 @@ def _records(result: SearchResult) -> list[ResidualRecord]:
     return [record for channels in result.residuals.values() for record in channels.values()]
 
 
-def _remedy(alike: Iterable[bool]) -> str:
-    """What reduces the error by noise; alike: of each channel, whether neighbouring residuals are."""
-    found = list(alike)
-    if not any(found):
-        return source_of("noise").remedy
-    along = "it is correlated along the records" if all(found) else "it is correlated along some of the records"
-    return f"{along}, where a higher sampling rate will not reduce it; further tests will"
-
-
-def _with_article(words: str) -> str:
-    return words if words.startswith(("differences", "other")) else f"the {words}"
+def _remedy(source: ErrorSource, study: MeshStudy | None, records: Sequence[ResidualRecord]) -> str:
+    """What is known to reduce an error; "" where nothing is. records: of all channels in which the noise is."""
+    if source.kind == MESH and study is not None:
+        # A load on one point, or a sharp edge, has no limit: only channels with an order of convergence have.
+        orders = [] if study.best is None else [change.order for change in study.best.changes]
+        return "a finer mesh will reduce it" if orders and None not in orders else ""
+    if source.kind != "noise" or not records:
+        return source.remedy
+    alike = [record.are_alike for record in records]
+    if any(alike):
+        along = "it is correlated along the records" if all(alike) else "it is correlated along some of the records"
+        return f"{along}, where a higher sampling rate will not reduce it; further tests will"
+    # A few samples do not show whether they err alike, as all samples of a misplaced marker do.
+    is_independent = all(record.n >= FEWEST for record in records)
+    return "more samples, or a better sensor, will reduce it" if is_independent else source.remedy
 
 
 def _unknown(of: FirstScreen) -> str:
@@ -233,7 +245,7 @@ def _misses(of: FirstScreen) -> list[Miss]:
 
 def _fit(of: FirstScreen) -> str:
     results, misses = of.judged, _misses(of)
-    parts = [text for word in ("force", "pitch") if (text := worst_of(misses, word))]
+    parts = [text for word in dict.fromkeys(miss.word for miss in misses) if (text := worst_of(misses, word))]
     near = [(label, text) for label, one in results.items() if (text := fitted_distance(one))]
     if near:
         places = joined(f"{text}{f' in {label}' if len(results) > 1 else ''}" for label, text in near)

@@ -12,7 +12,18 @@ from softcal.analysis.nominal import Nominal
 from softcal.analysis.sweep import ALL, BestCell, ErrorSection, best_cells, section_errors, sections
 from softcal.calibration.result import ExperimentFit, SearchResult, SweepResult
 from softcal.report.content import ReportContent
-from softcal.report.format import joined, method_label, ordered_parameters, parameters_in_words, result_label
+from softcal.report.format import (
+    joined,
+    material_kinds,
+    method_label,
+    ordered_parameters,
+    parameter_label,
+    parameters_in_words,
+    result_label,
+)
+from softcal.twin.parameter_name import parameter_name
+
+_FEW = 4  # parameters that are all named
 
 
 @dataclass(frozen=True)
@@ -90,11 +101,21 @@ class CalibrationHeadline(Headline):
     @property
     def subject(self) -> str:
         result, names = self.result, list(self.result.experiments)
-        parameters = parameters_in_words(ordered_parameters({"": result}), names)
-        shared = f"jointly to {len(names)} experiments ({joined(names)})" if len(names) > 1 else f"to {joined(names)}"
+        fitted = f"jointly to {len(names)} experiments" if len(names) > 1 else f"to {joined(names)}"
         others = len(self.content.results) - 1
         more = f" {others} further calibration{'s' * (others > 1)} below." if others else ""
-        return f"{parameters} fitted {shared} by {method_label(result.method)}, {len(result.trials)} trials.{more}"
+        return f"{self._parameters} fitted {fitted} by {method_label(result.method)}.{more}"
+
+    @property
+    def _parameters(self) -> str:
+        """The fitted parameters in words: the constants of the material, and how many others, if these are many."""
+        names, kinds = ordered_parameters({"": self.result}), material_kinds([self.result])
+        of_material = [name for name in names if parameter_name(name).kind in kinds]
+        others = len(names) - len(of_material)
+        if len(names) <= _FEW or not of_material or len(of_material) > _FEW or not others:
+            return parameters_in_words(names, list(self.result.experiments))
+        labels = [parameter_label(name, names) for name in of_material]
+        return joined([*labels, f"{others} further parameter{'s' * (others > 1)}"])
 
     def gains(self, known: Nominal) -> list[Gain]:
         """Of the markers alone: the loss holds every other channel too."""

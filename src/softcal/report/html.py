@@ -6,25 +6,28 @@ import base64
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 
 from softcal.analysis.importance_verdict import importance_sentences
 from softcal.analysis.mesh_verdict import mesh_verdicts
 from softcal.calibration.result import SearchResult
+from softcal.report.closeness import misses_of, worst
 from softcal.report.comparison import improvements
 from softcal.report.conclusions import conclusions, first_screen, verdict
 from softcal.report.content import ReportContent
 from softcal.report.figure import Picture
-from softcal.report.first_screen import mesh_note
-from softcal.report.format import material_kinds, number, scale_of
+from softcal.report.first_screen import budget_note
+from softcal.report.format import material_kinds, number
 from softcal.report.headline import headline
 from softcal.report.positions import MM, places, pooled
-from softcal.report.statement import SOURCES, Statement, legend
-from softcal.report.tables import ReportTable, provenance_rows, share_of_peak
-from softcal.sensing.channel import channel_name, channel_unit
+from softcal.report.statement import SOURCES, ErrorSource, Statement, legend
+from softcal.report.tables import ReportTable, provenance_rows
 from softcal.twin.parameter_name import parameter_name
 
+_MOST_ROWS = 24  # of a table that is not folded
 _COLOURS = 4  # for uncertain parameters
+_LETTER = 0.022  # width of a letter over that of a bar, on the narrowest pages
 
 
 @dataclass(frozen=True)
@@ -49,7 +52,7 @@ def render_page(content: ReportContent, pictures: Sequence[Picture], tables: Map
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"embedded": embedded, "unbroken": unbroken}
+    environment.filters |= {"embedded": embedded, "unbroken": unbroken, "moment": moment}
     sections: dict[str, list[Picture]] = {}
     for picture in pictures:
         sections.setdefault(picture.section, []).append(picture)
@@ -63,7 +66,9 @@ def render_page(content: ReportContent, pictures: Sequence[Picture], tables: Map
         folded=folded,
         legend=legend([*shown, *folded]),
         marks=marks([*shown, *folded]),
-        mesh_note=mesh_note(of),
+        budget_note=budget_note(of),
+        bar_text=bar_text,
+        most_rows=_MOST_ROWS,
         n_judged=len(of.judged),
         verdict=verdict(content),
         conclusions=conclusions(content),
@@ -95,6 +100,20 @@ def _fits_table_1(content: ReportContent) -> bool:
     return all(held.count(kind) <= 1 for held in kinds for kind in material_kinds(content.results.values()))
 
 
+def bar_text(source: ErrorSource, share: float, words: str) -> str:
+    """The text on a source's part of a bar: its name and its share, or what of them has room."""
+    return next((text for text in (f"{source.short} {words}", words) if len(text) * _LETTER < share), "")
+
+
+def moment(created: str) -> str:
+    """A time of ISO 8601 to the minute: "2026-11-22 18:51 UTC"; any other text as it is."""
+    try:
+        at = datetime.fromisoformat(created)
+    except ValueError:
+        return created
+    return f"{at:%Y-%m-%d %H:%M} {at.tzname() or ''}".rstrip()
+
+
 def unbroken(text: str) -> str:
     """The text with exponents that no line break divides."""
     return re.sub(r"(?<=\de)-(?=\d)", "\N{NON-BREAKING HYPHEN}", text)
@@ -115,11 +134,11 @@ def key_numbers(content: ReportContent) -> list[KeyNumber]:
         remark = f"{first.error_text(first.nominal)} at the nominal values, {first.error_text(first.tuned)} now"
         value = "–" if gain is None else number(gain)
         found.append(KeyNumber("Error reduced by", value, "%", remark))
-    return found + _key_errors(content.headline_result)
+    return found + _key_errors(content, content.headline_result)
 
 
-def _key_errors(result: SearchResult) -> list[KeyNumber]:
-    """The largest RMS error of each compared channel, and the RMS distance of all markers."""
+def _key_errors(content: ReportContent, result: SearchResult) -> list[KeyNumber]:
+    """The RMS distance of all markers, and the errors that the third sentence of the first screen tells."""
     found: list[KeyNumber] = []
     fitted = [place for place in places(result) if not place.held_out]
     distance = pooled(fitted)
@@ -128,16 +147,11 @@ def _key_errors(result: SearchResult) -> list[KeyNumber]:
         share = "" if length is None else f"{number(100 * distance.rms / length, 2)} % of the length; "
         remark = f"{share}{number(MM * distance.max)} mm at most"
         found.append(KeyNumber("Markers, RMS distance", number(MM * distance.rms), "mm", remark))
-    for channel in ("tension", "pitch", "shortening"):
-        fits = [(fit.rmse[channel], name, fit) for name, fit in result.experiments.items() if channel in fit.rmse]
-        if not fits:
-            continue
-        error, name, fit = max(fits, key=lambda item: item[0])
-        scale, share = scale_of(fit.units.get(channel, channel_unit(channel) or "1")), share_of_peak(fit, channel)
-        remark = f"{'largest, in ' if len(fits) > 1 else ''}{name}"
-        if share is not None:
-            remark += f"; {number(100 * share, 2)} % of the largest value"
-        found.append(
-            KeyNumber(f"{channel_name(channel).label}, RMS error", number(error / scale.factor), scale.unit, remark)
-        )
+    misses = list(misses_of(content.samples, result))
+    for word in dict.fromkeys(miss.word for miss in misses):
+        if (miss := worst(misses, word)) is not None:
+            where = f"; largest in {miss.place}" if sum(one.word == word for one in misses) > 1 else ""
+            share = "" if miss.share is None else f"{number(100 * miss.share, 2)} % of its range"
+            value, _, unit = miss.size.partition(" ")
+            found.append(KeyNumber(f"{word.capitalize()}, RMS error", value, unit, f"{share}{where}"))
     return found

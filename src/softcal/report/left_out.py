@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from softcal.calibration.result import SearchResult
 from softcal.report.content import ReportContent
 from softcal.report.format import number, result_label, scale_of
@@ -11,14 +13,18 @@ from softcal.sensing.channel import channel_unit
 
 def left_out_sentence(result: SearchResult) -> str:
     """How well the experiments predict each other; "" where there are fewer than three."""
-    shares = [share for one in result.left_out.values() for share in one.within.values()]
+    shares: list[float] = []
+    for name, one in result.left_out.items():
+        measured = result.experiments[name].measured
+        counts = [int(np.isfinite(measured[channel]).sum()) for channel in one.within]
+        shares.append(float(np.average(list(one.within.values()), weights=counts)))
     if not shares:
         return ""
     low, high = (number(100 * share, 3) for share in (min(shares), max(shares)))
     held = f"{low} %" if low == high else f"{low} to {high} %"
     return (
-        f"Predicted by the others, each of the {len(result.left_out)} experiments has {held} of its samples within the "
-        "95 % band of a further one."
+        f"Predicted by the others, each of the {len(result.left_out)} experiments has {held} of its measured values "
+        "within the 95 % band of a further one."
     )
 
 

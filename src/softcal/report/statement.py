@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from softcal.analysis.mesh_study import MeshStudy
 from softcal.calibration.budget import BOUNDS
@@ -27,7 +27,7 @@ WHOLE = 0.9
 
 @dataclass(frozen=True)
 class ErrorSource:
-    """A source of error: what it is called in a legend, and in a table; what is done about it, a clause."""
+    """A source of error: a noun phrase for sentences, a short name for bars and tables; what reduces it, a clause."""
 
     kind: str
     words: str
@@ -36,7 +36,12 @@ class ErrorSource:
 
 
 SOURCES = (
-    ErrorSource("noise", "noise of the measurements", "noise", "more samples, or a better sensor, will reduce it"),
+    ErrorSource(
+        "noise",
+        "the noise of the measurements",
+        "noise",
+        "more independent measurements, or better ones, will reduce it",
+    ),
     ErrorSource(
         "experiments",
         "differences between the tests",
@@ -49,8 +54,8 @@ SOURCES = (
         "set-ups",
         "more tests on the same ones will not reduce it; further ones, or the cause of the differences, will",
     ),
-    ErrorSource("prior", "priors", "priors", "a better measurement of what they describe will reduce it"),
-    ErrorSource(MESH, "mesh", "mesh", "a finer mesh will reduce it"),
+    ErrorSource("prior", "the priors", "priors", "a better measurement of what they describe will reduce it"),
+    ErrorSource(MESH, "the mesh", "mesh", "softcal mesh-study shows whether a finer mesh reduces it"),
     ErrorSource(
         BOUNDS,
         "other parameters, which the data leave open within their bounds",
@@ -71,7 +76,8 @@ class Statement:
     estimate
         Its estimate.
     budget
-        Kind of source -> share of the squared error [-], sum 1, in the order of `SOURCES`; empty where not known.
+        Kind of source -> share of the squared error [-], sum 1, in the order of `SOURCES`; empty where not known, and
+        where the data do not determine the parameter, whose interval is then that of its own bounds.
     """
 
     name: str
@@ -147,12 +153,13 @@ def source_of(kind: str) -> ErrorSource:
     is_pattern = any(mark in written for mark in "*?") or not name.owner
     words = written if is_pattern else f"{name.kind.replace('_', ' ')} ({name.owner})"
     label = written if is_pattern else parameter_label(written)
-    return ErrorSource(kind, f"uncertainty of {words}{each}", label, "measuring it more precisely will reduce it")
+    return ErrorSource(kind, f"the uncertainty of {words}{each}", label, "measuring it more precisely will reduce it")
 
 
 def statement(name: str, label: str, estimate: Estimate, study: MeshStudy | None = None) -> Statement:
     """What an estimate and, if it is of it, a mesh study say of a parameter."""
-    return Statement(name, label, estimate, _budget(estimate, None if study is None else _shift(name, estimate, study)))
+    one = Statement(name, label, estimate, _budget(estimate, None if study is None else _shift(name, estimate, study)))
+    return one if one.is_determined else replace(one, budget={})
 
 
 def percent(share: float) -> str:

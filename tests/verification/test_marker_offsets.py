@@ -19,7 +19,9 @@ OFFSET = np.array([0.003, -0.002, 0.001])
 
 def marked(carrier: str, element: str = "P2P1", offset=(0.0, 0.0, 0.0)) -> Robot:
     at, on = CARRIERS[carrier]
-    robot = column_robot(element, parameters=elastic(0.4e6, 0.43), divisions=(1, 1, 3), gravity=(0.0, 0.5, -9.81))
+    robot = column_robot(
+        element, parameters=elastic(4e4, 0.43), divisions=(1, 1, 3), gravity=(0, 0.5, -9.81), density=1100.0, mass=0.01
+    )
     return replace(robot, markers=(Marker("eye", on, at, offset), Marker("other", "plate", [0.0, 0.0, 0.1])))
 
 
@@ -57,13 +59,12 @@ def test_on_a_body_it_follows_the_deformation_where_the_marker_is():
         assert least <= np.abs(error).max() <= most
 
 
-@pytest.mark.parametrize("offset", [0.0, 1.0])
-@pytest.mark.parametrize("element", ["P1", "P2P1"])
+@pytest.mark.parametrize(("element", "offset"), [("P1", 1.0), ("P2P1", 0.0), ("P2P1", 1.0)])
 @pytest.mark.parametrize("carrier", CARRIERS)
 def test_all_channels_have_exact_derivatives_by_it_and_with_it(carrier, element, offset, monkeypatch):
     monkeypatch.setattr("softcal.mechanics.statics.TOLERANCE", 1e-11)
     robot = marked(carrier, element, offset * OFFSET)
-    steps = {**dict.fromkeys(NAMES, 1e-5), "neck.youngs_modulus": 40.0}
+    steps = {**dict.fromkeys(NAMES, 1e-5), "neck.youngs_modulus": 4.0}
     values = {name: info.value for name, info in robot_parameters(robot).items()}
     response = seen(robot, names=tuple(steps))
     for name, h in steps.items():
@@ -81,7 +82,7 @@ def test_it_needs_no_other_system_of_equations():
     moved = twin_of(robot, {NAMES[0]: 0.001})
     assert moved.system is twin_of(robot).system
     assert moved.robot.markers[0].place[0] == CARRIERS["inside"][0][0] + 0.001
-    softer = {"neck.youngs_modulus": 1e5}
+    softer = {"neck.youngs_modulus": 5e4}
     assert twin_of(robot, {**softer, NAMES[0]: 0.001}) is moved
 
 

@@ -166,6 +166,9 @@ def test_what_no_depth_can_be_defined_of_is_refused():
     mesh = box_mesh((0.03, 0.03, 0.1), (2, 2, 10))
     with pytest.raises(InputError, match=r"no fixed face lies behind the body[\s\S]*the opposite direction"):
         clamped(mesh, Clamp((0.0, 0.0, -1.0)))
+    with pytest.raises(InputError, match="no fixed face lies behind the body") as error:
+        clamped(mesh, Clamp((1.0, 0.0, 0.0)))
+    assert "opposite" not in str(error.value)
     x, _, z = mesh.points.T
     for beside in ((x == 0.0) & (z < 0.025), z > 0.045):
         with pytest.raises(InputError, match=r"no fixed face lies behind the body|does not end at a plane"):

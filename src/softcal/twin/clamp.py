@@ -91,7 +91,9 @@ def clamp_zone(mesh: TetMesh, fixed: Ints, clamp: Clamp, *, where: str = "") -> 
     if not len(free) or not before.any():
         got = f"the direction ({', '.join(f'{x:.4g}' for x in direction)})"
         allowed = "a direction from the fixed face into the body, with fixed nodes alone behind the first free one"
-        raise InputError(Fault("no fixed face lies behind the body", where, got, allowed, "the opposite direction"))
+        ends_fixed = height[is_fixed].max(initial=-np.inf) > height[free].max(initial=-np.inf)
+        attempt = "the opposite direction" if ends_fixed else ""
+        raise InputError(Fault("no fixed face lies behind the body", where, got, allowed, attempt))
     face = float(height[before].max())
     length = _constant_length(mesh, direction, face, slack, where)
     beyond = height[is_fixed & (height > face + slack) & (height < face + length)]

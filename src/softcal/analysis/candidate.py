@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from softcal.calibration.experiment import Experiment, rig_kind
-from softcal.calibration.parameters import FreeParameter
+from softcal.calibration.scope import P
 from softcal.checks import Floats
 from softcal.errors import Fault, InputError
 from softcal.experiments.dataset import Channel, Dataset
@@ -110,20 +110,23 @@ def as_experiment(candidate: Candidate, like: Experiment) -> Experiment:
     )
 
 
-def own_parameters(candidate: Candidate, like: Experiment, free: tuple[FreeParameter, ...]) -> dict[str, FreeParameter]:
+def own_parameters(candidate: Candidate, like: Experiment, known: tuple[P, ...]) -> dict[str, P]:
     """Label in the calibration -> the test's own parameter of the same kind: its slack, its offsets.
 
     Those of a set-up are shared with the test, and so are all others, but for those of the rig of a cable that is
-    pulled instead of another.
+    pulled instead of another, where the calibration does not know that one too. known: free or uncertain parameters.
     """
     old = _cable(like)
-    found: dict[str, FreeParameter] = {}
-    for p in free:
+    shared = {target for p in known if p.serves(candidate.name) for target in p.targets}
+    found: dict[str, P] = {}
+    for p in known:
         is_own = p.experiment == like.name and not p.members
         of_cable = bool(candidate.cable) and all(_is_of_rig(target, old) for target in p.targets)
         if not p.serves(like.name) or not (is_own or of_cable):
             continue
         names = {t: t.replace(f"{old}.", f"{candidate.cable}.", 1) if of_cable else t for t in p.targets}
+        if of_cable and shared & set(names.values()):
+            continue
         found[p.label] = replace(
             p, name=names.get(p.name, p.name), of=tuple(names.values()) if p.of else (), experiment=candidate.name
         )

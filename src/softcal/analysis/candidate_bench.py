@@ -8,15 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from softcal.analysis.candidate import Candidate, as_experiment, noise_like, own_parameters
+from softcal.analysis.candidate_mesh import mesh_change, step_of_parameters
 from softcal.calibration.added_test import AddedChannel, AddedTest
 from softcal.calibration.experiment import Experiment
 from softcal.calibration.loss import Block
 from softcal.calibration.losses.likelihood import LikelihoodLoss
-from softcal.calibration.mesh_error import with_mesh_error
 from softcal.calibration.observation import commands, slack_faults
 from softcal.calibration.parameters import FreeParameter, SearchSpace
-from softcal.calibration.problem import Problem
-from softcal.calibration.uncertain import UncertainParameter
+from softcal.calibration.problem import Evaluation, Problem
+from softcal.calibration.scope import P
+from softcal.calibration.uncertain import MESH_ERROR, UncertainParameter
 from softcal.checks import Floats
 from softcal.errors import Fault, InputError, SimulationError
 from softcal.sensing.channel import ChannelName
@@ -24,29 +25,34 @@ from softcal.sensing.sensors.cable import SHORTENING
 from softcal.twin.parameters import robot_parameters, with_shape
 from softcal.twin.protocol import Protocol, command_faults
 
-# A block, and its derivatives (n,) [SI] by label.
+# A block, with its derivatives (n,) [SI] by the labels of the free parameters, and its changes (n,) [SI] by one
+# standard deviation of each of a candidate's own uncertain parameters by theirs.
 Row = tuple[Block, Mapping[str, Floats]]
+
+
+NO_MESH = "The error of the mesh is not included, as in the calibration."
 
 
 @dataclass(frozen=True)
 class Plan:
     """A candidate as an experiment.
 
-    own: label of the calibration -> the test's own parameter of that kind.
+    own: label of the calibration -> the test's own parameter of that kind; errs: the same of uncertain parameters.
     """
 
     candidate: Candidate
     like: Experiment
     test: Experiment
     own: Mapping[str, FreeParameter]
+    errs: Mapping[str, UncertainParameter]
 
 
 @dataclass(frozen=True)
 class Simulated:
     """Experiment or candidate -> its blocks; candidate -> why it has none, a sentence; number of trajectories.
 
-    uncertain: the parameters of the blocks' `systematic`, with the error of the mesh. note: a sentence where that is
-    not known, or "".
+    uncertain: the parameters of the blocks' `systematic`, with the error of the mesh where that is known. note: what is
+    assumed of it, a sentence, or "".
     """
 
     rows: Mapping[str, Sequence[Row]]
@@ -74,7 +80,8 @@ def planned(problem: Problem, theta: Mapping[str, float], candidate: Candidate) 
         )
     like = problem.experiments[names.index(candidate.like)]
     test = as_experiment(candidate, like)
-    plan = Plan(candidate, like, test, own_parameters(candidate, like, problem.space.parameters))
+    own = own_parameters(candidate, like, problem.space.parameters)
+    plan = Plan(candidate, like, test, own, own_parameters(candidate, like, problem.uncertain))
     for channel in test.compared:
         if not _noise(problem, plan, channel):
             allowed = f"noise: {{{channel}: …}}"
@@ -89,20 +96,24 @@ def joined(problem: Problem, theta: Mapping[str, float], plans: Sequence[Plan]) 
 
     It is judged by a loss that accepts every channel: only the derivatives are of interest.
     """
-    shared: list[FreeParameter] = []
-    for p in problem.space.parameters:
-        new = [plan.test.name for plan in plans if p.members and plan.like.name in p.members]
-        shared.append(replace(p, members=(*p.members, *new)))
+
+    def shared(known: Sequence[P]) -> tuple[P, ...]:
+        new = [(plan.like.name, plan.test.name) for plan in plans]
+        return tuple(replace(p, members=(*p.members, *(b for a, b in new if a in p.members))) for p in known)
+
     experiments = (*problem.experiments, *(plan.test for plan in plans))
     own = {p.label: (p, theta[old]) for plan in plans for old, p in plan.own.items()}
-    space = SearchSpace((*shared, *(p for p, _ in own.values())))
+    space = SearchSpace((*shared(problem.space.parameters), *(p for p, _ in own.values())))
+    uncertain = (*shared(problem.uncertain), *(p for plan in plans for p in plan.errs.values()))
     loss = LikelihoodLoss({channel: 1.0 for experiment in experiments for channel in experiment.compared})
-    whole = replace(problem, experiments=experiments, space=space, loss=loss)
+    whole = replace(problem, experiments=experiments, space=space, loss=loss, uncertain=uncertain)
     return whole, {**theta, **{label: value for label, (_, value) in own.items()}}
 
 
-def simulated(problem: Problem, theta: Mapping[str, float], plans: Sequence[Plan]) -> Simulated:
-    """The problem's experiments and all candidates, at once, with the error of the mesh in each.
+def simulated(
+    problem: Problem, theta: Mapping[str, float], plans: Sequence[Plan], *, mesh_error: bool = True
+) -> Simulated:
+    """The problem's experiments and all candidates, at once; mesh_error: with the error of the mesh in each.
 
     Raises
     ------
@@ -124,13 +135,75 @@ def simulated(problem: Problem, theta: Mapping[str, float], plans: Sequence[Plan
         n_solves += found.n_solves
     if found.loss is None:
         raise SimulationError(f"The twin cannot be simulated at the values found. {found.failure}")
-    finer = with_mesh_error(whole, found)
+    plans = [plan for plan in plans if plan.test.name in found.observations]
+    rows = _rows(problem, whole, found)
+    if not mesh_error:
+        return Simulated(rows, failures, n_solves, problem.uncertain, NO_MESH)
+    finer = mesh_change(whole, values, found, [plan.test.name for plan in plans])
+    n_solves += finer.n_solves
+    if finer.unknown:
+        return Simulated(rows, failures, n_solves, problem.uncertain, finer.unknown)
+    estimated = [plan.test.name for plan in plans if not any(name == plan.test.name for name, _ in finer.changes)]
+    changes = {**finer.changes, **_estimated(problem, theta, rows, finer.changes, plans)}
+    note = (
+        ""
+        if not estimated
+        else (
+            f"The finer mesh was simulated along the load paths of the calibration. The error of the mesh in "
+            f"{', '.join(estimated)} is that of the parameters which has its effect on the experiments."
+        )
+    )
+    return Simulated(_with_changes(rows, changes), failures, n_solves, (*problem.uncertain, MESH_ERROR), note)
+
+
+def _rows(problem: Problem, whole: Problem, found: Evaluation) -> dict[str, list[Row]]:
+    """Experiment or candidate -> its blocks, with the uncertain parameters of the calibration, and derivatives."""
+    k = len(problem.uncertain)
     rows: dict[str, list[Row]] = {}
-    for block in finer.best.blocks:
+    for block in found.blocks:
         if block.experiment and block.jacobian is not None:
             columns = dict(zip(whole.space.labels, block.jacobian.T, strict=True))
-            rows.setdefault(block.experiment, []).append((block, columns))
-    return Simulated(rows, failures, n_solves + finer.n_solves, finer.uncertain, finer.unknown)
+            if block.systematic is not None:
+                columns |= dict(zip((p.label for p in whole.uncertain[k:]), block.systematic.T[k:], strict=True))
+            shared = None if block.systematic is None or not k else block.systematic[:, :k]
+            rows.setdefault(block.experiment, []).append((replace(block, systematic=shared), columns))
+    return rows
+
+
+def _estimated(
+    problem: Problem,
+    theta: Mapping[str, float],
+    rows: Mapping[str, Sequence[Row]],
+    changes: Mapping[tuple[str, str], Floats],
+    plans: Sequence[Plan],
+) -> dict[tuple[str, str], Floats]:
+    """The changes of the candidates that are not on the calibration's load paths."""
+    space = problem.space
+    blocks = [block for block in base_blocks(problem, theta, rows) if block.experiment]
+    step = step_of_parameters(
+        blocks,
+        [problem.loss.square_weights(block, block.residual) for block in blocks],
+        [changes[block.experiment, block.channel] for block in blocks],
+        space.jacobian(np.clip(space.to_search(theta), 0.0, 1.0)),
+    )
+    by = dict(zip(space.labels, step, strict=True))
+    return {
+        key: np.sum([columns[plan.own[old].label if old in plan.own else old] * by[old] for old in by], axis=0)
+        for plan in plans
+        for block, columns in rows[plan.test.name]
+        if (key := (block.experiment, block.channel)) not in changes
+    }
+
+
+def _with_changes(rows: Mapping[str, Sequence[Row]], changes: Mapping[tuple[str, str], Floats]) -> dict[str, list[Row]]:
+    """The rows with the change on the finer mesh as that of one more uncertain parameter."""
+
+    def changed(block: Block) -> Block:
+        change = changes[block.experiment, block.channel][:, None]
+        known = block.systematic if block.systematic is not None else change[:, :0]
+        return replace(block, systematic=np.hstack([known, change]))
+
+    return {name: [(changed(block), columns) for block, columns in held] for name, held in rows.items()}
 
 
 def base_blocks(problem: Problem, theta: Mapping[str, float], rows: Mapping[str, Sequence[Row]]) -> list[Block]:
@@ -150,6 +223,7 @@ def added_test(problem: Problem, slopes: Floats, plan: Plan, rows: Sequence[Row]
     per = dict(zip(space.labels, slopes, strict=True))
     # A parameter without an effect, such as the offset of an angle that is not measured, is none of the test.
     held = [old for old, p in own.items() if any(np.any(by[p.label]) for _, by in rows)]
+    own_errs = list(plan.errs.values())
     channels: list[AddedChannel] = []
     for block, by in rows:
         zeros = np.zeros(len(block.residual))
@@ -162,8 +236,9 @@ def added_test(problem: Problem, slopes: Floats, plan: Plan, rows: Sequence[Row]
                 known,
                 sigma,
                 plan.candidate.better.get(block.channel, 1.0),
-                not problem.loss.faults([replace(plan.test, compared=(block.channel,))]),
+                counts(problem, plan, block.channel),
                 block.systematic,
+                np.column_stack([zeros, *(by[p.label] for p in own_errs)])[:, 1:],
             )
         )
     priors = [
@@ -171,7 +246,14 @@ def added_test(problem: Problem, slopes: Floats, plan: Plan, rows: Sequence[Row]
     ]
     serves = np.array([p.serves(plan.like.name) and p.label not in own for p in space.parameters])
     rows_of_priors = np.array(priors).reshape(len(priors), len(held))
-    return AddedTest(plan.test.name, tuple(channels), serves, rows_of_priors, plan.candidate.repeats)
+    return AddedTest(plan.test.name, tuple(channels), serves, rows_of_priors, plan.candidate.repeats, tuple(own_errs))
+
+
+def counts(problem: Problem, plan: Plan, channel: str) -> bool:
+    """Whether the loss has a weight for a channel; a position is judged with the other coordinates of its point."""
+    test = plan.test
+    point = test.point_of(channel)
+    return not problem.loss.faults([replace(test, compared=test.parts_of(point) if point else (channel,))])
 
 
 def _noise(problem: Problem, plan: Plan, channel: str) -> tuple[tuple[str, str] | None, float | None] | None:

@@ -8,15 +8,15 @@ linear algebra (`softcal.calibration.added_test`).
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from softcal.analysis.candidate import Candidate
-from softcal.analysis.candidate_bench import Plan, Simulated, added_test, base_blocks, planned, simulated
+from softcal.analysis.candidate_bench import Plan, Simulated, added_test, base_blocks, counts, planned, simulated
 from softcal.calibration.added_test import ExpectedEstimates, with_added_test
 from softcal.calibration.estimator import Estimator, estimator
-from softcal.calibration.experiment import Experiment, rig_kind
+from softcal.calibration.experiment import rig_kind
 from softcal.calibration.intervals import box_intervals, student
 from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import Problem
@@ -85,11 +85,17 @@ class NextTests:
 
 
 def next_tests(
-    problem: Problem, theta: Mapping[str, float], candidates: Sequence[Candidate], parameter: str = ""
+    problem: Problem,
+    theta: Mapping[str, float],
+    candidates: Sequence[Candidate],
+    parameter: str = "",
+    *,
+    mesh_error: bool = True,
 ) -> NextTests:
     """Rank candidates for a problem at its minimum theta [SI by label].
 
-    parameter: label of the one whose interval counts; by default the first of the robot.
+    parameter: label of the one whose interval counts; by default the first of the robot. mesh_error: whether the
+    intervals include the error of the mesh, by one more simulation on a finer one.
 
     Raises
     ------
@@ -113,7 +119,7 @@ def next_tests(
             plans[candidate.name] = planned(problem, theta, candidate)
         except InputError as error:
             failures[candidate.name] = str(error)
-    seen = simulated(problem, theta, list(plans.values()))
+    seen = simulated(problem, theta, list(plans.values()), mesh_error=mesh_error)
     failures |= seen.failures
     present = _Present(problem, theta, seen, labels.index(label))
     found = [
@@ -159,11 +165,6 @@ class _Present:
                 "as measurements, so that the effect of another test is not known."
             )
         self.interval, self._length = self._reach(self._found, self._found.minimum)
-        # What is expected of further data is that they agree with the present estimates.
-        self._centre = self._z.copy()
-        for one in self._found.between:
-            if one.effects.differs:
-                self._centre[one.column] += one.effects.mean
 
     def outlook(self, plan: Plan) -> tuple[Outlook, float]:
         """What is expected of a candidate, and the length of the interval in the unit box."""
@@ -171,7 +172,7 @@ class _Present:
         after = with_added_test(
             self._problem.loss, self._blocks, self._slopes, self._serves, self._found, added, self._uncertain
         )
-        interval, length = self._reach(after, self._centre)
+        interval, length = self._reach(after, self._z + after.step)
         share = length / self._length if np.isfinite(length) and np.isfinite(self._length) else None
         return Outlook(plan.candidate, interval, share, self._joint(after)), length
 
@@ -204,7 +205,7 @@ class _Present:
             yield self._note
         loss = self._problem.loss
         new = [(plan, c) for plan in plans for c in plan.test.compared]
-        strange = dict.fromkeys(c for plan, c in new if loss.faults([_alone(plan, c)]))
+        strange = dict.fromkeys(c for plan, c in new if not counts(self._problem, plan, c))
         if strange:
             yield (
                 f"The loss '{loss.name}' does not count {', '.join(strange)}: at the same noise they are given the "
@@ -243,8 +244,3 @@ class _Present:
 
 def _mixed(one: Estimator | ExpectedEstimates) -> np.ndarray:
     return np.abs(one.unseen).max(axis=0, initial=0.0) > MIXED
-
-
-def _alone(plan: Plan, channel: str) -> Experiment:
-    """The test with one compared channel."""
-    return replace(plan.test, compared=(channel,))

@@ -13,7 +13,7 @@ the experiments differ, the test is one more of them, with the same spread betwe
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -48,6 +48,8 @@ class AddedChannel:
         Whether the loss has a weight for it; else it gets that of the other channels at equal variance.
     systematic
         Its change (n, k) [SI] by one standard deviation of each uncertain parameter of the calibration, or None.
+    own_systematic
+        The same (n, m) of the test's own uncertain parameters, or None.
     """
 
     name: str
@@ -58,6 +60,7 @@ class AddedChannel:
     better: float = 1.0
     counted: bool = True
     systematic: Floats | None = None
+    own_systematic: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -75,7 +78,9 @@ class AddedTest:
     priors
         Priors of its own parameters over their standard deviations, as rows (k, q).
     repeats
-        How many times it is made, each with its own parameters.
+        How many times it is made, each with its own parameters, free and uncertain.
+    uncertain
+        Its own uncertain parameters: as uncertain as those of the calibration, with another error.
     """
 
     name: str
@@ -83,6 +88,7 @@ class AddedTest:
     serves: np.ndarray
     priors: Floats
     repeats: int = 1
+    uncertain: tuple[UncertainParameter, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -92,9 +98,14 @@ class AddedTest:
 
 @dataclass(frozen=True)
 class ExpectedEstimates:
-    """What is expected of the calibration's parameters: as of an `Estimator`, of size (size,) and (size, size)."""
+    """What is expected of the calibration's parameters: as of an `Estimator`, of size (size,) and (size, size).
+
+    step: from the calibration's minimum to that of the unbounded model (size,). The test is expected to agree with that
+    minimum, also where a bound is what determines it.
+    """
 
     root: Floats
+    step: Floats
     dof: Floats
     unseen: Floats
 
@@ -141,43 +152,56 @@ def with_added_test(
     """What is expected after a test is added to the calibration in which `found` was estimated from the other
     arguments; they are as for `estimator`.
     """
-    size, q = len(slopes), added.priors.shape[1]
-    starts = {name: size + k * q for k, name in enumerate(added.names)}
+    size, q, k, m = len(slopes), added.priors.shape[1], len(uncertain), len(added.uncertain)
+    # The first column of each test's own parameters, and the columns of its own errors.
+    places = {name: (size + i * q, range(k + i * m, k + (i + 1) * m)) for i, name in enumerate(added.names)}
     wide = size + q * added.repeats
-    seen = [_weighed(loss, _padded(block, slopes, wide)) for block in blocks]
+    errs = (*uncertain, *(added.uncertain * added.repeats))
+    seen = [_weighed(loss, _padded(block, slopes, wide, len(errs))) for block in blocks]
     noises = {channel.name: _noise(loss, blocks, found, channel) for channel in added.channels}
     precision = _precision(loss, seen, found)
-    for name, start in starts.items():
+    for name, (start, own_errs) in places.items():
         for channel in added.channels:
             jacobian = np.zeros((len(channel.answer), wide))
             jacobian[:, :size], jacobian[:, start : start + q] = channel.answer, channel.own
-            seen.append(_expected(loss, name, channel, noises[channel.name], jacobian, precision))
+            moved = np.zeros((len(channel.answer), len(errs)))
+            if channel.systematic is not None:
+                moved[:, :k] = channel.systematic
+            if channel.own_systematic is not None:
+                moved[:, own_errs] = channel.own_systematic
+            seen.append(_expected(loss, name, channel, noises[channel.name], jacobian, moved, precision))
         for row in added.priors:
             jacobian = np.zeros((1, wide))
             jacobian[0, start : start + q] = row
             seen.append(Weighed(Block("", "prior", np.zeros(1), np.zeros(1), 1.0, jacobian), np.ones(1), np.ones(1)))
-    parts, inverse, unseen = linearised(loss, seen, np.ones(wide), len(uncertain))
+    parts, inverse, unseen = linearised(loss, seen, np.ones(wide), len(errs))
     parts, serves = parts_by_set_up(parts, found.set_ups), serves_by_set_up(serves, found.set_ups)
-    sources = _base_sources(parts, found, starts)
-    new = [part for part in parts if part.experiment in starts]
+    sources = _base_sources(parts, found, places)
+    new = [part for part in parts if part.experiment in places]
     for part, channel in zip(new, list(added.channels) * added.repeats, strict=True):
         _add_source(sources, part, noises[channel.name], _spent(added, channel))
-    averaged = [_with_steps(one, i, found, parts, sources, starts, serves, added) for i, one in _differing(found)]
-    errs = {k: (p.source, p.label) for k, p in enumerate(uncertain)}
+    labelled = {i: (p.source, p.label) for i, p in enumerate(errs)}
+    averaged = [_with_steps(one, i, found, parts, sources, places, serves, added) for i, one in _differing(found)]
     linear = Linear(parts, inverse, [one for one in averaged if one.has_interval])
-    budget = linear.budget([*sources, *systematic_sources(parts, errs)], averaged)
-    return ExpectedEstimates(np.linalg.qr(budget.root[:, :size])[1], budget.dof[:size], unseen[:, :size])
+    budget = linear.budget([*sources, *systematic_sources(parts, labelled)], averaged)
+    left = sum(part.pull.T @ part.residual for part in parts if part.experiment not in places)
+    step = linear.step(-inverse @ left)
+    return ExpectedEstimates(np.linalg.qr(budget.root[:, :size])[1], step[:size], budget.dof[:size], unseen[:, :size])
 
 
 def _weighed(loss: Loss, block: Block) -> Weighed:
     return Weighed(block, loss.square_weights(block, block.residual), loss.stated_noise(block))
 
 
-def _padded(block: Block, slopes: Floats, wide: int) -> Block:
-    """The block with its jacobian in the unit box, and zeros for the added parameters."""
+def _padded(block: Block, slopes: Floats, wide: int, n_uncertain: int) -> Block:
+    """The block with its jacobian in the unit box, and zeros for the added parameters, free and uncertain."""
     if block.jacobian is None:
         raise ValueError(f"the block '{block.channel}' has no jacobian")
-    return replace(block, jacobian=np.pad(block.jacobian * slopes, ((0, 0), (0, wide - len(slopes)))))
+    moved = block.systematic
+    if moved is not None:
+        moved = np.pad(moved, ((0, 0), (0, n_uncertain - moved.shape[1])))
+    jacobian = np.pad(block.jacobian * slopes, ((0, 0), (0, wide - len(slopes))))
+    return replace(block, jacobian=jacobian, systematic=moved)
 
 
 def _noise(loss: Loss, blocks: Sequence[Block], found: Estimator, channel: AddedChannel) -> _Noise:
@@ -218,12 +242,12 @@ def _precision(loss: Loss, seen: Sequence[Weighed], found: Estimator) -> float:
 
 
 def _expected(
-    loss: Loss, test: str, channel: AddedChannel, noise: _Noise, jacobian: Floats, precision: float
+    loss: Loss, test: str, channel: AddedChannel, noise: _Noise, jacobian: Floats, moved: Floats, precision: float
 ) -> Weighed:
     n = len(jacobian)
     # Of the expected size; what matters of them is no more than that. Alternating, they are of no smooth direction.
     residual = np.sqrt(noise.variance) * (-1.0) ** np.arange(n)
-    block = Block(test, channel.name, np.zeros(n), residual, noise.unit, jacobian, systematic=channel.systematic)
+    block = Block(test, channel.name, np.zeros(n), residual, noise.unit, jacobian, systematic=moved)
     if noise.stated:
         return Weighed(block, np.full(n, 1.0 / noise.unit**2), np.full(n, noise.unit))
     if channel.counted:
@@ -231,11 +255,11 @@ def _expected(
     return Weighed(block, np.full(n, precision / noise.variance), None)
 
 
-def _base_sources(parts: Sequence[ScaledBlock], found: Estimator, starts: Mapping[str, int]) -> list[Source]:
+def _base_sources(parts: Sequence[ScaledBlock], found: Estimator, added: Collection[str]) -> list[Source]:
     """The calibration's sources of error, with the priors of the added parameters, in the parts of all parameters."""
     sources: list[Source] = []
     for source in found.sources:
-        own = [p for p in parts if p.group == source.name and p.experiment not in starts and p.group != PRIOR]
+        own = [p for p in parts if p.group == source.name and p.experiment not in added and p.group != PRIOR]
         sources.append(replace(source, records=tuple(_record(part, source.process) for part in own)))
     priors = tuple(_record(part, None) for part in parts if part.group == PRIOR)
     sources = [one for one in sources if one.name != PRIOR]
@@ -284,7 +308,7 @@ def _with_steps(
     found: Estimator,
     parts: Sequence[ScaledBlock],
     sources: Sequence[Source],
-    starts: Mapping[str, int],
+    places: Mapping[str, tuple[int, range]],
     serves: Mapping[str, np.ndarray],
     added: AddedTest,
 ) -> Between:
@@ -295,11 +319,14 @@ def _with_steps(
     own[[one.column for _, one in _differing(found)[:place]]] = True
     variances = dict(between.variances)
     responses = {name: np.pad(one, (0, wide - size)) for name, one in between.responses.items()}
-    for name, start in starts.items():
+    for name, (start, own_errs) in places.items():
         on = np.zeros(wide, dtype=bool)
         on[:size], on[start : start + added.priors.shape[1]] = added.serves, True
         alone = parts_alone(name, parts, on & own)
         within = [held for one in sources if (held := _within(one, name, alone)).records]
+        within += systematic_sources(
+            alone, {i: (p.source, p.label) for i, p in zip(own_errs, added.uncertain, strict=True)}
+        )
         step = own_step(Alone(name, alone, on, within), own, between.column)
         if step is not None:
             variances[name], responses[name] = step.variance, step.response

@@ -8,7 +8,7 @@ element size, and as much as the change where it falls with the size itself: wit
 
 from __future__ import annotations
 
-import contextlib
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -50,26 +50,34 @@ def with_mesh_error(problem: Problem, best: Evaluation, *, max_unknowns: int = U
 
     max_unknowns: limit of the finer mesh; beyond it the error is not computed. Ctrl-C ends the computation alone.
     """
-    without = WithMeshError(best, problem.uncertain, "")
+    try:
+        finer = on_finer_mesh(problem, best.theta, max_unknowns=max_unknowns)
+        reason = finer if isinstance(finer, str) else unknown(finer.failure)
+    except KeyboardInterrupt:
+        finer, reason = "", unknown("its computation was stopped by the user")
+    if isinstance(finer, str) or finer.loss is None:
+        return WithMeshError(best, problem.uncertain, reason)
+    blocks = tuple(_changed(own, other, problem) for own, other in zip(best.blocks, finer.blocks, strict=True))
+    return WithMeshError(replace(best, blocks=blocks), (*problem.uncertain, MESH_ERROR), "", finer.n_solves)
+
+
+def on_finer_mesh(problem: Problem, theta: Mapping[str, float], *, max_unknowns: int = UNKNOWNS) -> Evaluation | str:
+    """The evaluation of a problem at theta on a finer mesh, or a sentence why there is none."""
     if problem.simulate is not None:
-        return replace(without, unknown="The error of the mesh is not known: the twin is another engine's.")
+        return unknown("the twin is another engine's")
     is_lower = has_lower(problem.robot, DEFAULT.name)
     raised = elevated(problem.robot, DEFAULT.name) if is_lower else problem.robot
     if (n := size(raised, 0 if is_lower else 1).unknowns) > max_unknowns:
-        text = f"a finer one would have {n:,} unknowns, more than the limit of {max_unknowns:,}"
-        return replace(without, unknown=f"The error of the mesh is not known: {text}.")
-    finer: Evaluation | None = None
-    reason = "its computation was stopped by the user"
-    with contextlib.suppress(KeyboardInterrupt):
-        try:
-            finer = replace(problem, robot=raised if is_lower else halved(raised)).evaluate(best.theta)
-            reason = finer.failure.removesuffix(".")
-        except MeshError as error:
-            reason = str(error).removesuffix(".")
-    if finer is None or finer.loss is None:
-        return replace(without, unknown=f"The error of the mesh is not known: {reason}.")
-    blocks = tuple(_changed(own, other, problem) for own, other in zip(best.blocks, finer.blocks, strict=True))
-    return WithMeshError(replace(best, blocks=blocks), (*problem.uncertain, MESH_ERROR), "", finer.n_solves)
+        return unknown(f"a finer one would have {n:,} unknowns, more than the limit of {max_unknowns:,}")
+    try:
+        return replace(problem, robot=raised if is_lower else halved(raised)).evaluate(theta)
+    except MeshError as error:
+        return unknown(str(error))
+
+
+def unknown(reason: str) -> str:
+    """The sentence that the error of the mesh is not known."""
+    return f"The error of the mesh is not known: {reason.removesuffix('.')}."
 
 
 def _changed(own: Block, finer: Block, problem: Problem) -> Block:

@@ -168,7 +168,7 @@ class Problem:
         observations: dict[str, Observation] = {}
         failures: list[str] = []
         n_solves = n_factorisations = 0
-        for group in self._trajectories(theta):
+        for group in self.trajectories(theta):
             response = self._simulate(group, jacobian)
             n_solves += 1
             n_factorisations += response.n_factorisations
@@ -240,7 +240,8 @@ class Problem:
     def _rig(self, experiment: Experiment, theta: Mapping[str, float]) -> dict[str, float]:
         return {**experiment.rig_values(), **self.space.values_for(experiment.name, theta)}
 
-    def _trajectories(self, theta: Mapping[str, float]) -> list[Trajectory]:
+    def trajectories(self, theta: Mapping[str, float]) -> list[Trajectory]:
+        """The simulations of an evaluation at theta [SI by label], each with the experiments that it serves."""
         known = robot_parameters(self.robot)
         groups: dict[tuple[object, ...], list[Member]] = {}
         thetas: dict[tuple[object, ...], dict[str, float]] = {}
@@ -258,12 +259,12 @@ class Problem:
         """Number of simulations of an evaluation by an engine without derivatives of its own: one for each trajectory,
         and with the jacobian one more for each parameter or command of a derivative.
         """
-        groups = self._trajectories(self.space.start)
+        groups = self.trajectories(self.space.start)
         return sum(1 + len(self._derived_by(group) if jacobian else ()) for group in groups)
 
     def first_trajectory(self) -> tuple[Protocol, dict[str, float]]:
         """The first simulation of an evaluation at the start values: what is driven, and the robot's values [SI]."""
-        group = self._trajectories(self.space.start)[0]
+        group = self.trajectories(self.space.start)[0]
         return group.protocol(), dict(group.theta)
 
     def _derived_by(self, group: Trajectory) -> list[str]:

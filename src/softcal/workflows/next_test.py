@@ -10,6 +10,7 @@ from softcal.analysis.candidate import Candidate
 from softcal.analysis.default_candidates import default_candidates, furthest
 from softcal.analysis.next_test import NextTests, next_tests
 from softcal.analysis.next_test_verdict import verdict
+from softcal.calibration.uncertain import MESH_ERROR
 from softcal.csv_text import csv_text
 from softcal.errors import Fault, InputError, StorageError
 from softcal.workflows.output import require_free_folder
@@ -99,8 +100,15 @@ def rank(source: StudySource, parameter: str = "", candidates: Sequence[Candidat
         source.theta,
         [*stated, *(one for one in default_candidates(problem) if one.name not in names)],
         parameter,
+        mesh_error=_has_mesh_error(source),
     )
     return replace(found, notes=(*source.notes, *found.notes))
+
+
+def _has_mesh_error(source: StudySource) -> bool:
+    """Whether the calibration's intervals include the error of the mesh: those that it is compared with do as well."""
+    found = {} if source.result is None else source.result.parameters
+    return any(MESH_ERROR.source in estimate.shares for estimate in found.values())
 
 
 def write_ranking(found: NextTests, source: StudySource, folder: Path) -> None:

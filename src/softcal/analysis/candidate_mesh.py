@@ -1,0 +1,145 @@
+"""The error of the mesh in candidates, at the cost of the calibration's own finer trajectories.
+
+A finer trajectory costs more than all the rest of a ranking. Candidates whose states lie on a load path of the
+calibration are read from its finer trajectory, which goes as far as they pull. The load path of a cable's shortening is
+that of its tension too: where the tension is prescribed instead of the shortening, the finer trajectory is read at
+equal tension. In any other candidate the error of the mesh is that of the parameters: of the smallest step of the
+parameters, in the unit box, that has the effect of the finer mesh on the experiments.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from softcal.calibration.experiment import Experiment
+from softcal.calibration.loss import Block
+from softcal.calibration.mesh_error import on_finer_mesh, unknown
+from softcal.calibration.problem import Evaluation, Problem
+from softcal.checks import Floats
+from softcal.experiments.dataset import Channel, Dataset
+from softcal.sensing.channel import channel_name
+
+_UNEXPLAINED = 0.05  # of the change on the finer mesh: as much as no step of the parameters need explain
+_FURTHER = 1.5  # as far as reaches the same tension on nearly any softer mesh
+_UNIFORM = 12.0  # one over the variance of a uniform distribution over the unit box
+
+
+@dataclass(frozen=True)
+class MeshChange:
+    """How predictions change on a finer mesh.
+
+    Attributes
+    ----------
+    changes
+        Experiment or candidate, and channel -> change of the predictions (n,) [SI]; of those on the calibration's own
+        load paths.
+    unknown
+        Why there are none, a sentence, or "".
+    n_solves
+        Number of simulated trajectories.
+    """
+
+    changes: Mapping[tuple[str, str], Floats]
+    unknown: str = ""
+    n_solves: int = 0
+
+
+def mesh_change(whole: Problem, theta: Mapping[str, float], found: Evaluation, candidates: Sequence[str]) -> MeshChange:
+    """The change of the predictions `found` of a problem whose experiments include candidates, on a finer mesh."""
+    own = [e.name for e in whole.experiments if e.name not in candidates]
+    plain = _on_paths_of(own, whole, theta)
+    turned = {
+        e.name: other
+        for e in whole.experiments
+        if e.name not in plain and (other := _by_other_control(e, found.observations[e.name].predicted)) is not None
+    }
+    mixed = replace(whole, experiments=tuple(turned.get(e.name, e) for e in whole.experiments))
+    on_paths = _on_paths_of(own, mixed, theta)
+    finer = on_finer_mesh(mixed.only(on_paths), theta)
+    if isinstance(finer, str):
+        return MeshChange({}, finer)
+    if not set(own) <= set(finer.observations):
+        return MeshChange({}, unknown(finer.failure), finer.n_solves)
+    at_finer = {(block.experiment, block.channel): block for block in finer.blocks}
+    changes = {
+        key: at_finer[key].residual - block.residual
+        for block in found.blocks
+        if (key := (block.experiment, block.channel)) in at_finer and block.experiment not in turned
+    }
+    for name in set(turned) & set(finer.observations):
+        test = next(e for e in whole.experiments if e.name == name)
+        changes |= _at_equal_control(
+            test, found.observations[name].predicted, turned[name], finer.observations[name].predicted
+        )
+    return MeshChange(changes, "", finer.n_solves)
+
+
+def step_of_parameters(
+    blocks: Sequence[Block], weights: Sequence[Floats], changes: Sequence[Floats], slopes: Floats
+) -> Floats:
+    """The step (size,) [SI] of the parameters with the effect of the finer mesh on the experiments.
+
+    blocks: of the experiments, with jacobians; weights: of their squares by the loss; changes: on the finer mesh;
+    slopes: d theta / dz.
+    """
+    rows = [np.sqrt(w)[:, None] * _jacobian(block) * slopes for block, w in zip(blocks, weights, strict=True)]
+    answer = np.concatenate(rows)
+    wanted = np.concatenate([np.sqrt(w) * change for w, change in zip(weights, changes, strict=True)])
+    bounds = _UNIFORM * _UNEXPLAINED**2 * float(wanted @ wanted) * np.eye(len(slopes))
+    return slopes * np.linalg.lstsq(answer.T @ answer + bounds, answer.T @ wanted, rcond=None)[0]
+
+
+def _on_paths_of(own: Sequence[str], problem: Problem, theta: Mapping[str, float]) -> list[str]:
+    """The experiments on the load paths of some of them."""
+    groups = [[member[0].name for member in group.members] for group in problem.trajectories(theta)]
+    return [name for names in groups if set(names) & set(own) for name in names]
+
+
+def _by_other_control(test: Experiment, predicted: Mapping[str, Floats]) -> Experiment | None:
+    """A pull by the shortening that a prescribed tension leads to, or the reverse; None where that is not unique."""
+    if len(test.drives) != 1:
+        return None
+    driver = test.drives[0]
+    cable, values = test.twin_channel(driver).carrier, test.dataset.values(driver)
+    other = next((c for c in test.compared if (n := test.twin_channel(c)).kind.drives and n.carrier == cable), None)
+    if other is None or len(values) < 2 or np.any(np.diff(values) <= 0.0) or np.any(np.diff(predicted[other]) <= 0.0):
+        return None
+    path = predicted[other]
+    further = np.linspace(path[0], _FURTHER * path[-1], len(values))
+    channels = {
+        **test.dataset.channels,
+        driver: Channel(np.zeros(len(values)), channel_name(driver).kind.unit, 1.0),
+        other: Channel(further, channel_name(other).kind.unit),
+    }
+    return replace(
+        test,
+        dataset=Dataset(test.name, channels, test.dataset.provenance, labels=test.dataset.labels),
+        drive=(other,) if isinstance(test.drive, tuple) else channel_name(other).kind.name,
+        compared=tuple(driver if c == other else c for c in test.compared),
+    )
+
+
+def _at_equal_control(
+    test: Experiment, predicted: Mapping[str, Floats], turned: Experiment, finer: Mapping[str, Floats]
+) -> dict[tuple[str, str], Floats]:
+    """The changes of a test at equal values of what drives it; finer: the predictions for the turned test."""
+    from scipy.interpolate import PchipInterpolator
+
+    driver = test.drives[0]
+    along, values = finer[driver], test.dataset.values(driver)
+    if np.any(np.diff(along) <= 0.0):
+        return {}
+    path = {**finer, **{channel: turned.dataset.values(channel) for channel in turned.drives}}
+    return {
+        (test.name, channel): PchipInterpolator(along, path[channel])(values) - predicted[channel]
+        for channel in test.compared
+    }
+
+
+def _jacobian(block: Block) -> Floats:
+    if block.jacobian is None:
+        raise ValueError(f"the block '{block.channel}' has no jacobian")
+    return block.jacobian

@@ -97,7 +97,7 @@ def test_shares_in_words() -> None:
 
 def test_an_uncertain_parameter_is_a_source_with_its_name_and_a_colour() -> None:
     friction = source_of("pulleys.friction_coefficient")
-    assert (friction.words, friction.short) == ("the uncertainty of friction coefficient (pulleys)", "μ")
+    assert (friction.words, friction.short) == ("the uncertainty of the friction coefficient (pulleys)", "μ")
     assert source_of("*.gain").words == "the uncertainty of *.gain"
     one = statement(
         E_NAME, "E", replace(E, shares={"friction": 0.1, "pulleys.friction_coefficient": 0.7, "noise": 0.2})
@@ -159,7 +159,8 @@ def test_sources_that_are_shown_as_equal_are_both_named() -> None:
     text = second(replace(E, shares={"noise": 0.26, "mesh": 0.372, "pulleys.friction_coefficient": 0.368}))
     assert text == (
         "37 % of the variance of E comes from the mesh: softcal mesh-study shows whether a finer mesh reduces it. As "
-        "much comes from the uncertainty of friction coefficient (pulleys): measuring it more precisely will reduce it."
+        "much comes from the uncertainty of the friction coefficient (pulleys): measuring it more precisely will "
+        "reduce it."
     )
     assert "As much" not in second(replace(E, shares={"noise": 0.38, "mesh": 0.37, "prior": 0.25}))
 

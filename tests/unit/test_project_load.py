@@ -198,6 +198,27 @@ def test_an_unknown_parameter_and_what_is_known(tmp_path: Path):
     assert "front.slack" in told
 
 
+def test_keys_of_existing_parts_and_the_axes_of_a_sweep_are_judged_beside_other_faults(tmp_path: Path):
+    others = (
+        ("  front.slack:", "  front.slak:"),
+        (
+            "calibration: {",
+            "sweep: {over: {bar.youngs_modulos: [1 MPa], baar.density: [1 g/cm^3]}, experiments: [pul]}\n"
+            "calibration: {",
+        ),
+    )
+    told = faults_of(write_project(tmp_path, ("youngs_modulus: 2 MPa", "youngs_modulus: 2"), *others))
+    assert {line.split(": ")[1] for line in told} == {
+        "robot.bodies.bar.youngs_modulus",
+        "parameters.front.slak",
+        "sweep.over.bar.youngs_modulos",
+        "sweep.over.baar.density",
+        "sweep.experiments[0]",
+    }
+    for nearest in ("'slack'", "'youngs_modulus'", "'bar'", "'pull'"):
+        assert f"Try: {nearest}" in "\n".join(told)
+
+
 def test_a_project_without_experiments_can_be_simulated(tmp_path: Path):
     path = write_project(tmp_path)
     text = path.read_text()

@@ -13,7 +13,6 @@ from softcal.errors import Fault, ParameterError, ProjectFileError
 from softcal.project.axes import Axis, cells_fault, doubled, parse_axis
 from softcal.project.bench import Bench, build_bench
 from softcal.project.bench_fit import check_test, held_rig, held_robot
-from softcal.project.bench_names import experiments_named
 from softcal.project.candidate_schema import build_candidates
 from softcal.project.document import Document, Findings
 from softcal.project.files import InputFiles, sha256
@@ -60,7 +59,7 @@ def build_project(
     tied = {name: tuple(section.of) for name, section in parameters.items() if section.of}
     _check_settings(space, {name: bench.experiment for name, bench in whole.items()}, findings)
     _check_settling(sections.dynamics, built, findings)
-    _check_sweep(sections.sweep, known, tied, experiments, findings)
+    _check_sweep(sections.sweep, known, tied, findings)
     tests = {name: bench.experiment for name, bench in whole.items()}
     candidates = build_candidates(sections.candidates, tests, built.robot, findings) if built and known else ()
     findings.raise_if_any()
@@ -132,7 +131,6 @@ def _check_sweep(
     section: SweepSection | None,
     known: Mapping[str, ParameterInfo] | None,
     tied: Mapping[str, tuple[str, ...]],
-    experiments: Mapping[str, object],
     findings: Findings,
 ) -> None:
     if section is None or known is None:
@@ -145,9 +143,6 @@ def _check_sweep(
         findings.add(("sweep", "over", fault.where), fault.what, got=fault.got)
     if axes and (fault := cells_fault(axes)):
         findings.add(("sweep", "over"), fault.what, got=fault.got, allowed=fault.allowed, attempt=fault.attempt)
-    for i, wanted in enumerate(section.experiments):
-        if not set(experiments_named([wanted], experiments)) <= set(experiments):
-            findings.unknown(("sweep", "experiments", i), "experiment", wanted, experiments)
 
 
 def _check_settings(space: SearchSpace | None, experiments: Mapping[str, Experiment], findings: Findings) -> None:

@@ -8,13 +8,16 @@ from dataclasses import replace
 from fnmatch import fnmatchcase
 
 from softcal.calibration.experiment import rig_kind
+from softcal.calibration.frame import FRAME
 from softcal.calibration.parameters import FreeParameter, SearchSpace, search_space
 from softcal.errors import Fault, InputError, ParameterError
+from softcal.materials.catalogue import LAWS, constants_of
 from softcal.project.calibration_schema import ParameterSection, UncertainSection
 from softcal.project.document import Findings, KeyPath
 from softcal.quantities import QUANTITIES, Quantity
+from softcal.sensing.channel import readings
 from softcal.twin.parameter_name import parameter_name
-from softcal.twin.parameters import ParameterInfo, kind_by_name, unknown_name
+from softcal.twin.parameters import KINDS, ParameterInfo, kind_by_name, unknown_name
 from softcal.units import parse_quantity
 
 OF_RIG = ("frame", "pulleys")
@@ -67,27 +70,50 @@ def build_search(
     return None
 
 
-def check_owners(
-    key: str,
-    sections: Mapping[str, ParameterSection] | Mapping[str, UncertainSection],
-    parts: Mapping[str, Iterable[str]] | None,
-    findings: Findings,
-) -> None:
+Wanted = Mapping[KeyPath, Iterable[str]]
+"""Names and patterns of parameters, by their place in the file."""
+
+
+def wanted_by(key: str, sections: Mapping[str, ParameterSection] | Mapping[str, UncertainSection]) -> Wanted:
+    """The parameters that sections name; key: that of the sections in the file."""
+    return {(key, name, "of") if one.of else (key, name): one.of or [name] for name, one in sections.items()}
+
+
+def check_owners(wanted: Wanted, parts: Mapping[str, Iterable[str]] | None, findings: Findings) -> None:
     """Record the parameters whose owner is no part of the robot or of the rig; all is not known of them yet.
 
-    key: that of the sections in the file. parts: the names of the robot's parts by kind; None where they are not known.
+    parts: the names of the robot's parts by kind; None where they are not known.
     """
     if parts is None:
         return
-    owners = [*(name for names in parts.values() for name in names), *OF_RIG]
-    for name, section in sections.items():
-        path: KeyPath = (key, name, "of") if section.of else (key, name)
-        for wanted in section.of or [name]:
-            literal = re.split(r"[*?[]", wanted)[0]
-            begun = parameter_name(literal)
-            owner, is_whole = begun.part or begun.kind, bool(begun.part) or literal == wanted
-            if not any(one == owner if is_whole else one.startswith(owner) for one in owners):
+    owners = _owners(parts)
+    for path, names in wanted.items():
+        for name in names:
+            owner, is_known = _owner(name, owners)
+            if not is_known:
                 findings.unknown(path, "part of the robot or the rig", owner, owners)
+
+
+def check_kinds(wanted: Wanted, parts: Mapping[str, Iterable[str]] | None, findings: Findings) -> None:
+    """Record the parameters of an existing owner whose last part is that of no parameter of any part."""
+    known = (*constants_of(LAWS), *KINDS, *readings(), *(parameter_name(one).kind for one in FRAME))
+    for path, names in wanted.items():
+        for name in names:
+            key, has_owner = parameter_name(name).kind, parts is None or _owner(name, _owners(parts))[1]
+            if has_owner and key not in known and not any(mark in key for mark in "*?["):
+                findings.unknown(path, "parameter", key, known)
+
+
+def _owners(parts: Mapping[str, Iterable[str]]) -> list[str]:
+    return [*(name for names in parts.values() for name in names), *OF_RIG]
+
+
+def _owner(wanted: str, owners: Iterable[str]) -> tuple[str, bool]:
+    """The owner of a parameter, or of all of a pattern, as far as it is written out; whether there is one."""
+    literal = re.split(r"[*?[]", wanted)[0]
+    begun = parameter_name(literal)
+    owner, is_whole = begun.part or begun.kind, bool(begun.part) or literal == wanted
+    return owner, any(one == owner if is_whole else one.startswith(owner) for one in owners)
 
 
 def named(

@@ -14,6 +14,7 @@ from softcal.experiments.prepare import PlannedStep
 from softcal.export.sofa_settings import Engines
 from softcal.limits import LIMITS
 from softcal.materials.infill import PrintInfill
+from softcal.project.bench_names import experiments_named
 from softcal.project.bench_plan import check_headers, plan_bench
 from softcal.project.bench_schema import ExperimentSection
 from softcal.project.calibration_schema import CalibrationSection, ParameterSection, UncertainSection
@@ -24,7 +25,7 @@ from softcal.project.mesh_schema import MeshFile
 from softcal.project.names import RESERVED_OF_TESTS, check_names
 from softcal.project.robot_names import check_part_names, part_names
 from softcal.project.robot_schema import BodySection, RobotSection
-from softcal.project.search import build_search, check_owners
+from softcal.project.search import Wanted, build_search, check_kinds, check_owners, wanted_by
 from softcal.project.section import validated
 from softcal.project.sensor_schema import check_sensors
 from softcal.project.sweep_schema import SweepSection
@@ -104,13 +105,20 @@ def read_sections(document: Document, files: InputFiles) -> Sections:
     }
     set_ups = {name: experiment.set_up for name, experiment in experiments.items()}
     _check_set_ups(set_ups, findings)
-    check_owners("parameters", parameters, parts, findings)
-    check_owners("uncertain", uncertain, parts, findings)
+    wanted = {**wanted_by("parameters", parameters), **wanted_by("uncertain", uncertain)}
+    check_owners(wanted, parts, findings)
     build_search(parameters, None, {key: {} for key in experiments}, set_ups, (), findings)
     build_uncertain(uncertain, None, {}, {}, None, findings)
     tied = [name for name, section in parameters.items() if section.of]
     _check_calibration(calibration, rig or CommonRig(), experiments, tied, findings)
-    if findings.faults:  # else the columns are checked where the tables are read, and all are reported at once there
+    if swept is not None:
+        _check_judges(swept, _raw(document, "experiments"), findings)
+    if (
+        findings.faults
+    ):  # else names and columns are checked by the robot and the tables, and all reported at once there
+        axes: Wanted = {("sweep", "over", name): [name] for name in (swept.over if swept else ()) if name not in tied}
+        check_owners(axes, parts, findings)
+        check_kinds({**wanted, **axes}, parts, findings)
         for name, experiment in experiments.items():
             check_headers(name, experiment, files, findings)
     findings.raise_if_any()
@@ -229,6 +237,13 @@ def _check_names(document: Document, experiments: Mapping[str, ExperimentSection
         check_names({name: (section, name) for name in tied}, findings, reserved)
     if fault := LIMITS["experiments"].fault(len(tests)):
         findings.add(("experiments",), fault.what, got=fault.got, allowed=fault.allowed)
+
+
+def _check_judges(section: SweepSection, experiments: Mapping[str, object], findings: Findings) -> None:
+    """The experiments that a sweep is judged by must exist."""
+    for i, wanted in enumerate(section.experiments):
+        if not set(experiments_named([wanted], experiments)) <= set(experiments):
+            findings.unknown(("sweep", "experiments", i), "experiment", wanted, experiments)
 
 
 def _check_set_ups(set_ups: Mapping[str, str], findings: Findings) -> None:

@@ -151,7 +151,7 @@ def source_of(kind: str) -> ErrorSource:
     written = kind.removesuffix(EACH)
     name, each = parameter_name(written), kind.removeprefix(written)
     is_pattern = any(mark in written for mark in "*?") or not name.owner
-    words = written if is_pattern else f"{name.kind.replace('_', ' ')} ({name.owner})"
+    words = written if is_pattern else f"the {name.kind.replace('_', ' ')} ({name.owner})"
     label = written if is_pattern else parameter_label(written)
     return ErrorSource(kind, f"the uncertainty of {words}{each}", label, "measuring it more precisely will reduce it")
 

@@ -85,7 +85,7 @@ def test_of_a_linear_twin_the_percentiles_are_the_quick_interval():
 def test_a_bound_that_cuts_the_posterior_is_said_to():
     problem = CASES["linear, cut by a bound"][0]
     sentences = posterior(problem, values(problem)).sentences
-    assert any(one.startswith(NU) and "within the bounds" in one for one in sentences)
+    assert any(one.startswith(NU) and "a bound cuts the posterior" in one for one in sentences)
 
 
 @pytest.mark.slow  # with the other posteriors some ten seconds

@@ -68,10 +68,14 @@ class Findings:
         try:
             yield
         except InputError as error:
-            place = self.document.where(path)
-            for fault in error.faults:
-                said = not fault.where or dotted(path).endswith(fault.where)
-                self.faults.append(replace(fault, where=place if said else f"{place}: {fault.where}"))
+            self.take(path, error.faults)
+
+    def take(self, path: KeyPath, faults: Iterable[Fault]) -> None:
+        """Record faults as found at `path`, each with its own place below it."""
+        place = self.document.where(path)
+        for fault in faults:
+            said = not fault.where or dotted(path).endswith(fault.where)
+            self.faults.append(replace(fault, where=place if said else f"{place}: {fault.where}"))
 
     def raise_if_any(self) -> None:
         """Raise the recorded faults, each once and in the order of the lines.

@@ -132,8 +132,7 @@ def named(
     targets = [target for target in known if any(fnmatchcase(target, one) for one in wanted)]
     if targets:
         return targets, known[targets[0]].quantity
-    with findings.at((key, name, "of") if section.of else (key, name)):
-        raise ParameterError([unknown_name(one, known) for one in wanted])
+    findings.take((key, name, "of") if section.of else (key, name), [unknown_name(one, known) for one in wanted])
     return [], None
 
 

@@ -109,7 +109,7 @@ class _Draws:
 
 
 def _drawn(found: Resampled, samples: int, chance: np.random.Generator) -> _Draws:
-    parts, budget = found.parts, found.without.budget
+    parts, root = found.parts, found.root
     k = len(parts.names)
     weights = k * chance.dirichlet(np.full(k, 1 - 2 / k), samples)  # the concentration that gives a variance of one
     steps = parts.minima(weights) - parts.minimum
@@ -119,7 +119,7 @@ def _drawn(found: Resampled, samples: int, chance: np.random.Generator) -> _Draw
     more: Floats = chance.standard_normal((samples, len(rows))) @ rows
     z = parts.minimum + wider * (steps + more)
     for i in np.flatnonzero(np.any((z < 0.0) | (z > 1.0), axis=1)):
-        z[i] = nearest_within(z[i], budget.root)
+        z[i] = nearest_within(z[i], root)
     return _Draws(weights, steps, np.clip(z, 0.0, 1.0), wider)
 
 
@@ -167,7 +167,7 @@ class _Refit:
         self.end = float(np.clip(self.end + moved, 0.0, 1.0))
 
     def _within(self, z: Floats) -> Floats:
-        return np.clip(nearest_within(z, self.found.without.budget.root), 0.0, 1.0)
+        return np.clip(nearest_within(z, self.found.root), 0.0, 1.0)
 
 
 def _refitted(

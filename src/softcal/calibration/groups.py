@@ -21,13 +21,11 @@ from softcal.calibration.loss import Block
 from softcal.calibration.problem import Problem
 from softcal.calibration.residuals import FEWEST as SHORT
 from softcal.calibration.residuals import residual_record
-from softcal.calibration.reweighted import NONE
+from softcal.calibration.reweighted import FEWEST, NONE
 from softcal.errors import Fault, InputError
 from softcal.sensing.sensors.cable import TENSION
 from softcal.units import format_quantity
 
-FEWEST = 3
-"""Groups: of two, one is left when the other is taken away, and that says nothing of their scatter."""
 _WORTH = 2.0  # independent samples in a piece of a record
 _PIECES = 20  # of a record, at most
 

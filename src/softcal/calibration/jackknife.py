@@ -18,12 +18,15 @@ import numpy as np
 
 from softcal.calibration.budget import Budget
 from softcal.calibration.correlation import ErrorRecord
+from softcal.calibration.estimator import Estimator
 from softcal.calibration.noise import Source
 from softcal.calibration.reweighted import Reweighted
 from softcal.checks import Floats
 
 GROUPS = "groups"
 """The source of error that the scatter among the groups shows."""
+
+_SHOWN = ("noise", "experiments", "set-ups")  # sources of error of the quick intervals that groups may show
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,28 @@ class DeleteOne:
         variances = self.budget.variances
         shares = variances[GROUPS] / np.sum(list(variances.values()), axis=0)
         return np.where(shares > 1e-9, self.dof / np.maximum(shares, 1e-9) ** 2, np.inf)
+
+    def root(self, found: Estimator) -> Floats:
+        """`root.T @ root` is a covariance with the variances by the groups and the estimator's correlations: few groups
+        tell the scatter of each parameter, not that of as many parameters together.
+        """
+        scale = np.linalg.norm(self.budget.root, axis=0) / np.linalg.norm(found.root, axis=0)
+        return found.root * np.where(self.determined, scale, 1.0)
+
+    def ratios(self, found: Estimator) -> Floats:
+        """The variance (size,) by the groups over that of the estimator by the same errors: one in the mean if both
+        are right.
+        """
+        quick = np.sum([found.variances[kind] for kind in _SHOWN if kind in found.variances], axis=0)
+        return self.budget.variances[GROUPS] / self.excess / quick
+
+    def chances(self, found: Estimator) -> Floats:
+        """The probability (size,) that two estimates of one variance differ as much, times the number of parameters."""
+        from scipy.special import fdtr, fdtrc
+
+        dof = [np.minimum(one, 1e9) for one in (self.dof, found.dof)]
+        tail = np.minimum(*(cumulated(*dof, self.ratios(found)) for cumulated in (fdtr, fdtrc)))
+        return np.minimum(2 * tail * max(int(self.determined.sum()), 1), 1.0)
 
 
 def delete_one(groups: Reweighted) -> DeleteOne:

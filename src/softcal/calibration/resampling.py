@@ -15,12 +15,12 @@ import numpy as np
 
 from softcal.calibration.adjusted_likelihood import Calibrated, calibrated
 from softcal.calibration.checked_interval import CheckedInterval, IntervalStudy
-from softcal.calibration.groups import FEWEST, groups_of
+from softcal.calibration.groups import groups_of
 from softcal.calibration.intervals import box_intervals
-from softcal.calibration.jackknife import GROUPS, DeleteOne, delete_one
+from softcal.calibration.jackknife import DeleteOne, delete_one
 from softcal.calibration.loss import Block
 from softcal.calibration.problem import Problem
-from softcal.calibration.reweighted import Reweighted, reweighted
+from softcal.calibration.reweighted import FEWEST, Reweighted, reweighted
 from softcal.checks import Floats
 from softcal.errors import Fault, InputError
 
@@ -41,6 +41,11 @@ class Resampled:
     @property
     def labels(self) -> tuple[str, ...]:
         return self.held.problem.space.labels
+
+    @property
+    def root(self) -> Floats:
+        """`root.T @ root` is the covariance by the groups."""
+        return self.without.root(self.held.found)
 
     def at(self, z: Floats, blocks: Sequence[Block]) -> Reweighted:
         """The groups at another simulated point."""
@@ -63,7 +68,7 @@ class Resampled:
         points: Mapping[str, tuple[float, ...]],
     ) -> IntervalStudy:
         """The study with these ends in the unit box."""
-        held, chances = self.held, self._chances()
+        held, chances = self.held, self.without.chances(self.held.found)
         intervals: dict[str, CheckedInterval] = {}
         for j, (label, e) in enumerate(held.estimates.items()):
             found = None
@@ -78,24 +83,8 @@ class Resampled:
         counted = {self.kind: float(len(self.parts.names)), **facts}
         return IntervalStudy(by, intervals, (*self._notes(), *notes), counted, time.perf_counter() - began, points)
 
-    def _ratios(self) -> Floats:
-        """The variance (size,) by the groups over the quick one of the same errors, one in the mean if both are
-        right.
-        """
-        quick = self.held.found.variances
-        held = np.sum([quick[kind] for kind in ("noise", "experiments") if kind in quick], axis=0)
-        return self.without.budget.variances[GROUPS] / self.without.excess / held
-
-    def _chances(self) -> Floats:
-        """The probability (size,) that two estimates of one variance differ as much, times the number of parameters."""
-        from scipy.special import fdtr, fdtrc
-
-        dof = [np.minimum(one, 1e9) for one in (self.without.dof, self.held.found.dof)]
-        tail = np.minimum(*(cumulated(*dof, self._ratios()) for cumulated in (fdtr, fdtrc)))
-        return np.minimum(2 * tail * max(int(self.without.determined.sum()), 1), 1.0)
-
     def _reason(self, j: int) -> str:
-        if self._ratios()[j] > 1.0:
+        if self.without.ratios(self.held.found)[j] > 1.0:
             return f"the {self.kind} differ by more than the noise that the quick one assumes"
         return f"the quick one includes errors that do not show between {self.kind}"
 
@@ -103,7 +92,7 @@ class Resampled:
         own = [label for label, is_own in zip(self.labels, self.parts.own, strict=True) if is_own]
         found: list[str] = []
         if own:
-            found.append(f"{_listed(own)}: only one of the {self.kind} tells, so there is no interval.")
+            found.append(f"{_listed(own)}: fewer than three of the {self.kind} depend on it, so there is no interval.")
         for name, determined in zip(self.parts.names, self.parts.without[1], strict=True):
             lost = [label for j, label in enumerate(self.labels) if not (determined[j] or self.parts.own[j])]
             if lost:
@@ -152,8 +141,8 @@ def jackknife(problem: Problem, theta: Mapping[str, float], *, over: str = "") -
     """
     began = time.perf_counter()
     found = resampled(problem, theta, over)
-    budget, minimum = found.without.budget, found.parts.minimum
-    ends, _ = box_intervals(found.held.z, minimum, budget.root, found.without.total_dof)
+    minimum = found.parts.minimum
+    ends, _ = box_intervals(found.held.z, minimum, found.root, found.without.total_dof)
     given = {int(j): (float(ends[j, 0]), float(ends[j, 1])) for j in np.flatnonzero(found.without.determined)}
     steps = np.clip(minimum + found.without.steps, 0.0, 1.0)
     facts = {"trajectories": float(found.held.evaluation.n_solves)}

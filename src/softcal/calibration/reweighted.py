@@ -24,6 +24,8 @@ from softcal.checks import Floats, Ints
 
 NONE = ""
 """The group of the samples that are in none."""
+FEWEST = 3
+"""Groups: of two, one is left when the other is taken away, and that says nothing of their scatter."""
 _NULL = 1e-9  # eigenvalue over the largest, of the scaled Hessian, below which a direction is not determined
 _RIDGE = 1e-11  # of the scaled Hessian's diagonal: what is not determined stays where it is
 _MIXED = 0.01  # share of such a direction from which a parameter is not determined
@@ -78,7 +80,7 @@ class Reweighted:
     noises
         Covariances of the groups' pulls by white noise, shape (k, size, size).
     own
-        Whether a parameter has an effect on one group only, shape (size,).
+        Whether a parameter has an effect on fewer than three groups, shape (size,): they do not tell its scatter.
     known
         Errors that are known beforehand, of the priors and of the uncertain parameters: no group shows them.
     responses
@@ -196,7 +198,7 @@ def reweighted(
     errs = {i: (p.source, p.label) for i, p in enumerate(uncertain)}
     known = (*(one for one in found.sources if one.kind == "prior"), *systematic_sources(parts, errs))
     responses = tuple(tuple(one.pull @ inverse for one in source.records) for source in known)
-    own = felt[:k].sum(axis=0) < 2
+    own = felt[:k].sum(axis=0) < FEWEST
     return Reweighted(tuple(names), z, tuple(squares), noises[:k], own, known, responses)
 
 

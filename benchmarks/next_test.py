@@ -10,6 +10,7 @@ of them and calibrates with it among the data. The neck is read off a table of s
 from __future__ import annotations
 
 import argparse
+import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -33,9 +34,12 @@ from softcal.experiments.dataset import Channel, Dataset
 from softcal.project.project import load
 from softcal.twin.parameters import with_parameters
 from softcal.twin.robot import Robot
+from softcal.workflows.calibration import calibrate as calibrate_project
+from softcal.workflows.next_test import next_test
 
 HERE = Path(__file__).resolve().parent
 PAGE, TEXT = HERE.parent / "docs" / "next-test.md", HERE / "next_test.md"
+EXAMPLES, TIMED, TEN = HERE.parent / "examples", ("neck", "neck-bench"), 10
 STUDIES = 60
 N = 60  # samples of a pull
 LIKE = "pull1"  # to 34 mm
@@ -69,6 +73,35 @@ CASES = (
     ),
     Case("papers-differ", "the same, `papers`", PAPERS, FOUR, SPREAD),
 )
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Processor time [s] of a joint calibration of an example with least squares, and of a ranking of ten candidates.
+
+    n_solves: trajectories that the ranking simulates.
+    """
+
+    example: str
+    calibration: float
+    ranking: float
+    n_solves: int
+
+
+def cost(example: str) -> Cost:
+    """Calibrate an example, then rank ten candidates: those that softcal proposes, and more pulls."""
+    with tempfile.TemporaryDirectory() as folder:
+        began = time.process_time()
+        found = calibrate_project(load(EXAMPLES / example / "project.yaml"), out=Path(folder) / "run", fit="joint")
+        calibrated = time.process_time()
+        like = list(found.headline.experiments)[-1]
+        reaches = (f"to {reach:g} mm" for reach in (12, 14, 16))
+        more = [Candidate(name=name, like=like, reach=1e-3 * float(name.split()[1])) for name in reaches]
+        ranked = next_test(Path(folder) / "run", candidates=more)
+        ended = time.process_time()
+    if len(ranked.outlooks) != TEN or any(one.failure for one in ranked.outlooks):
+        raise RuntimeError(f"{example}: {len(ranked.outlooks)} candidates were ranked")
+    return Cost(example, calibrated - began, ended - calibrated, ranked.n_solves)
 
 
 @dataclass(frozen=True)
@@ -175,8 +208,8 @@ def neck() -> tuple[Robot, NeckTable]:
     return robot, neck_table(robot, 0.0445)
 
 
-def page(found: Sequence[Shrinkage], studies: int) -> str:
-    """docs/next-test.md with the table of what was found."""
+def page(found: Sequence[Shrinkage], studies: int, costs: Sequence[Cost]) -> str:
+    """docs/next-test.md with the tables of what was found."""
     head = ["Study", "Candidate", "At present", "Expected", "Found", "Expected over found", "1.96 rms error"]
     rows = [
         [
@@ -189,7 +222,18 @@ def page(found: Sequence[Shrinkage], studies: int) -> str:
         for one in found
     ]
     text = TEXT.read_text(encoding="utf-8").replace("{{table}}", "\n".join(table(head, rows)))
-    return text.replace("{{studies}}", str(studies))
+    seconds = [
+        [
+            f"`examples/{one.example}`",
+            f"{one.calibration:.0f} s",
+            f"{one.ranking:.0f} s",
+            f"{one.ranking / one.calibration:.2f}",
+            str(one.n_solves),
+        ]
+        for one in costs
+    ]
+    head = ["Example", "One calibration", "Ten candidates", "Ratio", "Trajectories of the ranking"]
+    return text.replace("{{studies}}", str(studies)).replace("{{cost}}", "\n".join(table(head, seconds)))
 
 
 def main() -> None:
@@ -199,17 +243,20 @@ def main() -> None:
     parser.add_argument("--cases", nargs="+", metavar="NAME", choices=names, default=names, help=", ".join(names))
     parser.add_argument("--out", type=Path, default=PAGE, help="where the page goes; docs/next-test.md by default")
     arguments = parser.parse_args()
+    costs = [cost(example) for example in TIMED]
+    for one in costs:
+        print(f"{one.example}: calibration {one.calibration:.1f} s, ranking {one.ranking:.1f} s", flush=True)
     found: list[Shrinkage] = []
     for case in CASES:
         if case.name not in arguments.cases:
             continue
         began = time.perf_counter()
         rows = shrinkages(case, arguments.studies)
-        print(f"{case.name}: {time.perf_counter() - began:.0f} s")
+        print(f"{case.name}: {time.perf_counter() - began:.0f} s", flush=True)
         for one in rows:
             print(f"  {one.candidate}: expected {one.expected:.5f}, found {one.found:.5f}, ratio {one.ratio:.3f}")
         found += rows
-    arguments.out.write_text(page(found, arguments.studies), encoding="utf-8")
+    arguments.out.write_text(page(found, arguments.studies, costs), encoding="utf-8")
 
 
 if __name__ == "__main__":

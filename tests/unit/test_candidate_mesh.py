@@ -92,7 +92,7 @@ def test_the_error_of_the_mesh_elsewhere_is_that_of_the_parameters(
 def test_the_ranking_says_where_it_is(problem: Problem) -> None:
     ranked = next_tests(problem, THETA, CANDIDATES)
     assert ranked.n_solves == 4
-    assert any("The error of the mesh in softer is that of the parameters" in note for note in ranked.notes)
+    assert any("For softer the error of the mesh is estimated" in note for note in ranked.notes)
     alone = next_tests(problem, THETA, CANDIDATES, mesh_error=False)
     assert "The error of the mesh is not included, as in the calibration." in alone.notes
     assert np.ptp(alone.interval) < 0.5 * np.ptp(ranked.interval)

@@ -149,8 +149,9 @@ def simulated(
         ""
         if not estimated
         else (
-            f"The finer mesh was simulated along the load paths of the calibration. The error of the mesh in "
-            f"{', '.join(estimated)} is that of the parameters which has its effect on the experiments."
+            "The finer mesh was simulated along the load paths of the calibration alone. For "
+            f"{', '.join(estimated)} the error of the mesh is estimated, by the change of the parameters that has its "
+            "effect on the experiments."
         )
     )
     return Simulated(_with_changes(rows, changes), failures, n_solves, (*problem.uncertain, MESH_ERROR), note)

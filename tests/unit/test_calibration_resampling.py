@@ -13,6 +13,7 @@ from manipulator_case import CABLES, LENGTH, manipulator
 from scipy.optimize import lsq_linear, minimize
 
 from softcal.calibration.bootstrap import bootstrap
+from softcal.calibration.checked_interval import interval_text
 from softcal.calibration.estimator import estimator
 from softcal.calibration.experiment import Experiment
 from softcal.calibration.frame import FRAME
@@ -27,6 +28,7 @@ from softcal.calibration.problem import Problem, make_problem
 from softcal.calibration.resampling import jackknife, resampled
 from softcal.calibration.reweighted import NONE, Reweighted, reweighted
 from softcal.calibration.rig import Rig
+from softcal.calibration.sensitivity import local_statistics
 from softcal.errors import InputError, ParameterError
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.twin.parameters import parameter_values
@@ -209,6 +211,23 @@ def test_markers_that_are_off_are_said_to_differ_and_the_same_markers_in_place_a
     assert any("the markers differ by more than the noise" in one for one in found.sentences)
     low, high = found.intervals[SOFT].found
     assert low < 0.9e9 < high
+
+
+def test_a_calibration_says_that_its_markers_differ_and_by_which_interval():
+    said = []
+    for offset in (0.0, 3e-3):
+        problem = markers(1, offset)
+        theta = minimum(problem)
+        blocks = problem.evaluate(theta, jacobian=True).blocks
+        for seen in (blocks, [b for b in blocks if b.point in MARKERS[:5]]):
+            notes = local_statistics(problem.space, problem.loss, theta, seen).notes
+            said.append([str(note) for note in notes if "markers differ" in str(note)])
+    assert said[:2] == [[], []]
+    assert said[3] == []  # five are few
+    (text,) = said[2]
+    clearest = interval_text(one := jackknife(problem, theta, over="markers").intervals[SOFT], one.found)
+    assert text.startswith("The 8 markers differ by more than the noise explains")
+    assert f"interval of {SOFT} is {clearest} (" in text
 
 
 def test_the_covariance_of_fewer_groups_than_parameters_is_not_singular():

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from softcal.calibration.band import bands
+from softcal.calibration.between_markers import markers_differ
 from softcal.calibration.estimator import Estimator, estimator
 from softcal.calibration.experiment import rig_kind
 from softcal.calibration.intervals import beyond_bounds, box_intervals
@@ -154,6 +155,7 @@ def local_statistics(
     beyond = {label: float(far) for label, far in zip(labels, held, strict=True) if at_bound[label]}
     within = {space.labels[j]: float(error * abs(slopes[j])) for j, error in zip(known, stated, strict=True)}
     notes += _together(space, theta, within, found, slopes)
+    notes += markers_differ(space, loss, theta, blocks, found, uncertain)
     notes += [Note(not_included(uncertain)), *([Note(ONE_EXPERIMENT)] if len(experiments) == 1 else [])]
     summed = np.sum(list(found.variances.values()), axis=0)
     shares = {

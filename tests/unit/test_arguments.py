@@ -11,7 +11,7 @@ from project_case import bar_robot, write_project
 import softcal
 from softcal.errors import InputError, ParameterError
 from softcal.experiments.dataset import Channel, Dataset
-from softcal.experiments.plausibility import check_plausible
+from softcal.experiments.plausibility import check_plausible, copies
 from softcal.geometry.neck import Neck
 from softcal.geometry.wire import SolidRod
 from softcal.twin.protocol import Command, Protocol
@@ -70,6 +70,17 @@ def test_a_command_drives_what_a_cable_has() -> None:
 def test_a_pull_has_two_samples_or_more(samples: float) -> None:
     with pytest.raises(ParameterError, match=f"samples: a pull cannot have so many samples; got {samples:g}"):
         softcal.pull(bar_robot(), "front", "tension", 1.0, samples)  # type: ignore[arg-type]
+
+
+def test_a_test_that_is_read_twice_is_found() -> None:
+    d = np.linspace(0.0, 0.04, 5)
+    first = Dataset("a", {"shortening": Channel(d, "m"), "tension": Channel(100.0 * d, "N")})
+    other = Dataset("c", {"shortening": Channel(d, "m"), "tension": Channel(101.0 * d, "N")})
+    tension = {name: ["tension"] for name in "abc"}
+    assert copies({"a": first, "b": first, "c": other}, tension) == {"b": "a"}
+    assert copies({"a": first, "b": first}, {"a": ["tension"], "b": ["shortening"]}) == {}  # one file, read in halves
+    still = Dataset("still", {"tension": Channel(np.zeros(5), "N")})
+    assert copies({"a": still, "b": still}, tension) == {}
 
 
 def test_rows_that_are_written_several_times_are_warned_of() -> None:

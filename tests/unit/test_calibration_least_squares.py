@@ -409,6 +409,7 @@ def test_what_larger_residuals_widen_is_told(factor: float, prior: bool) -> None
     assert ("standard errors are increased accordingly" in told) == (factor > 1)
     assert "e+" not in told
     assert ("accordingly, except for the share of the priors." in told) == ("prior" in told) == prior
+    assert ("that noise is stated too small, or a prior is wrong." in told) == prior
     blind = [replace(block, jacobian=np.zeros_like(jacobian)) for block in blocks[:1]]
     told = " ".join(map(str, local_statistics(space, LikelihoodLoss(), {"a": 0.5, "b": 0.5}, blind).notes))
     assert ("times the noise of the records" in told) == (factor > 1)

@@ -47,6 +47,16 @@ def test_the_data_are_in_si_with_their_noise(project: Project):
     assert project.experiments["pull"].compared == ("tension", "pitch")
 
 
+def test_a_test_that_is_read_twice_is_warned_of(tmp_path: Path, project: Project):
+    assert not any("a copy counts" in str(warning) for warning in project.warnings)
+    path = write_project(tmp_path)
+    text = path.read_text()
+    pull = text[text.index("  pull:\n") : text.index("parameters:\n")]
+    path.write_text(text.replace(pull, pull + pull.replace("  pull:", "  again:")))
+    (warning,) = [str(one) for one in load(path).warnings if "a copy counts" in str(one)]
+    assert "experiments.again: every measured value is that of pull" in warning
+
+
 def test_the_search_space(project: Project):
     space = project.space
     assert space is not None

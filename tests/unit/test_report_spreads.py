@@ -10,6 +10,8 @@ import pytest
 from fake_twin import E, fake_experiment, fake_robot, fake_simulate
 from test_report_conclusions import content
 
+from softcal.calibration.loss import Loss
+from softcal.calibration.losses.likelihood import LikelihoodLoss
 from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import make_problem
 from softcal.calibration.result import CalibrationResult
@@ -24,7 +26,11 @@ DIFFERENT = "differs between the experiments by more than the noise within them 
 
 
 def fitted(
-    own: tuple[float, ...], noise: float = 0.02, folder: Path | None = None, set_ups: tuple[str, ...] = ()
+    own: tuple[float, ...],
+    noise: float = 0.02,
+    folder: Path | None = None,
+    set_ups: tuple[str, ...] = (),
+    loss: Loss | None = None,
 ) -> CalibrationResult:
     """A joint fit of experiments, each with its own factor on the force."""
     experiments = []
@@ -34,7 +40,7 @@ def fitted(
         channels = {**one.dataset.channels, "tension": replace(tension, values=factor * tension.values)}
         set_up = set_ups[i] if set_ups else ""
         experiments.append(replace(one, dataset=replace(one.dataset, channels=channels), set_up=set_up))
-    return calibrate(make_problem(fake_robot(), experiments, [MODULUS], None, fake_simulate), store=folder)
+    return calibrate(make_problem(fake_robot(), experiments, [MODULUS], loss, fake_simulate), store=folder)
 
 
 def test_experiments_that_differ_are_named_with_their_values(
@@ -63,6 +69,27 @@ def test_experiments_that_differ_are_named_with_their_values(
     assert again.parameters[E].shares == estimate.shares
     print_results({"joint": result})
     assert f"Warning: joint: E {DIFFERENT}" in capsys.readouterr().err.replace("\n", " ")
+
+
+def test_residuals_are_measured_without_the_differences_that_are_stated() -> None:
+    """The RMSE of the table has the differences in it, and is far larger than the residuals of which this is said."""
+    loss = LikelihoodLoss({"tension": 0.01, "pitch": 0.001})  # less than the noise
+    told = " ".join(map(str, fitted((0.95, 1.0, 1.08), loss=loss).notes))
+    assert "Apart from the differences between the experiments, the residuals of tension are" in told
+    alike = " ".join(map(str, fitted((1.0, 1.0, 1.0), loss=loss).notes))
+    assert "The residuals of tension are" in alike
+    assert "Apart from" not in alike
+
+
+def test_the_mean_of_experiments_is_stated_where_the_value_is_not_near_it() -> None:
+    """An experiment of many samples decides the value of the loss, and not the mean."""
+    result = fitted((0.95, 1.0, 1.08))
+    ((near, _),) = spread_sentences(result)
+    assert "the mean of the experiments is" not in near
+    own = np.array(list(result.spreads[E].values.values()))
+    far = replace(result.parameters[E], value=float(own[2]))
+    ((text, _),) = spread_sentences(replace(result, parameters={E: far}))
+    assert f"the mean of the experiments is {own.mean() / 1e6:.1f}" in text
 
 
 def test_set_ups_that_differ_are_compared_in_the_place_of_their_experiments(tmp_path: Path) -> None:

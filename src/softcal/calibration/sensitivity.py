@@ -228,19 +228,23 @@ def _notes(space: SearchSpace, found: Estimator, mixed: np.ndarray, *, saturated
     has_errors = not (found.spent or mixed.all() or saturated)
     if mixed.any():
         notes.append(Note(_blind_note([p for p, is_mixed in zip(space.labels, mixed, strict=True) if is_mixed])))
+    differing = next((one.kind for one in found.between if one.effects.differs), "")
     for group, noise in found.noise.items():
         if noise.stated and noise.size > _TOO_LARGE:
-            text = _excess_note(group, noise.size, widened=has_errors, priors=PRIOR in found.noise)
+            text = _excess_note(group, noise.size, differing, widened=has_errors, priors=PRIOR in found.noise)
             notes.append(Note(text, "warning"))
     if found.spent and not saturated:
         notes.append(Note(_spent_note(found.spent)))
     return notes
 
 
-def _excess_note(channel: str, factor: float, *, widened: bool, priors: bool) -> str:
+def _excess_note(channel: str, factor: float, differing: str, *, widened: bool, priors: bool) -> str:
+    """differing: "experiments" or "set-ups" whose differences are an error of their own, not in the factor; else ""."""
+    lead = f"Apart from the differences between the {differing}, the" if differing else "The"
+    small = "that noise is stated too small, or a prior is wrong" if priors else "or that noise is stated too small"
     text = (
-        f"The residuals of {channel} are {plain(factor, 2)} times the noise of the records: the model of the robot "
-        "or of the rig is incomplete, or that noise is stated too small."
+        f"{lead} residuals of {channel} are {plain(factor, 2)} times the noise of the records: the model of the robot "
+        f"or of the rig is incomplete, {small}."
     )
     if not widened:
         return text

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
 from softcal.experiments.dataset import Dataset
@@ -13,12 +15,30 @@ _MAX_SPEED = 1.0  # [m/s]
 _MIN_ANGLE = 1e-3  # [rad]
 _BINS = 20
 _REPEATED = 0.1  # share of rows that may repeat the one before, as at a standstill that is coarsely resolved
+_CHANCE = 2  # distinct values, which two tests may well have in common
 _FLOOR = 0.1  # share of the force's range that still counts as slack
 
 
 def check_plausible(dataset: Dataset) -> tuple[str, ...]:
     """One sentence for each suspected wrong unit, sign or column; empty if there is none."""
     return (*_stiffness(dataset), *_ranges(dataset), *_swing(dataset), *_time(dataset), *_repeated(dataset))
+
+
+def copies(datasets: Mapping[str, Dataset], compared: Mapping[str, Sequence[str]]) -> dict[str, str]:
+    """Test -> an earlier one with the same measured values in every sample of the same compared channels.
+
+    compared: test -> names of the channels of its dataset that are compared with the twin.
+    """
+    first: dict[tuple[tuple[str, ...], bytes], str] = {}
+    found: dict[str, str] = {}
+    for name, dataset in datasets.items():
+        channels = tuple(sorted(compared[name]))
+        table = np.array([dataset.values(channel) for channel in channels])
+        if len(np.unique(table[np.isfinite(table)])) > _CHANCE:
+            earlier = first.setdefault((channels, table.tobytes()), name)
+            if earlier != name:
+                found[name] = earlier
+    return found
 
 
 def _stiffness(dataset: Dataset) -> list[str]:

@@ -10,6 +10,7 @@ from softcal.calibration.experiment import PULLEY_FRICTION, Experiment, rig_para
 from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.rig import CommonRig
 from softcal.errors import Fault, ParameterError, ProjectFileError
+from softcal.experiments.plausibility import copies
 from softcal.project.axes import Axis, cells_fault, doubled, parse_axis
 from softcal.project.bench import Bench, build_bench
 from softcal.project.bench_fit import check_test, held_rig, held_robot
@@ -61,6 +62,7 @@ def build_project(
     _check_settling(sections.dynamics, built, findings)
     _check_sweep(sections.sweep, known, tied, findings)
     tests = {name: bench.experiment for name, bench in whole.items()}
+    _warn_of_copies(tests, findings)
     candidates = build_candidates(sections.candidates, tests, built.robot, findings) if built and known else ()
     findings.raise_if_any()
 
@@ -101,6 +103,18 @@ def build_project(
         regions=built.regions,
         warnings=tuple(dict.fromkeys(findings.warnings)),
     )
+
+
+def _warn_of_copies(tests: Mapping[str, Experiment], findings: Findings) -> None:
+    """A test that is read twice would count as two that agree."""
+    datasets = {name: one.dataset for name, one in tests.items()}
+    for name, earlier in copies(datasets, {name: one.compared for name, one in tests.items()}).items():
+        findings.warn(
+            ("experiments", name),
+            f"every measured value is that of {earlier}: a copy counts as a test of its own, so that intervals are too "
+            "short and tests seem to agree",
+            attempt="read the file of this test, or leave the copy out",
+        )
 
 
 def _known(built: BuiltRobot, benches: Mapping[str, Bench]) -> dict[str, ParameterInfo]:

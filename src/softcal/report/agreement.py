@@ -16,6 +16,7 @@ from softcal.experiments.dataset import Dataset
 from softcal.report.format import estimate_scale, joined, number, parameter_label, result_label
 from softcal.units import rounded
 
+_OFF = 0.25  # of an interval's half-length: a value so far from the mean whose interval it is shown with is explained
 _TINY = 1e-10  # smaller probabilities are shown as "p < 1e-10"
 
 
@@ -149,6 +150,12 @@ def _spread_text(result: SearchResult, name: str, label: str) -> str:
     if one.next_interval is None:
         return f"{text}. Two {who} are too few for a reliable interval of their mean."
     low, high = (shown(replace(estimate, interval=one.next_interval), end) for end in one.next_interval)
+    mean, half = sum(weight * one.values[test] for test, weight in one.weights.items()), half_width(estimate)
+    if one.weights and half and abs(mean - estimate.value) > _OFF * half:
+        text += (
+            f". The value is that of the joint loss, which weighs the {who} otherwise; the mean of the {who} is "
+            f"{with_unit(estimate, shown(estimate, mean))}"
+        )
     return (
         f"{text}. The 95 % interval is that of the mean of such {who}; a further one is expected to give "
         f"{low} to {high} {scale.unit}".rstrip()

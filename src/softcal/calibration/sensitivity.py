@@ -253,8 +253,8 @@ def _excess_note(channel: str, factor: float, differing: str, *, widened: bool, 
 
 def _spent_note(groups: Sequence[str]) -> str:
     return (
-        f"There are as many parameters as measurements of {' and of '.join(groups)}: neither the noise nor standard "
-        "errors can be estimated."
+        f"There are at least as many parameters as measurements of {' and of '.join(groups)}: neither the noise nor "
+        "standard errors can be estimated."
     )
 
 

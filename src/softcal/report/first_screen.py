@@ -233,7 +233,7 @@ def _unknown(of: FirstScreen) -> str:
     if result.missed_minimum:
         why = "the search did not converge"
     elif result.is_saturated:
-        why = "there are as many parameters as measured values"
+        why = "there are at least as many parameters as measured values"
     else:
         why = "no intervals could be computed"
     return f"Their error is not known: {why}."

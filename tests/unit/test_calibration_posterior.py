@@ -60,6 +60,14 @@ CASES = {
 }
 
 
+def test_no_more_draws_are_effective_than_are_made():
+    """The chain is longer than what is kept of it, and the percentiles are those of what is kept."""
+    problem, _ = CASES["linear"]
+    facts = posterior(problem, values(problem), samples=200).facts
+    assert facts["draws"] == 200
+    assert 50 < facts["effective draws"] < 200
+
+
 # Beside the first case some ten seconds each.
 @pytest.mark.parametrize("name", ["linear", *(pytest.param(name, marks=pytest.mark.slow) for name in list(CASES)[1:])])
 def test_the_draws_are_those_of_the_density(name: str):

@@ -192,6 +192,8 @@ def test_what_reduces_noise_depends_on_whether_samples_are_alike() -> None:
     for few in ((), (replace(WHITE, n=2),), (WHITE, replace(WHITE, n=2))):
         assert at(*few).endswith("measurements: more independent measurements, or better ones, will reduce it.")
     assert "it is correlated along the records, where a higher sampling rate will not reduce it" in at(ALIKE, ALIKE)
+    # A law that is wrong in every test alike is in no further one less.
+    assert "further tests will, unless their residuals are the same" in at(ALIKE, ALIKE)
     assert "it is correlated along some of the records, where" in at(ALIKE, WHITE)
     assert "more samples, or" not in at(ALIKE, WHITE)
 

@@ -55,7 +55,7 @@ _MOST_STEPS = 40_000
 class Chain:
     """Draws z (n, size) of a density, with minus twice its logarithm (n,) up to a constant.
 
-    time: autocorrelation time [steps]; effective: number of independent draws that would tell as much.
+    time: autocorrelation time [steps]; effective: number of independent draws that would tell as much as z.
     """
 
     z: Floats
@@ -305,7 +305,7 @@ def sampled(logarithm: LogPosterior, n: int, seed: int, *, converge: bool = True
             )
     # The last draws of all walkers.
     z = np.array(sampler.get_chain(discard=burned, thin=thin))[-math.ceil(n / walkers) :].reshape(-1, size)[:n]
-    return Chain(z, function(z), lag, walkers * (steps - burned) / lag)
+    return Chain(z, function(z), lag, len(z) * thin / max(lag, thin))
 
 
 def _inside(

@@ -40,6 +40,7 @@ from softcal.units import format_quantity
 
 HERE = Path(__file__).resolve().parent
 NECK = HERE.parent / "examples" / "neck-bench" / "project.yaml"
+EXAMPLE = HERE.parent / "examples" / "manipulator" / "project.yaml"
 MANIPULATOR = Path(softcal.__file__).parent / "templates" / "manipulator" / "project.yaml"
 PAGE, TEXT = HERE.parent / "docs" / "uncertainty.md", HERE / "coverage.md"
 STUDIES = 200
@@ -50,6 +51,7 @@ PRIOR_SD = 0.02  # of the pulleys' friction
 REACH = (4e-3, 34e-3)  # [m] of shortening
 LENGTH = 0.425  # [m]
 CABLES, MARKERS = ("cable1", "cable3", "cable5"), tuple(f"marker{k}" for k in range(1, 5))
+SIX, EIGHT = tuple(f"cable{k}" for k in range(1, 7)), (*MARKERS, *(f"side{k}" for k in range(1, 5)))
 FORCES = (4.905, 9.81, 14.715)  # [N]
 SPRINGS = {f"spring{k + 1}.youngs_modulus": value for k, value in enumerate((0.7e9, 0.85e9, 1.0e9, 0.75e9))}
 CAMERA = (0.01, -0.02, 0.40, 0.05, -0.1, 0.2)  # [m], [rad]
@@ -64,6 +66,8 @@ class Case:
     correlation: of neighbouring samples' noise. misfit: a smooth error of the force, over its root mean square; a third
     of it in the pitch. reaches: the largest shortening [m] of each pull; spread: standard deviation of ln E among them.
     gain: standard deviation of the load cell's, which is known of it beforehand and drawn anew in every study.
+    six: six cables and eight markers of the manipulator, and 0.2 mm of noise; off: how far each marker [m], pulled: by
+    what share each cable's force is off (standard deviations).
     """
 
     name: str
@@ -79,6 +83,9 @@ class Case:
     reaches: tuple[float, ...] = (REACH[1],)
     spread: float = 0.0
     gain: float = 0.0
+    six: bool = False
+    off: float = 0.0
+    pulled: float = 0.0
 
     @property
     def truth(self) -> dict[str, float]:
@@ -128,6 +135,9 @@ CASES = (
     Case("papers-gain", "the same, `papers`", PAPERS, gain=GAIN_SD),
     Case("distance", "manipulator, `distance`, the camera's frame free", DISTANCE, n=0),
     Case("distance-depth", "the same, three times the noise in depth", DISTANCE, n=0, depth=3.0),
+    Case("six", "manipulator, six cables, eight markers, `distance`, the camera's frame free", DISTANCE, n=0, six=True),
+    Case("six-off", "the same, each marker glued on 0.5 mm off", DISTANCE, n=0, six=True, off=5e-4),
+    Case("six-pulled", "the same, the force of each cable 3 % off", DISTANCE, n=0, six=True, pulled=0.03),
 )
 
 
@@ -237,13 +247,17 @@ def _smooth(n: int, chance: np.random.Generator) -> np.ndarray:
 def _manipulator_study(case: Case, chance: np.random.Generator) -> Problem:
     from softcal.calibration.frame import rotation
 
-    robot, twin = manipulator()
-    noise = 5e-4 * np.array([1.0, 1.0, case.depth])
+    robot, twin = manipulator(case.six)
+    noise = (2e-4 if case.six else 5e-4) * np.array([1.0, 1.0, case.depth])
     experiments: list[Experiment] = []
-    for cable in CABLES:
+    cables, markers = (SIX, EIGHT) if case.six else (CABLES, MARKERS)
+    off = {marker: case.off * chance.standard_normal(3) for marker in markers} if case.off else {}
+    for cable in cables:
+        pulled = 1.0 + case.pulled * chance.standard_normal() if case.pulled else 1.0
         channels = {f"{cable}.tension": Channel(np.array(FORCES), "N")}
-        for marker in MARKERS:
-            places = np.column_stack([twin.places[cable][f"{marker}.{axis}"] for axis in "xyz"])
+        for marker in markers:
+            places = np.column_stack([_at(twin, cable, f"{marker}.{axis}", pulled) for axis in "xyz"])
+            places = places + off.get(marker, 0.0)
             places = places @ rotation(np.array(CAMERA[3:])).T + CAMERA[:3]
             places = places + noise * chance.standard_normal(places.shape)
             channels |= {f"{marker}.{axis}": Channel(places[:, k], "m", noise[k]) for k, axis in enumerate("xyz")}
@@ -257,6 +271,12 @@ def _manipulator_study(case: Case, chance: np.random.Generator) -> Problem:
     return make_problem(robot, experiments, free, case.loss, twin)
 
 
+def _at(twin: ComplianceTable, cable: str, channel: str, factor: float) -> np.ndarray:
+    """A coordinate (n,) [m] under the forces times a factor near one, by the parabola through those of the table."""
+    values = twin.places[cable][channel]
+    return values if factor == 1.0 else np.polyval(np.polyfit(FORCES, values, 2), factor * np.array(FORCES))
+
+
 @cache
 def neck() -> tuple[Robot, NeckTable]:
     """The neck of examples/neck-bench (1.7k P2P1 tets) and its table."""
@@ -265,10 +285,10 @@ def neck() -> tuple[Robot, NeckTable]:
 
 
 @cache
-def manipulator() -> tuple[Robot, ComplianceTable]:
-    """The manipulator of `softcal init manipulator` and its table."""
-    robot = load(MANIPULATOR).robot
-    return robot, compliance_table(robot, SPRINGS, CABLES, MARKERS, FORCES)
+def manipulator(six: bool = False) -> tuple[Robot, ComplianceTable]:
+    """The manipulator of `softcal init manipulator` and its table; six: that of examples/manipulator."""
+    robot = load(EXAMPLE if six else MANIPULATOR).robot
+    return robot, compliance_table(robot, SPRINGS, *((SIX, EIGHT) if six else (CABLES, MARKERS)), FORCES)
 
 
 def page(found: Sequence[Coverage]) -> str:

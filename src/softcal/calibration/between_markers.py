@@ -1,60 +1,63 @@
-"""Whether the markers of a calibration differ by more than the noise of their positions explains.
+"""The estimator where markers differ by more than the noise of their positions explains.
 
-The quick intervals take the errors of a marker's positions as independent. A marker that is glued a little off has the
-same error in all of them, which the values that are found without it show (`jackknife.py`).
+The noise of single positions says nothing of a marker that is glued a little off: all its positions share the error.
+The values that are found without each marker show it (`jackknife.py`). Where they scatter by more than the noise
+explains, each parameter's standard error is the one by the markers, if that is the longer one; the correlations stay.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from softcal.calibration.checked_interval import UNLIKELY
 from softcal.calibration.estimator import Estimator
-from softcal.calibration.intervals import box_intervals
 from softcal.calibration.jackknife import delete_one
 from softcal.calibration.loss import Block, Loss
-from softcal.calibration.parameters import SearchSpace
-from softcal.calibration.result import Note
 from softcal.calibration.reweighted import reweighted
 from softcal.calibration.uncertain import UncertainParameter
-from softcal.units import format_quantity, readable_unit
+from softcal.checks import Floats
 
+MARKERS = "markers"
+"""The source of error that the scatter among the markers shows."""
 MANY = 6
 """Markers: the intervals by fewer are several times too long."""
 
 
-def markers_differ(
-    space: SearchSpace,
+def n_markers(blocks: Iterable[Block]) -> int:
+    """The number of markers, or plates, whose positions are compared."""
+    return len({block.point for block in blocks if block.point})
+
+
+def with_markers(
     loss: Loss,
-    theta: Mapping[str, float],
+    z: Floats,
+    slopes: Floats,
     blocks: Sequence[Block],
     found: Estimator,
     uncertain: Sequence[UncertainParameter] = (),
-) -> tuple[Note, ...]:
-    """A note with the interval by the markers where they differ, of the parameter in which that is clearest.
+) -> Estimator:
+    """The estimator with the scatter among the markers, where six or more differ in any parameter; else as it is.
 
-    found: the estimator of the blocks at theta [SI by label].
+    found: the estimator that the other arguments made.
     """
+    if found.spent or n_markers(blocks) < MANY:
+        return found
     groups = [np.full(len(block.residual), block.point, dtype=object) for block in blocks]
-    if len({block.point for block in blocks if block.point}) < MANY:
-        return ()
-    z = np.clip(space.to_search(theta), 0.0, 1.0)
-    parts = reweighted(loss, z, space.jacobian(z), blocks, groups, found, uncertain)
-    without = delete_one(parts)
+    without = delete_one(reweighted(loss, z, slopes, blocks, groups, found, uncertain))
     longer = without.determined & (without.ratios(found) > 1.0)
-    chances = np.where(longer, without.chances(found), 1.0)
-    j = int(np.argmin(chances))
-    if chances[j] >= UNLIKELY:
-        return ()
-    ends = np.tile(z, (2, 1))
-    ends[:, j] = box_intervals(z, parts.minimum, without.root(found), without.total_dof)[0][j]
-    one = space.parameters[j]
-    unit = readable_unit(theta[one.label], one.unit)
-    low, high = (format_quantity(space.to_model(end)[one.label], one.unit, unit, digits=4) for end in ends)
-    text = (
-        f"The {len(parts.names)} markers differ by more than the noise explains: with one left out at a time, the 95 % "
-        f"interval of {one.label} is {low} to {high} (softcal intervals RUN --by jackknife --over markers)."
+    if not np.any(longer & (without.chances(found) < UNLIKELY)):
+        return found
+    quick = np.sum(list(found.variances.values()), axis=0)
+    by_markers = np.sum(list(without.budget.variances.values()), axis=0)
+    total = np.where(longer, np.maximum(by_markers, quick), quick)
+    scale = np.sqrt(np.divide(total, quick, out=np.ones_like(quick), where=quick > 0.0))
+    return replace(
+        found,
+        root=found.root * scale,
+        dof=np.where(scale > 1.0, without.total_dof, found.dof),
+        variances={**found.variances, MARKERS: total - quick},
+        within_bounds=found.within_bounds * np.outer(scale, scale),
     )
-    return (Note(text, "warning"),)

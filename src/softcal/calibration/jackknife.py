@@ -26,7 +26,7 @@ from softcal.checks import Floats
 GROUPS = "groups"
 """The source of error that the scatter among the groups shows."""
 
-_SHOWN = ("noise", "experiments", "set-ups")  # sources of error of the quick intervals that groups may show
+_SHOWN = ("noise", "experiments", "set-ups", "markers")  # sources of error of the quick intervals that groups may show
 
 
 @dataclass(frozen=True)

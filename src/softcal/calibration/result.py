@@ -108,8 +108,8 @@ class Estimate:
         Scale on which the parameter was searched, such as "linear" or "log".
     shares
         Source of error -> its share of the estimate's variance [-], sum 1: "noise" of the measurements, "prior",
-        "experiments" or "set-ups" (differences between them), "mesh", and uncertain parameters by their names; empty
-        where the variance is not known.
+        "experiments", "set-ups" or "markers" (differences between them), "mesh", and uncertain parameters by their
+        names; empty where the variance is not known.
     """
 
     value: float

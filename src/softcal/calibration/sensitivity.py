@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from softcal.calibration.band import bands
-from softcal.calibration.between_markers import markers_differ
+from softcal.calibration.between_markers import MARKERS, n_markers, with_markers
 from softcal.calibration.estimator import Estimator, estimator
 from softcal.calibration.experiment import rig_kind
 from softcal.calibration.intervals import beyond_bounds, box_intervals
@@ -38,6 +38,10 @@ _TOGETHER = 0.5
 NOT_INCLUDED = (
     "The intervals include the noise and its correlation along the records{}. Errors {}of the material law and of the "
     "{}model of the rig are not included where they have one sign throughout."
+)
+MARKERS_DIFFER = (
+    "The {} markers differ by more than the noise explains: the intervals are those found with one marker left out at "
+    "a time, where these are longer."
 )
 ONE_EXPERIMENT = "There is one experiment: by how much experiments on this robot differ is not known, nor included."
 
@@ -105,10 +109,14 @@ class Statistics:
 def local_estimator(
     space: SearchSpace, loss: Loss, z: Floats, blocks: Sequence[Block], uncertain: Sequence[UncertainParameter] = ()
 ) -> Estimator:
-    """The minimum near z (size,) in the unit box as an estimator, with its experiments compared; see `estimator`."""
+    """The minimum near z (size,) in the unit box as an estimator, with its experiments and its markers compared; see
+    `estimator` and `with_markers`.
+    """
     names = dict.fromkeys(block.experiment for block in blocks if block.experiment)
     serves = {name: np.array([p.serves(name) for p in space.parameters]) for name in names}
-    return estimator(loss, z, space.jacobian(z), blocks, serves, uncertain)
+    slopes = space.jacobian(z)
+    found = estimator(loss, z, slopes, blocks, serves, uncertain)
+    return with_markers(loss, z, slopes, blocks, found, uncertain)
 
 
 def local_statistics(
@@ -155,7 +163,8 @@ def local_statistics(
     beyond = {label: float(far) for label, far in zip(labels, held, strict=True) if at_bound[label]}
     within = {space.labels[j]: float(error * abs(slopes[j])) for j, error in zip(known, stated, strict=True)}
     notes += _together(space, theta, within, found, slopes)
-    notes += markers_differ(space, loss, theta, blocks, found, uncertain)
+    if MARKERS in found.variances:
+        notes.append(Note(MARKERS_DIFFER.format(n_markers(blocks)), "warning"))
     notes += [Note(not_included(uncertain)), *([Note(ONE_EXPERIMENT)] if len(experiments) == 1 else [])]
     summed = np.sum(list(found.variances.values()), axis=0)
     shares = {

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 from softcal.analysis.mesh_study import MeshStudy
+from softcal.calibration.between_markers import MARKERS
 from softcal.calibration.budget import BOUNDS
 from softcal.calibration.digits import NORMAL_95, estimate_text, half_width, interval_text, value_text
 from softcal.calibration.result import Estimate
@@ -53,6 +54,12 @@ SOURCES = (
         "differences between the set-ups",
         "set-ups",
         "more tests on the same ones will not reduce it; further ones, or the cause of the differences, will",
+    ),
+    ErrorSource(
+        MARKERS,
+        "differences between the markers",
+        "markers",
+        "more samples of the same markers will not reduce it; markers placed more exactly, or more of them, will",
     ),
     ErrorSource("prior", "the priors", "priors", "a better measurement of what they describe will reduce it"),
     ErrorSource(MESH, "the mesh", "mesh", "softcal mesh-study shows whether a finer mesh reduces it"),

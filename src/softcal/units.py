@@ -246,6 +246,12 @@ def format_range(low: float, high: float, si_unit: str, *, digits: int = AS_WRIT
     return f"{first.removesuffix(f' {above}')} to {format_quantity(high, si_unit, above, digits=digits)}"
 
 
+def digits_that_tell(low: float, high: float) -> int:
+    """Significant digits that show the ends of an interval to two digits of its length; four or more."""
+    size, apart = max(abs(low), abs(high)), abs(high - low)
+    return min(max(4, math.ceil(math.log10(size / apart)) + 2), AS_WRITTEN) if apart > 0.0 else 4
+
+
 def plain(number: float, digits: int = 4) -> str:
     """A number to `digits` significant digits, with an exponent only below 0.0001 and from a million on."""
     text = f"{number:.{digits}g}"

@@ -25,6 +25,7 @@ from softcal.calibration.losses.likelihood import LikelihoodLoss
 from softcal.calibration.losses.papers import PapersLoss
 from softcal.calibration.parameters import FreeParameter
 from softcal.calibration.problem import Problem, make_problem
+from softcal.calibration.random_effects import RandomEffects
 from softcal.calibration.resampling import jackknife, resampled
 from softcal.calibration.reweighted import NONE, Reweighted, reweighted
 from softcal.calibration.rig import Rig
@@ -256,6 +257,18 @@ def test_the_covariance_of_fewer_groups_than_parameters_is_not_singular():
     errors = np.linalg.norm(found.root, axis=0)
     assert errors == pytest.approx(np.linalg.norm(found.without.budget.root, axis=0))
     assert np.linalg.cond(found.root / errors) < 1e3
+
+
+def test_pieces_of_records_are_said_not_to_show_that_experiments_differ() -> None:
+    said = "The experiments differ, which records cannot show: the quick intervals include it."
+    problem = markers(3, n=5)
+    by_records = resampled(problem, minimum(problem), "records")
+    assert said not in by_records._notes()
+    first = replace(by_records.held.found.between[0], effects=RandomEffects(9.0, 1e-4, 0.1, 0.0, 0.05, 5))
+    found = replace(by_records.held.found, between=(first,))
+    differing = replace(by_records, held=replace(by_records.held, found=found))
+    assert said in differing._notes()
+    assert said not in replace(differing, kind="experiments")._notes()
 
 
 def test_what_is_a_group():

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from softcal.analysis.next_test import NextTests
-from softcal.units import format_range, plain
+from softcal.units import digits_that_tell, format_range, plain
 
+_ALIKE = 1.02  # of the shortest expected length: longer ones are worth a difference
 _LITTLE = 0.95  # of the present length: a shorter interval is worth a sentence
 
 
 def interval_text(interval: tuple[float, float], unit: str) -> str:
-    """Ends of an interval [SI] in words, with four digits."""
-    return format_range(*interval, unit, digits=4)
+    """Ends of an interval [SI] in words, with four digits, or as many as tell them apart."""
+    return format_range(*interval, unit, digits=digits_that_tell(*interval))
 
 
 def verdict(found: NextTests) -> str:
@@ -27,6 +28,14 @@ def verdict(found: NextTests) -> str:
     now = f"The 95 % interval of {found.parameter} is {interval_text(found.interval, found.unit)}."
     if best.share is None or best.share > _LITTLE:
         return f"{now} No candidate would shorten it by more than {100 * (1 - _LITTLE):.0f} %."
+    alike = [one for one in found.outlooks if one.share is not None and one.share < _ALIKE * best.share]
+    if len(alike) > 2:
+        most = max(one.share for one in alike if one.share is not None)
+        shares = " to ".join(dict.fromkeys(plain(share, 2) for share in (best.share, most)))
+        return (
+            f"{now} {len(alike)} candidates are expected to shorten it alike, to {shares} of its length: "
+            f"{expected} with '{best.candidate.name}'."
+        )
     return (
         f"{now} '{best.candidate.name}' is expected to shorten it most, to {plain(best.share, 2)} of its length: "
         f"{expected}."

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from softcal.calibration.parameters import Scale
 from softcal.calibration.result import Estimate
-from softcal.units import format_quantity, readable_unit
+from softcal.units import digits_that_tell, format_quantity, readable_unit
 
 DIFFERS = 0.1
 """Share of the quick interval's half-length: where an end moves by more, the two intervals differ."""
@@ -132,12 +132,12 @@ def checked(
     }
 
 
-def interval_text(one: CheckedInterval, ends: tuple[float, float] | None, digits: int = 4) -> str:
-    """Both ends with their unit; "-" where there is no interval."""
+def interval_text(one: CheckedInterval, ends: tuple[float, float] | None) -> str:
+    """Both ends with their unit, to the digits that tell them apart; "-" where there is no interval."""
     if ends is None:
         return "-"
     unit = readable_unit(one.value, one.unit)
-    low, high = (format_quantity(end, one.unit, unit, digits=digits) for end in ends)
+    low, high = (format_quantity(end, one.unit, unit, digits=digits_that_tell(*ends)) for end in ends)
     return f"{low} to {high}"
 
 

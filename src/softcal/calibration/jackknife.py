@@ -58,7 +58,8 @@ class DeleteOne:
     def total_dof(self) -> Floats:
         """Of each parameter's variance with the errors that no group shows, which are known, shape (size,)."""
         variances = self.budget.variances
-        shares = variances[GROUPS] / np.sum(list(variances.values()), axis=0)
+        total = np.sum(list(variances.values()), axis=0)
+        shares = np.divide(variances[GROUPS], total, out=np.zeros_like(total), where=total > 0.0)
         return np.where(shares > 1e-9, self.dof / np.maximum(shares, 1e-9) ** 2, np.inf)
 
     def root(self, found: Estimator) -> Floats:

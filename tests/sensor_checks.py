@@ -13,6 +13,7 @@ from softcal.sensing.channel import carriers, channel_name, channel_unit
 from softcal.sensing.sensor import NamedSensor, Sensor
 from softcal.twin.build import Twin, build_twin
 from softcal.twin.channels import channels_of, sensors_of
+from softcal.twin.parameters import parameter_values
 from softcal.twin.robot import Marker, Robot
 from softcal.twin.sensors import sense, sense_rates
 from softcal.units import unit_factor
@@ -39,14 +40,14 @@ def _bent(twin: Twin, seed: int = 3):
 
 
 def rates_are_derivatives(sensor: type[Sensor], robot: Robot) -> None:
-    twin = build_twin(robot)
+    twin, theta = build_twin(robot), parameter_values(robot)
     state, dz = _bent(twin)
     columns = [twin.columns[channel] for channel in channels_of(instances(sensor, robot))]
-    base, rate = sense(twin, state), sense_rates(twin, state, dz[:, None])[:, 0]
+    base, rate = sense(twin, state, theta), sense_rates(twin, state, theta, dz[:, None])[:, 0]
     assert (np.abs(rate[columns]) > 0.0).any()
 
     def left(h: float) -> np.ndarray:
-        return np.abs(sense(twin, moved(twin.system.layout, state, h * dz)) - base - h * rate)[columns]
+        return np.abs(sense(twin, moved(twin.system.layout, state, h * dz), theta) - base - h * rate)[columns]
 
     # The rest of the first-order Taylor series falls with the square of the step.
     scale = 1e-9 * np.abs(base[columns]).max() + 1e-12
@@ -55,7 +56,7 @@ def rates_are_derivatives(sensor: type[Sensor], robot: Robot) -> None:
 
 def one_value_for_each_kind(sensor: type[Sensor], robot: Robot) -> None:
     twin = build_twin(robot)
-    values = sense(twin, rest_state(twin.system.layout))
+    values = sense(twin, rest_state(twin.system.layout), parameter_values(robot))
     assert len(values) == len(twin.columns)
     assert np.isfinite(values).all()
 
@@ -80,7 +81,7 @@ def units_are_known(sensor: type[Sensor], robot: Robot) -> None:
 
 def what_it_reads_at_rest_is_plausible(sensor: type[Sensor], robot: Robot) -> None:
     twin = build_twin(robot)
-    values = sense(twin, rest_state(twin.system.layout))
+    values = sense(twin, rest_state(twin.system.layout), parameter_values(robot))
     for channel in channels_of(instances(sensor, robot)):
         assert abs(values[twin.columns[channel]]) < channel.kind.most
         assert channel.kind.mistake

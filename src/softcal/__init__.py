@@ -70,6 +70,7 @@ if TYPE_CHECKING:
     from softcal.sensing.sensor import Sensor as Sensor
     from softcal.sensing.sensor import register_sensor as register_sensor
     from softcal.twin.barrier import Contact as Contact
+    from softcal.twin.cables import CableLine as CableLine
     from softcal.twin.cables import RoutingAxis as RoutingAxis
     from softcal.twin.clamp import Clamp as Clamp
     from softcal.twin.in_time import simulate_in_time as simulate_in_time
@@ -119,6 +120,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "Body": "softcal.twin.robot",
     "Cable": "softcal.twin.robot",
+    "CableLine": "softcal.twin.cables",
     "CalibrationError": "softcal.errors",
     "CalibrationResult": "softcal.calibration.result",
     "Calibrations": "softcal.workflows.calibration",
@@ -223,6 +225,7 @@ _HOMES = {
 __all__ = [
     "Body",
     "Cable",
+    "CableLine",
     "CalibrationError",
     "CalibrationResult",
     "Calibrations",

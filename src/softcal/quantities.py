@@ -125,6 +125,13 @@ QUANTITIES: Mapping[str, Quantity] = {
         Quantity("second moment", "m^4", 0.0, 1e8, "(]"),
         Quantity("force", "N", -1e8, 1e8),
         Quantity("tension", "N", 0.0, 1e8),
+        # The softest elastic cords have some 1 N.
+        Quantity(
+            "stiffness of a cable", "N", 1e-3, 1e10, attempt="another unit", attempt_below="another unit, or none"
+        ),
+        Quantity("spring rate", "N/m", 1e-3, 1e12, attempt="another unit", attempt_below="another unit, or none"),
+        Quantity("compliance", "m/N", 0.0, 1e3, attempt="another unit, such as mm/N"),
+        Quantity("presliding displacement", "m", 1e-8, 1.0, attempt="10 um", attempt_below="10 um"),
         Quantity("tension offset", "N", -1e6, 1e6),
         Quantity("pressure", "Pa", -1e13, 1e13),
         # The softest gels have some 1 Pa; far below, the solver fails only after minutes.
@@ -186,6 +193,11 @@ Area = Annotated[float, QUANTITIES["area"]]
 SecondMoment = Annotated[float, QUANTITIES["second moment"]]
 Angle = Annotated[float, QUANTITIES["angle"]]
 Force = Annotated[float, QUANTITIES["force"]]
+Tension = Annotated[float, QUANTITIES["tension"]]
+CableStiffness = Annotated[float, QUANTITIES["stiffness of a cable"]]
+SpringRate = Annotated[float, QUANTITIES["spring rate"]]
+Compliance = Annotated[float, QUANTITIES["compliance"]]
+Presliding = Annotated[float, QUANTITIES["presliding displacement"]]
 TensionOffset = Annotated[float, QUANTITIES["tension offset"]]
 Pressure = Annotated[float, QUANTITIES["pressure"]]
 Modulus = Annotated[float, QUANTITIES["modulus"]]

@@ -21,7 +21,7 @@ from softcal.mechanics.actuator import Actuator, ActuatorTerm
 from softcal.mechanics.cable import CableTerm
 from softcal.mechanics.damping import Damping
 from softcal.mechanics.dynamics import Dynamics
-from softcal.mechanics.march import Reached, reach
+from softcal.mechanics.march import Reached, Target, reach
 from softcal.mechanics.node import Line, node_at
 from softcal.mechanics.path import follow
 from softcal.mechanics.state import State, moved, rest_state
@@ -72,7 +72,7 @@ class ChamberTerm(ActuatorTerm):
             np.add.at(points, self.faces[:, k], self.sign[:, None] * normal / 6.0)
         return gradient
 
-    def add_forces(self, x, effort, into, lost):
+    def add_forces(self, x, effort, into, transmission):
         into.full -= effort[0] * self.coordinate_gradient(x, 0, len(into.full))
         if into.data is None:
             return
@@ -170,9 +170,10 @@ def test_gradients_are_those_of_the_coordinates(case):
     h = 1e-7
     ahead, behind = (coordinates(system, moved(layout, state, s * h * dz)) for s in (1, -1))
     for i, rate in enumerate((ahead - behind) / (2 * h)):
-        gradient = system.coordinate_gradient(state, i)
-        assert gradient @ dz[: len(gradient)] == pytest.approx(rate, rel=1e-6)
-        np.testing.assert_allclose(system.force_gradient(state, i, theta), -gradient, rtol=1e-12)
+        drive = system.drive(state, i, theta)
+        assert -drive.row @ dz[: len(drive.row)] == pytest.approx(rate, rel=1e-6)
+        np.testing.assert_allclose(drive.column, drive.row, rtol=1e-12)
+        assert drive.corner == 0.0
 
 
 @every_case
@@ -230,7 +231,7 @@ def marched(system: System, theta: dict[str, float], samples: np.ndarray, driven
         target = Controls(
             np.full(len(none), not driven), none if driven else wanted, wanted if driven else last.controls.coordinate
         )
-        last = reach(statics, last, target, ())
+        last = reach(statics, last, Target(target))
         states.append(last.state)
     statics.release()
     return states

@@ -51,7 +51,7 @@ from softcal.sensing.sensors.cable import CableSensor
 from softcal.sensing.sensors.marker import MarkerSensor
 from softcal.sensing.sensors.plate import PlateSensor
 from softcal.twin.barrier import Contact
-from softcal.twin.cables import Cable, RoutingAxis
+from softcal.twin.cables import Cable, CableLine, RoutingAxis
 from softcal.twin.clamp import Clamp
 from softcal.twin.manipulator import BaseDisc, Cables, DiscMarkers, Discs, Manipulator, Springs
 from softcal.twin.robot import Body, Disc, Marker, Material, Plate, PointLoad, Robot, Rod, SurfaceLoad, Tie, ViaPoint
@@ -94,6 +94,11 @@ STATED: list[tuple[str, Declared]] = [
     ),
     ("{gap: 0.1 mm, stiffness: 2 MPa, friction_coefficient: 0.5, creep: 2 mm/s}", Contact(1e-4, 2e6, 0.5, 2e-3)),
     ("{friction_coefficient: 0.5}", Contact(friction_coefficient=0.5)),
+    (
+        "{stiffness: 10 kN, compliance: 0.01 mm/N, pretension: 2 N, friction_memory: true, presliding: 1 mm}",
+        CableLine(1e4, compliance=1e-5, pretension=2.0, friction_memory=True, presliding=1e-3),
+    ),
+    ("{spring_rate: 20 N/mm, rest_length: 99 mm}", CableLine(spring_rate=2e4, rest_length=0.099)),
     ("{point: [1 mm, 0 m, 0 m], direction: [0, 2, 0]}", RoutingAxis((0.001, 0.0, 0.0), (0.0, 2.0, 0.0))),
     ("{direction: [0, 0, 2], depth: 0.5 mm}", Clamp((0.0, 0.0, 1.0), 5e-4)),
     ("{x: 1 mm, y: 2 mm, z: 3 mm, rx: 0.1 rad, ry: 0.2 rad, rz: 0.3 rad}", Frame(1e-3, 2e-3, 3e-3, 0.1, 0.2, 0.3)),
@@ -132,7 +137,10 @@ STATED: list[tuple[str, Declared]] = [
         "{area: 2 mm^2, I1: 3e-12 m^4, I2: 4e-12 m^4, J: 5e-12 m^4, shear_coefficients: [0.8, 0.9]}",
         GivenSection(2e-6, 3e-12, 4e-12, 5e-12, (0.8, 0.9)),
     ),
-    ("{count: 3, wrap: 2 rad, friction_coefficient: 0.1}", Pulleys(count=3, wrap=2.0, friction_coefficient=0.1)),
+    (
+        "{count: 3, wrap: 2 rad, friction_coefficient: 0.1, friction_memory: true, presliding: 1 mm}",
+        Pulleys(count=3, wrap=2.0, friction_coefficient=0.1, friction_memory=True, presliding=1e-3),
+    ),
     ("{axis: [0, 0, 2], angle: 90 deg}", Turn((0.0, 0.0, 2.0), math.radians(90.0))),
     (
         "{position: [1 mm, 2 cm, 0 m], rotation: {axis: [1, 0, 0], angle: 1 rad}}",
@@ -235,8 +243,8 @@ STATED: list[tuple[str, Declared]] = [
         Springs(youngs_modulus=1e9, poissons_ratio=0.4, elements_per_turn=20),
     ),
     (
-        "{radius: 3 cm, ends: {S1: 1 rad}, per_end: 2, exit: 3 mm, friction_coefficient: 0.1}",
-        Cables(0.03, {"S1": 1.0}, 2, 0.003, 0.1),
+        "{radius: 3 cm, ends: {S1: 1 rad}, per_end: 2, exit: 3 mm, friction_coefficient: 0.1, line: {stiffness: 9 N}}",
+        Cables(0.03, {"S1": 1.0}, 2, 0.003, 0.1, CableLine(9.0)),
     ),
     ("{radius: 1 cm, azimuth: 2 rad}", DiscMarkers(0.01, 2.0)),
     (

@@ -37,7 +37,7 @@ from softcal.mechanics.time_step import InertialTerm, after, at_rest, in_step
 from softcal.mechanics.viscosity import ViscousTerm
 from softcal.twin.barrier import Contact
 from softcal.twin.build import Twin
-from softcal.twin.cables import RoutingAxis
+from softcal.twin.cables import CableLine, RoutingAxis
 from softcal.twin.clamp import Clamp
 from softcal.twin.masses import robot_inertia
 from softcal.twin.parameters import robot_parameters, with_parameters
@@ -87,11 +87,17 @@ def bed(twin: Twin, kind: type[Foundation | SliderFoundation] = Foundation) -> T
 # Robots, and the terms in them.
 
 
-def bent_column(element: str = "P1", law: str = "neo-hooke", friction: float = 0.0, **changes: float) -> Robot:
+def bent_column(element: str = "P1", law: str = "neo-hooke", friction: float = 0.0, **line: float) -> Robot:
     """With a plate on top and two cables: beside it, and through it with a routing offset."""
-    via = (([0.005, 0.002, 0.1], "plate"), ([0.006, 0.003, 0.06], "neck"), ([0.005, 0.0, -0.02], ""))
+    via = (
+        ([0.005, 0.002, 0.1], "plate"),
+        ([0.006, 0.003, 0.06], "neck"),
+        ([0.004, -0.003, 0.03], "neck"),
+        ([0.005, 0.0, -0.02], ""),
+    )
     axis = RoutingAxis((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
-    through = Cable("through", tuple(ViaPoint(np.array(at), on) for at, on in via), friction, routing_axis=axis)
+    points = tuple(ViaPoint(np.array(at), on) for at, on in via)
+    through = Cable("through", points, friction, routing_axis=axis, line=CableLine(**line))
     return column_robot(
         element,
         parameters=constants(LAWS[law], 1e5, 0.4),
@@ -100,7 +106,7 @@ def bent_column(element: str = "P1", law: str = "neo-hooke", friction: float = 0
         gravity=(1.0, -2.0, -9.81),
         density=1100.0,
         mass=0.02,
-        cables=(side_cable("front", (0.05, 0.0)), through),
+        cables=(replace(side_cable("front", (0.05, 0.0)), friction_coefficient=friction), through),
     )
 
 
@@ -133,6 +139,15 @@ def rough(layout: Layout, size: float = 1e-3, seed: int = 0) -> Floats:
     dz[: layout.first_pressure_unknown] *= size
     turns(layout, dz)[:] *= 100.0 * size / 1e-3
     dz[layout.first_pressure_unknown : layout.first_effort_unknown] *= 1e3
+    return dz
+
+
+def taut(layout: Layout, size: float = 1e-3, seed: int = 0) -> Floats:
+    """As `rough`, with every cable under tension at the states, and further at the sample before."""
+    dz = rough(layout, 1.8 * size if seed == 9 else size, seed)
+    if seed in (0, 9):
+        tensions = dz[layout.first_effort_unknown :]
+        tensions[:] = 0.5 + np.abs(tensions)
     return dz
 
 
@@ -178,6 +193,7 @@ class Case:
     pick: Pick
     move: Callable[..., Floats] = rough
     has_energy: bool = True
+    remembers: bool = False
 
     def at(self, changes: Mapping[str, float] | None = None) -> Alone:
         """The term alone, with some parameters changed."""
@@ -192,8 +208,8 @@ class Case:
         state = moved(layout, rest_state(layout), self.move(layout))
         if system.remembers:  # as a sample elsewhere left it, at any parameters
             before = moved(layout, rest_state(layout), self.move(layout, seed=9))
-            remembered = system.advanced(before, controls, {**theta, **BEDS}).memory
-            state = replace(state, memory=remembered)
+            remembered = self.at().state if changes else system.advanced(before, controls, theta)
+            state = replace(state, memory=remembered.memory)
         return Alone(twin, term, system, state, controls, theta)
 
 
@@ -226,6 +242,9 @@ class Alone:
         return self.system.advanced(state, self.controls, self.theta).memory.values
 
 
+STRETCH = {"stiffness": 60.0, "compliance": 2e-4, "pretension": 0.4}
+MEMORY = {"friction_memory": True, "presliding": 1.5e-3}
+REMEMBERS = (first(CableTerm), taut, False, True)
 CASES = {
     "solid, P1": Case(SolidTerm, bent_column, first(SolidTerm)),
     "solid, P2P1": Case(SolidTerm, lambda: bent_column("P2P1"), first(SolidTerm)),
@@ -235,6 +254,12 @@ CASES = {
     "rod": Case(RodTerm, whip, first(RodTerm)),
     "cables": Case(CableTerm, bent_column, first(CableTerm)),
     "cables with friction": Case(CableTerm, lambda: bent_column(friction=0.3), first(CableTerm), has_energy=False),
+    "cables that stretch": Case(CableTerm, lambda: bent_column(**STRETCH), first(CableTerm)),
+    "friction and stretch": Case(
+        CableTerm, lambda: bent_column(friction=0.3, **STRETCH), first(CableTerm), taut, False
+    ),
+    "friction with a memory": Case(CableTerm, lambda: bent_column(friction=0.3, **MEMORY), *REMEMBERS),
+    "memory and stretch": Case(CableTerm, lambda: bent_column(friction=0.3, **MEMORY, **STRETCH), *REMEMBERS),
     "loads": Case(Loads, bent_column, first(Loads)),
     "contact": Case(ContactTerm, blocks, first(ContactTerm), pressed),
     "contact with friction": Case(ContactTerm, lambda: blocks(0.5), in_motion(ContactTerm, pressed), pressed),
@@ -243,7 +268,7 @@ CASES = {
     "viscosity, clamped deeper": Case(ViscousTerm, lambda: clamped_column("P1"), in_motion(ViscousTerm)),
     "inertia": Case(InertialTerm, whip, in_motion(InertialTerm)),
     "foundation": Case(Foundation, bent_column, lambda twin, theta: bed(twin)),
-    "sliders": Case(SliderFoundation, bent_column, lambda twin, theta: bed(twin, SliderFoundation)),
+    "sliders": Case(SliderFoundation, bent_column, lambda twin, theta: bed(twin, SliderFoundation), remembers=True),
 }
 BEDS = {"bed.stiffness": 300.0, "slider.stiffness": 300.0, "slider.yield_force": 0.3}
 WITHOUT_PARAMETERS = (ContactTerm, ViscousTerm, InertialTerm)
@@ -345,7 +370,7 @@ def test_it_writes_where_it_said_it_would(name):
     np.testing.assert_allclose(one.reduced, other.reduced, rtol=0.0, atol=1e-13 * np.abs(one.reduced).max())
 
 
-REMEMBERING = [name for name, case in CASES.items() if case.kind.first_memory is not Term.first_memory]
+REMEMBERING = [name for name, case in CASES.items() if case.remembers]
 every_memory = pytest.mark.parametrize("name", REMEMBERING)
 
 
@@ -384,10 +409,11 @@ def test_the_memorys_derivatives_are_those_of_differences(name):
     old = alone.state.memory
     for k, parameter in enumerate((*alone.term.parameters, "no.parameter")):
         value = alone.theta.get(parameter, 1.0)
-        dz, rate = case.move(layout, seed=k + 1) / value, 1e-3 / value * rng.uniform(-1.0, 1.0, len(old.values))
+        size = value or 1e-2
+        dz, rate = case.move(layout, seed=k + 1) / size, 1e-3 / size * rng.uniform(-1.0, 1.0, len(old.values))
         state = replace(alone.state, memory=replace(old, by_parameter={parameter: rate}))
         told = alone.system.advanced(state, alone.controls, alone.theta, dz[:, None], (parameter,))
-        h = STEP * value
+        h = STEP * size
         ends = [case.at({parameter: value + s * h}).remembering(s * h * rate).advanced(s * h * dz) for s in (1, -1)]
         exact, expected = told.memory.by_parameter[parameter], (ends[0] - ends[1]) / (2.0 * h)
         np.testing.assert_allclose(exact, expected, rtol=0.0, atol=1e-6 * np.abs(expected).max())

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import re
+import shutil
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -22,10 +23,11 @@ from softcal.calibration.experiment import Experiment
 from softcal.calibration.losses.likelihood import LikelihoodLoss
 from softcal.calibration.parameters import SearchSpace
 from softcal.calibration.problem import Problem
+from softcal.calibration.pulley_gain import reversals
 from softcal.calibration.result import CalibrationResult, ExperimentFit
 from softcal.calibration.run import calibrate
 from softcal.experiments.dataset import Dataset
-from softcal.project.project import Project
+from softcal.project.project import Project, load
 from softcal.twin.parameters import with_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate
@@ -183,6 +185,63 @@ def test_the_interval_of_a_ratio_ends_where_fits_with_it_held_are_excluded(proje
         # The quadratic model; the exact profile reaches a little further down.
         assert excess < 1.3
         assert excess > 0.8 or end == 0.4999
+
+
+# --- pulleys that reverse ---------------------------------------------------------------------------------------------
+
+# Here the friction of the pulleys, in the record that of loading throughout, is made to reverse with the cable.
+EXPONENT, PRESLIDING, OFFSET = 0.2 * math.pi, 2e-4, 0.03
+TEST = "20mm_2mms"
+FRICTION = "pulleys.friction_coefficient"
+CHANGES = (
+    ("friction_coefficient: 0.1}", "friction_coefficient: 0.07, friction_memory: true, presliding: 0.1 mm}"),
+    ("      - take_branch: loading\n", ""),
+    ("      - resample: {by: shortening, n: 60}\n", "      - resample: {by: time, n: 1500}\n"),
+    ("  front.slack: {bounds", f"  {FRICTION}: {{bounds: [0, 0.3]}}\n  front.slack: {{bounds"),
+    ("  pulleys.friction_coefficient: {sd: 0.01}\n", ""),
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    to = tmp_path_factory.mktemp("reversing")
+    shutil.copytree(EXAMPLE / "data", to / "data")
+    shutil.copy(EXAMPLE / "neck.msh", to)
+    path = to / "data" / "utm-20mm-2mms.csv"
+    head, rows = [], []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        try:
+            rows.append([float(value.replace(",", ".")) for value in line.split(";")])
+        except ValueError:
+            head.append(line)
+    table = np.array(rows)
+    share, _ = reversals(1e-3 * table[:, 1], PRESLIDING)
+    table[:, 2] = OFFSET + (table[:, 2] - OFFSET) * np.exp(EXPONENT * (share - 1.0))
+    path.write_text(
+        "\n".join([*head, *(";".join(f"{v:.6f}".replace(".", ",") for v in row) for row in table), ""]),
+        encoding="utf-8",
+    )
+    text = (EXAMPLE / "project.yaml").read_text(encoding="utf-8")
+    for old, new in CHANGES:
+        assert old in text, old
+        text = text.replace(old, new)
+    first = text.index("  20mm_5mms:")
+    text = text[:first] + text[text.index("\nparameters:") + 1 :]
+    (to / "project.yaml").write_text(text, encoding="utf-8")
+    return to
+
+
+def test_both_branches_give_the_modulus_and_the_pulleys_friction(folder, generator, truth):
+    """From a nominal friction that is wrong by a third. The overstress of both branches cancels, but for 3 %."""
+    project = load(folder / "project.yaml")
+    values = {E: 2.07e6, NU: truth["neck"]["poissons_ratio"]}
+    mesh = mesh_factor(generator, project, values)
+    found = calibrate(at_ratio(make_problem(project), values[NU]), method="least-squares", starts=1)
+    assert "Converged" in found.status
+    low, high = found.parameters[E].interval
+    assert low < values[E] / mesh < high
+    assert found.parameters[E].value == pytest.approx(values[E] / mesh, rel=0.03)
+    assert found.parameters[FRICTION].value == pytest.approx(0.1, abs=0.005)
 
 
 # --- the record -------------------------------------------------------------------------------------------------

@@ -80,7 +80,7 @@ def test_rates_of_the_channels_are_their_differences(turn, seed):
     dz = rng.uniform(-0.01, 0.01, layout.n_unknowns)
     dz[at] *= 30.0
     h = 1e-5
-    ends = [sense(twin, moved(layout, state, s * h * dz)) for s in (1, -1)]
-    got = sense_rates(twin, state, dz[:, None])[:, 0]
+    ends = [sense(twin, moved(layout, state, s * h * dz), {}) for s in (1, -1)]
+    got = sense_rates(twin, state, {}, dz[:, None])[:, 0]
     assert len(got) == len(channel_units(twin))
     np.testing.assert_allclose(got, (ends[0] - ends[1]) / (2 * h), rtol=1e-6, atol=1e-8)

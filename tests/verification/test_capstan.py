@@ -4,18 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from drum_case import MU, robot_over_a_drum
 from mechanics_cases import column_robot, elastic, full_matrix, pulled, side_cable, tensed, twin_and_theta
 
 from softcal.experiments.dataset import Channel, Dataset
 from softcal.experiments.steps.pulleys import correct_pulley_friction
 from softcal.mechanics.cable import cables_of
-from softcal.mechanics.cable_friction import friction_loss
 from softcal.mechanics.state import moved, rest_state
-from softcal.mechanics.term import Controls
+from softcal.mechanics.term import Controls, Given
 from softcal.twin.robot import Cable, ViaPoint
 from softcal.twin.simulate import simulate
-
-MU = 0.15
 
 
 def test_pulleys_of_the_rig():
@@ -27,28 +25,17 @@ def test_pulleys_of_the_rig():
     np.testing.assert_allclose(at_neck.values[1:] / measured.values[1:], 0.5335, atol=5e-5)
 
 
-def robot_over_a_drum(mu: float, n: int = 12, *, law: dict | None = None):
-    """The cable runs down from the plate and round a quarter drum, as n points fixed in space, to its pulled end."""
-    angle = np.linspace(0.0, 0.5 * np.pi, n)
-    drum = np.array([0.07, 0.0, 0.0]) + 0.02 * np.column_stack([-np.cos(angle), 0.0 * angle, -np.sin(angle)])
-    points = (
-        ViaPoint(np.array([0.05, 0.0, 0.1]), "plate"),
-        *(ViaPoint(at) for at in drum),
-        ViaPoint(drum[-1] + [0.04, 0.0, 0.0]),
-    )
-    return column_robot("P1", parameters=law or elastic(0.5e6, 0.4), cables=(Cable("front", points, mu),))
-
-
 @pytest.mark.parametrize("n", [3, 12, 100, 1000, 3000])
 def test_a_drum_turns_a_cable_by_as_much_through_any_number_of_points(n):
     """A quarter turn takes exp(-mu pi / 2), whether a few points make it or thousands."""
     twin, _ = twin_and_theta(robot_over_a_drum(MU, n))
     cables = cables_of(twin.system)
-    loss = friction_loss(cables, rest_state(twin.system.layout).x, np.array([MU]))
-    pulled_end, robots_end = (-1, 0) if cables.pulled_last[0] else (0, -1)
-    assert loss.factor[pulled_end] == 1.0
-    assert loss.factor[robots_end] == pytest.approx(np.exp(-MU * np.pi / 2), rel=1e-8)
-    assert loss.by_mu[robots_end] == pytest.approx(-0.5 * np.pi * loss.factor[robots_end], rel=1e-8)
+    rest, free = rest_state(twin.system.layout), Controls(np.zeros(1, dtype=bool), np.zeros(1), np.zeros(1))
+    along = cables.tensions(Given(replace(rest, effort=np.ones(1)), free, {"front.friction_coefficient": MU}))
+    assert along.factor[0] == 1.0  # at the pulled end
+    assert along.factor[-1] == pytest.approx(np.exp(-MU * np.pi / 2), rel=1e-8)
+    by_mu = along.respond(along.by_property("friction_coefficient", 0)[0][:, None])[:, 0]
+    assert by_mu[-1] == pytest.approx(-0.5 * np.pi, rel=1e-8)
 
 
 def test_via_points_that_nothing_turns_cost_no_column():

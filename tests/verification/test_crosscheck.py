@@ -192,7 +192,7 @@ def test_an_engine_that_fails_or_is_absent_stops_no_other(monkeypatch):
 def test_what_calculix_cannot_be_given_is_a_reason():
     cable = replace(side_cable("front", (0.05, 0.0)), friction_coefficient=0.1)
     found = crosscheck(replace(ROBOT, cables=(cable,)), pulled(0.0, 0.004), ["calculix"])  # installed or not
-    assert "cable friction cannot be exported" in found.refused["calculix"]
+    assert "a cable in CalculiX has no friction" in found.refused["calculix"]
     assert not found.absent
     assert not found.failed
 
@@ -307,11 +307,12 @@ def test_an_engine_that_cannot_have_the_robot_is_no_failure_beside_one_that_can(
     done = CliRunner().invoke(app, ["crosscheck", str(project), *arguments])
     assert done.exit_code == code, done.output
     assert (
-        "calculix was skipped, it does not support this robot: front: cable friction cannot be exported" in done.output
+        "calculix was skipped, it does not support this robot: front: a cable in CalculiX has no friction"
+        in done.output
     )
     assert "failed" not in done.output
     record = json.loads((out / "crosscheck.json").read_text())
-    assert record["states"]["pull"]["calculix"]["refused"].startswith("front: cable friction")
+    assert record["states"]["pull"]["calculix"]["refused"].startswith("front: a cable in CalculiX")
 
 
 def test_an_absent_engine_is_named_with_how_to_get_it(tmp_path, monkeypatch):

@@ -15,7 +15,7 @@ from softcal.mechanics.cable import build_cables
 from softcal.mechanics.damping import Damping
 from softcal.mechanics.dynamics import Dynamics
 from softcal.mechanics.layout import FIXED, FREE, Layout
-from softcal.mechanics.march import Reached, reach
+from softcal.mechanics.march import Reached, Target, reach
 from softcal.mechanics.state import rest_state
 from softcal.mechanics.statics import Statics
 from softcal.mechanics.system import System, build_system
@@ -61,7 +61,7 @@ def pulled(system: System, theta: dict[str, float], shortenings: np.ndarray) -> 
     last = Reached(rest_state(system.layout), Controls(one == 1.0, 0.0 * one, 0.0 * one), np.zeros((0, 0)))
     reached = []
     for d in shortenings:
-        last = reach(statics, last, Controls(one == 0.0, 0.0 * one, d * one), ())
+        last = reach(statics, last, Target(Controls(one == 0.0, 0.0 * one, d * one)))
         reached.append(last)
     return np.array([one.state.effort[0] for one in reached]), reached
 
@@ -156,7 +156,7 @@ def test_sliders_slip_both_ways_in_the_cycle():
     assert np.abs(last.state.memory.values).max() > 1e-4  # under the weight alone
     slips = []
     for d in CYCLE:
-        last = reach(statics, last, Controls(np.zeros(1, bool), np.zeros(1), np.array([d])), ())
+        last = reach(statics, last, Target(Controls(np.zeros(1, bool), np.zeros(1), np.array([d]))))
         slips.append(last.state.memory.values.reshape(-1, 3)[:, 0])
     way = np.diff(slips, axis=0)
     assert (way.max(axis=0) > 1e-4).sum() >= 2

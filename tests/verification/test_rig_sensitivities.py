@@ -1,13 +1,19 @@
 """Derivatives of what the bench reads by the rig's parameters and the robot's, through the real twin."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from drum_case import MU, robot_over_a_drum
 from mechanics_cases import column_robot, elastic
 
 from softcal.calibration.experiment import Experiment
 from softcal.calibration.observation import commands, observe
+from softcal.calibration.parameters import FreeParameter
+from softcal.calibration.problem import make_problem
 from softcal.calibration.rig import Pulleys, Rig
 from softcal.experiments.dataset import Channel, Dataset
+from softcal.twin.cables import CableLine
 from softcal.twin.parameters import robot_parameters, with_parameters
 from softcal.twin.protocol import Protocol
 from softcal.twin.simulate import simulate
@@ -76,3 +82,50 @@ def test_readings_have_exact_derivatives(drive, monkeypatch):
             )
         if name != "pulleys.friction_coefficient" or drive == "tension":
             assert any(np.any(got.derivatives[channel][name] != 0.0) for channel in got.predicted)
+
+
+CYCLE = 1e-3 * np.array([1.0, 4.0, 9.0, 8.9, 6.0, 3.0, 3.1, 5.0, 8.0])
+REVERSING = {
+    "neck.youngs_modulus": (0.5e6, 1e5, 1e6),
+    "front.friction_coefficient": (MU, 0.01, 0.5),
+    "front.stiffness": (2e3, 1e2, 1e5),
+    "front.slack": (0.4e-3, 0.0, 2e-3),
+    "front.tension_offset": (0.02, -0.1, 0.1),
+    "front.tension_gain": (1.05, 0.9, 1.1),
+    "pulleys.friction_coefficient": (0.08, 0.0, 0.3),
+    "pulleys.presliding": (2e-4, 1e-5, 1e-3),
+}
+
+
+@pytest.mark.parametrize("drive", ["shortening", "tension"])
+def test_readings_of_cables_and_pulleys_that_reverse_have_exact_derivatives(drive, monkeypatch):
+    """Of two tests, each of which begins anew: by its slack too, which changes the commands of all samples before."""
+    monkeypatch.setattr("softcal.mechanics.statics.TOLERANCE", 1e-11)
+    robot = robot_over_a_drum(MU, 5)
+    line = CableLine(2e3, friction_memory=True, presliding=1e-4)
+    robot = replace(robot, cables=(replace(robot.cables[0], line=line),))
+    rig = Rig(pulleys=Pulleys(wrap=np.pi, friction_coefficient=0.08, friction_memory=True, presliding=2e-4))
+
+    def test_of(name, d):
+        channels = {"shortening": Channel(d, "m", 1e-4), "tension": Channel(250.0 * d, "N", 0.02)}
+        data = Dataset(name, {**channels, "pitch": Channel(d, "rad", 0.01)})
+        return Experiment(name, data, "front", "plate", drive, rig=rig)
+
+    units = {name: known.unit for name, known in robot_parameters(robot).items()}
+    units |= {"front.slack": "m", "front.tension_offset": "N", "front.tension_gain": "1", "pulleys.presliding": "m"}
+    free = [FreeParameter(name, units.get(name, "1"), *ends) for name, (_, *ends) in REVERSING.items()]
+    problem = make_problem(robot, [test_of("one", CYCLE), test_of("two", CYCLE[::-1])], free)
+    theta = {name: value for name, (value, *_) in REVERSING.items()}
+
+    def residuals(values):
+        found = problem.evaluate(values)
+        assert not found.failure, found.failure
+        return np.concatenate([block.residual for block in found.blocks])
+
+    exact = np.concatenate([block.jacobian for block in problem.evaluate(theta, jacobian=True).blocks])
+    assert problem.n_simulations() == 2
+    for k, (name, value) in enumerate(theta.items()):
+        h = 1e-4 * value
+        want = (residuals({**theta, name: value + h}) - residuals({**theta, name: value - h})) / (2 * h)
+        assert np.abs(want).max() > 0.0
+        np.testing.assert_allclose(exact[:, k], want, rtol=1e-5, atol=1e-5 * np.abs(want).max(), err_msg=name)

@@ -36,6 +36,12 @@ from softcal.twin.parameters import ParameterInfo
 
 Drive = Literal["shortening", "tension"]
 PULLEY_FRICTION = "pulleys.friction_coefficient"
+PULLEY_PRESLIDING = "pulleys.presliding"
+
+_OF_PULLEYS = {
+    PULLEY_FRICTION: QUANTITIES["friction coefficient"],
+    PULLEY_PRESLIDING: QUANTITIES["presliding displacement"],
+}
 
 
 @dataclass(frozen=True)
@@ -116,6 +122,12 @@ class Experiment:
         name = channel_name(channel)
         return name if name.carrier else replace(name, carrier=self.cable if name.kind.drives else self.plate)
 
+    def shortening_of(self, cable: str) -> str:
+        """The channel with the shortening of a cable; "" where the dataset has none."""
+        of_cable = ((c, self.twin_channel(c)) for c in self.dataset.channels)
+        names = (c for c, name in of_cable if name == ChannelName(SHORTENING, cable))
+        return next(names, "")
+
     def point_of(self, channel: str) -> str:
         """The marker or plate whose position a channel is a part of; "" for any other channel."""
         return self.twin_channel(channel).point
@@ -153,6 +165,8 @@ class Experiment:
                 values[name.offset] = self.rig.angle_offsets.get(channel, 0.0)
         if self.rig.pulleys is not None:
             values[PULLEY_FRICTION] = self.rig.pulleys.friction_coefficient
+            if self.rig.pulleys.friction_memory:
+                values[PULLEY_PRESLIDING] = self.rig.pulleys.presliding
         if self.points:
             values |= {f"frame.{axis}": value for axis, value in asdict(self.rig.frame).items()}
         return {name: self.settings.get(name, value) for name, value in values.items()}
@@ -231,8 +245,8 @@ def drive_faults(drives: Sequence[tuple[str, ChannelName]], where: str) -> list[
 
 def rig_kind(name: str) -> Quantity | None:
     """The kind of quantity of a rig parameter by its dotted name; None where the rig has no such parameter."""
-    if name == PULLEY_FRICTION:
-        return QUANTITIES["friction coefficient"]
+    if name in _OF_PULLEYS:
+        return _OF_PULLEYS[name]
     parts = parameter_name(name)
     return FRAME.get(parts.base) if parts.owner == "frame" else readings().get(parts.kind)
 

@@ -18,11 +18,15 @@ from softcal.twin.robot import Robot
 
 def friction_faults(robot: Robot, experiment: Experiment, free: Collection[str]) -> list[Fault]:
     """What in an experiment cannot be compared under the friction of its pulleys and cables. free: its parameters."""
-    return [*pulley_faults(experiment), *_cable_faults(robot, experiment, free)]
+    return [*pulley_faults(experiment), *_cable_faults(robot, experiment, free), *_order_faults(robot, experiment)]
 
 
 def pulley_faults(experiment: Experiment) -> list[Fault]:
-    """Tensions corrected for the pulleys as on one branch although the samples are of both branches."""
+    """Tensions corrected for the pulleys as on one branch although the samples are of both branches; and where their
+    friction has a memory, samples that are no load path, or whose slip is unknown.
+    """
+    if experiment.rig.pulleys is not None and experiment.rig.pulleys.friction_memory:
+        return _memory_faults(experiment)
     corrected = any(s.name == PULLEY_STEP and s.settings["exponent"] > 0.0 for s in experiment.dataset.provenance)
     turning = experiment.rig.pulleys is not None and experiment.rig.pulleys.turning > 0.0
     tensions = [c for c in (*experiment.drives, *experiment.compared) if experiment.twin_channel(c).kind == TENSION]
@@ -39,6 +43,51 @@ def pulley_faults(experiment: Experiment) -> list[Fault]:
     ]
 
 
+def _memory_faults(experiment: Experiment) -> list[Fault]:
+    dataset = experiment.dataset
+    tensions = [experiment.twin_channel(c) for c in (*experiment.drives, *experiment.compared)]
+    slips = {name.carrier: experiment.shortening_of(name.carrier) for name in tensions if name.kind == TENSION}
+    known = {cable: slip and bool(np.all(np.isfinite(dataset.values(slip)))) for cable, slip in slips.items()}
+    faults = [
+        Fault(
+            "the pulleys' friction has a memory, and the slip over them is unknown",
+            experiment.name,
+            got=f"no shortening of {cable}" if not slips[cable] else f"samples without {slips[cable]}",
+            allowed="the shortening of every sample",
+        )
+        for cable in slips
+        if not known[cable]
+    ]
+    if slips and (dataset.labels or branch_of(dataset)):
+        got = "samples with labels" if dataset.labels else f"take_branch: {branch_of(dataset)}"
+        faults.append(
+            Fault(
+                "the pulleys' friction has a memory, and the samples are no load path in their order",
+                experiment.name,
+                got=got,
+                allowed="both branches, as they were recorded",
+                attempt="friction_memory: false in rig.pulleys",
+            )
+        )
+    return faults
+
+
+def _order_faults(robot: Robot, experiment: Experiment) -> list[Fault]:
+    """Samples that are no load path in their order, where friction along cables has a memory."""
+    branch = branch_of(experiment.dataset)
+    if not robot.remembers or not (experiment.dataset.labels or branch in ("unloading", "mean")):
+        return []
+    return [
+        Fault(
+            "friction with a memory needs the samples in the order in which they were made",
+            experiment.name,
+            got=f"take_branch: {branch}" if branch else "samples with labels, each a state of its own",
+            allowed="a record, row by row",
+            attempt="friction_memory: false",
+        )
+    ]
+
+
 def _cable_faults(robot: Robot, experiment: Experiment, free: Collection[str]) -> list[Fault]:
     branch = branch_of(experiment.dataset) or "loading"
     if branch == "loading" and not _lets_go(experiment):
@@ -47,7 +96,8 @@ def _cable_faults(robot: Robot, experiment: Experiment, free: Collection[str]) -
     for cable in robot.cables:
         key = f"{cable.name}.friction_coefficient"
         friction = experiment.settings.get(key, cable.friction_coefficient)
-        if cable.name in experiment.cables and (friction > 0.0 or key in free):
+        reverses = cable.line.friction_memory or cable.name not in experiment.cables
+        if not reverses and (friction > 0.0 or key in free):
             got = "its samples do both" if branch == "loading" else f"take_branch: {branch}"
             faults.append(let_go_fault(experiment.name, cable.name, got))
     return faults

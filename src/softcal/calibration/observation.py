@@ -9,12 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softcal.calibration.experiment import PULLEY_FRICTION, Experiment
+from softcal.calibration.experiment import Experiment
 from softcal.calibration.frame import FRAME, rotation, rotation_rates
+from softcal.calibration.pulley_gain import PulleyGain, gain_of
 from softcal.checks import Floats
 from softcal.errors import Fault, ParameterError
-from softcal.experiments.steps.branches import branch_of
-from softcal.experiments.steps.pulleys import pulley_gain
 from softcal.sensing.channel import ChannelName, positions
 from softcal.sensing.sensors.cable import SHORTENING, TENSION
 from softcal.twin.protocol import Command
@@ -53,7 +52,7 @@ def commands(experiment: Experiment, rig: Mapping[str, float]) -> dict[str, Comm
     for channel in experiment.drives:
         driven = experiment.twin_channel(channel)
         control = "tension" if driven.kind == TENSION else "shortening"
-        told[driven.carrier] = Command(control, _controls(experiment, rig, channel)[0])
+        told[driven.carrier] = Command(control, *_controls(experiment, rig, channel))
     return told
 
 
@@ -143,7 +142,9 @@ def _slope(
 ) -> Floats:
     """d (a channel of the twin) / d parameter: directly, and by way of the commands."""
     own = response.sensitivities.get(name, {})
-    slope = own[parameter][samples] if parameter in own else np.zeros(len(response.channels[name][samples]))
+    if parameter in own:  # by way of the commands, too, where the robot remembers those before
+        return own[parameter][samples]
+    slope = np.zeros(len(response.channels[name][samples]))
     for channel, changed in by_control.items():
         if parameter not in changed:
             continue
@@ -187,13 +188,13 @@ def _read(
 ) -> tuple[Floats, Derivatives]:
     """A channel of the twin as measured by its instrument: gain and offset, and the derivatives."""
     own = rig.get(name.gain, 1.0)
-    pulleys, by_friction = _pulley_gain(experiment, rig) if name.kind == TENSION else (1.0, 0.0)
-    gain = own * pulleys
+    pulleys = gain_of(experiment, rig, name.carrier) if name.kind == TENSION else PulleyGain(1.0, {})
+    gain = own * pulleys.value
     derivatives = {p: gain * slope for p, slope in slopes.items()}
-    if PULLEY_FRICTION in derivatives:
-        derivatives[PULLEY_FRICTION] = derivatives[PULLEY_FRICTION] + own * by_friction * raw
+    for friction in derivatives.keys() & pulleys.by.keys():
+        derivatives[friction] = derivatives[friction] + own * pulleys.by[friction] * raw
     if name.gain in derivatives:
-        derivatives[name.gain] = derivatives[name.gain] + pulleys * raw
+        derivatives[name.gain] = derivatives[name.gain] + pulleys.value * raw
     if name.offset in derivatives:
         derivatives[name.offset] = derivatives[name.offset] + 1.0
     return gain * raw + rig.get(name.offset, 0.0), derivatives
@@ -206,23 +207,12 @@ def _controls(experiment: Experiment, rig: Mapping[str, float], channel: str) ->
     if driven.kind == SHORTENING:
         # Negative values too: a cable drawn out by the sagging robot is slack there, and taut at zero.
         return measured - rig[driven.offset], {driven.offset: -np.ones_like(measured)}
-    pulleys, by_friction = _pulley_gain(experiment, rig)
-    gain = rig[driven.gain] * pulleys
+    pulleys = gain_of(experiment, rig, driven.carrier)
+    gain = rig[driven.gain] * pulleys.value
     free = (measured - rig[driven.offset]) / gain
     pulled = (free > 0).astype(float)
     controls = np.maximum(free, 0.0)
     derivatives = {driven.offset: -pulled / gain, driven.gain: -controls / rig[driven.gain]}
-    if experiment.rig.pulleys is not None:
-        derivatives[PULLEY_FRICTION] = -controls * by_friction / pulleys
+    for friction, by in pulleys.by.items():
+        derivatives[friction] = -controls * by / pulleys.value
     return controls, derivatives
-
-
-def _pulley_gain(experiment: Experiment, rig: Mapping[str, float]) -> tuple[float, float]:
-    """Tension under the nominal friction over the true one, and its derivative by the friction coefficient."""
-    pulleys = experiment.rig.pulleys
-    if pulleys is None:
-        return 1.0, 0.0
-    branch = branch_of(experiment.dataset) or "loading"
-    nominal, _ = pulley_gain(branch, pulleys.turning * pulleys.friction_coefficient)
-    gain, rate = pulley_gain(branch, pulleys.turning * rig[PULLEY_FRICTION])
-    return gain / nominal, pulleys.turning * rate / nominal

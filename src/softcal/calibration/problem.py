@@ -2,6 +2,7 @@
 
 Experiments that pull the same cables in the same way on a robot of the same parameters share one trajectory: the twin
 is elastic, so the states of the 20, 40 and 60 mm tests are points of one curve, even when each test has its own slack.
+A robot that remembers begins each experiment anew.
 """
 
 from __future__ import annotations
@@ -250,10 +251,10 @@ class Problem:
             of_robot = {name: value for name, value in values.items() if name in known}
             told = commands(experiment, self._rig(experiment, theta))
             driven = sorted((cable, command.control) for cable, command in told.items())
-            key = (*driven, tuple(sorted(of_robot.items())))
+            key = (*driven, tuple(sorted(of_robot.items())), experiment.name if self.robot.remembers else "")
             thetas[key] = of_robot
             groups.setdefault(key, []).append((experiment, told))
-        return [Trajectory(thetas[key], tuple(members)) for key, members in groups.items()]
+        return [Trajectory(thetas[key], tuple(members), self.robot.remembers) for key, members in groups.items()]
 
     def n_simulations(self, *, jacobian: bool = False) -> int:
         """Number of simulations of an evaluation by an engine without derivatives of its own: one for each trajectory,

@@ -9,7 +9,7 @@ from typing import Annotated
 from softcal.calibration.frame import Frame
 from softcal.declare import Declared
 from softcal.limits import LIMITS
-from softcal.quantities import Angle, Friction, Size, Slack, TensionOffset, Wrap
+from softcal.quantities import Angle, Friction, Presliding, Size, Slack, TensionOffset, Wrap
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,11 +21,16 @@ class Pulleys(Declared):
     count : Number of pulleys
     wrap : Angle [rad] that the cable wraps of each
     friction_coefficient : That with which the dataset's tension was brought to the neck's side [-]
+    friction_memory : Whether the friction reverses with the cable: the dataset's tension then is the machine's, of both
+        branches
+    presliding : Travel [m] over which friction with a memory builds up
     """
 
     count: Annotated[int, LIMITS["pulleys"]] = 2
     wrap: Wrap
     friction_coefficient: Friction = 0.0
+    friction_memory: bool = False
+    presliding: Presliding = 1e-4
 
     @property
     def turning(self) -> float:

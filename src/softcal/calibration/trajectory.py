@@ -17,25 +17,35 @@ Member = tuple[Experiment, dict[str, Command]]
 
 @dataclass(frozen=True)
 class Trajectory:
-    """One forward solve that serves several experiments: the robot's values [SI] in it, by dotted name, and these."""
+    """One forward solve that serves several experiments: the robot's values [SI] in it, by dotted name, and these.
+
+    remembers: whether the robot does, so that a state depends on the samples before it.
+    """
 
     theta: Mapping[str, float]
     members: tuple[Member, ...]
+    remembers: bool = False
 
     def protocol(self) -> Protocol:
         _, first = self.members[0]
         return Protocol(
             {
-                cable: Command(command.control, np.concatenate([told[cable].values for _, told in self.members]))
+                cable: Command(
+                    command.control,
+                    np.concatenate([told[cable].values for _, told in self.members]),
+                    {name: np.concatenate([told[cable].by[name] for _, told in self.members]) for name in command.by},
+                )
                 for cable, command in first.items()
             }
         )
 
     def controls(self, free: set[str]) -> list[str]:
-        """The commands with respect to which the response is derived too: those of several cables, where free rig
-        values change them.
+        """What else the response is derived by: commands of several cables, where free rig values change them; or in a
+        robot that remembers these values.
         """
         _, told = self.members[0]
+        if self.remembers:
+            return [name for name in Protocol(told).parameters if name in free]
         if len(told) < 2 or not any(free & control_parameters(experiment) for experiment, _ in self.members):
             return []
         return list(Protocol(told).drives)

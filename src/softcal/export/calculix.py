@@ -17,6 +17,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import Fault, ParameterError
+from softcal.export.cable_faults import cable_faults
 from softcal.export.calculix_cables import cable_lines, dead_pulls
 from softcal.export.calculix_format import listed, number, set_name, weighted_sum
 from softcal.export.load_path import load_path
@@ -76,7 +77,7 @@ def calculix_deck(robot: Robot, shapes: Sequence[Snapshot]) -> Deck:
     Raises
     ------
     ParameterError
-        For features that a deck cannot represent: rods, contact, friction along cables.
+        For features that a deck cannot represent: rods, contact, friction and stretch of cables.
     """
     _require(robot)
     robot = robot.as_clamped
@@ -109,15 +110,11 @@ def _require(robot: Robot) -> None:
 
 
 def deck_faults(robot: Robot) -> list[Fault]:
-    """Faults of features that a deck cannot represent: rods, contact, friction along cables."""
+    """Faults of features that a deck cannot represent: rods, contact, friction and stretch of cables."""
     faults = [
         Fault("a rod has no solid elements to write", where=rod.name, attempt="a solid mesh") for rod in robot.rods
     ]
-    faults += [
-        Fault("cable friction cannot be exported", where=cable.name, got=f"{cable.friction_coefficient:g}", allowed="0")
-        for cable in robot.cables
-        if cable.friction_coefficient > 0.0
-    ]
+    faults += cable_faults(robot, "CalculiX")
     if robot.contact is not None:
         faults.append(Fault("contact cannot be exported", where="contact", attempt="a project without contact"))
     return faults

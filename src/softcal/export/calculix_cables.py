@@ -76,7 +76,7 @@ def dead_pulls(twin: Twin, shape: Snapshot) -> Floats:
     ]
     if not any(pulls):
         return np.zeros((n_points, 3))
-    return -cables.segment_gradient(positions(twin, shape), np.array(pulls), 3 * n_points).reshape(-1, 3)
+    return -cables.segments.gradient(positions(twin, shape), np.array(pulls), 3 * n_points).reshape(-1, 3)
 
 
 def _is_spring(twin: Twin, segment: tuple[Weights, Weights]) -> bool:

@@ -209,6 +209,9 @@ def _error(unit: str, difference: Floats, change: Floats | float) -> ChannelErro
 def _faults(robot: Robot, reaches: Mapping[str, Reach], samples: int) -> list[Fault]:
     known = [cable.name for cable in robot.cables]
     faults = [Fault("there is no such cable", name, allowed=", ".join(known)) for name in reaches if name not in known]
+    if robot.remembers:
+        rough = ", ".join(cable.name for cable in robot.cables if cable.line.friction_memory)
+        faults.append(Fault("a reduced model has no memory", "friction_memory", rough, "friction without a memory"))
     if not 1 <= len(reaches) <= MOST_CABLES:
         faults.append(
             Fault(

@@ -48,7 +48,7 @@ class SofaEngine:
         Raises
         ------
         ParameterError
-            For contact, friction along cables, and elements and laws that SOFA lacks.
+            For contact, friction and stretch of cables, and elements and laws that SOFA lacks.
         """
         if faults := [*scene_faults(robot), *element_faults(robot)]:
             raise ParameterError(faults)

@@ -51,8 +51,8 @@ def write_sofa(
     Raises
     ------
     InputError
-        For features that a scene cannot represent: contact, friction along cables; for a pull that no cable can follow,
-        or that does not determine the parameters.
+        For features that a scene cannot represent: contact, friction and stretch of cables; for a pull that no cable
+        can follow, or that does not determine the parameters.
     SimulationError
         If parameters are to be identified, and the protocol has no solution.
     """

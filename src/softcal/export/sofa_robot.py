@@ -8,6 +8,7 @@ import numpy as np
 
 from softcal.checks import Ints
 from softcal.errors import Fault, ParameterError
+from softcal.export.cable_faults import cable_faults
 from softcal.export.sofa_rods import linear_rod
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quadratic import linear_numbers
@@ -21,11 +22,7 @@ ITS_LAW, ITS_ELEMENT = "neo-hooke", P1.name
 
 def scene_faults(robot: Robot) -> list[Fault]:
     """Faults of features that SOFA with SoftRobots does not support."""
-    faults = [
-        Fault("SOFA's cables have no friction", where=cable.name, got=f"{cable.friction_coefficient:g}", allowed="0")
-        for cable in robot.cables
-        if cable.friction_coefficient > 0.0
-    ]
+    faults = cable_faults(robot, "SOFA")
     faults += [
         Fault(
             "in SOFA a via point is attached to one element, not to the wall of a bore",

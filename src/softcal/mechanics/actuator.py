@@ -13,13 +13,13 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from softcal.checks import Floats
 from softcal.mechanics.layout import Layout
-from softcal.mechanics.term import Given, Sum, Term, Theta
+from softcal.mechanics.term import Given, Sum, Term
 
 NO_GAP = 1e-9  # of a coordinate's scale: a smaller error counts as zero
 NO_EFFORT = 1e-7  # of the largest effort: a smaller one counts as zero
@@ -36,6 +36,24 @@ class Actuator:
     effort: str
     least_effort: float = -np.inf
     most_effort: float = np.inf
+
+
+class Drive(NamedTuple):
+    """How an actuator whose coordinate is prescribed borders the tangent.
+
+    Attributes
+    ----------
+    column
+        d gradient / d effort.
+    row
+        Less d coordinate / d the unknowns; the same array as `column` where the transmission is ideal.
+    corner
+        Less d coordinate / d effort.
+    """
+
+    column: Floats
+    row: Floats
+    corner: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -58,19 +76,24 @@ class ActuatorTerm(Term):
         """dq/dx of its i-th actuator on all entities (size,)."""
 
     @abstractmethod
-    def add_forces(self, x: Floats, effort: Floats, into: Sum, lost: Any) -> None:
-        """Add -e dq/dx to the gradient and, where `into` has `data`, -e d2q/dx2; effort (n,), lost: see `losses`."""
+    def add_forces(self, x: Floats, effort: Floats, into: Sum, transmission: Any) -> None:
+        """Add -e dq/dx to the gradient and, where `into` has `data`, -e d2q/dx2; effort (n,)."""
 
-    def losses(self, x: Floats, theta: Theta) -> Any:
-        """Losses between the effort and the coordinate, such as by friction; None where there are none."""
+    def transmission(self, given: Given) -> Any:
+        """What lies between the machine and the shape, such as friction and stretch; None where nothing does."""
         return None
 
-    def force_gradient(self, x: Floats, i: int, size: int, lost: Any) -> Floats:
-        """d gradient / d effort of its i-th actuator on all entities (size,): -dq/dx, apart from losses."""
-        return -self.coordinate_gradient(x, i, size)
+    def travel(self, given: Given, transmission: Any) -> Floats:
+        """The coordinates (n,) that its machines measure and prescribe: q(x), apart from the transmission."""
+        return self.coordinates(given.state.x)
 
-    def add_losses(self, into: Sum, given: Given, lost: Any) -> None:
-        """Add the losses' own contribution to the tangent."""
+    def drive(self, given: Given, i: int, size: int, transmission: Any) -> Drive:
+        """The border of its i-th actuator on all entities (size,)."""
+        column = -self.coordinate_gradient(given.state.x, i, size)
+        return Drive(column, column)
+
+    def add_losses(self, into: Sum, given: Given, transmission: Any) -> None:
+        """Add the transmission's own contribution to the tangent."""
 
     def coordinate_scales(self, extent: float) -> Floats:
         """Scales of the errors of its coordinates (n,), of a robot of this extent [m]."""
@@ -95,18 +118,17 @@ class ActuatorTerm(Term):
 
     def add(self, into: Sum, given: Given) -> None:
         """Add the forces of the efforts, the errors of the prescribed coordinates, and a border for these."""
-        x, own, size = given.state.x, self.own, len(into.full)
-        is_held, lost = given.controls.is_held[own], self.losses(x, given.theta)
-        self.add_forces(x, given.state.effort[own], into, lost)
-        into.efforts[own] += np.where(is_held, 0.0, given.controls.coordinate[own] - self.coordinates(x))
+        state, own, size = given.state, self.own, len(into.full)
+        is_held, transmission = given.controls.is_held[own], self.transmission(given)
+        self.add_forces(state.x, state.effort[own], into, transmission)
+        travel = self.travel(given, transmission)
+        into.efforts[own] += np.where(is_held, 0.0, given.controls.coordinate[own] - travel)
         if into.data is None:
             return
         for i in np.flatnonzero(~is_held).tolist():
-            column = self.force_gradient(x, i, size, lost)
-            row = column if lost is None else -self.coordinate_gradient(x, i, size)
-            into.driven.append((self.first + i, column, row))
-        if lost is not None:
-            self.add_losses(into, given, lost)
+            into.driven.append((self.first + i, self.drive(given, i, size, transmission)))
+        if transmission is not None:
+            self.add_losses(into, given, transmission)
 
     def energy(self, given: Given) -> float:
         """Without losses; of the prescribed efforts, up to a constant."""

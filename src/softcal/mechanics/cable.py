@@ -1,57 +1,45 @@
 """Cables: polylines through points, with a tension as multiplier of a prescribed length.
 
-    Pi_c = -T (q - d),   q = L0 - L,   L = sum over segments of |sum_s sigma_s x_s|
+    Pi_c = -T (q - d),   q = L0 - L + stretch,   L = sum over segments of |sum_s sigma_s x_s|
 
-A segment's ends may be points or weighted sums of points (a via point inside a tet), so a segment is a list of entities
-with signed weights sigma_s. As an actuator its coordinate is its shortening q, its effort the tension T.
+As an actuator a cable's coordinate is its shortening q, its effort the tension T at its pulled end. A line that
+stretches, and a machine that gives way, lengthen the cable in proportion to their tensions:
 
-Two neighbouring via points that the cable pulls onto each other have *met*: below the length `MET` the segment length
-|v| is replaced by a smooth function with a minimum, so that they can transmit any force between them up to the tension.
+    q = L0 - L + sum_k c_k (T_k - T0) + c (T - T0),   c_k = l0_k / EA
+
+with the pretension T0 that is there at q = 0 while the robot is at rest. T_k of segment k: see `tensions.py`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-import numba
 import numpy as np
 
 from softcal.checks import Floats, Ints
-from softcal.mechanics.actuator import NO_GAP, Actuator, ActuatorTerm
-from softcal.mechanics.cable_friction import CapstanLoss, factor_rates, friction_loss, loss_border
-from softcal.mechanics.layout import FIXED, Layout
+from softcal.mechanics.actuator import NO_GAP, Actuator, ActuatorTerm, Drive
+from softcal.mechanics.layout import Layout
 from softcal.mechanics.pattern import Pattern
-from softcal.mechanics.term import Connectivity, Given, Sum, Theta
+from softcal.mechanics.segments import MET, Segments
+from softcal.mechanics.state import State
+from softcal.mechanics.tensions import KINDS, Course, ShapeRates, Tensions, lines_of, tensions, turns
+from softcal.mechanics.term import NOTHING, Connectivity, Entries, Given, LowRank, Sum, Theta
 
 if TYPE_CHECKING:
     from softcal.mechanics.system import System
 
-MET = 1e-3  # of a segment's length at rest: below it the segment's ends have met
 
+@dataclass
+class Once:
+    """The tensions at a state and theta, found once for all that need them there."""
 
-@dataclass(frozen=True)
-class CablePlaces:
-    """Places of the segments' blocks in the tangent's long array.
-
-    Attributes
-    ----------
-    pairs
-        Place of each row of each block (n_pairs, 3).
-    pair_ptr
-        The blocks of segment k are pairs[pair_ptr[k]:pair_ptr[k+1]] (n_segments + 1,).
-    moves
-        Whether a point can move (n_points,).
-    """
-
-    pairs: Ints
-    pair_ptr: Ints
-    moves: np.ndarray
-
-
-UNPLANNED = CablePlaces(np.zeros((0, 3), dtype=np.int64), np.zeros(1, dtype=np.int64), np.zeros(0, dtype=bool))
+    state: State
+    theta: Theta | None = None
+    found: Tensions | None = None
 
 
 @dataclass(frozen=True)
@@ -62,212 +50,269 @@ class CableTerm(ActuatorTerm):
     ----------
     names
         Names of the cables (n_cables,).
-    ptr
-        The entries of segment k are ptr[k]:ptr[k+1] (n_segments + 1,).
-    support
-        Points of the segments (n_entries,), ascending in each.
-    sigma
-        Their signed weights (n_entries,) [-].
+    segments
+        Their segments, in the order of the via points.
     cable
         Cable of each segment (n_segments,).
-    rest_length
-        Length of each cable at rest (n_cables,) [m].
-    pulled_last
-        Whether the tension is that of the last segment, or else of the first (n_cables,): matters with friction.
-    met
-        Length below which a segment's ends have met (n_segments,) [m].
-    by_offset
-        d sigma / d routing offset of the own cable (n_entries,) [1/m].
+    order
+        The segments of one cable after the other, each cable's from its pulled end on (n_segments,).
+    rest
+        Length of each segment at rest (n_segments,) [m].
     rest_by_offset
-        d rest_length / d routing offset (n_cables,) [-].
-    places
-        Places of the blocks in the tangent.
+        d rest / d routing offset of the own cable (n_segments,) [-].
+    stated
+        Names of the parameters of lines that are not as by default, such as `front.stiffness`.
     """
 
     names: tuple[str, ...]
-    ptr: Ints
-    support: Ints
-    sigma: Floats
+    segments: Segments
     cable: Ints
-    rest_length: Floats
-    pulled_last: np.ndarray
-    met: Floats
-    by_offset: Floats
+    order: Ints
+    rest: Floats
     rest_by_offset: Floats
-    places: CablePlaces = UNPLANNED
+    stated: tuple[str, ...] = ()
 
     @property
     def n_cables(self) -> int:
-        return len(self.rest_length)
+        return len(self.names)
+
+    @cached_property
+    def rest_length(self) -> Floats:
+        """Length of each cable at rest (n_cables,) [m]."""
+        return self._per_cable(self.rest)
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        return tuple(f"{name}.{of}" for name in self.names for of in ("friction_coefficient", "routing_offset"))
+        own = tuple(f"{name}.{of}" for name in self.names for of in ("friction_coefficient", "routing_offset"))
+        return (*own, *self.stated)
 
     def connectivity(self, layout: Layout) -> Connectivity:
         """The points of each segment."""
-        return Connectivity(self._segments())
+        return Connectivity(self.segments.points)
 
     def plan(self, layout: Layout, pattern: Pattern) -> CableTerm:
-        blocks = [pattern.blocks(segment)[0] for segment in self._segments()]
-        ptr = np.cumsum([0, *(len(pairs) for pairs in blocks)])
-        moves = (layout.rider != FIXED) & (layout.rider < layout.n_moving_frames)
-        return replace(self, places=CablePlaces(np.concatenate([UNPLANNED.pairs, *blocks]), ptr, moves))
+        return replace(self, segments=self.segments.plan(layout, pattern))
 
     @property
     def actuators(self) -> tuple[Actuator, ...]:
         return tuple(Actuator(name, "shortening", "tension", least_effort=0.0) for name in self.names)
 
+    def kinematics(self, state: State) -> Once:
+        return Once(state)
+
     def coordinates(self, x: Floats) -> Floats:
-        """The shortening of each cable (n_cables,) [m]."""
+        """The shortening of each cable without stretch (n_cables,) [m]."""
         return self.rest_length - self.lengths(x)
 
     def coordinate_gradient(self, x: Floats, i: int, size: int) -> Floats:
-        return -self.length_gradient(x, i, size)
+        return -self.segments.gradient(x, (self.cable == i).astype(np.float64), size)
 
-    def losses(self, x: Floats, theta: Theta) -> CapstanLoss | None:
-        loss = self.loss(x, theta)
-        return loss if len(loss.mu) else None
+    def transmission(self, given: Given) -> Tensions | None:
+        if lines_of(self.names, given.theta).are_ideal:
+            return None
+        return self.tensions(given)
 
-    def add_forces(self, x: Floats, effort: Floats, into: Sum, lost: CapstanLoss | None) -> None:
-        self.pull(x, effort[self.cable] * (1.0 if lost is None else lost.factor), into.full, into.data)
+    def travel(self, given: Given, transmission: Tensions | None) -> Floats:
+        geometric = self.coordinates(given.state.x)
+        return geometric if transmission is None else geometric + transmission.stretch
 
-    def force_gradient(self, x: Floats, i: int, size: int, lost: CapstanLoss | None) -> Floats:
-        return self.length_gradient(x, i, size, 1.0 if lost is None else lost.factor)
+    def add_forces(self, x: Floats, effort: Floats, into: Sum, transmission: Tensions | None) -> None:
+        tension = effort[self.cable] if transmission is None else self._by_segment(transmission.segments)
+        self.segments.pull(x, tension, into.full, into.data)
 
-    def add_losses(self, into: Sum, given: Given, lost: CapstanLoss) -> None:
-        x, tension = given.state.x, given.state.effort[self.own]
-        columns, rows = loss_border(self, x, lost, tension, self.places.moves, len(into.full))
-        into.rank_one.extend(zip(columns.T, rows.T, strict=True))
+    def drive(self, given: Given, i: int, size: int, transmission: Tensions | None) -> Drive:
+        if transmission is None:
+            return super().drive(given, i, size, None)
+        along, own = transmission, slice(self._ptr[i], self._ptr[i + 1])
+        by_tension = along.factor[own] + along.segments[own] * along.by_pull[own]
+        column, row = np.zeros(size), np.zeros(size)
+        gradient = self.segments.entries(self.order[own], along.course.slopes[own])
+        np.add.at(column, gradient.rows, gradient.values * by_tension[gradient.columns])
+        np.add.at(row, gradient.rows, gradient.values)
+        softness = along.softness[own]
+        for shape in along.by_shape if softness.any() else ():
+            if shape.own == own:
+                weights, basis = (softness * along.segments[own]) @ shape.rates, self._basis(along, shape)
+                np.subtract.at(row, basis.rows, basis.values * weights[basis.columns])
+        return Drive(column, row, -float(softness @ by_tension + along.lines.compliance[i]))
+
+    def add_losses(self, into: Sum, given: Given, transmission: Tensions) -> None:
+        """The tensions change with the angles and slips at the via points: for each segment that moves a column, its
+        force, and a row, the gradient of the logarithm of its tension.
+        """
+        along = transmission
+        for shape in along.by_shape:
+            acts = along.course.moves[shape.own] & (along.segments[shape.own] != 0.0) & shape.rates.any(axis=1)
+            which = shape.own.start + np.flatnonzero(acts)
+            if len(which):
+                slopes = along.segments[which, None] * along.course.slopes[which]
+                columns = self.segments.entries(self.order[which], slopes)
+                into.low_rank.append(LowRank(columns, self._basis(along, shape), shape.rates[acts].T))
+
+    def _basis(self, along: Tensions, shape: ShapeRates) -> Entries:
+        """Gradients of the lengths and angles by which a cable's tensions change."""
+        longer, turned, order, by = shape.longer, shape.turned, self.order, along.course.turns
+        of_lengths = self.segments.entries(order[longer], along.course.slopes[longer])
+        of_turns = self.segments.entries(order[turned], by.by_far[turned]).joined(
+            self.segments.entries(order[turned - 1], by.by_near[turned])
+        )
+        return of_lengths.joined(of_turns, shift=len(longer))
 
     def add_by_parameters(self, into: Mapping[str, Sum], given: Given) -> None:
         if into.keys().isdisjoint(self.parameters):
             return
-        x, loss = given.state.x, self.loss(given.state.x, given.theta, by_all=True)
+        x, along = given.state.x, self.tensions(given)
         for i, name in enumerate(self.names):
-            tension = np.where(self.cable == i, given.state.effort[self.first + i], 0.0)
-            if (one := into.get(f"{name}.friction_coefficient")) is not None:
-                one.full += self.segment_gradient(x, tension * loss.by_mu, len(one.full))
+            for kind in KINDS:
+                if (one := into.get(f"{name}.{kind}")) is not None:
+                    r, _, stretch = along.by_property(kind, i)
+                    self._add_rates(one, given, along, along.respond(r[:, None])[:, 0], i, stretch)
             if (one := into.get(f"{name}.routing_offset")) is not None:
-                rates = factor_rates(loss, self.vectors_by_offset(x))
-                one.full += self.gradient_by_offset(x, tension * loss.factor, tension * rates, len(one.full))
+                r, _, travel = self._by_offset(x, along, i)
+                rho, own = along.respond(r[:, None])[:, 0], self.cable == i
+                tension = self._by_segment(along.segments)
+                rates = self._by_segment(along.segments * rho)
+                one.full += self.segments.gradient_by_offset(
+                    x, np.where(own, tension, 0.0), np.where(own, rates, 0.0), len(one.full)
+                )
                 if not given.controls.is_held[self.first + i]:
-                    one.efforts[self.first + i] -= self.shortening_by_offset(x)[i]
+                    stretch = along.stretch_rates(rho, np.zeros(self.n_cables))[i]
+                    one.efforts[self.first + i] -= travel + stretch
 
-    def vectors(self, x: Floats) -> Floats:
-        """Segment vectors (n_segments, 3) [m]."""
-        return np.add.reduceat(self.sigma[:, None] * x[self.support], self.ptr[:-1], axis=0)
+    def _add_rates(self, one: Sum, given: Given, along: Tensions, rho: Floats, i: int, stretch: float) -> None:
+        """Add the rates of the gradient at rates of rho (n_segments,) and, of cable i, of its stretch at fixed rho."""
+        one.full += self.segments.gradient(given.state.x, self._by_segment(along.segments * rho), len(one.full))
+        changes = along.stretch_rates(rho, np.zeros(self.n_cables))
+        changes[i] += stretch
+        one.efforts[self.own] -= np.where(given.controls.is_held[self.own], 0.0, changes)
 
-    def vectors_by_offset(self, x: Floats) -> Floats:
-        """d segment vectors / d routing offset of their cable (n_segments, 3), with the supporting points fixed."""
-        return np.add.reduceat(self.by_offset[:, None] * x[self.support], self.ptr[:-1], axis=0)
+    def _by_offset(self, x: Floats, along: Tensions, i: int) -> tuple[Floats, Floats, float]:
+        """Derivatives at fixed rho by the routing offset of cable i: of r and of the slips (n_segments,), and of the
+        shortening.
+        """
+        own, order = self.cable == i, self.order
+        v_rates = np.where(own[:, None], self.segments.vectors_by_offset(x), 0.0)[order]
+        longer = np.where(own, self.segments.lengths_by_offset(x) - self.rest_by_offset, 0.0)[order]
+        of_rest = np.where(own, self.rest_by_offset, 0.0)[order]
+        slip, stretch = along.by_softness(of_rest * along.lines.softness[i])
+        slip += along.beyond(longer)
+        r = along.by_angle * along.course.turns.rates(v_rates) + along.by_slip * slip
+        return r, slip, stretch - float(longer.sum())
 
-    def lengths_by_offset(self, x: Floats) -> Floats:
-        """d length of each cable / d its routing offset (n_cables,), with the supporting points fixed."""
-        by_offset = np.zeros(self.n_cables)
-        if len(self.cable):
-            v = self.vectors(x)
-            first, _ = _rates(v, self.met)
-            np.add.at(by_offset, self.cable, first * (v * self.vectors_by_offset(x)).sum(axis=1))
-        return by_offset
+    # Friction with a memory: the plastic slips at the inner via points, in the order of the tensions.
 
-    def shortening_by_offset(self, x: Floats) -> Floats:
-        """d shortening of each cable / d its routing offset (n_cables,), at fixed unknowns."""
-        return self.rest_by_offset - self.lengths_by_offset(x)
+    @cached_property
+    def _inner(self) -> Ints:
+        return np.setdiff1d(np.arange(len(self.segments)), self._ptr[:-1])
+
+    def _slips(self, memory: Floats) -> Floats:
+        """The memory by segment (n_segments,): that of the via point before it."""
+        slips = np.zeros(len(self.segments))
+        if len(memory):
+            slips[self._inner] = memory
+        return slips
+
+    @cached_property
+    def remembers(self) -> bool:
+        """Whether the friction of one of the cables has a memory."""
+        return any(name.endswith(".presliding") for name in self.stated)
+
+    def first_memory(self) -> Floats:
+        return np.zeros(len(self._inner)) if self.remembers else NOTHING
+
+    def advance(self, given: Given) -> Floats:
+        return self.tensions(given).plastic_slip[self._inner] if self.remembers else given.memory
+
+    def add_by_memory(self, into: Sum, given: Given, rate: Floats) -> None:
+        if self.remembers:
+            along = self.tensions(given)
+            rho = along.respond(-(along.by_slip * self._slips(rate))[:, None])[:, 0]
+            self._add_rates(into, given, along, rho, 0, 0.0)
+
+    def advance_rate(self, given: Given, parameter: str, rate: State, memory_rate: Floats) -> Floats:
+        if not self.remembers:
+            return memory_rate
+        x, along, order, before = given.state.x, self.tensions(given), self.order, self._slips(memory_rate)
+        v_rates = self.segments.vectors(rate.x)[order]
+        pull = rate.effort[self.own]
+        pulled = np.where(along.pull > 0.0, pull, 0.0)[along.cable] * along.softness * along.factor
+        slip = along.beyond((self.segments.length_slopes(x)[order] * v_rates).sum(axis=1) - pulled)
+        r = along.by_angle * along.course.turns.rates(v_rates) + along.by_slip * (slip - before)
+        presliding = np.zeros(self.n_cables)
+        for i, name in enumerate(self.names):
+            owner, _, kind = parameter.rpartition(".")
+            if owner != name:
+                continue
+            is_offset = kind == "routing_offset"
+            by, of_slip, _ = self._by_offset(x, along, i) if is_offset else along.by_property(kind, i)
+            r, slip = r + by, slip + of_slip
+            presliding[i] = kind == "presliding"
+        rho = along.respond(r[:, None])[:, 0]
+        slip -= along.beyond(along.stretched * rho)
+        return along.plastic_slip_rates(slip, before, presliding)[self._inner]
+
+    def tensions(self, given: Given) -> Tensions:
+        """The tensions along the cables."""
+        once = given.known if isinstance(given.known, Once) else Once(given.state)
+        if once.found is None or once.state is not given.state or once.theta is not given.theta:
+            once.theta, once.found = given.theta, self._tensions(given)
+        return once.found
+
+    def _tensions(self, given: Given) -> Tensions:
+        x, order = given.state.x, self.order
+        course = Course(
+            self._ptr,
+            self.rest[order],
+            (self.segments.lengths(x) - self.rest)[order],
+            self.segments.length_slopes(x)[order],
+            self.segments.places.moves[order],
+            turns(self.segments.vectors(x)[order], self._ptr),
+        )
+        return tensions(
+            lines_of(self.names, given.theta), course, given.state.effort[self.own], self._slips(given.memory)
+        )
+
+    @cached_property
+    def _ptr(self) -> Ints:
+        return np.concatenate([[0], np.cumsum(np.bincount(self.cable, minlength=self.n_cables))]).astype(np.int64)
+
+    def _by_segment(self, values: Floats) -> Floats:
+        """Values in the order of the tensions, in that of the segments."""
+        out = np.empty_like(values)
+        out[self.order] = values
+        return out
+
+    def _per_cable(self, values: Floats) -> Floats:
+        return np.bincount(self.cable, weights=values, minlength=self.n_cables).astype(np.float64)
+
+    def energy(self, given: Given) -> float:
+        """Of stretched lines that energy less, which the tensions take from the shortening."""
+        lines, effort = lines_of(self.names, given.theta), given.state.effort[self.own]
+        soft = self.rest_length * lines.softness + lines.compliance
+        return super().energy(given) - float(effort @ (soft * (0.5 * effort - lines.pretension)))
 
     def lengths(self, x: Floats) -> Floats:
         """Length of each cable (n_cables,) [m]."""
-        if len(self.cable) == 0:
-            return np.zeros(self.n_cables)
-        lengths: Floats = np.zeros(self.n_cables)
-        apart = np.linalg.norm(self.vectors(x), axis=1)
-        least = np.maximum(apart, self.met)
-        square = (apart / least) ** 2
-        np.add.at(lengths, self.cable, least * (3.0 + square * (6.0 - square)) / 8.0)
-        return lengths
+        return self._per_cable(self.segments.lengths(x))
 
     def coordinate_tolerances(self, extent: float) -> Floats:
         return NO_GAP * self.rest_length
 
     def is_reversed(self, before: Floats, x: Floats) -> bool:
         """Whether one of the segments is."""
-        return len(self.cable) > 0 and bool(np.any((self.vectors(before) * self.vectors(x)).sum(axis=1) < 0.0))
+        return bool(np.any((self.segments.vectors(before) * self.segments.vectors(x)).sum(axis=1) < 0.0))
 
     def at_limit(self, x: Floats) -> str:
         """The via points that have met, as part of a sentence; "" where none have."""
-        if len(self.cable) == 0:
-            return ""
-        now = np.linalg.norm(self.vectors(x), axis=1)
+        met = self.segments.met
+        now = np.linalg.norm(self.segments.vectors(x), axis=1)
         pairs = [
             f"via points {number} and {number + 1} of {self.names[self.cable[k]]} have met "
-            f"({1e3 * now[k]:.2g} mm apart, {1e3 * self.met[k] / MET:.4g} mm at rest)"
-            for k in np.flatnonzero(now < 1.5 * self.met)
+            f"({1e3 * now[k]:.2g} mm apart, {1e3 * met[k] / MET:.4g} mm at rest)"
+            for k in np.flatnonzero(now < 1.5 * met)
             for number in [k - int(np.searchsorted(self.cable, self.cable[k])) + 1]
         ]
         return ", ".join(pairs)
-
-    def pull(self, x: Floats, segment_tension: Floats, gradient: Floats, data: Floats | None) -> None:
-        """Add the forces of the tensions to the gradient and, where `data` is given, T times the length's second
-        derivative.
-        """
-        if len(self.cable) == 0:
-            return
-        v = self.vectors(x)
-        _add(
-            gradient,
-            np.zeros(0) if data is None else data,
-            data is not None,
-            v,
-            *_rates(v, self.met),
-            self.ptr,
-            self.support,
-            self.sigma,
-            segment_tension,
-            self.places.pairs,
-            self.places.pair_ptr,
-        )
-
-    def length_gradient(self, x: Floats, i_cable: int, size: int, factor: Floats | float = 1.0) -> Floats:
-        """dL/dx of one cable on all entities (size,); factor (n_segments,): of the tension along it."""
-        return self.segment_gradient(x, np.where(self.cable == i_cable, factor, 0.0), size)
-
-    def segment_gradient(self, x: Floats, weights: Floats, size: int) -> Floats:
-        """Sum of weights (n_segments,) times the segments' length gradients, on all entities (size,)."""
-        gradient = np.zeros(size)
-        v = self.vectors(x)
-        first, _ = _rates(v, self.met)
-        for k in np.flatnonzero(weights):
-            n = weights[k] * first[k] * v[k]
-            for s in range(self.ptr[k], self.ptr[k + 1]):
-                at = 3 * self.support[s]
-                gradient[at : at + 3] += self.sigma[s] * n
-        return gradient
-
-    def gradient_by_offset(self, x: Floats, tension: Floats, tension_rate: Floats, size: int) -> Floats:
-        """d / d routing offset of the gradient (size,) that segment tensions (n_segments,) [N] give.
-
-        tension_rate (n_segments,) [N/m]: the tensions' own derivative.
-        """
-        gradient = np.zeros(size)
-        v, dv = self.vectors(x), self.vectors_by_offset(x)
-        first, second = _rates(v, self.met)
-        for k in np.flatnonzero((tension != 0.0) | (tension_rate != 0.0)):
-            n = first[k] * v[k]
-            turned = first[k] * dv[k] - second[k] * (v[k] @ dv[k]) * v[k]
-            for s in range(self.ptr[k], self.ptr[k + 1]):
-                at = 3 * self.support[s]
-                gradient[at : at + 3] += self.by_offset[s] * tension[k] * n
-                gradient[at : at + 3] += self.sigma[s] * (tension[k] * turned + tension_rate[k] * n)
-        return gradient
-
-    def loss(self, x: Floats, theta: Theta, *, by_all: bool = False) -> CapstanLoss:
-        """The friction losses of the tensions."""
-        mu = np.array([theta[f"{name}.friction_coefficient"] for name in self.names])
-        return friction_loss(self, x, mu, by_all=by_all)
-
-    def _segments(self) -> list[Ints]:
-        """Points of each segment (1, k)."""
-        return [self.support[None, self.ptr[k] : self.ptr[k + 1]] for k in range(len(self.cable))]
 
 
 def cables_of(system: System) -> CableTerm:
@@ -283,14 +328,17 @@ def build_cables(
     supports: dict[str, list[Weights]],
     pulled_last: np.ndarray,
     by_offset: dict[str, list[Weights]] | None = None,
+    stated: tuple[str, ...] = (),
 ) -> CableTerm:
     """The term of cables given, by name and via point, as weighted points [(point, weight), ...].
 
-    The rest length is the polyline's on the undeformed robot, X (n_points, 3) [m]. by_offset, of cables that have a
-    routing offset: its via points' derivatives by that, as points with weights [1/m] whose sum is zero.
+    The rest length is the polyline's on the undeformed robot, X (n_points, 3) [m]. pulled_last (n_cables,): whether a
+    cable is pulled at its last via point, or else at its first. by_offset, of cables that have a routing offset: its
+    via points' derivatives by that, as points with weights [1/m] whose sum is zero. stated: see `CableTerm`.
     """
-    ptr, support, sigma, rates, cable = [0], [], [], [], []
+    ptr, support, sigma, rates, cable, order = [0], [], [], [], [], list[int]()
     for c, (name, via) in enumerate(supports.items()):
+        first = len(cable)
         moves = (by_offset or {}).get(name) or [[] for _ in via]
         for ends, ways in zip(pairwise(via), pairwise(moves), strict=True):
             weights, changes = _difference(*ends), _difference(*ways)
@@ -300,20 +348,25 @@ def build_cables(
             rates.extend(changes.get(p, 0.0) for p in points)
             ptr.append(len(support))
             cable.append(c)
-    term = CableTerm(
-        tuple(supports),
+        own = range(first, len(cable))
+        order.extend(reversed(own) if pulled_last[c] else own)
+    segments = Segments(
         np.array(ptr, dtype=np.int64),
         np.array(support, dtype=np.int64),
         np.array(sigma, dtype=np.float64),
-        np.array(cable, dtype=np.int64),
-        np.zeros(len(supports)),
-        pulled_last,
-        np.zeros(len(cable)),
         np.array(rates, dtype=np.float64),
-        np.zeros(len(supports)),
+        np.zeros(len(cable)),
     )
-    met = MET * np.linalg.norm(term.vectors(X), axis=1) if cable else term.met
-    return replace(term, rest_length=term.lengths(X), met=met, rest_by_offset=term.lengths_by_offset(X))
+    segments = replace(segments, met=MET * np.linalg.norm(segments.vectors(X), axis=1))
+    return CableTerm(
+        tuple(supports),
+        segments,
+        np.array(cable, dtype=np.int64),
+        np.array(order, dtype=np.int64),
+        segments.lengths(X),
+        segments.lengths_by_offset(X),
+        stated,
+    )
 
 
 def _difference(start: Weights, end: Weights) -> dict[int, float]:
@@ -323,46 +376,3 @@ def _difference(start: Weights, end: Weights) -> dict[int, float]:
         for point, weight in place:
             weights[point] = weights.get(point, 0.0) + sign * weight
     return weights
-
-
-def _rates(v: Floats, met: Floats) -> tuple[Floats, Floats]:
-    """a, b (n_segments,) with which a segment's length has the gradient a v and the second derivative a I - b v v^T."""
-    square = (v * v).sum(axis=1)
-    m = np.maximum(np.sqrt(square), met)
-    return (1.5 - 0.5 * square / m**2) / m, 1.0 / m**3
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _add(
-    gradient: Floats,
-    data: Floats,
-    with_tangent: bool,
-    v: Floats,
-    first: Floats,
-    second: Floats,
-    ptr: Ints,
-    support: Ints,
-    sigma: Floats,
-    tension: Floats,
-    pairs: Ints,
-    pair_ptr: Ints,
-) -> None:
-    B = np.empty((3, 3))
-    for k in range(len(tension)):
-        T = tension[k]
-        n = first[k] * v[k]
-        for s in range(ptr[k], ptr[k + 1]):
-            for i in range(3):
-                gradient[3 * support[s] + i] += T * sigma[s] * n[i]
-        if not with_tangent:
-            continue
-        for i in range(3):
-            for j in range(3):
-                B[i, j] = ((first[k] if i == j else 0.0) - second[k] * v[k, i] * v[k, j]) * T
-        m = pair_ptr[k]
-        for s in range(ptr[k], ptr[k + 1]):
-            for t in range(s, ptr[k + 1]):
-                for i in range(3):
-                    for j in range(i if s == t else 0, 3):
-                        data[pairs[m, i] + j] += sigma[s] * sigma[t] * B[i, j]
-                m += 1

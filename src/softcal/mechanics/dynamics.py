@@ -128,7 +128,7 @@ class Dynamics:
 
     def _gap(self, state: State, wanted: Controls) -> Floats:
         """What each coordinate lacks to the prescribed one (n_actuators,): of a cable, the excess of its length [m]."""
-        return wanted.coordinate - self.system.coordinates(state.x)
+        return wanted.coordinate - self.system.coordinates(state, self.theta)
 
     def _one_solve(self, now: Instant, step: float, wanted: Controls) -> Instant:
         system = self._begin(now, step)
@@ -143,18 +143,20 @@ class Dynamics:
         columns = np.zeros((len(at.reduced), 1 + len(acting)))
         columns[:, 0] = at.reduced
         for k, i in enumerate(acting):
-            columns[: system.layout.first_effort_unknown, 1 + k] = system.force_gradient(start, int(i), self.theta)
+            columns[: system.layout.first_effort_unknown, 1 + k] = system.drive(start, int(i), self.theta).column
         solved = statics.solve(columns)
         dz, responses = -solved[:, 0], solved[:, 1:]
         effort = np.where(wanted.is_held, wanted.effort, 0.0)
         dz -= responses @ effort[acting]
         driven = ~wanted.is_held[acting]
         if driven.any():
-            rows = np.stack([-system.coordinate_gradient(start, int(i)) for i in acting[driven]])
+            drives = [system.drive(start, int(i), self.theta) for i in acting[driven]]
+            rows = np.stack([drive.row for drive in drives])
             rows = np.concatenate([rows, np.zeros((len(rows), n))], axis=1)
             gap = self._gap(start, wanted)[acting[driven]] + rows @ dz
             least, most = (limit[acting[driven]] for limit in system.effort_limits)
-            efforts = efforts_within(least, most, rows @ responses[:, driven], gap)
+            own = np.diag([drive.corner for drive in drives])
+            efforts = efforts_within(least, most, rows @ responses[:, driven] - own, gap)
             dz -= responses[:, driven] @ efforts
             effort[acting[driven]] = efforts
         dz[system.layout.first_effort_unknown :] = effort

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from softcal.checks import Floats
+from softcal.checks import Floats, Ints
 from softcal.errors import SimulationError
 from softcal.mechanics.actuator import SWITCHING
 from softcal.mechanics.node import Line, Node, node_at, pushing, returning
@@ -58,7 +58,7 @@ class Reached:
     controls
         The controls there.
     by_parameter
-        dz/dtheta at fixed commands (n_unknowns, k).
+        dz/dtheta (n_unknowns, k).
     snaps, has_snapped
         Whether the robot snapped through on the line to it, and whether there or before.
     commanded
@@ -73,28 +73,42 @@ class Reached:
     commanded: CommandPath | None = None
 
 
-def reach(statics: Statics, last: Reached, target: Controls, names: tuple[str, ...]) -> Reached:
+@dataclass(frozen=True)
+class Target:
+    """Commands, and what else is wanted there.
+
+    Attributes
+    ----------
+    controls
+        The commands; `is_held` marks the actuators that are commanded by their effort, all others are by their
+        coordinate.
+    names
+        Of the parameters by which derivatives are wanted (k,).
+    rates
+        Derivatives of the commands by these (n_actuators, k); None: they are fixed.
+    """
+
+    controls: Controls
+    names: tuple[str, ...] = ()
+    rates: Floats | None = None
+
+
+def reach(statics: Statics, last: Reached, aim: Target) -> Reached:
     """Solve at the target with an active-set loop: follow a straight line with each actuator driven, or held at a limit
     of its effort, as before (cables: taut or slack); hold those whose effort passes a limit, drive those at a limit
     again that must be, and repeat until unchanged.
-
-    Parameters
-    ----------
-    target
-        `is_held` marks the actuators that are commanded by their effort; all others are by their coordinate.
-    names
-        Of the parameters by which derivatives are wanted.
 
     Raises
     ------
     SimulationError
         Where there is no equilibrium, or none was found.
     """
+    target, names = aim.controls, aim.names
     system, by_coordinate = statics.system, ~target.is_held
     state, snaps = last.state, False
     # A driven actuator moves from its present coordinate to the target's; the check below drives those at a limit.
     held = last.controls.is_held
-    start = Controls(held, np.where(held, last.controls.effort, 0.0), system.coordinates(state.x))
+    start = Controls(held, np.where(held, last.controls.effort, 0.0), system.coordinates(state, statics.theta))
     commanded, end = last.commanded, None if last.commanded is None else last.commanded.to(target)
     for _ in range(4 * len(system.actuators) + 4):
         if commanded is None or end is None:
@@ -105,9 +119,11 @@ def reach(statics: Statics, last: Reached, target: Controls, names: tuple[str, .
         if not np.any(line.effort_rate[start.is_held]) and not np.any(line.coordinate_rate[~start.is_held]):
             node, commanded = stable_node_at(statics, line, end, state, names), None
             snaps |= node.is_snapped
+        elif (node := _at_once(statics, line, state, names, last if state is last.state else None)) is not None:
+            commanded = None
         else:
             begin = commanded.nodes or (replace(node_at(statics, line, 0.0, state, ()), has_snapped=has_snapped),)
-            path = follow(statics, line, begin, end, first_step=end - begin[-1].c, names=names)
+            path = follow(statics, line, begin, end, first_step=end - begin[-1].c, names=names, mixed=False)
             first = next((i for i, node in enumerate(path.nodes) if (driven & pushing(system, node.state)).any()), None)
             node = path.nodes[-1]
             if not path.reached and first is not None and DEPENDENT not in path.status:
@@ -119,13 +135,13 @@ def reach(statics: Statics, last: Reached, target: Controls, names: tuple[str, .
             snaps |= any(node.is_snapped for node in path.nodes[1:])
             commanded = CommandPath(line, path.nodes[-2:])
         state, here = node.state, line.at(node.c)
-        coordinates = system.coordinates(state.x)
+        coordinates = system.coordinates(state, statics.theta)
         pushes = driven & pushing(system, state)
         returns = by_coordinate & start.is_held & returning(statics, state.effort, target.coordinate - coordinates)
         returns &= node.c == end
         if not pushes.any() and not returns.any():
             controls = _held(target, start.is_held, start.effort)
-            return _reached(statics, node, controls, names, snaps, last.has_snapped or snaps, commanded)
+            return _reached(statics, node, controls, aim, (snaps, last.has_snapped or snaps), commanded)
         if snaps:
             break  # the snap-through was found with fixed taut and slack states; with switching ones it ends elsewhere
         is_held = (start.is_held | pushes) & ~returns
@@ -133,12 +149,34 @@ def reach(statics: Statics, last: Reached, target: Controls, names: tuple[str, .
         start = Controls(is_held, np.where(is_held, effort, 0.0), coordinates)
         if pushes.any():
             state = _released(statics, state, start, pushes)
-            start = replace(start, coordinate=system.coordinates(state.x))
+            start = replace(start, coordinate=system.coordinates(state, statics.theta))
         commanded = None
-    return _fallen(statics, last, target, names)
+    return _fallen(statics, last, aim)
 
 
-def _fallen(statics: Statics, last: Reached, target: Controls, names: tuple[str, ...]) -> Reached:
+def _at_once(statics: Statics, line: Line, state: State, names: tuple[str, ...], last: Reached | None) -> Node | None:
+    """The node at the end of a line in one step with a tangent predictor, in a robot that remembers, whose samples
+    are close; None where that does not converge.
+
+    last: the sample whose state this is, where its tangent is the one factorised last.
+    """
+    if not statics.system.remembers:
+        return None
+    controls = line.at(1.0)
+    here = replace(state, effort=np.where(controls.is_held, controls.effort, state.effort))
+    is_kept = last is not None and not last.has_snapped and bool(np.all(last.controls.is_held == controls.is_held))
+    at = statics.system.linearise(here, controls, statics.theta, tangent=not is_kept)
+    if not is_kept:
+        statics.factorise(at)
+    ahead = -statics.solve(at.reduced)
+    solved = statics.equilibrium(statics.reachable(here, statics.limited(ahead) * ahead), controls)
+    if not solved.converged:
+        return None
+    node = node_at(statics, line, 1.0, solved.state, names, mixed=False)
+    return node if node.is_stable else None
+
+
+def _fallen(statics: Statics, last: Reached, aim: Target) -> Reached:
     """The equilibrium reached by snap-through from the last one, with cables becoming taut or slack meanwhile.
 
     Raises
@@ -146,6 +184,7 @@ def _fallen(statics: Statics, last: Reached, target: Controls, names: tuple[str,
     SimulationError
         Where none is reached.
     """
+    target = aim.controls
     system, by_coordinate = statics.system, ~target.is_held
     least, most = system.effort_limits
 
@@ -153,7 +192,9 @@ def _fallen(statics: Statics, last: Reached, target: Controls, names: tuple[str,
         return _held(target, is_held, np.clip(state.effort, least, most))
 
     def switched(state: State, controls: Controls) -> Controls:
-        returns = by_coordinate & returning(statics, state.effort, target.coordinate - system.coordinates(state.x))
+        returns = by_coordinate & returning(
+            statics, state.effort, target.coordinate - system.coordinates(state, statics.theta)
+        )
         is_held = np.where(controls.is_held, ~returns, pushing(system, state))
         return controls if np.all(is_held == controls.is_held) else with_held(is_held, state)
 
@@ -164,8 +205,8 @@ def _fallen(statics: Statics, last: Reached, target: Controls, names: tuple[str,
     at_limit = (state.effort == least) | (state.effort == most)
     controls = switched(state, with_held(~by_coordinate | at_limit, state))
     statics.seeks_free_modes = True
-    node = stable_node_at(statics, _line(controls, controls), 1.0, state, names)
-    return _reached(statics, node, controls, names, snaps=True, has_snapped=True)
+    node = stable_node_at(statics, _line(controls, controls), 1.0, state, aim.names)
+    return _reached(statics, node, controls, aim, (True, True))
 
 
 def _held(target: Controls, is_held: np.ndarray, effort: Floats) -> Controls:
@@ -177,16 +218,40 @@ def _reached(
     statics: Statics,
     node: Node,
     controls: Controls,
-    names: tuple[str, ...],
-    snaps: bool,
-    has_snapped: bool,
+    aim: Target,
+    snaps: tuple[bool, bool],
     commanded: CommandPath | None = None,
 ) -> Reached:
-    """The sample that ends at a node: converged, and remembered."""
-    state = statics.system.advanced(node.state, controls, statics.theta, node.by_parameter, names)
+    """The sample that ends at a node: converged, and remembered. snaps: as `Reached.snaps` and `has_snapped`."""
+    by_parameter, rates = node.by_parameter, aim.rates
+    if rates is not None and rates.any():
+        acting = np.flatnonzero(rates.any(axis=1))
+        by_parameter = by_parameter + by_command(statics, node.state, controls, aim.controls, acting) @ rates[acting]
+    state = statics.system.advanced(node.state, controls, statics.theta, by_parameter, aim.names)
     # The nodes on the line there have the memory of its start, and are no part of what follows.
     commanded = None if statics.system.remembers else commanded
-    return Reached(state, controls, node.by_parameter, snaps, has_snapped, commanded)
+    return Reached(state, controls, by_parameter, *snaps, commanded)
+
+
+def by_command(statics: Statics, state: State, now: Controls, target: Controls, which: Ints) -> Floats:
+    """dz / d command of some actuators, by the tangent factorised last: (n_unknowns, number of `which`)."""
+    system = statics.system
+    first = system.layout.first_effort_unknown
+    right = np.zeros((system.layout.n_unknowns, len(which)))
+    for column, i in enumerate(which.tolist()):
+        if not now.is_held[i]:
+            right[first + i, column] = 1.0
+        elif target.is_held[i]:
+            right[:first, column] = system.drive(state, i, statics.theta).column
+    if len(which) == 0:
+        return right
+    dz = -statics.solve(right)
+    efforts = dz[first:]
+    efforts[now.is_held] = 0.0
+    for column, i in enumerate(which.tolist()):
+        if now.is_held[i] and target.is_held[i]:
+            efforts[i, column] = 1.0
+    return dz
 
 
 def _line(start: Controls, target: Controls) -> Line:

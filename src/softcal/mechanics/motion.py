@@ -13,6 +13,7 @@ from softcal.checks import Floats, Ints
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.pattern import Pattern
 from softcal.mechanics.state import State
+from softcal.mechanics.term import Entries
 
 WEIGHTS_OF_FRAME_LINK = 7  # its weight w, its arm s, and -s
 
@@ -62,6 +63,13 @@ class Motion:
             links.arms(state.rotation),
         )
         out[layout.first_pressure_unknown :] = gradient[n:]
+        return out
+
+    def reduce_columns(self, state: State, entries: Entries, n: int) -> Floats:
+        """P^T times n columns on all entities: (n_unknowns - n_actuators, n)."""
+        out = np.zeros((self.layout.first_effort_unknown, n))
+        ptr, unknown, weight = self._rows
+        _reduce_entries(out, *entries, ptr, unknown, weight, self._weights(state))
         return out
 
     def reduce_tangent(self, state: State, gradient: Floats, data: Floats) -> None:
@@ -194,6 +202,15 @@ def _folding(layout: Layout, pattern: Pattern) -> tuple[Ints, Ints, Ints, Ints]:
 def _fold(data: Floats, source: Ints, weight_a: Ints, weight_b: Ints, target: Ints, w: Floats) -> None:
     for k in range(len(source)):
         data[target[k]] += data[source[k]] * w[weight_a[k]] * w[weight_b[k]]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _reduce_entries(
+    out: Floats, rows: Ints, columns: Ints, values: Floats, ptr: Ints, unknown: Ints, weight: Ints, w: Floats
+) -> None:
+    for n in range(len(rows)):
+        for k in range(ptr[rows[n]], ptr[rows[n] + 1]):
+            out[unknown[k], columns[n]] += values[n] * w[weight[k]]
 
 
 @numba.njit(cache=True, error_model="numpy")

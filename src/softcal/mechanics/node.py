@@ -106,7 +106,8 @@ def node_at(
     free = exclude_free_modes(statics, at) if sought else NO_MODES
     stable = bool(pushing(statics.system, state).any()) or statics.n_unstable() == 0
     # Others, such as the offset of a marker, leave the equilibrium as it is.
-    moving = [k for k, name in enumerate(names) if name in statics.system.parameters]
+    remembered = () if state.memory is None else state.memory.by_parameter
+    moving = [k for k, name in enumerate(names) if name in statics.system.parameters or name in remembered]
     moved = tuple(names[k] for k in moving)
     by_theta = statics.system.gradient_by_parameters(state, at, statics.theta, moved)
     dz = -statics.solve(np.column_stack([by_control, by_theta]))
@@ -158,5 +159,5 @@ def _rate_of_gradient(statics: Statics, line: Line, state: State) -> Floats:
         full[: 3 * layout.n_points] = -line.load_rate * system.loads.total(statics.theta).ravel()
         inner += system.motion.reduce_gradient(state, full)
     for i in np.flatnonzero(line.is_held & (line.effort_rate != 0.0)):
-        inner += line.effort_rate[i] * system.force_gradient(state, int(i), statics.theta)
+        inner += line.effort_rate[i] * system.drive(state, int(i), statics.theta).column
     return rate

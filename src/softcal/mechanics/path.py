@@ -61,6 +61,7 @@ class _Continuation:
     end: float
     first_step: float
     largest_step: float
+    mixed: bool = True
     length: float = field(init=False)
     tried: list[_Attempt] = field(default_factory=list[_Attempt])
     unstable: Node | None = None
@@ -90,7 +91,7 @@ class _Continuation:
             if is_long and _strays(self.statics, last.state, attempt.guess, solved.state):
                 self.length = CUT * attempt.step
                 return ""
-            node = node_at(self.statics, self.line, attempt.c, solved.state, self.names)
+            node = node_at(self.statics, self.line, attempt.c, solved.state, self.names, mixed=self.mixed)
             if node.is_stable:
                 self._add(node, _next_length(attempt.step, solved.n_iterations))
                 return ""
@@ -163,7 +164,7 @@ class _Continuation:
         return CLOSE * max(c - self.nodes[0].c, SMALLEST_STEP * self.whole)
 
 
-def follow(
+def follow(  # noqa: PLR0913 (one keyword for each option)
     statics: Statics,
     line: Line,
     start: Node | tuple[Node, ...],
@@ -173,14 +174,16 @@ def follow(
     names: tuple[str, ...] = (),
     stop: Callable[[Node], bool] = lambda node: False,
     largest_step: float = np.inf,
+    mixed: bool = True,
 ) -> Path:
     """Stable equilibria from a node to c = end, or to where `stop` is true. A failed step is shortened and repeated.
 
     start: the node, or several of which it is the last: the others give the curvature of the path. At a limit point or
-    a loss of stability the robot snaps through: the next node is the stable equilibrium that it reaches.
+    a loss of stability the robot snaps through: the next node is the stable equilibrium that it reaches. mixed: as in
+    `node_at`.
     """
     before, start = (start[:-1], start[-1]) if isinstance(start, tuple) else ((), start)
-    way = _Continuation(statics, line, names, before, [start], end, first_step, largest_step)
+    way = _Continuation(statics, line, names, before, [start], end, first_step, largest_step, mixed)
     while way.goes_on and not (way.last is not start and stop(way.last)):
         if status := way.advance():
             return _ended(statics, way.nodes, status, names)

@@ -11,6 +11,7 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.errors import SimulationError
 from softcal.mechanics.contact import CLEARANCE
+from softcal.mechanics.dense import Dense, dense_tangent
 from softcal.mechanics.linear_solve import Factorisation, factorisation
 from softcal.mechanics.redundancy import redundant, redundant_sentence
 from softcal.mechanics.state import State, moved
@@ -27,6 +28,7 @@ SMALL_START = 1e-3  # and from a first residual as small as this
 FARTHEST = 10.0  # of the robot's extent
 TORN = f"the robot would stretch to more than {FARTHEST:.0f} times its size"
 NO_MODES: Floats = np.zeros((0, 0))
+AS_MANY = 0.3  # of the unknowns: as many products of low rank make the tangent a dense matrix
 MAX_CUTS = 8  # halvings of a step that would invert an element
 TURN_PER_STEP = 1.0  # [rad] of a plate, or of a rod's section, at most
 MOVE_PER_STEP = 0.33  # of the robot's extent, at most
@@ -155,14 +157,18 @@ class Statics:
         if drag > 0.0:
             moving = slice(self.system.layout.first_pressure_unknown)
             data[self.system.pattern.indptr[:-1][moving]] += drag / self.unit[moving] ** 2
-        if at.touch is None:
+        border = at.border
+        if len(border.corner) - len(border.driven) > AS_MANY * len(self.unit):
+            whole, border = dense_tangent(self.system.pattern, data, at.touch, border)
+            self._factors = Dense(self.unit[:, None] * whole * self.unit)
+        elif at.touch is None:
             data[self._unit_places] *= self._unit_entries
             self._factors.factorise(data)
         else:
             self._factors = self._with_touch(data, at.touch)
         self._rounding = ROUNDING * self._farthest * float(np.linalg.norm(at.data[self._diagonal]))
         self.n_factorisations += 1
-        self._border = at.border
+        self._border = border
         self._columns_solved = None
         if free.size:
             self.exclude(free)
@@ -190,8 +196,8 @@ class Statics:
         """Without this check, rounding would determine the efforts where the border is singular except for the last
         digit.
         """
-        n_driven = len(border.driven)
-        together = redundant(self.unit[:, None] * border.rows[:, :n_driven]) if n_driven else border.driven
+        stiff = np.flatnonzero(border.corner[: len(border.driven)] == 0.0)  # an elastic line shares the load
+        together = stiff[redundant(self.unit[:, None] * border.rows[:, stiff])] if len(stiff) else stiff
         if len(together):
             raise SimulationError(redundant_sentence([self.system.actuators[border.driven[i]] for i in together]))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -12,7 +12,7 @@ import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.errors import SimulationError
-from softcal.mechanics.actuator import Actuator, ActuatorTerm, numbered
+from softcal.mechanics.actuator import Actuator, ActuatorTerm, Drive, numbered
 from softcal.mechanics.contact import ContactTerm
 from softcal.mechanics.frame_blocks import moving_pairs
 from softcal.mechanics.layout import Layout
@@ -34,8 +34,9 @@ class Border:
         [ K     columns ]
         [ rows^T corner ]
 
-    The first ones belong to the efforts of `driven` actuators (corner zero: their coordinate is prescribed), the others
-    to parts of the tangent that are products of columns and rows, such as friction (corner -1).
+    The first ones belong to the efforts of `driven` actuators (corner zero where their coordinate is prescribed
+    without stretch), the others to parts of the tangent that are products of columns and rows, such as friction
+    (corner -1).
     """
 
     driven: Ints
@@ -268,12 +269,32 @@ class System:
         if len(at.border.corner):
             k = len(driven)
             out[:n] += columns[:, :k] @ dz[n + driven] + columns[:, k:] @ (rows[:, k:].T @ x)
-            out[n + driven] = rows[:, :k].T @ x
+            out[n + driven] = rows[:, :k].T @ x + at.border.corner[:k, None] * dz[n + driven]
         return out
 
-    def coordinates(self, x: Floats) -> Floats:
-        """The coordinates of all actuators (n_actuators,) at positions of the points (n_points, 3)."""
-        return np.concatenate([NOTHING, *(term.coordinates(x) for term in self.actuated)])
+    def coordinates(self, state: State, theta: Theta) -> Floats:
+        """The coordinates of all actuators (n_actuators,) at a state, as their machines measure them."""
+        each = [(term, self._given_to(term, state, theta)) for term in self.actuated]
+        return np.concatenate([NOTHING, *(term.travel(given, term.transmission(given)) for term, given in each)])
+
+    def coordinate_rates(self, state: State, theta: Theta, dz: Floats, names: Sequence[str]) -> Floats:
+        """Rates (n_actuators, k) of the actuators' coordinates at rates dz (n_unknowns, k) of the unknowns; names (k,):
+        the parameters of which these are derivatives, or "".
+        """
+        n, remembered = self.layout.first_effort_unknown, {} if state.memory is None else state.memory.by_parameter
+        out = np.zeros((len(self.actuators), len(names)))
+        for term in self.actuated:
+            given = self._given_to(term, state, theta)
+            for i, drive in zip(range(term.own.start, term.own.stop), self._drives(term, given), strict=True):
+                out[i] = -(drive.row @ dz[:n] + drive.corner * dz[n + i])
+            sums = {name: Sum(self.layout) for name in {*names} & {*term.parameters, *remembered}}
+            term.add_by_parameters(sums, given)
+            for name in remembered.keys() & sums.keys():
+                term.add_by_memory(sums[name], given, remembered[name][self._own(term)])
+            for k, name in enumerate(names):
+                if name in sums:
+                    out[term.own, k] -= sums[name].efforts[term.own]
+        return out
 
     def coordinate_tolerances(self, extent: float) -> Floats:
         """Errors of the actuators' coordinates (n_actuators,) below which they count as reached."""
@@ -283,18 +304,32 @@ class System:
         """What keeps actuators from moving further, as part of a sentence; "" where nothing does."""
         return ", ".join(filter(None, (term.at_limit(x) for term in self.actuated)))
 
-    def coordinate_gradient(self, state: State, i: int) -> Floats:
-        """dq/dz of one actuator on the unknowns but the efforts (n_unknowns - n_actuators,)."""
+    def drive(self, state: State, i: int, theta: Theta) -> Drive:
+        """How one actuator borders the tangent where its coordinate is prescribed, on the unknowns but the efforts."""
         term = self._driver(i)
-        full = term.coordinate_gradient(state.x, i - term.first, self.layout.n_components)
-        return self.motion.reduce_gradient(state, full)
+        return next(self._drives(term, self._given_to(term, state, theta), (i - term.first,)))
 
-    def force_gradient(self, state: State, i: int, theta: Theta) -> Floats:
-        """d gradient / d effort of one actuator: the negative of its coordinate's gradient, but for losses."""
-        term = self._driver(i)
-        lost = term.losses(state.x, theta)
-        full = term.force_gradient(state.x, i - term.first, self.layout.n_components, lost)
-        return self.motion.reduce_gradient(state, full)
+    def _drives(self, term: ActuatorTerm, given: Given, which: Sequence[int] | None = None) -> Iterator[Drive]:
+        """Those of some, or all, actuators of one term."""
+        transmission = term.transmission(given)
+        for i in range(len(term.actuators)) if which is None else which:
+            yield self._reduced(given.state, term.drive(given, i, self.layout.n_components, transmission))
+
+    def _reduced(self, state: State, drive: Drive) -> Drive:
+        column = self.motion.reduce_gradient(state, drive.column)
+        row = column if drive.row is drive.column else self.motion.reduce_gradient(state, drive.row)
+        return Drive(column, row, drive.corner)
+
+    def _given_to(self, term: Term, state: State, theta: Theta) -> Given:
+        """The arguments of one term, with every actuator driven by its coordinate."""
+        none = np.zeros(self.layout.n_actuators)
+        memory = self._first_memory if state.memory is None else state.memory.values
+        controls = Controls(none != 0.0, none, none)
+        return Given(state, controls, theta, term.kinematics(state), memory[self._own(term)])
+
+    def _own(self, term: Term) -> slice:
+        """Where one term's memory is among that of all."""
+        return self._owned[next(k for k, one in enumerate(self.terms) if one is term)]
 
     def _driver(self, i: int) -> ActuatorTerm:
         """The term of one actuator."""
@@ -311,17 +346,21 @@ class System:
         return reduced
 
     def _border(self, state: State, total: Sum) -> Border:
-        pairs = [*((column, row) for _, column, row in total.driven), *total.rank_one]
-        if not pairs:
+        if not total.driven and not total.low_rank:
             return NO_BORDER
-        driven = np.array([i for i, *_ in total.driven], dtype=np.int64)
-        columns = [self.motion.reduce_gradient(state, column) for column, _ in pairs]
-        rows = [
-            own if row is column else self.motion.reduce_gradient(state, row)
-            for own, (column, row) in zip(columns, pairs, strict=True)
-        ]
-        corner = np.concatenate([np.zeros(len(driven)), -np.ones(len(total.rank_one))])
-        return Border(driven, np.stack(columns, axis=1), np.stack(rows, axis=1), corner)
+        drives = [self._reduced(state, drive) for _, drive in total.driven]
+        none = np.zeros((self.layout.first_effort_unknown, 0))
+        columns = [none, *(drive.column[:, None] for drive in drives)]
+        rows = [none, *(drive.row[:, None] for drive in drives)]
+        corner = [np.array([drive.corner for drive in drives])]
+        if total.low_rank:
+            for part in total.low_rank:
+                m, k = part.weights.shape
+                columns.append(self.motion.reduce_columns(state, part.columns, k))
+                rows.append(self.motion.reduce_columns(state, part.basis, m) @ part.weights)
+                corner.append(-np.ones(k))
+        driven = np.array([i for i, _ in total.driven], dtype=np.int64)
+        return Border(driven, np.hstack(columns), np.hstack(rows), np.concatenate(corner))
 
     def _outside(self, state: State, total: Sum) -> Any:
         """The tangent outside the pattern, on the unknowns: upper triangle, or None where there is none."""

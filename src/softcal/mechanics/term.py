@@ -13,7 +13,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Self, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 
@@ -23,6 +23,9 @@ from softcal.mechanics.layout import Layout
 from softcal.mechanics.pattern import Pattern
 from softcal.mechanics.scales import Sizes
 from softcal.mechanics.state import State
+
+if TYPE_CHECKING:
+    from softcal.mechanics.actuator import Drive
 
 Theta = Mapping[str, float]
 NOTHING: Floats = np.zeros(0)
@@ -83,6 +86,44 @@ class Connectivity(NamedTuple):
     frames: Sequence[Ints] = ()
 
 
+class Entries(NamedTuple):
+    """Nonzeros of some columns on all entities; those at one place add up.
+
+    Attributes
+    ----------
+    rows, columns, values
+        Component, column and value of each (n_entries,).
+    """
+
+    rows: Ints
+    columns: Ints
+    values: Floats
+
+    def joined(self, other: Entries, shift: int = 0) -> Entries:
+        """With the entries of others, their columns counted from `shift` on."""
+        return Entries(
+            np.concatenate([self.rows, other.rows]),
+            np.concatenate([self.columns, other.columns + shift]),
+            np.concatenate([self.values, other.values]),
+        )
+
+
+class LowRank(NamedTuple):
+    """A product columns (basis weights)^T that is added to the tangent.
+
+    Attributes
+    ----------
+    columns, basis
+        Its k columns, and the m by which its rows are given.
+    weights
+        The rows by the basis (m, k).
+    """
+
+    columns: Entries
+    basis: Entries
+    weights: Floats
+
+
 class Sum:
     """Accumulator of the terms' gradients and tangents, zero at first.
 
@@ -98,9 +139,9 @@ class Sum:
     squares
         Squares of forces [N^2] that count in the scale of the residual, besides those in `full`.
     driven
-        (actuator, column, row), both on all entities, that border the tangent for an unknown effort.
-    rank_one
-        (column, row), both on all entities, whose product is added to the tangent.
+        (actuator, `Drive` on all entities) that border the tangent for an unknown effort.
+    low_rank
+        Unsymmetric products that are added to the tangent.
     outside
         (values, rows, columns) of tangents on the points' components outside the pattern.
     in_motion
@@ -112,8 +153,8 @@ class Sum:
         self.own: Floats = np.zeros(layout.n_unknowns)
         self.data: Floats | None = None if size is None else np.zeros(size)
         self.squares = 0.0
-        self.driven: list[tuple[int, Floats, Floats]] = []
-        self.rank_one: list[tuple[Floats, Floats]] = []
+        self.driven: list[tuple[int, Drive]] = []
+        self.low_rank: list[LowRank] = []
         self.outside: list[tuple[Floats, Ints, Ints]] = []
         self.in_motion: list[Floats] = []
         self.points: Floats = self.full[: 3 * layout.n_points].reshape(-1, 3)  # of `full`

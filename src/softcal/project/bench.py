@@ -79,7 +79,7 @@ def build_bench(
     for sentence in check_plausible(record):
         findings.warn(path, sentence.removeprefix(f"{record.name}: "))
     prepared = _Prepared(record)
-    if rig.pulleys is not None and of_kind(TENSION, record.channels):
+    if rig.pulleys is not None and not rig.pulleys.friction_memory and of_kind(TENSION, record.channels):
         with findings.at(("rig", "pulleys")):
             pulleys = rig.pulleys
             prepared.now = correct_pulley_friction(

@@ -173,7 +173,9 @@ def build_cable(name: str, cable: CableSection, carriers: Carriers) -> Cable | N
             via = list(bored(via, carriers.built.meshes))
         if cable.routing_axis is not None:
             require_movable(via, cable.routing_axis, carriers.built.meshes)
-        return Cable(name, tuple(via), cable.friction_coefficient, cable.pulled_end, cable.routing_axis)
+        return Cable(
+            name, tuple(via), cable.friction_coefficient, cable.pulled_end, cable.routing_axis, line=cable.line
+        )
     return None
 
 

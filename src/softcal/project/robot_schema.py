@@ -28,7 +28,7 @@ from softcal.project.section import Section
 from softcal.project.sensor_schema import SensorSection
 from softcal.quantities import Clearance, Density, Force, Friction, Mass, Size
 from softcal.twin.barrier import Contact
-from softcal.twin.cables import Cable, RoutingAxis
+from softcal.twin.cables import Cable, CableLine, RoutingAxis
 from softcal.twin.clamp import Clamp
 from softcal.twin.manipulator import Manipulator
 from softcal.twin.robot import Body, Disc, Inertia, Plate, PointLoad, Tie, ViaPoint
@@ -154,6 +154,7 @@ class CableSection(Section):
 
     via: Annotated[list[ViaSection], Field(min_length=2), LIMITS["points of a line"].entries]
     friction_coefficient: Friction = Cable.friction_coefficient
+    line: CableLine = Field(default_factory=CableLine)
     pulled_end: Literal["first", "last"] = Cable.pulled_end
     route: Literal["bore", "straight"] = "bore"
     routing_axis: RoutingAxis | None = Cable.routing_axis

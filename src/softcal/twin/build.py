@@ -214,7 +214,8 @@ def build_twin(robot: Robot) -> Twin:
     pulled_last = np.array([cable.pulled_end == "last" for cable in robot.cables], dtype=bool)
     loads = build_loads(robot, meshes, builder.first, forces, layout.n_points)
     contacts = build_contacts(robot, layout, meshes, builder.first)
-    cables = build_cables(layout.X, via, pulled_last, by_offset)
+    stated = tuple(f"{cable.name}.{key}" for cable in robot.cables for key in cable.properties)
+    cables = build_cables(layout.X, via, pulled_last, by_offset, stated)
     system = build_system(layout, (*solids, *rods, cables, loads, *contacts))
     return Twin(robot, system, builder.first, meshes, frames.of_plate, via, markers, pressure_nodes)
 

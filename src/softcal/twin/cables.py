@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -11,7 +12,19 @@ from softcal.arrays import Position
 from softcal.checks import Floats
 from softcal.declare import Checked, Declared
 from softcal.errors import Fault, InputError
-from softcal.quantities import Clearance, Direction, Friction, Length, Point
+from softcal.quantities import (
+    CableStiffness,
+    Clearance,
+    Compliance,
+    Direction,
+    Friction,
+    Length,
+    Point,
+    Presliding,
+    Size,
+    SpringRate,
+    Tension,
+)
 from softcal.twin.part import NamedPart
 
 COINCIDENT = 1e-12  # of a cable's length: neighbouring via points as near as this are at one place
@@ -80,6 +93,47 @@ class ViaPoint(Checked):
 
 
 @dataclass(frozen=True)
+class CableLine(Declared):
+    """What a cable is made of; by default it does not stretch, and its friction is that of a cable that is only pulled.
+
+    Attributes
+    ----------
+    stiffness : EA [N]; None: no stretch
+    spring_rate : In the place of EA, that of the whole cable at its length at rest [N/m]
+    compliance : Of the testing machine or servo that pulls [m/N]
+    pretension : Tension [N] at zero shortening of the robot at rest; None: just taut. A cable with one that nothing
+        drives stays at zero shortening; any other is slack
+    rest_length : In the place of the pretension, the length of the unstretched cable at zero shortening [m]
+    friction_memory : Whether friction opposes the sliding that takes place, so that samples are a load path
+    presliding : Slip [m] over which friction with a memory builds up
+    """
+
+    stiffness: CableStiffness | None = None
+    spring_rate: SpringRate | None = None
+    compliance: Compliance | None = None
+    pretension: Tension | None = None
+    rest_length: Size | None = None
+    friction_memory: bool = False
+    presliding: Presliding = 1e-5
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for one, other in (("stiffness", "spring_rate"), ("pretension", "rest_length")):
+            if None not in (getattr(self, one), getattr(self, other)):
+                raise InputError(Fault(f"{one} and {other} exclude each other", got="both", allowed="one of the two"))
+        stretches = self.stiffness is not None or self.spring_rate is not None or bool(self.compliance)
+        if not stretches and (self.rest_length is not None or self.pretension):
+            key = "pretension" if self.rest_length is None else "rest_length"
+            raise InputError(
+                Fault(
+                    "a cable without stretch has no pretension at zero shortening",
+                    got=f"{key}, without the stiffness of the cable or the compliance of its machine",
+                    attempt="stiffness: 10 kN, of a braided line of 1 mm",
+                )
+            )
+
+
+@dataclass(frozen=True)
 class Cable(NamedPart):
     """A cable through via points, its fixed end first or last; length L = sum |p_{i+1} - p_i|.
 
@@ -97,6 +151,8 @@ class Cable(NamedPart):
         Axis from which the via points are offset, or None.
     routing_offset
         Offset [m] from the axis; the positions of the via points include it already.
+    line
+        What the cable is made of, and whether its friction has a memory.
     """
 
     via_points: tuple[ViaPoint, ...]
@@ -104,6 +160,7 @@ class Cable(NamedPart):
     pulled_end: Literal["first", "last"] = "last"
     routing_axis: RoutingAxis | None = None
     routing_offset: Length = 0.0
+    line: CableLine = field(default_factory=CableLine)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -138,6 +195,26 @@ class Cable(NamedPart):
     @property
     def _points(self) -> Floats:
         return np.array([via.at for via in self.via_points])
+
+    @property
+    def properties(self) -> dict[str, float]:
+        """The stated properties of the line, by the names of the cable's parameters: stiffness [N], compliance [m/N],
+        pretension [N], and the presliding displacement [m] of friction with a memory.
+        """
+        line = self.line
+        stiffness = line.stiffness if line.spring_rate is None else line.spring_rate * self.length
+        pretension = line.pretension
+        if line.rest_length is not None:
+            soft = (0.0 if stiffness is None else self.length / stiffness) + (line.compliance or 0.0)
+            pretension = (self.length - line.rest_length) / soft
+        presliding = line.presliding if line.friction_memory else None
+        named = dict(stiffness=stiffness, compliance=line.compliance, pretension=pretension, presliding=presliding)
+        return {name: value for name, value in named.items() if value is not None}
+
+    def with_properties(self, values: Mapping[str, float]) -> Cable:
+        """The same cable with other values of its stated properties."""
+        known = {**self.properties, **values}
+        return replace(self, line=replace(self.line, **known, spring_rate=None, rest_length=None)) if known else self
 
     @property
     def least_offset(self) -> float:

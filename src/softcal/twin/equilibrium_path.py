@@ -97,7 +97,7 @@ class EquilibriumPath:
 
     def shortening(self, state: State) -> float:
         """Shortening of the driven cable at a state [m]."""
-        return float(self.twin.system.coordinates(state.x)[self.number])
+        return float(self.twin.system.coordinates(state, self.statics.theta)[self.number])
 
     def slack_node(self, start: Node) -> Node:
         """The same state with the driven cable slack: taking up its slack moves nothing."""

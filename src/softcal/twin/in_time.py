@@ -71,6 +71,7 @@ def simulate_in_time(
     faults = [*command_faults(robot, protocol := Protocol(schedule.commands)), *let_go_faults(robot, protocol)]
     if faults:
         raise ParameterError(faults)
+    schedule = schedule.completed(robot)
     schedule = schedule.held(settings.hold) if settings.hold else schedule
     settling = settings.settle
     watched = [part.name for part in (*robot.plates, *robot.markers)]
@@ -84,7 +85,7 @@ def simulate_in_time(
         parts = ", ".join(part.name for part in (*robot.bodies, *robot.rods, *robot.plates))
         raise ParameterError(Fault("nothing that moves has mass", parts, attempt="a density, or a plate's mass"))
     dynamics = Dynamics(twin.system, inertia, theta, settings.rayleigh, settings.scheme)
-    run = _Motion(twin, schedule, settings, snapshots, progress)
+    run = _Motion(twin, theta, schedule, settings, snapshots, progress)
     try:
         run.tell(0.0)
         start = _start(twin, theta, settings)
@@ -112,6 +113,7 @@ class _Motion:
     """A run in progress: its response so far."""
 
     twin: Twin
+    theta: Mapping[str, float]
     schedule: Schedule
     settings: TimeSettings
     n_snapshots: int
@@ -204,7 +206,7 @@ class _Motion:
         return controls_at(self.twin.system, self.schedule.commands, self.schedule.at(time), none)
 
     def _keep(self, now: Instant, n_steps: int) -> None:
-        row = sense(self.twin, now.state)
+        row = sense(self.twin, now.state, self.theta)
         controls = self._controls(now.time)
         slack = ~controls.is_held & (now.state.effort == 0.0)
         # A slack cable's shortening is the command.

@@ -24,6 +24,7 @@ from softcal.geometry.wire import SolidSpring
 from softcal.limits import LIMITS
 from softcal.mechanics.elements import DEFAULT, ElementName
 from softcal.quantities import Angle, Clearance, Density, Friction, Mass, Modulus, PoissonsRatio, Size, Turns
+from softcal.twin.cables import CableLine
 from softcal.twin.robot import Cable, Disc, Marker, Plate, Robot, Rod, ViaPoint
 from softcal.twin.solid_rods import with_solid_rods
 
@@ -124,6 +125,7 @@ class Cables(Declared):
     per_end : Number of cables at each of these discs, evenly spaced
     exit : Distance behind the base at which they are pulled [m]
     friction_coefficient : Between cables and guide holes [-]
+    line : What they are made of
     """
 
     radius: Clearance = 0.025
@@ -133,6 +135,7 @@ class Cables(Declared):
     per_end: Annotated[int, LIMITS["cables at an end"]] = 3
     exit: Clearance = 0.050
     friction_coefficient: Friction = Cable.friction_coefficient
+    line: CableLine = field(default_factory=CableLine)
 
 
 @dataclass(frozen=True)
@@ -327,7 +330,7 @@ def _cables(of: Manipulator, plates: Sequence[Plate]) -> tuple[Cable, ...]:
         hole = f"h{k + 1}"
         exit_point = plates[0].holes[hole] - (of.cables.exit + 0.5 * of.base.thickness) * of.outwards
         via = (ViaPoint(exit_point), *(plate.via(hole) for plate in plates[: end + 1]))
-        cables.append(Cable(name, via, of.cables.friction_coefficient, "first"))
+        cables.append(Cable(name, via, of.cables.friction_coefficient, "first", line=of.cables.line))
     return tuple(cables)
 
 

@@ -13,10 +13,8 @@ from softcal.checks import Floats
 from softcal.errors import SimulationError
 from softcal.mechanics.cable import cables_of
 from softcal.mechanics.crossing import Crossings
-from softcal.mechanics.march import Reached, reach
-from softcal.mechanics.state import State
+from softcal.mechanics.march import Reached, Target, by_command, reach
 from softcal.mechanics.statics import Statics
-from softcal.mechanics.system import Controls
 from softcal.sensing.channel import ChannelName, kinds
 from softcal.sensing.sensors.cable import SHORTENING
 from softcal.twin.build import Twin
@@ -45,7 +43,8 @@ def simulate_many(
     cables in `commanded`, by their names as channels.
     """
     units, cables = channel_units(twin), tuple(commanded.values())
-    labels = (*names, *commanded)
+    labels, actuators = (*names, *commanded), [actuator.name for actuator in twin.system.actuators]
+    numbers = np.array([actuators.index(cable) for cable in cables], dtype=np.int64)
     values: list[Floats] = []
     rates: list[Floats] = []
     shapes: list[Snapshot] = []
@@ -60,22 +59,23 @@ def simulate_many(
         instabilities = instability(UNDER_LOADS) if loads.snaps else ""
         # A cable that is commanded in length starts at its present length.
         lengths = cables_of(twin.system).lengths(state.x)
-        slack = replace(slack_line(twin).at(0.0), coordinate=twin.system.coordinates(state.x))
+        slack = replace(slack_line(twin).at(0.0), coordinate=twin.system.coordinates(state, statics.theta))
         begun = reached = Reached(loads.state, slack, np.zeros((0, 0)), has_snapped=loads.snaps)
         for i in range(protocol.n_samples):
             target = controls_at(twin.system, protocol.commands, protocol.at(i), slack.coordinate)
+            aim = Target(target, names, protocol.rates(i, actuators, names))
             if why := _beyond(protocol, i, failed, remembers=twin.system.remembers):
                 failed[i] = why
                 continue
             try:
-                reached = reach(statics, reached, target, names)
+                reached = reach(statics, reached, aim)
             except SimulationError as error:
                 if twin.system.remembers:  # a sample is reached through those before it alone
                     failed[i] = str(error)
                     continue
                 # The line from the sample before may pass commands without an equilibrium.
                 try:
-                    reached = reach(statics, begun, target, names)
+                    reached = reach(statics, begun, aim)
                 except SimulationError as error:
                     failed[i] = str(error)
                     continue
@@ -89,11 +89,11 @@ def simulate_many(
             out.append((label, drawn_out(twin.system, statics.theta, lengths, state)))
             if not met and (limit := twin.system.at_limit(state.x)):
                 met = f" From sample {i + 1} on {limit}."
-            values.append(_commanded(twin, protocol, i, sense(twin, state)))
-            by_command = _by_command(twin, statics, state, reached.controls, target, cables)
-            sensed = sense_rates(twin, state, reached.by_parameter, names)
-            both = np.hstack([sensed, sense_rates(twin, state, by_command)])
-            rates.append(_commanded_rates(twin, protocol, labels, both))
+            values.append(_commanded(twin, protocol, i, sense(twin, state, statics.theta)))
+            of_commands = by_command(statics, state, reached.controls, target, numbers)
+            dz, by = np.hstack([reached.by_parameter, of_commands]), (*names, *("" for _ in cables))
+            both = sense_rates(twin, state, statics.theta, dz, by)
+            rates.append(_commanded_rates(twin, protocol, i, labels, both))
             if snapshots:
                 shapes.append(snapshot(twin, state, protocol.at(i), i + 1, ""))
     except SimulationError as error:
@@ -153,32 +153,7 @@ def _not_reached(protocol: Protocol, failed: Mapping[int, str], n_solved: int) -
     return " ".join(told)
 
 
-def _by_command(
-    twin: Twin, statics: Statics, state: State, now: Controls, target: Controls, commanded: tuple[str, ...]
-) -> Floats:
-    """dz / d command of each actuator, by the tangent factorised last: (n_unknowns, number of `commanded`)."""
-    layout = twin.system.layout
-    names = [actuator.name for actuator in twin.system.actuators]
-    right = np.zeros((layout.n_unknowns, len(commanded)))
-    for column, name in enumerate(commanded):
-        i = names.index(name)
-        if not now.is_held[i]:
-            right[layout.first_effort_unknown + i, column] = 1.0
-        elif target.is_held[i]:
-            right[: layout.first_effort_unknown, column] = twin.system.force_gradient(state, i, statics.theta)
-    if not commanded:
-        return right
-    dz = -statics.solve(right)
-    efforts = dz[layout.first_effort_unknown :]
-    efforts[now.is_held] = 0.0
-    for column, name in enumerate(commanded):
-        i = names.index(name)
-        if now.is_held[i] and target.is_held[i]:
-            efforts[i, column] = 1.0
-    return dz
-
-
-def _commanded_rates(twin: Twin, protocol: Protocol, labels: tuple[str, ...], rates: Floats) -> Floats:
+def _commanded_rates(twin: Twin, protocol: Protocol, i: int, labels: tuple[str, ...], rates: Floats) -> Floats:
     """The rates of the channels by parameters and commands; a commanded shortening depends on its own command alone,
     taut or slack.
     """
@@ -187,7 +162,8 @@ def _commanded_rates(twin: Twin, protocol: Protocol, labels: tuple[str, ...], ra
         command = protocol.commands.get(cable.name)
         if command is not None and command.control == "shortening":
             column = ChannelName(SHORTENING, cable.name)
-            out[twin.columns[column]] = [float(label == str(column)) for label in labels]
+            by = {str(column): 1.0, **{name: float(rate[i]) for name, rate in command.by.items()}}
+            out[twin.columns[column]] = [by.get(label, 0.0) for label in labels]
     return out
 
 

@@ -66,6 +66,10 @@ KINDS: Mapping[str, Quantity] = {
     "routing_offset": QUANTITIES["length"],
     "clamp_depth": QUANTITIES["length"],
     **dict.fromkeys(MARKER_OFFSETS, QUANTITIES["length"]),
+    "stiffness": QUANTITIES["stiffness of a cable"],
+    "compliance": QUANTITIES["compliance"],
+    "pretension": QUANTITIES["tension"],
+    "presliding": QUANTITIES["presliding displacement"],
 }
 
 
@@ -99,6 +103,8 @@ def robot_parameters(robot: Robot) -> dict[str, ParameterInfo]:
         add(plate.name, "mass", plate.mass)
     for cable in robot.cables:
         add(cable.name, "friction_coefficient", cable.friction_coefficient)
+        for key, value in cable.properties.items():
+            add(cable.name, key, value)
     for cable in robot.cables:
         if cable.routing_axis is not None:
             away = replace(KINDS["routing_offset"], lower=cable.least_offset, ends="(]")
@@ -146,7 +152,9 @@ def with_parameters(robot: Robot, values: Mapping[str, float]) -> Robot:
     plates = tuple(replace(p, mass=values.get(f"{p.name}.mass", p.mass)) for p in robot.plates)
     cables = tuple(
         replace(
-            c.offset_by(values.get(f"{c.name}.routing_offset", c.routing_offset)),
+            c.with_properties(
+                {key: values[name] for key in c.properties if (name := f"{c.name}.{key}") in values}
+            ).offset_by(values.get(f"{c.name}.routing_offset", c.routing_offset)),
             friction_coefficient=values.get(f"{c.name}.friction_coefficient", c.friction_coefficient),
         )
         for c in robot.cables

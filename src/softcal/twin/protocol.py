@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, get_args
 
 import numpy as np
@@ -20,10 +20,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Command:
-    """One cable's prescribed `tension` [N, >= 0] or `shortening` [m, + = pulled], shape (n_samples,)."""
+    """One cable's prescribed `tension` [N, >= 0] or `shortening` [m, + = pulled], shape (n_samples,).
+
+    by: their derivatives (n_samples,) by parameters of the rig, such as a slack; where a robot remembers, a state
+    depends on those of all samples before it.
+    """
 
     control: Control
     values: Floats
+    by: Mapping[str, Floats] = field(default_factory=dict[str, Floats])
 
     def __post_init__(self) -> None:
         if self.control not in get_args(Control):
@@ -36,7 +41,8 @@ class Command:
 
 @dataclass(frozen=True)
 class Protocol:
-    """Commands by cable name, all of one length. A cable that is not named is slack (tension zero).
+    """Commands by cable name, all of one length. A cable that is not named is slack (tension zero), or stays at zero
+    shortening where it has a pretension.
 
     Samples are quasi-static states; where the robot is elastic, their order and repetition do not matter. Where a term
     has a memory (see `softcal.mechanics.memory`) they are a load path from rest, solved in their order. With friction
@@ -60,6 +66,17 @@ class Protocol:
         return {str(ChannelName(of[command.control], cable)): cable for cable, command in self.commands.items()}
 
     @property
+    def parameters(self) -> tuple[str, ...]:
+        """The parameters by which a command has derivatives."""
+        return tuple(dict.fromkeys(name for command in self.commands.values() for name in command.by))
+
+    def rates(self, i: int, cables: Sequence[str], names: Sequence[str]) -> Floats:
+        """Derivatives of the commands at a sample, counted from 0, by parameters: (n_cables, n_names)."""
+        none = Command("tension", np.zeros(1))
+        own = [self.commands.get(cable, none).by for cable in cables]
+        return np.array([[by[name][i] if name in by else 0.0 for name in names] for by in own]).reshape(len(own), -1)
+
+    @property
     def n_samples(self) -> int:
         return max((len(command.values) for command in self.commands.values()), default=1)
 
@@ -69,7 +86,18 @@ class Protocol:
 
     def take(self, rows: Ints) -> Protocol:
         """Some of its samples, by their numbers from 0."""
-        return Protocol({name: Command(one.control, one.values[rows]) for name, one in self.commands.items()})
+        return Protocol(
+            {
+                name: Command(one.control, one.values[rows], {key: rate[rows] for key, rate in one.by.items()})
+                for name, one in self.commands.items()
+            }
+        )
+
+    def completed(self, robot: Robot) -> Protocol:
+        """With the cables that nothing drives and that have a pretension, at zero shortening."""
+        held = [c.name for c in robot.cables if "pretension" in c.properties and c.name not in self.commands]
+        none = np.zeros(self.n_samples)
+        return Protocol({**self.commands, **{name: Command("shortening", none) for name in held}}) if held else self
 
     def thinned(self, most: int) -> Protocol:
         """At most so many of its samples, evenly spaced, with the first and the last."""
@@ -118,7 +146,7 @@ def let_go_faults(robot: Robot, protocol: Protocol) -> list[Fault]:
     The samples of several driven cables are independent states, each reached from rest.
     """
     driven = {name: command for name, command in protocol.commands.items() if np.any(command.values != 0.0)}
-    rough = {cable.name for cable in robot.cables if cable.friction_coefficient > 0.0}
+    rough = {c.name for c in robot.cables if c.friction_coefficient > 0.0 and not c.line.friction_memory}
     if len(driven) != 1:
         return []
     return [

@@ -32,10 +32,12 @@ def read(twin: Twin, statics: Statics, node: Node, names: tuple[str, ...]) -> Se
     """Read the sensors at a node. names (k,): the parameters of the node's derivatives."""
     k = len(names)
     by = ("", *[""] * k, *names)
-    rates = sense_rates(twin, node.state, np.column_stack([node.slope, node.mixed, node.by_parameter]), by)
+    rates = sense_rates(
+        twin, node.state, statics.theta, np.column_stack([node.slope, node.mixed, node.by_parameter]), by
+    )
     slopes, mixed, by_parameter = rates[:, 0], rates[:, 1 : 1 + k], rates[:, 1 + k :]
     if names:
         h, *beside = neighbours_along(statics, node.state, node.slope)
-        before, after = (sense_rates(twin, state, node.by_parameter, names) for state in beside)
+        before, after = (sense_rates(twin, state, statics.theta, node.by_parameter, names) for state in beside)
         mixed += (after - before) / (2.0 * h)
-    return SensorReading(sense(twin, node.state), slopes, by_parameter, mixed)
+    return SensorReading(sense(twin, node.state, statics.theta), slopes, by_parameter, mixed)

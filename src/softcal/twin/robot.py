@@ -388,3 +388,8 @@ class Robot(Checked):
         if all(body.clamp is None for body in self.bodies):
             return self
         return replace(self, bodies=tuple(body.as_clamped for body in self.bodies))
+
+    @property
+    def remembers(self) -> bool:
+        """Whether a state depends on those before it: then the samples of a test are a load path in their order."""
+        return any(cable.line.friction_memory for cable in self.cables)

@@ -9,8 +9,8 @@ import numpy as np
 
 from softcal.checks import Floats, frozen_floats
 from softcal.errors import Fault, InputError
-from softcal.twin.protocol import Command
-from softcal.twin.robot import Control
+from softcal.twin.protocol import Command, Protocol
+from softcal.twin.robot import Control, Robot
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,7 @@ class Schedule:
     """Commands by cable over time: values at `times` (n,) [s], from 0 on and ascending; linear in between, then
     constant.
 
-    A cable that is not named is slack.
+    A cable that is not named is slack, or stays at zero shortening where it has a pretension.
     """
 
     times: Floats
@@ -43,6 +43,10 @@ class Schedule:
     def at(self, time: float) -> dict[str, float]:
         """The commands' values at a time."""
         return {name: float(np.interp(time, self.times, c.values)) for name, c in self.commands.items()}
+
+    def completed(self, robot: Robot) -> Schedule:
+        """With the cables that nothing drives and that have a pretension, at zero shortening."""
+        return Schedule(self.times, Protocol(self.commands).completed(robot).commands)
 
     def held(self, duration: float) -> Schedule:
         """The schedule with its last commands kept for a time [s] more."""

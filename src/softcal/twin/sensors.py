@@ -11,6 +11,7 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.mechanics.cable import cables_of
 from softcal.mechanics.state import State
+from softcal.mechanics.term import Theta
 from softcal.sensing.kind import ChannelKind
 from softcal.sensing.sensor import Posture
 from softcal.twin.build import Twin
@@ -34,9 +35,9 @@ def angle_columns(twin: Twin) -> list[int]:
     return [k for channel, k in twin.columns.items() if channel.kind.is_angle]
 
 
-def sense(twin: Twin, state: State) -> Floats:
-    """The channels' values (n_channels,) at a state, in the order of `channel_units`."""
-    return read_all(twin, _StatePosture(twin, state))
+def sense(twin: Twin, state: State, theta: Theta) -> Floats:
+    """The channels' values (n_channels,) at a state and theta, in the order of `channel_units`."""
+    return read_all(twin, _StatePosture(twin, state, theta))
 
 
 def read_all(twin: Twin, posture: Posture) -> Floats:
@@ -44,13 +45,16 @@ def read_all(twin: Twin, posture: Posture) -> Floats:
     return np.array([value for own in twin.sensors for value in own.sensor.sense(posture)], dtype=np.float64)
 
 
-def sense_rates(twin: Twin, state: State, dz: Floats, names: Sequence[str] = ()) -> Floats:
+def sense_rates(twin: Twin, state: State, theta: Theta, dz: Floats, names: Sequence[str] = ()) -> Floats:
     """The channels' rates (n_channels, k) for rates dz (n_unknowns, k) of the unknowns.
 
     names
         Parameters (k,) of which dz is the derivative, or "": they may change a channel at fixed unknowns too.
     """
-    posture, rates = _StatePosture(twin, state), _StateRates(twin, state, dz, tuple(names))
+    if dz.shape[1] == 0:
+        return np.zeros((len(twin.columns), 0))
+    posture = _StatePosture(twin, state, theta)
+    rates = _StateRates(twin, state, theta, dz, tuple(names) or ("",) * dz.shape[1])
     rows = [row for own in twin.sensors for row in own.sensor.rates(posture, rates)]
     return np.array(rows).reshape(len(rows), dz.shape[1])
 
@@ -61,6 +65,7 @@ class _StatePosture:
 
     twin: Twin
     state: State
+    theta: Theta
 
     def point(self, name: str) -> Floats:
         if name in self.twin.frame:
@@ -80,7 +85,8 @@ class _StatePosture:
     @cached_property
     def _shortenings(self) -> Mapping[str, float]:
         cables = cables_of(self.twin.system)
-        return dict(zip(cables.names, (cables.rest_length - cables.lengths(self.state.x)).tolist(), strict=True))
+        found = self.twin.system.coordinates(self.state, self.theta)[cables.own]
+        return dict(zip(cables.names, found.tolist(), strict=True))
 
 
 @dataclass(frozen=True)
@@ -89,6 +95,7 @@ class _StateRates:
 
     twin: Twin
     state: State
+    theta: Theta
     dz: Floats
     names: tuple[str, ...]
 
@@ -108,13 +115,12 @@ class _StateRates:
         return self._of_frame(plate)[3:]
 
     def shortening(self, cable: str) -> Floats:
-        i = cables_of(self.twin.system).names.index(cable)
-        rate = self.twin.system.coordinate_gradient(self.state, i) @ self._dq
-        # A routing offset changes its cable's length at fixed unknowns.
-        for k, name in enumerate(self.names):
-            if name == f"{cable}.routing_offset":
-                rate[k] += cables_of(self.twin.system).shortening_by_offset(self.state.x)[i]
-        return rate
+        cables = cables_of(self.twin.system)
+        return self._coordinates[cables.first + cables.names.index(cable)]
+
+    @cached_property
+    def _coordinates(self) -> Floats:
+        return self.twin.system.coordinate_rates(self.state, self.theta, self.dz, self.names)
 
     def tension(self, cable: str) -> Floats:
         first = self.twin.system.layout.first_effort_unknown

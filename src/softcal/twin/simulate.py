@@ -45,8 +45,8 @@ def simulate(
         Values [SI] of robot parameters by dotted name, in the place of the robot's own. One robot at many values is
         built once; what `with_parameters` returns is another robot.
     sensitivities
-        Dotted names of robot parameters, or commands of the protocol (`cable1.tension`); the response then has exact
-        derivatives of every channel by each.
+        Dotted names of robot parameters, commands of the protocol (`cable1.tension`), or parameters by which the
+        commands have derivatives; the response then has exact derivatives of every channel by each.
     snapshots
         Whether shapes to draw are kept: at rest, and at every solved node. With "samples", only at every sample, in
         their order, and every sample is solved.
@@ -72,7 +72,8 @@ def simulate(
     known, theta = robot_parameters(robot), theta or {}
     sensitivities = (sensitivities,) if isinstance(sensitivities, str) else sensitivities
     commands = protocol.drives
-    faults = [unknown_name(name, {**known, **commands}) for name in sensitivities if name not in {**known, **commands}]
+    named = {**known, **commands, **dict.fromkeys(protocol.parameters)}
+    faults = [unknown_name(name, named) for name in sensitivities if name not in named]
     if snapshots not in (False, True, "samples"):
         faults.append(Fault("there are no such snapshots", "snapshots", repr(snapshots), "True, False or 'samples'"))
     values = {**{name: info.value for name, info in known.items()}, **theta}
@@ -121,6 +122,7 @@ def respond(
         For a derivative by a command where a term remembers.
     """
     commands = protocol.drives
+    protocol = protocol.completed(twin.robot)
     names = tuple(name for name in sensitivities if name not in commands)
     commanded = {name: commands[name] for name in sensitivities if name in commands}
     if commanded and twin.system.remembers:

@@ -1,0 +1,19 @@
+"""Cables that another program cannot have as softcal has them: there they are lines without friction and stretch."""
+
+from __future__ import annotations
+
+from softcal.errors import Fault
+from softcal.twin.robot import Robot
+
+
+def cable_faults(robot: Robot, program: str) -> list[Fault]:
+    """Faults of friction along cables, and of their stretch and pretension; program: such as "SOFA"."""
+    faults: list[Fault] = []
+    for cable in robot.cables:
+        if (mu := cable.friction_coefficient) > 0.0:
+            faults.append(Fault(f"a cable in {program} has no friction", cable.name, f"{mu:g}", "0"))
+        elastic = [name for name in cable.properties if name != "presliding"]
+        if elastic:
+            got, allowed = ", ".join(elastic), "a cable without stretch"
+            faults.append(Fault(f"a cable in {program} does not stretch", f"{cable.name}.line", got, allowed))
+    return faults

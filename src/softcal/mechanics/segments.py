@@ -1,0 +1,223 @@
+"""The segments of polylines through weighted points, |sum_s sigma_s x_s|: lengths, with first and second derivatives.
+
+A segment's ends may be points or weighted sums of points (a via point inside a tet), so a segment is a list of entities
+with signed weights sigma_s.
+
+Two neighbouring via points that the cable pulls onto each other have *met*: below the length `MET` the segment length
+|v| is replaced by a smooth function with a minimum, so that they can transmit any force between them up to the tension.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numba
+import numpy as np
+
+from softcal.checks import Floats, Ints
+from softcal.mechanics.layout import FIXED, Layout
+from softcal.mechanics.pattern import Pattern
+from softcal.mechanics.term import Entries
+
+MET = 1e-3  # of a segment's length at rest: below it the segment's ends have met
+
+
+@dataclass(frozen=True)
+class SegmentPlaces:
+    """Places of the segments' blocks in the tangent's long array.
+
+    Attributes
+    ----------
+    pairs
+        Place of each row of each block (n_pairs, 3).
+    pair_ptr
+        The blocks of segment k are pairs[pair_ptr[k]:pair_ptr[k+1]] (n_segments + 1,).
+    moves
+        Whether a point of a segment can move (n_segments,).
+    """
+
+    pairs: Ints
+    pair_ptr: Ints
+    moves: np.ndarray
+
+
+UNPLANNED = SegmentPlaces(np.zeros((0, 3), dtype=np.int64), np.zeros(1, dtype=np.int64), np.zeros(0, dtype=bool))
+
+
+@dataclass(frozen=True)
+class Segments:
+    """Segments of polylines.
+
+    Attributes
+    ----------
+    ptr
+        The entries of segment k are ptr[k]:ptr[k+1] (n_segments + 1,).
+    support
+        Points of the segments (n_entries,), ascending in each.
+    sigma
+        Their signed weights (n_entries,) [-].
+    by_offset
+        d sigma / d routing offset of the own cable (n_entries,) [1/m].
+    met
+        Length below which a segment's ends have met (n_segments,) [m].
+    places
+        Places of the blocks in the tangent.
+    """
+
+    ptr: Ints
+    support: Ints
+    sigma: Floats
+    by_offset: Floats
+    met: Floats
+    places: SegmentPlaces = field(default=UNPLANNED)
+
+    def __len__(self) -> int:
+        return len(self.ptr) - 1
+
+    @cached_property
+    def of_entry(self) -> Ints:
+        """The segment of each entry (n_entries,)."""
+        return np.repeat(np.arange(len(self)), np.diff(self.ptr))
+
+    @property
+    def points(self) -> list[Ints]:
+        """Points of each segment (1, k)."""
+        return [self.support[None, self.ptr[k] : self.ptr[k + 1]] for k in range(len(self))]
+
+    def plan(self, layout: Layout, pattern: Pattern) -> Segments:
+        """The segments with the places of their blocks in the tangent."""
+        blocks = [pattern.blocks(segment)[0] for segment in self.points]
+        ptr = np.cumsum([0, *(len(pairs) for pairs in blocks)])
+        can_move = (layout.rider != FIXED) & (layout.rider < layout.n_moving_frames)
+        moves = np.array([can_move[segment].any() for segment in self.points], dtype=bool)
+        return replace(self, places=SegmentPlaces(np.concatenate([UNPLANNED.pairs, *blocks]), ptr, moves))
+
+    def vectors(self, x: Floats) -> Floats:
+        """Segment vectors (n_segments, 3) [m]."""
+        return self._summed(self.sigma, x)
+
+    def vectors_by_offset(self, x: Floats) -> Floats:
+        """d segment vectors / d routing offset of their cable (n_segments, 3), with the supporting points fixed."""
+        return self._summed(self.by_offset, x)
+
+    def lengths(self, x: Floats) -> Floats:
+        """Lengths (n_segments,) [m]."""
+        apart = np.linalg.norm(self.vectors(x), axis=1)
+        least = np.maximum(apart, self.met)
+        square = (apart / least) ** 2
+        return least * (3.0 + square * (6.0 - square)) / 8.0
+
+    def length_slopes(self, x: Floats) -> Floats:
+        """d length / d vector (n_segments, 3)."""
+        v = self.vectors(x)
+        return _rates(v, self.met)[0][:, None] * v
+
+    def lengths_by_offset(self, x: Floats) -> Floats:
+        """d length / d routing offset (n_segments,), with the supporting points fixed."""
+        return (self.length_slopes(x) * self.vectors_by_offset(x)).sum(axis=1)
+
+    def pull(self, x: Floats, tension: Floats, gradient: Floats, data: Floats | None) -> None:
+        """Add the forces of the segments' tensions (n_segments,) to the gradient and, where `data` is given, T times
+        the length's second derivative.
+        """
+        if len(self) == 0:
+            return
+        v = self.vectors(x)
+        _add(
+            gradient,
+            np.zeros(0) if data is None else data,
+            data is not None,
+            v,
+            *_rates(v, self.met),
+            self.ptr,
+            self.support,
+            self.sigma,
+            tension,
+            self.places.pairs,
+            self.places.pair_ptr,
+        )
+
+    def gradient(self, x: Floats, weights: Floats, size: int) -> Floats:
+        """Sum of weights (n_segments,) times the lengths' gradients, on all entities (size,)."""
+        gradient = np.zeros(size)
+        self._spread(gradient, self.sigma, weights[:, None] * self.length_slopes(x))
+        return gradient
+
+    def gradient_by_offset(self, x: Floats, tension: Floats, tension_rate: Floats, size: int) -> Floats:
+        """d / d routing offset of the gradient (size,) that segment tensions (n_segments,) [N] give.
+
+        tension_rate (n_segments,) [N/m]: the tensions' own derivative.
+        """
+        gradient = np.zeros(size)
+        v, dv = self.vectors(x), self.vectors_by_offset(x)
+        first, second = _rates(v, self.met)
+        n, along = first[:, None] * v, second * (v * dv).sum(axis=1)
+        turned = first[:, None] * dv - along[:, None] * v
+        self._spread(gradient, self.by_offset, tension[:, None] * n)
+        self._spread(gradient, self.sigma, tension[:, None] * turned + tension_rate[:, None] * n)
+        return gradient
+
+    def entries(self, which: Ints, slopes: Floats) -> Entries:
+        """The columns j < k with the gradient of a function of segment `which[j]` with slope `slopes[j]` (k, 3) by its
+        vector.
+        """
+        counts = np.diff(self.ptr)[which]
+        column = np.repeat(np.arange(len(which)), counts)
+        entry = self.ptr[which][column] + np.arange(len(column)) - np.repeat(np.cumsum(counts) - counts, counts)
+        rows = 3 * self.support[entry, None] + np.arange(3)
+        values = self.sigma[entry, None] * slopes[column]
+        return Entries(rows.ravel(), np.repeat(column, 3), values.ravel())
+
+    def _summed(self, weights: Floats, x: Floats) -> Floats:
+        if len(self) == 0:
+            return np.zeros((0, 3))
+        return np.add.reduceat(weights[:, None] * x[self.support], self.ptr[:-1], axis=0)
+
+    def _spread(self, gradient: Floats, weights: Floats, vectors: Floats) -> None:
+        """Add weights of the entries times vectors (n_segments, 3) at their points."""
+        n = 3 * (len(gradient) // 3)
+        np.add.at(gradient[:n].reshape(-1, 3), self.support, weights[:, None] * vectors[self.of_entry])
+
+
+def _rates(v: Floats, met: Floats) -> tuple[Floats, Floats]:
+    """a, b (n_segments,) with which a segment's length has the gradient a v and the second derivative a I - b v v^T."""
+    square = (v * v).sum(axis=1)
+    m = np.maximum(np.sqrt(square), met)
+    return (1.5 - 0.5 * square / m**2) / m, 1.0 / m**3
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _add(
+    gradient: Floats,
+    data: Floats,
+    with_tangent: bool,
+    v: Floats,
+    first: Floats,
+    second: Floats,
+    ptr: Ints,
+    support: Ints,
+    sigma: Floats,
+    tension: Floats,
+    pairs: Ints,
+    pair_ptr: Ints,
+) -> None:
+    B = np.empty((3, 3))
+    for k in range(len(tension)):
+        T = tension[k]
+        n = first[k] * v[k]
+        for s in range(ptr[k], ptr[k + 1]):
+            for i in range(3):
+                gradient[3 * support[s] + i] += T * sigma[s] * n[i]
+        if not with_tangent:
+            continue
+        for i in range(3):
+            for j in range(3):
+                B[i, j] = ((first[k] if i == j else 0.0) - second[k] * v[k, i] * v[k, j]) * T
+        m = pair_ptr[k]
+        for s in range(ptr[k], ptr[k + 1]):
+            for t in range(s, ptr[k + 1]):
+                for i in range(3):
+                    for j in range(i if s == t else 0, 3):
+                        data[pairs[m, i] + j] += sigma[s] * sigma[t] * B[i, j]
+                m += 1

@@ -1,0 +1,169 @@
+"""The recursions of `tensions.py` along the segments of every cable, from the pulled end to the far one and back."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from softcal.checks import Floats, Ints
+
+# The turning angle has a kink at zero, rounded off below this angle [rad], which the via points of a cable share: so a
+# smooth way turns by as much whether it goes through ten points or a thousand.
+SMOOTH = 1e-4
+HELD = 1.0 - 1e-9  # of sigma: below it a via point sticks
+MOST_ITERATIONS = 100
+CLOSE = 1e-13  # of a logarithm of two tensions
+
+
+@numba.njit(cache=True, error_model="numpy")
+def turn(ptr: Ints, v: Floats, phi: Floats, by_near: Floats, by_far: Floats) -> None:
+    across = np.empty(3)
+    for c in range(len(ptr) - 1):
+        s = SMOOTH / max(ptr[c + 1] - ptr[c] - 1, 1)
+        for k in range(ptr[c] + 1, ptr[c + 1]):
+            a, b = v[k - 1], v[k]
+            la, lb = np.sqrt(np.sum(a * a)), np.sqrt(np.sum(b * b))
+            u, w = a / la, b / lb
+            cos = np.sum(u * w)
+            for i in range(3):
+                across[i] = u[(i + 1) % 3] * w[(i + 2) % 3] - u[(i + 2) % 3] * w[(i + 1) % 3]
+            sin = np.sqrt(np.sum(across * across))
+            angle = np.arctan2(sin, cos)
+            smooth = np.hypot(angle, s)
+            phi[k] = angle**2 / smooth
+            scale = angle * (angle**2 + 2.0 * s**2) / smooth**3 / max(sin, 1e-15)
+            for i in range(3):
+                by_near[k, i] = -scale * (w[i] - cos * u[i]) / la
+                by_far[k, i] = -scale * (u[i] - cos * w[i]) / lb
+
+
+@numba.njit(cache=True, error_model="numpy")
+def solve(
+    ptr: Ints,
+    pull: Floats,
+    most: Floats,
+    softness: Floats,
+    given: Floats,
+    memory: Floats,
+    delta: Floats,
+    rho: Floats,
+    sigma: Floats,
+    slip: Floats,
+) -> None:
+    """rho, sigma and slip of all segments; most: mu phi, given: the slips' summands without the stretch.
+
+    With S_j, the stretch beyond via point j, the equations are the gradient of a strictly convex function of S,
+
+        ln((S_j - S_(j+1)) / c_j T) - ln((S_(j-1) - S_j) / c_(j-1) T) - r_j(S_j) = 0
+
+    solved by Newton's method, with a tridiagonal Hessian, and a line search.
+    """
+    n = len(rho)
+    S, left, step = np.zeros(n + 1), np.zeros(n), np.zeros(n + 1)
+    upper, right = np.zeros(n + 1), np.zeros(n + 1)
+    for c in range(len(pull)):
+        a, b = ptr[c], ptr[c + 1]
+        T = max(pull[c], 0.0)
+        stretches = softness[a] * T > 0.0
+        S[b] = 0.0
+        for k in range(b - 1, a, -1):
+            S[k] = S[k + 1] + softness[k] * T
+        _beyond(a, b, T, delta[c], most, softness, given, memory, S, rho, sigma, slip, left)
+        if delta[c] <= 0.0 or not stretches:
+            for k in range(a + 1, b):
+                rho[k] = rho[k - 1] + most[k] * sigma[k]
+            continue
+        best = np.inf
+        for _ in range(MOST_ITERATIONS):
+            worst, shortest = 0.0, np.inf
+            for k in range(a + 1, b):
+                worst = max(worst, abs(left[k]))
+            if worst < CLOSE or (worst < 1e3 * CLOSE and worst >= best):
+                break
+            best = min(best, worst)
+            upper[a], right[a] = 0.0, 0.0
+            for k in range(a + 1, b):
+                own = 1.0 / (S[k] - S[k + 1])
+                before = 1.0 / (S[k - 1] - S[k]) if k > a + 1 else 0.0
+                h = most[k] / delta[c] if abs(sigma[k]) < HELD else 0.0
+                pivot = own + before + h - before * upper[k - 1]
+                upper[k] = own / pivot
+                right[k] = (-left[k] + before * right[k - 1]) / pivot
+            step[b] = 0.0
+            slope = 0.0
+            for k in range(b - 1, a, -1):
+                step[k] = right[k] + upper[k] * step[k + 1]
+                slope += step[k] * left[k]
+                closing = step[k + 1] - step[k]
+                if closing > 0.0:
+                    shortest = min(shortest, (S[k] - S[k + 1]) / closing)
+            part, low, high = min(1.0, 0.9 * shortest), 0.0, 0.0
+            taken = 0.0
+            for _ in range(30):  # the slope along the step ascends to zero at its end
+                for k in range(a + 1, b):
+                    S[k] += (part - taken) * step[k]
+                taken = part
+                _beyond(a, b, T, delta[c], most, softness, given, memory, S, rho, sigma, slip, left)
+                now = 0.0
+                for k in range(a + 1, b):
+                    now += step[k] * left[k]
+                if abs(now) <= 0.9 * abs(slope):
+                    break
+                if now > 0.0:
+                    high = part
+                    part = 0.5 * (low + high)
+                elif high > 0.0:
+                    low = part
+                    part = 0.5 * (low + high)
+                else:
+                    break
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _beyond(
+    a: int,
+    b: int,
+    T: float,
+    delta: float,
+    most: Floats,
+    softness: Floats,
+    given: Floats,
+    memory: Floats,
+    S: Floats,
+    rho: Floats,
+    sigma: Floats,
+    slip: Floats,
+    left: Floats,
+) -> None:
+    """rho, sigma, slip, and what the equations leave, of one cable's segments at S."""
+    longer = 0.0
+    for k in range(b - 1, a, -1):
+        longer += given[k]
+        slip[k] = longer - S[k]
+        sigma[k] = -1.0 if delta <= 0.0 else min(max((slip[k] - memory[k]) / delta, -1.0), 1.0)
+    rho[a] = 0.0
+    for k in range(a + 1, b):
+        if softness[k] * T > 0.0:
+            rho[k] = np.log((S[k] - S[k + 1]) / (softness[k] * T))
+        left[k] = rho[k] - rho[k - 1] - most[k] * sigma[k]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def respond(ptr: Ints, by_slip: Floats, pulled: Floats, own: Floats) -> Floats:
+    out = np.zeros_like(own)
+    for c in range(len(ptr) - 1):
+        first, end = ptr[c], ptr[c + 1]
+        b = np.zeros(end - first + 1)
+        for k in range(end - 1, first, -1):
+            soft = pulled[k] + b[k + 1 - first]
+            b[k - first] = soft / (1.0 + by_slip[k] * soft)
+        for m in range(own.shape[1]):
+            a = np.zeros(end - first + 1)
+            for k in range(end - 1, first, -1):
+                soft = pulled[k] + b[k + 1 - first]
+                a[k - first] = soft * (own[k, m] - by_slip[k] * a[k + 1 - first]) / (1.0 + by_slip[k] * soft)
+                a[k - first] += a[k + 1 - first]
+            for k in range(first + 1, end):
+                soft = pulled[k] + b[k + 1 - first]
+                out[k, m] = (out[k - 1, m] + own[k, m] - by_slip[k] * a[k + 1 - first]) / (1.0 + by_slip[k] * soft)
+    return out

@@ -1,0 +1,324 @@
+"""The tension along a cable: friction at its via points, with or without a memory, and the stretch of its line.
+
+From the pulled end on, with T the tension there, segment k has
+
+    T_k = T exp(sum_j<=k r_j),    r_j = mu phi_j sigma_j,    -1 <= sigma_j <= 1
+
+phi_j is the turning angle at via point j, before segment j. A cable that is only pulled slides everywhere towards its
+pulled end: sigma = -1 (Euler-Eytelwein). Friction *with a memory* opposes the sliding that takes place. The slip
+
+    s_j = sum_k>=j (l_k - l0_k - c_k (T_k - T0)),    c_k = l0_k / EA
+
+is how much more line is beyond via point j than at rest, its stretch set aside. There the friction is an elastic and
+then plastic spring, sigma_j = clip((s_j - p_j) / delta, -1, 1), with the presliding displacement delta and the plastic
+slip p_j, its memory (return mapping: p_j -> s_j - delta sigma_j).
+
+With stretch, the tensions on the right make this a system of equations along each cable. Its tangent is solved by one
+recursion to the far end and back: with sum_k>=j c_k T_k d rho_k = a_j + b_j d rho_(j-1), b_j >= 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from softcal.checks import Floats, Ints
+from softcal.mechanics.tension_kernels import HELD, respond, solve, turn
+from softcal.mechanics.term import Theta
+
+KINDS = ("friction_coefficient", "stiffness", "compliance", "pretension", "presliding")
+
+
+@dataclass(frozen=True)
+class Lines:
+    """The properties of the lines of all cables, each (n_cables,).
+
+    Attributes
+    ----------
+    mu
+        Friction coefficient at via points [-].
+    softness
+        1 / EA [1/N]; zero without stretch.
+    compliance
+        Of the machine that pulls [m/N].
+    pretension
+        Tension at zero shortening of the robot at rest [N].
+    presliding
+        Presliding displacement [m]; NaN where friction has no memory.
+    """
+
+    mu: Floats
+    softness: Floats
+    compliance: Floats
+    pretension: Floats
+    presliding: Floats
+
+    @property
+    def remembers(self) -> np.ndarray:
+        """Whether the friction of a cable has a memory (n_cables,)."""
+        return np.isfinite(self.presliding)
+
+    @property
+    def are_ideal(self) -> bool:
+        """Whether no line has friction or stretch, and no machine gives way."""
+        return not (self.mu.any() or self.softness.any() or self.compliance.any())
+
+
+def lines_of(names: Sequence[str], theta: Theta) -> Lines:
+    """The properties of the lines of cables by the parameters' values."""
+    mu, stiffness, compliance, pretension, presliding = (
+        np.array([theta.get(f"{name}.{kind}", otherwise) for name in names], dtype=np.float64)
+        for kind, otherwise in zip(KINDS, (0.0, np.inf, 0.0, 0.0, np.nan), strict=True)
+    )
+    return Lines(mu, 1.0 / stiffness, compliance, pretension, presliding)
+
+
+@dataclass(frozen=True)
+class Turns:
+    """Turning angles at the via points, each with the segment beyond it; zero at the first segment of a cable.
+
+    Attributes
+    ----------
+    phi
+        Angles (n_segments,) [rad].
+    by_near, by_far
+        d phi / d vectors of the segment before, and of the own one (n_segments, 3) [1/m].
+    """
+
+    phi: Floats
+    by_near: Floats
+    by_far: Floats
+
+    def rates(self, v_rates: Floats) -> Floats:
+        """Rates of the angles (n_segments,) for rates (n_segments, 3) of the segments' vectors."""
+        before = np.concatenate([v_rates[:1], v_rates[:-1]])
+        return (self.by_near * before + self.by_far * v_rates).sum(axis=1)
+
+
+def turns(v: Floats, ptr: Ints) -> Turns:
+    """The angles between each segment's vector v (n_segments, 3) and the one before; ptr: of the cables' segments.
+
+    Rounded off at zero: phi^2 / sqrt(phi^2 + s^2) in the place of phi; far above s it is phi, without an offset.
+    """
+    phi, by_near, by_far = np.zeros(len(v)), np.zeros_like(v), np.zeros_like(v)
+    turn(ptr, np.ascontiguousarray(v), phi, by_near, by_far)
+    return Turns(phi, by_near, by_far)
+
+
+@dataclass(frozen=True)
+class ShapeRates:
+    """How the tensions of one cable change with its shape.
+
+    Attributes
+    ----------
+    own
+        Its segments.
+    longer, turned
+        The segments whose length, and whose turning angle, changes rho.
+    rates
+        Rates of rho (n_own, k) by these lengths, then by these angles.
+    """
+
+    own: slice
+    longer: Ints
+    turned: Ints
+    rates: Floats
+
+
+class Course(NamedTuple):
+    """Where cables run; segments of one cable after the other, each cable's from its pulled end on.
+
+    Attributes
+    ----------
+    ptr
+        The segments of cable c are ptr[c]:ptr[c+1] (n_cables + 1,).
+    rest, longer
+        Length of each segment at rest, and what it is longer now (n_segments,) [m].
+    slopes
+        d length / d vector of each segment (n_segments, 3).
+    moves
+        Whether a segment can move (n_segments,).
+    turns
+        The turning angles.
+    """
+
+    ptr: Ints
+    rest: Floats
+    longer: Floats
+    slopes: Floats
+    moves: np.ndarray
+    turns: Turns
+
+
+@dataclass(frozen=True)
+class Tensions:
+    """The tensions along all cables at a state, by segments in the order of their course.
+
+    Attributes
+    ----------
+    lines, course
+        Their properties, and where they run.
+    pull
+        Tensions at the pulled ends (n_cables,) [N].
+    softness
+        Stretch of each segment by its tension, c_k (n_segments,) [m/N].
+    slip
+        Slip at the via point before each segment (n_segments,) [m].
+    sigma
+        Share of the friction that acts, with its sign (n_segments,) [-].
+    factor
+        T_k over T (n_segments,) [-].
+    """
+
+    lines: Lines
+    course: Course
+    pull: Floats
+    softness: Floats
+    slip: Floats
+    sigma: Floats
+    factor: Floats
+
+    @cached_property
+    def cable(self) -> Ints:
+        """The cable of each segment (n_segments,)."""
+        return np.repeat(np.arange(len(self.pull)), np.diff(self.course.ptr))
+
+    @cached_property
+    def segments(self) -> Floats:
+        """T_k (n_segments,) [N]."""
+        return self.pull[self.cable] * self.factor
+
+    @cached_property
+    def by_slip(self) -> Floats:
+        """d r / d slip at the via point before each segment (n_segments,) [1/m]: zero where it slides."""
+        most, delta = (self.lines.mu[self.cable] * self.course.turns.phi, self.lines.presliding[self.cable])
+        sticks = self.lines.remembers[self.cable] & (np.abs(self.sigma) < HELD)
+        return np.where(sticks, most / np.where(sticks, delta, 1.0), 0.0)
+
+    @property
+    def by_angle(self) -> Floats:
+        """d r / d turning angle (n_segments,)."""
+        return self.lines.mu[self.cable] * self.sigma
+
+    @cached_property
+    def stretched(self) -> Floats:
+        """c_k T_k (n_segments,) [m]; a cable in compression, which is at most an intermediate state, has no friction
+        of its stretch.
+        """
+        return self.softness * np.maximum(self.segments, 0.0)
+
+    def beyond(self, values: Floats) -> Floats:
+        """Sums of values (n_segments, ...) over each segment and those of its cable beyond it."""
+        out = np.empty_like(values)
+        for a, b in zip(self.course.ptr[:-1], self.course.ptr[1:], strict=True):
+            out[a:b] = np.cumsum(values[a:b][::-1], axis=0)[::-1]
+        return out
+
+    def respond(self, own: Floats) -> Floats:
+        """Rates of rho = ln(T_k / T) (n_segments, k) where each r_j has rates `own` (n_segments, k) at fixed rho."""
+        return respond(self.course.ptr, self.by_slip, self.stretched, np.ascontiguousarray(own))
+
+    @cached_property
+    def by_shape(self) -> Sequence[ShapeRates]:
+        """Of each cable with friction, how its tensions change with its shape."""
+        found: list[ShapeRates] = []
+        before = np.concatenate([self.course.moves[:1], self.course.moves[:-1]])
+        for a, b in zip(self.course.ptr[:-1].tolist(), self.course.ptr[1:].tolist(), strict=True):
+            own, by_slip, by_angle = slice(a, b), self.by_slip[a:b], self.by_angle[a:b]
+            longer = np.flatnonzero(self.course.moves[own] & by_slip.any())
+            turned = np.flatnonzero((by_angle != 0.0) & (self.course.moves[own] | before[own]))
+            if len(longer) + len(turned) == 0:
+                continue
+            r = np.zeros((b - a, len(longer) + len(turned)))
+            r[:, : len(longer)] = np.where(np.arange(b - a)[:, None] <= longer, by_slip[:, None], 0.0)
+            r[turned, len(longer) + np.arange(len(turned))] = by_angle[turned]
+            rates = respond(np.array([0, b - a]), by_slip, self.stretched[own], r)
+            found.append(ShapeRates(own, a + longer, a + turned, rates))
+        return found
+
+    @cached_property
+    def by_pull(self) -> Floats:
+        """d rho / d T of the own cable (n_segments,) [1/N]."""
+        pulled = np.where(self.pull[self.cable] > 0.0, self.softness * self.factor, 0.0)
+        return self.respond(-(self.by_slip * self.beyond(pulled))[:, None])[:, 0]
+
+    @property
+    def stretch(self) -> Floats:
+        """Stretch of each line, and of its machine, beyond that by the pretension (n_cables,) [m]."""
+        return self.per_cable(self.softness * (self.segments - self._pretension)) + self.lines.compliance * (
+            self.pull - self.lines.pretension
+        )
+
+    def stretch_rates(self, rho: Floats, pull: Floats) -> Floats:
+        """Rates of the stretch (n_cables,) at rates of rho (n_segments,) and of T (n_cables,)."""
+        of_line = self.softness * (self.factor * pull[self.cable] + self.segments * rho)
+        return self.per_cable(of_line) + self.lines.compliance * pull
+
+    def per_cable(self, values: Floats) -> Floats:
+        """Sums (n_cables,) of values (n_segments,)."""
+        return np.bincount(self.cable, weights=values, minlength=len(self.pull)).astype(np.float64)
+
+    @property
+    def _pretension(self) -> Floats:
+        return self.lines.pretension[self.cable]
+
+    def by_property(self, kind: str, cable: int) -> tuple[Floats, Floats, float]:
+        """Derivatives at fixed rho by one property of a cable's line: of r_j and of the slips (n_segments,), and of
+        the cable's stretch.
+        """
+        own, n = self.cable == cable, len(self.cable)
+        lines = self.lines
+        r, slip = np.zeros(n), np.zeros(n)
+        if kind == "friction_coefficient":
+            return np.where(own, self.course.turns.phi * self.sigma, 0.0), slip, 0.0
+        if kind == "stiffness":
+            slip, stretch = self.by_softness(np.where(own, -self.softness * lines.softness[cable], 0.0))
+            return self.by_slip * slip, slip, stretch
+        if kind == "pretension":
+            slip = self.beyond(np.where(own, self.softness, 0.0))
+            return self.by_slip * slip, slip, -float(self.softness @ own + lines.compliance[cable])
+        if kind == "compliance":
+            return r, slip, float(self.pull[cable] - lines.pretension[cable])
+        by_presliding = np.where(own, -self.by_slip * self.sigma, 0.0)
+        return by_presliding, slip, 0.0
+
+    def by_softness(self, rates: Floats) -> tuple[Floats, float]:
+        """Rates of the slips (n_segments,) and of a cable's stretch at fixed rho, by those of its c_k (n_segments,)."""
+        slip = -self.beyond(rates * (np.maximum(self.segments, 0.0) - self._pretension))
+        return slip, float(rates @ (self.segments - self._pretension))
+
+    @property
+    def plastic_slip(self) -> Floats:
+        """The memory that the state leaves (n_segments,) [m]."""
+        remembers = self.lines.remembers[self.cable]
+        return np.where(remembers, self.slip - self._delta * self.sigma, 0.0)
+
+    @property
+    def _delta(self) -> Floats:
+        return np.nan_to_num(self.lines.presliding)[self.cable]
+
+    def plastic_slip_rates(self, slip: Floats, memory: Floats, presliding: Floats) -> Floats:
+        """Rates of `plastic_slip` (n_segments,) at rates of the slips, of the memory before, and of the cables'
+        presliding displacement (n_cables,).
+        """
+        remembers = self.lines.remembers[self.cable]
+        slides = slip - self.sigma * presliding[self.cable]
+        return np.where(remembers, np.where(np.abs(self.sigma) < HELD, memory, slides), 0.0)
+
+
+def tensions(lines: Lines, course: Course, pull: Floats, memory: Floats) -> Tensions:
+    """The tensions along the cables where they are pulled with tensions `pull` (n_cables,) [N]; memory: the plastic
+    slips (n_segments,) [m].
+    """
+    of_segment = np.repeat(np.arange(len(pull)), np.diff(course.ptr))
+    softness = course.rest * lines.softness[of_segment]
+    given = course.longer + softness * lines.pretension[of_segment]
+    rho, sigma, slip = (np.zeros(len(softness)) for _ in range(3))
+    delta = np.where(lines.remembers, lines.presliding, 0.0)
+    most = lines.mu[of_segment] * course.turns.phi
+    solve(course.ptr, pull, most, softness, given, memory, delta, rho, sigma, slip)
+    return Tensions(lines, course, pull, softness, slip, sigma, np.exp(rho))

@@ -1,0 +1,120 @@
+"""What a project file states of a cable's line and of pulleys that reverse, and what it is refused for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from project_case import bar_robot, write_project
+from test_friction_branches import NOISE, loop_csv, prepared
+
+from softcal.errors import InputError, ParameterError, ProjectFileError
+from softcal.export.calculix import deck_faults
+from softcal.export.reduced import Reach, reduced
+from softcal.export.sofa_robot import scene_faults
+from softcal.project.project import load
+from softcal.twin.cables import CableLine
+from softcal.twin.parameters import robot_parameters, with_parameters
+
+AT = "  cables:\n    front:\n"
+MEMORY = "friction_coefficient: 0.1\n      line: {friction_memory: true}"
+PULLEYS = "rig:\n  pulleys: {count: 2, wrap: 180 deg, friction_coefficient: 0.1, friction_memory: true}\nexperiments:\n"
+
+
+def line(text: str) -> tuple[str, str]:
+    return AT, f"{AT}      {text}\n"
+
+
+def told(folder: Path, *changes: tuple[str, str], data: str | None = None) -> str:
+    with pytest.raises(ProjectFileError) as caught:
+        load(write_project(folder, *changes, data=data))
+    return str(caught.value)
+
+
+def test_what_is_stated_is_a_parameter(tmp_path: Path) -> None:
+    stated = "line: {spring_rate: 20 N/mm, rest_length: 99 mm, compliance: 0.05 mm/N, friction_memory: true}"
+    free = ("  front.slack:", "  front.stiffness: {bounds: [100 N, 100 kN], scale: log}\n  front.slack:")
+    project = load(write_project(tmp_path, line(stated), free))
+    known = robot_parameters(project.robot)
+    assert known["front.stiffness"].value == pytest.approx(2000.0)
+    assert known["front.compliance"].value == pytest.approx(5e-5)
+    assert known["front.pretension"].value == pytest.approx(1e-3 / (1.0 / 2e4 + 5e-5))
+    assert known["front.presliding"].value == pytest.approx(1e-5)
+    changed = with_parameters(project.robot, {"front.stiffness": 500.0, "front.presliding": 1e-4})
+    assert changed.cables[0].properties == {
+        **project.robot.cables[0].properties,
+        "stiffness": 500.0,
+        "presliding": 1e-4,
+    }
+    assert project.robot.remembers
+    assert not any(name.startswith("front.s") for name in robot_parameters(bar_robot()))
+
+
+@pytest.mark.parametrize(
+    ("stated", "sentence"),
+    [
+        ("{stiffness: 10000}", "stiffness"),
+        ("{stiffness: 0 N}", "the stiffness of a cable is out of range; got 0 N"),
+        ("{stiffness: -2 kN}", "the stiffness of a cable is out of range; got -2000 N"),
+        ("{stiffness: 2 N/mm}", "stiffness"),
+        ("{compliance: -1 mm/N}", "the compliance is out of range"),
+        ("{stiffness: 1 kN, spring_rate: 2 N/mm}", "stiffness and spring_rate exclude each other"),
+        ("{pretension: 2 N}", "a cable without stretch has no pretension at zero shortening"),
+        ("{stiffness: 1 kN, pretension: -2 N}", "the tension is out of range"),
+        ("{friction_memory: 0.1}", "friction_memory"),
+        ("{friction_memory: true, presliding: 0 mm}", "the presliding displacement is out of range"),
+        ("{stifness: 1 kN}", "stiffness"),
+    ],
+)
+def test_a_line_that_cannot_be_is_refused(tmp_path: Path, stated: str, sentence: str) -> None:
+    found = told(tmp_path, line(f"line: {stated}"))
+    assert sentence in found
+    assert "project.yaml:" in found
+
+
+def test_a_record_of_both_branches_is_a_load_path_of_friction_with_a_memory(tmp_path: Path) -> None:
+    assert "it reverses where the cable is released" in told(
+        tmp_path, line("friction_coefficient: 0.1"), data=loop_csv(0.0)
+    )
+    assert load(write_project(tmp_path, line(MEMORY), data=loop_csv(0.0))).robot.remembers
+    load(write_project(tmp_path, line(MEMORY), prepared("take_branch: loading"), data=loop_csv(0.0)))
+    for branch in ("unloading", "mean"):
+        found = told(tmp_path, line(MEMORY), prepared(f"take_branch: {branch}"), data=loop_csv(0.0))
+        assert f"samples in the order in which they were made; got take_branch: {branch}" in found
+
+
+def test_pulleys_that_reverse_take_a_record_as_it_was_made(tmp_path: Path) -> None:
+    rig = ("experiments:\n", PULLEYS)
+    project = load(write_project(tmp_path, rig, data=loop_csv()))
+    experiment = project.experiments["pull"]
+    assert not any(step.name == "correct_pulley_friction" for step in experiment.dataset.provenance)
+    assert experiment.rig_values()["pulleys.presliding"] == pytest.approx(1e-4)
+    found = told(tmp_path, rig, prepared("take_branch: loading"), data=loop_csv())
+    assert "the samples are no load path in their order; got take_branch: loading" in found
+    unseen = ("          shortening: {name: Displacement, unit: mm}\n", "")
+    drive = ("    files:\n", "    drive: tension\n    files:\n")
+    noise = (NOISE, "    noise: {pitch: 0.2 deg}\n")
+    free = ("  front.slack: {bounds: [0 mm, 5 mm], per: experiment}\n", "")
+    assert "no shortening of front" in told(tmp_path, rig, unseen, drive, noise, free, data=loop_csv())
+
+
+def elastic(**stated: float):
+    robot = bar_robot()
+    return replace(robot, cables=(replace(robot.cables[0], line=CableLine(**stated)),))
+
+
+def test_other_programs_say_that_their_cables_do_not_stretch() -> None:
+    robot = elastic(stiffness=1e3, pretension=1.0)
+    for program, faults in (("SOFA", scene_faults(robot)), ("CalculiX", deck_faults(robot))):
+        assert f"a cable in {program} does not stretch" in [fault.what for fault in faults]
+    assert not scene_faults(bar_robot())
+    with pytest.raises(ParameterError, match="a reduced model has no memory"):
+        reduced(elastic(friction_memory=True), {"front": Reach(1.0, "N")}, 3)
+
+
+def test_a_cable_made_in_python_is_checked_too() -> None:
+    with pytest.raises(InputError, match="no pretension at zero shortening"):
+        CableLine(pretension=1.0)
+    with pytest.raises(InputError, match="out of range"):
+        CableLine(stiffness=0.0)

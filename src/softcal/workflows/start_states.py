@@ -109,9 +109,11 @@ def at_start_values(project: Project) -> Project:
 
 
 def _end_of(project: Project, name: str) -> Response:
-    """Response to a driven cable up to its end; for independent states, that with the largest pull."""
+    """Response to a driven cable up to its end; for independent states, and a way there and back, that with the largest
+    pull.
+    """
     protocol = protocol_of(project, name)
-    if len(protocol.commands) > 1:
+    if len(protocol.commands) > 1 or project.robot.remembers:
         protocol = furthest_state(protocol)
     return response_to(robot_in(project, name), protocol, snapshots=True)
 

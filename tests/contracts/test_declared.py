@@ -104,12 +104,14 @@ STATED: list[tuple[str, Declared]] = [
     ("{x: 1 mm, y: 2 mm, z: 3 mm, rx: 0.1 rad, ry: 0.2 rad, rz: 0.3 rad}", Frame(1e-3, 2e-3, 3e-3, 0.1, 0.2, 0.3)),
     ("{pulleys: {wrap: 2 rad}, length: 425 mm}", CommonRig(pulleys=Pulleys(wrap=2.0), length=0.425)),
     (
-        "{pulleys: {wrap: 2 rad}, length: 425 mm, slack: 2 mm, tension_offset: 0.1 N, angle_offsets: {pitch: 0.1 rad}, "
+        "{pulleys: {wrap: 2 rad}, length: 425 mm, slack: 2 mm, backlash: 1 mm, "
+        "tension_offset: 0.1 N, angle_offsets: {pitch: 0.1 rad}, "
         "frame: {x: 1 m}}",
         Rig(
             pulleys=Pulleys(wrap=2.0),
             length=0.425,
             slack=0.002,
+            backlash=0.001,
             tension_offset=0.1,
             angle_offsets={"pitch": 0.1},
             frame=Frame(x=1.0),

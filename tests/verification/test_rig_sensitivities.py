@@ -90,6 +90,7 @@ REVERSING = {
     "front.friction_coefficient": (MU, 0.01, 0.5),
     "front.stiffness": (2e3, 1e2, 1e5),
     "front.slack": (0.4e-3, 0.0, 2e-3),
+    "front.backlash": (3e-4, 0.0, 1e-3),
     "front.tension_offset": (0.02, -0.1, 0.1),
     "front.tension_gain": (1.05, 0.9, 1.1),
     "pulleys.friction_coefficient": (0.08, 0.0, 0.3),
@@ -104,7 +105,9 @@ def test_readings_of_cables_and_pulleys_that_reverse_have_exact_derivatives(driv
     robot = robot_over_a_drum(MU, 5)
     line = CableLine(2e3, friction_memory=True, presliding=1e-4)
     robot = replace(robot, cables=(replace(robot.cables[0], line=line),))
-    rig = Rig(pulleys=Pulleys(wrap=np.pi, friction_coefficient=0.08, friction_memory=True, presliding=2e-4))
+    rig = Rig(
+        backlash=3e-4, pulleys=Pulleys(wrap=np.pi, friction_coefficient=0.08, friction_memory=True, presliding=2e-4)
+    )
 
     def test_of(name, d):
         channels = {"shortening": Channel(d, "m", 1e-4), "tension": Channel(250.0 * d, "N", 0.02)}
@@ -112,10 +115,17 @@ def test_readings_of_cables_and_pulleys_that_reverse_have_exact_derivatives(driv
         return Experiment(name, data, "front", "plate", drive, rig=rig)
 
     units = {name: known.unit for name, known in robot_parameters(robot).items()}
-    units |= {"front.slack": "m", "front.tension_offset": "N", "front.tension_gain": "1", "pulleys.presliding": "m"}
-    free = [FreeParameter(name, units.get(name, "1"), *ends) for name, (_, *ends) in REVERSING.items()]
+    units |= {
+        "front.slack": "m",
+        "front.backlash": "m",
+        "front.tension_offset": "N",
+        "front.tension_gain": "1",
+        "pulleys.presliding": "m",
+    }
+    ways = {name: values for name, values in REVERSING.items() if drive == "shortening" or name != "front.backlash"}
+    free = [FreeParameter(name, units.get(name, "1"), *ends) for name, (_, *ends) in ways.items()]
     problem = make_problem(robot, [test_of("one", CYCLE), test_of("two", CYCLE[::-1])], free)
-    theta = {name: value for name, (value, *_) in REVERSING.items()}
+    theta = {name: value for name, (value, *_) in ways.items()}
 
     def residuals(values):
         found = problem.evaluate(values)

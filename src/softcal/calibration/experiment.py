@@ -2,7 +2,7 @@
 
 The rig relates the twin to the instruments:
 
-    shortening on the bench = the cable's shortening + slack
+    shortening on the bench = the cable's shortening + slack, +- half of the drive's backlash
     tension in the dataset  = gain T exp(n theta (mu - mu_nominal)) + tension offset   (loading, see `steps/pulleys`)
     angle of the IMU        = the plate's angle + its offset
     position of a marker    = R(frame) (the twin's position) + t(frame)
@@ -38,6 +38,7 @@ Drive = Literal["shortening", "tension"]
 PULLEY_FRICTION = "pulleys.friction_coefficient"
 PULLEY_PRESLIDING = "pulleys.presliding"
 
+BACKLASH = "backlash"
 _OF_PULLEYS = {
     PULLEY_FRICTION: QUANTITIES["friction coefficient"],
     PULLEY_PRESLIDING: QUANTITIES["presliding displacement"],
@@ -159,6 +160,8 @@ class Experiment:
             nominal = {SHORTENING: self.rig.slack, TENSION: self.rig.tension_offset}
             values |= {ChannelName(kind, cable).offset: value for kind, value in nominal.items()}
             values[ChannelName(TENSION, cable).gain] = 1.0
+            if self.rig.backlash is not None:
+                values[backlash_of(cable)] = self.rig.backlash
         for channel in self.dataset.channels:
             name = self.twin_channel(channel)
             if not name.kind.drives and name.offset and not name.is_deviation:
@@ -230,6 +233,11 @@ def rig_parameters(experiments: Iterable[Experiment]) -> dict[str, ParameterInfo
     return found
 
 
+def backlash_of(cable: str) -> str:
+    """The name of the backlash of a cable's drive."""
+    return f"{cable}.{BACKLASH}"
+
+
 def drive_faults(drives: Sequence[tuple[str, ChannelName]], where: str) -> list[Fault]:
     """The faults of the channels that drive the twin, each by its name in the data and the twin's channel."""
     allowed = "the tension or shortening of a cable, such as cable1.tension"
@@ -248,6 +256,8 @@ def rig_kind(name: str) -> Quantity | None:
     if name in _OF_PULLEYS:
         return _OF_PULLEYS[name]
     parts = parameter_name(name)
+    if parts.kind == BACKLASH:
+        return QUANTITIES["clearance"]
     return FRAME.get(parts.base) if parts.owner == "frame" else readings().get(parts.kind)
 
 

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softcal.calibration.experiment import Experiment
+from softcal.calibration.experiment import Experiment, backlash_of
 from softcal.calibration.frame import FRAME, rotation, rotation_rates
+from softcal.calibration.play import play
 from softcal.calibration.pulley_gain import PulleyGain, gain_of
 from softcal.checks import Floats
 from softcal.errors import Fault, ParameterError
@@ -206,7 +207,11 @@ def _controls(experiment: Experiment, rig: Mapping[str, float], channel: str) ->
     measured = experiment.dataset.values(channel)
     if driven.kind == SHORTENING:
         # Negative values too: a cable drawn out by the sagging robot is slack there, and taut at zero.
-        return measured - rig[driven.offset], {driven.offset: -np.ones_like(measured)}
+        free, backlash = measured - rig[driven.offset], backlash_of(driven.carrier)
+        if backlash not in rig:
+            return free, {driven.offset: -np.ones_like(measured)}
+        followed = play(free, 0.5 * rig[backlash])
+        return followed.values, {driven.offset: -followed.by_shift, backlash: 0.5 * followed.by_half}
     pulleys = gain_of(experiment, rig, driven.carrier)
     gain = rig[driven.gain] * pulleys.value
     free = (measured - rig[driven.offset]) / gain

@@ -205,7 +205,9 @@ def _notes(
         where = ", ".join(f"{name} = {value:.4g}" for name, value in first.theta.items())
         text = f"{n_failed} of {len(trials)} trials could not be simulated; the first at {where}: {first.reason}"
         notes.append(Note(text))
-    if PULLEY_FRICTION in problem.space.targets:
+    pulleys = [experiment.rig.pulleys for experiment in problem.experiments]
+    corrected = any(one is not None and not one.friction_memory for one in pulleys)
+    if corrected and PULLEY_FRICTION in problem.space.targets:
         notes.append(Note(NOMINAL_FRICTION))
     return notes
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.calibration.experiment import PULLEY_FRICTION, PULLEY_PRESLIDING, Experiment
+from softcal.calibration.play import play
 from softcal.checks import Floats
 from softcal.experiments.steps.branches import branch_of
 from softcal.experiments.steps.pulleys import pulley_gain
@@ -49,13 +50,6 @@ def gain_of(experiment: Experiment, rig: Mapping[str, float], cable: str) -> Pul
 
 def reversals(slip: Floats, presliding: float) -> tuple[Floats, Floats]:
     """The share w of the friction that acts at each slip (n,), in their order, and dw / d presliding (n,)."""
-    share, rate = np.zeros(len(slip)), np.zeros(len(slip))
-    plastic, by = 0.0, 0.0
-    for i, d in enumerate(slip.tolist()):
-        w = (d - plastic) / presliding
-        if abs(w) < 1.0:
-            share[i], rate[i] = w, -(w + by) / presliding
-        else:
-            share[i] = np.sign(w)
-            plastic, by = d - presliding * share[i], -share[i]
-    return share, rate
+    plastic = play(slip, presliding)
+    share = np.clip((slip - plastic.values) / presliding, -1.0, 1.0)
+    return share, np.where(np.abs(share) < 1.0, -(share + plastic.by_half) / presliding, 0.0)

@@ -9,7 +9,7 @@ from typing import Annotated
 from softcal.calibration.frame import Frame
 from softcal.declare import Declared
 from softcal.limits import LIMITS
-from softcal.quantities import Angle, Friction, Presliding, Size, Slack, TensionOffset, Wrap
+from softcal.quantities import Angle, Clearance, Friction, Presliding, Size, Slack, TensionOffset, Wrap
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,11 +59,13 @@ class Rig(CommonRig):
     Attributes
     ----------
     slack, tension_offset : Of every cable [m], [N]
+    backlash : Travel [m] that the drive of every cable needs to reverse; None: there is none
     angle_offsets : Channel -> offset of its angle [rad]
     frame : The frame that positions were measured in
     """
 
     slack: Slack = 0.0
+    backlash: Clearance | None = None
     tension_offset: TensionOffset = 0.0
     angle_offsets: Mapping[str, Angle] = field(default_factory=dict[str, float])
     frame: Frame = field(default_factory=Frame)

@@ -215,6 +215,7 @@ def _rig(section: ExperimentSection, rig: CommonRig) -> Rig:
     angles = {"pitch": section.pitch_offset, "roll": section.roll_offset}
     return Rig(
         slack=section.slack,
+        backlash=section.backlash,
         tension_offset=section.tension_offset,
         angle_offsets={angle: value for angle, value in angles.items() if value},
         frame=section.frame or Frame(),

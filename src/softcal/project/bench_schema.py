@@ -16,7 +16,7 @@ from softcal.experiments.synchronise import CommonMotion
 from softcal.experiments.table_format import ColumnSpec, TableFormat
 from softcal.limits import LIMITS
 from softcal.project.section import Given, Section, numbered
-from softcal.quantities import Angle, Slack, TensionOffset
+from softcal.quantities import Angle, Clearance, Slack, TensionOffset
 
 ONE_CLOCK = "one clock"
 MOTION_CAPTURE = ".c3d"
@@ -93,6 +93,7 @@ class ExperimentSection(Section):
     prepare: list[Annotated[str | Mapping[str, Any], Reading(_step, "instead")]] = Field(default_factory=list)
     noise: Mapping[str, Given] = Field(default_factory=dict)
     slack: Slack = Rig.slack
+    backlash: Clearance | None = Rig.backlash
     tension_offset: TensionOffset = Rig.tension_offset
     pitch_offset: Angle = 0.0
     roll_offset: Angle = 0.0

@@ -256,6 +256,8 @@ def calibrated(project: Project, result: SearchResult) -> Project:
         known = experiment.rig_values().keys() | of_robot.keys()
         here = {**{n: v for n, v in shared.items() if n not in of_robot}, **own.get(name, {})}
         # The pulleys' friction stays the nominal one, under which the dataset was brought to the neck's side.
-        settings = {n: v for n, v in here.items() if n in known and n != PULLEY_FRICTION}
+        pulleys = experiment.rig.pulleys
+        kept = () if pulleys is not None and pulleys.friction_memory else (PULLEY_FRICTION,)
+        settings = {n: v for n, v in here.items() if n in known and n not in kept}
         experiments[name] = replace(experiment, settings={**experiment.settings, **settings})
     return replace(project, robot=robot, experiments=experiments)

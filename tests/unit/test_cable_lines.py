@@ -84,6 +84,14 @@ def test_a_record_of_both_branches_is_a_load_path_of_friction_with_a_memory(tmp_
         assert f"samples in the order in which they were made; got take_branch: {branch}" in found
 
 
+def test_a_drive_with_backlash_takes_a_record_as_it_was_made(tmp_path: Path) -> None:
+    loose = ("    cable: front\n", "    cable: front\n    backlash: 0.2 mm\n")
+    project = load(write_project(tmp_path, loose, data=loop_csv(0.0)))
+    assert project.experiments["pull"].rig_values()["front.backlash"] == pytest.approx(2e-4)
+    found = told(tmp_path, loose, prepared("take_branch: mean"), data=loop_csv(0.0))
+    assert "a drive with backlash needs the samples in the order in which they were made" in found
+
+
 def test_pulleys_that_reverse_take_a_record_as_it_was_made(tmp_path: Path) -> None:
     rig = ("experiments:\n", PULLEYS)
     project = load(write_project(tmp_path, rig, data=loop_csv()))

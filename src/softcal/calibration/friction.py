@@ -73,17 +73,19 @@ def _memory_faults(experiment: Experiment) -> list[Fault]:
 
 
 def _order_faults(robot: Robot, experiment: Experiment) -> list[Fault]:
-    """Samples that are no load path in their order, where friction along cables has a memory."""
+    """Samples that are no load path in their order, where friction along cables has a memory, or a drive backlash."""
     branch = branch_of(experiment.dataset)
-    if not robot.remembers or not (experiment.dataset.labels or branch in ("unloading", "mean")):
+    takes_order = robot.remembers or experiment.rig.backlash is not None
+    if not takes_order or not (experiment.dataset.labels or branch in ("unloading", "mean")):
         return []
+    what = "friction with a memory" if robot.remembers else "a drive with backlash"
     return [
         Fault(
-            "friction with a memory needs the samples in the order in which they were made",
+            f"{what} needs the samples in the order in which they were made",
             experiment.name,
             got=f"take_branch: {branch}" if branch else "samples with labels, each a state of its own",
             allowed="a record, row by row",
-            attempt="friction_memory: false",
+            attempt="friction_memory: false" if robot.remembers else "no backlash",
         )
     ]
 

@@ -240,13 +240,14 @@ class CableTerm(ActuatorTerm):
         r = along.by_angle * along.course.turns.rates(v_rates) + along.by_slip * (slip - before)
         presliding = np.zeros(self.n_cables)
         for i, name in enumerate(self.names):
-            owner, _, kind = parameter.rpartition(".")
-            if owner != name:
-                continue
-            is_offset = kind == "routing_offset"
-            by, of_slip, _ = self._by_offset(x, along, i) if is_offset else along.by_property(kind, i)
-            r, slip = r + by, slip + of_slip
-            presliding[i] = kind == "presliding"
+            if parameter == f"{name}.routing_offset":
+                by, of_slip, _ = self._by_offset(x, along, i)
+                r, slip = r + by, slip + of_slip
+            for kind in KINDS:
+                if parameter == f"{name}.{kind}":
+                    by, of_slip, _ = along.by_property(kind, i)
+                    r, slip = r + by, slip + of_slip
+                    presliding[i] = kind == "presliding"
         rho = along.respond(r[:, None])[:, 0]
         slip -= along.beyond(along.stretched * rho)
         return along.plastic_slip_rates(slip, before, presliding)[self._inner]

@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from softcal.geometry.section import GivenSection as GivenSection
     from softcal.geometry.section import RectangularBar as RectangularBar
     from softcal.geometry.section import RoundBar as RoundBar
+    from softcal.geometry.varied_section import VariedSection as VariedSection
     from softcal.limits import Limit as Limit
     from softcal.materials.catalogue import register_law as register_law
     from softcal.materials.law import Law as Law
@@ -77,6 +78,7 @@ if TYPE_CHECKING:
     from softcal.twin.manipulator import Manipulator as Manipulator
     from softcal.twin.manipulator import Springs as Springs
     from softcal.twin.manipulator import manipulator as manipulator
+    from softcal.twin.material import Material as Material
     from softcal.twin.parameters import robot_parameters as robot_parameters
     from softcal.twin.parameters import with_parameters as with_parameters
     from softcal.twin.protocol import Command as Command
@@ -86,6 +88,7 @@ if TYPE_CHECKING:
     from softcal.twin.robot import Cable as Cable
     from softcal.twin.robot import Disc as Disc
     from softcal.twin.robot import Marker as Marker
+    from softcal.twin.robot import Moment as Moment
     from softcal.twin.robot import Plate as Plate
     from softcal.twin.robot import PointLoad as PointLoad
     from softcal.twin.robot import Robot as Robot
@@ -220,6 +223,9 @@ _HOMES = {
     "with_parameters": "softcal.twin.parameters",
     "write_export": "softcal.workflows.export",
     "write_report": "softcal.workflows.reporting",
+    "Material": "softcal.twin.material",
+    "Moment": "softcal.twin.robot",
+    "VariedSection": "softcal.geometry.varied_section",
 }
 
 __all__ = [
@@ -252,7 +258,9 @@ __all__ = [
     "Loss",
     "Manipulator",
     "Marker",
+    "Material",
     "MeshError",
+    "Moment",
     "NamedSensor",
     "Optimiser",
     "Option",
@@ -290,6 +298,7 @@ __all__ = [
     "TimeSettings",
     "UncertainParameter",
     "UnitError",
+    "VariedSection",
     "ViaPoint",
     "box_mesh",
     "calibrate",

@@ -12,7 +12,7 @@ import numpy as np
 from softcal.checks import Floats, Ints, frozen_floats, frozen_ints
 from softcal.declare import Check, Reading, as_annotated, shown
 from softcal.errors import Fault, InputError
-from softcal.quantities import Acceleration, Direction, Force, Point, Pressure
+from softcal.quantities import Acceleration, Direction, Force, Moment, Point, Pressure
 
 if TYPE_CHECKING:
     from pydantic_core import CoreSchema
@@ -65,6 +65,7 @@ def _numbers(axes: int) -> Check:
 Position = Annotated[Floats, ArrayOf(Point)]
 UnitVector = Annotated[Floats, ArrayOf(Direction), Check(_unit)]
 ForceVector = Annotated[Floats, ArrayOf(tuple[Force, Force, Force])]
+MomentVector = Annotated[Floats, ArrayOf(tuple[Moment, Moment, Moment])]
 Traction = Annotated[Floats, ArrayOf(tuple[Pressure, Pressure, Pressure])]
 Gravity = Annotated[Floats, ArrayOf(tuple[Acceleration, Acceleration, Acceleration])]
 # Numbers of the nodes of some triangles (k, 3 or 6), and of some nodes or tets (n,).

@@ -124,6 +124,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         Quantity("area", "m^2", 0.0, 1e4, "(]"),
         Quantity("second moment", "m^4", 0.0, 1e8, "(]"),
         Quantity("force", "N", -1e8, 1e8),
+        Quantity("moment", "N*m", -1e8, 1e8),
         Quantity("tension", "N", 0.0, 1e8),
         # The softest elastic cords have some 1 N.
         Quantity(
@@ -198,6 +199,7 @@ CableStiffness = Annotated[float, QUANTITIES["stiffness of a cable"]]
 SpringRate = Annotated[float, QUANTITIES["spring rate"]]
 Compliance = Annotated[float, QUANTITIES["compliance"]]
 Presliding = Annotated[float, QUANTITIES["presliding displacement"]]
+Moment = Annotated[float, QUANTITIES["moment"]]
 TensionOffset = Annotated[float, QUANTITIES["tension offset"]]
 Pressure = Annotated[float, QUANTITIES["pressure"]]
 Modulus = Annotated[float, QUANTITIES["modulus"]]

@@ -29,6 +29,7 @@ from softcal.geometry.regions import Box, Cylinder, Plane, Sphere
 from softcal.geometry.ring import Ring
 from softcal.geometry.rod_shapes import Helix, Polyline, Straight
 from softcal.geometry.section import GivenSection, RectangularBar, RoundBar
+from softcal.geometry.varied_section import VariedSection
 from softcal.geometry.wire import SolidRod, SolidSpring
 from softcal.materials.infill import PrintInfill
 from softcal.project.bench_schema import BenchFile
@@ -44,7 +45,7 @@ from softcal.project.robot_schema import (
     TieSection,
     ViaSection,
 )
-from softcal.project.rod_schema import RodSection
+from softcal.project.rod_schema import RodMaterialSection, RodSection
 from softcal.project.section import Section, validated
 from softcal.project.sections import SECTIONS
 from softcal.sensing.sensors.cable import CableSensor
@@ -54,7 +55,20 @@ from softcal.twin.barrier import Contact
 from softcal.twin.cables import Cable, CableLine, RoutingAxis
 from softcal.twin.clamp import Clamp
 from softcal.twin.manipulator import BaseDisc, Cables, DiscMarkers, Discs, Manipulator, Springs
-from softcal.twin.robot import Body, Disc, Marker, Material, Plate, PointLoad, Robot, Rod, SurfaceLoad, Tie, ViaPoint
+from softcal.twin.robot import (
+    Body,
+    Disc,
+    Marker,
+    Material,
+    Moment,
+    Plate,
+    PointLoad,
+    Robot,
+    Rod,
+    SurfaceLoad,
+    Tie,
+    ViaPoint,
+)
 from softcal.twin.time_settings import Settling, TimeSettings
 
 TABLE_TEXT = (
@@ -279,12 +293,14 @@ MADE_OF = [
     (MaterialSection, Material, set()),
     (BodySection, Body, {"mesh", "fixed"}),
     (RodSection, Rod, {"section", "clamped", "fixed"}),
+    (RodMaterialSection, Material, {"between"}),
     (PlateSection, Plate, {"holes"}),
     (TieSection, Tie, set()),
     (ViaSection, ViaPoint, set()),
     (CableSection, Cable, set()),
     (MarkerSection, Marker, set()),
     (LoadSection, PointLoad, {"force"}),
+    (LoadSection, Moment, {"moment"}),
     (LoadSection, SurfaceLoad, set()),
     (RobotSection, Robot, {"bodies", "rods", "plates", "ties", "cables", "loads", "markers", "sensors", "contact"}),
 ]
@@ -304,8 +320,13 @@ def descendants(cls: type = Declared) -> set[type]:
 
 
 def family() -> set[type]:
-    """What a mapping of a project file is read into: no bases, and nothing of the tests' own."""
-    return {one for one in descendants() if one.__module__.startswith("softcal.") and not isabstract(one)} - {Coil}
+    """What a mapping of a project file is read into: no bases, nothing of several mappings, and nothing of the tests'
+    own.
+    """
+    return {one for one in descendants() if one.__module__.startswith("softcal.") and not isabstract(one)} - {
+        Coil,
+        VariedSection,
+    }
 
 
 def plain(cls: type[Declared]) -> Declared | None:

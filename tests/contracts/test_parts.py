@@ -37,8 +37,8 @@ NONE = np.zeros(0, dtype=int)
 PARTS: list[tuple[str, Callable[..., object], dict[str, Any]]] = [
     (
         "core.",
-        lambda **given: Material("core", **{"tets": [0], "parameters": {}, **given}),
-        {"tets": [0.5], "density": -1.0, "parameters": {"youngs_modulus": "1 MPa"}},
+        lambda **given: Material("core", **{"elements": [0], "parameters": {}, **given}),
+        {"elements": [0.5], "density": -1.0, "parameters": {"youngs_modulus": "1 MPa"}},
     ),
     (
         "bar.",

@@ -25,6 +25,7 @@ from softcal.mechanics.contact import ContactTerm
 from softcal.mechanics.damping import Damping
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.loads import Loads
+from softcal.mechanics.moments import Moments
 from softcal.mechanics.node import Line, node_at
 from softcal.mechanics.pattern import Pattern
 from softcal.mechanics.rod import RodTerm
@@ -41,7 +42,7 @@ from softcal.twin.cables import CableLine, RoutingAxis
 from softcal.twin.clamp import Clamp
 from softcal.twin.masses import robot_inertia
 from softcal.twin.parameters import robot_parameters, with_parameters
-from softcal.twin.robot import Body, Cable, Robot, Rod, ViaPoint
+from softcal.twin.robot import Body, Cable, Moment, Robot, Rod, ViaPoint
 
 STEP = 1e-4  # of the moves: central differences are right to its square
 
@@ -121,6 +122,13 @@ def whip() -> Robot:
     line = straight((0.0, 0.0, 0.1), (0.0, 0.05, 0.16), at=np.linspace(0.0, 1.0, 4))
     rod = Rod("whip", line, RectangularBar(0.004, 0.002), elastic(1e8), {"plate": np.array([0])}, density=1e4)
     return replace(bent_column(), rods=(rod,))
+
+
+def twisted_whip() -> Robot:
+    """The whip with dead moments on its plate, on a node of it, and between two."""
+    places = {"on_plate": ("plate", [0.0, 0.0, 0.1]), "at_node": ("whip", [0.0, 0.05, 0.16])}
+    places["between"] = ("whip", [0.0, 0.02, 0.124])
+    return replace(whip(), loads=tuple(Moment(name, on, [0.02, -0.03, 0.05], at) for name, (on, at) in places.items()))
 
 
 def blocks(friction: float = 0.0) -> Robot:
@@ -261,6 +269,7 @@ CASES = {
     "friction with a memory": Case(CableTerm, lambda: bent_column(friction=0.3, **MEMORY), *REMEMBERS),
     "memory and stretch": Case(CableTerm, lambda: bent_column(friction=0.3, **MEMORY, **STRETCH), *REMEMBERS),
     "loads": Case(Loads, bent_column, first(Loads)),
+    "moments": Case(Moments, twisted_whip, first(Moments), has_energy=False),
     "contact": Case(ContactTerm, blocks, first(ContactTerm), pressed),
     "contact with friction": Case(ContactTerm, lambda: blocks(0.5), in_motion(ContactTerm, pressed), pressed),
     "viscosity": Case(ViscousTerm, bent_column, in_motion(ViscousTerm)),

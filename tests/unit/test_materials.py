@@ -84,9 +84,9 @@ def test_the_group_has_a_material_of_its_own(tmp_path: Path):
     assert known["bar.soft.poissons_ratio"].value == 0.35
     assert known["bar.soft.density"].value == 900.0
     (part,) = project.robot.bodies[0].inclusions
-    assert len(part.tets) == project.robot.bodies[0].mesh.n_tets // 2
+    assert len(part.elements) == project.robot.bodies[0].mesh.n_tets // 2
     assert dict(check(project).rows)["  material of soft"] == "192 tets, E 1 MPa, ν 0.35, 900 kg/m³".replace(
-        "192", str(len(part.tets))
+        "192", str(len(part.elements))
     )
     assert parameter_label("bar.soft.youngs_modulus", known) == "E (bar.soft)"
 
@@ -95,7 +95,7 @@ def test_the_group_has_a_material_of_its_own(tmp_path: Path):
     ("change", "said"),
     [
         (("region: upper half", "region: upper haf"), "'upper haf'.*upper half"),
-        (("region: upper half", "region: all of it"), "leave no tet to the body's own"),
+        (("region: upper half", "region: all of it"), "leave none of the tets to its own material"),
         (("youngs_modulus: 1 MPa}", "youngs_modulus: 1 MPa}\n        b: {region: upper half, youngs_modulus: 3 MPa}"),
          "96 tets are of two materials"),
         (("soft: {region: upper half, ", "two words: {region: upper half, "), "this cannot be a name"),
@@ -140,8 +140,8 @@ def test_stresses_are_each_materials_own(tmp_path: Path):
     stress = np.asarray(grid.cell_data["stress"]).reshape(-1, 3, 3)[: body.mesh.n_tets]
     own = cauchy_stress(ELEMENTS[body.element], body.mesh, _law(), part.parameters, x)
     rest = cauchy_stress(ELEMENTS[body.element], body.mesh, _law(), body.parameters, x)
-    others = np.setdiff1d(np.arange(body.mesh.n_tets), part.tets)
-    np.testing.assert_allclose(stress[part.tets], own[part.tets], rtol=1e-12, atol=1e-9)
+    others = np.setdiff1d(np.arange(body.mesh.n_tets), part.elements)
+    np.testing.assert_allclose(stress[part.elements], own[part.elements], rtol=1e-12, atol=1e-9)
     np.testing.assert_allclose(stress[others], rest[others], rtol=1e-12, atol=1e-9)
 
 
@@ -164,7 +164,7 @@ def test_calculix_gets_both_materials_and_sofa_refuses(tmp_path: Path):
         int(line.split(",")[0])
         for line in text.split("*ELEMENT, TYPE=C3D4, ELSET=BAR__SOFT\n")[1].split("*")[0].splitlines()
     ]
-    assert len(numbers) == len(robot.bodies[0].inclusions[0].tets)
+    assert len(numbers) == len(robot.bodies[0].inclusions[0].elements)
     (fault,) = scene_faults(robot)
     assert "several materials" in fault.what
     assert fault.got == "soft"

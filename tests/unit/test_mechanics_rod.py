@@ -77,7 +77,7 @@ def test_turn_is_the_angle_between_neighbours():
 def test_forces_in_a_bar_pulled_bent_and_twisted():
     """Force and moment of the later end on each element, in the world's axes, and the strains that make them."""
     rod, pose = on_own_frames(RoundBar(0.1), LINE)
-    section = rod.section
+    section = RoundBar(0.1)
     E, G = 1e6, 1e6 / 2.6
 
     def at_later_ends(c: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

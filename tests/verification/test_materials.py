@@ -79,6 +79,6 @@ def test_a_finer_mesh_keeps_the_materials():
     robot = one_body("P1")
     fine = halved(robot).bodies[0]
     (part,) = fine.inclusions
-    centres = fine.mesh.points[fine.mesh.tets[part.tets]].mean(axis=1)
-    assert len(part.tets) == 8 * len(robot.bodies[0].inclusions[0].tets)
+    centres = fine.mesh.points[fine.mesh.tets[part.elements]].mean(axis=1)
+    assert len(part.elements) == 8 * len(robot.bodies[0].inclusions[0].elements)
     assert (centres[:, 2] > 0.5 * HEIGHT).all()

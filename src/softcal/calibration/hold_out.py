@@ -7,16 +7,20 @@ frame of its set-up, its slack) cannot be known from others; these alone are fit
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from softcal.calibration.band import half_width
 from softcal.calibration.descent import Descent
+from softcal.calibration.estimator import Estimator, estimator
 from softcal.calibration.experiment import Experiment
 from softcal.calibration.fit import experiment_fit
+from softcal.calibration.loss import Block, Loss
 from softcal.calibration.parameters import FreeParameter, SearchSpace
 from softcal.calibration.problem import Evaluation, Problem
 from softcal.calibration.result import HeldOut, Note
+from softcal.checks import Floats
 from softcal.errors import Fault, ParameterError, nearest
 from softcal.twin.parameters import robot_parameters
 
@@ -55,9 +59,13 @@ def fitted_part(problem: Problem, hold_out: Sequence[str]) -> Problem:
 
 
 def predicted(
-    problem: Problem, theta: Mapping[str, float], hold_out: Sequence[str]
+    problem: Problem, theta: Mapping[str, float], hold_out: Sequence[str], fitted: Evaluation
 ) -> tuple[dict[str, HeldOut], tuple[Note, ...]]:
-    """The twin's prediction at theta of each experiment of `hold_out`, and remarks on those that failed."""
+    """The twin's prediction at theta of each experiment of `hold_out`, and remarks on those that failed.
+
+    fitted: the evaluation of the others, from whose residuals the predictions have their bands.
+    """
+    bands = _Bands.of(fitted_part(problem, hold_out), fitted)
     found: dict[str, HeldOut] = {}
     notes: list[Note] = []
     for experiment in problem.experiments:
@@ -74,7 +82,8 @@ def predicted(
                 f"{experiment.name} was held out. The fit of its own parameters ({labels}), needed for its prediction"
             )
             notes.append(Note(f"{text}, did not converge: {unsettled}"))
-        fit = experiment_fit(experiment, evaluation.observations[experiment.name])
+        widths = {} if own or bands is None else bands.of_prediction(problem, evaluation)
+        fit = experiment_fit(experiment, evaluation.observations[experiment.name], widths)
         values = {p.label: evaluation.theta[p.label] for p in own}
         found[experiment.name] = HeldOut(evaluation.experiment_losses[experiment.name], fit, values)
     return found, tuple(notes)
@@ -87,7 +96,7 @@ def _predict(
     alone = problem.alone(experiment.name)
     own = [p for p in alone.space.parameters if p.label not in theta]
     if not own:
-        return alone.evaluate({label: theta[label] for label in alone.space.labels}), own, ""
+        return alone.evaluate({label: theta[label] for label in alone.space.labels}, jacobian=True), own, ""
     shared = [p for p in alone.space.parameters if p.label in theta]
     held = {target: theta[p.label] for p in shared for target in p.targets}
     placed = replace(experiment, settings={**experiment.settings, **held})
@@ -105,3 +114,42 @@ def _nuisances(problem: Problem) -> tuple[Evaluation | None, str]:
         descent.tell(last)
     evaluation = descent.best if descent.best is not None else last
     return evaluation, "" if descent.converged else descent.status
+
+
+@dataclass(frozen=True)
+class _Bands:
+    """The 95 % bands of predictions: the errors of the estimates carried on, and the noise of a measurement."""
+
+    space: SearchSpace
+    loss: Loss
+    slopes: Floats
+    found: Estimator
+
+    @classmethod
+    def of(cls, part: Problem, fitted: Evaluation) -> _Bands | None:
+        """From the fit of the other experiments; None where it has no derivatives, or too few measurements."""
+        space, blocks = part.space, fitted.blocks
+        if any(block.jacobian is None for block in blocks) or sum(len(b.residual) for b in blocks) <= space.size:
+            return None
+        z = np.clip(space.to_search(fitted.theta), 0.0, 1.0)
+        slopes = space.jacobian(z)
+        serves = {e.name: np.array([p.serves(e.name) for p in space.parameters]) for e in part.experiments}
+        found = estimator(part.loss, z, slopes, blocks, serves, part.uncertain if _systematic(blocks) else ())
+        return None if found.spent else cls(space, part.loss, slopes, found)
+
+    def of_prediction(self, problem: Problem, seen: Evaluation) -> dict[str, Floats]:
+        """Channel -> half the width (n,) [SI] at its measured samples; of channels of a kind that was fitted."""
+        own = problem.only([block.experiment for block in seen.blocks if block.experiment]).space.labels
+        place = [self.space.labels.index(label) for label in own]
+        widths: dict[str, Floats] = {}
+        for block in seen.blocks:
+            if block.experiment and block.jacobian is not None and self.loss.noise_group(block) in self.found.noise:
+                slopes = np.zeros((len(block.residual), self.space.size))
+                slopes[:, place] = block.jacobian * self.slopes[place]
+                covariance = self.found.within_bounds
+                widths[block.channel] = half_width(self.loss, block, slopes, covariance, self.found)
+        return widths
+
+
+def _systematic(blocks: Sequence[Block]) -> bool:
+    return any(block.systematic is not None for block in blocks)

@@ -85,7 +85,7 @@ def calibrate(
         if complete.hold_out:
             found.announce(f"prediction of {', '.join(complete.hold_out)}")
             theta = {name: estimate.value for name, estimate in result.parameters.items()}
-            held_out, notes = predicted(problem, theta, complete.hold_out)
+            held_out, notes = predicted(problem, theta, complete.hold_out, found.best)
             result = replace(result, held_out=held_out, notes=(*result.notes, *notes))
         if found.folder is not None:
             write_result(result, found.folder)

@@ -17,6 +17,7 @@ from softcal.cli import sweep_command
 from softcal.cli import marker_commands
 from softcal.cli import export_commands
 from softcal.cli import crosscheck_command
+from softcal.cli import bench_command
 
 # isort: on
 from softcal.calibration.interrupts import stop_signals_raised
@@ -35,6 +36,7 @@ COMMAND_GROUPS = (
     marker_commands,
     export_commands,
     crosscheck_command,
+    bench_command,
 )
 
 

@@ -27,7 +27,7 @@ from softcal.mechanics.layout import FIXED, Layout
 from softcal.twin.build import Twin, build_twin
 from softcal.twin.parameters import parameter_values
 from softcal.twin.response import Snapshot
-from softcal.twin.robot import Body, Robot
+from softcal.twin.robot import Body, Moment, Robot
 
 DECK = "robot.inp"
 ITS_LAW = "neo-hooke-isochoric"
@@ -115,6 +115,11 @@ def deck_faults(robot: Robot) -> list[Fault]:
         Fault("a rod has no solid elements to write", where=rod.name, attempt="a solid mesh") for rod in robot.rods
     ]
     faults += cable_faults(robot, "CalculiX")
+    faults += [
+        Fault("a moment cannot be exported", load.name, attempt="two forces")
+        for load in robot.loads
+        if isinstance(load, Moment)
+    ]
     if robot.contact is not None:
         faults.append(Fault("contact cannot be exported", where="contact", attempt="a project without contact"))
     return faults
@@ -189,7 +194,7 @@ def _elements(twin: Twin) -> Iterator[str]:
         mesh, first = twin.meshes[body.name], twin.first_point[body.name]
         for material in body.materials:
             yield f"*ELEMENT, TYPE={mesh.cell.calculix}, ELSET={set_name(material.name)}"
-            for tet in mesh.tets[material.tets]:
+            for tet in mesh.tets[material.elements]:
                 number += 1
                 yield f"{number}, " + ", ".join(str(first + n + 1) for n in tet)
 

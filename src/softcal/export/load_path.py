@@ -67,7 +67,7 @@ def load_path(robot: Robot, end: Snapshot) -> LoadPath:
     rows = [response.sensitivities[str(ChannelName(TENSION, name))] for name in taut]
     stiffness = np.array([[float(row[name][-1]) for name in by] for row in rows])
     theta = parameter_values(robot)
-    is_loaded = bool(np.any(twin.system.loads.total(theta)))
+    is_loaded = twin.system.is_loaded(theta)
     return LoadPath((*((begin,) if is_loaded else ()), *found[:-1], end), taut, stiffness)
 
 

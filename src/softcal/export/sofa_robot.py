@@ -15,7 +15,7 @@ from softcal.geometry.quadratic import linear_numbers
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.elements import P1
 from softcal.twin.bores import bores
-from softcal.twin.robot import Body, Robot, SurfaceLoad
+from softcal.twin.robot import Body, Moment, Robot, SurfaceLoad
 
 ITS_LAW, ITS_ELEMENT = "neo-hooke", P1.name
 
@@ -42,9 +42,26 @@ def scene_faults(robot: Robot) -> list[Fault]:
         for body in robot.bodies
         if body.inclusions
     ]
+    faults += point_faults(robot, "SOFA")
     if robot.contact is not None:
         faults.append(Fault("contact cannot be exported to SOFA", where="contact", attempt="a project without contact"))
     return [*faults, *law_faults(robot)]
+
+
+def point_faults(robot: Robot, program: str) -> list[Fault]:
+    """Faults of moments, and of points that rods carry without a plate, which exports do not represent."""
+    rods = {rod.name for rod in robot.rods}
+    points = {via.on: cable.name for cable in robot.cables for via in cable.via_points}
+    points |= {part.on: part.name for part in (*robot.loads, *robot.markers)}
+    faults = [
+        Fault(f"a point on a rod cannot be exported to {program}", points[name], name, attempt="a plate clamped to it")
+        for name in sorted(rods & points.keys())
+    ]
+    return faults + [
+        Fault(f"a moment cannot be exported to {program}", load.name, attempt="two forces")
+        for load in robot.loads
+        if isinstance(load, Moment)
+    ]
 
 
 def law_faults(robot: Robot) -> list[Fault]:

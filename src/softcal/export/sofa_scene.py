@@ -22,7 +22,7 @@ from softcal.mechanics.elements import ELEMENTS
 from softcal.twin.loads import surface_forces
 from softcal.twin.masses import plate_inertia
 from softcal.twin.protocol import Protocol
-from softcal.twin.robot import Body, Cable, Control, Marker, Plate, PointLoad, Robot, Rod
+from softcal.twin.robot import Body, Cable, Control, Marker, Plate, PointLoad, Robot, Rod, SurfaceLoad
 from softcal.twin.time_settings import TimeSettings
 
 FORMAT = 1
@@ -218,6 +218,7 @@ def _loads(robot: Robot, still: tuple[str, ...], meshes: Mapping[str, TetMesh]) 
             continue
         if isinstance(load, PointLoad):
             loads[load.name] = {"on": load.on, "at": load.at.tolist(), "force": load.force.tolist()}
+        if not isinstance(load, SurfaceLoad):
             continue
         total = np.zeros((meshes[load.on].n_points, 3))
         for _, weights, force in surface_forces(load, dict(meshes), dict(meshes), {load.on: 0}):

@@ -41,7 +41,16 @@ class CrossSection(Declared, ABC):
     @property
     @abstractmethod
     def constants(self) -> SectionConstants:
-        """What the mechanics need of it."""
+        """What the mechanics need of it; where it varies along a rod, that of the widest place."""
+
+    @property
+    def is_uniform(self) -> bool:
+        """Whether it is the same all along a rod."""
+        return True
+
+    def at(self, share: float) -> SectionConstants:
+        """What the mechanics need of it at a share of a rod's arc length, from 0 to 1."""
+        return self.constants
 
 
 @dataclass(frozen=True)

@@ -39,5 +39,8 @@ class Loads(Term):
         for name in into.keys() & self.per_unit.keys():
             into[name].points -= given.controls.load * self.per_unit[name]
 
+    def add_by_load(self, into: Sum, given: Given) -> None:
+        into.points -= self.total(given.theta)
+
     def energy(self, given: Given) -> float:
         return -given.controls.load * float(np.sum(self.total(given.theta) * given.state.x))

@@ -155,9 +155,8 @@ def _rate_of_gradient(statics: Statics, line: Line, state: State) -> Floats:
     rate[layout.first_effort_unknown :] = np.where(line.is_held, 0.0, line.coordinate_rate)
     inner = rate[: layout.first_effort_unknown]
     if line.load_rate != 0.0:
-        full = np.zeros(3 * layout.n_points + layout.n_pressures)
-        full[: 3 * layout.n_points] = -line.load_rate * system.loads.total(statics.theta).ravel()
-        inner += system.motion.reduce_gradient(state, full)
+        by_load = system.gradient_by_load(state, line.at(0.0), statics.theta)
+        inner += line.load_rate * by_load[: layout.first_effort_unknown]
     for i in np.flatnonzero(line.is_held & (line.effort_rate != 0.0)):
         inner += line.effort_rate[i] * system.drive(state, int(i), statics.theta).column
     return rate

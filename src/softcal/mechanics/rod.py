@@ -64,6 +64,10 @@ class RodTerm(Term):
 
     Attributes
     ----------
+    name
+        What its parameters' names begin with.
+    volume
+        Of its elements at rest [m^3].
     frames
         Frames that each element's ends ride on (n, 2).
     arm, triad
@@ -76,7 +80,7 @@ class RodTerm(Term):
     """
 
     name: str
-    section: CrossSection
+    volume: float
     frames: Ints
     arm: Floats
     triad: Floats
@@ -129,7 +133,7 @@ class RodTerm(Term):
     def measure(self, sizes: Sizes, theta: Theta) -> None:
         own = part_theta(theta, self.name)
         sizes.shear_modulus = max(sizes.shear_modulus, 0.5 * own["youngs_modulus"] / (1.0 + own["poissons_ratio"]))
-        sizes.volume += float(self.length.sum()) * self.section.constants.area
+        sizes.volume += self.volume
         tangent = self.assemble(sizes.rest.position, sizes.rest.rotation, own).tangent
         self.blocks.add_gradient(sizes.stiffness, np.einsum("nii->ni", tangent))
         frames = np.unique(self.frames)
@@ -210,7 +214,12 @@ class RodTerm(Term):
 
 
 def build_rod(
-    name: str, section: CrossSection, centreline: Centreline, node_frames: ArrayLike, references: Floats
+    name: str,
+    section: CrossSection,
+    centreline: Centreline,
+    node_frames: ArrayLike,
+    references: Floats,
+    elements: Ints | None = None,
 ) -> RodTerm:
     """The term of a rod whose nodes ride on frames.
 
@@ -219,13 +228,15 @@ def build_rod(
     name
         What its parameters' names begin with.
     section
-        The same all along.
+        The same all along, or varied.
     centreline
         The rod at rest; stress-free there.
     node_frames
         The frame that each node (m,) rides on: one of its own, or a disc's.
     references
         Rest positions of all frames' reference points (n_frames, 3) [m].
+    elements
+        Numbers of its elements (k,), from 0 at its start; all if None.
 
     Returns
     -------
@@ -249,7 +260,8 @@ def build_rod(
                 allowed=f"one per node ({m}), from 0 to {len(references) - 1}",
             )
         )
-    ends = np.stack([np.arange(m - 1), np.arange(1, m)], axis=1)
+    first = np.arange(m - 1) if elements is None else elements
+    ends = np.stack([first, first + 1], axis=1)
     ends = ends[frame[ends[:, 0]] != frame[ends[:, 1]]]
     if len(ends) == 0:
         raise MeshError(Fault("all of a rod rides on one frame", where=name, attempt="leave the rod out"))
@@ -269,10 +281,11 @@ def build_rod(
             )
         )
     length = centreline.lengths[ends[:, 0]]
-    bending, shear = _flexibility(section.constants, xi, length)
+    shares = centreline.stations[ends] / centreline.stations[-1]
+    bending, shear, area = _flexibility(section, shares, xi, length)
     return RodTerm(
         name=name,
-        section=section,
+        volume=float(area @ length),
         frames=frame[ends],
         arm=nodes[ends] - references[frame[ends]],
         triad=triads[ends],
@@ -283,20 +296,30 @@ def build_rod(
     )
 
 
-def _flexibility(section: SectionConstants, xi: Floats, length: Floats) -> tuple[Floats, Floats]:
-    """E times the elements' flexibility: what does not depend on Poisson's ratio, and what goes with 1 + nu."""
+def _compliances(section: SectionConstants) -> tuple[Floats, Floats]:
+    """E times the section's compliances (6,): what does not depend on Poisson's ratio, and what goes with 1 + nu."""
     (a1, b1), (a2, b2), A = section.shear1, section.shear2, section.area
     bending = np.array([a1 / A, a2 / A, 1.0 / A, 1.0 / section.I1, 1.0 / section.I2, 0.0])
-    shear = np.array([b1 / A, b2 / A, 0.0, 0.0, 0.0, 2.0 / section.J])
+    return bending, np.array([b1 / A, b2 / A, 0.0, 0.0, 0.0, 2.0 / section.J])
+
+
+def _flexibility(section: CrossSection, shares: Floats, xi: Floats, length: Floats) -> tuple[Floats, Floats, Floats]:
+    """E times the elements' flexibility: what does not depend on Poisson's ratio, and what goes with 1 + nu; and the
+    elements' mean areas (n,) [m^2]. shares: of the rod's arc length, at both ends of each (n, 2).
+    """
     X = _bracket(xi)
-    parts = np.zeros((2, len(xi), 6, 6))
+    parts, area = np.zeros((2, len(xi), 6, 6)), np.zeros(len(xi))
     for point, weight in zip(*np.polynomial.legendre.leggauss(N_GAUSS), strict=True):
+        here = shares @ [0.5 - 0.5 * point, 0.5 + 0.5 * point]
+        constants = [section.at(float(share)) for share in (here[:1] if section.is_uniform else here)]
+        bending, shear = (np.array(both) for both in zip(*map(_compliances, constants), strict=True))
+        area += 0.5 * weight * np.array([one.area for one in constants])
         B = np.swapaxes(_series(0.5 * point * X, [1.0 / math.factorial(k) for k in range(N_SERIES)]), 1, 2)
         for part, compliance in zip(parts, (bending, shear), strict=True):
-            part += 0.5 * weight * np.swapaxes(B, 1, 2) @ (compliance[:, None] * B)
+            part += 0.5 * weight * np.swapaxes(B, 1, 2) @ (compliance[:, :, None] * B)
     Z = _middle_to_coordinates(xi)
     parts = length[:, None, None] * (Z @ parts @ np.swapaxes(Z, 1, 2))
-    return parts[0], parts[1]
+    return parts[0], parts[1], area
 
 
 def _middle_to_coordinates(xi: Floats) -> Floats:

@@ -21,7 +21,7 @@ from softcal.mechanics.memory import Memory
 from softcal.mechanics.motion import Motion, build_motion
 from softcal.mechanics.pattern import Pattern, build_pattern
 from softcal.mechanics.scales import Sizes
-from softcal.mechanics.state import State
+from softcal.mechanics.state import State, rest_state
 from softcal.mechanics.term import NOTHING, Controls, Given, Sum, Term, Theta
 
 Kind = TypeVar("Kind", bound=Term)
@@ -179,6 +179,19 @@ class System:
         for k, name in enumerate(names):
             out[:, k] = self._on_unknowns(state, sums[name])
         return out
+
+    def gradient_by_load(self, state: State, controls: Controls, theta: Theta) -> Floats:
+        """d reduced gradient / d factor on the dead loads (n_unknowns,)."""
+        total = Sum(self.layout)
+        for term, given in zip(self.terms, self.given(state, controls, theta), strict=True):
+            term.add_by_load(total, given)
+        return self._on_unknowns(state, total)
+
+    def is_loaded(self, theta: Theta) -> bool:
+        """Whether a dead load acts."""
+        rest, n = rest_state(self.layout), self.layout.n_actuators
+        slack = Controls(np.ones(n, dtype=bool), np.zeros(n), np.zeros(n))
+        return bool(np.any(self.gradient_by_load(rest, slack, theta)))
 
     @cached_property
     def remembers(self) -> bool:
@@ -346,7 +359,7 @@ class System:
         return reduced
 
     def _border(self, state: State, total: Sum) -> Border:
-        if not total.driven and not total.low_rank:
+        if not total.driven and not total.low_rank and not total.rank_one_own:
             return NO_BORDER
         drives = [self._reduced(state, drive) for _, drive in total.driven]
         none = np.zeros((self.layout.first_effort_unknown, 0))
@@ -359,6 +372,10 @@ class System:
                 columns.append(self.motion.reduce_columns(state, part.columns, k))
                 rows.append(self.motion.reduce_columns(state, part.basis, m) @ part.weights)
                 corner.append(-np.ones(k))
+        for column, row in total.rank_one_own:
+            columns.append(column[:, None])
+            rows.append(row[:, None])
+            corner.append(-np.ones(1))
         driven = np.array([i for i, _ in total.driven], dtype=np.int64)
         return Border(driven, np.hstack(columns), np.hstack(rows), np.concatenate(corner))
 

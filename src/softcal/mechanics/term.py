@@ -142,6 +142,8 @@ class Sum:
         (actuator, `Drive` on all entities) that border the tangent for an unknown effort.
     low_rank
         Unsymmetric products that are added to the tangent.
+    rank_one_own
+        (column, row), on the unknowns but the efforts, whose product is added to the tangent.
     outside
         (values, rows, columns) of tangents on the points' components outside the pattern.
     in_motion
@@ -155,6 +157,7 @@ class Sum:
         self.squares = 0.0
         self.driven: list[tuple[int, Drive]] = []
         self.low_rank: list[LowRank] = []
+        self.rank_one_own: list[tuple[Floats, Floats]] = []
         self.outside: list[tuple[Floats, Ints, Ints]] = []
         self.in_motion: list[Floats] = []
         self.points: Floats = self.full[: 3 * layout.n_points].reshape(-1, 3)  # of `full`
@@ -202,9 +205,12 @@ class Term(ABC):
     def add_by_parameters(self, into: Mapping[str, Sum], given: Given) -> None:  # noqa: B027
         """Add d gradient / d parameter to into[parameter], for those of its parameters that are in there."""
 
+    def add_by_load(self, into: Sum, given: Given) -> None:  # noqa: B027
+        """Add d gradient / d `Controls.load`, the factor on all dead loads."""
+
     @abstractmethod
     def energy(self, given: Given) -> float:
-        """The potential [J] whose derivative the gradient is; without friction, which has none."""
+        """The potential [J] whose derivative the gradient is; without what has none, as friction."""
 
     # A term that remembers (see `memory.py`) has these four, too.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from softcal.checks import Ints
+from softcal.checks import Floats, Ints
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quality import MeshReport, check_quality
 from softcal.project.document import Findings
@@ -42,13 +42,17 @@ def build_robot(section: RobotSection, make_mesh: MeshMaker, findings: Findings)
         with findings.at(("robot", "manipulator", "springs")):
             given = manipulator(section.manipulator, gravity=gravity.tolist())
     built = build_bodies(section.bodies, make_mesh, findings)
-    rods = [build_rod(name, rod, section.names("plates"), findings) for name, rod in section.rods.items()]
+    rods = [
+        build_rod(name, rod, section.names("plates"), _carried(section, name), findings)
+        for name, rod in section.rods.items()
+    ]
     plates = [build_plate(name, plate, built, findings) for name, plate in section.plates.items()]
     own = [f"h{k + 1}" for k in range(len(generated_names(section, "cables")))]
     holes = dict.fromkeys(generated_names(section, "plates"), own)
     holes |= {name: plate.holes.names for name, plate in section.plates.items()}
     whole_plates = (*(given.plates if given else ()), *(plate for plate in plates if plate))
-    carriers = Carriers(built, {plate.name: plate for plate in whole_plates}, holes, findings)
+    own_rods = dict(zip(section.rods, rods, strict=True)) | {rod.name: rod for rod in (given.rods if given else ())}
+    carriers = Carriers(built, {plate.name: plate for plate in whole_plates}, holes, own_rods, findings)
     ties = [build_tie(name, tie, built, findings) for name, tie in section.ties.items()]
     cables = [build_cable(name, cable, carriers) for name, cable in section.cables.items()]
     loads = [build_load(name, load, gravity, carriers) for name, load in section.loads.items()]
@@ -78,3 +82,10 @@ def build_robot(section: RobotSection, make_mesh: MeshMaker, findings: Findings)
                 built.made,
             )
     return None
+
+
+def _carried(section: RobotSection, rod: str) -> list[Floats]:
+    """The points (3,) [m] of the robot that a rod carries."""
+    via = (point for cable in section.cables.values() for point in cable.via)
+    points = (*via, *section.markers.values(), *section.loads.values())
+    return [point.at for point in points if point.on == rod and point.at is not None]

@@ -16,8 +16,9 @@ from softcal.project.document import Findings, KeyPath
 from softcal.project.robot_schema import BodySection, LoadSection
 from softcal.quantities import QUANTITIES
 from softcal.twin.clamp import clamp_zone
+from softcal.twin.material import Material
 from softcal.twin.parameters import out_of_range, robot_parameters
-from softcal.twin.robot import Body, Material, Robot
+from softcal.twin.robot import Body, Robot
 
 # Makes the mesh of a body from its section; the project determines the folders of files.
 MeshMaker = Callable[[str, BodySection], TetMesh]

@@ -21,29 +21,32 @@ from softcal.project.robot_schema import (
     ViaSection,
 )
 from softcal.twin.joints import tie_fault
-from softcal.twin.robot import Cable, Marker, Plate, PointLoad, SurfaceLoad, Tie, ViaPoint
+from softcal.twin.robot import Cable, Marker, Moment, Plate, PointLoad, Rod, SurfaceLoad, Tie, ViaPoint
 from softcal.twin.routing import bored, require_movable
 from softcal.units import format_quantity
 
 
 @dataclass(frozen=True)
 class Carriers:
-    """The parts that points can be on: bodies, and plates by name with their holes' names as written.
+    """The parts that points can be on: bodies, rods, and plates by name with their holes' names as written.
 
-    plates: those without faults; holes: of all named plates, with or without faults; built: the bodies.
+    plates: those without faults; holes: of all named plates, with or without faults; built: the bodies; rods: those
+    without faults, None the others.
     """
 
     built: BuiltBodies
     plates: Mapping[str, Plate]
     holes: Mapping[str, list[str]]
+    rods: Mapping[str, Rod | None]
     findings: Findings
 
     def place(self, where: ViaSection | MarkerSection | LoadSection, path: KeyPath) -> Floats | None:
         """A point [m] that a section describes, or None with its fault recorded (or that of its plate)."""
         if where.hole is not None:
-            if where.on in self.built.sections:
+            if where.on in self.built.sections or where.on in self.rods:
+                kind = "a body" if where.on in self.built.sections else "a rod"
                 known = ", ".join(name for name, holes in self.holes.items() if holes) or "none has any"
-                self.findings.add((*path, "on"), "only plates have holes", got=f"'{where.on}', a body", allowed=known)
+                self.findings.add((*path, "on"), "only plates have holes", got=f"'{where.on}', {kind}", allowed=known)
             elif where.on not in self.holes:
                 self.findings.unknown((*path, "on"), "plate", where.on, self.holes)
             elif where.hole not in self.holes[where.on]:
@@ -55,8 +58,9 @@ class Carriers:
 
     def support(self, on: str, at: Floats | None, path: KeyPath, *, may_stand_off: bool = False) -> None:
         """Record that a part's carrier does not exist, or that its point is outside the carrying body."""
-        if on and on not in self.built.sections and on not in self.holes:
-            self.findings.unknown((*path, "on"), "body or plate", on, [*self.built.sections, *self.holes])
+        if on and not any(on in parts for parts in (self.built.sections, self.holes, self.rods)):
+            known = [*self.built.sections, *self.rods, *self.holes]
+            self.findings.unknown((*path, "on"), "body, rod or plate", on, known)
         elif on in self.built.meshes and at is not None and not may_stand_off:
             self.within(on, {(*path, "at"): at})
 
@@ -170,7 +174,8 @@ def build_cable(name: str, cable: CableSection, carriers: Carriers) -> Cable | N
         return None
     with carriers.findings.at(path):
         if cable.route == "bore":
-            via = list(bored(via, carriers.built.meshes))
+            lines = {name: rod.centreline for name, rod in carriers.rods.items() if rod is not None}
+            via = list(bored(via, carriers.built.meshes, lines))
         if cable.routing_axis is not None:
             require_movable(via, cable.routing_axis, carriers.built.meshes)
         return Cable(
@@ -179,7 +184,9 @@ def build_cable(name: str, cable: CableSection, carriers: Carriers) -> Cable | N
     return None
 
 
-def build_load(name: str, load: LoadSection, gravity: Floats, carriers: Carriers) -> PointLoad | SurfaceLoad | None:
+def build_load(
+    name: str, load: LoadSection, gravity: Floats, carriers: Carriers
+) -> PointLoad | Moment | SurfaceLoad | None:
     """One load, or None where it has a fault."""
     path = ("robot", "loads", name)
     findings = carriers.findings
@@ -189,6 +196,15 @@ def build_load(name: str, load: LoadSection, gravity: Floats, carriers: Carriers
             return None
         return SurfaceLoad(name, load.on, faces, load.traction)
     at = carriers.place(load, path)
+    if load.moment is not None:
+        known = [*carriers.rods, *carriers.holes]
+        if load.on not in known:
+            findings.unknown((*path, "on"), "plate or rod", load.on, known)
+            return None
+        size, way = _sized(load.moment, load.direction)
+        with findings.at(path):
+            return Moment(name, load.on, size, np.zeros(3) if at is None else at, way)
+        return None
     if load.hole is None:
         carriers.support(load.on, at, path)
     force = _force(load, gravity, path, findings)
@@ -212,10 +228,15 @@ def _force(load: LoadSection, gravity: Floats, path: KeyPath, findings: Findings
             )
             return None
         return load.mass * gravity, gravity
-    if isinstance(load.force, tuple):
-        return np.array(load.force), PointLoad.direction
-    assert load.direction is not None  # noqa: S101
-    return (load.force or 0.0) * load.direction, load.direction
+    return _sized(load.force or 0.0, load.direction)
+
+
+def _sized(given: float | tuple[float, float, float], direction: Floats | None) -> tuple[Floats, Floats]:
+    """A vector, given by itself or by size and direction, and its direction."""
+    if isinstance(given, tuple):
+        return np.array(given), PointLoad.direction
+    assert direction is not None  # noqa: S101
+    return given * direction, direction
 
 
 def build_marker(name: str, marker: MarkerSection, carriers: Carriers) -> Marker | None:

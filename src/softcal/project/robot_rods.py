@@ -2,21 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from softcal.checks import Ints
+from softcal.checks import Floats, Ints
 from softcal.geometry.centreline import Centreline
 from softcal.geometry.placement import placed_centreline
+from softcal.geometry.section import CrossSection
+from softcal.geometry.varied_section import VariedSection
 from softcal.limits import LIMITS
+from softcal.mechanics.rod_points import place_on_rod
 from softcal.project.document import Findings, KeyPath
 from softcal.project.rod_schema import RodSection
+from softcal.twin.material import Material
 from softcal.twin.robot import Rod
 
+SAME = 1e-6  # of a rod's length: stations as near as that are one
 
-def build_rod(name: str, rod: RodSection, plates: Iterable[str], findings: Findings) -> Rod | None:
-    """One rod, or None where it has a fault; every fault goes to `findings`."""
+
+def build_rod(
+    name: str, rod: RodSection, plates: Iterable[str], carried: Sequence[Floats], findings: Findings
+) -> Rod | None:
+    """One rod, or None where it has a fault; every fault goes to `findings`.
+
+    carried: points (3,) [m] on it, such as via points, in whose sections it gets nodes.
+    """
     path: KeyPath = ("robot", "rods", name)
     n_faults = len(findings.faults)
     plates = list(plates)
@@ -32,8 +43,15 @@ def build_rod(name: str, rod: RodSection, plates: Iterable[str], findings: Findi
             attempt="fixed: start",
         )
     key, shape = rod.shape
+    materials = {
+        part: _arcs(material.between, shape.length, (*path, "materials", part, "between"), findings)
+        for part, material in rod.materials.items()
+    }
+    section, stations = _section(rod, shape.length, path, findings)
+    if section is None:
+        return None
     with findings.at((*path, key)):
-        shape.require_fitting(rod.section.constants.outer_diameter)
+        shape.require_fitting(section.constants.outer_diameter)
         clamped = {
             plate: _arcs(where, shape.length, (*path, "clamped", plate), findings)
             for plate, where in rod.clamped.items()
@@ -41,17 +59,60 @@ def build_rod(name: str, rod: RodSection, plates: Iterable[str], findings: Findi
         fixed = _arcs(rod.fixed, shape.length, (*path, "fixed"), findings)
         elements = rod.elements or shape.elements
         LIMITS["elements of a rod"].check(elements)
-        line = shape.centreline(sorted({*fixed, *(s for arcs in clamped.values() for s in arcs)}), elements)
-        if rod.placement is not None:
-            with findings.at((*path, "placement")):
-                line = placed_centreline(line, rod.placement.pose)
+        held = [*fixed, *(s for arcs in (*clamped.values(), *materials.values()) for s in arcs), *stations]
+        line = _placed(shape.centreline(sorted({*held}), elements), rod, path, findings)
+        if carried:
+            held += _beside(line, carried, shape.length)
+            line = _placed(shape.centreline(sorted({*held}), elements), rod, path, findings)
         if len(findings.faults) > n_faults:
             return None
         with findings.at(path):
             parameters = {"youngs_modulus": rod.youngs_modulus, "poissons_ratio": rod.poissons_ratio}
             held = {plate: _nodes(line, shape.length, arcs) for plate, arcs in clamped.items()}
-            return Rod(name, line, rod.section, parameters, held, _nodes(line, shape.length, fixed), rod.density)
+            inclusions = [
+                Material(
+                    part,
+                    np.arange(*_nodes(line, shape.length, materials[part])),
+                    material.constants,
+                    rod.density if material.density is None else material.density,
+                )
+                for part, material in rod.materials.items()
+            ]
+            ends = _nodes(line, shape.length, fixed)
+            return Rod(name, line, section, parameters, held, ends, rod.density, tuple(inclusions))
     return None
+
+
+def _placed(line: Centreline, rod: RodSection, path: KeyPath, findings: Findings) -> Centreline:
+    if rod.placement is None:
+        return line
+    with findings.at((*path, "placement")):
+        return placed_centreline(line, rod.placement.pose)
+    return line
+
+
+def _beside(line: Centreline, points: Sequence[Floats], length: float) -> list[float]:
+    """The arc lengths [m] of the sections that points are in; one for those that are all but the same."""
+    places = [place_on_rod(line, point) for point in points]
+    at = [line.stations[place.node] + place.share * line.lengths[place.node] for place in places]
+    arcs = np.array([0.0, *line.stations * (length / line.stations[-1])])
+    found: list[float] = []
+    for arc in sorted(set((np.array(at) * (length / line.stations[-1])).tolist())):
+        if np.abs(arcs - arc).min() > SAME * length and (not found or arc - found[-1] > SAME * length):
+            found.append(arc)
+    return found
+
+
+def _section(
+    rod: RodSection, length: float, path: KeyPath, findings: Findings
+) -> tuple[CrossSection | None, list[float]]:
+    """The section of a rod, None where it has a fault, and the arc lengths [m] of those that are given."""
+    if rod.section is not None or rod.sections is None:
+        return rod.section, []
+    arcs = _arcs([one.at for one in rod.sections], length, (*path, "sections"), findings)
+    with findings.at((*path, "sections")):
+        return VariedSection(tuple(arc / length for arc in arcs), tuple(one.section for one in rod.sections)), arcs
+    return None, arcs
 
 
 def _arcs(stations: Iterable[float | str], length: float, path: KeyPath, findings: Findings) -> list[float]:

@@ -27,6 +27,7 @@ from softcal.project.rod_schema import RodSection
 from softcal.project.section import Section
 from softcal.project.sensor_schema import SensorSection
 from softcal.quantities import Clearance, Density, Force, Friction, Mass, Size
+from softcal.quantities import Moment as MomentSize
 from softcal.twin.barrier import Contact
 from softcal.twin.cables import Cable, CableLine, RoutingAxis
 from softcal.twin.clamp import Clamp
@@ -160,7 +161,10 @@ class CableSection(Section):
     routing_axis: RoutingAxis | None = Cable.routing_axis
 
 
-POINT_LOADS = ({"at", "force"}, {"at", "direction", "force"}, {"at", "mass"})
+POINT_LOADS = (
+    {"at", "force"}, {"at", "direction", "force"}, {"at", "mass"},
+    {"moment"}, {"direction", "moment"}, {"at", "moment"}, {"at", "direction", "moment"},
+)  # fmt: skip
 
 
 class LoadSection(Section):
@@ -170,33 +174,36 @@ class LoadSection(Section):
     at: Position | None = None
     hole: str | None = None
     force: Annotated[Force | tuple[Force, Force, Force], ByShape()] | None = None
+    moment: Annotated[MomentSize | tuple[MomentSize, MomentSize, MomentSize], ByShape()] | None = None
     direction: UnitVector | None = PointLoad.direction
     mass: Mass | None = None
     region: str | None = None
     traction: Traction | None = None
 
     def _check(self) -> None:
-        keys = ("at", "hole", "force", "direction", "mass", "region", "traction")
+        keys = ("at", "hole", "force", "moment", "direction", "mass", "region", "traction")
         given = [key for key in keys if getattr(self, key) is not None]
         kind = {"at" if key == "hole" else key for key in given}
         if len(kind) != len(given) or kind not in (*POINT_LOADS, {"region", "traction"}):
             raise InputError(
                 Fault(
-                    "a load is a force or a mass at a point, or a traction on a region",
+                    "a load is a force, a moment or a mass at a point, or a traction on a region",
                     got=", ".join(given) or "neither",
-                    allowed="at (or hole) and force; at, direction and force; at and mass; region and traction",
+                    allowed="at (or hole) and force; at, direction and force; moment, on a rod with at; at and mass; "
+                    "region and traction",
                 )
             )
-        if isinstance(self.force, tuple) and self.direction is not None:
+        key, size, one = ("force", self.force, "2 N") if self.moment is None else ("moment", self.moment, "2 N*m")
+        if isinstance(size, tuple) and self.direction is not None:
             raise InputError(
-                Fault("the load's direction is given twice", got="a vector as force", allowed="force: 2 N")
+                Fault("the load's direction is given twice", got=f"a vector as {key}", allowed=f"{key}: {one}")
             )
-        if isinstance(self.force, float) and self.direction is None:
+        if isinstance(size, float) and self.direction is None:
             raise InputError(
                 Fault(
                     "the load has no direction",
-                    got="force without direction",
-                    allowed="force: [x, y, z], or a direction",
+                    got=f"{key} without direction",
+                    allowed=f"{key}: [x, y, z], or a direction",
                 )
             )
 

@@ -57,17 +57,41 @@ Station = Annotated[float | str, Reading(_station, "instead")]
 Stations = Annotated[list[Station], BeforeValidator(lambda value: value if isinstance(value, list) else [value])]
 
 
+class SectionAtStation(Section):
+    """The cross-section at a station of a rod whose section varies."""
+
+    at: Station
+    section: Bar
+
+
+class RodMaterialSection(Section):
+    """The material of a rod between two stations; what is omitted is the rod's."""
+
+    between: Annotated[list[Station], Field(min_length=2, max_length=2)]
+    youngs_modulus: Modulus | None = None
+    poissons_ratio: PoissonsRatio | None = None
+    density: Density | None = None
+
+    @property
+    def constants(self) -> dict[str, float]:
+        """The constants that are given."""
+        given = {"youngs_modulus": self.youngs_modulus, "poissons_ratio": self.poissons_ratio}
+        return {name: value for name, value in given.items() if value is not None}
+
+
 class RodSection(Section):
-    """A slender elastic part: its shape, section, material, and supports."""
+    """A slender elastic part: its shape, section (one all along, or several at stations), materials, and supports."""
 
     straight: Straight | None = None
     helix: Helix | None = None
     polyline: Polyline | None = None
     elements: Annotated[int, LIMITS["elements of a rod"]] | None = None
-    section: Bar
+    section: Bar | None = None
+    sections: Annotated[list[SectionAtStation], LIMITS["points of a line"].entries] | None = None
     youngs_modulus: Modulus
     poissons_ratio: PoissonsRatio
     density: Density = Rod.density
+    materials: Mapping[str, RodMaterialSection] = Field(default_factory=dict)
     clamped: Mapping[str, Stations] = Field(default_factory=dict)
     fixed: Stations = Field(default_factory=list)
     placement: Placement | None = None
@@ -75,6 +99,8 @@ class RodSection(Section):
     def _check(self) -> None:
         shapes = ("straight", "helix", "polyline")
         require_one(self, shapes, "a rod has one shape", nothing="none", allowed="straight, helix or polyline")
+        allowed = "section (the same all along), or sections at stations"
+        require_one(self, ("section", "sections"), "a rod has one kind of section", nothing="none", allowed=allowed)
 
     @property
     def shape(self) -> tuple[str, RodShape]:

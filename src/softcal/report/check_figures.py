@@ -38,7 +38,7 @@ from softcal.report.start_scenes import StartScenes
 from softcal.report.style import BLUE, GREEN, INK, ORANGE, PURPLE, RED, SKY, encode
 from softcal.report.write import write_files
 from softcal.twin.facing import up_direction
-from softcal.twin.robot import Body, PointLoad, Robot, SurfaceLoad
+from softcal.twin.robot import Body, Moment, PointLoad, Robot, SurfaceLoad
 
 _BODY = "#d6d3cd"
 _SEEN_THROUGH = 0.6  # opacity of a body with cables inside
@@ -203,6 +203,8 @@ def _load_arrows(robot: Robot, size: float) -> tuple[list[Part], list[Label]]:
     for load in robot.loads:
         if isinstance(load, PointLoad):
             at, force, unit = load.at, load.force, "N"
+        elif isinstance(load, Moment):
+            at, force, unit = load.at, load.moment, "N m"
         else:
             body = next(body for body in robot.bodies if body.name == load.on)
             at, force, unit = body.mesh.points[np.unique(load.faces)].mean(axis=0), load.traction, "Pa"

@@ -34,7 +34,11 @@ def rod_tube(rod: Rod, nodes: Floats, colour: str | Floats) -> Tube:
     fine = np.unique(np.concatenate([np.linspace(a, b, STEPS + 1) for a, b in pairwise(stations)]))
     path = CubicSpline(stations, nodes)(fine) if len(nodes) > 2 else _between(stations, nodes, fine)
     shades = colour if isinstance(colour, str) else _between(stations, colour, fine)
-    return Tube(path, 0.5 * rod.section.constants.outer_diameter, colour=shades, bulky=True)
+    at = (fine / stations[-1]).tolist()
+    radius = 0.5 * np.array(
+        [rod.section.at(share).outer_diameter for share in (at[:1] if rod.section.is_uniform else at)]
+    )
+    return Tube(path, float(radius[0]) if rod.section.is_uniform else radius, colour=shades, bulky=True)
 
 
 def _between(stations: Floats, values: Floats, at: Floats) -> Floats:

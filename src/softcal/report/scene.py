@@ -67,22 +67,26 @@ class Surface(Part):
 
 @dataclass(frozen=True)
 class Tube(Part):
-    """A polyline (k, 3) [m] with a radius [m]."""
+    """A polyline (k, 3) [m] with a radius [m], or one for each of its points (k,)."""
 
     path: Floats
-    radius: float
+    radius: float | Floats
     smooth: ClassVar[bool] = True
 
     @property
     def extent(self) -> Floats:
-        return np.concatenate([self.path - self.radius, self.path + self.radius]) if self.bulky else self.path
+        around = np.broadcast_to(self.radius, len(self.path))[:, None]
+        return np.concatenate([self.path - around, self.path + around]) if self.bulky else self.path
 
     def mesh(self) -> Any:
         import pyvista as pv
 
         line = pv.MultipleLines(np.array(self.path))
         line.point_data.update(self.rgb)
-        return line.tube(radius=self.radius, n_sides=SIDES, capping=True)
+        if not isinstance(self.radius, np.ndarray):
+            return line.tube(radius=self.radius, n_sides=SIDES, capping=True)
+        line.point_data["radius"] = self.radius
+        return line.tube(scalars="radius", absolute=True, n_sides=SIDES, capping=True)
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from softcal.mechanics.elements import ELEMENTS
 from softcal.mechanics.layout import FIXED, FREE, TIED, Layout
 from softcal.mechanics.mesh_motion import MeshMotion
 from softcal.mechanics.rod import build_rod
+from softcal.mechanics.rod_points import place_on_rod
 from softcal.mechanics.solid import SolidTerm, build_solid
 from softcal.mechanics.system import System, build_system
 from softcal.sensing.channel import ChannelName
@@ -30,11 +31,11 @@ from softcal.twin.channels import channels_of, require_sensors, sensors_of
 from softcal.twin.contacts import build_contacts, disc_skin
 from softcal.twin.crossings import build_skins
 from softcal.twin.joints import join_ties, nodes_in_use, number_frames
-from softcal.twin.loads import PointForce, Weights, build_loads, surface_forces
+from softcal.twin.loads import PointForce, Weights, build_loads, build_moments, surface_forces
 from softcal.twin.markers import MarkerPlace, directions_in
 from softcal.twin.parameter_name import parameter_name
 from softcal.twin.parameters import MARKER_OFFSETS, robot_parameters, with_shape
-from softcal.twin.robot import Body, Cable, PointLoad, Robot
+from softcal.twin.robot import Body, Cable, Marker, PointLoad, Robot, SurfaceLoad
 from softcal.twin.routing import offset_rate
 from softcal.units import format_quantity
 
@@ -112,7 +113,7 @@ def build_twin(robot: Robot) -> Twin:
         deforms = _deforms(body, mesh, rider)
         motion = _motion(body, mesh, rider, first)
         for material in body.materials:
-            tets = mesh.tets[material.tets[deforms[material.tets]]]
+            tets = mesh.tets[material.elements[deforms[material.elements]]]
             if len(tets) == 0:
                 continue
             solid, with_pressure = build_solid(
@@ -129,11 +130,20 @@ def build_twin(robot: Robot) -> Twin:
             if element.is_mixed:
                 pressure_nodes[material.name] = (n_pressures, body.name, with_pressure)
             n_pressures += len(with_pressure)
+    rods = {rod.name: rod for rod in robot.rods}
     for rod in robot.rods:
         builder.first[rod.name] = builder.add(rod.centreline.nodes, frames.of_rod[rod.name])
-    rods = tuple(
-        build_rod(rod.name, rod.section, rod.centreline, frames.of_rod[rod.name], frames.references)
+    rod_terms = tuple(
+        build_rod(
+            material.name,
+            rod.section,
+            rod.centreline,
+            frames.of_rod[rod.name],
+            frames.references,
+            material.elements,
+        )
         for rod in robot.rods
+        for material in rod.materials
     )
 
     def support(at: Floats, on: str, where: str, *, may_stand_off: bool = False, radius: float = 0.0) -> Weights:
@@ -141,9 +151,13 @@ def build_twin(robot: Robot) -> Twin:
             return [(builder.add(at[None, :], np.array([FIXED])), 1.0)]
         if on in frames.of_plate:
             return [(builder.add(at[None, :], np.array([frames.of_plate[on]])), 1.0)]
+        if on in rods:
+            of_nodes = frames.of_rod[on]
+            places = place_on_rod(rods[on].centreline, at).weights
+            return [(builder.add(at[None, :], of_nodes[node : node + 1]), weight) for node, weight in places]
         if on not in meshes:
-            known = ", ".join([*meshes, *frames.of_plate])
-            raise MeshError(Fault("there is no such body or plate", where=where, got=on, allowed=known))
+            known = ", ".join([*meshes, *rods, *frames.of_plate])
+            raise MeshError(Fault("there is no such body, rod or plate", where=where, got=on, allowed=known))
         if radius > 0.0:
             nodes, weights, _ = attach_ball(meshes[on], at, radius, where=where)
         else:
@@ -178,12 +192,32 @@ def build_twin(robot: Robot) -> Twin:
                 found.append([(p, sign * w / distance) for sign, of in ((1, place), (-1, foot)) for p, w in of])
         return found
 
+    def offsets(marker: Marker) -> tuple[Weights, ...]:
+        """Derivatives of a marker's place by its offsets, on a body or rod: there as points beside it, over their
+        distance.
+        """
+        if marker.on in meshes:
+            return directions_in(meshes[marker.on], marker, builder.first[marker.on])
+        if marker.on not in rods:
+            return ()
+        of_nodes, line = frames.of_rod[marker.on], rods[marker.on].centreline
+        size = float(line.lengths.mean())
+        carried = [(of_nodes[node : node + 1], w / size) for node, w in place_on_rod(line, marker.at).weights]
+        return tuple(
+            [
+                (builder.add((marker.at + shift)[None, :], frame), sign * rate)
+                for frame, rate in carried
+                for sign, shift in ((1.0, size * axis), (-1.0, np.zeros(3)))
+            ]
+            for axis in np.eye(3)
+        )
+
     by_offset = {cable.name: away(cable) for cable in robot.cables}
     markers = {
         marker.name: MarkerPlace(
             marker,
             support(marker.at, marker.on, marker.name, may_stand_off=True),
-            directions_in(meshes[marker.on], marker, builder.first[marker.on]) if marker.on in meshes else (),
+            offsets(marker),
         )
         for marker in robot.markers
     }
@@ -194,7 +228,7 @@ def build_twin(robot: Robot) -> Twin:
     for load in robot.loads:
         if isinstance(load, PointLoad):
             forces.append((f"{load.name}.force", support(load.at, load.on, load.name), load.direction))
-        else:
+        elif isinstance(load, SurfaceLoad):
             forces.extend(surface_forces(load, given, meshes, builder.first))
 
     if robot.contact is not None:
@@ -213,10 +247,11 @@ def build_twin(robot: Robot) -> Twin:
     )
     pulled_last = np.array([cable.pulled_end == "last" for cable in robot.cables], dtype=bool)
     loads = build_loads(robot, meshes, builder.first, forces, layout.n_points)
+    moments = build_moments(robot, layout, frames.of_plate, frames.of_rod)
     contacts = build_contacts(robot, layout, meshes, builder.first)
     stated = tuple(f"{cable.name}.{key}" for cable in robot.cables for key in cable.properties)
     cables = build_cables(layout.X, via, pulled_last, by_offset, stated)
-    system = build_system(layout, (*solids, *rods, cables, loads, *contacts))
+    system = build_system(layout, (*solids, *rod_terms, cables, loads, moments, *contacts))
     return Twin(robot, system, builder.first, meshes, frames.of_plate, via, markers, pressure_nodes)
 
 

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from softcal.checks import Ints
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.refine import MeshCounts, count, refined_centreline, refined_mesh, refined_nodes
 from softcal.mechanics.element import Element
 from softcal.mechanics.elements import ELEMENTS
 from softcal.quantities import QUANTITIES
-from softcal.twin.robot import Body, Plate, PointLoad, Robot, Rod, SurfaceLoad
+from softcal.twin.robot import Body, Moment, Plate, PointLoad, Robot, Rod, SurfaceLoad
 
 # Apart from the names of the mesh's own sets.
 _OURS = "of the robot: "
@@ -71,10 +73,10 @@ def halved(robot: Robot) -> Robot:
     def plate(old: Plate) -> Plate:
         return replace(old, nodes={body: nodes(body, f"plate {old.name}") for body in old.nodes})
 
-    def load(old: PointLoad | SurfaceLoad) -> PointLoad | SurfaceLoad:
-        if isinstance(old, PointLoad):
-            return old
-        return replace(old, faces=meshes[old.on].face_sets[f"{_OURS}load {old.name}"])
+    def load(old: PointLoad | Moment | SurfaceLoad) -> PointLoad | Moment | SurfaceLoad:
+        if isinstance(old, SurfaceLoad):
+            return replace(old, faces=meshes[old.on].face_sets[f"{_OURS}load {old.name}"])
+        return old
 
     return replace(
         robot,
@@ -110,11 +112,11 @@ def _refined_body(body: Body, robot: Robot) -> tuple[Body, TetMesh]:
             old.tets,
             {**old.node_sets, **node_sets},
             {**old.face_sets, **face_sets},
-            {**old.element_sets, **{_OURS + part.name: part.tets for part in body.inclusions}},
+            {**old.element_sets, **{_OURS + part.name: part.elements for part in body.inclusions}},
         )
     )
     own = TetMesh(mesh.points, mesh.tets, _own(mesh.node_sets), _own(mesh.face_sets), _own(mesh.element_sets))
-    inclusions = tuple(replace(part, tets=mesh.element_sets[_OURS + part.name]) for part in body.inclusions)
+    inclusions = tuple(replace(part, elements=mesh.element_sets[_OURS + part.name]) for part in body.inclusions)
     return replace(body, mesh=own, fixed=mesh.node_sets[_OURS + "fixed"], inclusions=inclusions), mesh
 
 
@@ -128,6 +130,10 @@ def _halved_rod(rod: Rod) -> Rod:
         centreline=refined_centreline(rod.centreline),
         clamped={plate: refined_nodes(nodes) for plate, nodes in rod.clamped.items()},
         fixed=refined_nodes(rod.fixed),
+        inclusions=tuple(
+            replace(part, elements=np.sort(np.concatenate([2 * part.elements, 2 * part.elements + 1])))
+            for part in rod.inclusions
+        ),
     )
 
 

@@ -1,18 +1,23 @@
-"""The dead loads of a robot as forces on points: weight, forces at points, tractions on faces."""
+"""The dead loads of a robot: weight, forces at points, tractions on faces; moments on plates and rods."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
-from softcal.checks import Floats
+from softcal.checks import Floats, Ints
 from softcal.errors import Fault, MeshError
 from softcal.geometry.cell import LINEAR
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quadratic import linear_numbers
 from softcal.geometry.surface import matching_faces
 from softcal.mechanics.elements import ELEMENTS
+from softcal.mechanics.layout import Layout
 from softcal.mechanics.loads import Loads
-from softcal.twin.robot import Robot, SurfaceLoad
+from softcal.mechanics.moments import Moments
+from softcal.mechanics.rod_points import place_on_rod
+from softcal.twin.robot import Moment, Robot, SurfaceLoad
 
 Weights = list[tuple[int, float]]
 # The parameter a force is per unit of (None: none), the weighted points it acts on, the force.
@@ -66,12 +71,37 @@ def build_loads(
         mesh, start = meshes[body.name], first[body.name]
         for material in body.materials:
             unit = per_unit[f"{material.name}.density"] = np.zeros((n_points, 3))
-            volumes = ELEMENTS[body.element].nodal_volumes(mesh.points, mesh.tets[material.tets])
+            volumes = ELEMENTS[body.element].nodal_volumes(mesh.points, mesh.tets[material.elements])
             unit[start : start + mesh.n_points] = volumes[:, None] * robot.gravity
     for rod in robot.rods:
-        unit = per_unit[f"{rod.name}.density"] = np.zeros((n_points, 3))
-        half = 0.5 * rod.section.constants.area * rod.centreline.lengths[:, None] * robot.gravity
-        n = first[rod.name]
-        unit[n : n + len(half)] += half
-        unit[n + 1 : n + 1 + len(half)] += half
+        for material in rod.materials:
+            unit = per_unit[f"{material.name}.density"] = np.zeros((n_points, 3))
+            weights = rod.volumes[material.elements, :, None] * robot.gravity
+            for end in (0, 1):
+                np.add.at(unit, first[rod.name] + material.elements + end, weights[:, end])
     return Loads(constant, per_unit)
+
+
+def build_moments(robot: Robot, layout: Layout, of_plate: Mapping[str, int], of_rod: Mapping[str, Ints]) -> Moments:
+    """Every dead moment of the robot, on its part's frames: of_plate, of_rod as `Frames` has them.
+
+    Raises
+    ------
+    MeshError
+        For a part that has no frames.
+    """
+    rods = {rod.name: rod for rod in robot.rods}
+    per_unit: dict[str, Floats] = {}
+    for load in robot.loads:
+        if not isinstance(load, Moment):
+            continue
+        if load.on not in of_plate and load.on not in rods:
+            known = ", ".join([*of_plate, *rods])
+            raise MeshError(Fault("there is no such plate or rod", where=load.name, got=load.on, allowed=known))
+        unit = per_unit[f"{load.name}.moment"] = np.zeros((layout.n_frames, 3))
+        if load.on in of_plate:
+            unit[of_plate[load.on]] = load.direction
+            continue
+        for node, weight in place_on_rod(rods[load.on].centreline, load.at).weights:
+            unit[of_rod[load.on][node]] += weight * load.direction
+    return Moments(layout, per_unit)

@@ -1,7 +1,7 @@
 """Where markers are on the parts that carry them: where they are drawn, and their offsets, which move with the part.
 
-On a plate an offset turns with it; on a body it is turned and stretched by the deformation gradient where the marker is
-drawn. No equilibrium depends on it: another offset needs no other system of equations.
+On a plate an offset turns with it, on a rod with its section; on a body it is turned and stretched by the deformation
+gradient where the marker is drawn. No equilibrium depends on it: another offset needs no other system of equations.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class MarkerPlace:
     ----------
     marker : It, with its offset
     drawn : The weighted points of where it is drawn
-    directions : On a body, the derivatives of its place by each offset, as weighted points; on a plate none
+    directions : On a body or rod, the derivatives of its place by each offset, as weighted points; on a plate none
     """
 
     marker: Marker

@@ -34,7 +34,7 @@ def robot_inertia(twin: Twin, robot: Robot, masses: MassMatrix = "consistent") -
         points = twin.first_point[body.name] + mesh.tets
         density = np.zeros(mesh.n_tets)
         for material in body.materials:
-            density[material.tets] = material.density
+            density[material.elements] = material.density
         matrices = density[:, None, None] * element_masses(mesh, lumped=masses == "lumped")
         riders = layout.rider[points]
         as_one = (riders == riders[:, :1]).all(axis=1)
@@ -53,12 +53,18 @@ def _add_rod(carried: FrameMasses, twin: Twin, rod: Rod) -> None:
     layout = twin.system.layout
     m = len(rod.centreline.nodes)
     frames = layout.rider[twin.first_point[rod.name] :][:m]
-    half = 0.5 * rod.centreline.lengths
-    line = rod.density * (np.append(half, 0.0) + np.insert(half, 0, 0.0))  # [kg/m^2]: times area is mass
-    triads, section = rod.centreline.triads, rod.section.constants
-    along = np.array([section.I2, section.I1, 0.0])  # second moment along axis 1 is I2, that about axis 2
-    tensors = line[:, None, None] * (triads * along) @ np.swapaxes(triads, 1, 2)
-    carried.add(frames, section.area * line, rod.centreline.nodes - layout.references[frames], tensors)
+    stations, half = rod.centreline.stations / rod.centreline.stations[-1], 0.5 * rod.centreline.lengths
+    density = np.zeros(len(half))
+    for material in rod.materials:
+        density[material.elements] = material.density
+    volumes = density[:, None] * rod.volumes
+    masses = np.append(volumes[:, 0], 0.0) + np.insert(volumes[:, 1], 0, 0.0)
+    line = np.append(density * half, 0.0) + np.insert(density * half, 0, 0.0)  # [kg/m^2]: times I is inertia
+    sections = [rod.section.at(float(share)) for share in stations]
+    along = np.array([[one.I2, one.I1, 0.0] for one in sections])  # second moment along axis 1 is I2, that about axis 2
+    triads = rod.centreline.triads
+    tensors = line[:, None, None] * (triads * along[:, None, :]) @ np.swapaxes(triads, 1, 2)
+    carried.add(frames, masses, rod.centreline.nodes - layout.references[frames], tensors)
 
 
 def _add_plate(carried: FrameMasses, twin: Twin, plate: Plate) -> None:

@@ -13,10 +13,12 @@ from softcal.errors import Fault, ParameterError, nearest
 from softcal.materials.catalogue import LAWS, constants_of
 from softcal.materials.elastic_constants import LINEAR_ELASTIC
 from softcal.quantities import QUANTITIES, Quantity
+from softcal.twin.material import Material
 from softcal.twin.parameter_name import parameter_name
-from softcal.twin.robot import Body, Material, PointLoad, Robot, Rod
+from softcal.twin.robot import Body, Moment, PointLoad, Robot, Rod, SurfaceLoad
 
 Part = TypeVar("Part", Body, Rod, Material)
+Whole = TypeVar("Whole", Body, Rod)
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,7 @@ KINDS: Mapping[str, Quantity] = {
     "mass": QUANTITIES["mass"],
     "friction_coefficient": QUANTITIES["friction coefficient"],
     "force": QUANTITIES["force"],
+    "moment": QUANTITIES["moment"],
     "routing_offset": QUANTITIES["length"],
     "clamp_depth": QUANTITIES["length"],
     **dict.fromkeys(MARKER_OFFSETS, QUANTITIES["length"]),
@@ -96,9 +99,10 @@ def robot_parameters(robot: Robot) -> dict[str, ParameterInfo]:
         if body.clamp is not None and body.zone is not None:
             add(body.name, "clamp_depth", body.clamp.depth, body.zone.depths, shapes=True)
     for rod in robot.rods:
-        for constant in LINEAR_ELASTIC:
-            add(rod.name, constant.name, rod.parameters[constant.name], constant.quantity)
-        add(rod.name, "density", rod.density)
+        for material in rod.materials:
+            for constant in LINEAR_ELASTIC:
+                add(material.name, constant.name, material.parameters[constant.name], constant.quantity)
+            add(material.name, "density", material.density)
     for plate in robot.plates:
         add(plate.name, "mass", plate.mass)
     for cable in robot.cables:
@@ -115,6 +119,8 @@ def robot_parameters(robot: Robot) -> dict[str, ParameterInfo]:
     for load in robot.loads:
         if isinstance(load, PointLoad):
             add(load.name, "force", float(np.dot(load.force, load.direction)))
+        elif isinstance(load, Moment):
+            add(load.name, "moment", float(np.dot(load.moment, load.direction)))
     return infos
 
 
@@ -147,8 +153,8 @@ def with_parameters(robot: Robot, values: Mapping[str, float]) -> Robot:
         raise ParameterError(faults)
     if all(value == known[name].value for name, value in values.items()):
         return robot
-    bodies = tuple(_with_materials(body, values) for body in robot.bodies)
-    rods = tuple(_with_material(rod, values, rod.name) for rod in robot.rods)
+    bodies = tuple(_with_clamp(_with_materials(body, values), values) for body in robot.bodies)
+    rods = tuple(_with_materials(rod, values) for rod in robot.rods)
     plates = tuple(replace(p, mass=values.get(f"{p.name}.mass", p.mass)) for p in robot.plates)
     cables = tuple(
         replace(
@@ -159,7 +165,7 @@ def with_parameters(robot: Robot, values: Mapping[str, float]) -> Robot:
         )
         for c in robot.cables
     )
-    loads = tuple(_with_force(x, values) if isinstance(x, PointLoad) else x for x in robot.loads)
+    loads = tuple(_with_size(load, values) for load in robot.loads)
     markers = tuple(marker.offset_by(values) for marker in robot.markers)
     return replace(robot, bodies=bodies, rods=rods, plates=plates, cables=cables, loads=loads, markers=markers)
 
@@ -180,12 +186,18 @@ def with_shape(robot: Robot, theta: Mapping[str, float]) -> Robot:
     return with_parameters(robot, shape) if shape else robot
 
 
-def _with_materials(body: Body, values: Mapping[str, float]) -> Body:
-    inclusions = (_with_material(part, values, f"{body.name}.{part.name}") for part in body.inclusions)
+def _with_materials(part: Whole, values: Mapping[str, float]) -> Whole:
+    inclusions = (_with_material(one, values, f"{part.name}.{one.name}") for one in part.inclusions)
+    return replace(_with_material(part, values, part.name), inclusions=tuple(inclusions))
+
+
+def _with_clamp(body: Body, values: Mapping[str, float]) -> Body:
     clamp = body.clamp
-    if clamp is not None:
-        clamp = replace(clamp, depth=values.get(f"{body.name}.clamp_depth", clamp.depth))
-    return replace(_with_material(body, values, body.name), inclusions=tuple(inclusions), clamp=clamp)
+    return (
+        body
+        if clamp is None
+        else replace(body, clamp=replace(clamp, depth=values.get(f"{body.name}.clamp_depth", clamp.depth)))
+    )
 
 
 def _with_material(part: Part, values: Mapping[str, float], name: str) -> Part:
@@ -196,11 +208,11 @@ def _with_material(part: Part, values: Mapping[str, float], name: str) -> Part:
     )
 
 
-def _with_force(load: PointLoad, values: Mapping[str, float]) -> PointLoad:
-    name = f"{load.name}.force"
-    if name not in values or not load.direction.any():
+def _with_size(load: PointLoad | Moment | SurfaceLoad, values: Mapping[str, float]) -> PointLoad | Moment | SurfaceLoad:
+    key = "moment" if isinstance(load, Moment) else "force"
+    if isinstance(load, SurfaceLoad) or f"{load.name}.{key}" not in values or not load.direction.any():
         return load
-    return replace(load, force=values[name] * load.direction)
+    return replace(load, **{key: values[f"{load.name}.{key}"] * load.direction})
 
 
 def unknown_name(name: str, known: Mapping[str, object]) -> Fault:

@@ -9,7 +9,17 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from softcal.arrays import ArrayOf, ForceVector, Gravity, Numbers, Position, Traction, Triangles, UnitVector
+from softcal.arrays import (
+    ArrayOf,
+    ForceVector,
+    Gravity,
+    MomentVector,
+    Numbers,
+    Position,
+    Traction,
+    Triangles,
+    UnitVector,
+)
 from softcal.checks import Floats, frozen_floats
 from softcal.declare import ByShape, Check, Checked, Declared
 from softcal.errors import Fault, InputError
@@ -18,7 +28,6 @@ from softcal.geometry.mesh import TetMesh
 from softcal.geometry.section import CrossSection
 from softcal.materials.catalogue import LAWS, LawName
 from softcal.materials.elastic_constants import LINEAR_ELASTIC
-from softcal.materials.parameter import complete
 from softcal.mechanics.elements import DEFAULT, ElementName
 from softcal.mechanics.mesh_motion import MeshMotion
 from softcal.quantities import Clearance, Density, Mass, MomentOfInertia, Size
@@ -26,6 +35,7 @@ from softcal.sensing.sensor import NamedSensor
 from softcal.twin.barrier import Contact
 from softcal.twin.cables import Cable, ViaPoint
 from softcal.twin.clamp import Clamp, Zone, clamp_zone
+from softcal.twin.material import Material, complete_materials, materials_of
 from softcal.twin.part import NamedPart
 
 Control = Literal["tension", "shortening"]
@@ -33,23 +43,6 @@ Control = Literal["tension", "shortening"]
 
 # What another part chooses where it is omitted: a plate for its disc, a force for its direction.
 CHOSEN: Any = None
-
-
-@dataclass(frozen=True)
-class Material(NamedPart):
-    """A material of some tets of a mesh.
-
-    Attributes
-    ----------
-    name : First part of its parameters' names
-    tets : Numbers of its tets (n,)
-    parameters : Constants of the law [SI] by name
-    density : [kg/m^3]
-    """
-
-    tets: Numbers
-    parameters: Mapping[str, float]
-    density: Density = 0.0
 
 
 @dataclass(frozen=True)
@@ -82,33 +75,12 @@ class Body(NamedPart):
         super().__post_init__()
         if self.clamp is not None:
             self.zone  # noqa: B018  refuses a clamp that cannot be
-        constants = LAWS[self.law].parameters
-        own = complete(self.parameters, constants, owner=self.name)
-        object.__setattr__(self, "parameters", own)
-        inclusions = (
-            replace(one, parameters=complete({**own, **one.parameters}, constants, owner=f"{self.name}.{one.name}"))
-            for one in self.inclusions
-        )
-        object.__setattr__(self, "inclusions", tuple(inclusions))
-        times = np.zeros(self.mesh.n_tets, dtype=np.int64)
-        for part in self.inclusions:
-            np.add.at(times, part.tets, 1)
-        if (times > 1).any():
-            names = ", ".join(part.name for part in self.inclusions)
-            raise InputError(Fault(f"{int((times > 1).sum())} tets are of two materials", self.name, got=names))
-        if self.inclusions and times.all():
-            names = ", ".join(part.name for part in self.inclusions)
-            attempt = "one of them as the body's own material"
-            raise InputError(Fault("the materials leave no tet to the body's own", self.name, names, attempt=attempt))
+        complete_materials(self, LAWS[self.law].parameters, self.mesh.n_tets, "tets")
 
     @property
     def materials(self) -> tuple[Material, ...]:
         """Every material, named as its parameters are: the body's own, by its name, then `body.inclusion`."""
-        rest = np.ones(self.mesh.n_tets, dtype=bool)
-        for part in self.inclusions:
-            rest[part.tets] = False
-        own = Material(self.name, np.flatnonzero(rest), self.parameters, self.density)
-        return (own, *(replace(part, name=f"{self.name}.{part.name}") for part in self.inclusions))
+        return materials_of(self, self.mesh.n_tets)
 
     @cached_property
     def zone(self) -> Zone | None:
@@ -147,6 +119,7 @@ class Rod(NamedPart):
     clamped : Plate name -> numbers of the centreline nodes (n,) that move rigidly with the plate
     fixed : Numbers of the nodes that do not move (n,)
     density : [kg/m^3]
+    inclusions : Elements of other materials; constants not given are the rod's
     """
 
     centreline: Centreline
@@ -155,11 +128,12 @@ class Rod(NamedPart):
     clamped: Mapping[str, Numbers] = field(default_factory=dict)
     fixed: Numbers = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     density: Density = 0.0
+    inclusions: tuple[Material, ...] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "parameters", complete(self.parameters, LINEAR_ELASTIC, owner=self.name))
         n = len(self.centreline.nodes)
+        complete_materials(self, LINEAR_ELASTIC, n - 1, "elements")
         held = np.concatenate([self.fixed, *self.clamped.values()])
         if len(held) and held.max() >= n:
             raise InputError(
@@ -169,6 +143,20 @@ class Rod(NamedPart):
             raise InputError(
                 Fault("a node of the rod is fixed or clamped twice", self.name, got=str(np.sort(held).tolist()))
             )
+
+    @property
+    def materials(self) -> tuple[Material, ...]:
+        """Every material, named as its parameters are: the rod's own, by its name, then `rod.inclusion`."""
+        return materials_of(self, len(self.centreline.lengths))
+
+    @cached_property
+    def volumes(self) -> Floats:
+        """What each end of each element carries of its volume (n, 2) [m^3]."""
+        stations = self.centreline.stations / self.centreline.stations[-1]
+        at = np.array([self.section.at(float(share)).area for share in stations])
+        middle = np.array([self.section.at(float(share)).area for share in 0.5 * (stations[1:] + stations[:-1])])
+        ends = np.stack([at[:-1] + 2.0 * middle, 2.0 * middle + at[1:]], axis=1)
+        return self.centreline.lengths[:, None] * ends / 6.0
 
 
 @dataclass(frozen=True)
@@ -286,7 +274,7 @@ class Marker(NamedPart):
 
     Attributes
     ----------
-    name, on : Names of the marker and of the plate or body that carries it
+    name, on : Names of the marker and of the plate, body or rod that carries it
     at : Position (3,) [m] in the rest frame
     offset : How far from there it is attached (3,) [m], along the axes of the rest frame
     """
@@ -309,11 +297,11 @@ class Marker(NamedPart):
 
 @dataclass(frozen=True)
 class PointLoad(NamedPart):
-    """A dead force at a point of a body or plate.
+    """A dead force at a point of a body, plate or rod.
 
     Attributes
     ----------
-    name, on : Names of the load and of the body or plate
+    name, on : Names of the load and of the body, plate or rod
     at : Point (3,) [m] in the rest frame
     force : (3,) [N]
     direction : Unit vector (3,) of the force; needed where its magnitude is zero now and another value later
@@ -327,9 +315,36 @@ class PointLoad(NamedPart):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.direction is CHOSEN:
-            size = float(np.linalg.norm(self.force))
-            unit = self.force / size if size > 0.0 else self.force
-            object.__setattr__(self, "direction", frozen_floats(unit, name="direction"))
+            object.__setattr__(self, "direction", _direction(self.force))
+
+
+def _direction(vector: Floats) -> Floats:
+    """The unit vector along one that may be zero."""
+    size = float(np.linalg.norm(vector))
+    return frozen_floats(vector / size if size > 0.0 else vector, name="direction")
+
+
+@dataclass(frozen=True)
+class Moment(NamedPart):
+    """A dead moment on a plate, or on a rod: its direction stays the same as the part turns.
+
+    Attributes
+    ----------
+    name, on : Names of the moment and of the plate or rod
+    moment : (3,) [N m]
+    at : Point (3,) [m] in the rest frame, which determines the section of a rod; not needed on a plate
+    direction : Unit vector (3,) of the moment; needed where its magnitude is zero now and another value later
+    """
+
+    on: str
+    moment: MomentVector
+    at: Position = field(default_factory=lambda: np.zeros(3))
+    direction: UnitVector = CHOSEN
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.direction is CHOSEN:
+            object.__setattr__(self, "direction", _direction(self.moment))
 
 
 @dataclass(frozen=True)
@@ -362,7 +377,7 @@ class Robot(Checked):
     bodies: tuple[Body, ...] = ()
     plates: tuple[Plate, ...] = ()
     cables: tuple[Cable, ...] = ()
-    loads: tuple[PointLoad | SurfaceLoad, ...] = ()
+    loads: tuple[PointLoad | Moment | SurfaceLoad, ...] = ()
     gravity: Gravity = field(default_factory=lambda: np.zeros(3))
     rods: tuple[Rod, ...] = ()
     ties: tuple[Tie, ...] = ()

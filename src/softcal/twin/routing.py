@@ -14,25 +14,34 @@ import numpy as np
 from softcal.checks import Floats, Ints
 from softcal.errors import Fault, MeshError
 from softcal.geometry.bore import wall_around
+from softcal.geometry.centreline import Centreline
 from softcal.geometry.locate import mean_edges, nearest_places, nearest_tets, tets_holding
 from softcal.geometry.mesh import TetMesh
 from softcal.mechanics.attachment import attach_rate
+from softcal.mechanics.rod_points import RodPlace, place_on_rod
 from softcal.twin.cables import RoutingAxis, ViaPoint
 
 SPACING = 0.25  # of an edge of the tets around: the spacing of the points that represent a bore
 SKIN = 0.05  # of an edge: a line as near as that to the surface runs on it and is not guided
 
 
-def bored(via_points: Sequence[ViaPoint], meshes: Mapping[str, TetMesh]) -> tuple[ViaPoint, ...]:
-    """The via points, with additional ones along the bore between two neighbours in one body: wherever the line between
-    them runs inside the body's material, or inside a bore of its mesh.
+def bored(
+    via_points: Sequence[ViaPoint],
+    meshes: Mapping[str, TetMesh],
+    centrelines: Mapping[str, Centreline] | None = None,
+) -> tuple[ViaPoint, ...]:
+    """The via points, with additional ones along the bore between two neighbours in one body or on one rod: wherever
+    the line between them runs inside the body's material, or inside a bore of its mesh; at the nodes of the rod.
 
-    meshes [m]: by body's name. Across a gap of the body the cable runs straight.
+    meshes, centrelines [m]: by the name of the body or rod. Across a gap of the body the cable runs straight.
     """
+    lines = centrelines or {}
     out = list(via_points[:1])
     for start, end in pairwise(via_points):
         if start.on == end.on and start.on in meshes:
             out += [ViaPoint(at, start.on) for at in _inside(meshes[start.on], start.at, end.at)]
+        elif start.on == end.on and start.on in lines:
+            out += [ViaPoint(at, start.on) for at in _along(lines[start.on], start.at, end.at)]
         out.append(end)
     return tuple(out)
 
@@ -86,3 +95,30 @@ def _inside(mesh: TetMesh, start: Floats, end: Floats) -> Floats:
         depth[i] > SKIN * edge if in_tets[i] else wall_around(mesh, points[i]) is not None for i in range(len(points))
     ]
     return points[np.array(kept)]
+
+
+def _along(centreline: Centreline, start: Floats, end: Floats) -> Floats:
+    """Points (n, 3) [m] between two others, one in the section of each node of a rod between theirs.
+
+    Each keeps its place in the section as the line does that leads from the one to the other along the axis.
+    """
+    first, last = (place_on_rod(centreline, at) for at in (start, end))
+    a, b = first.node + first.share, last.node + last.share
+    between = np.arange(np.floor(min(a, b)) + 1.0, np.ceil(max(a, b))).astype(np.int64)
+    between = between if a < b else between[::-1]
+    if len(between) == 0:
+        return np.zeros((0, 3))
+    stations = centreline.stations
+    s0, s1 = (np.interp(at, np.arange(len(stations)), stations) for at in (a, b))
+    offsets = [_offset(centreline, place, at) for place, at in ((first, start), (last, end))]
+    t = ((stations[between] - s0) / (s1 - s0))[:, None]
+    local = (1.0 - t) * offsets[0] + t * offsets[1]
+    return centreline.nodes[between] + np.einsum("nij,nj->ni", centreline.triads[between], local)
+
+
+def _offset(centreline: Centreline, place: RodPlace, at: Floats) -> Floats:
+    """A point less its section's centre, in the section's axes (3,) [m]."""
+    return sum(
+        (weight * centreline.triads[node].T @ (at - centreline.nodes[node]) for node, weight in place.weights),
+        np.zeros(3),
+    )

@@ -64,7 +64,7 @@ def loaded(twin: Twin, statics: Statics, names: tuple[str, ...] = ()) -> Start:
 def _loaded(twin: Twin, statics: Statics) -> Start:
     rest = rest_state(twin.system.layout)
     line = slack_line(twin)
-    if not np.any(twin.system.loads.total(statics.theta)):
+    if not twin.system.is_loaded(statics.theta):
         return Start(rest)
     direct = statics.equilibrium(rest, line.at(0.0))
     if direct.converged and is_stable(statics, statics.tangent_at(direct.state, line.at(0.0))):
@@ -121,9 +121,12 @@ def _label(drive: float, unit: str) -> str:
 
 
 def _rod_strains(twin: Twin, state: State) -> dict[str, float]:
-    strains = (term.strains(state.position, state.rotation)[:, :3] for term in twin.system.of(RodTerm))
-    squares = (float(np.mean(np.sum(strain**2, axis=1))) for strain in strains)
-    return {rod.name: float(np.sqrt(square)) for rod, square in zip(twin.robot.rods, squares, strict=True)}
+    strains = {term.name: term.strains(state.position, state.rotation)[:, :3] for term in twin.system.of(RodTerm)}
+    found: dict[str, float] = {}
+    for rod in twin.robot.rods:
+        whole = np.concatenate([strains[material.name] for material in rod.materials])
+        found[rod.name] = float(np.sqrt(np.mean(np.sum(whole**2, axis=1))))
+    return found
 
 
 def _pressures(twin: Twin, state: State) -> dict[str, Floats]:

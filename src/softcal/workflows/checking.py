@@ -22,9 +22,10 @@ from softcal.sensing.sensors.cable import SHORTENING, TENSION
 from softcal.twin.bores import bores
 from softcal.twin.build import twin_of
 from softcal.twin.channels import channels_of
+from softcal.twin.material import Material
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.response import Response
-from softcal.twin.robot import Body, Cable, Material, Plate, Rod
+from softcal.twin.robot import Body, Cable, Plate, Rod
 from softcal.units import AS_WRITTEN, format_quantity, format_range, plain
 from softcal.workflows.output import require_writable
 from softcal.workflows.start_states import start_states
@@ -118,7 +119,7 @@ def _body_rows(project: Project) -> list[tuple[str, str]]:
             ("  material", f"{body.law}, {body.element}, {_constants(body, body.materials[0])}"),
         ]
         rows += [
-            (f"  material of {part.name}", f"{len(part.tets)} tets, {_constants(body, part)}")
+            (f"  material of {part.name}", f"{len(part.elements)} tets, {_constants(body, part)}")
             for part in body.inclusions
         ]
         regions = {**{"fixed": body.fixed}, **project.regions[body.name]}

@@ -66,7 +66,7 @@ def start_states(project: Project, progress: StageObserver = lambda stage: None)
     rows: list[tuple[str, str]] = []
     warnings: list[str] = []
     shapes: dict[str, Snapshot] = {}
-    if np.any(twin.system.loads.total(theta)):
+    if twin.system.is_loaded(theta):
         progress("Solving the robot under its loads")
         response = response_to(project.robot, Protocol({}), snapshots=True)
         if not response.succeeded:

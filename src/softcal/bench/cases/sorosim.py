@@ -1,0 +1,170 @@
+"""SoRoSim's static shapes of two slender rods: softcal's rods against another code."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import ClassVar
+
+import numpy as np
+
+from softcal.bench.case import BenchmarkCase, Progress, Published, register_case
+from softcal.bench.predictions import Predictions
+from softcal.bench.record import CaseRecord
+from softcal.checks import Floats
+from softcal.errors import DatasetError, Fault, SimulationError, StorageError
+from softcal.geometry.centreline import spaced, straight
+from softcal.geometry.section import RoundBar
+from softcal.twin.protocol import Protocol
+from softcal.twin.robot import Marker, Moment, PointLoad, Robot, Rod
+from softcal.twin.simulate import simulate
+
+HALF = (0.0469, 0.2308, 0.5, 0.7692, 0.9531, 1.0)  # stations of one half of the rod, as fractions of it
+STATIONS = tuple(0.5 * f for f in HALF) + tuple(0.5 * (1.0 + f) for f in HALF)
+POINTS = (*(f"s{k:02d}" for k in range(1, len(STATIONS))), "tip")
+LINES = 6  # of a shape: three angles, three positions
+COLUMNS = 3 + 2 * (len(HALF) + 1)  # gravity and two wrenches, then the stations, the base and the middle twice
+ELEMENTS = 24  # at least; the stations are nodes, too
+SOURCE = "ContinuumRoboticsLab/opencr-mujoco, data/reference/sorosim; computed with SoRoSim"
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A row of the reference: its name, the loads [SI] in the file's frame, and the stations' positions (12, 3) [m]."""
+
+    name: str
+    gravity: Floats
+    forces: Floats
+    moments: Floats
+    positions: Floats
+
+
+class SoroSimRod(BenchmarkCase):
+    """A straight round rod, clamped at one end, under its weight and a wrench at the middle and at the tip."""
+
+    source = SOURCE
+    licence = "MIT, © 2026 Continuum Robotics Lab"
+    tip = "tip"
+    diameter: ClassVar[float]
+    youngs_modulus: ClassVar[float]
+    poissons_ratio: ClassVar[float]
+    density: ClassVar[float]
+
+    def record(self, data: Path | None = None) -> CaseRecord:
+        shapes = self.shapes(data)
+        positions = np.array([shape.positions for shape in shapes])
+        channels = {
+            f"{point}.{axis}": positions[:, k, i] for k, point in enumerate(POINTS) for i, axis in enumerate("xyz")
+        }
+        none = np.zeros(len(shapes), dtype=bool)
+        return CaseRecord(tuple(shape.name for shape in shapes), none, channels, dict.fromkeys(channels, "m"))
+
+    def run(self, data: Path | None = None, *, workers: int = 1, progress: Progress) -> Predictions:
+        shapes, began = self.shapes(data), perf_counter()
+        progress(f"Simulating {len(shapes)} shapes")
+        robots = [self._robot(shape) for shape in shapes]
+        if workers > 1:
+            with ProcessPoolExecutor(workers) as pool:
+                found = list(pool.map(_positions, robots, chunksize=8))
+        else:
+            found = [_positions(robot) for robot in robots]
+        at = np.array(found)
+        channels = {f"{point}.{axis}": at[:, k, i] for k, point in enumerate(POINTS) for i, axis in enumerate("xyz")}
+        samples = tuple(shape.name for shape in shapes)
+        return Predictions(samples, channels, method="softcal", evaluations=len(shapes), wall_s=perf_counter() - began)
+
+    def robot(self) -> Robot:
+        return self._robot(self.shapes(None)[0])
+
+    def shapes(self, data: Path | None) -> list[Shape]:
+        """The shapes of a file in SoRoSim's layout.
+
+        Raises
+        ------
+        StorageError, DatasetError
+            Where it cannot be read, or has another layout.
+        """
+        path = data or self.folder / "shapes.csv"
+        try:
+            rows = list(csv.reader(path.read_text(encoding="utf-8").splitlines()))[2:]
+        except (OSError, UnicodeDecodeError) as error:
+            raise StorageError(Fault("this cannot be read as text", str(path), str(error))) from error
+        try:
+            table = np.array([row[1:] for row in rows if row], dtype=np.float64)
+        except ValueError as error:
+            raise DatasetError(Fault("the table is not of numbers", str(path), str(error))) from error
+        if table.ndim != 2 or table.shape[1] != COLUMNS or len(table) % LINES or len(table) == 0:
+            allowed = f"two header lines, then {LINES} lines of {COLUMNS + 1} columns for each shape"
+            raise DatasetError(Fault("the layout is not SoRoSim's", str(path), f"{table.shape}", allowed))
+        kept = [k for k in range(3, COLUMNS) if k not in (3, 3 + len(HALF) + 1)]
+        blocks = table.reshape(-1, LINES, COLUMNS)
+        names = [rows[LINES * i][0].rpartition("_")[2] for i in range(len(blocks))]
+        return [
+            Shape(name, one[3:, 0], one[3:, 1:3].T, one[:3, 1:3].T, one[3:][:, kept].T)
+            for name, one in zip(names, blocks, strict=True)
+        ]
+
+    def _robot(self, shape: Shape) -> Robot:
+        def at(share: float) -> Floats:
+            return np.array([share * self.length, 0.0, 0.0])
+
+        rod = Rod(
+            "rod",
+            straight(at(0.0).tolist(), at(1.0).tolist(), spaced(STATIONS, 1.0 / ELEMENTS)),
+            RoundBar(self.diameter),
+            {"youngs_modulus": self.youngs_modulus, "poissons_ratio": self.poissons_ratio},
+            fixed=np.array([0]),
+            density=self.density,
+        )
+        places = (("middle", at(0.5)), ("end", at(1.0)))
+        forces = [PointLoad(f"{n}_force", "rod", p, f) for (n, p), f in zip(places, shape.forces, strict=True)]
+        moments = [Moment(f"{n}_moment", "rod", m, p) for (n, p), m in zip(places, shape.moments, strict=True)]
+        markers = [Marker(point, "rod", at(share)) for point, share in zip(POINTS, STATIONS, strict=True)]
+        return Robot(rods=(rod,), loads=(*forces, *moments), markers=tuple(markers), gravity=shape.gravity)
+
+
+def _positions(robot: Robot) -> Floats:
+    """Positions of the stations (12, 3) [m] in equilibrium."""
+    response = simulate(robot, Protocol({}))
+    if not response.succeeded:
+        raise SimulationError(response.status)
+    return np.array([[response.channels[f"{point}.{axis}"][0] for axis in "xyz"] for point in POINTS])
+
+
+def _chain(elements: int, mean: float, most_95: float, largest: float, length: float) -> Published:
+    """The rival's row: a chain of rigid links."""
+    told = f"tip: mean {mean:g} %, 95 % below {most_95:g} %, largest {largest:g} % of the length"
+    source = "its figure sorosim_statics_error.png, all 500 shapes; a mean, not a root mean square"
+    return Published(f"OpenCR-MuJoCo, {elements} links", source, predict=(None, mean / 100 * length), note=told)
+
+
+def _chains(length: float, *rows: tuple[int, float, float, float]) -> Sequence[Published]:
+    return tuple(_chain(*row, length) for row in rows)
+
+
+@register_case
+class SpringSteelRod(SoroSimRod):
+    """Spring steel, 0.6 m by 1.6 mm."""
+
+    name = "sorosim-steel"
+    title = "Spring-steel rod under gravity and wrenches, 250 static shapes (computed by SoRoSim)"
+    length = 0.6
+    diameter, youngs_modulus, poissons_ratio, density = 1.6e-3, 200e9, 0.33, 7870.0
+    published = _chains(0.6, (25, 0.67, 1.35, 2.2), (50, 0.19, 0.53, 1.07), (100, 0.098, 0.26, 0.56))
+    goal = "mean tip error within 0.05 % of the length"
+
+
+@register_case
+class TpuRod(SoroSimRod):
+    """TPU, 0.4 m by 10 mm."""
+
+    name = "sorosim-tpu"
+    title = "TPU rod under gravity and wrenches, 250 static shapes (computed by SoRoSim)"
+    length = 0.4
+    diameter, youngs_modulus, poissons_ratio, density = 10e-3, 70e6, 0.4, 1200.0
+    published = _chains(0.4, (25, 0.69, 1.57, 2.3), (50, 0.20, 0.59, 1.06), (100, 0.105, 0.30, 0.53))
+    goal = "mean tip error within 0.05 % of the length"

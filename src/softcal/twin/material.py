@@ -1,0 +1,85 @@
+"""Materials of parts: a body's or a rod's own, and those of some of its elements."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from softcal.arrays import Numbers
+from softcal.errors import Fault, InputError
+from softcal.materials.parameter import Parameter, complete
+from softcal.quantities import Density
+from softcal.twin.part import NamedPart
+
+
+@dataclass(frozen=True)
+class Material(NamedPart):
+    """A material of some tets of a mesh, or of some elements of a rod.
+
+    Attributes
+    ----------
+    name : First part of its parameters' names
+    elements : Numbers of its tets, or of its elements along the rod (n,)
+    parameters : Constants of the law [SI] by name
+    density : [kg/m^3]
+    """
+
+    elements: Numbers
+    parameters: Mapping[str, float]
+    density: Density = 0.0
+
+
+class Elastic(Protocol):
+    """A part with a material of its own, and inclusions of others."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def parameters(self) -> Mapping[str, float]: ...
+    @property
+    def density(self) -> float: ...
+    @property
+    def inclusions(self) -> tuple[Material, ...]: ...
+
+
+def complete_materials(part: Elastic, constants: Sequence[Parameter], n_elements: int, of: str) -> None:
+    """Give a part, which is being made, all constants of its law, and each inclusion those that it leaves out.
+
+    of: what its elements are called.
+
+    Raises
+    ------
+    InputError
+        For elements of two materials, or that there are not, and where none is of the part's own.
+    """
+    own = complete(part.parameters, constants, owner=part.name)
+    object.__setattr__(part, "parameters", own)
+    inclusions = (
+        replace(one, parameters=complete({**own, **one.parameters}, constants, owner=f"{part.name}.{one.name}"))
+        for one in part.inclusions
+    )
+    object.__setattr__(part, "inclusions", tuple(inclusions))
+    times = np.zeros(n_elements, dtype=np.int64)
+    for one in part.inclusions:
+        if len(one.elements) and one.elements.max() >= n_elements:
+            got, allowed = str(int(one.elements.max())), f"0 to {n_elements - 1}"
+            raise InputError(Fault(f"there are no such {of}", f"{part.name}.{one.name}", got, allowed))
+        np.add.at(times, one.elements, 1)
+    names = ", ".join(one.name for one in part.inclusions)
+    if (times > 1).any():
+        raise InputError(Fault(f"{int((times > 1).sum())} {of} are of two materials", part.name, got=names))
+    if part.inclusions and times.all():
+        what = f"the materials leave none of the {of} to its own material"
+        raise InputError(Fault(what, part.name, names, attempt="one of them as that"))
+
+
+def materials_of(part: Elastic, n_elements: int) -> tuple[Material, ...]:
+    """Every material of a part, named as its parameters are: its own, by its name, then `part.inclusion`."""
+    rest = np.ones(n_elements, dtype=bool)
+    for one in part.inclusions:
+        rest[one.elements] = False
+    own = Material(part.name, np.flatnonzero(rest), part.parameters, part.density)
+    return (own, *(replace(one, name=f"{part.name}.{one.name}") for one in part.inclusions))

@@ -1,0 +1,216 @@
+"""What every benchmark case keeps: its data, split, licence and README, and a score of zero for what was measured."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from softcal.bench.case import CASES, BenchmarkCase
+from softcal.bench.predictions import Predictions, read_predictions
+from softcal.bench.record import PREDICT, CaseRecord
+from softcal.bench.run import score_file
+from softcal.bench.score import Score, score
+from softcal.cli import app
+from softcal.errors import DatasetError
+
+EVERY = pytest.mark.parametrize("name", sorted(CASES))
+
+
+@cache
+def record_of(name: str) -> CaseRecord:
+    """The record of a case, read once for all tests."""
+    return CASES[name].record()
+
+
+def measured(case: BenchmarkCase) -> Predictions:
+    """What was measured, as predictions."""
+    record = record_of(case.name)
+    return Predictions(record.samples, {name: np.array(held) for name, held in record.channels.items()}, method="truth")
+
+
+@EVERY
+def test_a_case_has_samples_to_predict_a_licence_and_a_readme_that_tells_its_traps(name: str) -> None:
+    case = CASES[name]
+    record = record_of(name)
+    assert (~record.is_fit).sum() > 0
+    assert len(set(record.samples)) == len(record.samples)
+    assert case.licence
+    assert case.source
+    text = case.readme.read_text(encoding="utf-8")
+    assert len(text) > 500
+    if case.licence.startswith("MIT") and (case.folder / "README.md").is_file():
+        assert "Permission is hereby granted" in (case.folder / "LICENSE").read_text(encoding="utf-8")
+    assert case.robot().markers or not record.points
+
+
+@EVERY
+def test_what_was_measured_scores_zero_through_a_file_in_any_order(name: str, tmp_path: Path) -> None:
+    case = CASES[name]
+    record, truth = record_of(case.name), measured(case)
+    turned = slice(None, None, -1)
+    channels = {channel: values[turned] for channel, values in truth.channels.items()}
+    path = tmp_path / "truth.csv"
+    text = replace(truth, samples=truth.samples[turned], channels=channels).text(record.units)
+    path.write_text(text, encoding="utf-8")
+    found = score(name, record, read_predictions(path, record), aligned=case.aligned)
+    predicted = found.splits[PREDICT]
+    if predicted.all_points is not None:
+        assert predicted.all_points.largest < 1e-8
+    assert all(one.largest < 1e-6 for one in predicted.channels.values())
+    assert found == Score.from_json(found.as_json())
+
+
+@EVERY
+def test_an_error_of_one_point_scores_as_large_as_it_is(name: str) -> None:
+    case = CASES[name]
+    record, truth = record_of(case.name), measured(case)
+    shift = np.where(np.arange(len(record.samples)) % 2 == 0, 3e-3, -3e-3)
+    channels = dict(truth.channels)
+    first = record.points[0] + ".x" if record.points else record.others[0]
+    channels[first] = channels[first] + shift
+    found = score(name, record, replace(truth, channels=channels), aligned=False).splits[PREDICT]
+    error = found.points[record.points[0]] if record.points else found.channels[first]
+    assert error.rms == pytest.approx(3e-3, rel=1e-9)
+
+
+def tentacle_text(change: dict[str, str] | None = None) -> str:
+    record = record_of("tentacle")
+    text = measured(CASES["tentacle"]).text(record.units)
+    for old, new in (change or {}).items():
+        assert re.search(old, text, flags=re.MULTILINE), old
+        text = re.sub(old, new, text, flags=re.MULTILINE)
+    return text
+
+
+FAULTS = {
+    "samples": ({r"^m2_u018.*\n": ""}, "1 of 6 samples to predict are missing; got m2_u018"),
+    "some of the fit": ({r"^m1_u01,.*\n": ""}, "1 of 8 samples to fit are missing"),
+    "column": ({r"M2.y \[m\]": "M9.y [m]"}, "the case has no such channel; got 'M9.y"),
+    "unit": ({r"M2.y \[m\]": "M2.y [N]"}, "the unit of the column is missing or wrong; got 'M2.y"),
+    "no unit": ({r"M2.y \[m\]": "M2.y"}, "the unit of the column is missing or wrong"),
+    "number": ({r"^(m1_u005,)[^,]*": r"\1what"}, "1 value(s) of M1.x are no such number; got m1_u005: 'what'"),
+    "not a number": ({r"^(m1_u005,)[^,]*": r"\1nan"}, "1 value(s) of M1.x are no such number"),
+    "unknown sample": ({r"^m1_u005,": "m1_u006,"}, "the case has no such sample (1); got m1_u006"),
+    "twice": ({r"^(m1_u005,.*\n)": r"\1\1"}, "1 sample(s) are there more than once"),
+}
+
+
+@pytest.mark.parametrize("kind", FAULTS)
+def test_a_table_that_is_wrong_is_refused_with_what_is_wrong(kind: str, tmp_path: Path) -> None:
+    change, message = FAULTS[kind]
+    path = tmp_path / "mine.csv"
+    path.write_text(tentacle_text(change), encoding="utf-8")
+    with pytest.raises(DatasetError) as refused:
+        read_predictions(path, record_of("tentacle"))
+    assert message in str(refused.value)
+
+
+def test_all_that_is_wrong_is_told_at_once_and_nothing_is_written(tmp_path: Path) -> None:
+    change = {key: new for kind in ("samples", "unit", "number") for key, new in FAULTS[kind][0].items()}
+    path = tmp_path / "mine.csv"
+    path.write_text(tentacle_text(change), encoding="utf-8")
+    ran = CliRunner().invoke(app, ["bench", "score", "tentacle", str(path), "--out", str(tmp_path / "out")])
+    assert ran.exit_code == 2
+    assert "3 faults" in ran.output
+    assert "Traceback" not in ran.output
+    assert not (tmp_path / "out").exists()
+
+
+def moved(kind: str) -> Predictions:
+    truth = measured(CASES["tentacle"])
+    x = {point: truth.positions(point) for point in ("M1", "M2", "M3", "M4")}
+    turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    changed = {
+        "unit": lambda at: 1e3 * at,
+        "frame": lambda at: at @ turn.T,
+        "origin": lambda at: at + [0.4, 0.0, 0.0],
+    }[kind]
+    new = {point: changed(at) for point, at in x.items()}
+    channels = {f"{point}.{axis}": new[point][:, i] for point in x for i, axis in enumerate("xyz")}
+    return replace(truth, channels=channels)
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"), [("unit", "in another unit"), ("frame", "in another frame"), ("origin", "from another origin")]
+)
+def test_positions_in_another_unit_or_frame_are_refused(kind: str, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "mine.csv"
+    record = record_of("tentacle")
+    path.write_text(moved(kind).text(record.units), encoding="utf-8")
+    with pytest.raises(DatasetError, match=message):
+        read_predictions(path, record)
+
+
+def test_a_column_may_be_in_another_unit_of_its_dimension(tmp_path: Path) -> None:
+    header, *rows = (line for line in tentacle_text().splitlines() if not line.startswith("#"))
+    assert header.split(",")[1] == "M1.x [m]"
+    cells = [row.split(",") for row in rows]
+    lines = [header.replace("M1.x [m]", "M1.x [mm]"), *(",".join([a, str(1e3 * float(b)), *c]) for a, b, *c in cells)]
+    path = tmp_path / "mine.csv"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    assert score_file("tentacle", path).splits[PREDICT].points["M1"].largest < 1e-8
+
+
+def test_a_poor_prediction_in_the_right_frame_is_scored(tmp_path: Path) -> None:
+    """Such as one that knows nothing: every point at its mean."""
+    record, truth = record_of("tentacle"), measured(CASES["tentacle"])
+    path = tmp_path / "mine.csv"
+    channels = {name: np.full_like(values, values.mean()) for name, values in truth.channels.items()}
+    path.write_text(replace(truth, channels=channels).text(record.units), encoding="utf-8")
+    assert score_file("tentacle", path).splits[PREDICT].points["M4"].rms > 0.05
+
+
+def test_bands_have_the_share_of_what_they_hold(tmp_path: Path) -> None:
+    case = CASES["tentacle"]
+    record, truth = record_of(case.name), measured(case)
+    channels = dict(truth.channels, **{"M1.x": truth.channels["M1.x"] + 2e-3})
+    bands = {name: np.full(len(record.samples), 1e-3) for name in ("M1.x", "M1.y")}
+    path = tmp_path / "mine.csv"
+    path.write_text(replace(truth, channels=channels, bands=bands).text(record.units), encoding="utf-8")
+    assert score_file("tentacle", path).splits[PREDICT].coverage == 0.5
+
+
+def test_further_samples_take_the_place_of_those_to_predict(tmp_path: Path) -> None:
+    case = CASES["tentacle"]
+    own = (case.folder / "predict.csv").read_text().splitlines()
+    path = tmp_path / "more.csv"
+    path.write_text("\n".join([own[0], own[2].replace("m1_u012", "again")]) + "\n")
+    record = case.record(path)
+    assert record.samples[-1] == "again"
+    assert (~record.is_fit).sum() == 1
+    assert record.is_fit.sum() == record_of(case.name).is_fit.sum()
+
+
+def test_sorosims_first_shapes_are_within_a_twentieth_of_a_per_cent_on_average(tmp_path: Path) -> None:
+    case = CASES["sorosim-tpu"]
+    lines = (case.folder / "shapes.csv").read_text().splitlines()
+    few = tmp_path / "few.csv"
+    few.write_text("\n".join(lines[: 2 + 6 * 6]) + "\n")
+    out = tmp_path / "out"
+    ran = CliRunner().invoke(app, ["bench", "run", case.name, "--data", str(few), "--out", str(out)])
+    assert ran.exit_code == 0, ran.output
+    found = score_file(case.name, out / "predictions.csv", data=few).splits[PREDICT]
+    assert found.points["tip"].mean < 5e-4 * case.length
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["run", "tentacl"], "there is no such case; got 'tentacl'"),
+        (["score", "tentacle", "absent.csv"], "this cannot be read as text"),
+        (["run", "sorosim-tpu", "--data", "absent.csv"], "this cannot be read as text"),
+        (["run", "beam", "--data", "absent.csv"], "the case takes no further samples"),
+        (["page", "absent"], "there is no score.json below the folder"),
+    ],
+)
+def test_bad_arguments_are_refused_in_a_sentence(arguments: list[str], message: str, tmp_path: Path) -> None:
+    folder = ["--out", str(tmp_path / "out")] if arguments[0] == "run" else []
+    ran = CliRunner().invoke(app, ["bench", *arguments, *folder])
+    assert ran.exit_code == 2, ran.output
+    assert message in " ".join(ran.output.split())

@@ -232,42 +232,6 @@ CASES: dict[str, tuple[Change, tuple[str, ...]]] = {
         ("rods.mast.materials.a.between", "the station is not on the rod", "600 mm"),
     ),
     "a marker on nothing": (("{on: tip, hole: p1}", "{on: rip, hole: p1}"), ("markers.eye.on", "'rip'", "Try: 'tip'")),
-    "a section and sections": (
-        ("section: {diameter: 4 mm}", "section: {diameter: 4 mm}\n      sections: []"),
-        ("rods.mast", "one kind of section", "section and sections"),
-    ),
-    "sections that do not reach the end": (
-        (
-            "section: {diameter: 4 mm}",
-            "sections: [{at: start, section: {diameter: 4 mm}}, {at: 50 mm, section: {diameter: 3 mm}}]",
-        ),
-        ("rods.mast.sections", "do not ascend from one end", "42"),
-    ),
-    "sections of two kinds": (
-        (
-            "section: {diameter: 4 mm}",
-            "sections: [{at: start, section: {diameter: 4 mm}}, {at: end, section: {width: 3 mm, height: 2 mm}}]",
-        ),
-        ("rods.mast.sections", "of several kinds", "RoundBar, RectangularBar"),
-    ),
-    "materials of a rod that overlap": (
-        (
-            "section: {diameter: 4 mm}",
-            "section: {diameter: 4 mm}\n      materials: {a: {between: [start, 60 mm]}, b: {between: [50 mm, 80 mm]}}",
-        ),
-        ("rods.mast", "elements are of two materials", "a, b"),
-    ),
-    "a material beyond the end of its rod": (
-        (
-            "section: {diameter: 4 mm}",
-            "section: {diameter: 4 mm}\n      materials: {a: {between: [start, 600 mm]}}",
-        ),
-        ("rods.mast.materials.a.between", "the station is not on the rod", "600 mm"),
-    ),
-    "a marker on nothing": (
-        ("{on: tip, hole: p1}", "{on: mist, at: [0 mm, 0 mm, 0 mm]}"),
-        ("markers.eye.on", "no such body, rod or plate", "'mist'", "mast"),
-    ),
     "a marker in a hole of a rod": (
         ("{on: tip, hole: p1}", "{on: mast, hole: p1}"),
         ("markers.eye.on", "only plates have holes", "'mast', a rod"),

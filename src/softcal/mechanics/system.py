@@ -189,9 +189,8 @@ class System:
 
     def is_loaded(self, theta: Theta) -> bool:
         """Whether a dead load acts."""
-        rest, n = rest_state(self.layout), self.layout.n_actuators
-        slack = Controls(np.ones(n, dtype=bool), np.zeros(n), np.zeros(n))
-        return bool(np.any(self.gradient_by_load(rest, slack, theta)))
+        none = np.zeros(self.layout.n_actuators)
+        return bool(np.any(self.gradient_by_load(rest_state(self.layout), Controls(none == 0.0, none, none), theta)))
 
     @cached_property
     def remembers(self) -> bool:
@@ -372,10 +371,9 @@ class System:
                 columns.append(self.motion.reduce_columns(state, part.columns, k))
                 rows.append(self.motion.reduce_columns(state, part.basis, m) @ part.weights)
                 corner.append(-np.ones(k))
-        for column, row in total.rank_one_own:
-            columns.append(column[:, None])
-            rows.append(row[:, None])
-            corner.append(-np.ones(1))
+        columns += [column[:, None] for column, _ in total.rank_one_own]
+        rows += [row[:, None] for _, row in total.rank_one_own]
+        corner.append(-np.ones(len(total.rank_one_own)))
         driven = np.array([i for i, _ in total.driven], dtype=np.int64)
         return Border(driven, np.hstack(columns), np.hstack(rows), np.concatenate(corner))
 

@@ -38,7 +38,7 @@ class OpenCr(ProjectCase):
     )
     goal = "held out: at most 4.7 mm, which needs friction with a memory; 6 mm without"
     remarks = (
-        "Without friction every row is a state by itself. Of the predicted rows those with all segments bent the same way "
-        "are worst: the model bends too far there, as it would if friction took a part of the tension that grows with "
-        "the bending."
+        "Without friction every row is a state by itself. Of the predicted rows those with all segments bent "
+        "the same way are worst: the model bends too far there, as it would if friction took a part of the "
+        "tension that grows with the bending."
     )

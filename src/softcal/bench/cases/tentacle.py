@@ -27,10 +27,11 @@ class Tentacle(ProjectCase):
     )
     goal = "held out: markers at most 9 mm, tip at most 15 mm"
     remarks = (
-        "The model was chosen by leaving out each of the eight states in turn: E and density alone leave 12.7 mm of the "
-        "markers; with the cables' distance from the axis, M1's height and the base's rotation free, 9.6 mm are left. "
-        "An offset of the tension, the weight of the markers, or other moduli along the body change that by less than "
-        "0.3 mm. The goal is missed by the states of series B: the markers were placed anew (6 to 8 mm along the "
-        "body), at the smallest tension, below those that were fitted, cable 2 bends the body by a third less than the "
-        "model, and the tip of m1_u018 is 20 mm from where its neighbours in tension say it should be."
+        "The model was chosen by leaving out each of the eight states in turn: E and density alone leave 12.7 "
+        "mm of the markers; with the cables' distance from the axis, M1's height and the base's rotation "
+        "free, 9.6 mm are left. An offset of the tension, the weight of the markers, or other moduli along "
+        "the body change that by less than 0.3 mm. The goal is missed by the states of series B: the markers "
+        "were placed anew (6 to 8 mm along the body), at the smallest tension, below those that were fitted, "
+        "cable 2 bends the body by a third less than the model, and the tip of m1_u018 is 20 mm from where "
+        "its neighbours in tension say it should be."
     )

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from softcal.bench.case import CASES, BenchmarkCase
 from softcal.bench.predictions import Predictions, read_predictions
+from softcal.bench.project_case import ProjectCase
 from softcal.bench.record import PREDICT, CaseRecord
 from softcal.bench.run import score_file
 from softcal.bench.score import Score, score
@@ -44,9 +45,36 @@ def test_a_case_has_samples_to_predict_a_licence_and_a_readme_that_tells_its_tra
     assert case.source
     text = case.readme.read_text(encoding="utf-8")
     assert len(text) > 500
-    if case.licence.startswith("MIT") and (case.folder / "README.md").is_file():
+    if case.licence.startswith("MIT"):
         assert "Permission is hereby granted" in (case.folder / "LICENSE").read_text(encoding="utf-8")
     assert case.robot().markers or not record.points
+
+
+@EVERY
+def test_a_case_that_fits_something_to_its_predicted_samples_says_so(name: str) -> None:
+    case = CASES[name]
+    if isinstance(case, ProjectCase):
+        text = (case.project_folder / "project.yaml").read_text(encoding="utf-8")
+        assert ("per: experiment" in text) == ("fitted to that" in case.remarks)
+
+
+def test_without_the_examples_their_cases_are_refused_and_the_others_are_listed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("softcal.bench.project_case.EXAMPLES", tmp_path / "absent")
+    listed = CliRunner().invoke(app, ["bench", "list"])
+    assert listed.exit_code == 0, listed.output
+    lines = {line.split(":")[0]: line for line in listed.output.splitlines() if "Licence:" in line}
+    assert lines.keys() == set(CASES)
+    for name, case in CASES.items():
+        absent = isinstance(case, ProjectCase) and bool(case.example)
+        assert ("in softcal's source tree" in lines[name]) == absent
+        assert ("README:" in lines[name]) == (not absent)
+    for arguments in (["run", "beam", "--out", str(tmp_path / "out")], ["score", "beam", "mine.csv"]):
+        ran = CliRunner().invoke(app, ["bench", *arguments])
+        assert ran.exit_code == 2
+        assert "in softcal's source tree" in " ".join(ran.output.split())
+    assert not (tmp_path / "out").exists()
 
 
 @EVERY
@@ -96,6 +124,8 @@ FAULTS = {
     "no unit": ({r"M2.y \[m\]": "M2.y"}, "the unit of the column is missing or wrong"),
     "number": ({r"^(m1_u005,)[^,]*": r"\1what"}, "1 value(s) of M1.x are no such number; got m1_u005: 'what'"),
     "not a number": ({r"^(m1_u005,)[^,]*": r"\1nan"}, "1 value(s) of M1.x are no such number"),
+    "decimal commas": ({r"^(m1_u005,[^,]*)[.]": r"\1,"}, "1 row(s) have more or fewer cells; got m1_u005"),
+    "a cell too few": ({r"^(m1_u005,.*),.*$": r"\1"}, "1 row(s) have more or fewer cells; got m1_u005"),
     "unknown sample": ({r"^m1_u005,": "m1_u006,"}, "the case has no such sample (1); got m1_u006"),
     "twice": ({r"^(m1_u005,.*\n)": r"\1\1"}, "1 sample(s) are there more than once"),
 }
@@ -122,9 +152,9 @@ def test_all_that_is_wrong_is_told_at_once_and_nothing_is_written(tmp_path: Path
     assert not (tmp_path / "out").exists()
 
 
-def moved(kind: str) -> Predictions:
-    truth = measured(CASES["tentacle"])
-    x = {point: truth.positions(point) for point in ("M1", "M2", "M3", "M4")}
+def moved(kind: str, name: str = "tentacle") -> Predictions:
+    truth = measured(CASES[name])
+    x = {point: truth.positions(point) for point in record_of(name).points}
     turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
     changed = {
         "unit": lambda at: 1e3 * at,
@@ -145,6 +175,22 @@ def test_positions_in_another_unit_or_frame_are_refused(kind: str, message: str,
     path.write_text(moved(kind).text(record.units), encoding="utf-8")
     with pytest.raises(DatasetError, match=message):
         read_predictions(path, record)
+
+
+@pytest.mark.parametrize(("kind", "message"), [("unit", "in another unit"), ("frame", "in another frame")])
+def test_where_a_translation_is_taken_off_the_unit_and_the_turn_still_count(
+    kind: str, message: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "mine.csv"
+    path.write_text(moved(kind, "opencr-v4").text(record_of("opencr-v4").units), encoding="utf-8")
+    with pytest.raises(DatasetError, match=message):
+        score_file("opencr-v4", path)
+
+
+def test_where_a_translation_is_taken_off_any_origin_will_do(tmp_path: Path) -> None:
+    path = tmp_path / "mine.csv"
+    path.write_text(moved("origin", "opencr-v4").text(record_of("opencr-v4").units), encoding="utf-8")
+    assert score_file("opencr-v4", path).splits[PREDICT].points["tip"].largest < 1e-8
 
 
 def test_a_column_may_be_in_another_unit_of_its_dimension(tmp_path: Path) -> None:
@@ -187,6 +233,15 @@ def test_further_samples_take_the_place_of_those_to_predict(tmp_path: Path) -> N
     assert record.is_fit.sum() == record_of(case.name).is_fit.sum()
 
 
+def test_a_further_sample_named_as_one_to_fit_is_refused(tmp_path: Path) -> None:
+    case = CASES["tentacle"]
+    own = (case.folder / "predict.csv").read_text().splitlines()
+    path = tmp_path / "more.csv"
+    path.write_text("\n".join([own[0], own[2].replace("m1_u012", "m1_u01")]) + "\n")
+    with pytest.raises(DatasetError, match=r"several samples have one name.*m1_u01"):
+        case.record(path)
+
+
 def test_sorosims_first_shapes_are_within_a_twentieth_of_a_per_cent_on_average(tmp_path: Path) -> None:
     case = CASES["sorosim-tpu"]
     lines = (case.folder / "shapes.csv").read_text().splitlines()
@@ -195,8 +250,9 @@ def test_sorosims_first_shapes_are_within_a_twentieth_of_a_per_cent_on_average(t
     out = tmp_path / "out"
     ran = CliRunner().invoke(app, ["bench", "run", case.name, "--data", str(few), "--out", str(out)])
     assert ran.exit_code == 0, ran.output
-    found = score_file(case.name, out / "predictions.csv", data=few).splits[PREDICT]
-    assert found.points["tip"].mean < 5e-4 * case.length
+    found = score_file(case.name, out / "predictions.csv", data=few)
+    assert found.splits[PREDICT].points["tip"].mean < 5e-4 * case.length
+    assert found.evaluations == 0  # nothing is fitted
 
 
 @pytest.mark.parametrize(

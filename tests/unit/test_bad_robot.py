@@ -231,6 +231,13 @@ CASES: dict[str, tuple[Change, tuple[str, ...]]] = {
         ),
         ("rods.mast.materials.a.between", "the station is not on the rod", "600 mm"),
     ),
+    "a material of no length": (
+        (
+            "section: {diameter: 4 mm}",
+            "section: {diameter: 4 mm}\n      materials: {a: {between: [50 mm, 50 mm]}}",
+        ),
+        ("rods.mast.materials.a.between", "the stretch has no length", "50 mm and 50 mm", "two different stations"),
+    ),
     "a marker on nothing": (("{on: tip, hole: p1}", "{on: rip, hole: p1}"), ("markers.eye.on", "'rip'", "Try: 'tip'")),
     "a marker in a hole of a rod": (
         ("{on: tip, hole: p1}", "{on: mast, hole: p1}"),

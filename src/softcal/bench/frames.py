@@ -18,10 +18,14 @@ FAR = 0.2  # of the positions' extent: errors smaller than this are errors of a 
 SCALES = {1e3: "mm written as m", 1e-3: "m written as mm", 1e2: "cm written as m", 1e-2: "m written as cm"}
 
 
-def frame_faults(measured: Floats, predicted: Floats, where: str) -> list[Fault]:
-    """Faults of predicted positions (n, 3) [m] that are in another unit or frame than the measured ones (n, 3)."""
+def frame_faults(measured: Floats, predicted: Floats, where: str, *, aligned: bool = False) -> list[Fault]:
+    """Faults of predicted positions (n, 3) [m] that are in another unit or frame than the measured ones (n, 3).
+
+    aligned: whether the score takes the mean error off, so that any origin will do.
+    """
     extent = float(np.linalg.norm(np.ptp(measured, axis=0)))
-    off = float(np.sqrt(np.mean(np.sum((predicted - measured) ** 2, axis=1))))
+    near = predicted - (predicted - measured).mean(axis=0) if aligned else predicted
+    off = float(np.sqrt(np.mean(np.sum((near - measured) ** 2, axis=1))))
     if len(measured) < 3 or extent == 0.0 or off < FAR * extent:
         return []
     got = f"positions that are {format_quantity(off, 'm', digits=3)} off, over an extent of "

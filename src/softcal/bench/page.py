@@ -36,9 +36,10 @@ INTRODUCTION = """# The benchmark
 Robots that others measured, or computed, with a fixed split of the samples: a method may fit the first ones, and
 predicts the others. Errors are distances of the measured points, as root mean squares over samples and points [mm];
 the tip is also by itself, and the predicted error of all points is given in per cent of the robot's length. *In the
-band*: the share of the values to predict that lie in the method's own 95 % bands. Rows of others are figures that they
-published; a dash is what they do not state. Take part with a table of predictions, by any program:
-`softcal bench score CASE predictions.csv` ([how](bench-cases.md)).
+band*: the share of the values to predict that lie in the method's own 95 % bands. Rows of others are what they
+published, or what their own code, models or stored arrays give on these samples, as the row says; a dash is what is
+not known of them. Take part with a table of predictions, by any program: `softcal bench score CASE predictions.csv`
+([how](bench-cases.md)).
 """
 
 
@@ -128,7 +129,12 @@ def _row(case: BenchmarkCase, score: Score) -> str:
         wall,
         found or "–",
     ]
-    return f"| {' | '.join(cells)} |"
+    return _line(cells)
+
+
+def _line(cells: Sequence[str]) -> str:
+    """A row of a table; a bar in a cell, such as in the name of a method from a file, would end the cell."""
+    return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
 
 
 def _errors(case: BenchmarkCase, split: SplitScore | None) -> str:
@@ -149,7 +155,7 @@ def _published(case: BenchmarkCase, row: Published) -> str:
     whole = row.predict[0] if row.predict[0] is not None else row.predict[1]
     share = "–" if whole is None else f"{100 * whole / case.length:.2g} %"
     note = f"{row.note} ({row.source})" if row.note else row.source
-    return f"| {row.method} | {pairs[0]} | {pairs[1]} | {share} | – | – | – | {note} |"
+    return _line([row.method, *pairs, share, "–", "–", "–", note])
 
 
 def _pictures(case: BenchmarkCase, found: Sequence[tuple[Path, Score]]) -> dict[str, bytes]:
@@ -179,7 +185,7 @@ def _error_figure(case: BenchmarkCase, record: CaseRecord, tables: Sequence[tupl
 
 
 def _per_sample(case: BenchmarkCase, record: CaseRecord, path: Path) -> np.ndarray:
-    predictions = read_predictions(path, record)
+    predictions = read_predictions(path, record, aligned=case.aligned)
     chosen = record.of(PREDICT)
     rows = predictions.rows(np.array(record.samples)[chosen])
     points: Mapping[str, np.ndarray] = {

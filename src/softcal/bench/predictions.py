@@ -86,8 +86,8 @@ class Predictions:
         return "".join(lines) + csv_text(header, rows)
 
 
-def read_predictions(path: Path, record: CaseRecord, method: str = "") -> Predictions:
-    """Predictions of a record from a file.
+def read_predictions(path: Path, record: CaseRecord, method: str = "", *, aligned: bool = False) -> Predictions:
+    """Predictions of a record from a file; aligned: whether the score takes the mean error off the positions.
 
     Raises
     ------
@@ -112,6 +112,9 @@ def read_predictions(path: Path, record: CaseRecord, method: str = "") -> Predic
     columns = _columns([cell.strip() for cell in rows[0]], record, str(path), faults)
     samples = [row[0].strip() for row in rows[1:]]
     faults += _sample_faults(samples, record, str(path))
+    if uneven := [row[0].strip() for row in rows[1:] if len(row) != len(rows[0])]:
+        allowed = f"{len(rows[0])} cells, as the header; a decimal point, not a comma"
+        faults.append(Fault(f"{len(uneven)} row(s) have more or fewer cells", str(path), _some(uneven), allowed))
     wanted = {sample: i for i, sample in enumerate(record.samples)}
     needed = {
         name: np.array(
@@ -129,13 +132,13 @@ def read_predictions(path: Path, record: CaseRecord, method: str = "") -> Predic
         bands = {name.removeprefix(BAND): held for name, held in values.items() if name.startswith(BAND)}
         name = method or told.get("method") or path.stem
         found = Predictions(tuple(samples), channels, bands, name, evaluations, wall, parameters)
-        faults += require_matching(record, found, str(path))
+        faults += require_matching(record, found, str(path), aligned=aligned)
         if not faults:
             return found
     raise DatasetError(faults)
 
 
-def require_matching(record: CaseRecord, found: Predictions, where: str) -> list[Fault]:
+def require_matching(record: CaseRecord, found: Predictions, where: str, *, aligned: bool = False) -> list[Fault]:
     """The faults of predictions whose positions are in another unit or frame than the record's."""
     chosen = [sample for sample, fit in zip(record.samples, record.is_fit, strict=True) if not fit]
     chosen = [sample for sample in chosen if sample in set(found.samples)]
@@ -146,7 +149,7 @@ def require_matching(record: CaseRecord, found: Predictions, where: str) -> list
     was = np.concatenate([record.positions(point)[measured] for point in record.points])
     now = np.concatenate([found.positions(point)[rows] for point in record.points])
     known = np.isfinite(was).all(axis=1)
-    return frame_faults(was[known], now[known], where)
+    return frame_faults(was[known], now[known], where, aligned=aligned)
 
 
 def _layout(record: CaseRecord) -> str:

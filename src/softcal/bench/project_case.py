@@ -19,7 +19,7 @@ from softcal.bench.record import FIT, PREDICT, CaseRecord, joined, stacked
 from softcal.calibration.experiment import Experiment
 from softcal.calibration.result import CalibrationResult, ExperimentFit
 from softcal.checks import Floats
-from softcal.errors import CalibrationError, Fault, InputError
+from softcal.errors import CalibrationError, Fault, InputError, StorageError
 from softcal.project.bench_names import experiments_named
 from softcal.project.project import Project, load
 from softcal.twin.robot import Robot
@@ -27,6 +27,7 @@ from softcal.units import format_quantity
 from softcal.workflows.calibration import calibrate
 
 PREDICTED = "predict.csv"
+EXAMPLES = Path(softcal.__file__).parents[2] / "examples"  # in the source tree; a wheel has none
 
 
 class ProjectCase(BenchmarkCase):
@@ -52,11 +53,20 @@ class ProjectCase(BenchmarkCase):
 
     @property
     def project_folder(self) -> Path:
-        """The folder of the project: the case's, or an example's, which a wheel has beside the case's README."""
+        """The folder of the project: the case's, or an example's.
+
+        Raises
+        ------
+        StorageError
+            Where softcal is installed without its examples.
+        """
         if not self.example:
             return self.folder
-        packed = self.folder / "project"
-        return packed if packed.is_dir() else Path(softcal.__file__).parents[2] / "examples" / self.example
+        if not (EXAMPLES / self.example).is_dir():
+            where = f"examples/{self.example}"
+            told = "the files of the case are in softcal's source tree, not in the installed package"
+            raise StorageError(Fault(told, where, attempt="softcal from a checkout of its source"))
+        return EXAMPLES / self.example
 
     def record(self, data: Path | None = None) -> CaseRecord:
         with self._project(data) as project:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from softcal.checks import Floats
+from softcal.errors import DatasetError, Fault
 
 Split = str
 FIT, PREDICT = "fit", "predict"
@@ -63,7 +65,16 @@ def points_among(channels: Sequence[str]) -> tuple[str, ...]:
 
 
 def joined(parts: Sequence[tuple[Split, CaseRecord]]) -> CaseRecord:
-    """Records one after the other, each wholly of one split; a channel that one lacks was not measured there."""
+    """Records one after the other, each wholly of one split; a channel that one lacks was not measured there.
+
+    Raises
+    ------
+    DatasetError
+        Where several samples have one name.
+    """
+    counts = Counter(sample for _, part in parts for sample in part.samples)
+    if twice := [sample for sample, count in counts.items() if count > 1]:
+        raise DatasetError(Fault("several samples have one name", "samples", ", ".join(twice[:5]), "a name for each"))
     units = {name: unit for _, part in parts for name, unit in part.units.items()}
     return CaseRecord(
         tuple(sample for _, part in parts for sample in part.samples),

@@ -54,7 +54,7 @@ def score_file(
     """
     case = CASES.named(name)
     record = case.record(data)
-    found = read_predictions(predictions, record, method)
+    found = read_predictions(predictions, record, method, aligned=case.aligned)
     if out is None:
         return score(case.name, record, found, aligned=case.aligned)
     return _written(case, record, found, out)

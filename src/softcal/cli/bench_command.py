@@ -45,15 +45,24 @@ def list_cases() -> None:
     from rich.table import Table
 
     from softcal.bench.case import CASES
+    from softcal.errors import StorageError
 
     table = Table("case", "to fit", "to predict", "what it is")
+    lines: list[str] = []
     for name, case in CASES.items():
-        record = case.record()
+        told = f"{name}: {case.source}. Licence: {case.licence}."
+        try:
+            record = case.record()
+            lines.append(f"{told} README: {case.readme}")
+        except StorageError as error:
+            table.add_row(name, "–", "–", case.title)
+            lines.append(f"{told} {error}")
+            continue
         n_fit = int(record.is_fit.sum())
         table.add_row(name, str(n_fit), str(len(record.samples) - n_fit), case.title)
     print_table(table)
-    for name, case in CASES.items():
-        typer.echo(f"{name}: {case.source}. Licence: {case.licence}. README: {case.readme}")
+    for line in lines:
+        typer.echo(line)
 
 
 @bench.command()
@@ -111,7 +120,7 @@ def _print_score(found: Score) -> None:
     if cost:
         typer.echo(f"Cost: {', '.join(cost)}.")
     for row in case.published:
-        typer.echo(f"Published: {row.method}: {_published(row.predict) or row.note} ({row.source})")
+        typer.echo(f"Beside it: {row.method}: {_published(row.predict) or row.note} ({row.source})")
 
 
 def _published(pair: tuple[float | None, float | None]) -> str:

@@ -47,6 +47,11 @@ def build_rod(
         part: _arcs(material.between, shape.length, (*path, "materials", part, "between"), findings)
         for part, material in rod.materials.items()
     }
+    for part, ends in materials.items():
+        if len(ends) == 2 and abs(ends[1] - ends[0]) <= SAME * shape.length:
+            where = (*path, "materials", part, "between")
+            got = " and ".join(f"{1e3 * end:.6g} mm" for end in ends)
+            findings.add(where, "the stretch has no length", got=got, allowed="two different stations")
     section, stations = _section(rod, shape.length, path, findings)
     if section is None:
         return None

@@ -33,11 +33,14 @@ class NeckCurves(ProjectCase):
 
     name = "neck"
     title = "Printed TPU neck pulled by one cable, digitised force curves (UC3M)"
-    source = "published curves at 15 mm/s, examples/neck"
-    licence = "facts read off a figure"
+    source = "AlbertoRodriguezSanz/SOFA_MOR_Force-Based_Trajectory @091e783, static/images/UTM_tests(1).png, digitised"
+    licence = "page CC BY-SA 4.0"
     length = 0.1067
     example = "neck"
     held_out = ("pull_60mm",)
+    remarks = (
+        "The slack of the predicted pull is fitted to that pull, so that only the shape of its curve is predicted."
+    )
 
 
 @register_case
@@ -52,6 +55,7 @@ class NeckBench(ProjectCase):
     example = "neck-bench"
     held_out = ("30mm_5mms",)
     published = (Published("truth", "what the record was made from", note="E 2.07 MPa, nu 0.462"),)
+    remarks = "The slack and the pitch's zero of the predicted test are fitted to that test."
 
 
 @register_case

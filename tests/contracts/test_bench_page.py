@@ -1,0 +1,73 @@
+"""The page of the benchmark: tables that any method's name leaves whole, and docs/benchmark.md as the cases have it."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from softcal.bench.case import CASES, BenchmarkCase
+from softcal.bench.page import INTRODUCTION, write_page
+
+PAGE = Path(__file__).parents[2] / "docs" / "benchmark.md"
+
+
+def cells(row: str) -> list[str]:
+    """The cells of a row of a Markdown table."""
+    return [cell.strip() for cell in re.split(r"(?<!\\)\|", row)[1:-1]]
+
+
+def section(name: str) -> str:
+    """The section of docs/benchmark.md on a case."""
+    text = PAGE.read_text(encoding="utf-8")
+    return text[text.index(f"## {name}: ") :].partition("\n## ")[0]
+
+
+def row_of(name: str, method: str) -> list[str]:
+    return next(cells(row) for row in section(name).splitlines() if row.startswith(f"| {method} |"))
+
+
+def test_a_bar_in_what_a_file_says_leaves_the_table_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("softcal.bench.page._pictures", lambda case, found: {})
+    kept = {"case": "beam", "method": "mine | yours", "evaluations": 3, "wall_s": 1.0, "parameters": {"E": "1 | 2"}}
+    (tmp_path / "score.json").write_text(json.dumps({**kept, "splits": {}}), encoding="utf-8")
+    write_page(tmp_path, tmp_path / "page.md")
+    table = [row for row in (tmp_path / "page.md").read_text(encoding="utf-8").splitlines() if row.startswith("|")]
+    assert {len(cells(row)) for row in table} == {8}
+    assert any("mine \\| yours" in row for row in table)
+
+
+@pytest.mark.parametrize("case", CASES.values(), ids=lambda case: case.name)
+def test_the_page_says_what_the_case_says(case: BenchmarkCase) -> None:
+    text = section(case.name)
+    assert f"Data: {case.source} ({case.licence})." in text
+    assert case.remarks in text
+    assert case.goal in text
+    for row in case.published:
+        told = row_of(case.name, row.method)
+        assert row.source in told[-1]
+        assert row.note in told[-1]
+        assert (told[2] == "–") == (row.predict == (None, None))
+    assert PAGE.read_text(encoding="utf-8").startswith(INTRODUCTION)
+
+
+@pytest.mark.parametrize("name", ["sorosim-steel", "sorosim-tpu"])
+def test_a_mean_is_not_beside_root_mean_squares(name: str) -> None:
+    """Of the rivals' tips only the means are known; softcal's own is told beside them in the last column."""
+    rows = [row_of(name, row.method) for row in CASES[name].published]
+    assert all(row[2] == row[3] == "–" for row in rows)
+    assert all(row[-1].startswith("tip: mean ") for row in [*rows, row_of(name, "**softcal**")])
+
+
+def test_what_is_said_of_opencrs_score_is_what_the_score_is() -> None:
+    case = CASES["opencr-v4"]
+    own, rival = row_of(case.name, "**softcal**"), row_of(case.name, case.published[0].method)
+    reached, other = (float(row[2].split(" / ")[1]) for row in (own, rival))
+    lowest, without_friction = (float(one) for one in re.findall(r"([\d.]+) mm", case.goal))
+    assert reached > max(lowest, without_friction)
+    assert "The goal is missed" in case.remarks
+    assert (
+        f"It leaves {100 * (1.0 - reached / other):.0f} % less than its rival, and {own[4]}, not 95 %," in case.remarks
+    )

@@ -5,17 +5,25 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from project_case import bar_robot, write_project
 from test_friction_branches import NOISE, loop_csv, prepared
 
+from softcal.calibration.experiment import Experiment
+from softcal.calibration.parameters import FreeParameter
+from softcal.calibration.problem import Problem, make_problem
+from softcal.calibration.rig import Rig
 from softcal.errors import InputError, ParameterError, ProjectFileError
+from softcal.experiments.dataset import Channel, Dataset
 from softcal.export.calculix import deck_faults
 from softcal.export.reduced import Reach, reduced
 from softcal.export.sofa_robot import scene_faults
 from softcal.project.project import load
-from softcal.twin.cables import CableLine
+from softcal.twin.cables import Cable, CableLine
 from softcal.twin.parameters import robot_parameters, with_parameters
+from softcal.twin.robot import Robot
+from softcal.twin.schedule import Schedule
 
 AT = "  cables:\n    front:\n"
 MEMORY = "friction_coefficient: 0.1\n      line: {friction_memory: true}"
@@ -116,6 +124,9 @@ def test_other_programs_say_that_their_cables_do_not_stretch() -> None:
     robot = elastic(stiffness=1e3, pretension=1.0)
     for program, faults in (("SOFA", scene_faults(robot)), ("CalculiX", deck_faults(robot))):
         assert f"a cable in {program} does not stretch" in [fault.what for fault in faults]
+    assert "friction of a cable in SOFA has no memory" in [
+        one.what for one in scene_faults(elastic(friction_memory=True))
+    ]
     assert not scene_faults(bar_robot())
     with pytest.raises(ParameterError, match="a reduced model has no memory"):
         reduced(elastic(friction_memory=True), {"front": Reach(1.0, "N")}, 3)
@@ -126,3 +137,63 @@ def test_a_cable_made_in_python_is_checked_too() -> None:
         CableLine(pretension=1.0)
     with pytest.raises(InputError, match="out of range"):
         CableLine(stiffness=0.0)
+
+
+def test_an_unstretched_length_beyond_the_cable_is_refused(tmp_path: Path) -> None:
+    found = told(tmp_path, line("line: {stiffness: 1 kN, rest_length: 101 mm}"))
+    assert "the unstretched cable is longer than its way" in found
+    assert "got 101 mm" in found
+
+
+def test_backlash_without_a_shortening_that_drives_is_refused(tmp_path: Path) -> None:
+    loose = ("    cable: front\n", "    cable: front\n    drive: tension\n    backlash: 0.2 mm\n")
+    noise = (NOISE, "    noise: {pitch: 0.2 deg}\n")
+    assert "backlash is lost travel, and no shortening drives this test" in told(tmp_path, loose, noise)
+
+
+def test_a_cable_with_a_pretension_is_held_in_a_schedule_without_commands() -> None:
+    held = Schedule(np.linspace(0.0, 1.0, 5), {}).completed(elastic(stiffness=1e3, pretension=1.0))
+    np.testing.assert_array_equal(held.commands["front"].values, np.zeros(5))
+
+
+def antagonists() -> Robot:
+    """A bar pulled by one cable, with one on its other side that has a pretension and that nothing drives."""
+    robot = bar_robot()
+    (front,) = robot.cables
+    mirrored = tuple(replace(via, at=via.at * [-1, 1, 1]) for via in front.via_points)
+    back = Cable("back", mirrored, line=CableLine(stiffness=1e4, pretension=0.5))
+    return replace(robot, cables=(front, back))
+
+
+def pulled(name: str, backlash: float | None = None) -> Experiment:
+    channels = {"shortening": Channel(np.array([2e-3, 4e-3, 3e-3]), "m"), "tension": Channel(np.ones(3), "N", 0.1)}
+    rig = Rig(slack=5e-4, backlash=backlash)
+    return Experiment(name, Dataset(name, channels), cable="front", plate="plate", rig=rig)
+
+
+def rates(problem: Problem, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """The jacobian's column of a parameter, and central differences."""
+    j, theta = problem.space.labels.index(name), problem.space.start
+
+    def seen(step: float) -> np.ndarray:
+        blocks = problem.evaluate({**theta, name: theta[name] + step}).blocks
+        return np.concatenate([block.residual for block in blocks])
+
+    found = np.concatenate([block.jacobian[:, j] for block in problem.evaluate(theta, jacobian=True).blocks])
+    return found, (seen(1e-6) - seen(-1e-6)) / 2e-6
+
+
+def test_the_slack_of_a_cable_is_fitted_beside_one_that_is_held_by_its_pretension() -> None:
+    slack = FreeParameter("front.slack", "m", 0.0, 2e-3, start=5e-4)
+    found, central = rates(make_problem(antagonists(), [pulled("pull")], [slack]), "front.slack")
+    np.testing.assert_allclose(found, central, rtol=1e-4)
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_one_of_two_tests_in_a_trajectory_has_a_backlash_that_is_fitted(order: int) -> None:
+    tests = [pulled("tight"), pulled("loose", 2e-4)][::order]
+    backlash = FreeParameter("front.backlash", "m", 0.0, 1e-3, start=2e-4, per_experiment=True)
+    problem = make_problem(bar_robot(), tests, [backlash])
+    (label,) = problem.space.labels
+    found, central = rates(problem, label)
+    np.testing.assert_allclose(found, central, rtol=1e-4, atol=1e-6 * np.abs(central).max())

@@ -72,7 +72,8 @@ def record_fit(robot: Robot, experiment: Experiment, rig: Mapping[str, float], r
     """
     driven = np.all([np.isfinite(record.values(channel)) for channel in experiment.drives], axis=0)
     rows = np.flatnonzero(driven & np.isfinite(record.values("time")))
-    every = 1 if len(experiment.drives) < 2 else max(1, -(-len(rows) // MAX_SOLVED_SAMPLES))
+    in_order = robot.remembers or experiment.rig.backlash is not None  # every reversal counts
+    every = 1 if in_order or len(experiment.drives) < 2 else max(1, -(-len(rows) // MAX_SOLVED_SAMPLES))
     channels = {name: replace(c, values=c.values[rows[::every]]) for name, c in record.channels.items()}
     compared = replace(record, channels=channels, cycle=None, labels=())
     whole = replace(experiment, dataset=compared)

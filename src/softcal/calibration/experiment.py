@@ -188,6 +188,9 @@ class Experiment:
             for channel in self.drives
             if channel in self.dataset.channels and not np.all(known := np.isfinite(self.dataset.values(channel)))
         ]
+        if self.rig.backlash is not None and not any(self.twin_channel(one).kind == SHORTENING for one in self.drives):
+            got = ", ".join(self.drives) or "no cable that is driven"
+            faults.append(Fault("backlash is lost travel, and no shortening drives this test", self.name, got))
         return [*drive_faults([(channel, self.twin_channel(channel)) for channel in self.drives], self.name), *faults]
 
     def _compare_faults(self) -> list[Fault]:

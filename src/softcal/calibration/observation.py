@@ -149,7 +149,7 @@ def _slope(
     for channel, changed in by_control.items():
         if parameter not in changed:
             continue
-        if len(experiment.drives) == 1:
+        if name in response.slopes:  # one cable alone is driven or held
             along = response.slopes[name][samples]
         else:
             along = own[str(experiment.twin_channel(channel))][samples]

@@ -254,7 +254,8 @@ class Problem:
             key = (*driven, tuple(sorted(of_robot.items())), experiment.name if self.robot.remembers else "")
             thetas[key] = of_robot
             groups.setdefault(key, []).append((experiment, told))
-        return [Trajectory(thetas[key], tuple(members), self.robot.remembers) for key, members in groups.items()]
+        held = tuple(cable.name for cable in self.robot.cables if "pretension" in cable.properties)
+        return [Trajectory(thetas[key], tuple(members), self.robot.remembers, held) for key, members in groups.items()]
 
     def n_simulations(self, *, jacobian: bool = False) -> int:
         """Number of simulations of an evaluation by an engine without derivatives of its own: one for each trajectory,

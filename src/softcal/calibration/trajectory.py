@@ -9,6 +9,7 @@ import numpy as np
 
 from softcal.calibration.experiment import Experiment
 from softcal.calibration.observation import Samples, control_parameters
+from softcal.checks import Floats
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
 
@@ -19,21 +20,24 @@ Member = tuple[Experiment, dict[str, Command]]
 class Trajectory:
     """One forward solve that serves several experiments: the robot's values [SI] in it, by dotted name, and these.
 
-    remembers: whether the robot does, so that a state depends on the samples before it.
+    remembers: whether the robot does, so that a state depends on the samples before it. held: its cables that have a
+    pretension, and stay at zero shortening where nothing drives them.
     """
 
     theta: Mapping[str, float]
     members: tuple[Member, ...]
     remembers: bool = False
+    held: tuple[str, ...] = ()
 
     def protocol(self) -> Protocol:
         _, first = self.members[0]
+        by = {cable: dict.fromkeys(name for _, told in self.members for name in told[cable].by) for cable in first}
         return Protocol(
             {
                 cable: Command(
                     command.control,
                     np.concatenate([told[cable].values for _, told in self.members]),
-                    {name: np.concatenate([told[cable].by[name] for _, told in self.members]) for name in command.by},
+                    {p: np.concatenate([_rate(told[cable], p) for _, told in self.members]) for p in by[cable]},
                 )
                 for cable, command in first.items()
             }
@@ -45,8 +49,9 @@ class Trajectory:
         """
         _, told = self.members[0]
         if self.remembers:
-            return [name for name in Protocol(told).parameters if name in free]
-        if len(told) < 2 or not any(free & control_parameters(experiment) for experiment, _ in self.members):
+            return [name for name in self.protocol().parameters if name in free]
+        changed = any(free & control_parameters(experiment) for experiment, _ in self.members)
+        if len({*told, *self.held}) < 2 or not changed:
             return []
         return list(Protocol(told).drives)
 
@@ -75,3 +80,8 @@ class Trajectory:
             return ""
         names = list(lacking) or [experiment.name for experiment, _ in self.members]
         return f"{', '.join(names)}: {response.status}"
+
+
+def _rate(command: Command, parameter: str) -> Floats:
+    """d command / d parameter (n,): zero where the parameter has no effect on it, as the backlash of another test."""
+    return command.by.get(parameter, np.zeros_like(command.values))

@@ -12,6 +12,9 @@ def cable_faults(robot: Robot, program: str) -> list[Fault]:
     for cable in robot.cables:
         if (mu := cable.friction_coefficient) > 0.0:
             faults.append(Fault(f"a cable in {program} has no friction", cable.name, f"{mu:g}", "0"))
+        if cable.line.friction_memory:
+            where, got, allowed = f"{cable.name}.line", "friction_memory: true", "friction_memory: false"
+            faults.append(Fault(f"friction of a cable in {program} has no memory", where, got, allowed))
         elastic = [name for name in cable.properties if name != "presliding"]
         if elastic:
             got, allowed = ", ".join(elastic), "a cable without stretch"

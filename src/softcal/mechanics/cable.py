@@ -256,7 +256,7 @@ class CableTerm(ActuatorTerm):
         """The tensions along the cables."""
         once = given.known if isinstance(given.known, Once) else Once(given.state)
         if once.found is None or once.state is not given.state or once.theta is not given.theta:
-            once.theta, once.found = given.theta, self._tensions(given)
+            once.state, once.theta, once.found = given.state, given.theta, self._tensions(given)
         return once.found
 
     def _tensions(self, given: Given) -> Tensions:

@@ -45,8 +45,8 @@ class Protocol:
     shortening where it has a pretension.
 
     Samples are quasi-static states; where the robot is elastic, their order and repetition do not matter. Where a term
-    has a memory (see `softcal.mechanics.memory`) they are a load path from rest, solved in their order. With friction
-    along cables, each sample is the state reached by pulling the cables from rest, without ever releasing them.
+    has a memory (see `softcal.mechanics.memory`) they are a load path from rest, solved in their order. Along
+    cables whose friction has no memory, each sample is the state reached by pulling from rest, without any release.
 
     At snap-through a single driven cable is assumed to be pulled monotonically; several cables follow the sample order.
     """
@@ -93,10 +93,12 @@ class Protocol:
             }
         )
 
-    def completed(self, robot: Robot) -> Protocol:
-        """With the cables that nothing drives and that have a pretension, at zero shortening."""
+    def completed(self, robot: Robot, n: int | None = None) -> Protocol:
+        """With the cables that nothing drives and that have a pretension, at zero shortening; n: the number of samples,
+        where there are no commands to tell it.
+        """
         held = [c.name for c in robot.cables if "pretension" in c.properties and c.name not in self.commands]
-        none = np.zeros(self.n_samples)
+        none = np.zeros(n or self.n_samples)
         return Protocol({**self.commands, **{name: Command("shortening", none) for name in held}}) if held else self
 
     def thinned(self, most: int) -> Protocol:

@@ -46,7 +46,7 @@ class Schedule:
 
     def completed(self, robot: Robot) -> Schedule:
         """With the cables that nothing drives and that have a pretension, at zero shortening."""
-        return Schedule(self.times, Protocol(self.commands).completed(robot).commands)
+        return Schedule(self.times, Protocol(self.commands).completed(robot, len(self.times)).commands)
 
     def held(self, duration: float) -> Schedule:
         """The schedule with its last commands kept for a time [s] more."""

@@ -266,7 +266,7 @@ def test_a_point_load_and_a_surface_load(tmp_path: Path):
 def test_a_load_that_is_neither(tmp_path: Path):
     loads = "  loads: {odd: {on: bar, at: [0 mm, 0 mm, 5 mm]}}\nexperiments:"
     (told,) = faults_of(write_project(tmp_path, ("experiments:", loads)))
-    assert "a force or a mass at a point, or a traction on a region" in told
+    assert "a load is a force, a moment or a mass at a point, or a traction on a region" in told
 
 
 def test_copies_stand_in_for_the_files(tmp_path: Path):

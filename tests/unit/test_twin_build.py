@@ -120,7 +120,7 @@ def test_what_cannot_be_built_is_refused_by_name():
         build_twin(replace(robot, plates=(plate, replace(plate, name="second"))))
     with pytest.raises(MeshError, match="the body is not attached"):
         build_twin(Robot((replace(body, fixed=np.zeros(0, dtype=int)),)))
-    with pytest.raises(MeshError, match="front, via point 1: there is no such body or plate; got lid"):
+    with pytest.raises(MeshError, match="front, via point 1: there is no such body, rod or plate; got lid"):
         build_twin(replace(robot, cables=(Cable("front", (ViaPoint(np.zeros(3), "lid"), ViaPoint(np.ones(3)))),)))
     with pytest.raises(MeshError, match="front, via point 1"):
         build_twin(replace(robot, cables=(Cable("front", (ViaPoint(np.ones(3), "neck"), ViaPoint(2 * np.ones(3)))),)))

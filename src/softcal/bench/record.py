@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from softcal.checks import Floats
 from softcal.errors import DatasetError, Fault
+from softcal.sensing.channel import channel_name
 
 Split = str
 FIT, PREDICT = "fit", "predict"
@@ -60,7 +61,7 @@ class CaseRecord:
 
 def points_among(channels: Sequence[str]) -> tuple[str, ...]:
     """The names that have all three coordinates among channels."""
-    found = dict.fromkeys(name.rpartition(".")[0] for name in channels)
+    found = dict.fromkeys(channel_name(name).carrier for name in channels)
     return tuple(one for one in found if all(f"{one}.{axis}" in channels for axis in "xyz"))
 
 

@@ -11,7 +11,7 @@ from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
 from softcal.declare import Check, Reading, shown
-from softcal.errors import Fault, InputError
+from softcal.errors import Fault, InputError, ParameterError
 
 if TYPE_CHECKING:
     from pydantic_core import CoreSchema
@@ -136,3 +136,20 @@ LIMITS: Mapping[str, Limit] = {
         Limit("nodes along each cable", 200, 2),
     )
 }
+
+
+def require_at_least(**counts: tuple[int, int]) -> None:
+    """Raise for options below their least; counts: option = (value, least).
+
+    Raises
+    ------
+    ParameterError
+        With every option that is too small.
+    """
+    faults = [
+        Fault("there are too few", name, got=str(value), allowed=f"{least} or more")
+        for name, (value, least) in counts.items()
+        if value < least
+    ]
+    if faults:
+        raise ParameterError(faults)

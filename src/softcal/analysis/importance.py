@@ -15,7 +15,8 @@ from softcal.analysis.sobol import Index, box_points, sobol_indices
 from softcal.calibration.likelihood_points import Observer
 from softcal.calibration.parameters import Scale
 from softcal.calibration.problem import Problem
-from softcal.errors import Fault, InputError, ParameterError
+from softcal.errors import Fault, InputError
+from softcal.limits import require_at_least
 from softcal.units import format_quantity
 
 SIMULATIONS = 400
@@ -124,13 +125,7 @@ def importance_study(
     """
     began = time.perf_counter()
     space = problem.space
-    faults = [
-        Fault("there are too few", name, got=str(value), allowed=f"{least} or more")
-        for name, value, least in (("simulations", simulations, 1), ("seed", seed, 0))
-        if value < least
-    ]
-    if faults:
-        raise ParameterError(faults)
+    require_at_least(simulations=(simulations, 1), seed=(seed, 0))
     if space.size < 2:
         got = ", ".join(space.labels)
         raise InputError(Fault("one parameter explains everything", "free parameters", got, "two or more"))

@@ -157,7 +157,7 @@ class _Present:
         self._z = np.clip(space.to_search(theta), 0.0, 1.0)
         self._slopes = space.jacobian(self._z)
         self._blocks = base_blocks(problem, theta, seen.rows)
-        self._serves = {e.name: np.array([p.serves(e.name) for p in space.parameters]) for e in problem.experiments}
+        self._serves = space.serving(e.name for e in problem.experiments)
         self._found = estimator(problem.loss, self._z, self._slopes, self._blocks, self._serves, seen.uncertain)
         if self._found.spent:
             raise CalibrationError(

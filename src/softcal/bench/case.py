@@ -49,7 +49,7 @@ class BenchmarkCase(ABC):
     name, title
         Its name on the command line, and what it is.
     tip
-        The point whose error is told by itself; "" where there is none.
+        The point whose error is also stated alone; "" for none.
     length
         What errors are in per cent of [m].
     aligned

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,7 @@ from softcal.bench.case import CASES, BenchmarkCase, Published
 from softcal.bench.predictions import read_predictions
 from softcal.bench.record import FIT, PREDICT, CaseRecord
 from softcal.bench.run import PREDICTIONS, SCORE
-from softcal.bench.score import Score, SplitScore
+from softcal.bench.score import Score, SplitScore, distances_of
 from softcal.errors import Fault, StorageError
 from softcal.report.check_figures import robot_scenes
 from softcal.report.scene_figure import draw_side_by_side
@@ -186,11 +186,6 @@ def _error_figure(case: BenchmarkCase, record: CaseRecord, tables: Sequence[tupl
 
 def _per_sample(case: BenchmarkCase, record: CaseRecord, path: Path) -> np.ndarray:
     predictions = read_predictions(path, record, aligned=case.aligned)
-    chosen = record.of(PREDICT)
-    rows = predictions.rows(np.array(record.samples)[chosen])
-    points: Mapping[str, np.ndarray] = {
-        point: predictions.positions(point)[rows] - record.positions(point)[chosen] for point in record.points
-    }
-    shift = np.nanmean(np.concatenate(list(points.values())), axis=0) if case.aligned else np.zeros(3)
-    wanted = [points[case.tip]] if case.tip in points else list(points.values())
-    return np.sqrt(np.nanmean([np.square(one - shift).sum(axis=1) for one in wanted], axis=0))
+    distances, _ = distances_of(record, predictions, record.of(PREDICT), aligned=case.aligned)
+    wanted = [distances[case.tip]] if case.tip in distances else list(distances.values())
+    return np.sqrt(np.nanmean(np.square(wanted), axis=0))

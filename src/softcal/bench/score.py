@@ -34,7 +34,7 @@ class SplitScore:
     points
         Point -> its distances.
     all_points
-        The distances of all points together; None where none is measured.
+        The distances of all points together; None where the record has no positions.
     channels
         Any other channel -> its errors.
     coverage
@@ -112,16 +112,9 @@ def score(case: str, record: CaseRecord, predictions: Predictions, *, aligned: b
 
 def _split_score(record: CaseRecord, predictions: Predictions, chosen: np.ndarray, *, aligned: bool) -> SplitScore:
     rows = predictions.rows(np.array(record.samples)[chosen])
-    offsets = {point: predictions.positions(point)[rows] - record.positions(point)[chosen] for point in record.points}
-    seen = {point: np.isfinite(offset).all(axis=1) for point, offset in offsets.items()}
-    shift = np.zeros(3)
-    if aligned and offsets:
-        shift = np.concatenate([offset[seen[point]] for point, offset in offsets.items()]).mean(axis=0)
-    distances = {
-        point: np.linalg.norm(offset[seen[point]] - shift, axis=1)
-        for point, offset in offsets.items()
-        if seen[point].any()
-    }
+    every, shift = distances_of(record, predictions, chosen, aligned=aligned)
+    seen = {point: distance[np.isfinite(distance)] for point, distance in every.items()}
+    distances = {point: distance for point, distance in seen.items() if len(distance)}
     errors = {name: np.abs(predictions.channels[name][rows] - record.channels[name][chosen]) for name in record.others}
     told = {name: error[np.isfinite(error)] for name, error in errors.items() if np.isfinite(error).any()}
     everything = np.concatenate([np.zeros(0), *distances.values()])
@@ -132,6 +125,21 @@ def _split_score(record: CaseRecord, predictions: Predictions, chosen: np.ndarra
         {name: _error(error) for name, error in told.items()},
         _coverage(record, predictions, chosen, rows, shift),
     )
+
+
+def distances_of(
+    record: CaseRecord, predictions: Predictions, chosen: np.ndarray, *, aligned: bool
+) -> tuple[dict[str, Floats], Floats]:
+    """Point -> distance (k,) [m] of its predicted from its measured position in the chosen samples, NaN where one is
+    missing; and the translation (3,) [m] that is taken off first, zero unless `aligned`.
+    """
+    rows = predictions.rows(np.array(record.samples)[chosen])
+    offsets = {point: predictions.positions(point)[rows] - record.positions(point)[chosen] for point in record.points}
+    shift = np.zeros(3)
+    if aligned and offsets:
+        everything = np.concatenate(list(offsets.values()))
+        shift = everything[np.isfinite(everything).all(axis=1)].mean(axis=0)
+    return {point: np.linalg.norm(offset - shift, axis=1) for point, offset in offsets.items()}, shift
 
 
 def _coverage(

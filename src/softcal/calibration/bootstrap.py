@@ -22,7 +22,7 @@ from softcal.calibration.problem import Evaluation, Problem
 from softcal.calibration.resampling import Resampled, model_values, resampled
 from softcal.calibration.workers import Evaluator
 from softcal.checks import Floats
-from softcal.errors import Fault, ParameterError
+from softcal.limits import require_at_least
 
 DRAWS = 2000
 _NEAR = 0.02  # of the distance from the minimum: a refit that moves by less has ended
@@ -66,13 +66,7 @@ def bootstrap(
         As `resampled`.
     """
     began = time.perf_counter()
-    faults = [
-        Fault("there are too few", name, got=str(value), allowed=f"{least} or more")
-        for name, value, least in (("samples", samples, 100), ("seed", seed, 0))
-        if value < least
-    ]
-    if faults:
-        raise ParameterError(faults)
+    require_at_least(samples=(samples, 100), seed=(seed, 0))
     found = resampled(problem, theta, over)
     draws = _drawn(found, samples, np.random.default_rng(seed))
     given = np.flatnonzero(found.without.determined)

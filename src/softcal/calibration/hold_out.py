@@ -133,7 +133,7 @@ class _Bands:
             return None
         z = np.clip(space.to_search(fitted.theta), 0.0, 1.0)
         slopes = space.jacobian(z)
-        serves = {e.name: np.array([p.serves(e.name) for p in space.parameters]) for e in part.experiments}
+        serves = space.serving(e.name for e in part.experiments)
         found = estimator(part.loss, z, slopes, blocks, serves, part.uncertain if _systematic(blocks) else ())
         return None if found.spent else cls(space, part.loss, slopes, found)
 

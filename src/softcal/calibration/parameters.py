@@ -118,6 +118,10 @@ class SearchSpace:
         """Every parameter of the robot and the rig that is free, alone or with others."""
         return tuple(dict.fromkeys(target for p in self.parameters for target in p.targets))
 
+    def serving(self, experiments: Iterable[str]) -> dict[str, np.ndarray]:
+        """Experiment -> whether each parameter (size,) has an effect on it."""
+        return {name: np.array([p.serves(name) for p in self.parameters]) for name in experiments}
+
     def free_in(self, experiment: str) -> set[str]:
         """The parameters of the robot and the rig that are free in one experiment."""
         return {target for p in self.parameters if p.serves(experiment) for target in p.targets}

@@ -30,7 +30,8 @@ from softcal.calibration.problem import Problem
 from softcal.calibration.surrogate import Surrogate, fewest_points, fitted_surrogate
 from softcal.calibration.workers import Evaluator
 from softcal.checks import Floats
-from softcal.errors import CalibrationError, Fault, ParameterError
+from softcal.errors import CalibrationError
+from softcal.limits import require_at_least
 
 SAMPLES = 10_000
 """Draws that are kept."""
@@ -103,13 +104,7 @@ def posterior(
         Where the twin cannot be simulated, the surrogate does not become accurate, or the chain does not converge.
     """
     began = time.perf_counter()
-    faults = [
-        Fault("there are too few", name, got=str(value), allowed=f"{least} or more")
-        for name, value, least in (("samples", samples, 100), ("simulations", simulations, 1), ("seed", seed, 0))
-        if value < least
-    ]
-    if faults:
-        raise ParameterError(faults)
+    require_at_least(samples=(samples, 100), simulations=(simulations, 1), seed=(seed, 0))
     held = calibrated(problem, theta)
     chance = np.random.default_rng(seed)
     with Evaluator(problem, workers=workers, jacobian=True) as evaluator:

@@ -112,8 +112,7 @@ def local_estimator(
     """The minimum near z (size,) in the unit box as an estimator, with its experiments and its markers compared; see
     `estimator` and `with_markers`.
     """
-    names = dict.fromkeys(block.experiment for block in blocks if block.experiment)
-    serves = {name: np.array([p.serves(name) for p in space.parameters]) for name in names}
+    serves = space.serving(dict.fromkeys(block.experiment for block in blocks if block.experiment))
     slopes = space.jacobian(z)
     found = estimator(loss, z, slopes, blocks, serves, uncertain)
     return with_markers(loss, z, slopes, blocks, found, uncertain)
@@ -137,8 +136,7 @@ def local_statistics(
     """
     z = np.clip(space.to_search(theta), 0.0, 1.0)
     slopes = space.jacobian(z)
-    experiments = dict.fromkeys(block.experiment for block in blocks if block.experiment)
-    serves = {name: np.array([p.serves(name) for p in space.parameters]) for name in experiments}
+    serves = space.serving(dict.fromkeys(block.experiment for block in blocks if block.experiment))
     found = local_estimator(space, loss, z, blocks, uncertain) if found is None else found
     importance = _importance(space, loss, blocks, slopes)
     errors: dict[str, float | None] = dict.fromkeys(space.labels)
@@ -165,7 +163,7 @@ def local_statistics(
     notes += _together(space, theta, within, found, slopes)
     if MARKERS in found.variances:
         notes.append(Note(MARKERS_DIFFER.format(n_markers(blocks)), "warning"))
-    notes += [Note(not_included(uncertain)), *([Note(ONE_EXPERIMENT)] if len(experiments) == 1 else [])]
+    notes += [Note(not_included(uncertain)), *([Note(ONE_EXPERIMENT)] if len(serves) == 1 else [])]
     summed = np.sum(list(found.variances.values()), axis=0)
     shares = {
         space.labels[j]: {kind: float(part[j] / summed[j]) for kind, part in found.variances.items() if part[j] > 0.0}

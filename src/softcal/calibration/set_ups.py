@@ -1,9 +1,9 @@
 """Set-ups in the place of experiments, where it is the set-ups that differ.
 
-Experiments of one set-up, such as the weights that one printed specimen carries, share whatever is its own. Where they
-differ from those of other set-ups, ten experiments on one specimen tell of it ten times, and of the others nothing:
-what is compared, and what a mean is made of, is then the set-up. In the parts of the residuals its name then stands in
-the place of its experiments'.
+Experiments of one set-up, such as the weights that one printed specimen carries, share the errors of that specimen.
+Where the set-ups differ, ten experiments on one specimen are one sample of the specimens, not ten. The set-ups are then
+compared, and the mean is that over set-ups; the parts of the residuals have the set-up's name instead of the
+experiment's.
 """
 
 from __future__ import annotations

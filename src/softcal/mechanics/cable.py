@@ -169,21 +169,15 @@ class CableTerm(ActuatorTerm):
                     self._add_rates(one, given, along, along.respond(r[:, None])[:, 0], i, stretch)
             if (one := into.get(f"{name}.routing_offset")) is not None:
                 r, _, travel = self._by_offset(x, along, i)
-                rho, own = along.respond(r[:, None])[:, 0], self.cable == i
-                tension = self._by_segment(along.segments)
-                rates = self._by_segment(along.segments * rho)
-                one.full += self.segments.gradient_by_offset(
-                    x, np.where(own, tension, 0.0), np.where(own, rates, 0.0), len(one.full)
-                )
-                if not given.controls.is_held[self.first + i]:
-                    stretch = along.stretch_rates(rho, np.zeros(self.n_cables))[i]
-                    one.efforts[self.first + i] -= travel + stretch
+                self._add_rates(one, given, along, along.respond(r[:, None])[:, 0], i, travel)
+                tension = np.where(self.cable == i, self._by_segment(along.segments), 0.0)
+                one.full += self.segments.gradient_by_offset(x, tension, len(one.full))
 
-    def _add_rates(self, one: Sum, given: Given, along: Tensions, rho: Floats, i: int, stretch: float) -> None:
-        """Add the rates of the gradient at rates of rho (n_segments,) and, of cable i, of its stretch at fixed rho."""
+    def _add_rates(self, one: Sum, given: Given, along: Tensions, rho: Floats, i: int, travel: float) -> None:
+        """Add the rates of the gradient at rates of rho (n_segments,) and, of cable i, of its travel at fixed rho."""
         one.full += self.segments.gradient(given.state.x, self._by_segment(along.segments * rho), len(one.full))
         changes = along.stretch_rates(rho, np.zeros(self.n_cables))
-        changes[i] += stretch
+        changes[i] += travel
         one.efforts[self.own] -= np.where(given.controls.is_held[self.own], 0.0, changes)
 
     def _by_offset(self, x: Floats, along: Tensions, i: int) -> tuple[Floats, Floats, float]:

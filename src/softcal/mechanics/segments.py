@@ -144,18 +144,15 @@ class Segments:
         self._spread(gradient, self.sigma, weights[:, None] * self.length_slopes(x))
         return gradient
 
-    def gradient_by_offset(self, x: Floats, tension: Floats, tension_rate: Floats, size: int) -> Floats:
-        """d / d routing offset of the gradient (size,) that segment tensions (n_segments,) [N] give.
-
-        tension_rate (n_segments,) [N/m]: the tensions' own derivative.
-        """
+    def gradient_by_offset(self, x: Floats, tension: Floats, size: int) -> Floats:
+        """d / d routing offset of the gradient (size,) that segment tensions (n_segments,) [N] give."""
         gradient = np.zeros(size)
         v, dv = self.vectors(x), self.vectors_by_offset(x)
         first, second = _rates(v, self.met)
         n, along = first[:, None] * v, second * (v * dv).sum(axis=1)
         turned = first[:, None] * dv - along[:, None] * v
         self._spread(gradient, self.by_offset, tension[:, None] * n)
-        self._spread(gradient, self.sigma, tension[:, None] * turned + tension_rate[:, None] * n)
+        self._spread(gradient, self.sigma, tension[:, None] * turned)
         return gradient
 
     def entries(self, which: Ints, slopes: Floats) -> Entries:

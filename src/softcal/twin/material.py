@@ -53,7 +53,8 @@ def complete_materials(part: Elastic, constants: Sequence[Parameter], n_elements
     Raises
     ------
     InputError
-        For elements of two materials, or that there are not, and where none is of the part's own.
+        For numbers of elements that do not exist, an element with two inclusions, and inclusions that cover the whole
+        part.
     """
     own = complete(part.parameters, constants, owner=part.name)
     object.__setattr__(part, "parameters", own)

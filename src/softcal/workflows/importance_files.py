@@ -9,10 +9,10 @@ from pathlib import Path
 from softcal.analysis.importance import ImportanceStudy, Range
 from softcal.analysis.importance_verdict import importance_sentences
 from softcal.calibration.result import CalibrationResult
-from softcal.calibration.stored import Record, read_record
+from softcal.calibration.stored import Record
 from softcal.csv_text import csv_text
 from softcal.project.project import Project
-from softcal.workflows.study_files import FORMAT, write_study_files
+from softcal.workflows.study_files import read_study_record, write_study_files
 
 STUDY, INDICES = "importance.json", "indices.csv"
 
@@ -71,8 +71,5 @@ def read_importance(folder: Path) -> StoredImportance | None:
     StorageError
         Where it cannot be read, or is damaged.
     """
-    path = folder / STUDY
-    if not path.is_file():
-        return None
-    record = read_record(_ImportanceRecord, path, "the importance study", FORMAT)
-    return StoredImportance(record.study, record.calibration)
+    record = read_study_record(_ImportanceRecord, folder / STUDY, "the importance study")
+    return None if record is None else StoredImportance(record.study, record.calibration)

@@ -9,10 +9,10 @@ from pathlib import Path
 
 from softcal.calibration.checked_interval import IntervalStudy
 from softcal.calibration.result import CalibrationResult
-from softcal.calibration.stored import Record, contradiction, read_record, read_rows
+from softcal.calibration.stored import Record, contradiction, read_rows
 from softcal.csv_text import csv_text
 from softcal.project.project import Project
-from softcal.workflows.study_files import FORMAT, are_values_of, write_study_files
+from softcal.workflows.study_files import are_values_of, read_study_record, write_study_files
 
 STUDY, POINTS, EXCESS = "intervals.json", "points.csv", "excess"
 _WHAT = "the interval study"
@@ -72,10 +72,9 @@ def read_intervals(folder: Path) -> StoredIntervals | None:
     StorageError
         Where it cannot be read, or is damaged.
     """
-    path = folder / STUDY
-    if not path.is_file():
+    record = read_study_record(_IntervalsRecord, folder / STUDY, _WHAT)
+    if record is None:
         return None
-    record = read_record(_IntervalsRecord, path, _WHAT, FORMAT)
     header, rows = read_rows(folder / POINTS, _WHAT)
     columns: dict[str, tuple[float, ...]] = {}
     for title, cells in zip(header, zip(*rows, strict=True) if rows else [()] * len(header), strict=True):

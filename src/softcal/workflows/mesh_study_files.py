@@ -9,10 +9,10 @@ from pathlib import Path
 from softcal.analysis.mesh_study import MeshStudy
 from softcal.analysis.mesh_verdict import mesh_verdicts
 from softcal.calibration.result import CalibrationResult
-from softcal.calibration.stored import Record, read_record
+from softcal.calibration.stored import Record
 from softcal.csv_text import csv_text
 from softcal.project.project import Project
-from softcal.workflows.study_files import FORMAT, are_values_of, write_study_files
+from softcal.workflows.study_files import are_values_of, read_study_record, write_study_files
 
 STUDY, PARAMETERS, CHANGES = "mesh-study.json", "parameters.csv", "changes.csv"
 
@@ -58,11 +58,8 @@ def read_study(folder: Path) -> StoredStudy | None:
     StorageError
         Where it cannot be read, or is damaged.
     """
-    path = folder / STUDY
-    if not path.is_file():
-        return None
-    record = read_record(_StudyRecord, path, "the mesh study", FORMAT)
-    return StoredStudy(record.study, record.calibration)
+    record = read_study_record(_StudyRecord, folder / STUDY, "the mesh study")
+    return None if record is None else StoredStudy(record.study, record.calibration)
 
 
 def parameters_csv(found: MeshStudy) -> str:

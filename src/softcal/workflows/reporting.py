@@ -140,7 +140,7 @@ def _mesh_study(run: CalibrationRun) -> tuple[MeshStudy | None, str]:
     if stored is None:
         return None, ""
     if stored.is_of(run.results):
-        return stored.study, f"Of the calibration '{stored.calibration}'." if len(run.results) > 1 else ""
+        return stored.study, _whose(run, stored.calibration)
     return None, f"The mesh study in {MESH_STUDY} is not of the calibrated values: delete it and repeat it."
 
 
@@ -150,8 +150,13 @@ def _importance(run: CalibrationRun) -> tuple[ImportanceStudy | None, str]:
     if stored is None:
         return None, ""
     if stored.is_of(run.results):
-        return stored.study, f"Of the calibration '{stored.calibration}'." if len(run.results) > 1 else ""
+        return stored.study, _whose(run, stored.calibration)
     return None, f"The study in {IMPORTANCE} is not over the bounds of the search: delete it and repeat it."
+
+
+def _whose(run: CalibrationRun, calibration: str) -> str:
+    """Which calibration of the run a study is of; "" where there is one."""
+    return f"Of the calibration '{calibration}'." if len(run.results) > 1 else ""
 
 
 def _experiment(project: Project, name: str) -> ExperimentContent:

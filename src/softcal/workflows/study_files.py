@@ -5,15 +5,17 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from softcal.calibration.outcome import installed_versions
 from softcal.calibration.result import CalibrationResult
 from softcal.calibration.store import write_text
+from softcal.calibration.stored import Record, read_record
 from softcal.project.project import Project
 from softcal.workflows.output import new_folder
 
 FORMAT = 1
+R = TypeVar("R", bound=Record)
 
 
 def write_study_files(
@@ -54,3 +56,14 @@ def write_study_files(
 def are_values_of(values: Mapping[str, float], result: CalibrationResult | None) -> bool:
     """Whether the values [SI by label] that were studied are still those of a result."""
     return result is not None and dict(values) == {label: e.value for label, e in result.parameters.items()}
+
+
+def read_study_record(kind: type[R], path: Path, what: str) -> R | None:
+    """The record of a study, named `what` in messages, or None where there is none.
+
+    Raises
+    ------
+    StorageError
+        Where it cannot be read, or is damaged.
+    """
+    return read_record(kind, path, what, FORMAT) if path.is_file() else None

@@ -126,6 +126,32 @@ def test_a_robot_without_loads_has_no_rest_to_tell_of(tmp_path: Path) -> None:
     assert rows["end of pull"].startswith("front 20 mm, ")
 
 
+def pretensioned(tension: str) -> tuple[str, str]:
+    line = f"      line: {{stiffness: 4 kN, pretension: {tension}, friction_memory: true}}\n"
+    last = "        - {at: [0 mm, 0 mm, -8 mm]}\n"
+    return last, f"{last}      friction_coefficient: 0.1\n{line}"
+
+
+def test_the_line_of_a_cable_is_told_and_what_the_loads_leave_of_its_pretension(tmp_path: Path) -> None:
+    stiff = ("60 kPa", "20 MPa")
+    taut = check(load(finger(tmp_path / "taut", stiff, pretensioned("5 N"))))
+    rows = rows_of(taut)
+    assert rows["  line"] == "EA 4000 N, pretension 5 N"
+    assert rows["  friction"].startswith("0.1, against the sliding")
+    left = float(re.search(r"; tendon ([\d.]+) N$", rows["under its loads"])[1])  # type: ignore[index]
+    assert 0.0 < left < 5.0
+    assert taut.warnings == ()
+    slack = check(load(finger(tmp_path / "slack", stiff, pretensioned("0.01 N"))))
+    assert rows_of(slack)["under its loads"].endswith("; tendon 0 N")
+    assert sum("tendon is slack, in spite of its pretension" in sentence for sentence in slack.warnings) == 1
+
+
+def test_a_pretension_without_loads_is_solved(tmp_path: Path) -> None:
+    weightless = ("  gravity: [0 m/s^2, 0 m/s^2, -9.81 m/s^2]\n", "")
+    rows = rows_of(check(load(finger(tmp_path, weightless, ("60 kPa", "20 MPa"), pretensioned("5 N")))))
+    assert "tendon" in rows["under its loads"]
+
+
 def test_nothing_is_solved_or_drawn_unless_wanted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = finger(tmp_path)
     done = CliRunner().invoke(app, ["check", str(path), "--no-pictures", "--no-solve"])

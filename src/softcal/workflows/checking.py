@@ -167,6 +167,7 @@ def _part_rows(project: Project) -> list[tuple[str, str]]:
             widest = format_quantity(max(bored[cable.name].values()), "m", digits=3)
             held = f"{len(bored[cable.name])} of {len(cable.via_points)} via points lie in bores, up to {widest} across"
             rows.append(("  bores", f"{held}: guided by the walls"))
+        rows += _line_rows(cable)
     rows += [(f"tie {tie.name}", f"{len(tie.nodes)} nodes of {tie.body} on {tie.on}") for tie in robot.ties]
     rows += [(f"marker {marker.name}", f"on {marker.on}") for marker in robot.markers]
     for one in robot.sensors:
@@ -175,6 +176,27 @@ def _part_rows(project: Project) -> list[tuple[str, str]]:
     if np.any(robot.gravity):
         rows.append(("gravity", "(" + ", ".join(f"{g:.4g}" for g in robot.gravity) + ") m/s²"))
     rows += [(f"load {load.name}", f"on {load.on}") for load in robot.loads]
+    return rows
+
+
+def _line_rows(cable: Cable) -> list[tuple[str, str]]:
+    """What a cable is made of, where it stretches, and its friction, where it has one."""
+    stated, rows = cable.properties, list[tuple[str, str]]()
+    units = {
+        "stiffness": ("EA", "N"),
+        "compliance": ("compliance of the machine", "m/N"),
+        "pretension": ("pretension", "N"),
+    }
+    made_of = [f"{word} {format_quantity(stated[key], unit)}" for key, (word, unit) in units.items() if key in stated]
+    if made_of:
+        rows.append(("  line", ", ".join(made_of)))
+    if "presliding" in stated:
+        over = format_quantity(stated["presliding"], "m")
+        rows.append(
+            ("  friction", f"{cable.friction_coefficient:.4g}, against the sliding, built up over {over} of it")
+        )
+    elif cable.friction_coefficient:
+        rows.append(("  friction", f"{cable.friction_coefficient:.4g}, of a cable that is pulled in"))
     return rows
 
 

@@ -66,7 +66,8 @@ def start_states(project: Project, progress: StageObserver = lambda stage: None)
     rows: list[tuple[str, str]] = []
     warnings: list[str] = []
     shapes: dict[str, Snapshot] = {}
-    if twin.system.is_loaded(theta):
+    pretensioned = [cable.name for cable in project.robot.cables if cable.properties.get("pretension")]
+    if twin.system.is_loaded(theta) or pretensioned:
         progress("Solving the robot under its loads")
         response = response_to(project.robot, Protocol({}), snapshots=True)
         if not response.succeeded:
@@ -74,7 +75,15 @@ def start_states(project: Project, progress: StageObserver = lambda stage: None)
             return StartStates((("under its loads", "no equilibrium"),), tuple(warnings), {}, undeformed)
         shapes["Under its loads"] = response.snapshots[0]
         text, far = _moved(undeformed, response.snapshots[0])
-        rows.append(("under its loads", text))
+        tensions = {name: response.snapshots[0].tensions[name] for name in pretensioned}
+        left = [f"{name} {format_quantity(tension, 'N')}" for name, tension in tensions.items()]
+        rows.append(("under its loads", "; ".join([text, *([", ".join(left)] if left else [])])))
+        warnings += [
+            f"under its loads {name} is slack, in spite of its pretension: that is its tension while the robot has its "
+            "shape at rest, and the robot gives way to its loads; a larger one may leave it taut"
+            for name, tension in tensions.items()
+            if tension <= 0.0
+        ]
         if far:
             warnings.append(
                 f"under its loads alone, {text}: if the bench differs, check the direction of gravity, the placement, "

@@ -59,11 +59,11 @@ class ChamberTerm(ActuatorTerm):
         pairs = ((0, 1), (0, 2), (1, 2))
         return replace(self, places=tuple(pattern.pair(self.faces[:, i], self.faces[:, j]) for i, j in pairs))
 
-    def coordinates(self, x):
+    def shape_coordinates(self, x):
         a, b, c = np.moveaxis(x[self.faces], 1, 0)
         return np.array([self.sign @ np.einsum("ni,ni->n", a, np.cross(b, c)) / 6.0])
 
-    def coordinate_gradient(self, x, i, size):
+    def shape_gradient(self, x, i, size):
         corners = np.moveaxis(x[self.faces], 1, 0)
         gradient = np.zeros(size)
         points = gradient[: x.size].reshape(-1, 3)
@@ -73,7 +73,7 @@ class ChamberTerm(ActuatorTerm):
         return gradient
 
     def add_forces(self, x, effort, into, transmission):
-        into.full -= effort[0] * self.coordinate_gradient(x, 0, len(into.full))
+        into.full -= effort[0] * self.shape_gradient(x, 0, len(into.full))
         if into.data is None:
             return
         a, b, c = np.moveaxis(x[self.faces], 1, 0)
@@ -140,7 +140,7 @@ def efforts(system: System) -> np.ndarray:
 
 
 def coordinates(system: System, state: State) -> np.ndarray:
-    return np.concatenate([term.coordinates(state.x) for term in system.actuated])
+    return np.concatenate([term.shape_coordinates(state.x) for term in system.actuated])
 
 
 def some_state(system: System) -> State:

@@ -72,6 +72,7 @@ def test_what_is_stated_is_a_parameter(tmp_path: Path) -> None:
         ("{stiffness: 1 kN, pretension: -2 N}", "the tension is out of range"),
         ("{friction_memory: 0.1}", "friction_memory"),
         ("{friction_memory: true, presliding: 0 mm}", "the presliding displacement is out of range"),
+        ("{presliding: 0.02 mm}", "friction without a memory has no presliding displacement; got 0.02 mm"),
         ("{stifness: 1 kN}", "stiffness"),
     ],
 )
@@ -79,6 +80,26 @@ def test_a_line_that_cannot_be_is_refused(tmp_path: Path, stated: str, sentence:
     found = told(tmp_path, line(f"line: {stated}"))
     assert sentence in found
     assert "project.yaml:" in found
+
+
+def test_a_memory_without_friction_is_warned_of(tmp_path: Path) -> None:
+    idle = "there is no friction for friction_memory: true to act on"
+    memory = line("line: {friction_memory: true}")
+    (found,) = (one for one in load(write_project(tmp_path, memory)).warnings if one.what == idle)
+    assert found.got == "front.friction_coefficient 0, and not free"
+    free = ("  front.slack:", "  front.friction_coefficient: {bounds: [0, 0.5]}\n  front.slack:")
+    for changes in ((memory, free), (line(MEMORY),)):
+        assert idle not in [one.what for one in load(write_project(tmp_path, *changes)).warnings]
+    held = load(write_project(tmp_path, line(MEMORY)), values={"front.friction_coefficient": 0.0})
+    assert idle in [one.what for one in held.warnings]
+    smooth = "rig:\n  pulleys: {count: 2, wrap: 180 deg, friction_memory: true}\nexperiments:\n"
+    warned = load(write_project(tmp_path, ("experiments:\n", smooth), data=loop_csv())).warnings
+    assert "pulleys.friction_coefficient 0, and not free" in [one.got for one in warned]
+
+
+def test_pulleys_without_a_memory_have_no_presliding(tmp_path: Path) -> None:
+    stated = "rig:\n  pulleys: {wrap: 180 deg, presliding: 0.1 mm}\nexperiments:\n"
+    assert "friction without a memory has no presliding displacement" in told(tmp_path, ("experiments:\n", stated))
 
 
 def test_a_record_of_both_branches_is_a_load_path_of_friction_with_a_memory(tmp_path: Path) -> None:

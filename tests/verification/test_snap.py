@@ -16,6 +16,7 @@ from softcal.mechanics.statics import Statics
 from softcal.mechanics.term import Controls
 from softcal.project.project import load
 from softcal.twin.build import build_twin
+from softcal.twin.cables import CableLine
 from softcal.twin.parameters import parameter_values, with_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Cable, Plate, PointLoad, Robot, Rod, ViaPoint
@@ -105,6 +106,18 @@ def test_a_force_that_the_roof_cannot_bear_snaps_it_through(roof: Robot, by: str
     assert low[0] == pytest.approx(d[np.argmax(force(d) > shares[0] * limit)], rel=0.02)
     assert low[1] > 2.0 * RISE
     assert low[1] == pytest.approx(d[np.flatnonzero(force(d) < shares[1] * limit)[-1]], rel=0.02)
+
+
+def test_a_snap_between_two_samples_of_friction_with_a_memory_is_told(roof: Robot):
+    """Newton's method would reach the other side in one step, as if nothing had happened."""
+    mu = 0.15
+    via = (ViaPoint(np.array([0.03, 0.0, -0.1])), ViaPoint(np.array([0.0, 0.0, -0.1])), roof.cables[0].via_points[1])
+    cable = Cable("front", via, mu, pulled_end="first", line=CableLine(friction_memory=True))
+    d = np.linspace(0.0, 1.0, 1001) * RISE
+    limit = force(d).max() * np.exp(mu * 0.5 * np.pi)
+    found = simulate(replace(roof, cables=(cable,)), Protocol({"front": Command("tension", np.array([1.2 * limit]))}))
+    assert found.channels["ridge.z"][0] < 0.0
+    assert "Not stable before sample 1" in found.instabilities
 
 
 def test_a_slender_robot_falls_along_a_narrow_curved_valley() -> None:

@@ -169,7 +169,7 @@ class Experiment:
         if self.rig.pulleys is not None:
             values[PULLEY_FRICTION] = self.rig.pulleys.friction_coefficient
             if self.rig.pulleys.friction_memory:
-                values[PULLEY_PRESLIDING] = self.rig.pulleys.presliding
+                values[PULLEY_PRESLIDING] = self.rig.pulleys.slip
         if self.points:
             values |= {f"frame.{axis}": value for axis, value in asdict(self.rig.frame).items()}
         return {name: self.settings.get(name, value) for name, value in values.items()}

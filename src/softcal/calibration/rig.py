@@ -10,6 +10,7 @@ from softcal.calibration.frame import Frame
 from softcal.declare import Declared
 from softcal.limits import LIMITS
 from softcal.quantities import Angle, Clearance, Friction, Presliding, Size, Slack, TensionOffset, Wrap
+from softcal.twin.cables import refuse_presliding_alone
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,14 +24,23 @@ class Pulleys(Declared):
     friction_coefficient : That with which the dataset's tension was brought to the neck's side [-]
     friction_memory : Whether the friction reverses with the cable: the dataset's tension then is the machine's, of both
         branches
-    presliding : Travel [m] over which friction with a memory builds up
+    presliding : Travel [m] over which friction with a memory builds up; None: 0.1 mm
     """
 
     count: Annotated[int, LIMITS["pulleys"]] = 2
     wrap: Wrap
     friction_coefficient: Friction = 0.0
     friction_memory: bool = False
-    presliding: Presliding = 1e-4
+    presliding: Presliding | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        refuse_presliding_alone(self.presliding, has_memory=self.friction_memory)
+
+    @property
+    def slip(self) -> float:
+        """The presliding displacement [m]."""
+        return self.presliding or 1e-4
 
     @property
     def turning(self) -> float:

@@ -86,7 +86,7 @@ def positions(twin: Twin, shape: Snapshot | EngineState) -> Floats:
 def shortenings(twin: Twin, x: Floats) -> dict[str, float]:
     """Shortening of each cable from rest [m], slack or not, with all points at x (n_points, 3) [m]."""
     cables = cables_of(twin.system)
-    return dict(zip(cables.names, cables.coordinates(x).tolist(), strict=True))
+    return dict(zip(cables.names, cables.shape_coordinates(x).tolist(), strict=True))
 
 
 def _is_at(shape: Snapshot, pull: dict[str, float]) -> bool:

@@ -68,11 +68,11 @@ class ActuatorTerm(Term):
         """Its actuators, in the order of their efforts."""
 
     @abstractmethod
-    def coordinates(self, x: Floats) -> Floats:
+    def shape_coordinates(self, x: Floats) -> Floats:
         """q (n,) at positions of the points (n_points, 3)."""
 
     @abstractmethod
-    def coordinate_gradient(self, x: Floats, i: int, size: int) -> Floats:
+    def shape_gradient(self, x: Floats, i: int, size: int) -> Floats:
         """dq/dx of its i-th actuator on all entities (size,)."""
 
     @abstractmethod
@@ -83,16 +83,16 @@ class ActuatorTerm(Term):
         """What lies between the machine and the shape, such as friction and stretch; None where nothing does."""
         return None
 
-    def travel(self, given: Given, transmission: Any) -> Floats:
+    def coordinates(self, given: Given, transmission: Any) -> Floats:
         """The coordinates (n,) that its machines measure and prescribe: q(x), apart from the transmission."""
-        return self.coordinates(given.state.x)
+        return self.shape_coordinates(given.state.x)
 
     def drive(self, given: Given, i: int, size: int, transmission: Any) -> Drive:
         """The border of its i-th actuator on all entities (size,)."""
-        column = -self.coordinate_gradient(given.state.x, i, size)
+        column = -self.shape_gradient(given.state.x, i, size)
         return Drive(column, column)
 
-    def add_losses(self, into: Sum, given: Given, transmission: Any) -> None:
+    def add_transmission(self, into: Sum, given: Given, transmission: Any) -> None:
         """Add the transmission's own contribution to the tangent."""
 
     def coordinate_scales(self, extent: float) -> Floats:
@@ -121,20 +121,20 @@ class ActuatorTerm(Term):
         state, own, size = given.state, self.own, len(into.full)
         is_held, transmission = given.controls.is_held[own], self.transmission(given)
         self.add_forces(state.x, state.effort[own], into, transmission)
-        travel = self.travel(given, transmission)
-        into.efforts[own] += np.where(is_held, 0.0, given.controls.coordinate[own] - travel)
+        coordinates = self.coordinates(given, transmission)
+        into.efforts[own] += np.where(is_held, 0.0, given.controls.coordinate[own] - coordinates)
         if into.data is None:
             return
         for i in np.flatnonzero(~is_held).tolist():
             into.driven.append((self.first + i, self.drive(given, i, size, transmission)))
         if transmission is not None:
-            self.add_losses(into, given, transmission)
+            self.add_transmission(into, given, transmission)
 
     def energy(self, given: Given) -> float:
         """Without losses; of the prescribed efforts, up to a constant."""
         own = self.own
         wanted = np.where(given.controls.is_held[own], 0.0, given.controls.coordinate[own])
-        return float(given.state.effort[own] @ (wanted - self.coordinates(given.state.x)))
+        return float(given.state.effort[own] @ (wanted - self.shape_coordinates(given.state.x)))
 
 
 def numbered(terms: Sequence[Term], layout: Layout) -> tuple[Term, ...]:

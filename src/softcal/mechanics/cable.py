@@ -26,7 +26,7 @@ from softcal.mechanics.layout import Layout
 from softcal.mechanics.pattern import Pattern
 from softcal.mechanics.segments import MET, Segments
 from softcal.mechanics.state import State
-from softcal.mechanics.tensions import KINDS, Course, ShapeRates, Tensions, lines_of, tensions, turns
+from softcal.mechanics.tensions import KINDS, Course, Lines, ShapeRates, Tensions, tensions, turns
 from softcal.mechanics.term import NOTHING, Connectivity, Entries, Given, LowRank, Sum, Theta
 
 if TYPE_CHECKING:
@@ -81,6 +81,14 @@ class CableTerm(ActuatorTerm):
         """Length of each cable at rest (n_cables,) [m]."""
         return self._per_cable(self.rest)
 
+    def lines(self, theta: Theta) -> Lines:
+        """The properties of the lines by the parameters' values."""
+        mu, stiffness, compliance, pretension, presliding = (
+            np.array([theta.get(f"{name}.{kind}", otherwise) for name in self.names], dtype=np.float64)
+            for kind, otherwise in KINDS.items()
+        )
+        return Lines(self.names, mu, 1.0 / stiffness, compliance, pretension, presliding, self.remembers)
+
     @property
     def parameters(self) -> tuple[str, ...]:
         own = tuple(f"{name}.{of}" for name in self.names for of in ("friction_coefficient", "routing_offset"))
@@ -100,20 +108,20 @@ class CableTerm(ActuatorTerm):
     def kinematics(self, state: State) -> Once:
         return Once(state)
 
-    def coordinates(self, x: Floats) -> Floats:
+    def shape_coordinates(self, x: Floats) -> Floats:
         """The shortening of each cable without stretch (n_cables,) [m]."""
         return self.rest_length - self.lengths(x)
 
-    def coordinate_gradient(self, x: Floats, i: int, size: int) -> Floats:
+    def shape_gradient(self, x: Floats, i: int, size: int) -> Floats:
         return -self.segments.gradient(x, (self.cable == i).astype(np.float64), size)
 
     def transmission(self, given: Given) -> Tensions | None:
-        if lines_of(self.names, given.theta).are_ideal:
+        if self.lines(given.theta).are_ideal:
             return None
         return self.tensions(given)
 
-    def travel(self, given: Given, transmission: Tensions | None) -> Floats:
-        geometric = self.coordinates(given.state.x)
+    def coordinates(self, given: Given, transmission: Tensions | None) -> Floats:
+        geometric = self.shape_coordinates(given.state.x)
         return geometric if transmission is None else geometric + transmission.stretch
 
     def add_forces(self, x: Floats, effort: Floats, into: Sum, transmission: Tensions | None) -> None:
@@ -136,7 +144,7 @@ class CableTerm(ActuatorTerm):
                 np.subtract.at(row, basis.rows, basis.values * weights[basis.columns])
         return Drive(column, row, -float(softness @ by_tension + along.lines.compliance[i]))
 
-    def add_losses(self, into: Sum, given: Given, transmission: Tensions) -> None:
+    def add_transmission(self, into: Sum, given: Given, transmission: Tensions) -> None:
         """The tensions change with the angles and slips at the via points: for each segment that moves a column, its
         force, and a row, the gradient of the logarithm of its tension.
         """
@@ -207,24 +215,24 @@ class CableTerm(ActuatorTerm):
         return slips
 
     @cached_property
-    def remembers(self) -> bool:
-        """Whether the friction of one of the cables has a memory."""
-        return any(name.endswith(".presliding") for name in self.stated)
+    def remembers(self) -> np.ndarray:
+        """Whether the friction of each cable has a memory (n_cables,)."""
+        return np.array([f"{name}.presliding" in self.stated for name in self.names], dtype=bool)
 
     def first_memory(self) -> Floats:
-        return np.zeros(len(self._inner)) if self.remembers else NOTHING
+        return np.zeros(len(self._inner)) if self.remembers.any() else NOTHING
 
     def advance(self, given: Given) -> Floats:
-        return self.tensions(given).plastic_slip[self._inner] if self.remembers else given.memory
+        return self.tensions(given).plastic_slip[self._inner] if self.remembers.any() else given.memory
 
     def add_by_memory(self, into: Sum, given: Given, rate: Floats) -> None:
-        if self.remembers:
+        if self.remembers.any():
             along = self.tensions(given)
             rho = along.respond(-(along.by_slip * self._slips(rate))[:, None])[:, 0]
             self._add_rates(into, given, along, rho, 0, 0.0)
 
     def advance_rate(self, given: Given, parameter: str, rate: State, memory_rate: Floats) -> Floats:
-        if not self.remembers:
+        if not self.remembers.any():
             return memory_rate
         x, along, order, before = given.state.x, self.tensions(given), self.order, self._slips(memory_rate)
         v_rates = self.segments.vectors(rate.x)[order]
@@ -263,9 +271,7 @@ class CableTerm(ActuatorTerm):
             self.segments.places.moves[order],
             turns(self.segments.vectors(x)[order], self._ptr),
         )
-        return tensions(
-            lines_of(self.names, given.theta), course, given.state.effort[self.own], self._slips(given.memory)
-        )
+        return tensions(self.lines(given.theta), course, given.state.effort[self.own], self._slips(given.memory))
 
     @cached_property
     def _ptr(self) -> Ints:
@@ -282,7 +288,7 @@ class CableTerm(ActuatorTerm):
 
     def energy(self, given: Given) -> float:
         """Of stretched lines that energy less, which the tensions take from the shortening."""
-        lines, effort = lines_of(self.names, given.theta), given.state.effort[self.own]
+        lines, effort = self.lines(given.theta), given.state.effort[self.own]
         soft = self.rest_length * lines.softness + lines.compliance
         return super().energy(given) - float(effort @ (soft * (0.5 * effort - lines.pretension)))
 

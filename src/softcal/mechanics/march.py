@@ -12,7 +12,7 @@ from softcal.checks import Floats, Ints
 from softcal.errors import SimulationError
 from softcal.mechanics.actuator import SWITCHING
 from softcal.mechanics.node import Line, Node, node_at, pushing, returning
-from softcal.mechanics.path import follow
+from softcal.mechanics.path import follow, strays
 from softcal.mechanics.redundancy import DEPENDENT
 from softcal.mechanics.snap_through import stable_node_at
 from softcal.mechanics.stability import overdamped_equilibrium
@@ -156,7 +156,7 @@ def reach(statics: Statics, last: Reached, aim: Target) -> Reached:
 
 def _at_once(statics: Statics, line: Line, state: State, names: tuple[str, ...], last: Reached | None) -> Node | None:
     """The node at the end of a line in one step with a tangent predictor, in a robot that remembers, whose samples
-    are close; None where that does not converge.
+    are close; None where that does not converge, or may lead to another branch.
 
     last: the sample whose state this is, where its tangent is the one factorised last.
     """
@@ -169,8 +169,9 @@ def _at_once(statics: Statics, line: Line, state: State, names: tuple[str, ...],
     if not is_kept:
         statics.factorise(at)
     ahead = -statics.solve(at.reduced)
-    solved = statics.equilibrium(statics.reachable(here, statics.limited(ahead) * ahead), controls)
-    if not solved.converged:
+    guess = statics.reachable(here, statics.limited(ahead) * ahead)
+    solved = statics.equilibrium(guess, controls)
+    if not solved.converged or strays(statics, state, guess, solved.state):
         return None
     node = node_at(statics, line, 1.0, solved.state, names, mixed=False)
     return node if node.is_stable else None

@@ -88,7 +88,7 @@ class _Continuation:
         node = None
         if solved.converged:
             is_long = CUT * attempt.step >= SMALLEST_STEP * self.whole
-            if is_long and _strays(self.statics, last.state, attempt.guess, solved.state):
+            if is_long and strays(self.statics, last.state, attempt.guess, solved.state):
                 self.length = CUT * attempt.step
                 return ""
             node = node_at(self.statics, self.line, attempt.c, solved.state, self.names, mixed=self.mixed)
@@ -208,7 +208,7 @@ def _ended(statics: Statics, nodes: list[Node], status: str, names: tuple[str, .
     return Path(tuple(nodes), False, f"{status}; {limit}" if limit else status, names)
 
 
-def _strays(statics: Statics, before: State, guess: State, found: State) -> bool:
+def strays(statics: Statics, before: State, guess: State, found: State) -> bool:
     """Whether an equilibrium may be on another branch: it is further from the prediction than that is from the
     equilibrium before, or an actuator was reversed. With contact only the latter counts, since predictions are less
     accurate.

@@ -7,26 +7,50 @@ from collections.abc import Sequence
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.errors import SimulationError
 from softcal.mechanics.actuator import Actuator
+from softcal.mechanics.system import Border, System
 
 # Sine, squared, of the angle between a coordinate's gradient and those of the others below which it is in their span.
 _IN_SPAN = 1e-12
 _TAKES_PART = 1e-3
+# Of what a coordinate changes by its effort: a share of line and machine that is as small tells no efforts apart.
+_RIGID = 1e-9
 
 DEPENDENT = "depend on each other here"
 
 
-def redundant(gradients: Floats) -> Ints:
+def require_independent(system: System, border: Border, unit: Floats, solved: Floats) -> None:
+    """Refuse driven actuators whose efforts only rounding would determine, in a tangent with this border. unit
+    (n_unknowns - n_actuators,): of the unknowns; solved: the inverse of the tangent without border times its columns.
+
+    Raises
+    ------
+    SimulationError
+        Where some are driven to coordinates that depend on each other.
+    """
+    k = len(border.driven)
+    if k == 0:
+        return
+    rows, own = border.rows[:, :k], np.abs(border.corner[:k])
+    whole = np.abs((rows * solved[:, :k]).sum(axis=0)) + own
+    together = redundant(unit[:, None] * rows, np.divide(own, whole, out=np.zeros(k), where=whole > 0.0))
+    if len(together):
+        raise SimulationError(redundant_sentence([system.actuators[border.driven[i]] for i in together]))
+
+
+def redundant(gradients: Floats, elastic: Floats) -> Ints:
     """Which columns take part in a combination that is zero; none where all are independent.
 
-    gradients: of each coordinate by the unknowns, (n_unknowns, n_driven).
+    gradients: of each coordinate by the unknowns, (n_unknowns, n_driven). elastic (n_driven,): the share of line and
+    machine in what a coordinate changes by its effort, zero without stretch. Elastic lines share a load.
     """
     # From the few products alone: this is computed at every Newton step.
     products = gradients.T @ gradients
     sizes = np.sqrt(products.diagonal())
     sizes[sizes == 0.0] = 1.0
     values, combinations = np.linalg.eigh(products / sizes / sizes[:, None])
-    none = np.abs(combinations[:, values < _IN_SPAN])
+    none = np.abs(combinations[:, (values < _IN_SPAN) & (elastic @ combinations**2 < _RIGID)])
     return np.flatnonzero(none.max(axis=1, initial=0.0) > _TAKES_PART)
 
 

@@ -13,7 +13,7 @@ from softcal.errors import SimulationError
 from softcal.mechanics.contact import CLEARANCE
 from softcal.mechanics.dense import Dense, dense_tangent
 from softcal.mechanics.linear_solve import Factorisation, factorisation
-from softcal.mechanics.redundancy import redundant, redundant_sentence
+from softcal.mechanics.redundancy import require_independent
 from softcal.mechanics.state import State, moved
 from softcal.mechanics.system import NO_BORDER, Border, Controls, Linearisation, System
 
@@ -147,11 +147,10 @@ class Statics:
         Raises
         ------
         SimulationError
-            Where the tangent is singular, or actuators are driven to coordinates that depend on each other.
+            Where the tangent is singular.
         """
         if at.data is None:
             raise SimulationError("There is no tangent to factorise.")
-        self._require_independent(at.border)
         self._factors = self._planned
         data = at.data.copy()
         if drag > 0.0:
@@ -181,6 +180,7 @@ class Statics:
         border = self._border
         solved = self._sparse_solve(border.columns.reshape(len(modes), -1), modes)
         k = len(border.corner)
+        require_independent(self.system, border, self.unit, solved)
         # A free mode would give entries of the multipliers' matrix that are too large beside the others.
         size = np.sqrt(np.abs(np.einsum("nk,nk->k", modes, solved[:, k:])))
         solved[:, k:] /= size
@@ -191,15 +191,6 @@ class Statics:
             np.concatenate([border.corner, np.zeros(modes.shape[1])]),
         )
         self._columns_solved = solved
-
-    def _require_independent(self, border: Border) -> None:
-        """Without this check, rounding would determine the efforts where the border is singular except for the last
-        digit.
-        """
-        stiff = np.flatnonzero(border.corner[: len(border.driven)] == 0.0)  # an elastic line shares the load
-        together = stiff[redundant(self.unit[:, None] * border.rows[:, stiff])] if len(stiff) else stiff
-        if len(together):
-            raise SimulationError(redundant_sentence([self.system.actuators[border.driven[i]] for i in together]))
 
     def _with_touch(self, data: Floats, touch: Any) -> Factorisation:
         """The factors of the tangent with contacts, whose pattern differs: analysed anew."""
@@ -220,29 +211,36 @@ class Statics:
         Raises
         ------
         SimulationError
-            Where the bordered tangent is singular.
+            Where the bordered tangent is singular, or actuators are driven to coordinates that depend on each other.
         """
         n = self.system.layout.first_effort_unknown
         columns = b.reshape(len(b), -1)
         out = np.zeros_like(columns)
         border = self._border
         k = len(border.corner)
-        if k and self._columns_solved is None:  # with the first right-hand side: one pass over the factors, not two
-            both = self._sparse_solve(border.columns, columns[:n])
-            self._columns_solved, y = both[:, :k], both[:, k:]
-        else:
-            y = self._sparse_solve(columns[:n])
-        if k and self._columns_solved is not None:
+        columns_solved, y = self._with_border_solved(columns[:n])
+        if k:
             rows_y = border.rows.T @ y
             rows_y[: len(border.driven)] -= columns[n + border.driven]
             try:
-                w = np.linalg.solve(border.rows.T @ self._columns_solved - np.diag(border.corner), rows_y)
+                w = np.linalg.solve(border.rows.T @ columns_solved - np.diag(border.corner), rows_y)
             except np.linalg.LinAlgError as error:
                 raise SimulationError("The tangent is singular.") from error
-            y -= self._columns_solved @ w
+            y -= columns_solved @ w
             out[n + border.driven] = w[: len(border.driven)]
         out[:n] = y
         return out.reshape(b.shape)
+
+    def _with_border_solved(self, b: Floats) -> tuple[Floats, Floats]:
+        """K^-1 of the border's columns, and of b (n, m): of the first one in one pass over the factors, not two."""
+        k = len(self._border.corner)
+        if k == 0 or self._columns_solved is not None:
+            columns = self._border.columns if self._columns_solved is None else self._columns_solved
+            return columns, self._sparse_solve(b) if b.shape[1] else b
+        both = self._sparse_solve(self._border.columns, b)
+        require_independent(self.system, self._border, self.unit, both)
+        self._columns_solved = both[:, :k]
+        return self._columns_solved, both[:, k:]
 
     def equilibrium(self, guess: State, controls: Controls) -> Equilibrium:
         """Newton's method from a guess. Never raises where it fails: the status says why."""
@@ -358,9 +356,8 @@ class Statics:
         n = self.system.layout.first_effort_unknown
         n_negative = self._factors.n_negative
         if len(border.corner):
-            if self._columns_solved is None:
-                self._columns_solved = self._sparse_solve(border.columns[:n])
-            schur = border.rows.T @ self._columns_solved - np.diag(border.corner)
+            columns_solved, _ = self._with_border_solved(np.zeros((n, 0)))
+            schur = border.rows.T @ columns_solved - np.diag(border.corner)
             n_negative += int(np.count_nonzero(np.linalg.eigvals(schur).real > 0.0))
         return n_negative - self.system.layout.n_pressures - len(border.corner)
 

@@ -34,9 +34,8 @@ class Border:
         [ K     columns ]
         [ rows^T corner ]
 
-    The first ones belong to the efforts of `driven` actuators (corner zero where their coordinate is prescribed
-    without stretch), the others to parts of the tangent that are products of columns and rows, such as friction
-    (corner -1).
+    The first ones belong to the efforts of `driven` actuators (corner zero without stretch), the others to parts of the
+    tangent that are products of columns and rows, such as friction (corner -1).
     """
 
     driven: Ints
@@ -60,10 +59,8 @@ class Linearisation:
         Per term, its `Term.kinematics` at the state.
     why_not
         Why the state is inadmissible, in words, and then all below is empty; "" where it is admissible.
-    full
-        Gradient on all entities (n_components,), without forces of motion.
-    reduced
-        Gradient on the unknowns (n_unknowns,).
+    full, reduced
+        Gradient on all entities (n_components,), without forces of motion, and on the unknowns (n_unknowns,).
     forces
         Norm of the nodal forces before they cancel [N].
     data
@@ -156,8 +153,11 @@ class System:
         if why_not := self._why_not(known):
             return Linearisation(controls, known, why_not)
         total = Sum(self.layout, self.pattern.size if tangent else None)
-        for term, given in zip(self.terms, self.given(state, controls, theta, known), strict=True):
-            term.add(total, given)
+        try:
+            for term, given in zip(self.terms, self.given(state, controls, theta, known), strict=True):
+                term.add(total, given)
+        except SimulationError as error:
+            return Linearisation(controls, known, str(error))
         forces = float(np.sqrt(np.vdot(total.points, total.points) + total.squares))
         at = Linearisation(controls, known, "", total.full, self._on_unknowns(state, total), forces)
         if total.data is None:
@@ -287,7 +287,7 @@ class System:
     def coordinates(self, state: State, theta: Theta) -> Floats:
         """The coordinates of all actuators (n_actuators,) at a state, as their machines measure them."""
         each = [(term, self._given_to(term, state, theta)) for term in self.actuated]
-        return np.concatenate([NOTHING, *(term.travel(given, term.transmission(given)) for term, given in each)])
+        return np.concatenate([NOTHING, *(term.coordinates(given, term.transmission(given)) for term, given in each)])
 
     def coordinate_rates(self, state: State, theta: Theta, dz: Floats, names: Sequence[str]) -> Floats:
         """Rates (n_actuators, k) of the actuators' coordinates at rates dz (n_unknowns, k) of the unknowns; names (k,):

@@ -13,6 +13,7 @@ SMOOTH = 1e-4
 HELD = 1.0 - 1e-9  # of sigma: below it a via point sticks
 MOST_ITERATIONS = 100
 CLOSE = 1e-13  # of a logarithm of two tensions
+CLOSE_ENOUGH = 1e-10  # where rounding stops the iteration
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -49,8 +50,9 @@ def solve(
     rho: Floats,
     sigma: Floats,
     slip: Floats,
-) -> None:
-    """rho, sigma and slip of all segments; most: mu phi, given: the slips' summands without the stretch.
+) -> int:
+    """rho, sigma and slip of all segments; most: mu phi, given: the slips' summands without the stretch. Returns zero,
+    or the number, counted from one, of a cable where they were not found.
 
     With S_j, the stretch beyond via point j, the equations are the gradient of a strictly convex function of S,
 
@@ -74,12 +76,14 @@ def solve(
                 rho[k] = rho[k - 1] + most[k] * sigma[k]
             continue
         best = np.inf
-        for _ in range(MOST_ITERATIONS):
+        for iteration in range(MOST_ITERATIONS + 1):
             worst, shortest = 0.0, np.inf
             for k in range(a + 1, b):
-                worst = max(worst, abs(left[k]))
-            if worst < CLOSE or (worst < 1e3 * CLOSE and worst >= best):
+                worst = max(worst, abs(left[k])) if np.isfinite(left[k]) else np.inf
+            if worst < CLOSE or (worst < CLOSE_ENOUGH and worst >= best):
                 break
+            if iteration == MOST_ITERATIONS or not np.isfinite(worst):
+                return c + 1
             best = min(best, worst)
             upper[a], right[a] = 0.0, 0.0
             for k in range(a + 1, b):
@@ -117,6 +121,7 @@ def solve(
                     part = 0.5 * (low + high)
                 else:
                     break
+    return 0
 
 
 @numba.njit(cache=True, error_model="numpy")

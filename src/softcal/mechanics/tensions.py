@@ -27,10 +27,11 @@ from typing import NamedTuple
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.errors import SimulationError
 from softcal.mechanics.tension_kernels import HELD, respond, solve, turn
-from softcal.mechanics.term import Theta
 
-KINDS = ("friction_coefficient", "stiffness", "compliance", "pretension", "presliding")
+# The parameters of a line, and their values where they are not stated.
+KINDS = {"friction_coefficient": 0.0, "stiffness": np.inf, "compliance": 0.0, "pretension": 0.0, "presliding": 0.0}
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,8 @@ class Lines:
 
     Attributes
     ----------
+    names
+        Of the cables.
     mu
         Friction coefficient at via points [-].
     softness
@@ -48,33 +51,23 @@ class Lines:
     pretension
         Tension at zero shortening of the robot at rest [N].
     presliding
-        Presliding displacement [m]; NaN where friction has no memory.
+        Presliding displacement [m]; zero where friction has no memory.
+    remembers
+        Whether the friction of a cable has a memory.
     """
 
+    names: Sequence[str]
     mu: Floats
     softness: Floats
     compliance: Floats
     pretension: Floats
     presliding: Floats
-
-    @property
-    def remembers(self) -> np.ndarray:
-        """Whether the friction of a cable has a memory (n_cables,)."""
-        return np.isfinite(self.presliding)
+    remembers: np.ndarray
 
     @property
     def are_ideal(self) -> bool:
         """Whether no line has friction or stretch, and no machine gives way."""
         return not (self.mu.any() or self.softness.any() or self.compliance.any())
-
-
-def lines_of(names: Sequence[str], theta: Theta) -> Lines:
-    """The properties of the lines of cables by the parameters' values."""
-    mu, stiffness, compliance, pretension, presliding = (
-        np.array([theta.get(f"{name}.{kind}", otherwise) for name in names], dtype=np.float64)
-        for kind, otherwise in zip(KINDS, (0.0, np.inf, 0.0, 0.0, np.nan), strict=True)
-    )
-    return Lines(mu, 1.0 / stiffness, compliance, pretension, presliding)
 
 
 @dataclass(frozen=True)
@@ -295,11 +288,7 @@ class Tensions:
     def plastic_slip(self) -> Floats:
         """The memory that the state leaves (n_segments,) [m]."""
         remembers = self.lines.remembers[self.cable]
-        return np.where(remembers, self.slip - self._delta * self.sigma, 0.0)
-
-    @property
-    def _delta(self) -> Floats:
-        return np.nan_to_num(self.lines.presliding)[self.cable]
+        return np.where(remembers, self.slip - self.lines.presliding[self.cable] * self.sigma, 0.0)
 
     def plastic_slip_rates(self, slip: Floats, memory: Floats, presliding: Floats) -> Floats:
         """Rates of `plastic_slip` (n_segments,) at rates of the slips, of the memory before, and of the cables'
@@ -313,6 +302,11 @@ class Tensions:
 def tensions(lines: Lines, course: Course, pull: Floats, memory: Floats) -> Tensions:
     """The tensions along the cables where they are pulled with tensions `pull` (n_cables,) [N]; memory: the plastic
     slips (n_segments,) [m].
+
+    Raises
+    ------
+    SimulationError
+        Where they are not found.
     """
     of_segment = np.repeat(np.arange(len(pull)), np.diff(course.ptr))
     softness = course.rest * lines.softness[of_segment]
@@ -320,5 +314,11 @@ def tensions(lines: Lines, course: Course, pull: Floats, memory: Floats) -> Tens
     rho, sigma, slip = (np.zeros(len(softness)) for _ in range(3))
     delta = np.where(lines.remembers, lines.presliding, 0.0)
     most = lines.mu[of_segment] * course.turns.phi
-    solve(course.ptr, pull, most, softness, given, memory, delta, rho, sigma, slip)
+    if unsolved := solve(course.ptr, pull, most, softness, given, memory, delta, rho, sigma, slip):
+        c = unsolved - 1
+        turned = float(most[course.ptr[c] : course.ptr[c + 1]].sum())
+        raise SimulationError(
+            f"the tensions along {lines.names[c]} were not found at a pull of {pull[c]:.4g} N and a friction "
+            f"coefficient times turning angle of {turned:.4g}"
+        )
     return Tensions(lines, course, pull, softness, slip, sigma, np.exp(rho))

@@ -200,7 +200,13 @@ class Term(ABC):
 
     @abstractmethod
     def add(self, into: Sum, given: Given) -> None:
-        """Add the gradient and, where `into` has `data`, the exact symmetric tangent."""
+        """Add the gradient and, where `into` has `data`, the exact symmetric tangent.
+
+        Raises
+        ------
+        SimulationError
+            Where the state is inadmissible for a reason that only its forces show; the message is a part of a sentence.
+        """
 
     def add_by_parameters(self, into: Mapping[str, Sum], given: Given) -> None:  # noqa: B027
         """Add d gradient / d parameter to into[parameter], for those of its parameters that are in there."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,6 +25,7 @@ from softcal.project.sections import Sections
 from softcal.project.sweep_schema import SweepSection
 from softcal.project.uncertain import build_uncertain
 from softcal.twin.parameters import ParameterInfo, robot_parameters
+from softcal.twin.robot import Robot
 from softcal.twin.time_settings import TimeSettings
 
 
@@ -78,11 +79,16 @@ def build_project(
     if faults_held:
         raise ParameterError(faults_held)
     tests = {name: held_rig(bench.experiment, held) for name, bench in whole.items()}
-    bodies = sections.robot.bodies
+    bodies, robot = sections.robot.bodies, held_robot(built.robot, held)
+    varied = {target for one in space.parameters for target in (one.name, *one.of)} if space else set[str]()
+    varied |= {one.name for one in uncertain}
+    for axis in sections.sweep.over if sections.sweep else ():
+        varied |= {axis, *tied.get(axis, ())}
+    _warn_of_idle_memory(robot, rig, varied, findings)
     return Project(
         path=path,
         name=str(document.data["name"]),
-        robot=held_robot(built.robot, held),
+        robot=robot,
         experiments=tests,
         records={name: bench.record for name, bench in whole.items()},
         corrected={name: bench.corrected for name, bench in whole.items()},
@@ -115,6 +121,26 @@ def _warn_of_copies(tests: Mapping[str, Experiment], findings: Findings) -> None
             "short and tests seem to agree",
             attempt="read the file of this test, or leave the copy out",
         )
+
+
+def _warn_of_idle_memory(robot: Robot, rig: CommonRig, varied: Collection[str], findings: Findings) -> None:
+    """Friction with a memory has none where its coefficient is, and stays, zero."""
+    rough: dict[str, tuple[tuple[str, ...], float]] = {
+        f"{cable.name}.friction_coefficient": (("robot", "cables", cable.name), cable.friction_coefficient)
+        for cable in robot.cables
+        if cable.line.friction_memory
+    }
+    if rig.pulleys is not None and rig.pulleys.friction_memory:
+        rough[PULLEY_FRICTION] = ("rig", "pulleys"), rig.pulleys.friction_coefficient
+    for name, (path, mu) in rough.items():
+        if mu == 0.0 and name not in varied:
+            findings.warn(
+                path,
+                "there is no friction for friction_memory: true to act on",
+                got=f"{name} 0, and not free",
+                allowed="a coefficient above 0, or a free one",
+                attempt="friction_coefficient: 0.1, or friction_memory: false",
+            )
 
 
 def _known(built: BuiltRobot, benches: Mapping[str, Bench]) -> dict[str, ParameterInfo]:

@@ -27,6 +27,7 @@ from softcal.quantities import (
 )
 from softcal.twin.part import NamedPart
 
+PRESLIDING = 1e-5  # [m] of a cable's via points, where it is not stated
 COINCIDENT = 1e-12  # of a cable's length: neighbouring via points as near as this are at one place
 
 
@@ -92,6 +93,26 @@ class ViaPoint(Checked):
         return f"via point, {name}"
 
 
+def refuse_presliding_alone(presliding: float | None, *, has_memory: bool) -> None:
+    """Refuse a presliding displacement of friction without a memory, which has none.
+
+    Raises
+    ------
+    InputError
+        Where it is stated without the memory.
+    """
+    if presliding is not None and not has_memory:
+        raise InputError(
+            Fault(
+                "friction without a memory has no presliding displacement",
+                where="presliding",
+                got=f"{1e3 * presliding:.6g} mm, and friction_memory: false",
+                allowed="presliding with friction_memory: true",
+                attempt="friction_memory: true, or no presliding",
+            )
+        )
+
+
 @dataclass(frozen=True)
 class CableLine(Declared):
     """What a cable is made of; by default it does not stretch, and its friction is that of a cable that is only pulled.
@@ -105,7 +126,7 @@ class CableLine(Declared):
         drives stays at zero shortening; any other is slack
     rest_length : In the place of the pretension, the length of the unstretched cable at zero shortening [m]
     friction_memory : Whether friction opposes the sliding that takes place, so that samples are a load path
-    presliding : Slip [m] over which friction with a memory builds up
+    presliding : Slip [m] over which friction with a memory builds up; None: 0.01 mm
     """
 
     stiffness: CableStiffness | None = None
@@ -114,10 +135,11 @@ class CableLine(Declared):
     pretension: Tension | None = None
     rest_length: Size | None = None
     friction_memory: bool = False
-    presliding: Presliding = 1e-5
+    presliding: Presliding | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        refuse_presliding_alone(self.presliding, has_memory=self.friction_memory)
         for one, other in (("stiffness", "spring_rate"), ("pretension", "rest_length")):
             if None not in (getattr(self, one), getattr(self, other)):
                 raise InputError(Fault(f"{one} and {other} exclude each other", got="both", allowed="one of the two"))
@@ -217,7 +239,7 @@ class Cable(NamedPart):
         if line.rest_length is not None:
             soft = (0.0 if stiffness is None else self.length / stiffness) + (line.compliance or 0.0)
             pretension = (self.length - line.rest_length) / soft
-        presliding = line.presliding if line.friction_memory else None
+        presliding = (line.presliding or PRESLIDING) if line.friction_memory else None
         named = dict(stiffness=stiffness, compliance=line.compliance, pretension=pretension, presliding=presliding)
         return {name: value for name, value in named.items() if value is not None}
 

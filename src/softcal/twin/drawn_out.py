@@ -13,7 +13,6 @@ from softcal.mechanics.actuator import NO_EFFORT
 from softcal.mechanics.cable import cables_of
 from softcal.mechanics.state import State
 from softcal.mechanics.system import System
-from softcal.mechanics.tensions import lines_of
 from softcal.units import format_quantity
 
 NOTICED = 1e-3  # of a cable's length
@@ -24,7 +23,7 @@ def drawn_out(system: System, theta: Mapping[str, float], begin: Floats, state: 
     cables = cables_of(system)
     more = cables.lengths(state.x) - begin
     taut = state.effort > NO_EFFORT * np.abs(state.effort).max(initial=0.0)
-    lines = lines_of(cables.names, theta)
+    lines = cables.lines(theta)
     rough = (lines.mu > 0.0) & ~lines.remembers
     out = np.flatnonzero(taut & rough & (more > NOTICED * cables.rest_length))
     return {cables.names[i]: float(more[i]) for i in out}

@@ -25,7 +25,7 @@ from softcal.twin.response import Response, Snapshot
 from softcal.twin.robot import Robot
 from softcal.twin.schedule import Schedule
 from softcal.twin.sensors import cable_columns, channel_units, sense
-from softcal.twin.start import UNDER_LOADS, Start, instability, loaded, snapshot
+from softcal.twin.start import UNDER_LOADS, Start, instability, pretensioned, snapshot
 from softcal.twin.time_settings import Settling, TimeSettings
 
 DEFAULT = TimeSettings()
@@ -69,6 +69,8 @@ def simulate_in_time(
         For a robot that cannot be built.
     """
     faults = [*command_faults(robot, protocol := Protocol(schedule.commands)), *let_go_faults(robot, protocol)]
+    if settings.scheme == "one-solve":
+        faults += [_one_solve_fault(cable.name) for cable in robot.cables if cable.line.friction_memory]
     if faults:
         raise ParameterError(faults)
     schedule = schedule.completed(robot)
@@ -88,7 +90,7 @@ def simulate_in_time(
     run = _Motion(twin, theta, schedule, settings, snapshots, progress)
     try:
         run.tell(0.0)
-        start = _start(twin, theta, settings)
+        start = _start(twin, theta, schedule, settings)
         run.instabilities = instability(UNDER_LOADS) if start.snaps else ""
         run.to_the_end(dynamics, at_rest(start.state))
     except SimulationError as error:
@@ -98,12 +100,24 @@ def simulate_in_time(
     return run.response(dynamics)
 
 
-def _start(twin: Twin, theta: Mapping[str, float], settings: TimeSettings) -> Start:
+def _one_solve_fault(cable: str) -> Fault:
+    return Fault(
+        "one linear solve for each step is too coarse for friction with a memory, whose via points stick and slide",
+        where=cable,
+        got="scheme: one-solve, friction_memory: true",
+        allowed="scheme: converged",
+        attempt="scheme: converged, or friction_memory: false",
+    )
+
+
+def _start(twin: Twin, theta: Mapping[str, float], schedule: Schedule, settings: TimeSettings) -> Start:
     if settings.start == "undeformed":
         return Start(rest_state(twin.system.layout))
     statics = Statics(twin.system, theta)
     try:
-        return loaded(twin, statics)
+        return pretensioned(
+            twin, statics, [name for name, command in schedule.commands.items() if command.control == "tension"]
+        )
     finally:
         statics.release()
 

@@ -1,13 +1,15 @@
-"""The start of every protocol: the robot under its dead loads, all cables slack."""
+"""The start of every protocol: the robot under its dead loads, all cables slack; in time, with its pretensions."""
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from softcal.checks import Floats
 from softcal.errors import SimulationError
+from softcal.mechanics.march import Reached, Target, reach
 from softcal.mechanics.node import Line, Node, node_at
 from softcal.mechanics.path import follow
 from softcal.mechanics.rod import RodTerm
@@ -16,6 +18,7 @@ from softcal.mechanics.state import State, rest_state
 from softcal.mechanics.statics import Statics
 from softcal.twin.build import Twin
 from softcal.twin.loads import Weights
+from softcal.twin.protocol import Protocol, controls_at
 from softcal.twin.response import Snapshot
 from softcal.units import format_quantity
 
@@ -76,6 +79,26 @@ def _loaded(twin: Twin, statics: Statics) -> Start:
         reached = 100.0 * path.nodes[-1].c
         raise SimulationError(f"No equilibrium under the dead loads beyond {reached:.3g} % of them: {path.status}.")
     return Start(path.nodes[-1].state, any(node.is_snapped for node in path.nodes))
+
+
+def pretensioned(twin: Twin, statics: Statics, slack: Collection[str]) -> Start:
+    """The stable equilibrium under the dead loads with all cables that have a pretension at zero shortening, but for
+    some that are slack.
+
+    Raises
+    ------
+    SimulationError
+        Where there is none.
+    """
+    start, system = loaded(twin, statics), twin.system
+    zero = {name: one for name, one in Protocol({}).completed(twin.robot, 1).commands.items() if name not in slack}
+    if not zero:
+        return start
+    here = system.coordinates(start.state, statics.theta)
+    target = controls_at(system, zero, dict.fromkeys(zero, 0.0), here)
+    begun = Reached(start.state, replace(slack_line(twin).at(0.0), coordinate=here), np.zeros((0, 0)))
+    reached = reach(statics, begun, Target(target))
+    return Start(reached.state, start.snaps or reached.snaps)
 
 
 def snapshot(twin: Twin, state: State, controls: dict[str, float], drive: float, unit: str) -> Snapshot:

@@ -53,7 +53,8 @@ class TimeSettings(Declared):
     masses
         `consistent` or `lumped`, of bodies.
     start
-        At equilibrium under the dead loads, or at rest without them.
+        At equilibrium under the dead loads, with the pretensions of cables that no tension drives, or at rest without
+        both.
     ramp
         Duration of a project's ramps [s]; a `Schedule` has times of its own.
     hold

@@ -1,0 +1,82 @@
+"""States along a load path with friction and stretch: which branch it takes, where it starts, and where it ends."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from drum_case import MU, blocks, robot_over_a_drum, theta_of, walk
+from mechanics_cases import column_robot, elastic, pulled, side_cable
+
+import softcal.mechanics.tensions
+from softcal.errors import ParameterError, SimulationError
+from softcal.twin.build import twin_of
+from softcal.twin.cables import CableLine
+from softcal.twin.in_time import simulate_in_time
+from softcal.twin.parameters import parameter_values
+from softcal.twin.protocol import Command, Protocol
+from softcal.twin.schedule import Schedule, ramp
+from softcal.twin.simulate import respond, simulate
+from softcal.twin.time_settings import TimeSettings
+
+
+def test_one_solve_does_not_take_friction_with_a_memory():
+    """Its one solve has the tangent without tension, which lacks the stiffness of via points that stick."""
+    robot = robot_over_a_drum(MU)
+    robot = replace(robot, cables=(replace(robot.cables[0], line=CableLine(friction_memory=True)),))
+    with pytest.raises(ParameterError, match=r"front: one linear solve for each step .* scheme: converged"):
+        simulate_in_time(robot, ramp({"front": ("tension", 1.0)}, 1.0), TimeSettings(scheme="one-solve"))
+
+
+def test_tensions_that_are_not_found_are_a_state_that_failed(monkeypatch):
+    system = blocks(12, stated=("stiffness", "presliding"))
+    theta = theta_of(system, stiffness=300.0, presliding=1e-5)
+    assert walk(system, theta, np.array([8e-3])).tension[0, 0] > 0.0
+    monkeypatch.setattr(softcal.mechanics.tensions, "solve", lambda *_: 1)
+    with pytest.raises(SimulationError, match=r"the tensions along a were not found at a pull of"):
+        walk(system, theta, np.array([8e-3]))
+
+
+def test_the_iteration_for_the_tensions_says_where_it_ends_without_them():
+    """Friction of e^5 over five via points with next to no presliding, beside one that it finds."""
+    ptr, n = np.array([0, 5, 10]), 10
+    most, softness = np.full(n, 1.35), np.full(n, 2e-7)
+    longer = np.array([1.0, -3.0, 2.0, -1.5, 2.5, 0.0, 0.0, 0.0, 0.0, 0.0]) * 1e-4
+    rho, sigma, slip = np.zeros(n), np.zeros(n), np.zeros(n)
+    args = ptr, np.full(2, 1e5), most, softness, longer, np.zeros(n), np.full(2, 1e-16), rho, sigma, slip
+    assert softcal.mechanics.tensions.solve(*args) == 1
+
+
+def test_motion_starts_from_the_equilibrium_with_its_pretensions():
+    """Nothing moves before the machine does: the column is shorter by its pretensions from the beginning."""
+    sides = (side_cable("front", (0.05, 0.0)), side_cable("back", (-0.05, 0.0)))
+    lines = [replace(cable, line=CableLine(20.0, pretension=0.4)) for cable in sides]
+    robot = column_robot(parameters=elastic(0.5e6, 0.4), density=1e3, cables=lines, divisions=(1, 1, 4))
+    static = simulate(robot, pulled(0.0)).channels
+    still = Schedule(np.array([0.0, 0.2]), pulled(0.0, 0.0).commands)
+    moved = simulate_in_time(robot, still, TimeSettings(time_step=0.02))
+    assert moved.succeeded, moved.status
+    assert moved.channels["back.tension"][0] > 0.3
+    for channel, values in static.items():
+        np.testing.assert_allclose(moved.channels[channel], values[0], rtol=1e-6, atol=1e-10, err_msg=channel)
+    let_go = Schedule(np.array([0.0, 0.2]), {"front": Command("tension", np.zeros(2))})
+    begun = simulate_in_time(robot, let_go, TimeSettings(time_step=0.02)).channels
+    assert begun["front.tension"][0] == 0.0  # commanded by its tension, it has none at zero
+
+
+@pytest.mark.parametrize(("stiffness", "tells"), [(1e8, True), (1e10, True), (1e12, False)])
+def test_lines_too_stiff_to_share_a_load_depend_on_each_other(stiffness, tells):
+    """Two cables side by side, the second twice as stiff: it bears twice as much, as far as numbers can tell."""
+    side = side_cable("front", (0.05, 0.0))
+    cables = [replace(side, name=name, line=CableLine(1.0)) for name in ("front", "beside")]
+    twin = twin_of(robot := column_robot(cables=cables))
+    theta = {**parameter_values(robot), "front.stiffness": stiffness, "beside.stiffness": 2.0 * stiffness}
+    both = Protocol({name: Command("shortening", np.array([0.004])) for name in ("front", "beside")})
+    found = respond(twin, theta, both)
+    assert found.succeeded is tells, found.status
+    if tells:
+        tension = found.channels["beside.tension"][0] / found.channels["front.tension"][0]
+        assert tension == pytest.approx(2.0, rel=1e-6)
+    else:
+        assert "The shortenings of front and beside depend on each other here" in found.status

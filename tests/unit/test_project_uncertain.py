@@ -131,6 +131,7 @@ def test_the_table_of_the_rig_has_every_parameter_with_its_unit() -> None:
         *(name.partition(".")[2] for name in FRAME),
         *MARKER_OFFSETS,
         "routing_offset",
+        "routing_angle",
         "clamp_depth",
         *KINDS,  # of a cable's line
         "backlash",

@@ -1,4 +1,4 @@
-"""A cable's routing offset: derivatives of all channels by it against central differences, and what it refuses."""
+"""A cable's routing offset and angle: derivatives of all channels against central differences, and what they refuse."""
 
 from dataclasses import replace
 
@@ -19,7 +19,10 @@ from softcal.twin.robot import Cable, ViaPoint
 from softcal.twin.simulate import simulate
 
 OFFSET = "front.routing_offset"
-NAMES = (OFFSET, "neck.youngs_modulus", "front.friction_coefficient")
+ANGLE = "front.routing_angle"
+ROUTING = (OFFSET, ANGLE)
+STEPS = {OFFSET: 2e-6, ANGLE: 1e-4}  # m, rad
+NAMES = (*ROUTING, "neck.youngs_modulus", "front.friction_coefficient")
 AXIS = RoutingAxis((0.0, 0.0, 0.0), (0.0, 0.0, 2.0))
 # Where the cable runs: its via points on the plate, in the body and in space.
 ROUTES = {
@@ -56,31 +59,33 @@ def routed(route: str, element: str = "P1", *, friction: float = 0.0, more: tupl
     )
 
 
-def differences(robot, protocol, h=2e-6):
-    ends = [simulate(robot, protocol, {OFFSET: s * h}, curve_tolerance=0.0).channels for s in (1.0, -1.0)]
+def differences(robot, protocol, name):
+    h = STEPS[name]
+    ends = [simulate(robot, protocol, {name: s * h}, curve_tolerance=0.0).channels for s in (1.0, -1.0)]
     return {channel: (ends[0][channel] - ends[1][channel]) / (2.0 * h) for channel in ends[0]}
 
 
-def assert_differences(response, want):
+def assert_differences(response, want, name):
     for unit in ("N", "m", "rad"):
         of_unit = [channel for channel in want if response.units[channel] == unit]
         scale = max(np.abs(want[channel]).max() for channel in of_unit)
         for channel in of_unit:
-            got = response.sensitivities[channel][OFFSET]
+            got = response.sensitivities[channel][name]
             np.testing.assert_allclose(got, want[channel], rtol=1e-5, atol=2e-6 * scale + 1e-8, err_msg=channel)
 
 
 @pytest.mark.parametrize("drive", ["shortening", "tension"])
 @pytest.mark.parametrize("element", ["P1", "P2P1"])
 @pytest.mark.parametrize("route", ROUTES)
-def test_all_channels_follow_the_offset_as_their_differences_say(route, element, drive):
+def test_all_channels_follow_the_routing_as_their_differences_say(route, element, drive):
     robot = routed(route, element, friction=0.2 if "bend" in route else 0.0)
     protocol = pulled(0.002, 0.006) if drive == "shortening" else tensed(0.4, 1.0)
     response = simulate(robot, protocol, sensitivities=NAMES, curve_tolerance=0.0)
     assert response.succeeded, response.status
-    want = differences(robot, protocol)
-    assert_differences(response, want)
-    assert np.all(want["front.tension" if drive == "shortening" else "front.shortening"] != 0.0)
+    for name in ROUTING:
+        want = differences(robot, protocol, name)
+        assert_differences(response, want, name)
+        assert np.any(np.abs(want["front.tension" if drive == "shortening" else "front.shortening"]) > 1e-6)
 
 
 def test_a_cable_beside_it_and_a_slack_one_follow_it_too():
@@ -95,7 +100,8 @@ def test_a_cable_beside_it_and_a_slack_one_follow_it_too():
     for protocol in (slack, both, mixed):
         response = simulate(robot, protocol, sensitivities=NAMES, curve_tolerance=0.0)
         assert response.succeeded, response.status
-        assert_differences(response, differences(robot, protocol))
+        for name in ROUTING:
+            assert_differences(response, differences(robot, protocol, name), name)
 
 
 def test_mixed_derivatives_are_the_differences_along_the_path():
@@ -125,6 +131,18 @@ def test_the_offset_moves_every_via_point_away_from_the_axis():
         assert after.at[2] == before.at[2]
         assert after.on == before.on
     back = with_parameters(robot, {OFFSET: 0.0}).cables[0]
+    for before, after in zip(ROUTES["body"], back.via_points, strict=True):
+        np.testing.assert_allclose(after.at, before.at, rtol=0, atol=1e-15)
+
+
+def test_the_angle_turns_every_via_point_about_the_axis():
+    robot = with_parameters(routed("body"), {ANGLE: 0.3, OFFSET: 0.001})
+    for before, after in zip(ROUTES["body"], robot.cables[0].via_points, strict=True):
+        there, here = (complex(*via.at[:2]) for via in (after, before))
+        assert abs(there) == pytest.approx(abs(here) + 0.001)
+        assert np.angle(there / here) == pytest.approx(0.3)
+        assert after.at[2] == before.at[2]
+    back = with_parameters(robot, {ANGLE: 0.0, OFFSET: 0.0}).cables[0]
     for before, after in zip(ROUTES["body"], back.via_points, strict=True):
         np.testing.assert_allclose(after.at, before.at, rtol=0, atol=1e-15)
 

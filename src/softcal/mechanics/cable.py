@@ -33,6 +33,10 @@ if TYPE_CHECKING:
     from softcal.mechanics.system import System
 
 
+# How the via points of a cable are moved: the last parts of the names of the parameters.
+ROUTING = ("routing_offset", "routing_angle")
+
+
 @dataclass
 class Once:
     """The tensions at a state and theta, found once for all that need them there."""
@@ -58,8 +62,8 @@ class CableTerm(ActuatorTerm):
         The segments of one cable after the other, each cable's from its pulled end on (n_segments,).
     rest
         Length of each segment at rest (n_segments,) [m].
-    rest_by_offset
-        d rest / d routing offset of the own cable (n_segments,) [-].
+    rest_by_routing
+        Derivatives of rest by the routing of the own cable (n_segments,).
     stated
         Names of the parameters of lines that are not as by default, such as `front.stiffness`.
     """
@@ -69,7 +73,7 @@ class CableTerm(ActuatorTerm):
     cable: Ints
     order: Ints
     rest: Floats
-    rest_by_offset: Floats
+    rest_by_routing: Mapping[str, Floats]
     stated: tuple[str, ...] = ()
 
     @property
@@ -91,7 +95,7 @@ class CableTerm(ActuatorTerm):
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        own = tuple(f"{name}.{of}" for name in self.names for of in ("friction_coefficient", "routing_offset"))
+        own = tuple(f"{name}.{of}" for name in self.names for of in ("friction_coefficient", *ROUTING))
         return (*own, *self.stated)
 
     def connectivity(self, layout: Layout) -> Connectivity:
@@ -175,11 +179,12 @@ class CableTerm(ActuatorTerm):
                 if (one := into.get(f"{name}.{kind}")) is not None:
                     r, _, stretch = along.by_property(kind, i)
                     self._add_rates(one, given, along, along.respond(r[:, None])[:, 0], i, stretch)
-            if (one := into.get(f"{name}.routing_offset")) is not None:
-                r, _, travel = self._by_offset(x, along, i)
-                self._add_rates(one, given, along, along.respond(r[:, None])[:, 0], i, travel)
-                tension = np.where(self.cable == i, self._by_segment(along.segments), 0.0)
-                one.full += self.segments.gradient_by_offset(x, tension, len(one.full))
+            for kind in ROUTING:
+                if (one := into.get(f"{name}.{kind}")) is not None:
+                    r, _, travel = self._by_routing(x, along, i, kind)
+                    self._add_rates(one, given, along, along.respond(r[:, None])[:, 0], i, travel)
+                    tension = np.where(self.cable == i, self._by_segment(along.segments), 0.0)
+                    one.full += self.segments.gradient_by_routing(x, tension, len(one.full), kind)
 
     def _add_rates(self, one: Sum, given: Given, along: Tensions, rho: Floats, i: int, travel: float) -> None:
         """Add the rates of the gradient at rates of rho (n_segments,) and, of cable i, of its travel at fixed rho."""
@@ -188,14 +193,15 @@ class CableTerm(ActuatorTerm):
         changes[i] += travel
         one.efforts[self.own] -= np.where(given.controls.is_held[self.own], 0.0, changes)
 
-    def _by_offset(self, x: Floats, along: Tensions, i: int) -> tuple[Floats, Floats, float]:
-        """Derivatives at fixed rho by the routing offset of cable i: of r and of the slips (n_segments,), and of the
+    def _by_routing(self, x: Floats, along: Tensions, i: int, kind: str) -> tuple[Floats, Floats, float]:
+        """Derivatives at fixed rho by the routing of cable i: of r and of the slips (n_segments,), and of the
         shortening.
         """
         own, order = self.cable == i, self.order
-        v_rates = np.where(own[:, None], self.segments.vectors_by_offset(x), 0.0)[order]
-        longer = np.where(own, self.segments.lengths_by_offset(x) - self.rest_by_offset, 0.0)[order]
-        of_rest = np.where(own, self.rest_by_offset, 0.0)[order]
+        v_rates = np.where(own[:, None], self.segments.vectors_by_routing(x, kind), 0.0)[order]
+        by_rest = self.rest_by_routing[kind]
+        longer = np.where(own, self.segments.lengths_by_routing(x, kind) - by_rest, 0.0)[order]
+        of_rest = np.where(own, by_rest, 0.0)[order]
         slip, stretch = along.by_softness(of_rest * along.lines.softness[i])
         slip += along.beyond(longer)
         r = along.by_angle * along.course.turns.rates(v_rates) + along.by_slip * slip
@@ -242,12 +248,10 @@ class CableTerm(ActuatorTerm):
         r = along.by_angle * along.course.turns.rates(v_rates) + along.by_slip * (slip - before)
         presliding = np.zeros(self.n_cables)
         for i, name in enumerate(self.names):
-            if parameter == f"{name}.routing_offset":
-                by, of_slip, _ = self._by_offset(x, along, i)
-                r, slip = r + by, slip + of_slip
-            for kind in KINDS:
+            for kind in (*ROUTING, *KINDS):
                 if parameter == f"{name}.{kind}":
-                    by, of_slip, _ = along.by_property(kind, i)
+                    routed = kind in ROUTING
+                    by, of_slip, _ = self._by_routing(x, along, i, kind) if routed else along.by_property(kind, i)
                     r, slip = r + by, slip + of_slip
                     presliding[i] = kind == "presliding"
         rho = along.respond(r[:, None])[:, 0]
@@ -328,25 +332,28 @@ def build_cables(
     X: Floats,
     supports: dict[str, list[Weights]],
     pulled_last: np.ndarray,
-    by_offset: dict[str, list[Weights]] | None = None,
+    by_routing: Mapping[str, Mapping[str, list[Weights]]] | None = None,
     stated: tuple[str, ...] = (),
 ) -> CableTerm:
     """The term of cables given, by name and via point, as weighted points [(point, weight), ...].
 
     The rest length is the polyline's on the undeformed robot, X (n_points, 3) [m]. pulled_last (n_cables,): whether a
-    cable is pulled at its last via point, or else at its first. by_offset, of cables that have a routing offset: its
-    via points' derivatives by that, as points with weights [1/m] whose sum is zero. stated: see `CableTerm`.
+    cable is pulled at its last via point, or else at its first. by_routing, of cables that have a routing axis: their
+    via points' derivatives by each of `ROUTING`, as points with weights whose sum is zero. stated: see `CableTerm`.
     """
-    ptr, support, sigma, rates, cable, order = [0], [], [], [], [], list[int]()
+    ptr, support, sigma, cable, order = [0], [], [], [], list[int]()
+    rates: dict[str, list[float]] = {kind: [] for kind in ROUTING}
     for c, (name, via) in enumerate(supports.items()):
         first = len(cable)
-        moves = (by_offset or {}).get(name) or [[] for _ in via]
-        for ends, ways in zip(pairwise(via), pairwise(moves), strict=True):
-            weights, changes = _difference(*ends), _difference(*ways)
-            points = sorted(weights | changes)
+        moves = (by_routing or {}).get(name, {})
+        for k, ends in enumerate(pairwise(via)):
+            weights = _difference(*ends)
+            changes = {kind: _difference(*ways[k : k + 2]) for kind, ways in moves.items()}
+            points = sorted(set(weights).union(*changes.values()))
             support.extend(points)
             sigma.extend(weights.get(p, 0.0) for p in points)
-            rates.extend(changes.get(p, 0.0) for p in points)
+            for kind, rate in rates.items():
+                rate.extend(changes.get(kind, {}).get(p, 0.0) for p in points)
             ptr.append(len(support))
             cable.append(c)
         own = range(first, len(cable))
@@ -355,7 +362,7 @@ def build_cables(
         np.array(ptr, dtype=np.int64),
         np.array(support, dtype=np.int64),
         np.array(sigma, dtype=np.float64),
-        np.array(rates, dtype=np.float64),
+        {kind: np.array(rate, dtype=np.float64) for kind, rate in rates.items()},
         np.zeros(len(cable)),
     )
     segments = replace(segments, met=MET * np.linalg.norm(segments.vectors(X), axis=1))
@@ -365,7 +372,7 @@ def build_cables(
         np.array(cable, dtype=np.int64),
         np.array(order, dtype=np.int64),
         segments.lengths(X),
-        segments.lengths_by_offset(X),
+        {kind: segments.lengths_by_routing(X, kind) for kind in ROUTING},
         stated,
     )
 

@@ -9,6 +9,7 @@ Two neighbouring via points that the cable pulls onto each other have *met*: bel
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -57,8 +58,8 @@ class Segments:
         Points of the segments (n_entries,), ascending in each.
     sigma
         Their signed weights (n_entries,) [-].
-    by_offset
-        d sigma / d routing offset of the own cable (n_entries,) [1/m].
+    by_routing
+        Derivatives of sigma by the routing of the own cable (n_entries,): by the last part of the parameter's name.
     met
         Length below which a segment's ends have met (n_segments,) [m].
     places
@@ -68,7 +69,7 @@ class Segments:
     ptr: Ints
     support: Ints
     sigma: Floats
-    by_offset: Floats
+    by_routing: Mapping[str, Floats]
     met: Floats
     places: SegmentPlaces = field(default=UNPLANNED)
 
@@ -97,9 +98,9 @@ class Segments:
         """Segment vectors (n_segments, 3) [m]."""
         return self._summed(self.sigma, x)
 
-    def vectors_by_offset(self, x: Floats) -> Floats:
-        """d segment vectors / d routing offset of their cable (n_segments, 3), with the supporting points fixed."""
-        return self._summed(self.by_offset, x)
+    def vectors_by_routing(self, x: Floats, kind: str) -> Floats:
+        """d segment vectors / d routing of their cable (n_segments, 3), with the supporting points fixed."""
+        return self._summed(self.by_routing[kind], x)
 
     def lengths(self, x: Floats) -> Floats:
         """Lengths (n_segments,) [m]."""
@@ -113,9 +114,9 @@ class Segments:
         v = self.vectors(x)
         return _rates(v, self.met)[0][:, None] * v
 
-    def lengths_by_offset(self, x: Floats) -> Floats:
-        """d length / d routing offset (n_segments,), with the supporting points fixed."""
-        return (self.length_slopes(x) * self.vectors_by_offset(x)).sum(axis=1)
+    def lengths_by_routing(self, x: Floats, kind: str) -> Floats:
+        """d length / d routing (n_segments,), with the supporting points fixed."""
+        return (self.length_slopes(x) * self.vectors_by_routing(x, kind)).sum(axis=1)
 
     def pull(self, x: Floats, tension: Floats, gradient: Floats, data: Floats | None) -> None:
         """Add the forces of the segments' tensions (n_segments,) to the gradient and, where `data` is given, T times
@@ -144,14 +145,14 @@ class Segments:
         self._spread(gradient, self.sigma, weights[:, None] * self.length_slopes(x))
         return gradient
 
-    def gradient_by_offset(self, x: Floats, tension: Floats, size: int) -> Floats:
-        """d / d routing offset of the gradient (size,) that segment tensions (n_segments,) [N] give."""
+    def gradient_by_routing(self, x: Floats, tension: Floats, size: int, kind: str) -> Floats:
+        """d / d routing of the gradient (size,) that segment tensions (n_segments,) [N] give."""
         gradient = np.zeros(size)
-        v, dv = self.vectors(x), self.vectors_by_offset(x)
+        v, dv = self.vectors(x), self.vectors_by_routing(x, kind)
         first, second = _rates(v, self.met)
         n, along = first[:, None] * v, second * (v * dv).sum(axis=1)
         turned = first[:, None] * dv - along[:, None] * v
-        self._spread(gradient, self.by_offset, tension[:, None] * n)
+        self._spread(gradient, self.by_routing[kind], tension[:, None] * n)
         self._spread(gradient, self.sigma, tension[:, None] * turned)
         return gradient
 

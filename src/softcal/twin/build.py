@@ -172,25 +172,28 @@ def build_twin(robot: Robot) -> Twin:
         for cable in robot.cables
     }
 
-    def away(cable: Cable) -> list[Weights]:
-        """Derivative of each via point by the routing offset: the point less its foot on the axis, over their
+    def by_routing(cable: Cable) -> dict[str, list[Weights]]:
+        """Derivative of each via point by the routing: the point less another as far behind it as the axis, over their
         distance.
         """
         if cable.routing_axis is None:
-            return []
-        found: list[Weights] = []
+            return {}
         points = np.array([p.at for p in cable.via_points])
-        ways = zip(cable.via_points, via[cable.name], *cable.routing_axis.away(points), strict=True)
-        for i, (point, place, way, distance) in enumerate(ways):
-            where = f"{cable.name}, via point {i + 1}"
+        distances = cable.routing_axis.away(points)[1]
+
+        def rate(i: int, way: Floats) -> Weights:
+            point, where = cable.via_points[i], f"{cable.name}, via point {i + 1}"
+            size = float(np.linalg.norm(way))
             if point.on in meshes:
                 nodes, rates = offset_rate(meshes[point.on], point, way, where=where)
                 first = builder.first[point.on]
-                found.append([(first + int(n), float(r)) for n, r in zip(nodes, rates, strict=True)])
-            else:
-                foot = support(point.at - distance * way, point.on, where)
-                found.append([(p, sign * w / distance) for sign, of in ((1, place), (-1, foot)) for p, w in of])
-        return found
+                return [(first + int(n), float(r)) for n, r in zip(nodes, rates, strict=True)]
+            behind = support(point.at - distances[i] / size * way, point.on, where)
+            both = ((size, via[cable.name][i]), (-size, behind))
+            return [(p, sign * w / distances[i]) for sign, of in both for p, w in of]
+
+        of_points = cable.routing_axis.routing_rates(points)
+        return {kind: [rate(i, way) for i, way in enumerate(ways)] for kind, ways in of_points.items()}
 
     def offsets(marker: Marker) -> tuple[Weights, ...]:
         """Derivatives of a marker's place by its offsets, on a body or rod: there as points beside it, over their
@@ -212,7 +215,7 @@ def build_twin(robot: Robot) -> Twin:
             for axis in np.eye(3)
         )
 
-    by_offset = {cable.name: away(cable) for cable in robot.cables}
+    routing = {cable.name: by_routing(cable) for cable in robot.cables}
     markers = {
         marker.name: MarkerPlace(
             marker,
@@ -250,7 +253,7 @@ def build_twin(robot: Robot) -> Twin:
     moments = build_moments(robot, layout, frames.of_plate, frames.of_rod)
     contacts = build_contacts(robot, layout, meshes, builder.first)
     stated = tuple(f"{cable.name}.{key}" for cable in robot.cables for key in cable.properties)
-    cables = build_cables(layout.X, via, pulled_last, by_offset, stated)
+    cables = build_cables(layout.X, via, pulled_last, routing, stated)
     system = build_system(layout, (*solids, *rod_terms, cables, loads, moments, *contacts))
     return Twin(robot, system, builder.first, meshes, frames.of_plate, via, markers, pressure_nodes)
 

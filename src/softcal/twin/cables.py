@@ -13,6 +13,7 @@ from softcal.checks import Floats
 from softcal.declare import Checked, Declared
 from softcal.errors import Fault, InputError
 from softcal.quantities import (
+    Angle,
     CableStiffness,
     Clearance,
     Compliance,
@@ -33,7 +34,7 @@ COINCIDENT = 1e-12  # of a cable's length: neighbouring via points as near as th
 
 @dataclass(frozen=True)
 class RoutingAxis(Declared):
-    """A line, from which the routing offset of a cable moves its via points.
+    """A line: the routing offset of a cable moves its via points away from it, the routing angle turns them about it.
 
     Attributes
     ----------
@@ -67,6 +68,27 @@ class RoutingAxis(Declared):
                 )
             )
         return arms / distances[:, None], distances
+
+    def around(self, away: Floats) -> Floats:
+        """Unit vectors (n, 3) around the axis, right-handed, at points away from it in the directions (n, 3)."""
+        return np.cross(np.asarray(self.direction) / np.linalg.norm(self.direction), away)
+
+    def routing_rates(self, at: Floats) -> dict[str, Floats]:
+        """Derivatives (n, 3) of points (n, 3) [m] by the parameters of the routing, by the last parts of their names.
+
+        Raises
+        ------
+        InputError
+            Where a point lies on the axis.
+        """
+        away, distances = self.away(at)
+        return {"routing_offset": away, "routing_angle": distances[:, None] * self.around(away)}
+
+    def moved(self, at: Floats, offset: float, angle: float) -> Floats:
+        """Points (n, 3) [m], moved away from the axis by an offset [m] and turned around it by an angle [rad]."""
+        away, distances = self.away(at)
+        turned = np.cos(angle) * away + np.sin(angle) * self.around(away)
+        return at + (distances + offset)[:, None] * turned - distances[:, None] * away
 
 
 @dataclass(frozen=True)
@@ -170,9 +192,9 @@ class Cable(NamedPart):
     pulled_end
         End at which the tension is prescribed or measured: "first" or "last" via point.
     routing_axis
-        Axis from which the via points are offset, or None.
-    routing_offset
-        Offset [m] from the axis; the positions of the via points include it already.
+        Axis from which the via points are offset, and about which they are turned, or None.
+    routing_offset, routing_angle
+        Offset [m] from the axis, angle [rad] about it; the positions of the via points include both already.
     line
         What the cable is made of, and whether its friction has a memory.
     """
@@ -182,6 +204,7 @@ class Cable(NamedPart):
     pulled_end: Literal["first", "last"] = "last"
     routing_axis: RoutingAxis | None = None
     routing_offset: Length = 0.0
+    routing_angle: Angle = 0.0
     line: CableLine = field(default_factory=CableLine)
 
     def __post_init__(self) -> None:
@@ -255,10 +278,10 @@ class Cable(NamedPart):
             return -np.inf
         return self.routing_offset - float(self.routing_axis.away(self._points)[1].min())
 
-    def offset_by(self, offset: float) -> Cable:
-        """The same cable with another routing offset [m], its via points moved accordingly."""
-        if self.routing_axis is None or offset == self.routing_offset:
+    def routed(self, offset: float, angle: float) -> Cable:
+        """The same cable with another routing offset [m] and angle [rad], its via points moved accordingly."""
+        if self.routing_axis is None or (offset, angle) == (self.routing_offset, self.routing_angle):
             return self
-        points = self._points + (offset - self.routing_offset) * self.routing_axis.away(self._points)[0]
+        points = self.routing_axis.moved(self._points, offset - self.routing_offset, angle - self.routing_angle)
         moved = tuple(replace(via, at=at) for via, at in zip(self.via_points, points, strict=True))
-        return replace(self, via_points=moved, routing_offset=offset)
+        return replace(self, via_points=moved, routing_offset=offset, routing_angle=angle)

@@ -67,6 +67,7 @@ KINDS: Mapping[str, Quantity] = {
     "force": QUANTITIES["force"],
     "moment": QUANTITIES["moment"],
     "routing_offset": QUANTITIES["length"],
+    "routing_angle": QUANTITIES["angle"],
     "clamp_depth": QUANTITIES["length"],
     **dict.fromkeys(MARKER_OFFSETS, QUANTITIES["length"]),
     "stiffness": QUANTITIES["stiffness of a cable"],
@@ -113,6 +114,7 @@ def robot_parameters(robot: Robot) -> dict[str, ParameterInfo]:
         if cable.routing_axis is not None:
             away = replace(KINDS["routing_offset"], lower=cable.least_offset, ends="(]")
             add(cable.name, "routing_offset", cable.routing_offset, away, shapes=True)
+            add(cable.name, "routing_angle", cable.routing_angle, shapes=True)
     for marker in robot.markers:
         for key, offset in zip(MARKER_OFFSETS, marker.offset.tolist(), strict=True):
             add(marker.name, key, offset, shapes=True)
@@ -160,7 +162,10 @@ def with_parameters(robot: Robot, values: Mapping[str, float]) -> Robot:
         replace(
             c.with_properties(
                 {key: values[name] for key in c.properties if (name := f"{c.name}.{key}") in values}
-            ).offset_by(values.get(f"{c.name}.routing_offset", c.routing_offset)),
+            ).routed(
+                values.get(f"{c.name}.routing_offset", c.routing_offset),
+                values.get(f"{c.name}.routing_angle", c.routing_angle),
+            ),
             friction_coefficient=values.get(f"{c.name}.friction_coefficient", c.friction_coefficient),
         )
         for c in robot.cables

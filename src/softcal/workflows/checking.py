@@ -160,9 +160,8 @@ def _part_rows(project: Project) -> list[tuple[str, str]]:
         if cable.routing_axis is not None:
             least, most = (format_quantity(r, "m", digits=4) for r in _radii(cable))
             far = least if least == most else f"{least} to {most}"
-            rows.append(
-                ("  routing", f"{far} from its axis, with an offset of {format_quantity(cable.routing_offset, 'm')}")
-            )
+            offset, angle = format_quantity(cable.routing_offset, "m"), format_quantity(cable.routing_angle, "rad")
+            rows.append(("  routing", f"{far} from its axis, with an offset of {offset} and an angle of {angle}"))
         if cable.name in bored:
             widest = format_quantity(max(bored[cable.name].values()), "m", digits=3)
             held = f"{len(bored[cable.name])} of {len(cable.via_points)} via points lie in bores, up to {widest} across"

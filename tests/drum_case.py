@@ -11,7 +11,8 @@ import numpy as np
 from mechanics_cases import column_robot, elastic
 from slider_foundation import SliderFoundation
 
-from softcal.mechanics.cable import build_cables, cables_of
+from softcal.mechanics.cable import cables_of
+from softcal.mechanics.cable_routes import build_cables
 from softcal.mechanics.layout import FIXED, FREE, Layout
 from softcal.mechanics.march import Reached, Target, reach
 from softcal.mechanics.state import rest_state

@@ -72,7 +72,8 @@ class ChamberTerm(ActuatorTerm):
             np.add.at(points, self.faces[:, k], self.sign[:, None] * normal / 6.0)
         return gradient
 
-    def add_forces(self, x, effort, into, transmission):
+    def add_forces(self, given, effort, into, transmission):
+        x = given.state.x
         into.full -= effort[0] * self.shape_gradient(x, 0, len(into.full))
         if into.data is None:
             return
@@ -171,9 +172,9 @@ def test_gradients_are_those_of_the_coordinates(case):
     ahead, behind = (coordinates(system, moved(layout, state, s * h * dz)) for s in (1, -1))
     for i, rate in enumerate((ahead - behind) / (2 * h)):
         drive = system.drive(state, i, theta)
-        assert -drive.row @ dz[: len(drive.row)] == pytest.approx(rate, rel=1e-6)
-        np.testing.assert_allclose(drive.column, drive.row, rtol=1e-12)
-        assert drive.corner == 0.0
+        assert -drive.rows[:, 0] @ dz[: len(drive.rows)] == pytest.approx(rate, rel=1e-6)
+        np.testing.assert_allclose(drive.columns, drive.rows, rtol=1e-12)
+        assert not drive.corner.any()
 
 
 @every_case

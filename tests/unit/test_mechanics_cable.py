@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from softcal.mechanics.cable import build_cables, cables_of
+from softcal.mechanics.cable import cables_of
+from softcal.mechanics.cable_routes import build_cables
 from softcal.mechanics.layout import FREE, Layout
 from softcal.mechanics.segments import MET
 from softcal.mechanics.system import build_system
@@ -24,7 +25,7 @@ def nearer(part: float):
 
 
 def gradient(cable, x):
-    return cable.segments.gradient(x, np.ones(2), x.size)
+    return cable.segments.gradient(cable.segments.shape(x), np.ones(2), x.size)
 
 
 @pytest.mark.parametrize("part", [1.0, 1.5, 40.0])
@@ -55,7 +56,7 @@ def test_its_tangent_is_the_gradients(part: float) -> None:
     system = build_system(Layout(X, np.full(3, FREE), np.zeros((0, 3)), 0, 1), (term(),))
     cable, pattern = cables_of(system), system.pattern
     data, force = np.zeros(pattern.size), np.zeros(9)
-    cable.segments.pull(x, np.full(2, T), force, data)
+    cable.segments.pull(cable.segments.shape(x), np.full(2, T), force, data)
     np.testing.assert_allclose(force, T * gradient(cable, x), atol=1e-12)
     K = np.zeros((9, 9))
     K[pattern.rows, pattern.indices] = data[: pattern.nnz]

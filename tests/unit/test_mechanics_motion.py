@@ -12,7 +12,8 @@ def test_rates_of_a_state_are_those_of_differences():
     layout, rng = twin.system.layout, np.random.default_rng(2)
     state = moved(layout, rest_state(layout), 0.2 * rng.uniform(-1.0, 1.0, layout.n_unknowns))
     dz, h = rng.uniform(-1.0, 1.0, layout.n_unknowns), 1e-5
-    found, ends = twin.system.motion.rates(state, dz), [moved(layout, state, s * h * dz) for s in (1, -1)]
+    motion = twin.system.motion
+    found, ends = motion.rates(state, dz, motion.matrix(state)), [moved(layout, state, s * h * dz) for s in (1, -1)]
     for name in ("x", "position", "rotation", "pressure", "effort"):
         one, other, rate = (getattr(at, name) for at in (*ends, found))
         assert np.abs(rate).max() > 0.01, name

@@ -11,8 +11,10 @@ from mechanics_cases import column_robot, elastic, pulled, side_cable
 
 import softcal.mechanics.tensions
 from softcal.errors import ParameterError, SimulationError
+from softcal.mechanics.state import moved, rest_state
+from softcal.mechanics.term import Controls
 from softcal.twin.build import twin_of
-from softcal.twin.cables import CableLine
+from softcal.twin.cables import Cable, CableLine, ViaPoint
 from softcal.twin.in_time import simulate_in_time
 from softcal.twin.parameters import parameter_values
 from softcal.twin.protocol import Command, Protocol
@@ -63,6 +65,29 @@ def test_motion_starts_from_the_equilibrium_with_its_pretensions():
     let_go = Schedule(np.array([0.0, 0.2]), {"front": Command("tension", np.zeros(2))})
     begun = simulate_in_time(robot, let_go, TimeSettings(time_step=0.02)).channels
     assert begun["front.tension"][0] == 0.0  # commanded by its tension, it has none at zero
+
+
+@pytest.mark.parametrize("memory", [True, False])
+def test_many_via_points_take_no_more_columns_than_the_unknowns_that_they_touch(memory):
+    """And the tangent is that of the gradient: of sliding and of sticking via points, with stretch."""
+    t = np.linspace(0.0, 1.0, 301)
+    way = np.stack([0.01 * np.cos(np.pi * t), 0.01 * np.sin(np.pi * t), 0.095 - 0.09 * t], axis=1)
+    via = (*(ViaPoint(at, "neck") for at in way), ViaPoint(np.array([-0.01, 0.0, -0.02])))
+    line = CableLine(50.0, friction_memory=memory, presliding=1e-4 if memory else None)
+    twin = twin_of(robot := column_robot(cables=(Cable("front", via, 0.3, line=line),), divisions=(2, 2, 4)))
+    system, theta = twin.system, parameter_values(robot)
+    layout, rng = system.layout, np.random.default_rng(3)
+    n, driven = layout.first_effort_unknown, Controls(np.zeros(1, bool), np.zeros(1), np.array([2e-3]))
+    bent = moved(layout, rest_state(layout), 1e-4 * rng.uniform(-1.0, 1.0, layout.n_unknowns))
+    state = replace(bent, effort=np.ones(1))
+    at = system.linearise(state, driven, theta)
+    touched = np.count_nonzero(at.border.columns[:, 1:].any(axis=1))
+    assert at.border.columns.shape[1] - 1 == touched < 300
+    dz, h = rng.uniform(-1.0, 1.0, layout.n_unknowns), 1e-8
+    ends = [system.linearise(moved(layout, state, s * h * dz), driven, theta).reduced for s in (1, -1)]
+    found, want = system.tangent_times(at, dz[:, None])[:, 0], (ends[0] - ends[1]) / (2 * h)
+    np.testing.assert_allclose(found[:n], want[:n], rtol=1e-5, atol=1e-6 * np.abs(want[:n]).max())
+    np.testing.assert_allclose(found[n:], want[n:], rtol=1e-5)
 
 
 @pytest.mark.parametrize(("stiffness", "tells"), [(1e8, True), (1e10, True), (1e12, False)])

@@ -11,7 +11,7 @@ from slider_foundation import SliderFoundation
 
 import softcal.twin.many
 from softcal.errors import ParameterError, SimulationError
-from softcal.mechanics.cable import build_cables
+from softcal.mechanics.cable_routes import build_cables
 from softcal.mechanics.damping import Damping
 from softcal.mechanics.dynamics import Dynamics
 from softcal.mechanics.layout import FIXED, FREE, Layout

@@ -76,7 +76,9 @@ def dead_pulls(twin: Twin, shape: Snapshot) -> Floats:
     ]
     if not any(pulls):
         return np.zeros((n_points, 3))
-    return -cables.segments.gradient(positions(twin, shape), np.array(pulls), 3 * n_points).reshape(-1, 3)
+    segments = cables.segments
+    gradient = segments.gradient(segments.shape(positions(twin, shape)), np.array(pulls), 3 * n_points)
+    return -gradient.reshape(-1, 3)
 
 
 def _is_spring(twin: Twin, segment: tuple[Weights, Weights]) -> bool:

@@ -17,9 +17,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from softcal.checks import Floats
+from softcal.checks import Floats, Ints
 from softcal.mechanics.layout import Layout
-from softcal.mechanics.term import Given, Sum, Term
+from softcal.mechanics.term import Columns, Given, Sum, Term
 
 NO_GAP = 1e-9  # of a coordinate's scale: a smaller error counts as zero
 NO_EFFORT = 1e-7  # of the largest effort: a smaller one counts as zero
@@ -38,22 +38,22 @@ class Actuator:
     most_effort: float = np.inf
 
 
-class Drive(NamedTuple):
-    """How an actuator whose coordinate is prescribed borders the tangent.
+class Drives(NamedTuple):
+    """How actuators whose coordinate is prescribed border the tangent.
 
     Attributes
     ----------
-    column
-        d gradient / d effort.
-    row
-        Less d coordinate / d the unknowns; the same array as `column` where the transmission is ideal.
+    columns
+        d gradient / d effort of each (n, k), or as `Columns`.
+    rows
+        Less d coordinate / d the unknowns; the same object as `columns` where the transmission is ideal.
     corner
-        Less d coordinate / d effort.
+        Less d coordinate / d effort (k,).
     """
 
-    column: Floats
-    row: Floats
-    corner: float = 0.0
+    columns: Floats | Columns
+    rows: Floats | Columns
+    corner: Floats
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class ActuatorTerm(Term):
         """dq/dx of its i-th actuator on all entities (size,)."""
 
     @abstractmethod
-    def add_forces(self, x: Floats, effort: Floats, into: Sum, transmission: Any) -> None:
+    def add_forces(self, given: Given, effort: Floats, into: Sum, transmission: Any) -> None:
         """Add -e dq/dx to the gradient and, where `into` has `data`, -e d2q/dx2; effort (n,)."""
 
     def transmission(self, given: Given) -> Any:
@@ -87,10 +87,10 @@ class ActuatorTerm(Term):
         """The coordinates (n,) that its machines measure and prescribe: q(x), apart from the transmission."""
         return self.shape_coordinates(given.state.x)
 
-    def drive(self, given: Given, i: int, size: int, transmission: Any) -> Drive:
-        """The border of its i-th actuator on all entities (size,)."""
-        column = -self.shape_gradient(given.state.x, i, size)
-        return Drive(column, column)
+    def drives(self, given: Given, which: Ints, size: int, transmission: Any) -> Drives:
+        """The borders of some of its actuators on all entities (size,)."""
+        columns = np.stack([-self.shape_gradient(given.state.x, i, size) for i in which.tolist()], axis=1)
+        return Drives(columns, columns, np.zeros(len(which)))
 
     def add_transmission(self, into: Sum, given: Given, transmission: Any) -> None:
         """Add the transmission's own contribution to the tangent."""
@@ -120,13 +120,13 @@ class ActuatorTerm(Term):
         """Add the forces of the efforts, the errors of the prescribed coordinates, and a border for these."""
         state, own, size = given.state, self.own, len(into.full)
         is_held, transmission = given.controls.is_held[own], self.transmission(given)
-        self.add_forces(state.x, state.effort[own], into, transmission)
+        self.add_forces(given, state.effort[own], into, transmission)
         coordinates = self.coordinates(given, transmission)
         into.efforts[own] += np.where(is_held, 0.0, given.controls.coordinate[own] - coordinates)
         if into.data is None:
             return
-        for i in np.flatnonzero(~is_held).tolist():
-            into.driven.append((self.first + i, self.drive(given, i, size, transmission)))
+        if len(driven := np.flatnonzero(~is_held)):
+            into.driven.append((self.first + driven, self.drives(given, driven, size, transmission)))
         if transmission is not None:
             self.add_transmission(into, given, transmission)
 

@@ -15,19 +15,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from softcal.checks import Floats, Ints
-from softcal.mechanics.actuator import NO_GAP, Actuator, ActuatorTerm, Drive
+from softcal.mechanics.actuator import NO_GAP, Actuator, ActuatorTerm, Drives
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.pattern import Pattern
-from softcal.mechanics.segments import MET, Segments
+from softcal.mechanics.segments import MET, Segments, SegmentShape
 from softcal.mechanics.state import State
-from softcal.mechanics.tensions import KINDS, Course, Lines, ShapeRates, Tensions, tensions, turns
-from softcal.mechanics.term import NOTHING, Connectivity, Entries, Given, LowRank, Sum, Theta
+from softcal.mechanics.tensions import KINDS, Course, Lines, Tensions, tensions, turns
+from softcal.mechanics.term import NOTHING, Columns, Connectivity, Given, LowRank, Sum, Theta
 
 if TYPE_CHECKING:
     from softcal.mechanics.system import System
@@ -39,9 +38,10 @@ ROUTING = ("routing_offset", "routing_angle")
 
 @dataclass
 class Once:
-    """The tensions at a state and theta, found once for all that need them there."""
+    """The segments at a state, and the tensions at a theta too, found once for all that need them there."""
 
     state: State
+    shape: SegmentShape
     theta: Theta | None = None
     found: Tensions | None = None
 
@@ -88,10 +88,15 @@ class CableTerm(ActuatorTerm):
     def lines(self, theta: Theta) -> Lines:
         """The properties of the lines by the parameters' values."""
         mu, stiffness, compliance, pretension, presliding = (
-            np.array([theta.get(f"{name}.{kind}", otherwise) for name in self.names], dtype=np.float64)
-            for kind, otherwise in KINDS.items()
+            np.array([theta.get(name, otherwise) for name in names], dtype=np.float64)
+            for names, otherwise in zip(self._of_lines, KINDS.values(), strict=True)
         )
         return Lines(self.names, mu, 1.0 / stiffness, compliance, pretension, presliding, self.remembers)
+
+    @cached_property
+    def _of_lines(self) -> list[list[str]]:
+        """Names of the lines' parameters, by kind and cable."""
+        return [[f"{name}.{kind}" for name in self.names] for kind in KINDS]
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -110,14 +115,18 @@ class CableTerm(ActuatorTerm):
         return tuple(Actuator(name, "shortening", "tension", least_effort=0.0) for name in self.names)
 
     def kinematics(self, state: State) -> Once:
-        return Once(state)
+        return Once(state, self.segments.shape(state.x))
+
+    def _at(self, given: Given) -> Once:
+        known = given.known
+        return known if isinstance(known, Once) and known.state is given.state else self.kinematics(given.state)
 
     def shape_coordinates(self, x: Floats) -> Floats:
         """The shortening of each cable without stretch (n_cables,) [m]."""
         return self.rest_length - self.lengths(x)
 
     def shape_gradient(self, x: Floats, i: int, size: int) -> Floats:
-        return -self.segments.gradient(x, (self.cable == i).astype(np.float64), size)
+        return -self.segments.gradient(self.segments.shape(x), (self.cable == i).astype(np.float64), size)
 
     def transmission(self, given: Given) -> Tensions | None:
         if self.lines(given.theta).are_ideal:
@@ -125,50 +134,65 @@ class CableTerm(ActuatorTerm):
         return self.tensions(given)
 
     def coordinates(self, given: Given, transmission: Tensions | None) -> Floats:
-        geometric = self.shape_coordinates(given.state.x)
+        geometric = self.rest_length - self._per_cable(self._at(given).shape.lengths)
         return geometric if transmission is None else geometric + transmission.stretch
 
-    def add_forces(self, x: Floats, effort: Floats, into: Sum, transmission: Tensions | None) -> None:
+    def add_forces(self, given: Given, effort: Floats, into: Sum, transmission: Tensions | None) -> None:
         tension = effort[self.cable] if transmission is None else self._by_segment(transmission.segments)
-        self.segments.pull(x, tension, into.full, into.data)
+        self.segments.pull(self._at(given).shape, tension, into.full, into.data)
 
-    def drive(self, given: Given, i: int, size: int, transmission: Tensions | None) -> Drive:
+    def drives(self, given: Given, which: Ints, size: int, transmission: Tensions | None) -> Drives:
         if transmission is None:
-            return super().drive(given, i, size, None)
-        along, own = transmission, slice(self._ptr[i], self._ptr[i + 1])
-        by_tension = along.factor[own] + along.segments[own] * along.by_pull[own]
-        column, row = np.zeros(size), np.zeros(size)
-        gradient = self.segments.entries(self.order[own], along.course.slopes[own])
-        np.add.at(column, gradient.rows, gradient.values * by_tension[gradient.columns])
-        np.add.at(row, gradient.rows, gradient.values)
-        softness = along.softness[own]
-        for shape in along.by_shape if softness.any() else ():
-            if shape.own == own:
-                weights, basis = (softness * along.segments[own]) @ shape.rates, self._basis(along, shape)
-                np.subtract.at(row, basis.rows, basis.values * weights[basis.columns])
-        return Drive(column, row, -float(softness @ by_tension + along.lines.compliance[i]))
+            return super().drives(given, which, size, None)
+        along, slopes = transmission, transmission.course.slopes
+        by_tension = along.factor + along.segments * along.by_pull
+        rows = slopes
+        if along.softness.any():
+            rows = slopes - along.by_shape((along.softness * along.segments)[:, None])[:, :, 0]
+        number = np.zeros(self.n_cables, dtype=np.int64)
+        number[which] = np.arange(len(which))
+        ends = number + np.isin(np.arange(self.n_cables), which)
+        softness = along.per_cable(along.softness * by_tension) + along.lines.compliance
+        return Drives(
+            self._columns((by_tension[:, None] * slopes)[:, :, None], number, ends),
+            self._columns(rows[:, :, None], number, ends),
+            -softness[which],
+        )
 
     def add_transmission(self, into: Sum, given: Given, transmission: Tensions) -> None:
         """The tensions change with the angles and slips at the via points: for each segment that moves a column, its
         force, and a row, the gradient of the logarithm of its tension.
         """
         along = transmission
-        for shape in along.by_shape:
-            acts = along.course.moves[shape.own] & (along.segments[shape.own] != 0.0) & shape.rates.any(axis=1)
-            which = shape.own.start + np.flatnonzero(acts)
-            if len(which):
-                slopes = along.segments[which, None] * along.course.slopes[which]
-                columns = self.segments.entries(self.order[which], slopes)
-                into.low_rank.append(LowRank(columns, self._basis(along, shape), shape.rates[acts].T))
+        if len(changing := along.changing) == 0:
+            return
+        ptr = np.searchsorted(changing, self._ptr)
+        n, number = len(self.segments), np.zeros(len(self.segments), dtype=np.int64)
+        number[changing] = np.arange(len(changing))
+        forces = np.zeros((n, 3, 1))
+        forces[changing, :, 0] = along.segments[changing, None] * along.course.slopes[changing]
+        rows, basis, values = self._basis
+        first = np.repeat(number, 3)
+        columns = Columns(rows, basis, values, forces.reshape(-1, 1), first, first + np.repeat(forces.any(axis=1), 3))
 
-    def _basis(self, along: Tensions, shape: ShapeRates) -> Entries:
-        """Gradients of the lengths and angles by which a cable's tensions change."""
-        longer, turned, order, by = shape.longer, shape.turned, self.order, along.course.turns
-        of_lengths = self.segments.entries(order[longer], along.course.slopes[longer])
-        of_turns = self.segments.entries(order[turned], by.by_far[turned]).joined(
-            self.segments.entries(order[turned - 1], by.by_near[turned])
-        )
-        return of_lengths.joined(of_turns, shift=len(longer))
+        def mixed_rows(mixed: Floats, ends: Ints) -> Columns:
+            weights = np.zeros((n, mixed.shape[1]))
+            weights[changing] = mixed
+            return self._columns(along.by_shape(weights), ends[:-1], ends[1:])
+
+        into.low_rank.append(LowRank(columns, ptr, mixed_rows))
+
+    def _columns(self, by_vector: Floats, first: Ints, end: Ints) -> Columns:
+        """Columns first:end (n_cables,) for each cable: gradients of functions with these slopes (n_segments, 3, k) by
+        the segments' vectors.
+        """
+        of_cable = 3 * np.diff(self._ptr)
+        weights = np.ascontiguousarray(by_vector).reshape(-1, by_vector.shape[2])
+        return Columns(*self._basis, weights, np.repeat(first, of_cable), np.repeat(end, of_cable))
+
+    @cached_property
+    def _basis(self) -> tuple[Ints, Ints, Floats]:
+        return self.segments.basis(self.order)
 
     def add_by_parameters(self, into: Mapping[str, Sum], given: Given) -> None:
         if into.keys().isdisjoint(self.parameters):
@@ -188,7 +212,7 @@ class CableTerm(ActuatorTerm):
 
     def _add_rates(self, one: Sum, given: Given, along: Tensions, rho: Floats, i: int, travel: float) -> None:
         """Add the rates of the gradient at rates of rho (n_segments,) and, of cable i, of its travel at fixed rho."""
-        one.full += self.segments.gradient(given.state.x, self._by_segment(along.segments * rho), len(one.full))
+        one.full += self.segments.gradient(self._at(given).shape, self._by_segment(along.segments * rho), len(one.full))
         changes = along.stretch_rates(rho, np.zeros(self.n_cables))
         changes[i] += travel
         one.efforts[self.own] -= np.where(given.controls.is_held[self.own], 0.0, changes)
@@ -244,7 +268,7 @@ class CableTerm(ActuatorTerm):
         v_rates = self.segments.vectors(rate.x)[order]
         pull = rate.effort[self.own]
         pulled = np.where(along.pull > 0.0, pull, 0.0)[along.cable] * along.softness * along.factor
-        slip = along.beyond((self.segments.length_slopes(x)[order] * v_rates).sum(axis=1) - pulled)
+        slip = along.beyond((along.course.slopes * v_rates).sum(axis=1) - pulled)
         r = along.by_angle * along.course.turns.rates(v_rates) + along.by_slip * (slip - before)
         presliding = np.zeros(self.n_cables)
         for i, name in enumerate(self.names):
@@ -260,20 +284,20 @@ class CableTerm(ActuatorTerm):
 
     def tensions(self, given: Given) -> Tensions:
         """The tensions along the cables."""
-        once = given.known if isinstance(given.known, Once) else Once(given.state)
-        if once.found is None or once.state is not given.state or once.theta is not given.theta:
-            once.state, once.theta, once.found = given.state, given.theta, self._tensions(given)
+        once = self._at(given)
+        if once.found is None or once.theta is not given.theta:
+            once.theta, once.found = given.theta, self._tensions(given, once.shape)
         return once.found
 
-    def _tensions(self, given: Given) -> Tensions:
-        x, order = given.state.x, self.order
+    def _tensions(self, given: Given, shape: SegmentShape) -> Tensions:
+        order = self.order
         course = Course(
             self._ptr,
             self.rest[order],
-            (self.segments.lengths(x) - self.rest)[order],
-            self.segments.length_slopes(x)[order],
+            (shape.lengths - self.rest)[order],
+            shape.slopes[order],
             self.segments.places.moves[order],
-            turns(self.segments.vectors(x)[order], self._ptr),
+            turns(shape.v[order], self._ptr),
         )
         return tensions(self.lines(given.theta), course, given.state.effort[self.own], self._slips(given.memory))
 
@@ -298,7 +322,7 @@ class CableTerm(ActuatorTerm):
 
     def lengths(self, x: Floats) -> Floats:
         """Length of each cable (n_cables,) [m]."""
-        return self._per_cable(self.segments.lengths(x))
+        return self._per_cable(self.segments.shape(x).lengths)
 
     def coordinate_tolerances(self, extent: float) -> Floats:
         return NO_GAP * self.rest_length
@@ -323,64 +347,3 @@ class CableTerm(ActuatorTerm):
 def cables_of(system: System) -> CableTerm:
     """The cables of a system, for callers that need cables."""
     return system.of(CableTerm)[0]
-
-
-Weights = list[tuple[int, float]]
-
-
-def build_cables(
-    X: Floats,
-    supports: dict[str, list[Weights]],
-    pulled_last: np.ndarray,
-    by_routing: Mapping[str, Mapping[str, list[Weights]]] | None = None,
-    stated: tuple[str, ...] = (),
-) -> CableTerm:
-    """The term of cables given, by name and via point, as weighted points [(point, weight), ...].
-
-    The rest length is the polyline's on the undeformed robot, X (n_points, 3) [m]. pulled_last (n_cables,): whether a
-    cable is pulled at its last via point, or else at its first. by_routing, of cables that have a routing axis: their
-    via points' derivatives by each of `ROUTING`, as points with weights whose sum is zero. stated: see `CableTerm`.
-    """
-    ptr, support, sigma, cable, order = [0], [], [], [], list[int]()
-    rates: dict[str, list[float]] = {kind: [] for kind in ROUTING}
-    for c, (name, via) in enumerate(supports.items()):
-        first = len(cable)
-        moves = (by_routing or {}).get(name, {})
-        for k, ends in enumerate(pairwise(via)):
-            weights = _difference(*ends)
-            changes = {kind: _difference(*ways[k : k + 2]) for kind, ways in moves.items()}
-            points = sorted(set(weights).union(*changes.values()))
-            support.extend(points)
-            sigma.extend(weights.get(p, 0.0) for p in points)
-            for kind, rate in rates.items():
-                rate.extend(changes.get(kind, {}).get(p, 0.0) for p in points)
-            ptr.append(len(support))
-            cable.append(c)
-        own = range(first, len(cable))
-        order.extend(reversed(own) if pulled_last[c] else own)
-    segments = Segments(
-        np.array(ptr, dtype=np.int64),
-        np.array(support, dtype=np.int64),
-        np.array(sigma, dtype=np.float64),
-        {kind: np.array(rate, dtype=np.float64) for kind, rate in rates.items()},
-        np.zeros(len(cable)),
-    )
-    segments = replace(segments, met=MET * np.linalg.norm(segments.vectors(X), axis=1))
-    return CableTerm(
-        tuple(supports),
-        segments,
-        np.array(cable, dtype=np.int64),
-        np.array(order, dtype=np.int64),
-        segments.lengths(X),
-        {kind: segments.lengths_by_routing(X, kind) for kind in ROUTING},
-        stated,
-    )
-
-
-def _difference(start: Weights, end: Weights) -> dict[int, float]:
-    """The weights of the vector from one weighted point to another."""
-    weights: dict[int, float] = {}
-    for sign, place in ((-1.0, start), (1.0, end)):
-        for point, weight in place:
-            weights[point] = weights.get(point, 0.0) + sign * weight
-    return weights

@@ -143,7 +143,7 @@ class Dynamics:
         columns = np.zeros((len(at.reduced), 1 + len(acting)))
         columns[:, 0] = at.reduced
         for k, i in enumerate(acting):
-            columns[: system.layout.first_effort_unknown, 1 + k] = system.drive(start, int(i), self.theta).column
+            columns[: system.layout.first_effort_unknown, 1 + k] = system.drive(start, int(i), self.theta).columns[:, 0]
         solved = statics.solve(columns)
         dz, responses = -solved[:, 0], solved[:, 1:]
         effort = np.where(wanted.is_held, wanted.effort, 0.0)
@@ -151,11 +151,11 @@ class Dynamics:
         driven = ~wanted.is_held[acting]
         if driven.any():
             drives = [system.drive(start, int(i), self.theta) for i in acting[driven]]
-            rows = np.stack([drive.row for drive in drives])
+            rows = np.concatenate([drive.rows.T for drive in drives])
             rows = np.concatenate([rows, np.zeros((len(rows), n))], axis=1)
             gap = self._gap(start, wanted)[acting[driven]] + rows @ dz
             least, most = (limit[acting[driven]] for limit in system.effort_limits)
-            own = np.diag([drive.corner for drive in drives])
+            own = np.diag(np.concatenate([drive.corner for drive in drives]))
             efforts = efforts_within(least, most, rows @ responses[:, driven] - own, gap)
             dz -= responses[:, driven] @ efforts
             effort[acting[driven]] = efforts

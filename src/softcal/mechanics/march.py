@@ -243,7 +243,7 @@ def by_command(statics: Statics, state: State, now: Controls, target: Controls, 
         if not now.is_held[i]:
             right[first + i, column] = 1.0
         elif target.is_held[i]:
-            right[:first, column] = system.drive(state, i, statics.theta).column
+            right[:first, column] = system.drive(state, i, statics.theta).columns[:, 0]
     if len(which) == 0:
         return right
     dz = -statics.solve(right)

@@ -13,7 +13,7 @@ from softcal.checks import Floats, Ints
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.pattern import Pattern
 from softcal.mechanics.state import State
-from softcal.mechanics.term import Entries
+from softcal.mechanics.term import Columns
 
 WEIGHTS_OF_FRAME_LINK = 7  # its weight w, its arm s, and -s
 
@@ -65,11 +65,10 @@ class Motion:
         out[layout.first_pressure_unknown :] = gradient[n:]
         return out
 
-    def reduce_columns(self, state: State, entries: Entries, n: int) -> Floats:
+    def reduce_columns(self, state: State, columns: Columns, n: int) -> Floats:
         """P^T times n columns on all entities: (n_unknowns - n_actuators, n)."""
         out = np.zeros((self.layout.first_effort_unknown, n))
-        ptr, unknown, weight = self._rows
-        _reduce_entries(out, *entries, ptr, unknown, weight, self._weights(state))
+        _reduce_columns(out, *columns, *self._rows, self._weights(state))
         return out
 
     def reduce_tangent(self, state: State, gradient: Floats, data: Floats) -> None:
@@ -91,15 +90,15 @@ class Motion:
         shape = (len(ptr) - 1, self.layout.first_effort_unknown)
         return sp.csr_matrix((self._weights(state)[weight], unknown, ptr), shape=shape)
 
-    def rates(self, state: State, dz: Floats) -> State:
-        """The rates of a state's arrays (dx, dR, ...) at rates dz (n_unknowns,) of the unknowns."""
+    def rates(self, state: State, dz: Floats, matrix: Any) -> State:
+        """The rates of a state's arrays (dx, dR, ...) at rates dz (n_unknowns,) of the unknowns; matrix: P there."""
         layout, n = self.layout, self.layout.n_moving_frames
         frames = dz[layout.first_frame_unknown : layout.first_pressure_unknown].reshape(-1, 6)
         position, rotation = np.zeros_like(state.position), np.zeros_like(state.rotation)
         position[:n] = frames[:, :3]
         columns = np.swapaxes(state.rotation[:n], 1, 2)
         rotation[:n] = np.swapaxes(np.cross(frames[:, None, 3:], columns), 1, 2)
-        moves = self.matrix(state)[: 3 * layout.n_points] @ dz[: layout.first_effort_unknown]
+        moves = (matrix @ dz[: layout.first_effort_unknown])[: 3 * layout.n_points]
         pressure = dz[layout.first_pressure_unknown : layout.first_effort_unknown]
         return State(moves.reshape(-1, 3), position, rotation, pressure, dz[layout.first_effort_unknown :])
 
@@ -205,12 +204,25 @@ def _fold(data: Floats, source: Ints, weight_a: Ints, weight_b: Ints, target: In
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _reduce_entries(
-    out: Floats, rows: Ints, columns: Ints, values: Floats, ptr: Ints, unknown: Ints, weight: Ints, w: Floats
+def _reduce_columns(  # noqa: PLR0913 (a kernel takes arrays)
+    out: Floats,
+    rows: Ints,
+    basis: Ints,
+    values: Floats,
+    weights: Floats,
+    first: Ints,
+    end: Ints,
+    ptr: Ints,
+    unknown: Ints,
+    weight: Ints,
+    w: Floats,
 ) -> None:
     for n in range(len(rows)):
+        j = basis[n]
         for k in range(ptr[rows[n]], ptr[rows[n] + 1]):
-            out[unknown[k], columns[n]] += values[n] * w[weight[k]]
+            value = values[n] * w[weight[k]]
+            for i in range(end[j] - first[j]):
+                out[unknown[k], first[j] + i] += value * weights[j, i]
 
 
 @numba.njit(cache=True, error_model="numpy")

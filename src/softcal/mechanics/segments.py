@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -19,7 +20,6 @@ import numpy as np
 from softcal.checks import Floats, Ints
 from softcal.mechanics.layout import FIXED, Layout
 from softcal.mechanics.pattern import Pattern
-from softcal.mechanics.term import Entries
 
 MET = 1e-3  # of a segment's length at rest: below it the segment's ends have met
 
@@ -41,6 +41,28 @@ class SegmentPlaces:
     pairs: Ints
     pair_ptr: Ints
     moves: np.ndarray
+
+
+class SegmentShape(NamedTuple):
+    """Segments at some positions.
+
+    Attributes
+    ----------
+    v
+        Vectors (n_segments, 3) [m].
+    lengths
+        Lengths (n_segments,) [m].
+    slopes
+        d length / d vector (n_segments, 3).
+    first, second
+        a, b (n_segments,) of the length's gradient a v and second derivative a I - b v v^T.
+    """
+
+    v: Floats
+    lengths: Floats
+    slopes: Floats
+    first: Floats
+    second: Floats
 
 
 UNPLANNED = SegmentPlaces(np.zeros((0, 3), dtype=np.int64), np.zeros(1, dtype=np.int64), np.zeros(0, dtype=bool))
@@ -102,35 +124,32 @@ class Segments:
         """d segment vectors / d routing of their cable (n_segments, 3), with the supporting points fixed."""
         return self._summed(self.by_routing[kind], x)
 
-    def lengths(self, x: Floats) -> Floats:
-        """Lengths (n_segments,) [m]."""
-        apart = np.linalg.norm(self.vectors(x), axis=1)
+    def shape(self, x: Floats) -> SegmentShape:
+        """Vectors and lengths at positions x, and how these change."""
+        v = self.vectors(x)
+        apart = np.linalg.norm(v, axis=1)
         least = np.maximum(apart, self.met)
         square = (apart / least) ** 2
-        return least * (3.0 + square * (6.0 - square)) / 8.0
-
-    def length_slopes(self, x: Floats) -> Floats:
-        """d length / d vector (n_segments, 3)."""
-        v = self.vectors(x)
-        return _rates(v, self.met)[0][:, None] * v
+        first, second = _rates(v, self.met)
+        return SegmentShape(v, least * (3.0 + square * (6.0 - square)) / 8.0, first[:, None] * v, first, second)
 
     def lengths_by_routing(self, x: Floats, kind: str) -> Floats:
         """d length / d routing (n_segments,), with the supporting points fixed."""
-        return (self.length_slopes(x) * self.vectors_by_routing(x, kind)).sum(axis=1)
+        return (self.shape(x).slopes * self.vectors_by_routing(x, kind)).sum(axis=1)
 
-    def pull(self, x: Floats, tension: Floats, gradient: Floats, data: Floats | None) -> None:
+    def pull(self, shape: SegmentShape, tension: Floats, gradient: Floats, data: Floats | None) -> None:
         """Add the forces of the segments' tensions (n_segments,) to the gradient and, where `data` is given, T times
         the length's second derivative.
         """
         if len(self) == 0:
             return
-        v = self.vectors(x)
         _add(
             gradient,
             np.zeros(0) if data is None else data,
             data is not None,
-            v,
-            *_rates(v, self.met),
+            shape.v,
+            shape.first,
+            shape.second,
             self.ptr,
             self.support,
             self.sigma,
@@ -139,10 +158,10 @@ class Segments:
             self.places.pair_ptr,
         )
 
-    def gradient(self, x: Floats, weights: Floats, size: int) -> Floats:
+    def gradient(self, shape: SegmentShape, weights: Floats, size: int) -> Floats:
         """Sum of weights (n_segments,) times the lengths' gradients, on all entities (size,)."""
         gradient = np.zeros(size)
-        self._spread(gradient, self.sigma, weights[:, None] * self.length_slopes(x))
+        self._spread(gradient, self.sigma, weights[:, None] * shape.slopes)
         return gradient
 
     def gradient_by_routing(self, x: Floats, tension: Floats, size: int, kind: str) -> Floats:
@@ -156,16 +175,16 @@ class Segments:
         self._spread(gradient, self.sigma, tension[:, None] * turned)
         return gradient
 
-    def entries(self, which: Ints, slopes: Floats) -> Entries:
-        """The columns j < k with the gradient of a function of segment `which[j]` with slope `slopes[j]` (k, 3) by its
-        vector.
+    def basis(self, order: Ints) -> tuple[Ints, Ints, Floats]:
+        """Component, basis column and weight (n_entries,) of the gradients of the vectors' components: column 3 j + i
+        is that of component i of segment order[j]. Of segments that can move.
         """
-        counts = np.diff(self.ptr)[which]
-        column = np.repeat(np.arange(len(which)), counts)
-        entry = self.ptr[which][column] + np.arange(len(column)) - np.repeat(np.cumsum(counts) - counts, counts)
+        place = np.empty(len(order), dtype=np.int64)
+        place[order] = np.arange(len(order))
+        entry = np.flatnonzero(self.places.moves[self.of_entry])
         rows = 3 * self.support[entry, None] + np.arange(3)
-        values = self.sigma[entry, None] * slopes[column]
-        return Entries(rows.ravel(), np.repeat(column, 3), values.ravel())
+        columns = 3 * place[self.of_entry[entry], None] + np.arange(3)
+        return rows.ravel(), columns.ravel(), np.repeat(self.sigma[entry], 3)
 
     def _summed(self, weights: Floats, x: Floats) -> Floats:
         if len(self) == 0:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -12,17 +12,18 @@ import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.errors import SimulationError
-from softcal.mechanics.actuator import Actuator, ActuatorTerm, Drive, numbered
+from softcal.mechanics.actuator import Actuator, ActuatorTerm, Drives, numbered
 from softcal.mechanics.contact import ContactTerm
 from softcal.mechanics.frame_blocks import moving_pairs
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.loads import Loads
+from softcal.mechanics.low_rank import low_rank_product
 from softcal.mechanics.memory import Memory
 from softcal.mechanics.motion import Motion, build_motion
 from softcal.mechanics.pattern import Pattern, build_pattern
 from softcal.mechanics.scales import Sizes
 from softcal.mechanics.state import State, rest_state
-from softcal.mechanics.term import NOTHING, Controls, Given, Sum, Term, Theta
+from softcal.mechanics.term import NOTHING, Columns, Controls, Given, Sum, Term, Theta
 
 Kind = TypeVar("Kind", bound=Term)
 
@@ -224,9 +225,9 @@ class System:
         each = [*zip(self.terms, self.given(state, controls, theta), self._owned, strict=True)]
         values = np.concatenate([term.advance(given) for term, given, _ in each])
         before = {} if state.memory is None else state.memory.by_parameter
-        rates: dict[str, Floats] = {}
+        rates, matrix = dict[str, Floats](), self.motion.matrix(state) if names else None
         for name, dz in zip(names, () if by_parameter is None else by_parameter.T, strict=True):
-            rate, old = self.motion.rates(state, dz), before.get(name, np.zeros_like(values))
+            rate, old = self.motion.rates(state, dz, matrix), before.get(name, np.zeros_like(values))
             rates[name] = np.concatenate([term.advance_rate(given, name, rate, old[own]) for term, given, own in each])
         return replace(state, memory=Memory(values, rates))
 
@@ -297,8 +298,8 @@ class System:
         out = np.zeros((len(self.actuators), len(names)))
         for term in self.actuated:
             given = self._given_to(term, state, theta)
-            for i, drive in zip(range(term.own.start, term.own.stop), self._drives(term, given), strict=True):
-                out[i] = -(drive.row @ dz[:n] + drive.corner * dz[n + i])
+            own = self._drives(term, given, np.arange(len(term.actuators)))
+            out[term.own] = -(own.rows.T @ dz[:n] + own.corner[:, None] * dz[n:][term.own])
             sums = {name: Sum(self.layout) for name in {*names} & {*term.parameters, *remembered}}
             term.add_by_parameters(sums, given)
             for name in remembered.keys() & sums.keys():
@@ -316,21 +317,26 @@ class System:
         """What keeps actuators from moving further, as part of a sentence; "" where nothing does."""
         return ", ".join(filter(None, (term.at_limit(x) for term in self.actuated)))
 
-    def drive(self, state: State, i: int, theta: Theta) -> Drive:
-        """How one actuator borders the tangent where its coordinate is prescribed, on the unknowns but the efforts."""
+    def drive(self, state: State, i: int, theta: Theta) -> Border:
+        """How one actuator borders the tangent where its coordinate is prescribed: one column and row."""
         term = self._driver(i)
-        return next(self._drives(term, self._given_to(term, state, theta), (i - term.first,)))
+        return self._drives(term, self._given_to(term, state, theta), np.array([i - term.first]))
 
-    def _drives(self, term: ActuatorTerm, given: Given, which: Sequence[int] | None = None) -> Iterator[Drive]:
-        """Those of some, or all, actuators of one term."""
-        transmission = term.transmission(given)
-        for i in range(len(term.actuators)) if which is None else which:
-            yield self._reduced(given.state, term.drive(given, i, self.layout.n_components, transmission))
+    def _drives(self, term: ActuatorTerm, given: Given, which: Ints) -> Border:
+        """The border of some actuators of one term."""
+        drives = term.drives(given, which, self.layout.n_components, term.transmission(given))
+        return self._driven(given.state, term.first + which, drives)
 
-    def _reduced(self, state: State, drive: Drive) -> Drive:
-        column = self.motion.reduce_gradient(state, drive.column)
-        row = column if drive.row is drive.column else self.motion.reduce_gradient(state, drive.row)
-        return Drive(column, row, drive.corner)
+    def _driven(self, state: State, which: Ints, drives: Drives) -> Border:
+        columns = self._reduced(state, drives.columns, len(which))
+        rows = columns if drives.rows is drives.columns else self._reduced(state, drives.rows, len(which))
+        return Border(which, columns, rows, drives.corner)
+
+    def _reduced(self, state: State, columns: Floats | Columns, k: int) -> Floats:
+        """k columns on the unknowns but the efforts."""
+        if isinstance(columns, Columns):
+            return self.motion.reduce_columns(state, columns, k)
+        return np.stack([self.motion.reduce_gradient(state, column) for column in columns.T], axis=1)
 
     def _given_to(self, term: Term, state: State, theta: Theta) -> Given:
         """The arguments of one term, with every actuator driven by its coordinate."""
@@ -360,22 +366,15 @@ class System:
     def _border(self, state: State, total: Sum) -> Border:
         if not total.driven and not total.low_rank and not total.rank_one_own:
             return NO_BORDER
-        drives = [self._reduced(state, drive) for _, drive in total.driven]
+        driven = [self._driven(state, which, drives) for which, drives in total.driven]
+        products = [low_rank_product(self.motion, state, part) for part in total.low_rank]
+        products += [(column[:, None], row[:, None]) for column, row in total.rank_one_own]
         none = np.zeros((self.layout.first_effort_unknown, 0))
-        columns = [none, *(drive.column[:, None] for drive in drives)]
-        rows = [none, *(drive.row[:, None] for drive in drives)]
-        corner = [np.array([drive.corner for drive in drives])]
-        if total.low_rank:
-            for part in total.low_rank:
-                m, k = part.weights.shape
-                columns.append(self.motion.reduce_columns(state, part.columns, k))
-                rows.append(self.motion.reduce_columns(state, part.basis, m) @ part.weights)
-                corner.append(-np.ones(k))
-        columns += [column[:, None] for column, _ in total.rank_one_own]
-        rows += [row[:, None] for _, row in total.rank_one_own]
-        corner.append(-np.ones(len(total.rank_one_own)))
-        driven = np.array([i for i, _ in total.driven], dtype=np.int64)
-        return Border(driven, np.hstack(columns), np.hstack(rows), np.concatenate(corner))
+        columns = np.hstack([none, *(one.columns for one in driven), *(column for column, _ in products)])
+        rows = np.hstack([none, *(one.rows for one in driven), *(row for _, row in products)])
+        corner = np.concatenate([NOTHING, *(one.corner for one in driven)])
+        own = np.concatenate([NO_BORDER.driven, *(one.driven for one in driven)])
+        return Border(own, columns, rows, np.concatenate([corner, -np.ones(columns.shape[1] - len(corner))]))
 
     def _outside(self, state: State, total: Sum) -> Any:
         """The tangent outside the pattern, on the unknowns: upper triangle, or None where there is none."""

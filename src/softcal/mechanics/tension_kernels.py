@@ -172,3 +172,58 @@ def respond(ptr: Ints, by_slip: Floats, pulled: Floats, own: Floats) -> Floats:
                 soft = pulled[k] + b[k + 1 - first]
                 out[k, m] = (out[k - 1, m] + own[k, m] - by_slip[k] * a[k + 1 - first]) / (1.0 + by_slip[k] * soft)
     return out
+
+
+@numba.njit(cache=True, error_model="numpy")
+def pull_back(ptr: Ints, by_slip: Floats, pulled: Floats, weights: Floats) -> tuple[Floats, Floats]:
+    """Sums of the rates of rho with weights (n, k) of the segments, the transpose of `respond`: by the segments'
+    lengths and by the r of their via points (n, k).
+    """
+    of_lengths, of_turns = np.zeros_like(weights), np.zeros_like(weights)
+    for c in range(len(ptr) - 1):
+        first, end = ptr[c], ptr[c + 1]
+        soft, pivot = np.zeros(end - first + 1), np.ones(end - first + 1)
+        b = 0.0
+        for k in range(end - 1, first, -1):
+            soft[k - first] = pulled[k] + b
+            pivot[k - first] = 1.0 + by_slip[k] * soft[k - first]
+            b = soft[k - first] / pivot[k - first]
+        for k in range(end - 1, first, -1):
+            for m in range(weights.shape[1]):
+                beyond = of_turns[k + 1, m] if k + 1 < end else 0.0
+                of_turns[k, m] = (beyond + weights[k, m]) / pivot[k - first]
+        for k in range(first + 1, end):
+            for m in range(weights.shape[1]):
+                of_turns[k, m] -= soft[k - first] / pivot[k - first] * of_lengths[k - 1, m]
+                of_lengths[k, m] = of_lengths[k - 1, m] + by_slip[k] * of_turns[k, m]
+    return of_lengths, of_turns
+
+
+@numba.njit(cache=True, error_model="numpy")
+def changing(ptr: Ints, by_slip: Floats, pulled: Floats, by_angle: Floats, moves: np.ndarray) -> np.ndarray:
+    """Whether a segment can move and has a rho that changes with the shape (n,)."""
+    out = np.zeros(len(moves), dtype=np.bool_)
+    for c in range(len(ptr) - 1):
+        first, end = ptr[c], ptr[c + 1]
+        any_moves, any_stretches, any_changes = False, False, False
+        for k in range(end - 1, first, -1):
+            any_moves = any_moves or moves[k]
+            any_stretches = any_stretches or pulled[k] > 0.0
+            turns = by_angle[k] != 0.0 and (moves[k] or moves[k - 1])
+            out[k] = turns or (by_slip[k] != 0.0 and any_moves)
+            any_changes = any_changes or out[k]
+        before = False
+        for k in range(first + 1, end):
+            stretches = any_changes and any_stretches and by_slip[k] != 0.0
+            before = before or out[k] or stretches
+            out[k] = before and moves[k]
+    return out
+
+
+@numba.njit(cache=True, error_model="numpy")
+def beyond(ptr: Ints, values: Floats) -> Floats:
+    out = values.copy()
+    for c in range(len(ptr) - 1):
+        for k in range(ptr[c + 1] - 2, ptr[c] - 1, -1):
+            out[k] += out[k + 1]
+    return out

@@ -28,7 +28,7 @@ import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.errors import SimulationError
-from softcal.mechanics.tension_kernels import HELD, respond, solve, turn
+from softcal.mechanics.tension_kernels import HELD, beyond, changing, pull_back, respond, solve, turn
 
 # The parameters of a line, and their values where they are not stated.
 KINDS = {"friction_coefficient": 0.0, "stiffness": np.inf, "compliance": 0.0, "pretension": 0.0, "presliding": 0.0}
@@ -100,26 +100,6 @@ def turns(v: Floats, ptr: Ints) -> Turns:
     phi, by_near, by_far = np.zeros(len(v)), np.zeros_like(v), np.zeros_like(v)
     turn(ptr, np.ascontiguousarray(v), phi, by_near, by_far)
     return Turns(phi, by_near, by_far)
-
-
-@dataclass(frozen=True)
-class ShapeRates:
-    """How the tensions of one cable change with its shape.
-
-    Attributes
-    ----------
-    own
-        Its segments.
-    longer, turned
-        The segments whose length, and whose turning angle, changes rho.
-    rates
-        Rates of rho (n_own, k) by these lengths, then by these angles.
-    """
-
-    own: slice
-    longer: Ints
-    turned: Ints
-    rates: Floats
 
 
 class Course(NamedTuple):
@@ -205,33 +185,30 @@ class Tensions:
         return self.softness * np.maximum(self.segments, 0.0)
 
     def beyond(self, values: Floats) -> Floats:
-        """Sums of values (n_segments, ...) over each segment and those of its cable beyond it."""
-        out = np.empty_like(values)
-        for a, b in zip(self.course.ptr[:-1], self.course.ptr[1:], strict=True):
-            out[a:b] = np.cumsum(values[a:b][::-1], axis=0)[::-1]
-        return out
+        """Sums of values (n_segments,) over each segment and those of its cable beyond it."""
+        return beyond(self.course.ptr, values)
 
     def respond(self, own: Floats) -> Floats:
         """Rates of rho = ln(T_k / T) (n_segments, k) where each r_j has rates `own` (n_segments, k) at fixed rho."""
         return respond(self.course.ptr, self.by_slip, self.stretched, np.ascontiguousarray(own))
 
     @cached_property
-    def by_shape(self) -> Sequence[ShapeRates]:
-        """Of each cable with friction, how its tensions change with its shape."""
-        found: list[ShapeRates] = []
-        before = np.concatenate([self.course.moves[:1], self.course.moves[:-1]])
-        for a, b in zip(self.course.ptr[:-1].tolist(), self.course.ptr[1:].tolist(), strict=True):
-            own, by_slip, by_angle = slice(a, b), self.by_slip[a:b], self.by_angle[a:b]
-            longer = np.flatnonzero(self.course.moves[own] & by_slip.any())
-            turned = np.flatnonzero((by_angle != 0.0) & (self.course.moves[own] | before[own]))
-            if len(longer) + len(turned) == 0:
-                continue
-            r = np.zeros((b - a, len(longer) + len(turned)))
-            r[:, : len(longer)] = np.where(np.arange(b - a)[:, None] <= longer, by_slip[:, None], 0.0)
-            r[turned, len(longer) + np.arange(len(turned))] = by_angle[turned]
-            rates = respond(np.array([0, b - a]), by_slip, self.stretched[own], r)
-            found.append(ShapeRates(own, a + longer, a + turned, rates))
-        return found
+    def changing(self) -> Ints:
+        """The segments that can move and whose tension changes with the shape."""
+        course = self.course
+        found = changing(course.ptr, self.by_slip, self.stretched, self.by_angle, course.moves)
+        return np.flatnonzero(found & (self.segments != 0.0))
+
+    def by_shape(self, weights: Floats) -> Floats:
+        """Sums of rates of rho, with weights (n_segments, k) of the segments: by the segments' vectors
+        (n_segments, 3, k) [1/m].
+        """
+        course, turns = self.course, self.course.turns
+        of_lengths, of_angles = pull_back(course.ptr, self.by_slip, self.stretched, weights)
+        of_angles *= self.by_angle[:, None]
+        out = course.slopes[:, :, None] * of_lengths[:, None, :] + turns.by_far[:, :, None] * of_angles[:, None, :]
+        out[:-1] += turns.by_near[1:, :, None] * of_angles[1:, None, :]
+        return out
 
     @cached_property
     def by_pull(self) -> Floats:

@@ -11,7 +11,7 @@ interface.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeVar
 
@@ -25,7 +25,7 @@ from softcal.mechanics.scales import Sizes
 from softcal.mechanics.state import State
 
 if TYPE_CHECKING:
-    from softcal.mechanics.actuator import Drive
+    from softcal.mechanics.actuator import Drives
 
 Theta = Mapping[str, float]
 NOTHING: Floats = np.zeros(0)
@@ -86,42 +86,44 @@ class Connectivity(NamedTuple):
     frames: Sequence[Ints] = ()
 
 
-class Entries(NamedTuple):
-    """Nonzeros of some columns on all entities; those at one place add up.
+class Columns(NamedTuple):
+    """Columns on all entities, as combinations of a sparse basis in blocks.
 
     Attributes
     ----------
-    rows, columns, values
-        Component, column and value of each (n_entries,).
+    rows, basis, values
+        Component, basis column and value of each nonzero of the basis (n_entries,); those at one place add up.
+    weights
+        Weights of the basis columns (n_basis, k) in the k columns of their block, the first k_block of which count.
+    first, end
+        Per basis column, the range of its block among all columns (n_basis,): k_block = end - first.
     """
 
     rows: Ints
-    columns: Ints
+    basis: Ints
     values: Floats
-
-    def joined(self, other: Entries, shift: int = 0) -> Entries:
-        """With the entries of others, their columns counted from `shift` on."""
-        return Entries(
-            np.concatenate([self.rows, other.rows]),
-            np.concatenate([self.columns, other.columns + shift]),
-            np.concatenate([self.values, other.values]),
-        )
+    weights: Floats
+    first: Ints
+    end: Ints
 
 
 class LowRank(NamedTuple):
-    """A product columns (basis weights)^T that is added to the tangent.
+    """A product columns rows^T that is added to the tangent, block by block.
 
     Attributes
     ----------
-    columns, basis
-        Its k columns, and the m by which its rows are given.
-    weights
-        The rows by the basis (m, k).
+    columns
+        Its columns.
+    ptr
+        The columns of block i are ptr[i]:ptr[i+1] (n_blocks + 1,).
+    rows
+        The rows for given combinations of the columns of each block: mixed (n_columns, m) and the blocks' ends among
+        all combinations (n_blocks + 1,) -> Columns.
     """
 
-    columns: Entries
-    basis: Entries
-    weights: Floats
+    columns: Columns
+    ptr: Ints
+    rows: Callable[[Floats, Ints], Columns]
 
 
 class Sum:
@@ -139,7 +141,7 @@ class Sum:
     squares
         Squares of forces [N^2] that count in the scale of the residual, besides those in `full`.
     driven
-        (actuator, `Drive` on all entities) that border the tangent for an unknown effort.
+        (actuators, their `Drives` on all entities) that border the tangent for unknown efforts.
     low_rank
         Unsymmetric products that are added to the tangent.
     rank_one_own
@@ -155,7 +157,7 @@ class Sum:
         self.own: Floats = np.zeros(layout.n_unknowns)
         self.data: Floats | None = None if size is None else np.zeros(size)
         self.squares = 0.0
-        self.driven: list[tuple[int, Drive]] = []
+        self.driven: list[tuple[Ints, Drives]] = []
         self.low_rank: list[LowRank] = []
         self.rank_one_own: list[tuple[Floats, Floats]] = []
         self.outside: list[tuple[Floats, Ints, Ints]] = []

@@ -15,7 +15,7 @@ from softcal.errors import Fault, MeshError
 from softcal.geometry.mesh import TetMesh
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.attachment import attach_ball, attach_point
-from softcal.mechanics.cable import build_cables
+from softcal.mechanics.cable_routes import build_cables
 from softcal.mechanics.crossing import Skins
 from softcal.mechanics.elements import ELEMENTS
 from softcal.mechanics.layout import FIXED, FREE, TIED, Layout

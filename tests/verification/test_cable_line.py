@@ -8,6 +8,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from drum_case import LEAD, MU, WRAP, K, blocks, drum, robot_over_a_drum, theta_of, walk, with_slip
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from mechanics_cases import column_robot, elastic, pulled, side_cable, tensed
 
 from softcal.mechanics.cable import cables_of
@@ -17,7 +19,7 @@ from softcal.mechanics.statics import Statics
 from softcal.mechanics.term import Controls
 from softcal.mechanics.time_step import at_rest
 from softcal.twin.build import twin_of
-from softcal.twin.cables import CableLine
+from softcal.twin.cables import Cable, CableLine, ViaPoint
 from softcal.twin.in_time import simulate_in_time
 from softcal.twin.masses import robot_inertia
 from softcal.twin.parameters import parameter_values
@@ -40,6 +42,17 @@ def test_a_line_that_stretches_is_a_spring_in_series():
     C = 2.0 * LEAD / STRETCH["stiffness"] + STRETCH["compliance"]
     np.testing.assert_allclose(found.tension[:, 0], (d + STRETCH["pretension"] * C) / (1.0 / K + C), rtol=1e-9)
     np.testing.assert_allclose(K * found.way[:, 0], found.tension[:, 0], rtol=1e-9)
+
+
+def test_a_cable_along_a_bar_presses_it_as_two_springs_in_series_do():
+    """T = d / (L / EA of the bar + L0 / EA of the line): the bar's law is Hooke's at 1e-5 of strain."""
+    E, EA, d = 1e7, 3e3, 1e-6
+    via = (ViaPoint(np.array([0.0, 0.0, 0.1]), "plate"), ViaPoint(np.zeros(3)))
+    cable = Cable("front", via, line=CableLine(EA))
+    found = simulate(column_robot(parameters=elastic(E, 0.0), cables=(cable,)), pulled(d), curve_tolerance=0.0)
+    T = d / (0.1 / (E * 0.03**2) + 0.1 / EA)
+    assert found.channels["front.tension"][0] == pytest.approx(T, rel=1e-4)
+    assert found.channels["plate.z"][0] - 0.1 == pytest.approx(-T * 0.1 / (E * 0.03**2), rel=1e-4)
 
 
 @pytest.mark.parametrize("memory", [False, True])
@@ -71,6 +84,14 @@ def test_a_stiff_line_is_one_without_stretch(drive, friction):
     one, other = (simulate(r, command, curve_tolerance=0.0).channels for r in (ideal, stiff))
     for channel, values in one.items():
         np.testing.assert_allclose(other[channel], values, rtol=1e-8, atol=1e-10)
+
+
+@pytest.mark.parametrize("way", [pulled(3e-3, 8e-3, 7.9e-3, 4e-3, 6e-3), tensed(0.5, 1.5, 1.45, 0.8, 1.2)])
+def test_so_is_one_whose_friction_has_a_memory(way):
+    """Loaded, let go and loaded again."""
+    one, other = (simulate(remembering(**line), way).channels for line in ({}, {"stiffness": 1e10}))
+    for channel, values in one.items():
+        np.testing.assert_allclose(other[channel], values, rtol=1e-8, atol=1e-10, err_msg=channel)
 
 
 def stick(x: np.ndarray, turned: np.ndarray, sign: float) -> np.ndarray:
@@ -150,6 +171,30 @@ def test_energy_is_lost_and_never_made(stiffness):
     sliding = 0.5 * theta["a.presliding"] * MU * WRAP * T.max()  # most that presliding stores
     assert lost[-1] > 10.0 * sliding
     assert np.all(np.maximum.accumulate(lost) - lost < sliding)
+
+
+@given(
+    corners=st.lists(st.floats(0.0, 1.0), min_size=2, max_size=5),
+    mu=st.floats(0.02, 0.6),
+    presliding=st.floats(1e-4, 1e-3),
+    stiffness=st.sampled_from([None, 100.0, 1e4]),
+)
+@settings(max_examples=15, deadline=None)
+def test_a_closed_way_takes_energy_and_comes_back_to_its_state(corners, mu, presliding, stiffness):
+    """Once as far as it goes, every closed way ends with the tensions that it began with, and never gains work."""
+    line = {"presliding": presliding} | ({} if stiffness is None else {"stiffness": stiffness})
+    system = blocks(6, stated=tuple(line))
+    theta = theta_of(system, friction_coefficient=mu, **line)
+    turns = np.array([12.0, *(2.0 + 9.0 * x for x in corners), 12.0])
+    d = 1e-3 * np.interp(np.linspace(0.0, 1.0, 41), np.linspace(0.0, 1.0, len(turns)), turns)
+    found = walk(system, theta, np.concatenate([d, d[1:]]))
+    T, low = found.tension[:, 0], 1e-6 * found.tension.max()
+    np.testing.assert_allclose(T[40:], T[:41], rtol=1e-8, atol=low)
+    np.testing.assert_allclose(found.reached[80].state.memory.values, found.reached[40].state.memory.values, atol=1e-10)
+    # Between samples T is monotonous: the work is below that of the upper staircase.
+    steps = np.diff(d)
+    most = np.where(steps > 0.0, np.maximum(T[1:41], T[:40]), np.minimum(T[1:41], T[:40])) @ steps
+    assert most > -low * np.abs(steps).sum()
 
 
 def test_a_reversal_of_one_of_three_cables_leaves_the_others():

@@ -109,8 +109,9 @@ STATED: list[tuple[str, Declared]] = [
     ("{gap: 0.1 mm, stiffness: 2 MPa, friction_coefficient: 0.5, creep: 2 mm/s}", Contact(1e-4, 2e6, 0.5, 2e-3)),
     ("{friction_coefficient: 0.5}", Contact(friction_coefficient=0.5)),
     (
-        "{stiffness: 10 kN, compliance: 0.01 mm/N, pretension: 2 N, friction_memory: true, presliding: 1 mm}",
-        CableLine(1e4, compliance=1e-5, pretension=2.0, friction_memory=True, presliding=1e-3),
+        "{stiffness: 10 kN, compliance: 0.01 mm/N, pretension: 2 N, friction_memory: true, presliding: 1 mm, "
+        "friction_preload: 1 N}",
+        CableLine(1e4, None, 1e-5, 2.0, friction_memory=True, presliding=1e-3, friction_preload=1.0),
     ),
     ("{spring_rate: 20 N/mm, rest_length: 99 mm}", CableLine(spring_rate=2e4, rest_length=0.099)),
     ("{point: [1 mm, 0 m, 0 m], direction: [0, 2, 0]}", RoutingAxis((0.001, 0.0, 0.0), (0.0, 2.0, 0.0))),

@@ -268,6 +268,9 @@ CASES = {
     ),
     "friction with a memory": Case(CableTerm, lambda: bent_column(friction=0.3, **MEMORY), *REMEMBERS),
     "memory and stretch": Case(CableTerm, lambda: bent_column(friction=0.3, **MEMORY, **STRETCH), *REMEMBERS),
+    "memory, stretch and a preload": Case(
+        CableTerm, lambda: bent_column(friction=0.3, friction_preload=0.5, **MEMORY, **STRETCH), *REMEMBERS
+    ),
     "loads": Case(Loads, bent_column, first(Loads)),
     "moments": Case(Moments, twisted_whip, first(Moments), has_energy=False),
     "contact": Case(ContactTerm, blocks, first(ContactTerm), pressed),

@@ -125,6 +125,20 @@ def test_the_loop_over_a_drum_is_that_of_the_closed_form(n):
     assert area == pytest.approx(slide + sticks, rel=1e-6)
 
 
+@pytest.mark.parametrize("line", [{}, {"presliding": DELTA}, {"presliding": DELTA, "stiffness": 1e9}])
+def test_a_preload_is_a_constant_part_of_the_friction(line):
+    """L(T) = L(K x) e^(+- mu phi): far above a / 10, T changes by a (e^(+- mu phi) - 1). A slack cable is slack."""
+    a, d = 0.02, 1e-3 * np.array([4.0, 12.0, 8.0, 4.0])
+    system = blocks(30, stated=("friction_preload", *line))
+    found = walk(system, theta_of(system, friction_preload=a, **line), d)
+    T, F = found.tension[:, 0], K * found.way[:, 0]
+    e = np.exp(MU * WRAP * (np.array([1, 1, -1, -1]) if line else np.ones(4)))
+    np.testing.assert_allclose(T + a * T / (T + a / 10), e * (F + a * F / (F + a / 10)), rtol=1e-7)
+    np.testing.assert_allclose(T - F * e, a * (e - 1.0), rtol=5e-3)
+    slack = walk(system, theta_of(system, friction_preload=5.0, **line), np.array([1e-3, 0.0]))
+    np.testing.assert_allclose([slack.tension[1], slack.way[1]], 0.0, atol=1e-5)
+
+
 @pytest.mark.parametrize("n", [3, 30, 300])
 def test_a_line_that_stretches_sticks_as_long_as_its_tensions_need(n):
     """Coulomb's limit: the block stays until every via point slides back, T0 exp(-mu phi) at the pulled end."""
@@ -223,9 +237,9 @@ WAYS = {
 def test_sensitivities_through_a_cycle_are_the_differences(way, monkeypatch):
     """Loaded, let go and loaded again, with samples where it sticks."""
     monkeypatch.setattr("softcal.mechanics.statics.TOLERANCE", 1e-11)
-    robot = remembering(stiffness=2e3, compliance=1e-4, pretension=0.05)
+    robot = remembering(stiffness=2e3, compliance=1e-4, pretension=0.05, friction_preload=0.3)
     known = parameter_values(robot)
-    own = ("friction_coefficient", "stiffness", "compliance", "pretension", "presliding")
+    own = ("friction_coefficient", "stiffness", "compliance", "pretension", "presliding", "friction_preload")
     names = ("neck.youngs_modulus", *(f"front.{kind}" for kind in own))
     exact = simulate(robot, WAYS[way], sensitivities=names)
     assert exact.succeeded, exact.status

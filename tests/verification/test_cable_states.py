@@ -46,7 +46,7 @@ def test_the_iteration_for_the_tensions_says_where_it_ends_without_them():
     most, softness = np.full(n, 1.35), np.full(n, 2e-7)
     longer = np.array([1.0, -3.0, 2.0, -1.5, 2.5, 0.0, 0.0, 0.0, 0.0, 0.0]) * 1e-4
     rho, sigma, slip = np.zeros(n), np.zeros(n), np.zeros(n)
-    args = ptr, np.full(2, 1e5), most, softness, longer, np.zeros(n), np.full(2, 1e-16), rho, sigma, slip
+    args = ptr, np.full(2, 1e5), np.zeros(2), most, softness, longer, np.zeros(n), np.full(2, 1e-16), rho, sigma, slip
     assert softcal.mechanics.tensions.solve(*args) == 1
 
 

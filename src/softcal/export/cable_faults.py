@@ -15,7 +15,7 @@ def cable_faults(robot: Robot, program: str) -> list[Fault]:
         if cable.line.friction_memory:
             where, got, allowed = f"{cable.name}.line", "friction_memory: true", "friction_memory: false"
             faults.append(Fault(f"friction of a cable in {program} has no memory", where, got, allowed))
-        elastic = [name for name in cable.properties if name != "presliding"]
+        elastic = [name for name in cable.properties if name not in ("presliding", "friction_preload")]
         if elastic:
             got, allowed = ", ".join(elastic), "a cable without stretch"
             faults.append(Fault(f"a cable in {program} does not stretch", f"{cable.name}.line", got, allowed))

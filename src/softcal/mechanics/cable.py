@@ -87,11 +87,11 @@ class CableTerm(ActuatorTerm):
 
     def lines(self, theta: Theta) -> Lines:
         """The properties of the lines by the parameters' values."""
-        mu, stiffness, compliance, pretension, presliding = (
+        mu, stiffness, compliance, pretension, presliding, preload = (
             np.array([theta.get(name, otherwise) for name in names], dtype=np.float64)
             for names, otherwise in zip(self._of_lines, KINDS.values(), strict=True)
         )
-        return Lines(self.names, mu, 1.0 / stiffness, compliance, pretension, presliding, self.remembers)
+        return Lines(self.names, mu, 1.0 / stiffness, compliance, pretension, presliding, preload, self.remembers)
 
     @cached_property
     def _of_lines(self) -> list[list[str]]:
@@ -145,10 +145,10 @@ class CableTerm(ActuatorTerm):
         if transmission is None:
             return super().drives(given, which, size, None)
         along, slopes = transmission, transmission.course.slopes
-        by_tension = along.factor + along.segments * along.by_pull
+        by_tension = along.factor + along.by_rho * along.by_pull
         rows = slopes
         if along.softness.any():
-            rows = slopes - along.by_shape((along.softness * along.segments)[:, None])[:, :, 0]
+            rows = slopes - along.by_shape((along.softness * along.by_rho)[:, None])[:, :, 0]
         number = np.zeros(self.n_cables, dtype=np.int64)
         number[which] = np.arange(len(which))
         ends = number + np.isin(np.arange(self.n_cables), which)
@@ -170,7 +170,7 @@ class CableTerm(ActuatorTerm):
         n, number = len(self.segments), np.zeros(len(self.segments), dtype=np.int64)
         number[changing] = np.arange(len(changing))
         forces = np.zeros((n, 3, 1))
-        forces[changing, :, 0] = along.segments[changing, None] * along.course.slopes[changing]
+        forces[changing, :, 0] = along.by_rho[changing, None] * along.course.slopes[changing]
         rows, basis, values = self._basis
         first = np.repeat(number, 3)
         columns = Columns(rows, basis, values, forces.reshape(-1, 1), first, first + np.repeat(forces.any(axis=1), 3))
@@ -202,7 +202,9 @@ class CableTerm(ActuatorTerm):
             for kind in KINDS:
                 if (one := into.get(f"{name}.{kind}")) is not None:
                     r, _, stretch = along.by_property(kind, i)
-                    self._add_rates(one, given, along, along.respond(r[:, None])[:, 0], i, stretch)
+                    rho = along.respond(r[:, None])[:, 0]
+                    direct = along.by_preload(i) if kind == "friction_preload" else 0.0
+                    self._add_rates(one, given, along, rho, i, stretch, direct)
             for kind in ROUTING:
                 if (one := into.get(f"{name}.{kind}")) is not None:
                     r, _, travel = self._by_routing(x, along, i, kind)
@@ -210,9 +212,21 @@ class CableTerm(ActuatorTerm):
                     tension = np.where(self.cable == i, self._by_segment(along.segments), 0.0)
                     one.full += self.segments.gradient_by_routing(x, tension, len(one.full), kind)
 
-    def _add_rates(self, one: Sum, given: Given, along: Tensions, rho: Floats, i: int, travel: float) -> None:
-        """Add the rates of the gradient at rates of rho (n_segments,) and, of cable i, of its travel at fixed rho."""
-        one.full += self.segments.gradient(self._at(given).shape, self._by_segment(along.segments * rho), len(one.full))
+    def _add_rates(
+        self,
+        one: Sum,
+        given: Given,
+        along: Tensions,
+        rho: Floats,
+        i: int,
+        travel: float,
+        direct: Floats | float = 0.0,
+    ) -> None:
+        """Add the rates of the gradient at rates of rho (n_segments,) and, at fixed rho, of the tensions (n_segments,)
+        and of the travel of cable i.
+        """
+        tensions = self._by_segment(along.by_rho * rho + direct)
+        one.full += self.segments.gradient(self._at(given).shape, tensions, len(one.full))
         changes = along.stretch_rates(rho, np.zeros(self.n_cables))
         changes[i] += travel
         one.efforts[self.own] -= np.where(given.controls.is_held[self.own], 0.0, changes)

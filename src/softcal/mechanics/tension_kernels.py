@@ -6,6 +6,7 @@ import numba
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.mechanics.friction_level import level, level_slope
 
 # The turning angle has a kink at zero, rounded off below this angle [rad], which the via points of a cable share: so a
 # smooth way turns by as much whether it goes through ten points or a thousand.
@@ -42,6 +43,7 @@ def turn(ptr: Ints, v: Floats, phi: Floats, by_near: Floats, by_far: Floats) -> 
 def solve(
     ptr: Ints,
     pull: Floats,
+    preload: Floats,
     most: Floats,
     softness: Floats,
     given: Floats,
@@ -56,7 +58,7 @@ def solve(
 
     With S_j, the stretch beyond via point j, the equations are the gradient of a strictly convex function of S,
 
-        ln((S_j - S_(j+1)) / c_j T) - ln((S_(j-1) - S_j) / c_(j-1) T) - r_j(S_j) = 0
+        ln L((S_j - S_(j+1)) / c_j) - ln L((S_(j-1) - S_j) / c_(j-1)) - r_j(S_j) = 0
 
     solved by Newton's method, with a tridiagonal Hessian, and a line search.
     """
@@ -70,7 +72,7 @@ def solve(
         S[b] = 0.0
         for k in range(b - 1, a, -1):
             S[k] = S[k + 1] + softness[k] * T
-        _beyond(a, b, T, delta[c], most, softness, given, memory, S, rho, sigma, slip, left)
+        _beyond(a, b, T, preload[c], delta[c], most, softness, given, memory, S, rho, sigma, slip, left)
         if delta[c] <= 0.0 or not stretches:
             for k in range(a + 1, b):
                 rho[k] = rho[k - 1] + most[k] * sigma[k]
@@ -87,8 +89,8 @@ def solve(
             best = min(best, worst)
             upper[a], right[a] = 0.0, 0.0
             for k in range(a + 1, b):
-                own = 1.0 / (S[k] - S[k + 1])
-                before = 1.0 / (S[k - 1] - S[k]) if k > a + 1 else 0.0
+                own = _stiffness(S[k] - S[k + 1], softness[k], preload[c])
+                before = _stiffness(S[k - 1] - S[k], softness[k - 1], preload[c]) if k > a + 1 else 0.0
                 h = most[k] / delta[c] if abs(sigma[k]) < HELD else 0.0
                 pivot = own + before + h - before * upper[k - 1]
                 upper[k] = own / pivot
@@ -107,7 +109,7 @@ def solve(
                 for k in range(a + 1, b):
                     S[k] += (part - taken) * step[k]
                 taken = part
-                _beyond(a, b, T, delta[c], most, softness, given, memory, S, rho, sigma, slip, left)
+                _beyond(a, b, T, preload[c], delta[c], most, softness, given, memory, S, rho, sigma, slip, left)
                 now = 0.0
                 for k in range(a + 1, b):
                     now += step[k] * left[k]
@@ -125,10 +127,20 @@ def solve(
 
 
 @numba.njit(cache=True, error_model="numpy")
+def _stiffness(stretch: float, softness: float, preload: float) -> float:
+    """d rho / d stretch of a segment [1/m]."""
+    if preload <= 0.0:
+        return 1.0 / stretch
+    T = stretch / softness
+    return level_slope(T, preload) / level(T, preload) / softness
+
+
+@numba.njit(cache=True, error_model="numpy")
 def _beyond(
     a: int,
     b: int,
     T: float,
+    preload: float,
     delta: float,
     most: Floats,
     softness: Floats,
@@ -150,6 +162,8 @@ def _beyond(
     for k in range(a + 1, b):
         if softness[k] * T > 0.0:
             rho[k] = np.log((S[k] - S[k + 1]) / (softness[k] * T))
+            if preload > 0.0:
+                rho[k] = np.log(level((S[k] - S[k + 1]) / softness[k], preload) / level(T, preload))
         left[k] = rho[k] - rho[k - 1] - most[k] * sigma[k]
 
 

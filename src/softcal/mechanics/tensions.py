@@ -11,7 +11,7 @@ pulled end: sigma = -1 (Euler-Eytelwein). Friction *with a memory* opposes the s
 
 is how much more line is beyond via point j than at rest, its stretch set aside. There the friction is an elastic and
 then plastic spring, sigma_j = clip((s_j - p_j) / delta, -1, 1), with the presliding displacement delta and the plastic
-slip p_j, its memory (return mapping: p_j -> s_j - delta sigma_j).
+slip p_j, its memory (return mapping: p_j -> s_j - delta sigma_j). A constant part of the friction: `friction_level.py`.
 
 With stretch, the tensions on the right make this a system of equations along each cable. Its tangent is solved by one
 recursion to the far end and back: with sum_k>=j c_k T_k d rho_k = a_j + b_j d rho_(j-1), b_j >= 0.
@@ -28,10 +28,18 @@ import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.errors import SimulationError
+from softcal.mechanics.friction_level import along, by_preload
 from softcal.mechanics.tension_kernels import HELD, beyond, changing, pull_back, respond, solve, turn
 
 # The parameters of a line, and their values where they are not stated.
-KINDS = {"friction_coefficient": 0.0, "stiffness": np.inf, "compliance": 0.0, "pretension": 0.0, "presliding": 0.0}
+KINDS = {
+    "friction_coefficient": 0.0,
+    "stiffness": np.inf,
+    "compliance": 0.0,
+    "pretension": 0.0,
+    "presliding": 0.0,
+    "friction_preload": 0.0,
+}
 
 
 @dataclass(frozen=True)
@@ -52,6 +60,8 @@ class Lines:
         Tension at zero shortening of the robot at rest [N].
     presliding
         Presliding displacement [m]; zero where friction has no memory.
+    preload
+        The tension whose friction acts beside that of the cable's own tension, a constant [N]: see `friction_level.py`.
     remembers
         Whether the friction of a cable has a memory.
     """
@@ -62,6 +72,7 @@ class Lines:
     compliance: Floats
     pretension: Floats
     presliding: Floats
+    preload: Floats
     remembers: np.ndarray
 
     @property
@@ -143,8 +154,12 @@ class Tensions:
         Slip at the via point before each segment (n_segments,) [m].
     sigma
         Share of the friction that acts, with its sign (n_segments,) [-].
-    factor
-        T_k over T (n_segments,) [-].
+    rho
+        ln(T_k / T) (n_segments,), of their levels where friction has a preload.
+    segments
+        T_k (n_segments,) [N].
+    factor, by_rho
+        dT_k / dT at fixed rho [-], and dT_k / d rho [N] (n_segments,).
     """
 
     lines: Lines
@@ -153,17 +168,15 @@ class Tensions:
     softness: Floats
     slip: Floats
     sigma: Floats
+    rho: Floats
+    segments: Floats
     factor: Floats
+    by_rho: Floats
 
     @cached_property
     def cable(self) -> Ints:
         """The cable of each segment (n_segments,)."""
         return np.repeat(np.arange(len(self.pull)), np.diff(self.course.ptr))
-
-    @cached_property
-    def segments(self) -> Floats:
-        """T_k (n_segments,) [N]."""
-        return self.pull[self.cable] * self.factor
 
     @cached_property
     def by_slip(self) -> Floats:
@@ -179,17 +192,17 @@ class Tensions:
 
     @cached_property
     def stretched(self) -> Floats:
-        """c_k T_k (n_segments,) [m]; a cable in compression, which is at most an intermediate state, has no friction
-        of its stretch.
+        """d (c_k T_k) / d rho (n_segments,) [m]; a cable in compression, which is at most an intermediate state, has no
+        friction of its stretch.
         """
-        return self.softness * np.maximum(self.segments, 0.0)
+        return self.softness * np.maximum(self.by_rho, 0.0)
 
     def beyond(self, values: Floats) -> Floats:
         """Sums of values (n_segments,) over each segment and those of its cable beyond it."""
         return beyond(self.course.ptr, values)
 
     def respond(self, own: Floats) -> Floats:
-        """Rates of rho = ln(T_k / T) (n_segments, k) where each r_j has rates `own` (n_segments, k) at fixed rho."""
+        """Rates of rho (n_segments, k) where each r_j has rates `own` (n_segments, k) at fixed rho."""
         return respond(self.course.ptr, self.by_slip, self.stretched, np.ascontiguousarray(own))
 
     @cached_property
@@ -225,7 +238,7 @@ class Tensions:
 
     def stretch_rates(self, rho: Floats, pull: Floats) -> Floats:
         """Rates of the stretch (n_cables,) at rates of rho (n_segments,) and of T (n_cables,)."""
-        of_line = self.softness * (self.factor * pull[self.cable] + self.segments * rho)
+        of_line = self.softness * (self.factor * pull[self.cable] + self.by_rho * rho)
         return self.per_cable(of_line) + self.lines.compliance * pull
 
     def per_cable(self, values: Floats) -> Floats:
@@ -253,8 +266,18 @@ class Tensions:
             return self.by_slip * slip, slip, -float(self.softness @ own + lines.compliance[cable])
         if kind == "compliance":
             return r, slip, float(self.pull[cable] - lines.pretension[cable])
+        if kind == "friction_preload":
+            stretch = self.softness * self.by_preload(cable)
+            slip = -self.beyond(stretch)
+            return self.by_slip * slip, slip, float(stretch.sum())
         by_presliding = np.where(own, -self.by_slip * self.sigma, 0.0)
         return by_presliding, slip, 0.0
+
+    def by_preload(self, cable: int) -> Floats:
+        """dT_k / d preload of the friction of a cable (n_segments,) at fixed rho."""
+        of_segment = self.lines.preload[self.cable]
+        rates = by_preload(self.pull[self.cable], of_segment, self.rho, self.segments)
+        return np.where(self.cable == cable, rates, 0.0)
 
     def by_softness(self, rates: Floats) -> tuple[Floats, float]:
         """Rates of the slips (n_segments,) and of a cable's stretch at fixed rho, by those of its c_k (n_segments,)."""
@@ -291,11 +314,13 @@ def tensions(lines: Lines, course: Course, pull: Floats, memory: Floats) -> Tens
     rho, sigma, slip = (np.zeros(len(softness)) for _ in range(3))
     delta = np.where(lines.remembers, lines.presliding, 0.0)
     most = lines.mu[of_segment] * course.turns.phi
-    if unsolved := solve(course.ptr, pull, most, softness, given, memory, delta, rho, sigma, slip):
+    if unsolved := solve(course.ptr, pull, lines.preload, most, softness, given, memory, delta, rho, sigma, slip):
         c = unsolved - 1
         turned = float(most[course.ptr[c] : course.ptr[c + 1]].sum())
         raise SimulationError(
             f"the tensions along {lines.names[c]} were not found at a pull of {pull[c]:.4g} N and a friction "
             f"coefficient times turning angle of {turned:.4g}"
         )
-    return Tensions(lines, course, pull, softness, slip, sigma, np.exp(rho))
+    segments, factor, by_rho = (np.zeros(len(softness)) for _ in range(3))
+    along(pull[of_segment], lines.preload[of_segment], rho, segments, factor, by_rho)
+    return Tensions(lines, course, pull, softness, slip, sigma, rho, segments, factor, by_rho)

@@ -84,7 +84,7 @@ def build_project(
     varied |= {one.name for one in uncertain}
     for axis in sections.sweep.over if sections.sweep else ():
         varied |= {axis, *tied.get(axis, ())}
-    _warn_of_idle_memory(robot, rig, varied, findings)
+    _warn_of_idle_friction(robot, rig, varied, findings)
     return Project(
         path=path,
         name=str(document.data["name"]),
@@ -123,12 +123,12 @@ def _warn_of_copies(tests: Mapping[str, Experiment], findings: Findings) -> None
         )
 
 
-def _warn_of_idle_memory(robot: Robot, rig: CommonRig, varied: Collection[str], findings: Findings) -> None:
-    """Friction with a memory has none where its coefficient is, and stays, zero."""
+def _warn_of_idle_friction(robot: Robot, rig: CommonRig, varied: Collection[str], findings: Findings) -> None:
+    """Friction with a memory, or a preload, is none where its coefficient is, and stays, zero."""
     rough: dict[str, tuple[tuple[str, ...], float]] = {
         f"{cable.name}.friction_coefficient": (("robot", "cables", cable.name), cable.friction_coefficient)
         for cable in robot.cables
-        if cable.line.friction_memory
+        if cable.line.friction_memory or cable.line.friction_preload is not None
     }
     if rig.pulleys is not None and rig.pulleys.friction_memory:
         rough[PULLEY_FRICTION] = ("rig", "pulleys"), rig.pulleys.friction_coefficient
@@ -136,10 +136,10 @@ def _warn_of_idle_memory(robot: Robot, rig: CommonRig, varied: Collection[str], 
         if mu == 0.0 and name not in varied:
             findings.warn(
                 path,
-                "there is no friction for friction_memory: true to act on",
+                "there is no friction for a memory or a preload to act on",
                 got=f"{name} 0, and not free",
                 allowed="a coefficient above 0, or a free one",
-                attempt="friction_coefficient: 0.1, or friction_memory: false",
+                attempt="friction_coefficient: 0.1, or neither",
             )
 
 

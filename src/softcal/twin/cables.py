@@ -149,6 +149,7 @@ class CableLine(Declared):
     rest_length : In the place of the pretension, the length of the unstretched cable at zero shortening [m]
     friction_memory : Whether friction opposes the sliding that takes place, so that samples are a load path
     presliding : Slip [m] over which friction with a memory builds up; None: 0.01 mm
+    friction_preload : Tension [N] whose friction acts beside that of the cable's own, as a constant; None: none
     """
 
     stiffness: CableStiffness | None = None
@@ -158,6 +159,7 @@ class CableLine(Declared):
     rest_length: Size | None = None
     friction_memory: bool = False
     presliding: Presliding | None = None
+    friction_preload: Tension | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -254,7 +256,7 @@ class Cable(NamedPart):
     @property
     def properties(self) -> dict[str, float]:
         """The stated properties of the line, by the names of the cable's parameters: stiffness [N], compliance [m/N],
-        pretension [N], and the presliding displacement [m] of friction with a memory.
+        pretension [N], and of friction the presliding displacement [m] with a memory, and the preload [N].
         """
         line = self.line
         stiffness = line.stiffness if line.spring_rate is None else line.spring_rate * self.length
@@ -263,7 +265,13 @@ class Cable(NamedPart):
             soft = (0.0 if stiffness is None else self.length / stiffness) + (line.compliance or 0.0)
             pretension = (self.length - line.rest_length) / soft
         presliding = (line.presliding or PRESLIDING) if line.friction_memory else None
-        named = dict(stiffness=stiffness, compliance=line.compliance, pretension=pretension, presliding=presliding)
+        named = dict(
+            stiffness=stiffness,
+            compliance=line.compliance,
+            pretension=pretension,
+            presliding=presliding,
+            friction_preload=line.friction_preload,
+        )
         return {name: value for name, value in named.items() if value is not None}
 
     def with_properties(self, values: Mapping[str, float]) -> Cable:

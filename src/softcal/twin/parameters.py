@@ -74,6 +74,7 @@ KINDS: Mapping[str, Quantity] = {
     "compliance": QUANTITIES["compliance"],
     "pretension": QUANTITIES["tension"],
     "presliding": QUANTITIES["presliding displacement"],
+    "friction_preload": QUANTITIES["tension"],
 }
 
 

@@ -189,13 +189,16 @@ def _line_rows(cable: Cable) -> list[tuple[str, str]]:
     made_of = [f"{word} {format_quantity(stated[key], unit)}" for key, (word, unit) in units.items() if key in stated]
     if made_of:
         rows.append(("  line", ", ".join(made_of)))
+    beside = ""
+    if preload := stated.get("friction_preload"):
+        beside = f", of the tension and a preload of {format_quantity(preload, 'N')}"
     if "presliding" in stated:
         over = format_quantity(stated["presliding"], "m")
         rows.append(
-            ("  friction", f"{cable.friction_coefficient:.4g}, against the sliding, built up over {over} of it")
+            ("  friction", f"{cable.friction_coefficient:.4g}{beside}, against the sliding, built up over {over} of it")
         )
     elif cable.friction_coefficient:
-        rows.append(("  friction", f"{cable.friction_coefficient:.4g}, of a cable that is pulled in"))
+        rows.append(("  friction", f"{cable.friction_coefficient:.4g}{beside}, of a cable that is pulled in"))
     return rows
 
 

@@ -124,3 +124,22 @@ def test_the_bands_of_the_fit_are_kept_with_it(tmp_path: Path) -> None:
     # Noise of 1e-3 of the largest value: the band is little wider than 1.96 of these.
     top = np.abs(result.experiments["t0"].measured["tension"]).max()
     assert np.median(result.experiments["t0"].bands["tension"]) == pytest.approx(1.96e-3 * top, rel=0.25)
+
+
+def test_a_held_out_test_with_an_offset_of_its_own_has_the_band_that_its_fit_leaves() -> None:
+    """Its own offset is fitted to it, and takes up errors of what is shared."""
+    names = ("t0", "t1", "t2")
+    problem = neck_problem(3)
+    own = FreeParameter("plate.pitch_offset", "rad", -0.05, 0.05, start=0.0, per_experiment=True)
+    free = make_problem(
+        problem.robot, problem.experiments, (*problem.space.parameters, own), PapersLoss(), fake_simulate
+    )
+    every = calibrate(free)
+    for name in names:
+        held = calibrate(free, hold_out=(name,)).held_out[name]
+        assert list(held.own) == [f"plate.pitch_offset[{name}]"]
+        for channel, width in held.fit.bands.items():
+            measured = held.fit.measured[channel]
+            assert width.shape == measured.shape
+            assert np.sqrt(np.mean(width**2)) == pytest.approx(every.left_out[name].half_width[channel], rel=0.15)
+            assert np.mean(np.abs(held.fit.simulated[channel] - measured) <= width) > 0.85

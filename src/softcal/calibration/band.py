@@ -32,10 +32,15 @@ def half_width(loss: Loss, block: Block, slopes: Floats, covariance: Floats, fou
     variance = np.einsum("ni,ij,nj->n", slopes, covariance, slopes)
     for one in differing:
         variance = variance + (one.effects.spread * slopes[:, one.column]) ** 2
-    stated = loss.stated_noise(block)
-    noise = found.noise[loss.noise_group(block)].size * (1.0 if stated is None else stated)
+    noise = noise_of(loss, block, found)
     dof = min((float(one.effects.dof) for one in differing), default=np.inf)
     return float(student(np.array([dof]))[0]) * np.sqrt(variance + noise**2)
+
+
+def noise_of(loss: Loss, block: Block, found: Estimator) -> Floats | float:
+    """The standard deviation [SI] of the measurements of a block: of each (n,) where it is stated."""
+    stated = loss.stated_noise(block)
+    return found.noise[loss.noise_group(block)].size * (1.0 if stated is None else stated)
 
 
 def bands(loss: Loss, slopes: Floats, blocks: Sequence[Block], found: Estimator) -> dict[str, dict[str, Floats]]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from softcal.calibration.band import half_width
+from softcal.calibration.band import half_width, noise_of
 from softcal.calibration.descent import Descent
 from softcal.calibration.estimator import Estimator, estimator
 from softcal.calibration.experiment import Experiment
@@ -82,7 +82,7 @@ def predicted(
                 f"{experiment.name} was held out. The fit of its own parameters ({labels}), needed for its prediction"
             )
             notes.append(Note(f"{text}, did not converge: {unsettled}"))
-        widths = {} if own or bands is None else bands.of_prediction(problem, evaluation)
+        widths = {} if bands is None else bands.of_prediction(problem.alone(experiment.name), evaluation)
         fit = experiment_fit(experiment, evaluation.observations[experiment.name], widths)
         values = {p.label: evaluation.theta[p.label] for p in own}
         found[experiment.name] = HeldOut(evaluation.experiment_losses[experiment.name], fit, values)
@@ -101,6 +101,9 @@ def _predict(
     held = {target: theta[p.label] for p in shared for target in p.targets}
     placed = replace(experiment, settings={**experiment.settings, **held})
     evaluation, unsettled = _nuisances(replace(alone, experiments=(placed,), space=SearchSpace(tuple(own))))
+    if evaluation is not None and evaluation.loss is not None:
+        everything = {label: theta.get(label, evaluation.theta.get(label, 0.0)) for label in alone.space.labels}
+        evaluation = alone.evaluate(everything, jacobian=True)
     return evaluation, own, unsettled
 
 
@@ -137,18 +140,35 @@ class _Bands:
         found = estimator(part.loss, z, slopes, blocks, serves, part.uncertain if _systematic(blocks) else ())
         return None if found.spent else cls(space, part.loss, slopes, found)
 
-    def of_prediction(self, problem: Problem, seen: Evaluation) -> dict[str, Floats]:
-        """Channel -> half the width (n,) [SI] at its measured samples; of channels of a kind that was fitted."""
-        own = problem.only([block.experiment for block in seen.blocks if block.experiment]).space.labels
-        place = [self.space.labels.index(label) for label in own]
-        widths: dict[str, Floats] = {}
-        for block in seen.blocks:
-            if block.experiment and block.jacobian is not None and self.loss.noise_group(block) in self.found.noise:
-                slopes = np.zeros((len(block.residual), self.space.size))
-                slopes[:, place] = block.jacobian * self.slopes[place]
-                covariance = self.found.within_bounds
-                widths[block.channel] = half_width(self.loss, block, slopes, covariance, self.found)
-        return widths
+    def of_prediction(self, alone: Problem, seen: Evaluation) -> dict[str, Floats]:
+        """Channel -> half the width (n,) [SI] at its measured samples; of channels of a kind that was fitted.
+
+        alone: the problem of this experiment. Where it has parameters of its own, which follow the estimates of the
+        others by their fit to it, the slopes are those that remain after that fit.
+        """
+        labels = alone.space.labels
+        shared = [i for i, label in enumerate(labels) if label in self.space.labels]
+        place = [self.space.labels.index(labels[i]) for i in shared]
+        blocks = [
+            (block, block.jacobian)
+            for block in seen.blocks
+            if block.experiment and block.jacobian is not None and self.loss.noise_group(block) in self.found.noise
+        ]
+        if not blocks:
+            return {}
+        sigma = np.concatenate(
+            [np.broadcast_to(noise_of(self.loss, b, self.found), len(b.residual)) for b, _ in blocks]
+        )
+        jacobian = np.concatenate([jacobian for _, jacobian in blocks]) / sigma[:, None]
+        own = np.delete(jacobian, shared, axis=1)
+        slopes = np.zeros((len(jacobian), self.space.size))
+        slopes[:, place] = jacobian[:, shared] * self.slopes[place]
+        slopes = sigma[:, None] * (slopes - own @ np.linalg.lstsq(own, slopes, rcond=None)[0])
+        ends = np.cumsum([len(block.residual) for block, _ in blocks])
+        return {
+            block.channel: half_width(self.loss, block, part, self.found.within_bounds, self.found)
+            for (block, _), part in zip(blocks, np.split(slopes, ends[:-1]), strict=True)
+        }
 
 
 def _systematic(blocks: Sequence[Block]) -> bool:

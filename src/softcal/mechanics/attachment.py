@@ -102,7 +102,7 @@ def attach_rate(mesh: TetMesh, point: Floats, way: Floats, *, where: str = "") -
     if barycentric.min() < -STRAIGHT or off > STRAIGHT * edge:
         raise MeshError(
             Fault(
-                "a via point that a routing offset moves must lie inside its body, in an element that is not curved",
+                "a via point that an offset moves must lie inside its body, in an element that is not curved",
                 where=where,
                 got="(" + ", ".join(f"{1e3 * x:.6g}" for x in point) + ") mm",
                 allowed="a point in the material; one in a bore goes with the bore",

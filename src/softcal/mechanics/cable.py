@@ -13,7 +13,7 @@ with the pretension T0 that is there at q = 0 while the robot is at rest. T_k of
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -23,17 +23,13 @@ from softcal.checks import Floats, Ints
 from softcal.mechanics.actuator import NO_GAP, Actuator, ActuatorTerm, Drives
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.pattern import Pattern
-from softcal.mechanics.segments import MET, Segments, SegmentShape
+from softcal.mechanics.segments import MET, Placement, Segments, SegmentShape
 from softcal.mechanics.state import State
 from softcal.mechanics.tensions import KINDS, Course, Lines, Tensions, tensions, turns
 from softcal.mechanics.term import NOTHING, Columns, Connectivity, Given, LowRank, Sum, Theta
 
 if TYPE_CHECKING:
     from softcal.mechanics.system import System
-
-
-# How the via points of a cable are moved: the last parts of the names of the parameters.
-ROUTING = ("routing_offset", "routing_angle")
 
 
 @dataclass
@@ -62,10 +58,10 @@ class CableTerm(ActuatorTerm):
         The segments of one cable after the other, each cable's from its pulled end on (n_segments,).
     rest
         Length of each segment at rest (n_segments,) [m].
-    rest_by_routing
-        Derivatives of rest by the routing of the own cable (n_segments,).
     stated
         Names of the parameters of lines that are not as by default, such as `front.stiffness`.
+    placements
+        How the segments follow the parameters that move via points on what carries them, by name.
     """
 
     names: tuple[str, ...]
@@ -73,8 +69,8 @@ class CableTerm(ActuatorTerm):
     cable: Ints
     order: Ints
     rest: Floats
-    rest_by_routing: Mapping[str, Floats]
     stated: tuple[str, ...] = ()
+    placements: Mapping[str, Placement] = field(default_factory=dict[str, Placement])
 
     @property
     def n_cables(self) -> int:
@@ -100,8 +96,7 @@ class CableTerm(ActuatorTerm):
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        own = tuple(f"{name}.{of}" for name in self.names for of in ("friction_coefficient", *ROUTING))
-        return (*own, *self.stated)
+        return (*(f"{name}.friction_coefficient" for name in self.names), *self.placements, *self.stated)
 
     def connectivity(self, layout: Layout) -> Connectivity:
         """The points of each segment."""
@@ -205,12 +200,12 @@ class CableTerm(ActuatorTerm):
                     rho = along.respond(r[:, None])[:, 0]
                     direct = along.by_preload(i) if kind == "friction_preload" else 0.0
                     self._add_rates(one, given, along, rho, i, stretch, direct)
-            for kind in ROUTING:
-                if (one := into.get(f"{name}.{kind}")) is not None:
-                    r, _, travel = self._by_routing(x, along, i, kind)
-                    self._add_rates(one, given, along, along.respond(r[:, None])[:, 0], i, travel)
-                    tension = np.where(self.cable == i, self._by_segment(along.segments), 0.0)
-                    one.full += self.segments.gradient_by_routing(x, tension, len(one.full), kind)
+        for name, placement in self.placements.items():
+            if (one := into.get(name)) is not None:
+                r, _, travel = self._by_placement(x, along, placement)
+                self._add_rates(one, given, along, along.respond(r[:, None])[:, 0], placement.cable, travel)
+                tension = self._by_segment(along.segments)
+                one.full += self.segments.gradient_by(placement, x, tension, len(one.full))
 
     def _add_rates(
         self,
@@ -231,18 +226,15 @@ class CableTerm(ActuatorTerm):
         changes[i] += travel
         one.efforts[self.own] -= np.where(given.controls.is_held[self.own], 0.0, changes)
 
-    def _by_routing(self, x: Floats, along: Tensions, i: int, kind: str) -> tuple[Floats, Floats, float]:
-        """Derivatives at fixed rho by the routing of cable i: of r and of the slips (n_segments,), and of the
-        shortening.
+    def _by_placement(self, x: Floats, along: Tensions, placement: Placement) -> tuple[Floats, Floats, float]:
+        """Derivatives at fixed rho by the parameter of a placement: of r and of the slips (n_segments,), and of the
+        shortening of its cable.
         """
-        own, order = self.cable == i, self.order
-        v_rates = np.where(own[:, None], self.segments.vectors_by_routing(x, kind), 0.0)[order]
-        by_rest = self.rest_by_routing[kind]
-        longer = np.where(own, self.segments.lengths_by_routing(x, kind) - by_rest, 0.0)[order]
-        of_rest = np.where(own, by_rest, 0.0)[order]
-        slip, stretch = along.by_softness(of_rest * along.lines.softness[i])
+        order, of_rest = self.order, placement.rest[self.order]
+        longer = self.segments.lengths_by(placement, x)[order] - of_rest
+        slip, stretch = along.by_softness(of_rest * along.lines.softness[placement.cable])
         slip += along.beyond(longer)
-        r = along.by_angle * along.course.turns.rates(v_rates) + along.by_slip * slip
+        r = along.by_angle * along.course.turns.rates(placement.vectors(x)[order]) + along.by_slip * slip
         return r, slip, stretch - float(longer.sum())
 
     # Friction with a memory: the plastic slips at the inner via points, in the order of the tensions.
@@ -285,11 +277,13 @@ class CableTerm(ActuatorTerm):
         slip = along.beyond((along.course.slopes * v_rates).sum(axis=1) - pulled)
         r = along.by_angle * along.course.turns.rates(v_rates) + along.by_slip * (slip - before)
         presliding = np.zeros(self.n_cables)
+        if parameter in self.placements:
+            by, of_slip, _ = self._by_placement(x, along, self.placements[parameter])
+            r, slip = r + by, slip + of_slip
         for i, name in enumerate(self.names):
-            for kind in (*ROUTING, *KINDS):
+            for kind in KINDS:
                 if parameter == f"{name}.{kind}":
-                    routed = kind in ROUTING
-                    by, of_slip, _ = self._by_routing(x, along, i, kind) if routed else along.by_property(kind, i)
+                    by, of_slip, _ = along.by_property(kind, i)
                     r, slip = r + by, slip + of_slip
                     presliding[i] = kind == "presliding"
         rho = along.respond(r[:, None])[:, 0]

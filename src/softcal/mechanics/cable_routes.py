@@ -9,8 +9,8 @@ from itertools import pairwise
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.mechanics.cable import ROUTING, CableTerm
-from softcal.mechanics.segments import MET, Segments
+from softcal.mechanics.cable import CableTerm
+from softcal.mechanics.segments import MET, Placement, Segments
 
 Weights = list[tuple[int, float]]
 
@@ -19,28 +19,22 @@ def build_cables(
     X: Floats,
     supports: dict[str, list[Weights]],
     pulled_last: np.ndarray,
-    by_routing: Mapping[str, Mapping[str, list[Weights]]] | None = None,
+    placed: Mapping[str, dict[str, list[Weights]]] | None = None,
     stated: tuple[str, ...] = (),
 ) -> CableTerm:
     """The term of cables given, by name and via point, as weighted points [(point, weight), ...].
 
     The rest length is the polyline's on the undeformed robot, X (n_points, 3) [m]. pulled_last (n_cables,): whether a
-    cable is pulled at its last via point, or else at its first. by_routing, of cables that have a routing axis: their
-    via points' derivatives by each of `ROUTING`, as points with weights whose sum is zero. stated: see `CableTerm`.
+    cable is pulled at its last via point, or else at its first. placed: by cable and parameter, the derivatives of its
+    via points by that, as points with weights whose sum is zero. stated: see `CableTerm`.
     """
     ptr, support, sigma, cable, order = [0], [], [], [], list[int]()
-    rates: dict[str, list[float]] = {kind: [] for kind in ROUTING}
-    for c, (name, via) in enumerate(supports.items()):
+    for c, via in enumerate(supports.values()):
         first = len(cable)
-        moves = (by_routing or {}).get(name, {})
-        for k, ends in enumerate(pairwise(via)):
-            weights = _difference(*ends)
-            changes = {kind: _difference(*ways[k : k + 2]) for kind, ways in moves.items()}
-            points = sorted(set(weights).union(*changes.values()))
-            support.extend(points)
-            sigma.extend(weights.get(p, 0.0) for p in points)
-            for kind, rate in rates.items():
-                rate.extend(changes.get(kind, {}).get(p, 0.0) for p in points)
+        for start, end in pairwise(via):
+            weights = _difference(start, end)
+            support.extend(sorted(weights))
+            sigma.extend(weights[p] for p in sorted(weights))
             ptr.append(len(support))
             cable.append(c)
         own = range(first, len(cable))
@@ -49,19 +43,40 @@ def build_cables(
         np.array(ptr, dtype=np.int64),
         np.array(support, dtype=np.int64),
         np.array(sigma, dtype=np.float64),
-        {kind: np.array(rate, dtype=np.float64) for kind, rate in rates.items()},
         np.zeros(len(cable)),
     )
     segments = replace(segments, met=MET * np.linalg.norm(segments.vectors(X), axis=1))
+    of_cable = np.array(cable, dtype=np.int64)
+    placements = {
+        parameter: _placement(c, int(np.searchsorted(of_cable, c)), ways, segments, X)
+        for c, name in enumerate(supports)
+        for parameter, ways in (placed or {}).get(name, {}).items()
+    }
     return CableTerm(
         tuple(supports),
         segments,
-        np.array(cable, dtype=np.int64),
+        of_cable,
         np.array(order, dtype=np.int64),
         segments.shape(X).lengths,
-        {kind: segments.lengths_by_routing(X, kind) for kind in ROUTING},
         stated,
+        placements,
     )
+
+
+def _placement(cable: int, first: int, ways: list[Weights], segments: Segments, X: Floats) -> Placement:
+    """The placement of a cable whose first segment and whose via points' derivatives are given."""
+    changes = [
+        (first + k, point, rate) for k, ends in enumerate(pairwise(ways)) for point, rate in _difference(*ends).items()
+    ]
+    segment, support, rate = zip(*changes, strict=True) if changes else ((), (), ())
+    found = Placement(
+        cable,
+        np.array(segment, dtype=np.int64),
+        np.array(support, dtype=np.int64),
+        np.array(rate, dtype=np.float64),
+        np.zeros(len(segments)),
+    )
+    return replace(found, rest=segments.lengths_by(found, X))
 
 
 def _difference(start: Weights, end: Weights) -> dict[int, float]:

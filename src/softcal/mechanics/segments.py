@@ -9,7 +9,6 @@ Two neighbouring via points that the cable pulls onto each other have *met*: bel
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -69,6 +68,33 @@ UNPLANNED = SegmentPlaces(np.zeros((0, 3), dtype=np.int64), np.zeros(1, dtype=np
 
 
 @dataclass(frozen=True)
+class Placement:
+    """How the vectors of segments follow a parameter that moves their ends on what carries them.
+
+    Attributes
+    ----------
+    cable
+        Number of the cable.
+    segment, support, rate
+        The segments, the points and the rates [1/m] of their weights in the segments' vectors (n_entries,).
+    rest
+        d length at rest / d parameter (n_segments,) [-].
+    """
+
+    cable: int
+    segment: Ints
+    support: Ints
+    rate: Floats
+    rest: Floats
+
+    def vectors(self, x: Floats) -> Floats:
+        """d segment vectors / d parameter (n_segments, 3), with the points at x (n_points, 3) [m] fixed."""
+        out = np.zeros((len(self.rest), 3))
+        np.add.at(out, self.segment, self.rate[:, None] * x[self.support])
+        return out
+
+
+@dataclass(frozen=True)
 class Segments:
     """Segments of polylines.
 
@@ -80,8 +106,6 @@ class Segments:
         Points of the segments (n_entries,), ascending in each.
     sigma
         Their signed weights (n_entries,) [-].
-    by_routing
-        Derivatives of sigma by the routing of the own cable (n_entries,): by the last part of the parameter's name.
     met
         Length below which a segment's ends have met (n_segments,) [m].
     places
@@ -91,7 +115,6 @@ class Segments:
     ptr: Ints
     support: Ints
     sigma: Floats
-    by_routing: Mapping[str, Floats]
     met: Floats
     places: SegmentPlaces = field(default=UNPLANNED)
 
@@ -118,11 +141,9 @@ class Segments:
 
     def vectors(self, x: Floats) -> Floats:
         """Segment vectors (n_segments, 3) [m]."""
-        return self._summed(self.sigma, x)
-
-    def vectors_by_routing(self, x: Floats, kind: str) -> Floats:
-        """d segment vectors / d routing of their cable (n_segments, 3), with the supporting points fixed."""
-        return self._summed(self.by_routing[kind], x)
+        if len(self) == 0:
+            return np.zeros((0, 3))
+        return np.add.reduceat(self.sigma[:, None] * x[self.support], self.ptr[:-1], axis=0)
 
     def shape(self, x: Floats) -> SegmentShape:
         """Vectors and lengths at positions x, and how these change."""
@@ -133,9 +154,9 @@ class Segments:
         first, second = _rates(v, self.met)
         return SegmentShape(v, least * (3.0 + square * (6.0 - square)) / 8.0, first[:, None] * v, first, second)
 
-    def lengths_by_routing(self, x: Floats, kind: str) -> Floats:
-        """d length / d routing (n_segments,), with the supporting points fixed."""
-        return (self.shape(x).slopes * self.vectors_by_routing(x, kind)).sum(axis=1)
+    def lengths_by(self, placement: Placement, x: Floats) -> Floats:
+        """d length / d parameter of a placement (n_segments,), with the supporting points fixed."""
+        return (self.shape(x).slopes * placement.vectors(x)).sum(axis=1)
 
     def pull(self, shape: SegmentShape, tension: Floats, gradient: Floats, data: Floats | None) -> None:
         """Add the forces of the segments' tensions (n_segments,) to the gradient and, where `data` is given, T times
@@ -161,18 +182,18 @@ class Segments:
     def gradient(self, shape: SegmentShape, weights: Floats, size: int) -> Floats:
         """Sum of weights (n_segments,) times the lengths' gradients, on all entities (size,)."""
         gradient = np.zeros(size)
-        self._spread(gradient, self.sigma, weights[:, None] * shape.slopes)
+        _spread(gradient, self.support, self.sigma, (weights[:, None] * shape.slopes)[self.of_entry])
         return gradient
 
-    def gradient_by_routing(self, x: Floats, tension: Floats, size: int, kind: str) -> Floats:
-        """d / d routing of the gradient (size,) that segment tensions (n_segments,) [N] give."""
+    def gradient_by(self, placement: Placement, x: Floats, tension: Floats, size: int) -> Floats:
+        """d / d parameter of a placement of the gradient (size,) that segment tensions (n_segments,) [N] give."""
         gradient = np.zeros(size)
-        v, dv = self.vectors(x), self.vectors_by_routing(x, kind)
+        v, dv = self.vectors(x), placement.vectors(x)
         first, second = _rates(v, self.met)
         n, along = first[:, None] * v, second * (v * dv).sum(axis=1)
         turned = first[:, None] * dv - along[:, None] * v
-        self._spread(gradient, self.by_routing[kind], tension[:, None] * n)
-        self._spread(gradient, self.sigma, tension[:, None] * turned)
+        _spread(gradient, placement.support, placement.rate, (tension[:, None] * n)[placement.segment])
+        _spread(gradient, self.support, self.sigma, (tension[:, None] * turned)[self.of_entry])
         return gradient
 
     def basis(self, order: Ints) -> tuple[Ints, Ints, Floats]:
@@ -186,15 +207,11 @@ class Segments:
         columns = 3 * place[self.of_entry[entry], None] + np.arange(3)
         return rows.ravel(), columns.ravel(), np.repeat(self.sigma[entry], 3)
 
-    def _summed(self, weights: Floats, x: Floats) -> Floats:
-        if len(self) == 0:
-            return np.zeros((0, 3))
-        return np.add.reduceat(weights[:, None] * x[self.support], self.ptr[:-1], axis=0)
 
-    def _spread(self, gradient: Floats, weights: Floats, vectors: Floats) -> None:
-        """Add weights of the entries times vectors (n_segments, 3) at their points."""
-        n = 3 * (len(gradient) // 3)
-        np.add.at(gradient[:n].reshape(-1, 3), self.support, weights[:, None] * vectors[self.of_entry])
+def _spread(gradient: Floats, support: Ints, weights: Floats, vectors: Floats) -> None:
+    """Add weights (n_entries,) times vectors (n_entries, 3) at points."""
+    n = 3 * (len(gradient) // 3)
+    np.add.at(gradient[:n].reshape(-1, 3), support, weights[:, None] * vectors)
 
 
 def _rates(v: Floats, met: Floats) -> tuple[Floats, Floats]:

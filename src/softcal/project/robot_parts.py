@@ -153,7 +153,7 @@ def build_cable(name: str, cable: CableSection, carriers: Carriers) -> Cable | N
         elif section.hole is None:
             carriers.support(section.on, at, (*path, "via", i))
         if at is not None:
-            via.append(ViaPoint(at, section.on, section.radius))
+            via.append(ViaPoint(at, section.on, section.radius, section.name))
         if section.radius > 0.0 and section.on not in carriers.built.sections:
             carriers.findings.add(
                 (*path, "via", i, "radius"),
@@ -176,11 +176,11 @@ def build_cable(name: str, cable: CableSection, carriers: Carriers) -> Cable | N
         if cable.route == "bore":
             lines = {name: rod.centreline for name, rod in carriers.rods.items() if rod is not None}
             via = list(bored(via, carriers.built.meshes, lines))
-        if cable.routing_axis is not None:
-            require_movable(via, cable.routing_axis, carriers.built.meshes)
-        return Cable(
+        found = Cable(
             name, tuple(via), cable.friction_coefficient, cable.pulled_end, cable.routing_axis, line=cable.line
         )
+        require_movable(found, carriers.built.meshes)
+        return found
     return None
 
 

@@ -33,7 +33,6 @@ from softcal.twin.crossings import build_skins
 from softcal.twin.joints import join_ties, nodes_in_use, number_frames
 from softcal.twin.loads import PointForce, Weights, build_loads, build_moments, surface_forces
 from softcal.twin.markers import MarkerPlace, directions_in
-from softcal.twin.parameter_name import parameter_name
 from softcal.twin.parameters import MARKER_OFFSETS, robot_parameters, with_shape
 from softcal.twin.robot import Body, Cable, Marker, PointLoad, Robot, SurfaceLoad
 from softcal.twin.routing import offset_rate
@@ -146,14 +145,23 @@ def build_twin(robot: Robot) -> Twin:
         for material in rod.materials
     )
 
-    def support(at: Floats, on: str, where: str, *, may_stand_off: bool = False, radius: float = 0.0) -> Weights:
+    def support(
+        at: Floats,
+        on: str,
+        where: str,
+        *,
+        may_stand_off: bool = False,
+        radius: float = 0.0,
+        drawn: Floats | None = None,
+    ) -> Weights:
+        """A point as a weighted sum; drawn: where it was before its offset, so that it keeps its section of a rod."""
         if on == "":
             return [(builder.add(at[None, :], np.array([FIXED])), 1.0)]
         if on in frames.of_plate:
             return [(builder.add(at[None, :], np.array([frames.of_plate[on]])), 1.0)]
         if on in rods:
             of_nodes = frames.of_rod[on]
-            places = place_on_rod(rods[on].centreline, at).weights
+            places = place_on_rod(rods[on].centreline, at if drawn is None else drawn).weights
             return [(builder.add(at[None, :], of_nodes[node : node + 1]), weight) for node, weight in places]
         if on not in meshes:
             known = ", ".join([*meshes, *rods, *frames.of_plate])
@@ -166,56 +174,57 @@ def build_twin(robot: Robot) -> Twin:
 
     via = {
         cable.name: [
-            support(p.at, p.on, f"{cable.name}, via point {i + 1}", radius=p.radius)
+            support(p.at, p.on, f"{cable.name}, via point {i + 1}", radius=p.radius, drawn=p.at - p.offset)
             for i, p in enumerate(cable.via_points)
         ]
         for cable in robot.cables
     }
 
-    def by_routing(cable: Cable) -> dict[str, list[Weights]]:
-        """Derivative of each via point by the routing: the point less another as far behind it as the axis, over their
-        distance.
+    def beside(at: Floats, on: str, way: Floats, size: float, drawn: Floats) -> Weights:
+        """The rate of a point of a plate, a rod or space that is moved along a way (3,), on what carries it: the
+        point a size [m] further less itself, over the size; drawn: as of `support`.
         """
-        if cable.routing_axis is None:
-            return {}
-        points = np.array([p.at for p in cable.via_points])
-        distances = cable.routing_axis.away(points)[1]
+        frames_at = [(np.array([FIXED]), 1.0)]
+        if on in rods:
+            frames_at = [
+                (frames.of_rod[on][node : node + 1], weight)
+                for node, weight in place_on_rod(rods[on].centreline, drawn).weights
+            ]
+        elif on:
+            frames_at = [(np.array([frames.of_plate[on]]), 1.0)]
+        return [
+            (builder.add((at + shift)[None, :], frame), sign * weight / size)
+            for frame, weight in frames_at
+            for sign, shift in ((1.0, size * way), (-1.0, np.zeros(3)))
+        ]
 
-        def rate(i: int, way: Floats) -> Weights:
-            point, where = cable.via_points[i], f"{cable.name}, via point {i + 1}"
-            size = float(np.linalg.norm(way))
-            if point.on in meshes:
-                nodes, rates = offset_rate(meshes[point.on], point, way, where=where)
-                first = builder.first[point.on]
-                return [(first + int(n), float(r)) for n, r in zip(nodes, rates, strict=True)]
-            behind = support(point.at - distances[i] / size * way, point.on, where)
-            both = ((size, via[cable.name][i]), (-size, behind))
-            return [(p, sign * w / distances[i]) for sign, of in both for p, w in of]
-
-        of_points = cable.routing_axis.routing_rates(points)
-        return {kind: [rate(i, way) for i, way in enumerate(ways)] for kind, ways in of_points.items()}
+    def placed(cable: Cable) -> dict[str, list[Weights]]:
+        """Derivatives of the via points by each parameter that moves them."""
+        size = 0.1 * cable.length
+        found: dict[str, list[Weights]] = {}
+        for name, ways in cable.ways().items():
+            found[name] = []
+            for i, (point, way) in enumerate(zip(cable.via_points, ways, strict=True)):
+                if not way.any():
+                    found[name].append([])
+                elif point.on in meshes:
+                    nodes, rates = offset_rate(meshes[point.on], point, way, where=f"{cable.name}, via point {i + 1}")
+                    first = builder.first[point.on]
+                    found[name].append([(first + int(n), float(r)) for n, r in zip(nodes, rates, strict=True)])
+                else:
+                    found[name].append(beside(point.at, point.on, way, size, point.at - point.offset))
+        return found
 
     def offsets(marker: Marker) -> tuple[Weights, ...]:
-        """Derivatives of a marker's place by its offsets, on a body or rod: there as points beside it, over their
-        distance.
-        """
+        """Derivatives of a marker's place by its offsets, on a body or rod."""
         if marker.on in meshes:
             return directions_in(meshes[marker.on], marker, builder.first[marker.on])
         if marker.on not in rods:
             return ()
-        of_nodes, line = frames.of_rod[marker.on], rods[marker.on].centreline
-        size = float(line.lengths.mean())
-        carried = [(of_nodes[node : node + 1], w / size) for node, w in place_on_rod(line, marker.at).weights]
-        return tuple(
-            [
-                (builder.add((marker.at + shift)[None, :], frame), sign * rate)
-                for frame, rate in carried
-                for sign, shift in ((1.0, size * axis), (-1.0, np.zeros(3)))
-            ]
-            for axis in np.eye(3)
-        )
+        size = float(rods[marker.on].centreline.lengths.mean())
+        return tuple(beside(marker.at, marker.on, axis, size, marker.at) for axis in np.eye(3))
 
-    routing = {cable.name: by_routing(cable) for cable in robot.cables}
+    placements = {cable.name: placed(cable) for cable in robot.cables}
     markers = {
         marker.name: MarkerPlace(
             marker,
@@ -253,7 +262,7 @@ def build_twin(robot: Robot) -> Twin:
     moments = build_moments(robot, layout, frames.of_plate, frames.of_rod)
     contacts = build_contacts(robot, layout, meshes, builder.first)
     stated = tuple(f"{cable.name}.{key}" for cable in robot.cables for key in cable.properties)
-    cables = build_cables(layout.X, via, pulled_last, routing, stated)
+    cables = build_cables(layout.X, via, pulled_last, placements, stated)
     system = build_system(layout, (*solids, *rod_terms, cables, loads, moments, *contacts))
     return Twin(robot, system, builder.first, meshes, frames.of_plate, via, markers, pressure_nodes)
 
@@ -283,7 +292,8 @@ def twin_of(robot: Robot, theta: Mapping[str, float] | None = None) -> Twin:
     if all(new is old for new, old in zip(shaped.markers, robot.markers, strict=True)):
         twin = build_twin(shaped)
     else:
-        others = {name: v for name, v in (theta or {}).items() if parameter_name(name).kind not in MARKER_OFFSETS}
+        own = {f"{marker.name}.{key}" for marker in robot.markers for key in MARKER_OFFSETS}
+        others = {name: v for name, v in (theta or {}).items() if name not in own}
         drawn = twin_of(robot, others)
         twin = replace(drawn, robot=shaped, markers={m.name: drawn.markers[m.name].of(m) for m in shaped.markers})
     _CACHE[key] = (robot, twin)

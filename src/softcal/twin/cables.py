@@ -22,6 +22,7 @@ from softcal.quantities import (
     Length,
     Point,
     Presliding,
+    Share,
     Size,
     SpringRate,
     Tension,
@@ -105,11 +106,21 @@ class ViaPoint(Checked):
         Name of the body or plate that it moves with; "" for a point fixed in space.
     radius
         Radius [m] of the part that fixes the cable in a body, such as a knot; zero for a point force.
+    name
+        Under which its offsets are parameters, such as `front.exit.x_offset`; "" for a point without them.
+    offset
+        How far it is from where it was drawn (3,) [m]; `at` includes it already.
+    share
+        Of a point that was added between two others: how far on the way from the one to the other it is [-]. It
+        follows their offsets in proportion.
     """
 
     at: Position
     on: str = ""
     radius: Clearance = 0.0
+    name: str = ""
+    offset: Position = field(default_factory=lambda: np.zeros(3))
+    share: Share | None = None
 
     def _where(self, name: str) -> str:
         return f"via point, {name}"
@@ -243,6 +254,17 @@ class Cable(NamedPart):
             )
         if self.routing_axis is not None:
             self.routing_axis.away(self._points)
+        names = [via.name for via in self.via_points if via.name]
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise InputError(Fault("two via points share a name", self.name, ", ".join(twice), "a name for each"))
+        if wrong := [name for name in names if not name.isidentifier()]:
+            allowed = "letters, digits and _"
+            raise InputError(Fault("this cannot be the name of a via point", self.name, repr(wrong[0]), allowed))
+        if names and self.routing_axis is not None:
+            told = "a cable with a routing axis has no named via points: both would move them"
+            raise InputError(
+                Fault(told, self.name, ", ".join(names), "the offset of the whole cable, or of its points")
+            )
 
     @property
     def length(self) -> float:
@@ -286,10 +308,58 @@ class Cable(NamedPart):
             return -np.inf
         return self.routing_offset - float(self.routing_axis.away(self._points)[1].min())
 
-    def routed(self, offset: float, angle: float) -> Cable:
-        """The same cable with another routing offset [m] and angle [rad], its via points moved accordingly."""
-        if self.routing_axis is None or (offset, angle) == (self.routing_offset, self.routing_angle):
+    @property
+    def placing(self) -> dict[str, float]:
+        """The values [m], [rad] of the parameters that move via points: of the cable with an axis, of named points."""
+        routing = {"routing_offset": self.routing_offset, "routing_angle": self.routing_angle}
+        own = {} if self.routing_axis is None else {f"{self.name}.{kind}": value for kind, value in routing.items()}
+        named = {self._offset_name(via, axis): off for via in self.via_points for axis, off in _by_axis(via)}
+        return {**own, **named}
+
+    def ways(self) -> dict[str, Floats]:
+        """How each via point moves (n_via, 3) with each of the parameters of `placing`."""
+        if self.routing_axis is not None:
+            rates = self.routing_axis.routing_rates(self._points)
+            return {f"{self.name}.{kind}": ways for kind, ways in rates.items()}
+        found = {}
+        for i, via in enumerate(self.via_points):
+            share = self._following(i) if via.name else np.zeros(0)
+            for axis, way in zip("xyz" if via.name else "", np.eye(3), strict=False):
+                found[self._offset_name(via, axis)] = share[:, None] * way
+        return found
+
+    def placed_by(self, values: Mapping[str, float]) -> Cable:
+        """The same cable at other values [SI] of parameters by name, its via points moved accordingly."""
+        was = self.placing
+        now = {name: values.get(name, value) for name, value in was.items()}
+        if now == was:
             return self
-        points = self.routing_axis.moved(self._points, offset - self.routing_offset, angle - self.routing_angle)
-        moved = tuple(replace(via, at=at) for via, at in zip(self.via_points, points, strict=True))
+        if self.routing_axis is not None:
+            (offset, angle), (old, before) = now.values(), was.values()
+            moves = self.routing_axis.moved(self._points, offset - old, angle - before) - self._points
+        else:
+            offset, angle = self.routing_offset, self.routing_angle
+            steps = ((now[name] - was[name]) * way for name, way in self.ways().items())
+            moves = sum(steps, np.zeros((len(self.via_points), 3)))
+        moved = tuple(
+            replace(via, at=via.at + move, offset=via.offset + move)
+            for via, move in zip(self.via_points, moves, strict=True)
+        )
         return replace(self, via_points=moved, routing_offset=offset, routing_angle=angle)
+
+    def _following(self, i: int) -> Floats:
+        """How much of the offset of via point i each of them takes part in (n_via,) [-]."""
+        stated = [k for k, via in enumerate(self.via_points) if via.share is None]
+        place = np.zeros(len(self.via_points))
+        for k, via in enumerate(self.via_points):
+            before = int(np.searchsorted(stated, k, side="right")) - 1
+            place[k] = before + (via.share or 0.0)
+        return np.clip(1.0 - np.abs(place - stated.index(i)), 0.0, None)
+
+    def _offset_name(self, via: ViaPoint, axis: str) -> str:
+        return f"{self.name}.{via.name}.{axis}_offset"
+
+
+def _by_axis(via: ViaPoint) -> list[tuple[str, float]]:
+    """The offset of a named via point by axis; of another one nothing."""
+    return list(zip("xyz", via.offset.tolist(), strict=True)) if via.name else []

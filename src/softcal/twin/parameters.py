@@ -112,10 +112,10 @@ def robot_parameters(robot: Robot) -> dict[str, ParameterInfo]:
         for key, value in cable.properties.items():
             add(cable.name, key, value)
     for cable in robot.cables:
-        if cable.routing_axis is not None:
-            away = replace(KINDS["routing_offset"], lower=cable.least_offset, ends="(]")
-            add(cable.name, "routing_offset", cable.routing_offset, away, shapes=True)
-            add(cable.name, "routing_angle", cable.routing_angle, shapes=True)
+        for name, value in cable.placing.items():
+            owner, _, kind = name.rpartition(".")
+            away = replace(KINDS[kind], lower=cable.least_offset, ends="(]") if kind == "routing_offset" else None
+            add(owner, kind, value, away, shapes=True)
     for marker in robot.markers:
         for key, offset in zip(MARKER_OFFSETS, marker.offset.tolist(), strict=True):
             add(marker.name, key, offset, shapes=True)
@@ -163,10 +163,7 @@ def with_parameters(robot: Robot, values: Mapping[str, float]) -> Robot:
         replace(
             c.with_properties(
                 {key: values[name] for key in c.properties if (name := f"{c.name}.{key}") in values}
-            ).routed(
-                values.get(f"{c.name}.routing_offset", c.routing_offset),
-                values.get(f"{c.name}.routing_angle", c.routing_angle),
-            ),
+            ).placed_by(values),
             friction_coefficient=values.get(f"{c.name}.friction_coefficient", c.friction_coefficient),
         )
         for c in robot.cables

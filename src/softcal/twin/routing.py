@@ -19,7 +19,7 @@ from softcal.geometry.locate import mean_edges, nearest_places, nearest_tets, te
 from softcal.geometry.mesh import TetMesh
 from softcal.mechanics.attachment import attach_rate
 from softcal.mechanics.rod_points import RodPlace, place_on_rod
-from softcal.twin.cables import RoutingAxis, ViaPoint
+from softcal.twin.cables import Cable, ViaPoint
 
 SPACING = 0.25  # of an edge of the tets around: the spacing of the points that represent a bore
 SKIN = 0.05  # of an edge: a line as near as that to the surface runs on it and is not guided
@@ -39,11 +39,17 @@ def bored(
     out = list(via_points[:1])
     for start, end in pairwise(via_points):
         if start.on == end.on and start.on in meshes:
-            out += [ViaPoint(at, start.on) for at in _inside(meshes[start.on], start.at, end.at)]
+            out += [_between(at, start, end) for at in _inside(meshes[start.on], start.at, end.at)]
         elif start.on == end.on and start.on in lines:
-            out += [ViaPoint(at, start.on) for at in _along(lines[start.on], start.at, end.at)]
+            out += [_between(at, start, end) for at in _along(lines[start.on], start.at, end.at)]
         out.append(end)
     return tuple(out)
+
+
+def _between(at: Floats, start: ViaPoint, end: ViaPoint) -> ViaPoint:
+    """A point added between two; its share of the way is that of its distances from them."""
+    from_start, to_end = (float(np.linalg.norm(at - one.at)) for one in (start, end))
+    return ViaPoint(at, start.on, share=from_start / (from_start + to_end))
 
 
 def offset_rate(mesh: TetMesh, via: ViaPoint, way: Floats, *, where: str = "") -> tuple[Ints, Floats]:
@@ -57,7 +63,7 @@ def offset_rate(mesh: TetMesh, via: ViaPoint, way: Floats, *, where: str = "") -
     if via.radius > 0.0:
         raise MeshError(
             Fault(
-                "a via point with a radius cannot be moved by a routing offset",
+                "a via point with a radius cannot be moved by an offset",
                 where=where,
                 got=f"radius {1e3 * via.radius:.4g} mm",
                 allowed="via points without a radius",
@@ -66,20 +72,20 @@ def offset_rate(mesh: TetMesh, via: ViaPoint, way: Floats, *, where: str = "") -
     return attach_rate(mesh, via.at, way, where=where)
 
 
-def require_movable(via_points: Sequence[ViaPoint], axis: RoutingAxis, meshes: Mapping[str, TetMesh]) -> None:
-    """Refuse a routing offset of via points that it cannot move.
+def require_movable(cable: Cable, meshes: Mapping[str, TetMesh]) -> None:
+    """Refuse offsets of a cable's via points that cannot move them.
 
     meshes [m]: by body's name.
 
     Raises
     ------
     InputError
-        For the first of them: on the axis, in a bore, outside its body, or with a radius.
+        For the first of them: in a bore, outside its body, or with a radius.
     """
-    ways, _ = axis.away(np.array([via.at for via in via_points]))
-    for via, way in zip(via_points, ways, strict=True):
-        if via.on in meshes:
-            offset_rate(meshes[via.on], via, way)
+    for ways in cable.ways().values():
+        for via, way in zip(cable.via_points, ways, strict=True):
+            if via.on in meshes and way.any():
+                offset_rate(meshes[via.on], via, way)
 
 
 def _inside(mesh: TetMesh, start: Floats, end: Floats) -> Floats:

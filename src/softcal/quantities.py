@@ -148,6 +148,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         Quantity("friction over all pulleys", "1", 0.0, 10.0, attempt="the wrap of one pulley, and 0.05 for 5 %"),
         Quantity("wrap angle", "rad", 0.0, 100.0),
         Quantity("angle", "rad", -1000.0, 1000.0),
+        Quantity("twist", "rad/m", -1e5, 1e5),
         Quantity("time", "s", 0.0, 1e7),
         Quantity("duration", "s", 0.0, 1e7, "(]"),
         Quantity("speed", "m/s", 0.0, 1e5, "(]"),
@@ -193,6 +194,7 @@ Slack = Annotated[float, QUANTITIES["slack"]]
 Area = Annotated[float, QUANTITIES["area"]]
 SecondMoment = Annotated[float, QUANTITIES["second moment"]]
 Angle = Annotated[float, QUANTITIES["angle"]]
+Twist = Annotated[float, QUANTITIES["twist"]]
 Force = Annotated[float, QUANTITIES["force"]]
 Tension = Annotated[float, QUANTITIES["tension"]]
 CableStiffness = Annotated[float, QUANTITIES["stiffness of a cable"]]

@@ -132,6 +132,7 @@ def test_the_table_of_the_rig_has_every_parameter_with_its_unit() -> None:
         *MARKER_OFFSETS,
         "routing_offset",
         "routing_angle",
+        "routing_twist",
         "clamp_depth",
         *KINDS,  # of a cable's line
         "backlash",

@@ -1,4 +1,4 @@
-"""A cable's routing offset and angle: derivatives of all channels against central differences, and what they refuse."""
+"""A cable's routing offset, angle and twist: derivatives of all channels against differences, and what they refuse."""
 
 from dataclasses import replace
 
@@ -20,8 +20,9 @@ from softcal.twin.simulate import simulate
 
 OFFSET = "front.routing_offset"
 ANGLE = "front.routing_angle"
-ROUTING = (OFFSET, ANGLE)
-STEPS = {OFFSET: 2e-6, ANGLE: 1e-4}  # m, rad
+TWIST = "front.routing_twist"
+STEPS = {OFFSET: 2e-6, ANGLE: 1e-4, TWIST: 1e-3}  # m, rad, rad/m
+ROUTING = tuple(STEPS)
 NAMES = (*ROUTING, "neck.youngs_modulus", "front.friction_coefficient")
 AXIS = RoutingAxis((0.0, 0.0, 0.0), (0.0, 0.0, 2.0))
 # Where the cable runs: its via points on the plate, in the body and in space.
@@ -85,7 +86,7 @@ def test_all_channels_follow_the_routing_as_their_differences_say(route, element
     for name in ROUTING:
         want = differences(robot, protocol, name)
         assert_differences(response, want, name)
-        assert np.any(np.abs(want["front.tension" if drive == "shortening" else "front.shortening"]) > 1e-6)
+        assert np.all(want["front.tension" if drive == "shortening" else "front.shortening"] != 0.0)
 
 
 def test_a_cable_beside_it_and_a_slack_one_follow_it_too():
@@ -135,14 +136,14 @@ def test_the_offset_moves_every_via_point_away_from_the_axis():
         np.testing.assert_allclose(after.at, before.at, rtol=0, atol=1e-15)
 
 
-def test_the_angle_turns_every_via_point_about_the_axis():
-    robot = with_parameters(routed("body"), {ANGLE: 0.3, OFFSET: 0.001})
+def test_angle_and_twist_turn_every_via_point_about_the_axis():
+    robot = with_parameters(routed("body"), {ANGLE: 0.3, TWIST: -2.0, OFFSET: 0.001})
     for before, after in zip(ROUTES["body"], robot.cables[0].via_points, strict=True):
         there, here = (complex(*via.at[:2]) for via in (after, before))
         assert abs(there) == pytest.approx(abs(here) + 0.001)
-        assert np.angle(there / here) == pytest.approx(0.3)
+        assert np.angle(there / here) == pytest.approx(0.3 - 2.0 * before.at[2])
         assert after.at[2] == before.at[2]
-    back = with_parameters(robot, {ANGLE: 0.0, OFFSET: 0.0}).cables[0]
+    back = with_parameters(robot, {ANGLE: 0.0, TWIST: 0.0, OFFSET: 0.0}).cables[0]
     for before, after in zip(ROUTES["body"], back.via_points, strict=True):
         np.testing.assert_allclose(after.at, before.at, rtol=0, atol=1e-15)
 

@@ -26,20 +26,24 @@ from softcal.quantities import (
     Size,
     SpringRate,
     Tension,
+    Twist,
 )
 from softcal.twin.part import NamedPart
 
 PRESLIDING = 1e-5  # [m] of a cable's via points, where it is not stated
+# How a routing axis moves the via points of a cable: its fields, and the last parts of the parameters' names.
+ROUTING = ("routing_offset", "routing_angle", "routing_twist")
 COINCIDENT = 1e-12  # of a cable's length: neighbouring via points as near as this are at one place
 
 
 @dataclass(frozen=True)
 class RoutingAxis(Declared):
-    """A line: the routing offset of a cable moves its via points away from it, the routing angle turns them about it.
+    """A line: the routing offset of a cable moves its via points away from it, the routing angle and twist turn
+    them about it.
 
     Attributes
     ----------
-    point : A point (3,) [m] of the line, in the rest frame
+    point : A point (3,) [m] of the line, in the rest frame, at which a twist does not turn
     direction : Its direction (3,), of any length but zero
     """
 
@@ -83,13 +87,25 @@ class RoutingAxis(Declared):
             Where a point lies on the axis.
         """
         away, distances = self.away(at)
-        return {"routing_offset": away, "routing_angle": distances[:, None] * self.around(away)}
+        around = distances[:, None] * self.around(away)
+        return {
+            "routing_offset": away,
+            "routing_angle": around,
+            "routing_twist": self._along(at)[:, None] * around,
+        }
 
-    def moved(self, at: Floats, offset: float, angle: float) -> Floats:
-        """Points (n, 3) [m], moved away from the axis by an offset [m] and turned around it by an angle [rad]."""
+    def moved(self, at: Floats, offset: float, angle: float, twist: float) -> Floats:
+        """Points (n, 3) [m], moved away from the axis by an offset [m], and turned around it by an angle [rad] and by a
+        twist [rad/m].
+        """
         away, distances = self.away(at)
-        turned = np.cos(angle) * away + np.sin(angle) * self.around(away)
+        angles = (angle + twist * self._along(at))[:, None]
+        turned = np.cos(angles) * away + np.sin(angles) * self.around(away)
         return at + (distances + offset)[:, None] * turned - distances[:, None] * away
+
+    def _along(self, at: Floats) -> Floats:
+        """How far along the axis from its point the feet of points (n, 3) are (n,) [m]."""
+        return (at - np.asarray(self.point)) @ np.asarray(self.direction) / float(np.linalg.norm(self.direction))
 
 
 @dataclass(frozen=True)
@@ -206,8 +222,9 @@ class Cable(NamedPart):
         End at which the tension is prescribed or measured: "first" or "last" via point.
     routing_axis
         Axis from which the via points are offset, and about which they are turned, or None.
-    routing_offset, routing_angle
-        Offset [m] from the axis, angle [rad] about it; the positions of the via points include both already.
+    routing_offset, routing_angle, routing_twist
+        Offset [m] from the axis, angle [rad] about it, and how much that grows along it [rad/m]; the positions of the
+        via points include them already.
     line
         What the cable is made of, and whether its friction has a memory.
     """
@@ -218,6 +235,7 @@ class Cable(NamedPart):
     routing_axis: RoutingAxis | None = None
     routing_offset: Length = 0.0
     routing_angle: Angle = 0.0
+    routing_twist: Twist = 0.0
     line: CableLine = field(default_factory=CableLine)
 
     def __post_init__(self) -> None:
@@ -310,9 +328,9 @@ class Cable(NamedPart):
 
     @property
     def placing(self) -> dict[str, float]:
-        """The values [m], [rad] of the parameters that move via points: of the cable with an axis, of named points."""
-        routing = {"routing_offset": self.routing_offset, "routing_angle": self.routing_angle}
-        own = {} if self.routing_axis is None else {f"{self.name}.{kind}": value for kind, value in routing.items()}
+        """The values [SI] of the parameters that move via points: of the cable with an axis, of named points."""
+        routing = ROUTING if self.routing_axis is not None else ()
+        own = {f"{self.name}.{kind}": float(getattr(self, kind)) for kind in routing}
         named = {self._offset_name(via, axis): off for via in self.via_points for axis, off in _by_axis(via)}
         return {**own, **named}
 
@@ -334,18 +352,18 @@ class Cable(NamedPart):
         now = {name: values.get(name, value) for name, value in was.items()}
         if now == was:
             return self
+        routing = {kind: now[f"{self.name}.{kind}"] for kind in ROUTING} if self.routing_axis is not None else {}
         if self.routing_axis is not None:
-            (offset, angle), (old, before) = now.values(), was.values()
-            moves = self.routing_axis.moved(self._points, offset - old, angle - before) - self._points
+            offset, angle, twist = (now[name] - was[name] for name in was)
+            moves = self.routing_axis.moved(self._points, offset, angle, twist) - self._points
         else:
-            offset, angle = self.routing_offset, self.routing_angle
             steps = ((now[name] - was[name]) * way for name, way in self.ways().items())
             moves = sum(steps, np.zeros((len(self.via_points), 3)))
         moved = tuple(
             replace(via, at=via.at + move, offset=via.offset + move)
             for via, move in zip(self.via_points, moves, strict=True)
         )
-        return replace(self, via_points=moved, routing_offset=offset, routing_angle=angle)
+        return replace(self, via_points=moved, **routing)
 
     def _following(self, i: int) -> Floats:
         """How much of the offset of via point i each of them takes part in (n_via,) [-]."""

@@ -68,6 +68,7 @@ KINDS: Mapping[str, Quantity] = {
     "moment": QUANTITIES["moment"],
     "routing_offset": QUANTITIES["length"],
     "routing_angle": QUANTITIES["angle"],
+    "routing_twist": QUANTITIES["twist"],
     "clamp_depth": QUANTITIES["length"],
     **dict.fromkeys(MARKER_OFFSETS, QUANTITIES["length"]),
     "stiffness": QUANTITIES["stiffness of a cable"],

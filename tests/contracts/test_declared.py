@@ -110,8 +110,10 @@ STATED: list[tuple[str, Declared]] = [
     ("{friction_coefficient: 0.5}", Contact(friction_coefficient=0.5)),
     (
         "{stiffness: 10 kN, compliance: 0.01 mm/N, pretension: 2 N, friction_memory: true, presliding: 1 mm, "
-        "friction_preload: 1 N}",
-        CableLine(1e4, None, 1e-5, 2.0, friction_memory=True, presliding=1e-3, friction_preload=1.0),
+        "friction_preload: 1 N, friction_speed: 1 m/s}",
+        CableLine(
+            1e4, None, 1e-5, 2.0, friction_memory=True, presliding=1e-3, friction_preload=1.0, friction_speed=1.0
+        ),
     ),
     ("{spring_rate: 20 N/mm, rest_length: 99 mm}", CableLine(spring_rate=2e4, rest_length=0.099)),
     ("{point: [1 mm, 0 m, 0 m], direction: [0, 2, 0]}", RoutingAxis((0.001, 0.0, 0.0), (0.0, 2.0, 0.0))),

@@ -73,6 +73,7 @@ def test_what_is_stated_is_a_parameter(tmp_path: Path) -> None:
         ("{friction_memory: 0.1}", "friction_memory"),
         ("{friction_preload: -1 N}", "the tension is out of range; got -1 N"),
         ("{friction_preload: 1}", "friction_preload"),
+        ("{friction_speed: 0 m/s}", "the speed is out of range; got 0 m/s"),
         ("{friction_memory: true, presliding: 0 mm}", "the presliding displacement is out of range"),
         ("{presliding: 0.02 mm}", "friction without a memory has no presliding displacement; got 0.02 mm"),
         ("{stifness: 1 kN}", "stiffness"),
@@ -85,9 +86,11 @@ def test_a_line_that_cannot_be_is_refused(tmp_path: Path, stated: str, sentence:
 
 
 def test_a_memory_without_friction_is_warned_of(tmp_path: Path) -> None:
-    idle = "there is no friction for a memory or a preload to act on"
-    memory, preload = line("line: {friction_memory: true}"), line("line: {friction_preload: 1 N}")
-    for change in (memory, preload):
+    idle = "there is no friction for a memory, a preload or a speed to act on"
+    memory, *others = (
+        line(f"line: {{friction_{stated}}}") for stated in ("memory: true", "preload: 1 N", "speed: 1 m/s")
+    )
+    for change in (memory, *others):
         (found,) = (one for one in load(write_project(tmp_path, change)).warnings if one.what == idle)
         assert found.got == "front.friction_coefficient 0, and not free"
     free = ("  front.slack:", "  front.friction_coefficient: {bounds: [0, 0.5]}\n  front.slack:")

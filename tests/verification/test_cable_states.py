@@ -23,10 +23,11 @@ from softcal.twin.simulate import respond, simulate
 from softcal.twin.time_settings import TimeSettings
 
 
-def test_one_solve_does_not_take_friction_with_a_memory():
-    """Its one solve has the tangent without tension, which lacks the stiffness of via points that stick."""
+@pytest.mark.parametrize("line", [{"friction_memory": True}, {"friction_speed": 0.01}])
+def test_one_solve_does_not_take_friction_that_depends_on_the_slip(line):
+    """Its one solve has the tangent without tension, which lacks the stiffness of the via points' friction."""
     robot = robot_over_a_drum(MU)
-    robot = replace(robot, cables=(replace(robot.cables[0], line=CableLine(friction_memory=True)),))
+    robot = replace(robot, cables=(replace(robot.cables[0], line=CableLine(**line)),))
     with pytest.raises(ParameterError, match=r"front: one linear solve for each step .* scheme: converged"):
         simulate_in_time(robot, ramp({"front": ("tension", 1.0)}, 1.0), TimeSettings(scheme="one-solve"))
 
@@ -46,7 +47,8 @@ def test_the_iteration_for_the_tensions_says_where_it_ends_without_them():
     most, softness = np.full(n, 1.35), np.full(n, 2e-7)
     longer = np.array([1.0, -3.0, 2.0, -1.5, 2.5, 0.0, 0.0, 0.0, 0.0, 0.0]) * 1e-4
     rho, sigma, slip = np.zeros(n), np.zeros(n), np.zeros(n)
-    args = ptr, np.full(2, 1e5), np.zeros(2), most, softness, longer, np.zeros(n), np.full(2, 1e-16), rho, sigma, slip
+    args = ptr, np.full(2, 1e5), np.zeros(2), most, softness, longer, np.zeros(n), np.full(2, 1e-16)
+    args += np.zeros(2), np.zeros(n), rho, sigma, slip
     assert softcal.mechanics.tensions.solve(*args) == 1
 
 
@@ -65,6 +67,32 @@ def test_motion_starts_from_the_equilibrium_with_its_pretensions():
     let_go = Schedule(np.array([0.0, 0.2]), {"front": Command("tension", np.zeros(2))})
     begun = simulate_in_time(robot, let_go, TimeSettings(time_step=0.02)).channels
     assert begun["front.tension"][0] == 0.0  # commanded by its tension, it has none at zero
+
+
+@pytest.mark.parametrize(
+    "line", [{}, {"friction_memory": True}, {"stiffness": 1e9}, {"stiffness": 1e9, "friction_memory": True}]
+)
+def test_friction_increases_with_the_speed(line):
+    """Pulled in at w without mass to speak of: the shape is that of the statics, and ln T is mu phi w / v larger."""
+    v, w = 5e-3, 2e-3
+    ideal = robot_over_a_drum(MU, law=elastic(0.5e6, 0.4))
+    lines = [CableLine(**line), CableLine(**line, friction_speed=v)]
+    slow, fast = (replace(ideal, cables=(replace(ideal.cables[0], line=one),)) for one in lines)
+    fast = replace(fast, bodies=(replace(fast.bodies[0], density=1e-3),))
+    times = np.array([0.0, 1.0, 2.0])
+    commands = {"front": Command("shortening", w * times)}
+    moved = simulate_in_time(fast, Schedule(times, commands), TimeSettings(0.02, 0.0, 0.0))
+    assert moved.succeeded, moved.status
+    static = simulate(slow, Protocol(commands), curve_tolerance=0.0)
+    assert moved.channels["plate.pitch"][-1] == pytest.approx(static.channels["plate.pitch"][-1], rel=1e-5)
+    via = np.array([p.at for p in fast.cables[0].via_points])
+    via[0] = [moved.channels[f"plate.{c}"][-1] for c in "xyz"]
+    pitch = moved.channels["plate.pitch"][-1]
+    via[0] += 0.05 * np.array([np.cos(pitch), 0.0, -np.sin(pitch)])
+    u = np.diff(via, axis=0) / np.linalg.norm(np.diff(via, axis=0), axis=1)[:, None]
+    phi = np.arccos(np.clip((u[1:] * u[:-1]).sum(axis=1), -1.0, 1.0)).sum()
+    ratio = moved.channels["front.tension"][-1] / static.channels["front.tension"][-1]
+    assert np.log(ratio) == pytest.approx(MU * phi * w / v, rel=1e-4)
 
 
 @pytest.mark.parametrize("memory", [True, False])

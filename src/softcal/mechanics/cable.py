@@ -12,7 +12,7 @@ with the pretension T0 that is there at q = 0 while the robot is at rest. T_k of
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -21,12 +21,13 @@ import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.mechanics.actuator import NO_GAP, Actuator, ActuatorTerm, Drives
+from softcal.mechanics.damping import TimeStep
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.pattern import Pattern
 from softcal.mechanics.segments import MET, Placement, Segments, SegmentShape
 from softcal.mechanics.state import State
-from softcal.mechanics.tensions import KINDS, Course, Lines, Tensions, tensions, turns
-from softcal.mechanics.term import NOTHING, Columns, Connectivity, Given, LowRank, Sum, Theta
+from softcal.mechanics.tensions import KINDS, Course, Lines, Tensions, Viscous, tensions, turns
+from softcal.mechanics.term import NOTHING, Columns, Connectivity, Given, LowRank, Sum, Term, Theta
 
 if TYPE_CHECKING:
     from softcal.mechanics.system import System
@@ -62,6 +63,11 @@ class CableTerm(ActuatorTerm):
         Names of the parameters of lines that are not as by default, such as `front.stiffness`.
     placements
         How the segments follow the parameters that move via points on what carries them, by name.
+    slowness
+        1 / v, with the speed of the slip at which friction is twice as large (n_cables,) [s/m]; None: friction does not
+        depend on the speed.
+    viscous
+        What the speed adds, within a time step; None outside of one.
     """
 
     names: tuple[str, ...]
@@ -71,6 +77,8 @@ class CableTerm(ActuatorTerm):
     rest: Floats
     stated: tuple[str, ...] = ()
     placements: Mapping[str, Placement] = field(default_factory=dict[str, Placement])
+    slowness: Floats | None = None
+    viscous: Viscous | None = None
 
     @property
     def n_cables(self) -> int:
@@ -307,7 +315,15 @@ class CableTerm(ActuatorTerm):
             self.segments.places.moves[order],
             turns(shape.v[order], self._ptr),
         )
-        return tensions(self.lines(given.theta), course, given.state.effort[self.own], self._slips(given.memory))
+        viscous = self.viscous or Viscous(np.zeros(self.n_cables), np.zeros(len(order)))
+        pull, memory = given.state.effort[self.own], self._slips(given.memory)
+        return tensions(self.lines(given.theta), course, pull, memory, viscous)
+
+    def in_step(self, before: Given, step: TimeStep) -> Sequence[Term]:
+        """With friction that increases with the speed, where it does."""
+        if self.slowness is None:
+            return (self,)
+        return (replace(self, viscous=Viscous(self.slowness / step.length, self.tensions(before).slip)),)
 
     @cached_property
     def _ptr(self) -> Ints:

@@ -21,12 +21,14 @@ def build_cables(
     pulled_last: np.ndarray,
     placed: Mapping[str, dict[str, list[Weights]]] | None = None,
     stated: tuple[str, ...] = (),
+    slowness: Floats | None = None,
 ) -> CableTerm:
     """The term of cables given, by name and via point, as weighted points [(point, weight), ...].
 
     The rest length is the polyline's on the undeformed robot, X (n_points, 3) [m]. pulled_last (n_cables,): whether a
     cable is pulled at its last via point, or else at its first. placed: by cable and parameter, the derivatives of its
-    via points by that, as points with weights whose sum is zero. stated: see `CableTerm`.
+    via points by that, as points with weights whose sum is zero. stated, slowness: see
+    `CableTerm`.
     """
     ptr, support, sigma, cable, order = [0], [], [], [], list[int]()
     for c, via in enumerate(supports.values()):
@@ -60,6 +62,7 @@ def build_cables(
         segments.shape(X).lengths,
         stated,
         placements,
+        slowness,
     )
 
 

@@ -49,12 +49,15 @@ def solve(
     given: Floats,
     memory: Floats,
     delta: Floats,
+    drag: Floats,
+    begun: Floats,
     rho: Floats,
     sigma: Floats,
     slip: Floats,
 ) -> int:
-    """rho, sigma and slip of all segments; most: mu phi, given: the slips' summands without the stretch. Returns zero,
-    or the number, counted from one, of a cable where they were not found.
+    """rho, sigma and slip of all segments; most: mu phi, given: the slips' summands without the stretch; drag: what
+    sigma has more for each metre of slip since `begun`. Returns zero, or the number, counted from one, of a cable where
+    they were not found.
 
     With S_j, the stretch beyond via point j, the equations are the gradient of a strictly convex function of S,
 
@@ -72,10 +75,11 @@ def solve(
         S[b] = 0.0
         for k in range(b - 1, a, -1):
             S[k] = S[k + 1] + softness[k] * T
-        _beyond(a, b, T, preload[c], delta[c], most, softness, given, memory, S, rho, sigma, slip, left)
-        if delta[c] <= 0.0 or not stretches:
+        rule = (T, preload[c], delta[c], drag[c])
+        _beyond(a, b, rule, most, softness, given, memory, begun, S, rho, sigma, slip, left)
+        if (delta[c] <= 0.0 and drag[c] <= 0.0) or not stretches:
             for k in range(a + 1, b):
-                rho[k] = rho[k - 1] + most[k] * sigma[k]
+                rho[k] = rho[k - 1] + most[k] * (sigma[k] + drag[c] * (slip[k] - begun[k]))
             continue
         best = np.inf
         for iteration in range(MOST_ITERATIONS + 1):
@@ -91,7 +95,7 @@ def solve(
             for k in range(a + 1, b):
                 own = _stiffness(S[k] - S[k + 1], softness[k], preload[c])
                 before = _stiffness(S[k - 1] - S[k], softness[k - 1], preload[c]) if k > a + 1 else 0.0
-                h = most[k] / delta[c] if abs(sigma[k]) < HELD else 0.0
+                h = most[k] * (drag[c] + (1.0 / delta[c] if abs(sigma[k]) < HELD else 0.0))
                 pivot = own + before + h - before * upper[k - 1]
                 upper[k] = own / pivot
                 right[k] = (-left[k] + before * right[k - 1]) / pivot
@@ -109,7 +113,7 @@ def solve(
                 for k in range(a + 1, b):
                     S[k] += (part - taken) * step[k]
                 taken = part
-                _beyond(a, b, T, preload[c], delta[c], most, softness, given, memory, S, rho, sigma, slip, left)
+                _beyond(a, b, rule, most, softness, given, memory, begun, S, rho, sigma, slip, left)
                 now = 0.0
                 for k in range(a + 1, b):
                     now += step[k] * left[k]
@@ -139,20 +143,22 @@ def _stiffness(stretch: float, softness: float, preload: float) -> float:
 def _beyond(
     a: int,
     b: int,
-    T: float,
-    preload: float,
-    delta: float,
+    rule: tuple[float, float, float, float],
     most: Floats,
     softness: Floats,
     given: Floats,
     memory: Floats,
+    begun: Floats,
     S: Floats,
     rho: Floats,
     sigma: Floats,
     slip: Floats,
     left: Floats,
 ) -> None:
-    """rho, sigma, slip, and what the equations leave, of one cable's segments at S."""
+    """rho, sigma, slip, and what the equations leave, of one cable's segments at S. rule: the pull, and of the friction
+    the preload, the presliding displacement and the drag.
+    """
+    T, preload, delta, drag = rule
     longer = 0.0
     for k in range(b - 1, a, -1):
         longer += given[k]
@@ -164,7 +170,7 @@ def _beyond(
             rho[k] = np.log((S[k] - S[k + 1]) / (softness[k] * T))
             if preload > 0.0:
                 rho[k] = np.log(level((S[k] - S[k + 1]) / softness[k], preload) / level(T, preload))
-        left[k] = rho[k] - rho[k - 1] - most[k] * sigma[k]
+        left[k] = rho[k] - rho[k - 1] - most[k] * (sigma[k] + drag * (slip[k] - begun[k]))
 
 
 @numba.njit(cache=True, error_model="numpy")

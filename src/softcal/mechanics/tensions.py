@@ -138,6 +138,21 @@ class Course(NamedTuple):
     turns: Turns
 
 
+class Viscous(NamedTuple):
+    """The part of the friction that increases with the speed of the slip, in a time step of length h.
+
+    Attributes
+    ----------
+    drag
+        1 / (h v) of each cable (n_cables,) [1/m], with the speed v at which friction is twice as large; else zero.
+    begun
+        Slip at the step's start (n_segments,) [m].
+    """
+
+    drag: Floats
+    begun: Floats
+
+
 @dataclass(frozen=True)
 class Tensions:
     """The tensions along all cables at a state, by segments in the order of their course.
@@ -153,7 +168,9 @@ class Tensions:
     slip
         Slip at the via point before each segment (n_segments,) [m].
     sigma
-        Share of the friction that acts, with its sign (n_segments,) [-].
+        Share of the friction that acts, with its sign, but for what the speed adds (n_segments,) [-].
+    viscous
+        What the speed of the slip adds.
     rho
         ln(T_k / T) (n_segments,), of their levels where friction has a preload.
     segments
@@ -168,6 +185,7 @@ class Tensions:
     softness: Floats
     slip: Floats
     sigma: Floats
+    viscous: Viscous
     rho: Floats
     segments: Floats
     factor: Floats
@@ -180,15 +198,21 @@ class Tensions:
 
     @cached_property
     def by_slip(self) -> Floats:
-        """d r / d slip at the via point before each segment (n_segments,) [1/m]: zero where it slides."""
+        """d r / d slip at the via point before each segment (n_segments,) [1/m]: zero where it slides, at any speed."""
         most, delta = (self.lines.mu[self.cable] * self.course.turns.phi, self.lines.presliding[self.cable])
         sticks = self.lines.remembers[self.cable] & (np.abs(self.sigma) < HELD)
-        return np.where(sticks, most / np.where(sticks, delta, 1.0), 0.0)
+        by_slip = np.where(sticks, most / np.where(sticks, delta, 1.0), 0.0)
+        return by_slip + most * self.viscous.drag[self.cable]
+
+    @property
+    def share(self) -> Floats:
+        """Sigma, with what the speed adds (n_segments,)."""
+        return self.sigma + self.viscous.drag[self.cable] * (self.slip - self.viscous.begun)
 
     @property
     def by_angle(self) -> Floats:
         """d r / d turning angle (n_segments,)."""
-        return self.lines.mu[self.cable] * self.sigma
+        return self.lines.mu[self.cable] * self.share
 
     @cached_property
     def stretched(self) -> Floats:
@@ -257,7 +281,7 @@ class Tensions:
         lines = self.lines
         r, slip = np.zeros(n), np.zeros(n)
         if kind == "friction_coefficient":
-            return np.where(own, self.course.turns.phi * self.sigma, 0.0), slip, 0.0
+            return np.where(own, self.course.turns.phi * self.share, 0.0), slip, 0.0
         if kind == "stiffness":
             slip, stretch = self.by_softness(np.where(own, -self.softness * lines.softness[cable], 0.0))
             return self.by_slip * slip, slip, stretch
@@ -299,7 +323,7 @@ class Tensions:
         return np.where(remembers, np.where(np.abs(self.sigma) < HELD, memory, slides), 0.0)
 
 
-def tensions(lines: Lines, course: Course, pull: Floats, memory: Floats) -> Tensions:
+def tensions(lines: Lines, course: Course, pull: Floats, memory: Floats, viscous: Viscous) -> Tensions:
     """The tensions along the cables where they are pulled with tensions `pull` (n_cables,) [N]; memory: the plastic
     slips (n_segments,) [m].
 
@@ -314,7 +338,9 @@ def tensions(lines: Lines, course: Course, pull: Floats, memory: Floats) -> Tens
     rho, sigma, slip = (np.zeros(len(softness)) for _ in range(3))
     delta = np.where(lines.remembers, lines.presliding, 0.0)
     most = lines.mu[of_segment] * course.turns.phi
-    if unsolved := solve(course.ptr, pull, lines.preload, most, softness, given, memory, delta, rho, sigma, slip):
+    if unsolved := solve(
+        course.ptr, pull, lines.preload, most, softness, given, memory, delta, *viscous, rho, sigma, slip
+    ):
         c = unsolved - 1
         turned = float(most[course.ptr[c] : course.ptr[c + 1]].sum())
         raise SimulationError(
@@ -323,4 +349,4 @@ def tensions(lines: Lines, course: Course, pull: Floats, memory: Floats) -> Tens
         )
     segments, factor, by_rho = (np.zeros(len(softness)) for _ in range(3))
     along(pull[of_segment], lines.preload[of_segment], rho, segments, factor, by_rho)
-    return Tensions(lines, course, pull, softness, slip, sigma, rho, segments, factor, by_rho)
+    return Tensions(lines, course, pull, softness, slip, sigma, viscous, rho, segments, factor, by_rho)

@@ -124,11 +124,13 @@ def _warn_of_copies(tests: Mapping[str, Experiment], findings: Findings) -> None
 
 
 def _warn_of_idle_friction(robot: Robot, rig: CommonRig, varied: Collection[str], findings: Findings) -> None:
-    """Friction with a memory, or a preload, is none where its coefficient is, and stays, zero."""
+    """Friction with a memory, a preload or a speed is none where its coefficient is, and stays, zero."""
     rough: dict[str, tuple[tuple[str, ...], float]] = {
         f"{cable.name}.friction_coefficient": (("robot", "cables", cable.name), cable.friction_coefficient)
         for cable in robot.cables
-        if cable.line.friction_memory or cable.line.friction_preload is not None
+        if cable.line.friction_memory
+        or cable.line.friction_preload is not None
+        or cable.line.friction_speed is not None
     }
     if rig.pulleys is not None and rig.pulleys.friction_memory:
         rough[PULLEY_FRICTION] = ("rig", "pulleys"), rig.pulleys.friction_coefficient
@@ -136,10 +138,10 @@ def _warn_of_idle_friction(robot: Robot, rig: CommonRig, varied: Collection[str]
         if mu == 0.0 and name not in varied:
             findings.warn(
                 path,
-                "there is no friction for a memory or a preload to act on",
+                "there is no friction for a memory, a preload or a speed to act on",
                 got=f"{name} 0, and not free",
                 allowed="a coefficient above 0, or a free one",
-                attempt="friction_coefficient: 0.1, or neither",
+                attempt="friction_coefficient: 0.1, or none of these",
             )
 
 

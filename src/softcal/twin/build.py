@@ -262,7 +262,9 @@ def build_twin(robot: Robot) -> Twin:
     moments = build_moments(robot, layout, frames.of_plate, frames.of_rod)
     contacts = build_contacts(robot, layout, meshes, builder.first)
     stated = tuple(f"{cable.name}.{key}" for cable in robot.cables for key in cable.properties)
-    cables = build_cables(layout.X, via, pulled_last, placements, stated)
+    speeds = [cable.line.friction_speed for cable in robot.cables]
+    slowness = np.array([0.0 if speed is None else 1.0 / speed for speed in speeds]) if any(speeds) else None
+    cables = build_cables(layout.X, via, pulled_last, placements, stated, slowness)
     system = build_system(layout, (*solids, *rod_terms, cables, loads, moments, *contacts))
     return Twin(robot, system, builder.first, meshes, frames.of_plate, via, markers, pressure_nodes)
 

@@ -24,6 +24,7 @@ from softcal.quantities import (
     Presliding,
     Share,
     Size,
+    Speed,
     SpringRate,
     Tension,
     Twist,
@@ -177,6 +178,7 @@ class CableLine(Declared):
     friction_memory : Whether friction opposes the sliding that takes place, so that samples are a load path
     presliding : Slip [m] over which friction with a memory builds up; None: 0.01 mm
     friction_preload : Tension [N] whose friction acts beside that of the cable's own, as a constant; None: none
+    friction_speed : Speed [m/s] of the slip at which friction is twice as large, in time; None: it depends on no speed
     """
 
     stiffness: CableStiffness | None = None
@@ -187,6 +189,7 @@ class CableLine(Declared):
     friction_memory: bool = False
     presliding: Presliding | None = None
     friction_preload: Tension | None = None
+    friction_speed: Speed | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()

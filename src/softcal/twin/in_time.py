@@ -17,6 +17,7 @@ from softcal.mechanics.term import Controls
 from softcal.mechanics.time_step import Instant, at_rest
 from softcal.sensing.sensors.cable import SHORTENING
 from softcal.twin.build import Twin, twin_of
+from softcal.twin.cables import Cable
 from softcal.twin.crossings import crossed_at
 from softcal.twin.masses import robot_inertia
 from softcal.twin.parameters import parameter_values
@@ -70,7 +71,7 @@ def simulate_in_time(
     """
     faults = [*command_faults(robot, protocol := Protocol(schedule.commands)), *let_go_faults(robot, protocol)]
     if settings.scheme == "one-solve":
-        faults += [_one_solve_fault(cable.name) for cable in robot.cables if cable.line.friction_memory]
+        faults += [fault for cable in robot.cables for fault in _one_solve_faults(cable)]
     if faults:
         raise ParameterError(faults)
     schedule = schedule.completed(robot)
@@ -100,14 +101,14 @@ def simulate_in_time(
     return run.response(dynamics)
 
 
-def _one_solve_fault(cable: str) -> Fault:
-    return Fault(
-        "one linear solve for each step is too coarse for friction with a memory, whose via points stick and slide",
-        where=cable,
-        got="scheme: one-solve, friction_memory: true",
-        allowed="scheme: converged",
-        attempt="scheme: converged, or friction_memory: false",
-    )
+def _one_solve_faults(cable: Cable) -> list[Fault]:
+    line, what = cable.line, "one linear solve for each step is too coarse for friction that depends on the slip"
+    stated = {"friction_memory: true": line.friction_memory, "friction_speed": line.friction_speed is not None}
+    return [
+        Fault(what, cable.name, f"scheme: one-solve, {key}", "scheme: converged", f"scheme: converged, or no {key}")
+        for key, is_stated in stated.items()
+        if is_stated
+    ]
 
 
 def _start(twin: Twin, theta: Mapping[str, float], schedule: Schedule, settings: TimeSettings) -> Start:

@@ -12,6 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from softcal.bench.case import CASES, BenchmarkCase
+from softcal.bench.page import read_scores, write_page
 from softcal.bench.predictions import Predictions, read_predictions
 from softcal.bench.project_case import ProjectCase
 from softcal.bench.record import PREDICT, CaseRecord
@@ -68,12 +69,12 @@ def test_without_the_examples_their_cases_are_refused_and_the_others_are_listed(
     assert lines.keys() == set(CASES)
     for name, case in CASES.items():
         absent = isinstance(case, ProjectCase) and bool(case.example)
-        assert ("in softcal's source tree" in lines[name]) == absent
+        assert ("not in this installation" in lines[name]) == absent
         assert ("README:" in lines[name]) == (not absent)
     for arguments in (["run", "beam", "--out", str(tmp_path / "out")], ["score", "beam", "mine.csv"]):
         ran = CliRunner().invoke(app, ["bench", *arguments])
         assert ran.exit_code == 2
-        assert "in softcal's source tree" in " ".join(ran.output.split())
+        assert "not in this installation of softcal" in " ".join(ran.output.split())
     assert not (tmp_path / "out").exists()
 
 
@@ -219,7 +220,7 @@ def test_bands_have_the_share_of_what_they_hold(tmp_path: Path) -> None:
     bands = {name: np.full(len(record.samples), 1e-3) for name in ("M1.x", "M1.y", "M1.z")}
     path = tmp_path / "mine.csv"
     path.write_text(replace(truth, channels=channels, bands=bands).text(record.units), encoding="utf-8")
-    assert score_file("tentacle", path).splits[PREDICT].coverage == pytest.approx(2 / 3)
+    assert score_file("tentacle", path).splits[PREDICT].coverage == pytest.approx(2 / 12)  # the others have no band
 
 
 def test_further_samples_take_the_place_of_those_to_predict(tmp_path: Path) -> None:
@@ -244,7 +245,7 @@ def test_a_further_sample_named_as_one_to_fit_is_refused(tmp_path: Path) -> None
 
 def test_sorosims_first_shapes_are_within_a_twentieth_of_a_per_cent_on_average(tmp_path: Path) -> None:
     case = CASES["sorosim-tpu"]
-    lines = (case.folder / "shapes.csv").read_text().splitlines()
+    lines = (case.folder / "tpu.csv").read_text().splitlines()
     few = tmp_path / "few.csv"
     few.write_text("\n".join(lines[: 2 + 6 * 6]) + "\n")
     out = tmp_path / "out"
@@ -253,6 +254,36 @@ def test_sorosims_first_shapes_are_within_a_twentieth_of_a_per_cent_on_average(t
     found = score_file(case.name, out / "predictions.csv", data=few)
     assert found.splits[PREDICT].points["tip"].mean < 5e-4 * case.length
     assert found.evaluations == 0  # nothing is fitted
+
+
+def test_all_faults_of_a_file_of_shapes_are_told_at_once_and_blank_lines_are_none(tmp_path: Path) -> None:
+    case = CASES["sorosim-tpu"]
+    lines = (case.folder / "tpu.csv").read_text().splitlines()[: 2 + 3 * 6]
+    path = tmp_path / "shapes.csv"
+    path.write_text("\n".join([*lines[:8], "", ",", *lines[8:], ""]))
+    assert len(case.record(path).samples) == 3
+    label, _, *rest = lines[3].split(",")
+    wrong = [*lines[:3], ",".join([label, "nan", *rest]), *lines[4:9], *lines[10:15], lines[15].rpartition(",")[0]]
+    path.write_text("\n".join([*wrong, *lines[16:]]))
+    with pytest.raises(DatasetError) as told:
+        case.record(path)
+    for part in ("line 4", "'nan'", "shape s002 has not its 6 lines", "17 cells"):
+        assert part in str(told.value)
+
+
+def test_a_score_names_the_file_of_further_samples(tmp_path: Path) -> None:
+    case = CASES["tentacle"]
+    more, mine, out = tmp_path / "more.csv", tmp_path / "mine.csv", tmp_path / "out"
+    more.write_text((case.folder / "predict.csv").read_text().replace("m1_u012", "again"))
+    record = case.record(more)
+    mine.write_text(replace(measured(case), samples=record.samples, channels=record.channels).text(record.units))
+    assert score_file(case.name, mine, data=more, out=out).data == "more.csv"
+    (_, kept), *_ = read_scores(tmp_path)
+    assert kept.data == "more.csv"
+    ran = CliRunner().invoke(app, ["bench", "score", case.name, str(mine), "--data", str(more)])
+    assert "more.csv" in ran.output
+    write_page(tmp_path, tmp_path / "page.md")
+    assert "predicts more.csv" in (tmp_path / "page.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

@@ -20,15 +20,17 @@ from softcal.report.scene_figure import draw_side_by_side
 from softcal.report.scene_render import render_scenes
 from softcal.report.style import BLUE, MUTED, encode, house_style, new_figure
 from softcal.report.write import write_files
-from softcal.units import format_quantity
+from softcal.units import format_quantity, parse_quantity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 HEAD = (
     "| method | fit: all points / tip | predict: all points / tip | of the length | in the band | evaluations | time | "
-    "found |\n|---|---|---|---|---|---|---|---|\n"
+    "notes |\n|---|---|---|---|---|---|---|---|\n"
 )
+FEW = 12  # samples that have a bar each
+
 INTRODUCTION = """# The benchmark
 
 <!-- Written by `softcal bench page`: run the cases again to change it. -->
@@ -36,7 +38,7 @@ INTRODUCTION = """# The benchmark
 Robots that others measured, or computed, with a fixed split of the samples: a method may fit the first ones, and
 predicts the others. Errors are distances of the measured points, as root mean squares over samples and points [mm];
 the tip is also by itself, and the predicted error of all points is given in per cent of the robot's length. *In the
-band*: the share of the values to predict that lie in the method's own 95 % bands. Rows of others are what they
+band*: the share of all values to predict that lie in the method's own 95 % bands. Rows of others are what they
 published, or what their own code, models or stored arrays give on these samples, as the row says; a dash is what is
 not known of them. Take part with a table of predictions, by any program: `softcal bench score CASE predictions.csv`
 ([how](bench-cases.md)).
@@ -99,6 +101,9 @@ def _section(case: BenchmarkCase, scores: Sequence[Score], pictures: Sequence[st
         lines.append(f"Goal: {case.goal}.")
     rows = [_row(case, score) for score in scores] + [_published(case, one) for one in case.published]
     lines += ["", HEAD + "\n".join(rows), ""]
+    for score in scores:
+        if found := _found(score):
+            lines += [f"{score.method} found: {found}.", ""]
     if case.remarks:
         lines += [case.remarks, ""]
     lines += [
@@ -114,11 +119,12 @@ def _row(case: BenchmarkCase, score: Score) -> str:
         share = f"{100 * predicted.all_points.rms / case.length:.2g} %"
     band = "–" if predicted is None or predicted.coverage is None else f"{100 * predicted.coverage:.0f} %"
     wall = "–" if score.wall_s is None else format_quantity(score.wall_s, "s", digits=2)
-    found = "; ".join(f"{name} {value}" for name, value in (score.parameters or {}).items() if "[" not in name)
-    if not found and predicted is not None and case.tip in predicted.points:
+    note = f"predicts {score.data}" if score.data else ""
+    if not score.parameters and predicted is not None and case.tip in predicted.points:
         tip = predicted.points[case.tip]
         mean, most, largest = (f"{100 * x / case.length:.2g} %" for x in (tip.mean, tip.most_95, tip.largest))
-        found = f"tip: mean {mean}, 95 % below {most}, largest {largest} of the length"
+        told = f"tip: mean {mean}, 95 % below {most}, largest {largest} of the length"
+        note = f"{told}; {note}" if note else told
     cells = [
         f"**{score.method}**",
         _errors(case, score.splits.get(FIT)),
@@ -127,9 +133,14 @@ def _row(case: BenchmarkCase, score: Score) -> str:
         band,
         "–" if score.evaluations is None else str(score.evaluations),
         wall,
-        found or "–",
+        note or "–",
     ]
     return _line(cells)
+
+
+def _found(score: Score) -> str:
+    """What was identified, but for what belongs to one experiment."""
+    return "; ".join(f"{name} {value}" for name, value in (score.parameters or {}).items() if "[" not in name)
 
 
 def _line(cells: Sequence[str]) -> str:
@@ -164,28 +175,49 @@ def _pictures(case: BenchmarkCase, found: Sequence[tuple[Path, Score]]) -> dict[
     drawn = draw_side_by_side(scenes, cameras, render_scenes(scenes, cameras))
     pictures = {"robot": encode(drawn.figure)[0]}
     record = case.record()
-    tables = [(score, folder / PREDICTIONS) for folder, score in found if (folder / PREDICTIONS).is_file()]
-    if record.points and tables:
+    tables = [(s, folder / PREDICTIONS) for folder, s in found if (folder / PREDICTIONS).is_file() and not s.data]
+    if tables:
         pictures["errors"] = encode(_error_figure(case, record, tables))[0]
     return pictures
 
 
 def _error_figure(case: BenchmarkCase, record: CaseRecord, tables: Sequence[tuple[Score, Path]]) -> Figure:
-    """Each method's errors of the predicted samples, in their order: the tip's, or of all points together."""
+    """Each method's errors of the predicted samples, in their order: the tip's, or of all points together, or of each
+    other channel; bars with names where the samples are few.
+    """
+    names = np.array(record.samples)[record.of(PREDICT)].tolist()
+    of = [case.tip or "all points"] if record.points else list(record.others)
     with house_style():
-        figure = new_figure(6.4, 2.4)
-        axes = figure.add_subplot()
-        for (score, path), colour in zip(tables, (BLUE, *(MUTED for _ in tables)), strict=False):
-            axes.plot(1e3 * _per_sample(case, record, path), ".-", color=colour, ms=3, lw=0.6, label=score.method)
-        axes.set_xlabel("predicted sample, in the order of the record")
-        axes.set_ylabel(f"error of {case.tip or 'all points'} [mm]")
-        axes.set_ylim(bottom=0.0)
-        axes.legend(loc="upper right")
+        figure = new_figure(6.4, 0.6 + 1.8 * len(of))
+        for place, one in enumerate(of):
+            axes = figure.add_subplot(len(of), 1, place + 1)
+            unit = "m" if record.points else record.units[one]
+            shown = {"m": "mm", "rad": "deg"}.get(unit, unit)
+            for k, (score, path) in enumerate(tables):
+                errors = _per_sample(case, record, path, one) / parse_quantity(f"1 {shown}", unit)
+                colour = BLUE if k == 0 else MUTED
+                if len(names) <= FEW:
+                    width = 0.8 / len(tables)
+                    left = np.arange(len(names)) + (k - 0.5 * (len(tables) - 1)) * width
+                    axes.bar(left, errors, width=width, color=colour, label=score.method)
+                else:
+                    axes.plot(errors, ".-", color=colour, ms=3, lw=0.6, label=score.method)
+            if len(names) <= FEW:
+                axes.set_xticks(np.arange(len(names)), names)
+            axes.set_ylabel(f"error of {one} [{shown}]")
+            axes.set_ylim(bottom=0.0)
+            if place == 0:
+                axes.legend(loc="upper right")
+        figure.axes[-1].set_xlabel("predicted sample" + ("" if len(names) <= FEW else ", in the order of the record"))
     return figure
 
 
-def _per_sample(case: BenchmarkCase, record: CaseRecord, path: Path) -> np.ndarray:
-    predictions = read_predictions(path, record, aligned=case.aligned)
-    distances, _ = distances_of(record, predictions, record.of(PREDICT), aligned=case.aligned)
-    wanted = [distances[case.tip]] if case.tip in distances else list(distances.values())
+def _per_sample(case: BenchmarkCase, record: CaseRecord, path: Path, of: str) -> np.ndarray:
+    """The errors [SI] of the predicted samples: of a point, of all of them, or of another channel."""
+    predictions, chosen = read_predictions(path, record, aligned=case.aligned), record.of(PREDICT)
+    if of in record.others:
+        rows = predictions.rows(np.array(record.samples)[chosen])
+        return np.abs(predictions.channels[of][rows] - record.channels[of][chosen])
+    distances, _ = distances_of(record, predictions, chosen, aligned=case.aligned)
+    wanted = [distances[of]] if of in distances else list(distances.values())
     return np.sqrt(np.nanmean(np.square(wanted), axis=0))

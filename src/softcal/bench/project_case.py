@@ -27,7 +27,12 @@ from softcal.units import format_quantity
 from softcal.workflows.calibration import calibrate
 
 PREDICTED = "predict.csv"
-EXAMPLES = Path(softcal.__file__).parents[2] / "examples"  # in the source tree; a wheel has none
+_PACKAGE = Path(softcal.__file__).parent
+# Beside the package in the source tree; a wheel has those of the cases inside.
+EXAMPLES = next(
+    (place for place in (_PACKAGE / "bench" / "examples", _PACKAGE.parents[1] / "examples") if place.is_dir()),
+    _PACKAGE / "bench" / "examples",
+)
 
 
 class ProjectCase(BenchmarkCase):
@@ -64,8 +69,8 @@ class ProjectCase(BenchmarkCase):
             return self.folder
         if not (EXAMPLES / self.example).is_dir():
             where = f"examples/{self.example}"
-            told = "the files of the case are in softcal's source tree, not in the installed package"
-            raise StorageError(Fault(told, where, attempt="softcal from a checkout of its source"))
+            told = "the files of the case are not in this installation of softcal"
+            raise StorageError(Fault(told, where, attempt="softcal from its wheel, or from a checkout of its source"))
         return EXAMPLES / self.example
 
     def record(self, data: Path | None = None) -> CaseRecord:

@@ -39,7 +39,7 @@ def run_case(
     record = case.record(data)
     require_free_folder(out)
     found = case.run(data, workers=workers, progress=progress)
-    return Ran(_written(case, record, found, out), out)
+    return Ran(_written(case, record, found, out, data), out)
 
 
 def score_file(
@@ -56,12 +56,16 @@ def score_file(
     record = case.record(data)
     found = read_predictions(predictions, record, method, aligned=case.aligned)
     if out is None:
-        return score(case.name, record, found, aligned=case.aligned)
-    return _written(case, record, found, out)
+        return _scored(case, record, found, data)
+    return _written(case, record, found, out, data)
 
 
-def _written(case: BenchmarkCase, record: CaseRecord, found: Predictions, out: Path) -> Score:
-    result = score(case.name, record, found, aligned=case.aligned)
+def _scored(case: BenchmarkCase, record: CaseRecord, found: Predictions, data: Path | None) -> Score:
+    return score(case.name, record, found, aligned=case.aligned, data="" if data is None else data.name)
+
+
+def _written(case: BenchmarkCase, record: CaseRecord, found: Predictions, out: Path, data: Path | None) -> Score:
+    result = _scored(case, record, found, data)
     with new_folder(out) as folder:
         (folder / PREDICTIONS).write_text(found.text(record.units), encoding="utf-8")
         (folder / SCORE).write_text(json.dumps(result.as_json(), indent=2) + "\n", encoding="utf-8")

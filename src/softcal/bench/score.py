@@ -38,7 +38,8 @@ class SplitScore:
     channels
         Any other channel -> its errors.
     coverage
-        Share of the measured values inside their predicted 95 % bands [-]; None without bands.
+        Share of all measured values inside their predicted 95 % bands [-]; one without a band is outside. None where
+        no value has one.
     """
 
     n_samples: int
@@ -62,6 +63,8 @@ class Score:
         Number of simulations of the whole fit, and its wall time [s], where they are known.
     parameters
         What was identified, in words by name.
+    data
+        Name of the file with further samples that were predicted in the place of the case's own; "" for its own.
     """
 
     case: str
@@ -70,6 +73,7 @@ class Score:
     evaluations: int | None = None
     wall_s: float | None = None
     parameters: Mapping[str, str] | None = None
+    data: str = ""
 
     def as_json(self) -> dict[str, Any]:
         """The contents of `score.json`; SI."""
@@ -86,7 +90,7 @@ class Score:
         """
         splits = {split: _split_from_json(one) for split, one in given["splits"].items()}
         kept = {"evaluations": given["evaluations"], "wall_s": given["wall_s"], "parameters": given["parameters"]}
-        return cls(str(given["case"]), str(given["method"]), splits, **kept)
+        return cls(str(given["case"]), str(given["method"]), splits, **kept, data=str(given.get("data", "")))
 
 
 def _split_from_json(given: Mapping[str, Any]) -> SplitScore:
@@ -95,10 +99,11 @@ def _split_from_json(given: Mapping[str, Any]) -> SplitScore:
     return SplitScore(given["n_samples"], points, whole, channels, given["coverage"])
 
 
-def score(case: str, record: CaseRecord, predictions: Predictions, *, aligned: bool) -> Score:
+def score(case: str, record: CaseRecord, predictions: Predictions, *, aligned: bool, data: str = "") -> Score:
     """The score of predictions that `require_matching` has accepted.
 
-    aligned: whether one translation per split, the mean error, is taken off the positions first.
+    aligned: whether one translation per split, the mean error, is taken off the positions first. data: name of the file
+    with the samples, where they are not the case's own.
     """
     splits = {
         split: _split_score(record, predictions, record.of(split), aligned=aligned)
@@ -106,7 +111,13 @@ def score(case: str, record: CaseRecord, predictions: Predictions, *, aligned: b
         if record.of(split).any() and predictions.has(record, split)
     }
     return Score(
-        case, predictions.method, splits, predictions.evaluations, predictions.wall_s, predictions.parameters or None
+        case,
+        predictions.method,
+        splits,
+        predictions.evaluations,
+        predictions.wall_s,
+        predictions.parameters or None,
+        data,
     )
 
 
@@ -146,13 +157,14 @@ def _coverage(
     record: CaseRecord, predictions: Predictions, chosen: np.ndarray, rows: np.ndarray, shift: Floats
 ) -> float | None:
     inside: list[np.ndarray] = []
-    for name, band in predictions.bands.items():
-        off = predictions.channels[name][rows] - record.channels[name][chosen]
+    for name, measured in record.channels.items():
+        off = predictions.channels[name][rows] - measured[chosen]
         if name not in record.others:
             off = off - shift["xyz".index(name[-1])]
-        known = np.isfinite(off) & np.isfinite(band[rows])
-        inside.append(np.abs(off[known]) <= band[rows][known])
-    whole = np.concatenate(inside) if inside else np.zeros(0)
+        band = predictions.bands[name][rows] if name in predictions.bands else np.full(len(rows), np.nan)
+        inside.append(np.where(np.isfinite(band), np.abs(off) <= band, False)[np.isfinite(off)])
+    banded = any(np.isfinite(band[rows]).any() for band in predictions.bands.values())
+    whole = np.concatenate(inside) if banded else np.zeros(0)
     return float(whole.mean()) if len(whole) else None
 
 

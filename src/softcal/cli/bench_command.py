@@ -110,6 +110,8 @@ def _print_score(found: Score) -> None:
 
     case = CASES.named(found.case)
     print_table(_table(found, case))
+    if found.data:
+        typer.echo(f"The samples to predict are those of {found.data}, not the case's own.")
     for name, value in (found.parameters or {}).items():
         typer.echo(f"{name} = {value}")
     for split, one in found.splits.items():

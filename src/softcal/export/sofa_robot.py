@@ -12,6 +12,7 @@ from softcal.export.cable_faults import cable_faults
 from softcal.export.sofa_rods import linear_rod
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quadratic import linear_numbers
+from softcal.geometry.varied_section import VariedSection
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.elements import P1
 from softcal.twin.bores import bores
@@ -34,13 +35,18 @@ def scene_faults(robot: Robot) -> list[Fault]:
     ]
     faults += [
         Fault(
-            "a body of several materials cannot be exported to SOFA",
-            where=body.name,
-            got=", ".join(part.name for part in body.inclusions),
-            attempt="a body of one material, or two bodies tied together",
+            "a body or rod of several materials cannot be exported to SOFA",
+            where=whole.name,
+            got=", ".join(part.name for part in whole.inclusions),
+            attempt="one of one material, or two bodies tied together",
         )
-        for body in robot.bodies
-        if body.inclusions
+        for whole in (*robot.bodies, *robot.rods)
+        if whole.inclusions
+    ]
+    faults += [
+        Fault("a rod whose section varies cannot be exported to SOFA", rod.name, attempt="a rod of one section")
+        for rod in robot.rods
+        if isinstance(rod.section, VariedSection)
     ]
     faults += point_faults(robot, "SOFA")
     if robot.contact is not None:

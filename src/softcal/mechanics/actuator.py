@@ -19,7 +19,7 @@ import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.mechanics.layout import Layout
-from softcal.mechanics.term import Columns, Given, Sum, Term
+from softcal.mechanics.term import BlockColumns, Given, Sum, Term
 
 NO_GAP = 1e-9  # of a coordinate's scale: a smaller error counts as zero
 NO_EFFORT = 1e-7  # of the largest effort: a smaller one counts as zero
@@ -44,15 +44,15 @@ class Drives(NamedTuple):
     Attributes
     ----------
     columns
-        d gradient / d effort of each (n, k), or as `Columns`.
+        d gradient / d effort of each (n, k), or as `BlockColumns`.
     rows
         Less d coordinate / d the unknowns; the same object as `columns` where the transmission is ideal.
     corner
         Less d coordinate / d effort (k,).
     """
 
-    columns: Floats | Columns
-    rows: Floats | Columns
+    columns: Floats | BlockColumns
+    rows: Floats | BlockColumns
     corner: Floats
 
 

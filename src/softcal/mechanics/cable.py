@@ -24,10 +24,10 @@ from softcal.mechanics.actuator import NO_GAP, Actuator, ActuatorTerm, Drives
 from softcal.mechanics.damping import TimeStep
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.pattern import Pattern
-from softcal.mechanics.segments import MET, Placement, Segments, SegmentShape
+from softcal.mechanics.segments import MET, EndMotion, Segments, SegmentShape
 from softcal.mechanics.state import State
 from softcal.mechanics.tensions import KINDS, Course, Lines, Tensions, Viscous, tensions, turns
-from softcal.mechanics.term import NOTHING, Columns, Connectivity, Given, LowRank, Sum, Term, Theta
+from softcal.mechanics.term import NOTHING, BlockColumns, Connectivity, Given, LowRank, Sum, Term, Theta
 
 if TYPE_CHECKING:
     from softcal.mechanics.system import System
@@ -61,7 +61,7 @@ class CableTerm(ActuatorTerm):
         Length of each segment at rest (n_segments,) [m].
     stated
         Names of the parameters of lines that are not as by default, such as `front.stiffness`.
-    placements
+    end_motions
         How the segments follow the parameters that move via points on what carries them, by name.
     slowness
         1 / v, with the speed of the slip at which friction is twice as large (n_cables,) [s/m]; None: friction does not
@@ -76,7 +76,7 @@ class CableTerm(ActuatorTerm):
     order: Ints
     rest: Floats
     stated: tuple[str, ...] = ()
-    placements: Mapping[str, Placement] = field(default_factory=dict[str, Placement])
+    end_motions: Mapping[str, EndMotion] = field(default_factory=dict[str, EndMotion])
     slowness: Floats | None = None
     viscous: Viscous | None = None
 
@@ -104,7 +104,7 @@ class CableTerm(ActuatorTerm):
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        return (*(f"{name}.friction_coefficient" for name in self.names), *self.placements, *self.stated)
+        return (*(f"{name}.friction_coefficient" for name in self.names), *self.end_motions, *self.stated)
 
     def connectivity(self, layout: Layout) -> Connectivity:
         """The points of each segment."""
@@ -176,22 +176,24 @@ class CableTerm(ActuatorTerm):
         forces[changing, :, 0] = along.by_rho[changing, None] * along.course.slopes[changing]
         rows, basis, values = self._basis
         first = np.repeat(number, 3)
-        columns = Columns(rows, basis, values, forces.reshape(-1, 1), first, first + np.repeat(forces.any(axis=1), 3))
+        columns = BlockColumns(
+            rows, basis, values, forces.reshape(-1, 1), first, first + np.repeat(forces.any(axis=1), 3)
+        )
 
-        def mixed_rows(mixed: Floats, ends: Ints) -> Columns:
+        def mixed_rows(mixed: Floats, ends: Ints) -> BlockColumns:
             weights = np.zeros((n, mixed.shape[1]))
             weights[changing] = mixed
             return self._columns(along.by_shape(weights), ends[:-1], ends[1:])
 
         into.low_rank.append(LowRank(columns, ptr, mixed_rows))
 
-    def _columns(self, by_vector: Floats, first: Ints, end: Ints) -> Columns:
+    def _columns(self, by_vector: Floats, first: Ints, end: Ints) -> BlockColumns:
         """Columns first:end (n_cables,) for each cable: gradients of functions with these slopes (n_segments, 3, k) by
         the segments' vectors.
         """
         of_cable = 3 * np.diff(self._ptr)
         weights = np.ascontiguousarray(by_vector).reshape(-1, by_vector.shape[2])
-        return Columns(*self._basis, weights, np.repeat(first, of_cable), np.repeat(end, of_cable))
+        return BlockColumns(*self._basis, weights, np.repeat(first, of_cable), np.repeat(end, of_cable))
 
     @cached_property
     def _basis(self) -> tuple[Ints, Ints, Floats]:
@@ -208,12 +210,12 @@ class CableTerm(ActuatorTerm):
                     rho = along.respond(r[:, None])[:, 0]
                     direct = along.by_preload(i) if kind == "friction_preload" else 0.0
                     self._add_rates(one, given, along, rho, i, stretch, direct)
-        for name, placement in self.placements.items():
+        for name, motion in self.end_motions.items():
             if (one := into.get(name)) is not None:
-                r, _, travel = self._by_placement(x, along, placement)
-                self._add_rates(one, given, along, along.respond(r[:, None])[:, 0], placement.cable, travel)
+                r, _, travel = self._by_motion(x, along, motion)
+                self._add_rates(one, given, along, along.respond(r[:, None])[:, 0], motion.cable, travel)
                 tension = self._by_segment(along.segments)
-                one.full += self.segments.gradient_by(placement, x, tension, len(one.full))
+                one.full += self.segments.gradient_by(motion, x, tension, len(one.full))
 
     def _add_rates(
         self,
@@ -234,15 +236,15 @@ class CableTerm(ActuatorTerm):
         changes[i] += travel
         one.efforts[self.own] -= np.where(given.controls.is_held[self.own], 0.0, changes)
 
-    def _by_placement(self, x: Floats, along: Tensions, placement: Placement) -> tuple[Floats, Floats, float]:
-        """Derivatives at fixed rho by the parameter of a placement: of r and of the slips (n_segments,), and of the
+    def _by_motion(self, x: Floats, along: Tensions, motion: EndMotion) -> tuple[Floats, Floats, float]:
+        """Derivatives at fixed rho by the parameter of a motion: of r and of the slips (n_segments,), and of the
         shortening of its cable.
         """
-        order, of_rest = self.order, placement.rest[self.order]
-        longer = self.segments.lengths_by(placement, x)[order] - of_rest
-        slip, stretch = along.by_softness(of_rest * along.lines.softness[placement.cable])
+        order, of_rest = self.order, motion.rest[self.order]
+        longer = self.segments.lengths_by(motion, x)[order] - of_rest
+        slip, stretch = along.by_softness(of_rest * along.lines.softness[motion.cable])
         slip += along.beyond(longer)
-        r = along.by_angle * along.course.turns.rates(placement.vectors(x)[order]) + along.by_slip * slip
+        r = along.by_angle * along.course.turns.rates(motion.vectors(x)[order]) + along.by_slip * slip
         return r, slip, stretch - float(longer.sum())
 
     # Friction with a memory: the plastic slips at the inner via points, in the order of the tensions.
@@ -285,8 +287,8 @@ class CableTerm(ActuatorTerm):
         slip = along.beyond((along.course.slopes * v_rates).sum(axis=1) - pulled)
         r = along.by_angle * along.course.turns.rates(v_rates) + along.by_slip * (slip - before)
         presliding = np.zeros(self.n_cables)
-        if parameter in self.placements:
-            by, of_slip, _ = self._by_placement(x, along, self.placements[parameter])
+        if parameter in self.end_motions:
+            by, of_slip, _ = self._by_motion(x, along, self.end_motions[parameter])
             r, slip = r + by, slip + of_slip
         for i, name in enumerate(self.names):
             for kind in KINDS:

@@ -10,7 +10,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.mechanics.cable import CableTerm
-from softcal.mechanics.segments import MET, Placement, Segments
+from softcal.mechanics.segments import MET, EndMotion, Segments
 
 Weights = list[tuple[int, float]]
 
@@ -49,8 +49,8 @@ def build_cables(
     )
     segments = replace(segments, met=MET * np.linalg.norm(segments.vectors(X), axis=1))
     of_cable = np.array(cable, dtype=np.int64)
-    placements = {
-        parameter: _placement(c, int(np.searchsorted(of_cable, c)), ways, segments, X)
+    end_motions = {
+        parameter: _end_motion(c, int(np.searchsorted(of_cable, c)), ways, segments, X)
         for c, name in enumerate(supports)
         for parameter, ways in (placed or {}).get(name, {}).items()
     }
@@ -61,18 +61,18 @@ def build_cables(
         np.array(order, dtype=np.int64),
         segments.shape(X).lengths,
         stated,
-        placements,
+        end_motions,
         slowness,
     )
 
 
-def _placement(cable: int, first: int, ways: list[Weights], segments: Segments, X: Floats) -> Placement:
-    """The placement of a cable whose first segment and whose via points' derivatives are given."""
+def _end_motion(cable: int, first: int, ways: list[Weights], segments: Segments, X: Floats) -> EndMotion:
+    """The motion of a cable whose first segment and whose via points' derivatives are given."""
     changes = [
         (first + k, point, rate) for k, ends in enumerate(pairwise(ways)) for point, rate in _difference(*ends).items()
     ]
     segment, support, rate = zip(*changes, strict=True) if changes else ((), (), ())
-    found = Placement(
+    found = EndMotion(
         cable,
         np.array(segment, dtype=np.int64),
         np.array(support, dtype=np.int64),

@@ -13,7 +13,7 @@ from softcal.checks import Floats, Ints
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.pattern import Pattern
 from softcal.mechanics.state import State
-from softcal.mechanics.term import Columns
+from softcal.mechanics.term import BlockColumns
 
 WEIGHTS_OF_FRAME_LINK = 7  # its weight w, its arm s, and -s
 
@@ -65,7 +65,7 @@ class Motion:
         out[layout.first_pressure_unknown :] = gradient[n:]
         return out
 
-    def reduce_columns(self, state: State, columns: Columns, n: int) -> Floats:
+    def reduce_columns(self, state: State, columns: BlockColumns, n: int) -> Floats:
         """P^T times n columns on all entities: (n_unknowns - n_actuators, n)."""
         out = np.zeros((self.layout.first_effort_unknown, n))
         _reduce_columns(out, *columns, *self._rows, self._weights(state))

@@ -68,7 +68,7 @@ UNPLANNED = SegmentPlaces(np.zeros((0, 3), dtype=np.int64), np.zeros(1, dtype=np
 
 
 @dataclass(frozen=True)
-class Placement:
+class EndMotion:
     """How the vectors of segments follow a parameter that moves their ends on what carries them.
 
     Attributes
@@ -154,9 +154,9 @@ class Segments:
         first, second = _rates(v, self.met)
         return SegmentShape(v, least * (3.0 + square * (6.0 - square)) / 8.0, first[:, None] * v, first, second)
 
-    def lengths_by(self, placement: Placement, x: Floats) -> Floats:
-        """d length / d parameter of a placement (n_segments,), with the supporting points fixed."""
-        return (self.shape(x).slopes * placement.vectors(x)).sum(axis=1)
+    def lengths_by(self, motion: EndMotion, x: Floats) -> Floats:
+        """d length / d parameter of a motion (n_segments,), with the supporting points fixed."""
+        return (self.shape(x).slopes * motion.vectors(x)).sum(axis=1)
 
     def pull(self, shape: SegmentShape, tension: Floats, gradient: Floats, data: Floats | None) -> None:
         """Add the forces of the segments' tensions (n_segments,) to the gradient and, where `data` is given, T times
@@ -185,14 +185,14 @@ class Segments:
         _spread(gradient, self.support, self.sigma, (weights[:, None] * shape.slopes)[self.of_entry])
         return gradient
 
-    def gradient_by(self, placement: Placement, x: Floats, tension: Floats, size: int) -> Floats:
-        """d / d parameter of a placement of the gradient (size,) that segment tensions (n_segments,) [N] give."""
+    def gradient_by(self, motion: EndMotion, x: Floats, tension: Floats, size: int) -> Floats:
+        """d / d parameter of a motion of the gradient (size,) that segment tensions (n_segments,) [N] give."""
         gradient = np.zeros(size)
-        v, dv = self.vectors(x), placement.vectors(x)
+        v, dv = self.vectors(x), motion.vectors(x)
         first, second = _rates(v, self.met)
         n, along = first[:, None] * v, second * (v * dv).sum(axis=1)
         turned = first[:, None] * dv - along[:, None] * v
-        _spread(gradient, placement.support, placement.rate, (tension[:, None] * n)[placement.segment])
+        _spread(gradient, motion.support, motion.rate, (tension[:, None] * n)[motion.segment])
         _spread(gradient, self.support, self.sigma, (tension[:, None] * turned)[self.of_entry])
         return gradient
 

@@ -23,7 +23,7 @@ from softcal.mechanics.motion import Motion, build_motion
 from softcal.mechanics.pattern import Pattern, build_pattern
 from softcal.mechanics.scales import Sizes
 from softcal.mechanics.state import State, rest_state
-from softcal.mechanics.term import NOTHING, Columns, Controls, Given, Sum, Term, Theta
+from softcal.mechanics.term import NOTHING, BlockColumns, Controls, Given, Sum, Term, Theta
 
 Kind = TypeVar("Kind", bound=Term)
 
@@ -332,9 +332,9 @@ class System:
         rows = columns if drives.rows is drives.columns else self._reduced(state, drives.rows, len(which))
         return Border(which, columns, rows, drives.corner)
 
-    def _reduced(self, state: State, columns: Floats | Columns, k: int) -> Floats:
+    def _reduced(self, state: State, columns: Floats | BlockColumns, k: int) -> Floats:
         """k columns on the unknowns but the efforts."""
-        if isinstance(columns, Columns):
+        if isinstance(columns, BlockColumns):
             return self.motion.reduce_columns(state, columns, k)
         return np.stack([self.motion.reduce_gradient(state, column) for column in columns.T], axis=1)
 

@@ -86,7 +86,7 @@ class Connectivity(NamedTuple):
     frames: Sequence[Ints] = ()
 
 
-class Columns(NamedTuple):
+class BlockColumns(NamedTuple):
     """Columns on all entities, as combinations of a sparse basis in blocks.
 
     Attributes
@@ -118,12 +118,12 @@ class LowRank(NamedTuple):
         The columns of block i are ptr[i]:ptr[i+1] (n_blocks + 1,).
     rows
         The rows for given combinations of the columns of each block: mixed (n_columns, m) and the blocks' ends among
-        all combinations (n_blocks + 1,) -> Columns.
+        all combinations (n_blocks + 1,) -> BlockColumns.
     """
 
-    columns: Columns
+    columns: BlockColumns
     ptr: Ints
-    rows: Callable[[Floats, Ints], Columns]
+    rows: Callable[[Floats, Ints], BlockColumns]
 
 
 class Sum:

@@ -54,8 +54,8 @@ def elastic(E: float = 1.0e6, nu: float = 0.3) -> dict[str, float]:
 
 def constants(law: Law, E: float = 1.0e6, nu: float = 0.3) -> dict[str, float]:
     """The law's constants at which its moduli at small strain are these: its typical ones, scaled."""
-    if law.names == tuple(elastic()):
-        return elastic(E, nu)
+    if set(elastic()) <= set(law.names):
+        return {one.name: elastic(E, nu).get(one.name, one.typical) for one in law.parameters}
     typical = {one.name: one.typical for one in law.parameters}
     factor = 0.5 * E / (1.0 + nu) / law.shear_modulus(typical)
     scaled = {one.name: one.typical * (factor if one.quantity.unit == "Pa" else 1.0) for one in law.parameters}

@@ -25,7 +25,7 @@ from softcal import Law, Parameter, quantity, register_law
 
 GENT = register_law(
     Law(
-        name="gent",
+        name="own-gent",
         parameters=(
             Parameter("shear_modulus", "mu", "μ₀", quantity("modulus"), typical=4e5),
             Parameter("limit", "Jm", "J_m", quantity("positive ratio"), typical=50.0),
@@ -47,13 +47,13 @@ MU, LIMIT, KAPPA = 0.45e6, 0.4, 2e6
 def gent(tmp_path: Path) -> Generator[Law]:
     """Gent's law, as a module of the user's registers it."""
     yield imported(tmp_path / "gent_law.py", GENT).GENT
-    LAWS.remove("gent")
+    LAWS.remove("own-gent")
 
 
 def gent_project(folder: Path, *changes: tuple[str, str]) -> Path:
     """The project of a bar with the law, and bench data made by it."""
     (body,) = bar_robot().bodies
-    own = replace(body, law="gent", parameters={"shear_modulus": MU, "limit": LIMIT, "bulk_modulus": KAPPA})
+    own = replace(body, law="own-gent", parameters={"shear_modulus": MU, "limit": LIMIT, "bulk_modulus": KAPPA})
     shortening = np.linspace(0.0, 0.02, 25)
     seen = simulate(replace(bar_robot(), bodies=(own,)), Protocol({"front": Command("shortening", shortening)}))
     assert seen.succeeded, seen.status
@@ -69,7 +69,7 @@ def gent_project(folder: Path, *changes: tuple[str, str]) -> Path:
     lines += [",".join(f"{value:.8f}" for value in row) for row in table]
     text = PROJECT.replace(
         "      youngs_modulus: 2 MPa\n      poissons_ratio: 0.42\n",
-        "      law: gent\n      shear_modulus: 0.3 MPa\n      limit: 2\n",
+        "      law: own-gent\n      shear_modulus: 0.3 MPa\n      limit: 2\n",
     )
     text = text.replace(
         "  bar.youngs_modulus: {bounds: [0.1 MPa, 40 MPa], scale: log}\n"
@@ -108,7 +108,7 @@ def test_workers_know_the_law(gent: Law, tmp_path: Path) -> None:
 
 def test_sofa_refuses_it_and_calculix_gets_its_moduli_at_small_strain(gent: Law, tmp_path: Path) -> None:
     robot = load(gent_project(tmp_path)).robot
-    with pytest.raises(ParameterError, match=r"bar\.law: SOFA does not support this law; got gent"):
+    with pytest.raises(ParameterError, match=r"bar\.law: SOFA does not support this law; got own-gent"):
         linear_robot(robot)
     (body,) = in_its_law(robot).bodies
     E = 9.0 * KAPPA * 0.3e6 / (3.0 * KAPPA + 0.3e6)

@@ -106,7 +106,9 @@ def _grid(robot: Robot, response: Response, shape: Snapshot, names: list[str]) -
             mesh, x = TetMesh(motion.moved(mesh.points), tets), motion.moved(x)
         for part in body.materials:
             own, pressure = TetMesh(mesh.points, tets[part.elements]), shape.pressures.get(part.name)
-            cells.stress[-1][part.elements] = cauchy_stress(element, own, LAWS[body.law], part.parameters, x, pressure)
+            cells.stress[-1][part.elements] = cauchy_stress(
+                element, own, LAWS[body.law], part.parameters, x, pressure, body.direction
+            )
         cells.strain[-1] = green_lagrange_strain(element, mesh, x)
     lines = {rod.name: (rod.centreline.nodes, shape.rods[rod.name]) for rod in robot.rods}
     for cable in robot.cables:

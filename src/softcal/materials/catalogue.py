@@ -9,14 +9,23 @@ from typing import Annotated
 from softcal.catalogue import Catalogue
 from softcal.declare import member_of, shown
 from softcal.errors import Fault, nearest
-from softcal.materials.law import FIRST, Law
-from softcal.materials.mooney_rivlin import MOONEY_RIVLIN
+from softcal.materials.arruda_boyce import ARRUDA_BOYCE
+from softcal.materials.gent import GENT
+from softcal.materials.law import ALONG, INVARIANTS, STRETCHES, Law
+from softcal.materials.layered import NEO_HOOKE_LAYERED
+from softcal.materials.mooney_rivlin import MOONEY_RIVLIN, MOONEY_RIVLIN_3, MOONEY_RIVLIN_5
 from softcal.materials.neo_hooke import NEO_HOOKE, NEO_HOOKE_ISOCHORIC
+from softcal.materials.ogden import OGDEN
 from softcal.materials.parameter import Parameter
+from softcal.materials.stable_neo_hooke import STABLE_NEO_HOOKE
+from softcal.materials.stvenant_kirchhoff import STVENANT_KIRCHHOFF
 from softcal.materials.yeoh import YEOH
 
 # The other keys of a body in a project file: reserved names.
-TAKEN = ("density", "element", "fixed", "law", "materials", "mesh", "placement", "region", "regions")
+TAKEN = ("build_direction", "density", "element", "fixed", "law", "materials", "mesh", "placement", "region", "regions")
+
+# What a law's texts are written in.
+RESERVED = (*INVARIANTS, ALONG, *STRETCHES)
 
 
 def _clashes(law: Law, known: Mapping[str, Law]) -> list[Fault]:
@@ -49,7 +58,7 @@ def _faults(law: Law, known: Mapping[str, Law]) -> list[Fault]:
     faults += [
         Fault("this stands for an invariant", where=f"law {law.name}", got=name, attempt="another letter")
         for name in [*letters, *law.symbols]
-        if name in FIRST
+        if name in RESERVED
     ]
     faults += [
         Fault("a body has something else of this name", where=f"law {law.name}", got=name, attempt="another name")
@@ -64,7 +73,7 @@ def _faults(law: Law, known: Mapping[str, Law]) -> list[Fault]:
         faults.append(Fault("the law has no constants", where=f"law {law.name}"))
     written = {what: getattr(law, what) for what in ("distortional", "volumetric_strain", "bulk", "shear")}
     for what, text in {**law.symbols, **written}.items():
-        faults += _expression_faults(text, f"law {law.name}, {what}", [*letters, *law.symbols, *FIRST, "pi"])
+        faults += _expression_faults(text, f"law {law.name}, {what}", [*letters, *law.symbols, *RESERVED, "pi"])
     return faults + _clashes(law, known)
 
 
@@ -91,7 +100,21 @@ def constants_of(laws: Mapping[str, Law]) -> dict[str, Parameter]:
     return found
 
 
-LAWS = Catalogue("law", "softcal.laws", _faults, own=(NEO_HOOKE, NEO_HOOKE_ISOCHORIC, YEOH, MOONEY_RIVLIN))
+_OWN = (
+    NEO_HOOKE,
+    NEO_HOOKE_ISOCHORIC,
+    STABLE_NEO_HOOKE,
+    STVENANT_KIRCHHOFF,
+    NEO_HOOKE_LAYERED,
+    YEOH,
+    MOONEY_RIVLIN,
+    MOONEY_RIVLIN_3,
+    MOONEY_RIVLIN_5,
+    GENT,
+    ARRUDA_BOYCE,
+    *OGDEN,
+)
+LAWS = Catalogue("law", "softcal.laws", _faults, own=_OWN)
 # The name of a law, as a project file gives it.
 LawName = Annotated[str, member_of(LAWS)]
 

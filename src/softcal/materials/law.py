@@ -1,15 +1,17 @@
 """A hyperelastic law is one energy; everything else is derived from it.
 
-    psi(F; theta) = psi_d(I1, I2, J; theta) + kappa(theta)/2 g(J)^2
+    psi(F; theta) = psi_d(F; theta) + kappa(theta)/2 g(J)^2
 
-with I1 = tr C, I2 = (I1^2 - tr C^2)/2, J = det F, C = F^T F, per undeformed volume. The volumetric part is separate so
-that it can enter unchanged, or as p g(J) - p^2 / (2 kappa) with a pressure p as an unknown, which has no large number
-as nu -> 0.5.
+per undeformed volume, where psi_d is a text in the invariants I1 = tr C, I2 = (I1^2 - tr C^2)/2, J = det F with
+C = F^T F, and of a law with a direction a in I4 = a . C a; or in the principal stretches lambda1, lambda2, lambda3, the
+roots of the eigenvalues of C, and in J, their product. The volumetric part is separate so that it can enter unchanged,
+or as p g(J) - p^2 / (2 kappa) with a pressure p as an unknown, which has no large number as nu -> 0.5.
 """
 
 from __future__ import annotations
 
 import functools
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -19,9 +21,9 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.materials.parameter import Parameter
 
-# Rows of the coefficient arrays of a `CompiledLaw`.
-FIRST = ("I1", "I2", "J")
-SECOND = (("I1", "I1"), ("I1", "I2"), ("I1", "J"), ("I2", "I2"), ("I2", "J"), ("J", "J"))
+INVARIANTS = ("I1", "I2", "J")
+ALONG = "I4"  # squared stretch along the direction of a law that has one
+STRETCHES = ("lambda1", "lambda2", "lambda3")
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,8 @@ class Law:
     symbols
         Abbreviation -> text in the constants' symbols, for instance mu -> E/(2 (1 + nu)).
     distortional
-        psi_d [J/m^3], text in I1, I2, J, the constants' symbols and the abbreviations.
+        psi_d [J/m^3], text in I1, I2, J and I4, or in lambda1, lambda2, lambda3 and J; the constants' symbols and
+        the abbreviations. Symmetric in the stretches.
     volumetric_strain
         g(J) [-], text in J.
     bulk
@@ -59,6 +62,21 @@ class Law:
 
     def __hash__(self) -> int:
         return hash((self.name, self.distortional, self.volumetric_strain, self.bulk))
+
+    @functools.cached_property
+    def variables(self) -> tuple[str, ...]:
+        """The variables of psi_d by which its derivatives are: the invariants, with I4 where it occurs, or the
+        principal stretches.
+        """
+        found = set(re.findall(r"[A-Za-z_]\w*", " ".join([self.distortional, *self.symbols.values()])))
+        if found & set(STRETCHES):
+            return STRETCHES
+        return (*INVARIANTS, ALONG) if ALONG in found else INVARIANTS
+
+    @property
+    def is_directed(self) -> bool:
+        """Whether it has a direction."""
+        return ALONG in self.variables
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -93,19 +111,20 @@ class Law:
 
 @dataclass(frozen=True)
 class CompiledLaw:
-    """Vectorised derivatives of a law. Invariants have shape (n,); coefficient arrays (9, n): FIRST then SECOND."""
+    """Vectorised functions of a law: of psi_d by its variables, each (n,), then the constants; of g by J.
+
+    `rows` are the first derivatives of psi_d by the variables, then the second ones: the upper triangle by its rows.
+    """
 
     parameters: tuple[str, ...]
-    has_cross_terms: bool  # False where only psi_1, psi_J and psi_JJ are not zero
+    variables: tuple[str, ...]
+    is_simple: bool  # whether only the derivatives psi_1, psi_J and psi_JJ are not zero
     shear: Callable[..., Any]
     bulk: Callable[..., Any]
     compressed: Callable[..., Any]  # the small-strain bulk modulus
     energy: Callable[..., Any]
-    energy_distortional: Callable[..., Any]
-    full: Callable[..., Any]
-    distortional: Callable[..., Any]
-    full_by_parameter: Callable[..., Any]
-    distortional_by_parameter: Callable[..., Any]
+    rows: Callable[..., Any]
+    first_by_parameter: Callable[..., Any]  # the first derivatives by the variables, of each constant
     strain: Callable[..., Any]  # g, g', g''
     compliance: Callable[..., Any]  # 1/kappa and its derivatives by the parameters
 
@@ -116,57 +135,48 @@ def compile_law(law: Law) -> CompiledLaw:
     import sympy
 
     letters = {letter: sympy.Symbol(letter, real=True) for letter in (parameter.symbol for parameter in law.parameters)}
-    invariants = {name: sympy.Symbol(name, positive=True) for name in FIRST}
-    scope: dict[str, Any] = {**letters, **invariants}
+    variables = {name: sympy.Symbol(name, positive=True) for name in law.variables}
+    J = variables["J"] if "J" in variables else sympy.Mul(*variables.values())
+    scope: dict[str, Any] = {**letters, **variables, "J": J}
     for symbol, text in law.symbols.items():
         scope[symbol] = _parsed(text, scope)
-    psi_d = _parsed(law.distortional, scope)
-    g = _parsed(law.volumetric_strain, scope)
-    kappa = _parsed(law.bulk, scope)
-    psi = psi_d + kappa / 2 * g**2
+    psi_d, kappa = _parsed(law.distortional, scope), _parsed(law.bulk, scope)
+    volume = sympy.Symbol("J", positive=True)
+    g = _parsed(law.volumetric_strain, {**scope, "J": volume})
 
-    arguments = [*invariants.values(), *letters.values()]
-    theta = list(letters.values())
-    J = invariants["J"]
-
-    def first(energy: Any) -> list[Any]:
-        return [energy.diff(invariants[a]) for a in FIRST]
-
-    def derivatives(energy: Any) -> list[Any]:
-        return first(energy) + [energy.diff(invariants[a], invariants[b]) for a, b in SECOND]
-
-    def by_parameter(energy: Any) -> list[list[Any]]:
-        return [[d.diff(t) for d in first(energy)] for t in theta]
+    of, theta = list(variables.values()), list(letters.values())
+    first = [psi_d.diff(a) for a in of]
+    second = [slope.diff(b) for i, slope in enumerate(first) for b in of[i:]]
 
     def function(args: list[Any], expression: Any) -> Callable[..., Any]:
         return sympy.lambdify(args, expression, modules="numpy", cse=True)
 
-    second = [sympy.simplify(psi.diff(invariants[a], invariants[b])) for a, b in SECOND[:-1]]
-    has_cross_terms = any(d != 0 for d in second) or sympy.simplify(psi.diff(invariants["I2"])) != 0
+    is_simple = law.variables == INVARIANTS and all(
+        sympy.simplify(one) == 0 for one in [psi_d.diff(variables["I2"]), *second[:-1]]
+    )
     return CompiledLaw(
         parameters=law.names,
-        has_cross_terms=has_cross_terms,
+        variables=law.variables,
+        is_simple=is_simple,
         shear=function(theta, _parsed(law.shear, scope)),
         bulk=function(theta, kappa),
-        compressed=function(theta, _bulk_at_rest(psi, invariants)),
-        energy=function(arguments, psi),
-        energy_distortional=function(arguments, psi_d),
-        full=function(arguments, derivatives(psi)),
-        distortional=function(arguments, derivatives(psi_d)),
-        full_by_parameter=function(arguments, by_parameter(psi)),
-        distortional_by_parameter=function(arguments, by_parameter(psi_d)),
-        strain=function([J], [g, g.diff(J), g.diff(J, 2)]),
+        compressed=function(theta, _bulk_at_rest(psi_d, variables) + kappa * g.diff(volume).subs(volume, 1) ** 2),
+        energy=function([*of, *theta], psi_d),
+        rows=function([*of, *theta], first + second),
+        first_by_parameter=function([*of, *theta], [[slope.diff(t) for slope in first] for t in theta]),
+        strain=function([volume], [g, g.diff(volume), g.diff(volume, 2)]),
         compliance=function(theta, [1 / kappa, [(1 / kappa).diff(t) for t in theta]]),
     )
 
 
-def _bulk_at_rest(psi: Any, invariants: Mapping[str, Any]) -> Any:
+def _bulk_at_rest(psi: Any, variables: Mapping[str, Any]) -> Any:
     """d2 psi / d(3 lnlambda)2 of an even stretch lambda, at 1."""
     import sympy
 
     stretch = sympy.Symbol("stretch", positive=True)
-    even = {"I1": 3 * stretch**2, "I2": 3 * stretch**4, "J": stretch**3}
-    energy = psi.subs({invariants[name]: value for name, value in even.items()})
+    even = {"I1": 3 * stretch**2, "I2": 3 * stretch**4, "J": stretch**3, ALONG: stretch**2}
+    even |= dict.fromkeys(STRETCHES, stretch)
+    energy = psi.subs({symbol: even[name] for name, symbol in variables.items()})
     return energy.diff(stretch, 2).subs(stretch, 1) / 9
 
 

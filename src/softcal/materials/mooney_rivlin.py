@@ -1,18 +1,35 @@
-"""Mooney's and Rivlin's law: an energy linear in both invariants."""
+"""Mooney's and Rivlin's laws: polynomials of both invariants, of two, three and five terms."""
 
 from __future__ import annotations
 
 from softcal.materials.isochoric import BULK, first, polynomial
 from softcal.materials.law import Law
 
-MOONEY_RIVLIN = Law(
-    name="mooney-rivlin",
-    parameters=(first("C10", "C₁₀"), polynomial("C01", "C₀₁", 5e4), BULK),
-    symbols={"I1_bar": "J**Rational(-2, 3)*I1", "I2_bar": "J**Rational(-4, 3)*I2"},
-    distortional="C10*(I1_bar - 3) + C01*(I2_bar - 3)",
-    volumetric_strain="J - 1",
-    bulk="kappa",
-    shear="2*(C10 + C01)",
-    reference="Rivlin and Saunders, Phil. Trans. R. Soc. A 243 (1951) 251; CalculiX's and Abaqus' *HYPERELASTIC, "
-    "MOONEY-RIVLIN",
-)
+# Term -> the powers of I1_bar - 3 and I2_bar - 3, and a typical coefficient [Pa].
+_TERMS = {"C10": (1, 0, 0.0), "C01": (0, 1, 5e4), "C11": (1, 1, 1e3), "C20": (2, 0, 2e3), "C02": (0, 2, 5e2)}
+
+
+def mooney_rivlin(name: str, terms: tuple[str, ...]) -> Law:
+    """The law with some of the terms, C10 the first of them."""
+    own = [f"{term}*(I1_bar - 3)**{_TERMS[term][0]}*(I2_bar - 3)**{_TERMS[term][1]}" for term in terms]
+    return Law(
+        name=name,
+        parameters=(
+            first("C10", "C₁₀"),
+            *(polynomial(term, "C" + term[1:].translate(_SUBSCRIPTS), _TERMS[term][2]) for term in terms[1:]),
+            BULK,
+        ),
+        symbols={"I1_bar": "J**Rational(-2, 3)*I1", "I2_bar": "J**Rational(-4, 3)*I2"},
+        distortional=" + ".join(own),
+        volumetric_strain="J - 1",
+        bulk="kappa",
+        shear="2*(C10 + C01)",
+        reference="Rivlin and Saunders, Phil. Trans. R. Soc. A 243 (1951) 251; CalculiX's and Abaqus' *HYPERELASTIC, "
+        + ("MOONEY-RIVLIN" if len(terms) == 2 else "POLYNOMIAL, N=2"),
+    )
+
+
+_SUBSCRIPTS = str.maketrans("012", "₀₁₂")
+MOONEY_RIVLIN = mooney_rivlin("mooney-rivlin", ("C10", "C01"))
+MOONEY_RIVLIN_3 = mooney_rivlin("mooney-rivlin-3", ("C10", "C01", "C11"))
+MOONEY_RIVLIN_5 = mooney_rivlin("mooney-rivlin-5", ("C10", "C01", "C11", "C20", "C02"))

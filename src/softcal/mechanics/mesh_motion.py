@@ -11,14 +11,11 @@ mesh,
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from softcal.checks import Floats, Ints
-
-if TYPE_CHECKING:
-    from softcal.mechanics.solid import Kinematics
+from softcal.materials.stress_at import PAIRS, full
 
 
 @dataclass(frozen=True)
@@ -52,26 +49,14 @@ class MeshMotion:
         return tets, np.einsum("eai,eqaj->eqij", V[tets], dN[tets])
 
 
-def stress_rate(known: Kinematics, dF: Floats, coefficients: Floats) -> tuple[Floats, Floats]:
-    """P and its rate for a rate dF of F (n_tets, n_q, 3, 3), by the derivatives of the energy (9, n_tets, n_q)."""
-    F, I1 = known[0], known[1][..., None, None]
-    first, second = coefficients[:3, ..., None, None], coefficients[3:]
-    B = F @ np.swapaxes(F, 2, 3)
-    dB = dF @ np.swapaxes(F, 2, 3) + F @ np.swapaxes(dF, 2, 3)
-    # The invariants' derivatives by F, and how these change.
-    by_F = np.stack([2.0 * F, 2.0 * (I1 * F - B @ F), cofactor(F, F)])
-    dI = np.einsum("ieqkl,eqkl->ieq", by_F, dF)
-    rates = np.stack(
-        [
-            2.0 * dF,
-            2.0 * (dI[0][..., None, None] * F + I1 * dF - dB @ F - B @ dF),
-            cofactor(dF, F) + cofactor(F, dF),
-        ]
-    )
-    rows = ((0, 1, 2), (1, 3, 4), (2, 4, 5))  # of the second derivatives, as they are stored
-    d_first = np.stack([sum(second[k] * dI[j] for j, k in enumerate(row)) for row in rows])
-    P = (first * by_F).sum(axis=0)
-    return P, (first * rates + d_first[..., None, None] * by_F).sum(axis=0)
+def stress_rate(F: Floats, dF: Floats, S: Floats, D: Floats) -> tuple[Floats, Floats]:
+    """P and its rate for a rate dF of F (n_tets, n_q, 3, 3), with the stress S (n_tets, n_q, 6) and its tangent D
+    (n_tets, n_q, 6, 6).
+    """
+    dE = 0.5 * (np.swapaxes(dF, 2, 3) @ F + np.swapaxes(F, 2, 3) @ dF)
+    rates = np.stack([dE[..., i, j] * (1.0 if i == j else 2.0) for i, j in PAIRS], axis=-1)
+    S, dS = full(S), full(np.einsum("eqab,eqb->eqa", D, rates))
+    return F @ S, dF @ S + F @ dS
 
 
 def cofactor(A: Floats, B: Floats) -> Floats:

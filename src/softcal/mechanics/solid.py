@@ -3,14 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import combinations_with_replacement
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.materials.law import CompiledLaw, Law, compile_law, stacked
+from softcal.materials.stress_at import (
+    NO_DIRECTION,
+    PAIRS,
+    Deformation,
+    Points,
+    Stress,
+    add_volumetric,
+    full,
+    points,
+    volumetric_slopes,
+    whole_energy,
+    whole_stress,
+)
 from softcal.mechanics import solid_kernels
 from softcal.mechanics.damping import TimeStep
 from softcal.mechanics.element import Element
@@ -48,20 +60,24 @@ UNPLANNED = SolidPlaces(*(np.zeros((0,) * n_dim, dtype=np.int32) for n_dim in (3
 
 
 class _Volume(NamedTuple):
-    """A mixed element at its quadrature points.
+    """The volumetric part of the energy at the quadrature points, w (p g - p^2/(2 kappa)) of a mixed element.
 
     Attributes
     ----------
-    g
-        g, g' and g'' (3, n) [-].
-    p
-        Pressure (n,) [Pa].
+    by_J, by_JJ
+        Its derivatives (n,) [Pa], at fixed pressures of a mixed element.
+    dg
+        g' (n,) [-]; of a mixed element only, as the others.
+    error
+        g - p/kappa (n,) [-].
     compliance
         1/kappa [1/Pa].
     """
 
-    g: Floats
-    p: Floats
+    by_J: Floats
+    by_JJ: Floats
+    dg: Floats
+    error: Floats
     compliance: float
 
 
@@ -85,6 +101,8 @@ class SolidTerm(Term):
         Pressures of each tet (n_tets, n_b), ascending; (n_tets, 0) of a pure displacement element.
     N_p
         Their shape functions at the quadrature points (n_tets, n_q, n_b) [-].
+    direction
+        Direction (3,) of a law in I4.
     motion
         How a parameter moves the undeformed mesh, with dN and w on the moved one; None where none does.
     places
@@ -99,6 +117,7 @@ class SolidTerm(Term):
     w: Floats
     pressure_conn: Ints
     N_p: Floats
+    direction: Floats = field(default_factory=lambda: NO_DIRECTION)
     motion: MeshMotion | None = None
     places: SolidPlaces = UNPLANNED
 
@@ -144,24 +163,20 @@ class SolidTerm(Term):
     def add(self, into: Sum, given: Given) -> None:
         """J must be positive."""
         gradient, data, places, state = into.full, into.data, self.places, given.state
-        (F, I1, _, J) = given.known
-        coefficients, volume = self._coefficients(given)
-        if volume is not None:
-            error = volume.g[0] - volume.compliance * volume.p
-            solid_kernels.add_volume_gradient(gradient, state.x.size, self.pressure_conn, self.N_p, self.w, error)
-        if data is not None and self._is_constant and not self.compiled.has_cross_terms:
-            solid_kernels.add_both_linear(
-                gradient, data, self.conn, places.displacement, self.dN, self.w, F, J, coefficients
+        F, _, _, J = given.known
+        volume = self._volume(given)
+        if self.is_mixed:
+            solid_kernels.add_volume_gradient(
+                gradient, state.x.size, self.pressure_conn, self.N_p, self.w, volume.error
             )
-            return
-        solid_kernels.add_gradient(gradient, self.conn, self.dN, self.w, F, I1, J, coefficients)
-        if data is None:
-            return
-        if self.compiled.has_cross_terms:
-            solid_kernels.add_tangent_general(data, places.displacement, self.dN, self.w, F, I1, J, coefficients)
+        if self.compiled.is_simple:
+            self._add_simple(gradient, data, given, volume)
         else:
-            solid_kernels.add_tangent(data, places.displacement, self.dN, self.w, F, J, coefficients)
-        if volume is not None:
+            stress = self._stress(given, volume, tangent=data is not None)
+            solid_kernels.add_stress_gradient(gradient, self.conn, self.dN, self.w, F, stress.S)
+            if data is not None:
+                solid_kernels.add_stress_tangent(data, places.displacement, self.dN, self.w, F, *stress)
+        if data is not None and self.is_mixed:
             solid_kernels.add_coupling(
                 data,
                 places.coupling,
@@ -171,82 +186,102 @@ class SolidTerm(Term):
                 F,
                 J,
                 self.N_p,
-                volume.g[1],
+                volume.dg,
                 volume.compliance,
             )
 
-    def _coefficients(self, given: Given) -> tuple[Floats, _Volume | None]:
-        """The derivatives of the energy by the invariants (9, n_tets * n_q), at given pressures; of a mixed element
-        also what these are made of.
-        """
-        (_, I1, I2, J), values = given.known, self._theta(given.theta)
-        invariants = (I1.ravel(), I2.ravel(), J.ravel())
-        derivatives = self.compiled.distortional if self.is_mixed else self.compiled.full
-        coefficients = stacked(derivatives(*invariants, *values), I1.size)
-        if not self.is_mixed:
-            return coefficients, None
-        volume = self._volume(invariants[2], given.state.pressure, values)
-        coefficients[2] += volume.p * volume.g[1]
-        coefficients[8] += volume.p * volume.g[2]
-        return coefficients, volume
+    def _add_simple(self, gradient: Floats, data: Floats | None, given: Given, volume: _Volume) -> None:
+        """The part of the displacements of a simple law, of which S and D need not be worked out."""
+        F, I1, I2, J = given.known
+        rows = self.compiled.rows(I1.ravel(), I2.ravel(), J.ravel(), *self._theta(given.theta))
+        coefficients = stacked([rows[0], rows[2] + volume.by_J, rows[-1] + volume.by_JJ], J.size)
+        displacement = self.places.displacement
+        if data is None:
+            solid_kernels.add_gradient(gradient, self.conn, self.dN, self.w, F, coefficients)
+        elif self._is_constant:
+            solid_kernels.add_both_linear(gradient, data, self.conn, displacement, self.dN, self.w, F, J, coefficients)
+        else:
+            solid_kernels.add_gradient(gradient, self.conn, self.dN, self.w, F, coefficients)
+            solid_kernels.add_tangent(data, displacement, self.dN, self.w, F, J, coefficients)
 
-    def _volume(self, J: Floats, pressure: Floats, values: tuple[float, ...]) -> _Volume:
+    def _at(self, known: Kinematics) -> Points:
+        F, I1, I2, J = known
+        return Points(F.reshape(-1, 3, 3), I1.ravel(), I2.ravel(), J.ravel(), self.direction)
+
+    def _stress(self, given: Given, volume: _Volume, *, tangent: bool) -> Stress:
+        """That of the displacements' part of the potential, at given pressures."""
+        at = self._at(given.known)
+        stress = Deformation(self.compiled, at).stress(self._theta(given.theta), tangent=tangent)
+        add_volumetric(stress, at, volume.by_J, volume.by_JJ)
+        return stress
+
+    def _volume(self, given: Given) -> _Volume:
+        values, J = self._theta(given.theta), given.known[3].ravel()
         compliance, _ = self.compiled.compliance(*values)
-        p = solid_kernels.interpolate(pressure, self.pressure_conn, self.N_p).ravel()
-        return _Volume(stacked(self.compiled.strain(J), J.size), p, float(compliance))
+        if not self.is_mixed:
+            none = np.zeros(0)
+            return _Volume(*volumetric_slopes(self.compiled, J, values), none, none, float(compliance))
+        p = self._pressure(given.state).ravel()
+        g, dg, ddg = stacked(self.compiled.strain(J), J.size)
+        return _Volume(p * dg, p * ddg, dg, g - compliance * p, float(compliance))
+
+    def _pressure(self, state: State) -> Floats:
+        """Pressures at the quadrature points (n_tets, n_q) [Pa]."""
+        return solid_kernels.interpolate(state.pressure, self.pressure_conn, self.N_p)
 
     def add_by_parameters(self, into: Mapping[str, Sum], given: Given) -> None:
         if self.motion is not None and self.motion.parameter in into:
             self._add_by_motion(into[self.motion.parameter].full, given, self.motion)
         wanted = {name: one.full for name, one in part_theta(into, self.name).items()}
-        if not wanted:
+        if wanted.keys().isdisjoint(self.compiled.parameters):
             return
-        (F, I1, I2, J), values, state = given.known, self._theta(given.theta), given.state
-        invariants = (I1.ravel(), I2.ravel(), J.ravel())
-        derivatives = (self.compiled.distortional_by_parameter if self.is_mixed else self.compiled.full_by_parameter)(
-            *invariants, *values
-        )
+        values, at = self._theta(given.theta), self._at(given.known)
+        rates = Deformation(self.compiled, at).stress_by_parameters(values)
+        compliance, by_parameter = self.compiled.compliance(*values)
         for i, name in enumerate(self.compiled.parameters):
             if name not in wanted:
                 continue
-            coefficients = stacked(derivatives[i], I1.size)
-            solid_kernels.add_gradient(wanted[name], self.conn, self.dN, self.w, F, I1, J, coefficients)
             if self.is_mixed:
-                _, by_parameter = self.compiled.compliance(*values)
-                p = solid_kernels.interpolate(state.pressure, self.pressure_conn, self.N_p).ravel()
+                error = -float(by_parameter[i]) * self._pressure(given.state).ravel()
                 solid_kernels.add_volume_gradient(
-                    wanted[name], state.x.size, self.pressure_conn, self.N_p, self.w, -float(by_parameter[i]) * p
+                    wanted[name], given.state.x.size, self.pressure_conn, self.N_p, self.w, error
                 )
+            else:
+                of_bulk = -float(by_parameter[i]) / float(compliance)  # d kappa / d parameter, over kappa
+                slopes = (of_bulk * one for one in volumetric_slopes(self.compiled, at.J, values))
+                add_volumetric(Stress(rates[i], np.empty((0, 6, 6))), at, *slopes)
+            solid_kernels.add_stress_gradient(wanted[name], self.conn, self.dN, self.w, given.known[0], rates[i])
 
     def _add_by_motion(self, gradient: Floats, given: Given, motion: MeshMotion) -> None:
         tets, G = motion.rate(self.conn, self.dN)
-        (F, *invariants), (coefficients, volume) = given.known, self._coefficients(given)
-        known = (F[tets], *(one[tets] for one in invariants))
-        coefficients = coefficients.reshape(9, *self.w.shape)[:, tets]
-        dF = G - known[0] @ G
-        P, dP = stress_rate(known, dF, coefficients)
+        volume = self._volume(given)
+        stress = self._stress(given, volume, tangent=True)
+        n_q = self.w.shape[1]
+        S, D = stress.S.reshape(-1, n_q, 6)[tets], stress.D.reshape(-1, n_q, 6, 6)[tets]
+        F = given.known[0][tets]
+        dF = G - F @ G
+        P, dP = stress_rate(F, dF, S, D)
         of_size = np.trace(G, axis1=2, axis2=3)
         flow = of_size[..., None, None] * P + dP - P @ np.swapaxes(G, 2, 3)
         forces = np.einsum("eq,eqij,eqaj->eai", self.w[tets], flow, self.dN[tets])
         np.add.at(gradient, 3 * self.conn[tets][..., None] + np.arange(3), forces)
-        if volume is None:
+        if not self.is_mixed:
             return
-        g, error = (
-            row.reshape(self.w.shape)[tets] for row in (volume.g[1], volume.g[0] - volume.compliance * volume.p)
-        )
-        dJ = np.einsum("eqij,eqij->eq", cofactor(known[0], known[0]), dF)
-        rates = np.einsum("eq,eqb->eb", self.w[tets] * (of_size * error + g * dJ), self.N_p[tets])
+        dg, error = (row.reshape(self.w.shape)[tets] for row in (volume.dg, volume.error))
+        dJ = np.einsum("eqij,eqij->eq", cofactor(F, F), dF)
+        rates = np.einsum("eq,eqb->eb", self.w[tets] * (of_size * error + dg * dJ), self.N_p[tets])
         np.add.at(gradient, given.state.x.size + self.pressure_conn[tets], rates)
 
     def energy(self, given: Given) -> float:
         """The stored energy [J] (for a mixed element, the value of its two-field potential)."""
-        (_, I1, I2, J), values = self.kinematics(given.state), self._theta(given.theta)
+        at, values = self._at(self.kinematics(given.state)), self._theta(given.theta)
+        w = self.w.ravel()
         if not self.is_mixed:
-            return float(np.sum(self.w * self.compiled.energy(I1, I2, J, *values)))
-        p = solid_kernels.interpolate(given.state.pressure, self.pressure_conn, self.N_p)
+            return float(w @ whole_energy(self.compiled, at, values))
+        p = self._pressure(given.state).ravel()
         compliance, _ = self.compiled.compliance(*values)
-        psi = self.compiled.energy_distortional(I1, I2, J, *values)
-        return float(np.sum(self.w * (psi + p * self.compiled.strain(J)[0] - 0.5 * compliance * p**2)))
+        g = stacked(self.compiled.strain(at.J), at.J.size)[0]
+        return float(w @ (Deformation(self.compiled, at).energy(values) + p * g - 0.5 * compliance * p**2))
 
     def measure(self, sizes: Sizes, theta: Theta) -> None:
         sizes.shear_modulus = max(sizes.shear_modulus, self.law.shear_modulus(part_theta(theta, self.name)))
@@ -280,28 +315,24 @@ class SolidTerm(Term):
 
     def rest_moduli(self, theta: Theta) -> tuple[float, float]:
         """Lamé's moduli [Pa] of the undeformed body; with pressures, those of psi_d alone."""
-        values = self._theta(theta)
-        derivatives = self.compiled.distortional if self.is_mixed else self.compiled.full
-        rows = stacked(derivatives(np.full(1, 3.0), np.full(1, 3.0), np.ones(1), *values), 1)[:, 0]
-        _, psi_2, psi_J, psi_11, psi_12, psi_1J, psi_22, psi_2J, psi_JJ = (float(row) for row in rows)
-        # 4 d2psi/dC2 at C = I, where dI1 = I, dI2 = 2 I, dJ = I/2
-        lmbda = 4.0 * (psi_11 + 4.0 * psi_12 + psi_1J + 4.0 * psi_22 + 2.0 * psi_2J + psi_2) + psi_JJ + psi_J
-        return lmbda, -2.0 * psi_2 - psi_J
+        at, values = points(np.eye(3)[None], self.direction), self._theta(theta)
+        D = (
+            Deformation(self.compiled, at).stress(values) if self.is_mixed else whole_stress(self.compiled, at, values)
+        ).D[0]
+        return float(D[0, 1]), float(D[3, 3])
 
     def _softened(self, known: Kinematics, theta: Theta) -> float:
         """The least volume ratio J < 1 at a quadrature point whose law softens in compression, d2psi/dJ2 < 0 along F ->
         J^(1/3) F; 1 where there is none.
         """
-        _, I1, I2, J = (values.ravel() for values in known)
-        rows = stacked(self.compiled.full(I1, I2, J, *self._theta(theta)), J.size)
-        first, second = rows[:3], rows[3:]
-        rate = np.stack([2.0 * I1, 4.0 * I2, 3.0 * J])  # of the invariants as F -> s F, at s = 1
-        by_s = np.einsum("in,in->n", first, rate)
-        by_s_twice = np.einsum("in,in->n", first, np.stack([2.0 * I1, 12.0 * I2, 6.0 * J]))
-        for (a, b), row in zip(combinations_with_replacement(range(3), 2), second, strict=True):
-            by_s_twice += (1.0 if a == b else 2.0) * row * rate[a] * rate[b]
-        gives_way = (by_s_twice < 2.0 * by_s) & (J < 1.0)
-        return float(J[gives_way].min(initial=1.0))
+        at = self._at(known)
+        S, D = whole_stress(self.compiled, at, self._theta(theta))
+        C = np.einsum("nki,nkj->nij", at.F, at.F)
+        dE = np.stack([C[:, i, j] * (1.0 if i == j else 2.0) for i, j in PAIRS], axis=1)
+        by_s = np.einsum("nij,nij->n", full(S), C)  # as F -> s F, at s = 1
+        by_s_twice = by_s + np.einsum("na,nab,nb->n", dE, D, dE)
+        gives_way = (by_s_twice < 2.0 * by_s) & (at.J < 1.0)
+        return float(at.J[gives_way].min(initial=1.0))
 
     def _theta(self, theta: Theta) -> tuple[float, ...]:
         return tuple(theta[f"{self.name}.{name}"] for name in self.compiled.parameters)
@@ -344,6 +375,6 @@ def build_solid(
         w,
         np.take_along_axis(number, order, axis=1) + first_pressure,
         np.ascontiguousarray(np.swapaxes(element.pressure_functions().T[order], 1, 2)),
-        motion,
+        motion=motion,
     )
     return term, nodes

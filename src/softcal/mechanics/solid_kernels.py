@@ -1,12 +1,10 @@
-"""The loops over elements. One set serves every law: a law enters as coefficients psi_1, psi_2, psi_J and their
-second derivatives, rows of an array (9, n_tets * n_q) in the order of `materials.law.FIRST` and `SECOND`.
+"""The loops over elements. One set serves every law: a simple law enters as coefficients psi_1, psi_J and psi_JJ, any
+other as its stress S and tangent D at the quadrature points (`materials.stress_at`).
 
-With N = dN_a (reference gradient of a shape function) the derivatives of the invariants along node a are
+With N = dN_a (reference gradient of a shape function), and c_a = cof(F) N_a the 3 x 3 block of nodes a, b is
 
-    dI1 -> 2 h_a,  h_a = F N_a;   dI2 -> k_a = 2 (I1 h_a - F F^T h_a);   dJ -> c_a = cof(F) N_a
-
-and the 3 x 3 block of nodes a, b is their outer products with the second derivatives of psi, plus
-psi_1 2 (N_a.N_b) I + psi_2 d2I2 + psi_J (c_a c_b^T - c_b c_a^T)/J.
+    simple:  2 psi_1 (N_a.N_b) I + psi_JJ c_a c_b^T + psi_J (c_a c_b^T - c_b c_a^T)/J
+    any:     B_a^T D B_b + (N_a . S N_b) I,   dE = sum over a of B_a dx_a
 """
 
 from __future__ import annotations
@@ -73,45 +71,53 @@ def _cofactor(f: Floats, c: Floats) -> None:
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=FAST)
-def add_gradient(
-    gradient: Floats, conn: Ints, dN: Floats, w: Floats, F: Floats, I1: Floats, J: Floats, coefficients: Floats
-) -> None:
-    n, n_q, n_a, _ = dN.shape
+def add_gradient(gradient: Floats, conn: Ints, dN: Floats, w: Floats, F: Floats, coefficients: Floats) -> None:
+    """The forces of a simple law, by the rows psi_1 and psi_J of coefficients (3, n_tets * n_q)."""
+    n, n_q = w.shape
     cof = np.empty((3, 3))
     P = np.empty((3, 3))
     for e in range(n):
         for q in range(n_q):
             k = e * n_q + q
-            psi_1 = coefficients[0, k]
-            psi_2 = coefficients[1, k]
-            psi_J = coefficients[2, k]
             f = F[e, q]
             _cofactor(f, cof)
             for i in range(3):
                 for j in range(3):
-                    P[i, j] = 2.0 * psi_1 * f[i, j] + psi_J * cof[i, j]
-            if psi_2 != 0.0:
-                for i in range(3):
-                    for j in range(3):
-                        bf = 0.0
-                        for m in range(3):
-                            b = f[i, 0] * f[m, 0] + f[i, 1] * f[m, 1] + f[i, 2] * f[m, 2]
-                            bf += b * f[m, j]
-                        P[i, j] += 2.0 * psi_2 * (I1[e, q] * f[i, j] - bf)
-            for a in range(n_a):
-                at = 3 * conn[e, a]
-                d0 = dN[e, q, a, 0] * w[e, q]
-                d1 = dN[e, q, a, 1] * w[e, q]
-                d2 = dN[e, q, a, 2] * w[e, q]
-                for i in range(3):
-                    gradient[at + i] += P[i, 0] * d0 + P[i, 1] * d1 + P[i, 2] * d2
+                    P[i, j] = 2.0 * coefficients[0, k] * f[i, j] + coefficients[1, k] * cof[i, j]
+            _add_forces(gradient, conn, dN, w, P, e, q)
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath=FAST)
+def add_stress_gradient(gradient: Floats, conn: Ints, dN: Floats, w: Floats, F: Floats, S: Floats) -> None:
+    """The forces of stresses S (n_tets * n_q, 6)."""
+    n, n_q = w.shape
+    P = np.empty((3, 3))
+    for e in range(n):
+        for q in range(n_q):
+            f, s = F[e, q], S[e * n_q + q]
+            for i in range(3):
+                P[i, 0] = f[i, 0] * s[0] + f[i, 1] * s[3] + f[i, 2] * s[5]
+                P[i, 1] = f[i, 0] * s[3] + f[i, 1] * s[1] + f[i, 2] * s[4]
+                P[i, 2] = f[i, 0] * s[5] + f[i, 1] * s[4] + f[i, 2] * s[2]
+            _add_forces(gradient, conn, dN, w, P, e, q)
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath=FAST, inline="always")
+def _add_forces(gradient: Floats, conn: Ints, dN: Floats, w: Floats, P: Floats, e: int, q: int) -> None:
+    for a in range(dN.shape[2]):
+        at = 3 * conn[e, a]
+        d0 = dN[e, q, a, 0] * w[e, q]
+        d1 = dN[e, q, a, 1] * w[e, q]
+        d2 = dN[e, q, a, 2] * w[e, q]
+        for i in range(3):
+            gradient[at + i] += P[i, 0] * d0 + P[i, 1] * d1 + P[i, 2] * d2
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=FAST)
 def add_tangent(
     data: Floats, places: Places, dN: Floats, w: Floats, F: Floats, J: Floats, coefficients: Floats
 ) -> None:
-    """The tangent of a law without second derivatives in I1 and I2 (neo-Hookean and its like)."""
+    """The tangent of a simple law (neo-Hookean and its like), by the rows psi_1, psi_J and psi_JJ of coefficients."""
     n, n_q, n_a, _ = dN.shape
     n_pairs = places.shape[1]
     c = np.empty((n_q, n_a, 3))
@@ -126,9 +132,9 @@ def add_tangent(
             for a in range(n_a):
                 for i in range(3):
                     c[q, a, i] = cof[i, 0] * dN[e, q, a, 0] + cof[i, 1] * dN[e, q, a, 1] + cof[i, 2] * dN[e, q, a, 2]
-            turn = coefficients[2, k] / J[e, q] * w[e, q]
+            turn = coefficients[1, k] / J[e, q] * w[e, q]
             s[q] = 2.0 * coefficients[0, k] * w[e, q]
-            t[q] = coefficients[8, k] * w[e, q] + turn
+            t[q] = coefficients[2, k] * w[e, q] + turn
             u[q] = turn
         a = 0
         b = 0
@@ -193,10 +199,10 @@ def add_both_linear(
     for e in range(len(w)):
         f = F[e, 0]
         _cofactor(f, cof)
-        by_F, by_cof = 2.0 * coefficients[0, e] * w[e, 0], coefficients[2, e] * w[e, 0]
-        turn = coefficients[2, e] / J[e, 0] * w[e, 0]
+        by_F, by_cof = 2.0 * coefficients[0, e] * w[e, 0], coefficients[1, e] * w[e, 0]
+        turn = coefficients[1, e] / J[e, 0] * w[e, 0]
         s = 2.0 * coefficients[0, e] * w[e, 0]
-        t = coefficients[8, e] * w[e, 0] + turn
+        t = coefficients[2, e] * w[e, 0] + turn
         v = t - turn
         g = dN[e, 0]
         for a in range(4):
@@ -234,63 +240,54 @@ def add_both_linear(
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=FAST)
-def add_tangent_general(
-    data: Floats, places: Places, dN: Floats, w: Floats, F: Floats, I1: Floats, J: Floats, coefficients: Floats
-) -> None:
-    """The tangent of any law in I1, I2, J."""
+def add_stress_tangent(data: Floats, places: Places, dN: Floats, w: Floats, F: Floats, S: Floats, D: Floats) -> None:
+    """The tangent of stresses S (n_tets * n_q, 6) with their tangents D (n_tets * n_q, 6, 6)."""
     n, n_q, n_a, _ = dN.shape
-    G = np.empty((3, n_a, 3))  # derivatives of I1, I2, J along the nodes
-    cof = np.empty((3, 3))
-    B = np.empty((3, 3))
-    H = np.empty((3, 3))
+    B = np.empty((n_q, n_a, 3, 6))
+    DB = np.empty((n_q, n_a, 3, 6))
+    SN = np.empty((n_q, n_a, 3))
     block = np.empty((3, 3))
     for e in range(n):
         for q in range(n_q):
             k = e * n_q + q
-            f = F[e, q]
-            _cofactor(f, cof)
-            for i in range(3):
-                for j in range(3):
-                    B[i, j] = f[i, 0] * f[j, 0] + f[i, 1] * f[j, 1] + f[i, 2] * f[j, 2]
+            f, s, d, weight = F[e, q], S[k], D[k], w[e, q]
             for a in range(n_a):
+                x, y, z = dN[e, q, a, 0], dN[e, q, a, 1], dN[e, q, a, 2]
+                SN[q, a, 0] = weight * (s[0] * x + s[3] * y + s[5] * z)
+                SN[q, a, 1] = weight * (s[3] * x + s[1] * y + s[4] * z)
+                SN[q, a, 2] = weight * (s[5] * x + s[4] * y + s[2] * z)
                 for i in range(3):
-                    G[0, a, i] = 2.0 * (f[i, 0] * dN[e, q, a, 0] + f[i, 1] * dN[e, q, a, 1] + f[i, 2] * dN[e, q, a, 2])
-                    G[2, a, i] = cof[i, 0] * dN[e, q, a, 0] + cof[i, 1] * dN[e, q, a, 1] + cof[i, 2] * dN[e, q, a, 2]
+                    g = B[q, a, i]
+                    g[0], g[1], g[2] = f[i, 0] * x, f[i, 1] * y, f[i, 2] * z
+                    g[3] = f[i, 0] * y + f[i, 1] * x
+                    g[4] = f[i, 1] * z + f[i, 2] * y
+                    g[5] = f[i, 0] * z + f[i, 2] * x
+                    for m in range(6):
+                        v = 0.0
+                        for p in range(6):
+                            v += d[m, p] * g[p]
+                        DB[q, a, i, m] = weight * v
+        m = 0
+        for a in range(n_a):
+            for b in range(a, n_a):
                 for i in range(3):
-                    bh = B[i, 0] * G[0, a, 0] + B[i, 1] * G[0, a, 1] + B[i, 2] * G[0, a, 2]
-                    G[1, a, i] = I1[e, q] * G[0, a, i] - bh
-            H[0, 0] = coefficients[3, k]
-            H[0, 1] = H[1, 0] = coefficients[4, k]
-            H[0, 2] = H[2, 0] = coefficients[5, k]
-            H[1, 1] = coefficients[6, k]
-            H[1, 2] = H[2, 1] = coefficients[7, k]
-            H[2, 2] = coefficients[8, k]
-            psi_1 = coefficients[0, k]
-            psi_2 = coefficients[1, k]
-            turn = coefficients[2, k] / J[e, q]
-            m = 0
-            for a in range(n_a):
-                for b in range(a, n_a):
-                    nn = 0.0
-                    ncn = 0.0
                     for j in range(3):
-                        nn += dN[e, q, a, j] * dN[e, q, b, j]
-                        ncn += 0.25 * G[0, a, j] * G[0, b, j]
-                    for i in range(3):
-                        for j in range(3):
-                            v = turn * (G[2, a, i] * G[2, b, j] - G[2, b, i] * G[2, a, j])
-                            for r in range(3):
-                                for s in range(3):
-                                    v += H[r, s] * G[r, a, i] * G[s, b, j]
-                            # d2I2 = 2 (2 h_a h_b^T - h_b h_a^T + (I1 N_a.N_b - N_a.C N_b) I - (N_a.N_b) F F^T)
-                            v += psi_2 * (G[0, a, i] * G[0, b, j] - 0.5 * G[0, b, i] * G[0, a, j] - 2.0 * nn * B[i, j])
-                            if i == j:
-                                v += 2.0 * psi_1 * nn + 2.0 * psi_2 * (I1[e, q] * nn - ncn)
-                            block[i, j] = v * w[e, q]
-                    for i in range(3):
-                        for j in range(i if a == b else 0, 3):
-                            data[places[e, m, i] + j] += block[i, j]
-                    m += 1
+                        block[i, j] = 0.0
+                bent = 0.0
+                for q in range(n_q):
+                    for j in range(3):
+                        bent += SN[q, a, j] * dN[e, q, b, j]
+                        g = B[q, b, j]
+                        for i in range(3):
+                            h = DB[q, a, i]
+                            block[i, j] += (
+                                h[0] * g[0] + h[1] * g[1] + h[2] * g[2] + h[3] * g[3] + h[4] * g[4] + h[5] * g[5]
+                            )
+                for i in range(3):
+                    block[i, i] += bent
+                    for j in range(i if a == b else 0, 3):
+                        data[places[e, m, i] + j] += block[i, j]
+                m += 1
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=FAST)

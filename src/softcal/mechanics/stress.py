@@ -9,6 +9,7 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.geometry.mesh import TetMesh
 from softcal.materials.law import Law, compile_law, stacked
+from softcal.materials.stress_at import NO_DIRECTION, Deformation, add_volumetric, full, points, whole_stress
 from softcal.mechanics.element import Element
 
 
@@ -21,7 +22,13 @@ def deformation_gradients(element: Element, mesh: TetMesh, x: Floats) -> tuple[F
 
 
 def cauchy_stress(
-    element: Element, mesh: TetMesh, law: Law, theta: Mapping[str, float], x: Floats, pressure: Floats | None = None
+    element: Element,
+    mesh: TetMesh,
+    law: Law,
+    theta: Mapping[str, float],
+    x: Floats,
+    pressure: Floats | None = None,
+    direction: Floats = NO_DIRECTION,
 ) -> Floats:
     """The mean Cauchy stress of each tet (n_tets, 3, 3) [Pa].
 
@@ -36,24 +43,22 @@ def cauchy_stress(
     pressure
         For mixed elements, the multiplier p of g(J) at the nodes (n_points,) [Pa], where only those of the element's
         pressure count; for others None.
+    direction
+        Direction (3,) of a law in I4.
     """
     F, w = deformation_gradients(element, mesh, x)
-    C = np.einsum("eqki,eqkj->eqij", F, F)
-    I1 = np.trace(C, axis1=2, axis2=3)
-    I2 = 0.5 * (I1**2 - np.einsum("eqij,eqji->eq", C, C))
-    J = np.linalg.det(F)
+    at = points(F.reshape(-1, 3, 3), direction)
     compiled = compile_law(law)
     values = tuple(theta[name] for name in compiled.parameters)
-    derivatives = compiled.full if pressure is None else compiled.distortional
-    psi = stacked(derivatives(I1.ravel(), I2.ravel(), J.ravel(), *values), J.size)[:3].reshape(3, *J.shape)
-    by_J = psi[2]
-    if pressure is not None:
-        p = pressure[element.pressure_nodes(mesh.tets)] @ element.pressure_functions().T
-        by_J = by_J + p * stacked(compiled.strain(J.ravel()), J.size)[1].reshape(J.shape)
-    b = np.einsum("eqik,eqjk->eqij", F, F)
-    of_I2 = I1[..., None, None] * b - b @ b
-    sigma = 2.0 / J[..., None, None] * (psi[0][..., None, None] * b + psi[1][..., None, None] * of_I2)
-    sigma += by_J[..., None, None] * np.eye(3)
+    if pressure is None:
+        stress = whole_stress(compiled, at, values, tangent=False)
+    else:
+        p = (pressure[element.pressure_nodes(mesh.tets)] @ element.pressure_functions().T).ravel()
+        _, dg, ddg = stacked(compiled.strain(at.J), at.J.size)
+        stress = Deformation(compiled, at).stress(values, tangent=False)
+        add_volumetric(stress, at, p * dg, p * ddg)
+    S = full(stress.S).reshape(F.shape)
+    sigma = F @ S @ np.swapaxes(F, 2, 3) / at.J.reshape(w.shape)[..., None, None]
     return np.einsum("eq,eqij->eij", w, sigma) / w.sum(axis=1)[:, None, None]
 
 

@@ -105,7 +105,18 @@ def build_bodies(sections: Mapping[str, BodySection], make_mesh: MeshMaker, find
                 clamp_zone(mesh, fixed, body.clamp)
                 clamp = body.clamp
         with findings.at((*path, "materials")):
-            whole = Body(name, mesh, fixed, body.constants, body.law, body.element, body.density, inclusions, clamp)
+            whole = Body(
+                name,
+                mesh,
+                fixed,
+                body.constants,
+                body.law,
+                body.element,
+                body.density,
+                inclusions,
+                clamp,
+                body.build_direction,
+            )
             built.bodies.append(whole)
             _check_ranges(whole, path, findings)
     return built

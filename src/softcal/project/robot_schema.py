@@ -26,7 +26,7 @@ from softcal.project.mesh_schema import Mesh, RegionSection
 from softcal.project.rod_schema import RodSection
 from softcal.project.section import Section
 from softcal.project.sensor_schema import SensorSection
-from softcal.quantities import Clearance, Density, Force, Friction, Mass, Size
+from softcal.quantities import Clearance, Density, Direction, Force, Friction, Mass, Size
 from softcal.quantities import Moment as MomentSize
 from softcal.twin.barrier import Contact
 from softcal.twin.cables import Cable, CableLine, RoutingAxis
@@ -52,6 +52,7 @@ class BodySection(LawSection):
     regions: Mapping[str, RegionSection] = Field(default_factory=dict)
     fixed: Annotated[list[str], BeforeValidator(listed)] = Field(default_factory=list)
     clamp: Clamp | None = Body.clamp
+    build_direction: Direction | None = Body.build_direction
     placement: Placement | None = None
 
 

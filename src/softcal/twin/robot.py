@@ -24,9 +24,10 @@ from softcal.geometry.mesh import TetMesh
 from softcal.geometry.section import CrossSection
 from softcal.materials.catalogue import LAWS, LawName
 from softcal.materials.elastic_constants import LINEAR_ELASTIC
+from softcal.materials.stress_at import NO_DIRECTION
 from softcal.mechanics.elements import DEFAULT, ElementName
 from softcal.mechanics.mesh_motion import MeshMotion
-from softcal.quantities import Clearance, Density, Mass, MomentOfInertia, Size
+from softcal.quantities import Clearance, Density, Direction, Mass, MomentOfInertia, Size
 from softcal.sensing.sensor import NamedSensor
 from softcal.twin.barrier import Contact
 from softcal.twin.cables import Cable, ViaPoint
@@ -57,6 +58,7 @@ class Body(NamedPart):
     density : [kg/m^3]
     inclusions : Tets of other materials of the same law, with shared nodes; constants not given are the body's
     clamp : What fixes it at a plane face, whose depth is then a parameter; None: it is fixed exactly at its fixed nodes
+    build_direction : Direction (3,) of a law that has one, in the robot at rest; None: the z axis
     """
 
     mesh: TetMesh
@@ -67,9 +69,15 @@ class Body(NamedPart):
     density: Density = 0.0
     inclusions: tuple[Material, ...] = ()
     clamp: Clamp | None = None
+    build_direction: Direction | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.build_direction is not None and not LAWS[self.law].is_directed:
+            directed = ", ".join(name for name, law in LAWS.items() if law.is_directed)
+            raise InputError(
+                Fault("its law has no direction", f"{self.name}.build_direction", f"law {self.law}", directed)
+            )
         if self.clamp is not None:
             self.zone  # noqa: B018  refuses a clamp that cannot be
         complete_materials(self, LAWS[self.law].parameters, self.mesh.n_tets, "tets")
@@ -78,6 +86,14 @@ class Body(NamedPart):
     def materials(self) -> tuple[Material, ...]:
         """Every material, named as its parameters are: the body's own, by its name, then `body.inclusion`."""
         return materials_of(self, self.mesh.n_tets)
+
+    @property
+    def direction(self) -> Floats:
+        """The direction of its law, of length one (3,); zeros of a law without."""
+        if not LAWS[self.law].is_directed:
+            return NO_DIRECTION
+        given = np.asarray(self.build_direction or (0.0, 0.0, 1.0), dtype=np.float64)
+        return given / np.linalg.norm(given)
 
     @cached_property
     def zone(self) -> Zone | None:

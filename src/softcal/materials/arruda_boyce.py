@@ -1,0 +1,34 @@
+"""Arruda's and Boyce's law: eight chains of limited length, as a series of five terms."""
+
+from __future__ import annotations
+
+from softcal.materials.isochoric import BULK
+from softcal.materials.law import Law
+from softcal.materials.parameter import Parameter
+from softcal.quantities import QUANTITIES
+
+_LOCKING = Parameter("locking_stretch", "lm", "λ_m", QUANTITIES["locking stretch"], typical=3.0)
+_COEFFICIENTS = (
+    "Rational(1, 2)",
+    "Rational(1, 20)",
+    "Rational(11, 1050)",
+    "Rational(19, 7000)",
+    "Rational(519, 673750)",
+)
+_SERIES = " + ".join(
+    f"{factor}/lm**{2 * k}*(I1_bar**{k + 1} - {3 ** (k + 1)})" for k, factor in enumerate(_COEFFICIENTS)
+)
+# d psi / d I1_bar at rest is mu times this, over two.
+_AT_REST = " + ".join(f"2*{k + 1}*{factor}*{3**k}/lm**{2 * k}" for k, factor in enumerate(_COEFFICIENTS))
+
+ARRUDA_BOYCE = Law(
+    name="arruda-boyce",
+    parameters=(Parameter("chain_modulus", "mu", "μ", QUANTITIES["modulus"], typical=4e5), _LOCKING, BULK),
+    symbols={"I1_bar": "J**Rational(-2, 3)*I1"},
+    distortional=f"mu*({_SERIES})",
+    volumetric_strain="J - 1",
+    bulk="kappa",
+    shear=f"mu*({_AT_REST})",
+    reference="Arruda and Boyce, J. Mech. Phys. Solids 41 (1993) 389; "
+    "CalculiX's and Abaqus' *HYPERELASTIC, ARRUDA-BOYCE",
+)

@@ -1,0 +1,27 @@
+"""The stable neo-Hookean law: finite at J = 0 and beyond, for robots in motion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from softcal.materials.elastic_constants import LAME_MODULUS, POISSONS_RATIO, SHEAR_MODULUS, YOUNGS_MODULUS
+from softcal.materials.law import Law
+
+# SOFA writes (lmbda + mu)/2 (J - 1 - mu/(lmbda + mu))^2, which differs by a constant.
+STABLE_NEO_HOOKE = Law(
+    name="stable-neo-hooke",
+    parameters=(
+        YOUNGS_MODULUS,
+        replace(
+            POISSONS_RATIO,
+            quantity=replace(POISSONS_RATIO.quantity, lower=-0.9, attempt_below="law neo-hooke-isochoric"),
+        ),
+    ),
+    symbols={"mu": SHEAR_MODULUS, "lmbda": LAME_MODULUS},
+    distortional="mu/2*(I1 - 3) - mu*(J - 1)",
+    volumetric_strain="J - 1",
+    bulk="lmbda + mu",
+    shear="mu",
+    reference="Smith, de Goes and Kim, ACM Trans. Graph. 37 (2018) 12, as of Kim and Eberle (2022); SOFA's "
+    "StableNeoHookean",
+)

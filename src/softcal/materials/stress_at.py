@@ -1,0 +1,129 @@
+"""Energy, stress and tangent of a law at points, whatever its energy is written in.
+
+S is the second Piola-Kirchhoff stress and D = dS/dE, in the components of `stress_kernels.PAIRS`, the shears of E
+doubled. psi_d is that of `CompiledLaw`; the volumetric part is added with p g(J), p being an unknown or kappa g.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.materials import stress_kernels
+from softcal.materials.law import INVARIANTS, STRETCHES, CompiledLaw, stacked
+from softcal.materials.stress_kernels import PAIRS
+
+NO_DIRECTION: Floats = np.zeros(3)
+
+
+class Points(NamedTuple):
+    """Deformation at points.
+
+    Attributes
+    ----------
+    F
+        Deformation gradients (n, 3, 3) [-].
+    I1, I2, J
+        Invariants (n,) [-].
+    direction
+        Direction (3,) of a law in I4.
+    """
+
+    F: Floats
+    I1: Floats
+    I2: Floats
+    J: Floats
+    direction: Floats = NO_DIRECTION
+
+
+class Stress(NamedTuple):
+    """Stress at points. S (n, 6) [Pa], D (n, 6, 6) [Pa]; D is empty where no tangent was asked for."""
+
+    S: Floats
+    D: Floats
+
+
+def full(components: Floats) -> Floats:
+    """Symmetric matrices (..., 3, 3) of their components (..., 6)."""
+    out = np.empty((*components.shape[:-1], 3, 3))
+    for m, (i, j) in enumerate(PAIRS):
+        out[..., i, j] = out[..., j, i] = components[..., m]
+    return out
+
+
+def points(F: Floats, direction: Floats = NO_DIRECTION) -> Points:
+    """The points with deformation gradients F (n, 3, 3)."""
+    C = np.einsum("nki,nkj->nij", F, F)
+    I1 = np.trace(C, axis1=1, axis2=2)
+    I2 = 0.5 * (I1**2 - np.einsum("nij,nji->n", C, C))
+    return Points(np.ascontiguousarray(F), I1, I2, np.linalg.det(F), direction)
+
+
+class Deformation:
+    """The variables of a law at points, found once for its energy, its stress and their derivatives."""
+
+    def __init__(self, law: CompiledLaw, at: Points) -> None:
+        self.law, self.at = law, at
+        n = len(at.J)
+        self.axes: Floats = np.zeros((0, 3, 3))
+        if law.variables == STRETCHES:
+            stretches, self.axes = np.empty((3, n)), np.empty((n, 3, 3))
+            stress_kernels.principal(at.F, stretches, self.axes)
+            self.variables: tuple[Floats, ...] = tuple(stretches)
+        elif law.variables == INVARIANTS:
+            self.variables = (at.I1, at.I2, at.J)
+        else:
+            self.variables = (at.I1, at.I2, at.J, np.square(at.F @ at.direction).sum(axis=1))
+
+    def energy(self, values: tuple[float, ...]) -> Floats:
+        """psi_d (n,) [J/m^3] at the constants' values."""
+        return np.broadcast_to(self.law.energy(*self.variables, *values), self.at.J.shape).astype(np.float64)
+
+    def rows(self, values: tuple[float, ...]) -> Floats:
+        """The derivatives of psi_d by the law's variables, as `CompiledLaw.rows`."""
+        return stacked(self.law.rows(*self.variables, *values), len(self.at.J))
+
+    def stress(self, values: tuple[float, ...], *, tangent: bool = True) -> Stress:
+        """That of psi_d."""
+        return self._stress(self.rows(values), tangent)
+
+    def stress_by_parameters(self, values: tuple[float, ...]) -> list[Floats]:
+        """dS/d constant (n, 6) of psi_d, of each constant."""
+        first = self.law.first_by_parameter(*self.variables, *values)
+        return [self._stress(stacked(rows, len(self.at.J)), tangent=False).S for rows in first]
+
+    def _stress(self, rows: Floats, tangent: bool) -> Stress:
+        at, n = self.at, len(self.at.J)
+        S, D = np.empty((n, 6)), np.empty((n if tangent else 0, 6, 6))
+        if len(self.axes):
+            stress_kernels.from_stretches(np.array(self.variables), self.axes, rows, tangent, S, D)
+        else:
+            stress_kernels.from_invariants(at.F, at.I1, at.J, rows, at.direction, tangent, S, D)
+        return Stress(S, D)
+
+
+def add_volumetric(stress: Stress, at: Points, by_J: Floats, by_JJ: Floats) -> None:
+    """Add to a stress the part of an energy by J alone, with its derivatives (n,)."""
+    stress_kernels.add_volumetric(at.F, at.J, by_J, by_JJ, len(stress.D) > 0, stress.S, stress.D)
+
+
+def whole_stress(law: CompiledLaw, at: Points, values: tuple[float, ...], *, tangent: bool = True) -> Stress:
+    """The stress of psi_d + kappa/2 g(J)^2."""
+    found = Deformation(law, at).stress(values, tangent=tangent)
+    add_volumetric(found, at, *volumetric_slopes(law, at.J, values))
+    return found
+
+
+def volumetric_slopes(law: CompiledLaw, J: Floats, values: tuple[float, ...]) -> tuple[Floats, Floats]:
+    """First and second derivative (n,) by J of kappa/2 g(J)^2."""
+    g, dg, ddg = stacked(law.strain(J), len(J))
+    kappa = float(law.bulk(*values))
+    return kappa * g * dg, kappa * (dg**2 + g * ddg)
+
+
+def whole_energy(law: CompiledLaw, at: Points, values: tuple[float, ...]) -> Floats:
+    """psi_d + kappa/2 g(J)^2 (n,) [J/m^3]."""
+    g = stacked(law.strain(at.J), len(at.J))[0]
+    return Deformation(law, at).energy(values) + 0.5 * float(law.bulk(*values)) * g**2

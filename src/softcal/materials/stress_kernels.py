@@ -1,0 +1,246 @@
+"""Stress and tangent at points, from the derivatives of an energy by invariants, or by principal stretches.
+
+S is the second Piola-Kirchhoff stress, D = dS/dE with the shears of E doubled; components in the order of `PAIRS`.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from softcal.checks import Floats
+
+PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
+FIRST_OF = tuple(i for i, _ in PAIRS)
+SECOND_OF = tuple(j for _, j in PAIRS)
+FAST = {"contract", "reassoc", "nsz"}
+ALIKE = 1e-5  # squared stretches nearer than this, relative to them, have the limit of their difference quotient
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath=FAST, inline="always")
+def _green(f: Floats, C: Floats) -> None:
+    for m in range(6):
+        i, j = FIRST_OF[m], SECOND_OF[m]
+        C[m] = f[0, i] * f[0, j] + f[1, i] * f[1, j] + f[2, i] * f[2, j]
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath=FAST, inline="always")
+def _adjugate(C: Floats, A: Floats) -> None:
+    """J^2 C^-1 of symmetric C."""
+    A[0] = C[1] * C[2] - C[4] * C[4]
+    A[1] = C[0] * C[2] - C[5] * C[5]
+    A[2] = C[0] * C[1] - C[3] * C[3]
+    A[3] = C[4] * C[5] - C[3] * C[2]
+    A[4] = C[3] * C[5] - C[4] * C[0]
+    A[5] = C[3] * C[4] - C[5] * C[1]
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath=FAST, inline="always")
+def _add_odot(D: Floats, A: Floats, scale: float) -> None:
+    """Add scale (A_ik A_jl + A_il A_jk) / 2."""
+    M = np.empty((3, 3))
+    for m in range(6):
+        M[FIRST_OF[m], SECOND_OF[m]] = A[m]
+        M[SECOND_OF[m], FIRST_OF[m]] = A[m]
+    for m in range(6):
+        i, j = FIRST_OF[m], SECOND_OF[m]
+        for n in range(m, 6):
+            r, s = FIRST_OF[n], SECOND_OF[n]
+            v = 0.5 * scale * (M[i, r] * M[j, s] + M[i, s] * M[j, r])
+            D[m, n] += v
+            if m != n:
+                D[n, m] += v
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath=FAST)
+def from_invariants(
+    F: Floats, I1: Floats, J: Floats, rows: Floats, direction: Floats, with_tangent: bool, S: Floats, D: Floats
+) -> None:
+    """S (n, 6) and D (n, 6, 6) at points with F (n, 3, 3), from `CompiledLaw.rows`; of a law in I4, with a direction
+    (3,).
+    """
+    k = 3 if len(rows) in (3, 9) else 4
+    G = np.zeros((4, 6))
+    C, A = np.empty(6), np.empty(6)
+    G[0, :3] = 2.0
+    for m in range(6):
+        G[3, m] = 2.0 * direction[FIRST_OF[m]] * direction[SECOND_OF[m]]
+    for p in range(len(F)):
+        _green(F[p], C)
+        _adjugate(C, A)
+        for m in range(6):
+            G[1, m] = (2.0 * I1[p] if m < 3 else 0.0) - 2.0 * C[m]
+            G[2, m] = A[m] / J[p]
+            total = 0.0
+            for a in range(k):
+                total += rows[a, p] * G[a, m]
+            S[p, m] = total
+        if not with_tangent:
+            continue
+        d = D[p]
+        for m in range(6):
+            for n in range(6):
+                d[m, n] = 0.0
+        row = k
+        for a in range(k):
+            for b in range(a, k):
+                h = rows[row, p]
+                row += 1
+                if h == 0.0:
+                    continue
+                for m in range(6):
+                    for n in range(6):
+                        d[m, n] += h * (G[a, m] * G[b, n] + (G[b, m] * G[a, n] if a != b else 0.0))
+        by_2, by_J = 4.0 * rows[1, p], rows[2, p] / J[p] ** 3
+        if by_2 != 0.0:
+            for m in range(3):
+                for n in range(3):
+                    d[m, n] += by_2 if m != n else 0.0
+                d[m + 3, m + 3] -= 0.5 * by_2
+        for m in range(6):
+            for n in range(6):
+                d[m, n] += by_J * A[m] * A[n]
+        _add_odot(d, A, -2.0 * by_J)
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath=FAST)
+def add_volumetric(F: Floats, J: Floats, by_J: Floats, by_JJ: Floats, with_tangent: bool, S: Floats, D: Floats) -> None:
+    """Add the part of an energy by J alone, with its derivatives (n,)."""
+    C, A = np.empty(6), np.empty(6)
+    for p in range(len(F)):
+        _green(F[p], C)
+        _adjugate(C, A)
+        one = by_J[p] / J[p]
+        for m in range(6):
+            S[p, m] += one * A[m]
+        if not with_tangent:
+            continue
+        two = by_JJ[p] / J[p] ** 2 + by_J[p] / J[p] ** 3
+        for m in range(6):
+            for n in range(6):
+                D[p, m, n] += two * A[m] * A[n]
+        _add_odot(D[p], A, -2.0 * by_J[p] / J[p] ** 3)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def principal(F: Floats, stretches: Floats, axes: Floats) -> None:
+    """The principal stretches (3, n) and, in columns, the axes (n, 3, 3) of C at points with F (n, 3, 3).
+
+    The eigenvalue that is furthest from the others by the cubic's formula, its axis from the rows of C less it, and the
+    other two from the plane across it (Scherzinger and Dohrmann, Comput. Methods Appl. Mech. Engrg. 197 (2008) 4007).
+    """
+    C = np.empty(6)
+    M, r = np.empty((3, 3)), np.empty((3, 3))
+    s, t, n = np.empty(3), np.empty(3), np.empty(3)
+    for p in range(len(F)):
+        _green(F[p], C)
+        mean = (C[0] + C[1] + C[2]) / 3.0
+        for m in range(6):
+            M[FIRST_OF[m], SECOND_OF[m]] = C[m]
+            M[SECOND_OF[m], FIRST_OF[m]] = C[m]
+        square = 0.0
+        for i in range(3):
+            M[i, i] -= mean
+            for j in range(3):
+                square += 0.5 * M[i, j] * M[i, j]
+        axis = axes[p]
+        if square <= (1e-15 * mean) ** 2:
+            for i in range(3):
+                for j in range(3):
+                    axis[i, j] = 1.0 if i == j else 0.0
+                stretches[i, p] = np.sqrt(mean)
+            continue
+        det = (
+            M[0, 0] * (M[1, 1] * M[2, 2] - M[1, 2] * M[2, 1])
+            - M[0, 1] * (M[1, 0] * M[2, 2] - M[1, 2] * M[2, 0])
+            + M[0, 2] * (M[1, 0] * M[2, 1] - M[1, 1] * M[2, 0])
+        )
+        size = np.sqrt(square / 3.0)
+        angle = np.arccos(min(0.5 * abs(det) / size**3, 1.0)) / 3.0
+        apart = (1.0 if det >= 0.0 else -1.0) * 2.0 * size * np.cos(angle)
+        # The image of M less its eigenvalue is the plane across the axis: its two best independent rows span it.
+        best, longest = 0, -1.0
+        for i in range(3):
+            length = 0.0
+            for j in range(3):
+                r[i, j] = M[i, j] - (apart if i == j else 0.0)
+                length += r[i, j] * r[i, j]
+            if length > longest:
+                best, longest = i, length
+        for j in range(3):
+            s[j] = r[best, j] / np.sqrt(longest)
+        longest = -1.0
+        for k in range(1, 3):
+            i = (best + k) % 3
+            along = s[0] * r[i, 0] + s[1] * r[i, 1] + s[2] * r[i, 2]
+            v0, v1, v2 = r[i, 0] - along * s[0], r[i, 1] - along * s[1], r[i, 2] - along * s[2]
+            length = v0 * v0 + v1 * v1 + v2 * v2
+            if length > longest:
+                longest = length
+                t[0], t[1], t[2] = v0, v1, v2
+        a, b, c, own = 0.0, 0.0, 0.0, 0.0
+        for i in range(3):
+            t[i] /= np.sqrt(longest)
+        for i in range(3):
+            n[i] = s[(i + 1) % 3] * t[(i + 2) % 3] - s[(i + 2) % 3] * t[(i + 1) % 3]
+        for i in range(3):
+            for j in range(3):
+                a += s[i] * M[i, j] * s[j]
+                b += t[i] * M[i, j] * t[j]
+                c += s[i] * M[i, j] * t[j]
+                own += n[i] * M[i, j] * n[j]
+        turn = 0.5 * np.arctan2(2.0 * c, a - b)
+        x, y = np.cos(turn), np.sin(turn)
+        for i in range(3):
+            axis[i, 0] = n[i]
+            axis[i, 1] = x * s[i] + y * t[i]
+            axis[i, 2] = x * t[i] - y * s[i]
+        half = np.hypot(0.5 * (a - b), c)
+        stretches[0, p] = np.sqrt(mean + own)
+        stretches[1, p] = np.sqrt(mean + 0.5 * (a + b) + half)
+        stretches[2, p] = np.sqrt(mean + 0.5 * (a + b) - half)
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath=FAST)
+def from_stretches(stretches: Floats, axes: Floats, rows: Floats, with_tangent: bool, S: Floats, D: Floats) -> None:
+    """S (n, 6) and D (n, 6, 6) from `CompiledLaw.rows` by the principal stretches (3, n), with their axes (n, 3, 3)."""
+    own, d = np.empty(3), np.empty((3, 3))
+    N = np.empty((6, 6))  # of n_i n_i^T, then of the symmetric n_i n_j^T
+    for p in range(stretches.shape[1]):
+        n = axes[p]
+        for k in range(6):
+            i, j = FIRST_OF[k], SECOND_OF[k]
+            for m in range(6):
+                a, b = FIRST_OF[m], SECOND_OF[m]
+                N[k, m] = 0.5 * (n[a, i] * n[b, j] + n[a, j] * n[b, i])
+        for i in range(3):
+            own[i] = rows[i, p] / stretches[i, p]
+        for m in range(6):
+            S[p, m] = own[0] * N[0, m] + own[1] * N[1, m] + own[2] * N[2, m]
+        if not with_tangent:
+            continue
+        row = 3
+        for i in range(3):
+            for j in range(i, 3):
+                d[i, j] = rows[row, p] / (stretches[i, p] * stretches[j, p])
+                d[j, i] = d[i, j]
+                row += 1
+            d[i, i] -= own[i] / stretches[i, p] ** 2
+        t = D[p]
+        for m in range(6):
+            for q in range(6):
+                v = 0.0
+                for i in range(3):
+                    for j in range(3):
+                        v += d[i, j] * N[i, m] * N[j, q]
+                t[m, q] = v
+        for k in range(3, 6):
+            i, j = FIRST_OF[k], SECOND_OF[k]
+            ci, cj = stretches[i, p] ** 2, stretches[j, p] ** 2
+            if abs(ci - cj) > ALIKE * (ci + cj):
+                shear = (own[i] - own[j]) / (ci - cj)
+            else:
+                shear = 0.25 * (d[i, i] + d[j, j] - 2.0 * d[i, j])
+            for m in range(6):
+                for q in range(6):
+                    t[m, q] += 4.0 * shear * N[k, m] * N[k, q]

@@ -1,0 +1,39 @@
+"""Saint-Venant's and Kirchhoff's law: Hooke's law in the Green-Lagrange strain."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from softcal.materials.elastic_constants import LAME_MODULUS, POISSONS_RATIO, SHEAR_MODULUS, YOUNGS_MODULUS
+from softcal.materials.law import Law
+
+_RANGE = replace(
+    POISSONS_RATIO.quantity,
+    lower=-0.5,
+    upper=0.49,
+    attempt="law neo-hooke",
+    attempt_below="law neo-hooke-isochoric",
+)
+
+# lmbda/2 (tr E)^2 + mu tr E^2, with a volumetric part as that of `NEO_HOOKE`, which is above zero for every nu. Near
+# nu = 1/2 it resists what is no change of volume, so that no pressure unlocks it. In compression it softens and folds:
+# at a third of the length there is no force.
+STVENANT_KIRCHHOFF = Law(
+    name="stvenant-kirchhoff",
+    parameters=(
+        YOUNGS_MODULUS,
+        replace(POISSONS_RATIO, quantity=_RANGE),
+    ),
+    symbols={
+        "mu": SHEAR_MODULUS,
+        "lmbda": LAME_MODULUS,
+        "kappa": "lmbda + Rational(2, 3)*(1 - (nu + Rational(1, 2))**4)**2*mu",
+        "tr_E": "(I1 - 3)/2",
+        "tr_EE": "(I1**2 - 2*I2 - 2*I1 + 3)/4",
+    },
+    distortional="lmbda/2*tr_E**2 + mu*tr_EE - kappa/2*(J - 1)**2",
+    volumetric_strain="J - 1",
+    bulk="kappa",
+    shear="mu",
+    reference="Ciarlet (1988), Mathematical Elasticity I; SOFA's StVenantKirchhoff",
+)

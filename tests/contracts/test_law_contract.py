@@ -13,6 +13,7 @@ from softcal.materials.stress_at import (
     PAIRS,
     Deformation,
     Points,
+    Volumetric,
     add_volumetric,
     full,
     points,
@@ -176,7 +177,7 @@ def test_parts_add_up_to_the_whole(law, stretch, nu):
         apart.energy(values) + kappa / 2 * g**2, rel=1e-10, abs=1e-12
     )
     split = apart.stress(values)
-    add_volumetric(split, here, kappa * g * dg, kappa * (g * ddg + dg**2))
+    add_volumetric(split, here, Volumetric(kappa * g * dg, kappa * (g * ddg + dg**2)))
     for one, other in zip(split, whole_stress(compiled, here, values), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9 * kappa)
     assert float(compiled.compliance(*values)[0]) == pytest.approx(1.0 / kappa, rel=1e-12)

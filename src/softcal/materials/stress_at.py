@@ -16,6 +16,7 @@ from softcal.materials.law import INVARIANTS, STRETCHES, CompiledLaw, stacked
 from softcal.materials.stress_kernels import PAIRS
 
 NO_DIRECTION: Floats = np.zeros(3)
+NO_TANGENT: Floats = np.zeros((0, 6, 6))
 
 
 class Points(NamedTuple):
@@ -43,6 +44,13 @@ class Stress(NamedTuple):
 
     S: Floats
     D: Floats
+
+
+class Volumetric(NamedTuple):
+    """First and second derivative of an energy by J alone (n,) [Pa]."""
+
+    by_J: Floats
+    by_JJ: Floats
 
 
 def full(components: Floats) -> Floats:
@@ -85,9 +93,16 @@ class Deformation:
         """The derivatives of psi_d by the law's variables, as `CompiledLaw.rows`."""
         return stacked(self.law.rows(*self.variables, *values), len(self.at.J))
 
-    def stress(self, values: tuple[float, ...], *, tangent: bool = True) -> Stress:
-        """That of psi_d."""
-        return self._stress(self.rows(values), tangent)
+    def stress(self, values: tuple[float, ...], volume: Volumetric | None = None, *, tangent: bool = True) -> Stress:
+        """That of psi_d, and of a volumetric part."""
+        rows = self.rows(values)
+        if volume is not None and not len(self.axes):
+            rows[2] += volume.by_J
+            rows[3 * len(self.variables) - 1] += volume.by_JJ
+        found = self._stress(rows, tangent)
+        if volume is not None and len(self.axes):
+            add_volumetric(found, self.at, volume)
+        return found
 
     def stress_by_parameters(self, values: tuple[float, ...]) -> list[Floats]:
         """dS/d constant (n, 6) of psi_d, of each constant."""
@@ -104,23 +119,21 @@ class Deformation:
         return Stress(S, D)
 
 
-def add_volumetric(stress: Stress, at: Points, by_J: Floats, by_JJ: Floats) -> None:
-    """Add to a stress the part of an energy by J alone, with its derivatives (n,)."""
-    stress_kernels.add_volumetric(at.F, at.J, by_J, by_JJ, len(stress.D) > 0, stress.S, stress.D)
+def add_volumetric(stress: Stress, at: Points, volume: Volumetric) -> None:
+    """Add the part of an energy by J alone to a stress."""
+    stress_kernels.add_volumetric(at.F, at.J, *volume, len(stress.D) > 0, stress.S, stress.D)
+
+
+def volumetric(law: CompiledLaw, J: Floats, values: tuple[float, ...]) -> Volumetric:
+    """That of kappa/2 g(J)^2."""
+    g, dg, ddg = stacked(law.strain(J), len(J))
+    kappa = float(law.bulk(*values))
+    return Volumetric(kappa * g * dg, kappa * (dg**2 + g * ddg))
 
 
 def whole_stress(law: CompiledLaw, at: Points, values: tuple[float, ...], *, tangent: bool = True) -> Stress:
     """The stress of psi_d + kappa/2 g(J)^2."""
-    found = Deformation(law, at).stress(values, tangent=tangent)
-    add_volumetric(found, at, *volumetric_slopes(law, at.J, values))
-    return found
-
-
-def volumetric_slopes(law: CompiledLaw, J: Floats, values: tuple[float, ...]) -> tuple[Floats, Floats]:
-    """First and second derivative (n,) by J of kappa/2 g(J)^2."""
-    g, dg, ddg = stacked(law.strain(J), len(J))
-    kappa = float(law.bulk(*values))
-    return kappa * g * dg, kappa * (dg**2 + g * ddg)
+    return Deformation(law, at).stress(values, volumetric(law, at.J, values), tangent=tangent)
 
 
 def whole_energy(law: CompiledLaw, at: Points, values: tuple[float, ...]) -> Floats:

@@ -36,20 +36,21 @@ def _adjugate(C: Floats, A: Floats) -> None:
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=FAST, inline="always")
-def _add_odot(D: Floats, A: Floats, scale: float) -> None:
-    """Add scale (A_ik A_jl + A_il A_jk) / 2."""
-    M = np.empty((3, 3))
-    for m in range(6):
-        M[FIRST_OF[m], SECOND_OF[m]] = A[m]
-        M[SECOND_OF[m], FIRST_OF[m]] = A[m]
+def _add_inverse(D: Floats, A: Floats, whole: float, turned: float) -> None:
+    """Add to the upper triangle whole A_m A_n + turned (A_ik A_jl + A_il A_jk) / 2."""
+    M = ((A[0], A[3], A[5]), (A[3], A[1], A[4]), (A[5], A[4], A[2]))
     for m in range(6):
         i, j = FIRST_OF[m], SECOND_OF[m]
         for n in range(m, 6):
             r, s = FIRST_OF[n], SECOND_OF[n]
-            v = 0.5 * scale * (M[i, r] * M[j, s] + M[i, s] * M[j, r])
-            D[m, n] += v
-            if m != n:
-                D[n, m] += v
+            D[m, n] += whole * A[m] * A[n] + 0.5 * turned * (M[i][r] * M[j][s] + M[i][s] * M[j][r])
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath=FAST, inline="always")
+def _mirror(D: Floats) -> None:
+    for m in range(6):
+        for n in range(m):
+            D[m, n] = D[n, m]
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=FAST)
@@ -60,7 +61,7 @@ def from_invariants(
     (3,).
     """
     k = 3 if len(rows) in (3, 9) else 4
-    G = np.zeros((4, 6))
+    G, H = np.zeros((4, 6)), np.zeros((4, 6))
     C, A = np.empty(6), np.empty(6)
     G[0, :3] = 2.0
     for m in range(6):
@@ -68,39 +69,46 @@ def from_invariants(
     for p in range(len(F)):
         _green(F[p], C)
         _adjugate(C, A)
+        by_J = 1.0 / J[p]
         for m in range(6):
             G[1, m] = (2.0 * I1[p] if m < 3 else 0.0) - 2.0 * C[m]
-            G[2, m] = A[m] / J[p]
+            G[2, m] = A[m] * by_J
             total = 0.0
             for a in range(k):
                 total += rows[a, p] * G[a, m]
             S[p, m] = total
         if not with_tangent:
             continue
-        d = D[p]
-        for m in range(6):
+        for a in range(k):
             for n in range(6):
-                d[m, n] = 0.0
+                H[a, n] = 0.0
         row = k
         for a in range(k):
             for b in range(a, k):
                 h = rows[row, p]
                 row += 1
-                if h == 0.0:
-                    continue
-                for m in range(6):
+                if h != 0.0:
                     for n in range(6):
-                        d[m, n] += h * (G[a, m] * G[b, n] + (G[b, m] * G[a, n] if a != b else 0.0))
-        by_2, by_J = 4.0 * rows[1, p], rows[2, p] / J[p] ** 3
-        if by_2 != 0.0:
-            for m in range(3):
-                for n in range(3):
-                    d[m, n] += by_2 if m != n else 0.0
-                d[m + 3, m + 3] -= 0.5 * by_2
+                        H[a, n] += h * G[b, n]
+                        if a != b:
+                            H[b, n] += h * G[a, n]
+        d = D[p]
         for m in range(6):
-            for n in range(6):
-                d[m, n] += by_J * A[m] * A[n]
-        _add_odot(d, A, -2.0 * by_J)
+            for n in range(m, 6):
+                v = 0.0
+                for a in range(k):
+                    v += G[a, m] * H[a, n]
+                d[m, n] = v
+        by_2 = 4.0 * rows[1, p]
+        if by_2 != 0.0:
+            d[0, 1] += by_2
+            d[0, 2] += by_2
+            d[1, 2] += by_2
+            for m in range(3, 6):
+                d[m, m] -= 0.5 * by_2
+        of_J = rows[2, p] * by_J**3
+        _add_inverse(d, A, of_J, -2.0 * of_J)
+        _mirror(d)
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=FAST)
@@ -113,13 +121,10 @@ def add_volumetric(F: Floats, J: Floats, by_J: Floats, by_JJ: Floats, with_tange
         one = by_J[p] / J[p]
         for m in range(6):
             S[p, m] += one * A[m]
-        if not with_tangent:
-            continue
-        two = by_JJ[p] / J[p] ** 2 + by_J[p] / J[p] ** 3
-        for m in range(6):
-            for n in range(6):
-                D[p, m, n] += two * A[m] * A[n]
-        _add_odot(D[p], A, -2.0 * by_J[p] / J[p] ** 3)
+        if with_tangent:
+            of_J = by_J[p] / J[p] ** 3
+            _add_inverse(D[p], A, by_JJ[p] / J[p] ** 2 + of_J, -2.0 * of_J)
+            _mirror(D[p])
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -205,7 +210,7 @@ def principal(F: Floats, stretches: Floats, axes: Floats) -> None:
 def from_stretches(stretches: Floats, axes: Floats, rows: Floats, with_tangent: bool, S: Floats, D: Floats) -> None:
     """S (n, 6) and D (n, 6, 6) from `CompiledLaw.rows` by the principal stretches (3, n), with their axes (n, 3, 3)."""
     own, d = np.empty(3), np.empty((3, 3))
-    N = np.empty((6, 6))  # of n_i n_i^T, then of the symmetric n_i n_j^T
+    N, M = np.empty((6, 6)), np.empty((6, 6))  # of n_i n_i^T, then of the symmetric n_i n_j^T
     for p in range(stretches.shape[1]):
         n = axes[p]
         for k in range(6):
@@ -227,13 +232,9 @@ def from_stretches(stretches: Floats, axes: Floats, rows: Floats, with_tangent: 
                 row += 1
             d[i, i] -= own[i] / stretches[i, p] ** 2
         t = D[p]
-        for m in range(6):
-            for q in range(6):
-                v = 0.0
-                for i in range(3):
-                    for j in range(3):
-                        v += d[i, j] * N[i, m] * N[j, q]
-                t[m, q] = v
+        for i in range(3):
+            for m in range(6):
+                M[i, m] = d[i, 0] * N[0, m] + d[i, 1] * N[1, m] + d[i, 2] * N[2, m]
         for k in range(3, 6):
             i, j = FIRST_OF[k], SECOND_OF[k]
             ci, cj = stretches[i, p] ** 2, stretches[j, p] ** 2
@@ -242,5 +243,11 @@ def from_stretches(stretches: Floats, axes: Floats, rows: Floats, with_tangent: 
             else:
                 shear = 0.25 * (d[i, i] + d[j, j] - 2.0 * d[i, j])
             for m in range(6):
-                for q in range(6):
-                    t[m, q] += 4.0 * shear * N[k, m] * N[k, q]
+                M[k, m] = 4.0 * shear * N[k, m]
+        for m in range(6):
+            for q in range(m, 6):
+                v = 0.0
+                for k in range(6):
+                    v += N[k, m] * M[k, q]
+                t[m, q] = v
+        _mirror(t)

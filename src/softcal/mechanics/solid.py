@@ -12,14 +12,16 @@ from softcal.checks import Floats, Ints
 from softcal.materials.law import CompiledLaw, Law, compile_law, stacked
 from softcal.materials.stress_at import (
     NO_DIRECTION,
+    NO_TANGENT,
     PAIRS,
     Deformation,
     Points,
     Stress,
+    Volumetric,
     add_volumetric,
     full,
     points,
-    volumetric_slopes,
+    volumetric,
     whole_energy,
     whole_stress,
 )
@@ -60,22 +62,21 @@ UNPLANNED = SolidPlaces(*(np.zeros((0,) * n_dim, dtype=np.int32) for n_dim in (3
 
 
 class _Volume(NamedTuple):
-    """The volumetric part of the energy at the quadrature points, w (p g - p^2/(2 kappa)) of a mixed element.
+    """The volumetric part of the potential at the quadrature points, p g - p^2/(2 kappa) of a mixed element.
 
     Attributes
     ----------
-    by_J, by_JJ
-        Its derivatives (n,) [Pa], at fixed pressures of a mixed element.
+    slopes
+        Its derivatives by J, at fixed pressures of a mixed element.
     dg
-        g' (n,) [-]; of a mixed element only, as the others.
+        g' (n,) [-]; of a mixed element only, as `error`.
     error
         g - p/kappa (n,) [-].
     compliance
         1/kappa [1/Pa].
     """
 
-    by_J: Floats
-    by_JJ: Floats
+    slopes: Volumetric
     dg: Floats
     error: Floats
     compliance: float
@@ -194,7 +195,7 @@ class SolidTerm(Term):
         """The part of the displacements of a simple law, of which S and D need not be worked out."""
         F, I1, I2, J = given.known
         rows = self.compiled.rows(I1.ravel(), I2.ravel(), J.ravel(), *self._theta(given.theta))
-        coefficients = stacked([rows[0], rows[2] + volume.by_J, rows[-1] + volume.by_JJ], J.size)
+        coefficients = stacked([rows[0], rows[2] + volume.slopes.by_J, rows[-1] + volume.slopes.by_JJ], J.size)
         displacement = self.places.displacement
         if data is None:
             solid_kernels.add_gradient(gradient, self.conn, self.dN, self.w, F, coefficients)
@@ -210,20 +211,18 @@ class SolidTerm(Term):
 
     def _stress(self, given: Given, volume: _Volume, *, tangent: bool) -> Stress:
         """That of the displacements' part of the potential, at given pressures."""
-        at = self._at(given.known)
-        stress = Deformation(self.compiled, at).stress(self._theta(given.theta), tangent=tangent)
-        add_volumetric(stress, at, volume.by_J, volume.by_JJ)
-        return stress
+        values = self._theta(given.theta)
+        return Deformation(self.compiled, self._at(given.known)).stress(values, volume.slopes, tangent=tangent)
 
     def _volume(self, given: Given) -> _Volume:
         values, J = self._theta(given.theta), given.known[3].ravel()
         compliance, _ = self.compiled.compliance(*values)
         if not self.is_mixed:
             none = np.zeros(0)
-            return _Volume(*volumetric_slopes(self.compiled, J, values), none, none, float(compliance))
+            return _Volume(volumetric(self.compiled, J, values), none, none, float(compliance))
         p = self._pressure(given.state).ravel()
         g, dg, ddg = stacked(self.compiled.strain(J), J.size)
-        return _Volume(p * dg, p * ddg, dg, g - compliance * p, float(compliance))
+        return _Volume(Volumetric(p * dg, p * ddg), dg, g - compliance * p, float(compliance))
 
     def _pressure(self, state: State) -> Floats:
         """Pressures at the quadrature points (n_tets, n_q) [Pa]."""
@@ -248,8 +247,8 @@ class SolidTerm(Term):
                 )
             else:
                 of_bulk = -float(by_parameter[i]) / float(compliance)  # d kappa / d parameter, over kappa
-                slopes = (of_bulk * one for one in volumetric_slopes(self.compiled, at.J, values))
-                add_volumetric(Stress(rates[i], np.empty((0, 6, 6))), at, *slopes)
+                by_J, by_JJ = volumetric(self.compiled, at.J, values)
+                add_volumetric(Stress(rates[i], NO_TANGENT), at, Volumetric(of_bulk * by_J, of_bulk * by_JJ))
             solid_kernels.add_stress_gradient(wanted[name], self.conn, self.dN, self.w, given.known[0], rates[i])
 
     def _add_by_motion(self, gradient: Floats, given: Given, motion: MeshMotion) -> None:

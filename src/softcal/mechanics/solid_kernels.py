@@ -243,51 +243,62 @@ def add_both_linear(
 def add_stress_tangent(data: Floats, places: Places, dN: Floats, w: Floats, F: Floats, S: Floats, D: Floats) -> None:
     """The tangent of stresses S (n_tets * n_q, 6) with their tangents D (n_tets * n_q, 6, 6)."""
     n, n_q, n_a, _ = dN.shape
-    B = np.empty((n_q, n_a, 3, 6))
-    DB = np.empty((n_q, n_a, 3, 6))
-    SN = np.empty((n_q, n_a, 3))
-    block = np.empty((3, 3))
+    A = np.empty((3, 3, 3, 3))  # dP/dF: (i, k, j, l)
+    T = np.empty((3, 3, 3 * n_a))  # A N_b: (i, k, 3 b + j)
+    K = np.empty((3 * n_a, 3 * n_a))
+    FD = np.empty((3, 3, 6))
     for e in range(n):
+        K[:] = 0.0
         for q in range(n_q):
-            k = e * n_q + q
-            f, s, d, weight = F[e, q], S[k], D[k], w[e, q]
+            p = e * n_q + q
+            _first_tangent(F[e, q], S[p], D[p], w[e, q], FD, A)
+            for i in range(3):
+                for k in range(3):
+                    t, own = T[i, k], A[i, k]
+                    for b in range(n_a):
+                        x, y, z = dN[e, q, b, 0], dN[e, q, b, 1], dN[e, q, b, 2]
+                        for j in range(3):
+                            t[3 * b + j] = own[j, 0] * x + own[j, 1] * y + own[j, 2] * z
             for a in range(n_a):
                 x, y, z = dN[e, q, a, 0], dN[e, q, a, 1], dN[e, q, a, 2]
-                SN[q, a, 0] = weight * (s[0] * x + s[3] * y + s[5] * z)
-                SN[q, a, 1] = weight * (s[3] * x + s[1] * y + s[4] * z)
-                SN[q, a, 2] = weight * (s[5] * x + s[4] * y + s[2] * z)
                 for i in range(3):
-                    g = B[q, a, i]
-                    g[0], g[1], g[2] = f[i, 0] * x, f[i, 1] * y, f[i, 2] * z
-                    g[3] = f[i, 0] * y + f[i, 1] * x
-                    g[4] = f[i, 1] * z + f[i, 2] * y
-                    g[5] = f[i, 0] * z + f[i, 2] * x
-                    for m in range(6):
-                        v = 0.0
-                        for p in range(6):
-                            v += d[m, p] * g[p]
-                        DB[q, a, i, m] = weight * v
+                    row, t0, t1, t2 = K[3 * a + i], T[i, 0], T[i, 1], T[i, 2]
+                    for c in range(3 * a, 3 * n_a):
+                        row[c] += x * t0[c] + y * t1[c] + z * t2[c]
         m = 0
         for a in range(n_a):
             for b in range(a, n_a):
                 for i in range(3):
-                    for j in range(3):
-                        block[i, j] = 0.0
-                bent = 0.0
-                for q in range(n_q):
-                    for j in range(3):
-                        bent += SN[q, a, j] * dN[e, q, b, j]
-                        g = B[q, b, j]
-                        for i in range(3):
-                            h = DB[q, a, i]
-                            block[i, j] += (
-                                h[0] * g[0] + h[1] * g[1] + h[2] * g[2] + h[3] * g[3] + h[4] * g[4] + h[5] * g[5]
-                            )
-                for i in range(3):
-                    block[i, i] += bent
                     for j in range(i if a == b else 0, 3):
-                        data[places[e, m, i] + j] += block[i, j]
+                        data[places[e, m, i] + j] += K[3 * a + i, 3 * b + j]
                 m += 1
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath=FAST, inline="always")
+def _first_tangent(f: Floats, s: Floats, d: Floats, weight: float, FD: Floats, A: Floats) -> None:
+    """weight dP/dF (3, 3, 3, 3) of a stress s (6,) and its tangent d (6, 6): F_ia D_akbl F_jb + I_ij S_kl."""
+    for i in range(3):
+        for n in range(6):
+            FD[i, 0, n] = weight * (f[i, 0] * d[0, n] + f[i, 1] * d[3, n] + f[i, 2] * d[5, n])
+            FD[i, 1, n] = weight * (f[i, 0] * d[3, n] + f[i, 1] * d[1, n] + f[i, 2] * d[4, n])
+            FD[i, 2, n] = weight * (f[i, 0] * d[5, n] + f[i, 1] * d[4, n] + f[i, 2] * d[2, n])
+    for i in range(3):
+        for k in range(3):
+            g = FD[i, k]
+            for j in range(3):
+                A[i, k, j, 0] = g[0] * f[j, 0] + g[3] * f[j, 1] + g[5] * f[j, 2]
+                A[i, k, j, 1] = g[3] * f[j, 0] + g[1] * f[j, 1] + g[4] * f[j, 2]
+                A[i, k, j, 2] = g[5] * f[j, 0] + g[4] * f[j, 1] + g[2] * f[j, 2]
+    for i in range(3):
+        A[i, 0, i, 0] += weight * s[0]
+        A[i, 1, i, 1] += weight * s[1]
+        A[i, 2, i, 2] += weight * s[2]
+        A[i, 0, i, 1] += weight * s[3]
+        A[i, 1, i, 0] += weight * s[3]
+        A[i, 1, i, 2] += weight * s[4]
+        A[i, 2, i, 1] += weight * s[4]
+        A[i, 0, i, 2] += weight * s[5]
+        A[i, 2, i, 0] += weight * s[5]
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=FAST)

@@ -9,7 +9,7 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.geometry.mesh import TetMesh
 from softcal.materials.law import Law, compile_law, stacked
-from softcal.materials.stress_at import NO_DIRECTION, Deformation, add_volumetric, full, points, whole_stress
+from softcal.materials.stress_at import NO_DIRECTION, Deformation, Volumetric, full, points, whole_stress
 from softcal.mechanics.element import Element
 
 
@@ -55,8 +55,7 @@ def cauchy_stress(
     else:
         p = (pressure[element.pressure_nodes(mesh.tets)] @ element.pressure_functions().T).ravel()
         _, dg, ddg = stacked(compiled.strain(at.J), at.J.size)
-        stress = Deformation(compiled, at).stress(values, tangent=False)
-        add_volumetric(stress, at, p * dg, p * ddg)
+        stress = Deformation(compiled, at).stress(values, Volumetric(p * dg, p * ddg), tangent=False)
     S = full(stress.S).reshape(F.shape)
     sigma = F @ S @ np.swapaxes(F, 2, 3) / at.J.reshape(w.shape)[..., None, None]
     return np.einsum("eq,eqij->eij", w, sigma) / w.sum(axis=1)[:, None, None]

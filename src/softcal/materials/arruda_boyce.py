@@ -9,11 +9,11 @@ from softcal.quantities import QUANTITIES
 
 _LOCKING = Parameter("locking_stretch", "lm", "λ_m", QUANTITIES["locking stretch"], typical=3.0)
 _COEFFICIENTS = (
-    "Rational(1, 2)",
-    "Rational(1, 20)",
-    "Rational(11, 1050)",
-    "Rational(19, 7000)",
-    "Rational(519, 673750)",
+    "1/2",
+    "1/20",
+    "11/1050",
+    "19/7000",
+    "519/673750",
 )
 _SERIES = " + ".join(
     f"{factor}/lm**{2 * k}*(I1_bar**{k + 1} - {3 ** (k + 1)})" for k, factor in enumerate(_COEFFICIENTS)

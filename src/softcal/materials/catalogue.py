@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import ast
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Annotated
 
 from softcal.catalogue import Catalogue
-from softcal.declare import member_of, shown
-from softcal.errors import Fault, nearest
+from softcal.declare import member_of
+from softcal.errors import Fault
 from softcal.materials.arruda_boyce import ARRUDA_BOYCE
+from softcal.materials.expression import expression_faults
 from softcal.materials.gent import GENT
 from softcal.materials.law import ALONG, INVARIANTS, STRETCHES, Law
 from softcal.materials.layered import NEO_HOOKE_LAYERED
@@ -73,22 +73,8 @@ def _faults(law: Law, known: Mapping[str, Law]) -> list[Fault]:
         faults.append(Fault("the law has no constants", where=f"law {law.name}"))
     written = {what: getattr(law, what) for what in ("distortional", "volumetric_strain", "bulk", "shear")}
     for what, text in {**law.symbols, **written}.items():
-        faults += _expression_faults(text, f"law {law.name}, {what}", [*letters, *law.symbols, *RESERVED, "pi"])
+        faults += expression_faults(text, f"law {law.name}, {what}", [*letters, *law.symbols, *RESERVED, "pi"])
     return faults + _clashes(law, known)
-
-
-def _expression_faults(text: str, where: str, known: Iterable[str]) -> list[Fault]:
-    """What is wrong with an expression by its text alone, as SymPy is slow to import."""
-    try:
-        parts = list(ast.walk(ast.parse(text, mode="eval")))
-    except (SyntaxError, TypeError, ValueError):
-        return [Fault("this is not an expression", where, shown(text), "text such as 'mu/2*(I1 - 3)'")]
-    functions = [part.func for part in parts if isinstance(part, ast.Call)]
-    unknown = {part.id for part in parts if isinstance(part, ast.Name) and part not in functions} - {*known}
-    return [
-        Fault("the law has no such symbol", where, f"'{name}'", ", ".join(known), nearest(name, known))
-        for name in sorted(unknown)
-    ]
 
 
 def constants_of(laws: Mapping[str, Law]) -> dict[str, Parameter]:

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.materials.expression import to_sympy
 from softcal.materials.parameter import Parameter
 
 INVARIANTS = ("I1", "I2", "J")
@@ -137,12 +138,12 @@ def compile_law(law: Law) -> CompiledLaw:
     letters = {letter: sympy.Symbol(letter, real=True) for letter in (parameter.symbol for parameter in law.parameters)}
     variables = {name: sympy.Symbol(name, positive=True) for name in law.variables}
     J = variables["J"] if "J" in variables else sympy.Mul(*variables.values())
-    scope: dict[str, Any] = {**letters, **variables, "J": J}
+    scope: dict[str, Any] = {**letters, **variables, "J": J, "pi": sympy.pi}
     for symbol, text in law.symbols.items():
-        scope[symbol] = _parsed(text, scope)
-    psi_d, kappa = _parsed(law.distortional, scope), _parsed(law.bulk, scope)
+        scope[symbol] = to_sympy(text, scope)
+    psi_d, kappa = to_sympy(law.distortional, scope), to_sympy(law.bulk, scope)
     volume = sympy.Symbol("J", positive=True)
-    g = _parsed(law.volumetric_strain, {**scope, "J": volume})
+    g = to_sympy(law.volumetric_strain, {**scope, "J": volume})
 
     of, theta = list(variables.values()), list(letters.values())
     first = [psi_d.diff(a) for a in of]
@@ -158,7 +159,7 @@ def compile_law(law: Law) -> CompiledLaw:
         parameters=law.names,
         variables=law.variables,
         is_simple=is_simple,
-        shear=function(theta, _parsed(law.shear, scope)),
+        shear=function(theta, to_sympy(law.shear, scope)),
         bulk=function(theta, kappa),
         compressed=function(theta, _bulk_at_rest(psi_d, variables) + kappa * g.diff(volume).subs(volume, 1) ** 2),
         energy=function([*of, *theta], psi_d),
@@ -186,10 +187,3 @@ def stacked(rows: list[Any], n: int) -> Floats:
     for i, row in enumerate(rows):
         out[i] = row
     return out
-
-
-def _parsed(text: str, scope: dict[str, Any]) -> Any:
-    import sympy
-
-    parse: Any = sympy.sympify
-    return parse(text, locals=scope)

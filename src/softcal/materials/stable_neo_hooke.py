@@ -7,14 +7,14 @@ from dataclasses import replace
 from softcal.materials.elastic_constants import LAME_MODULUS, POISSONS_RATIO, SHEAR_MODULUS, YOUNGS_MODULUS
 from softcal.materials.law import Law
 
-# SOFA writes (lmbda + mu)/2 (J - 1 - mu/(lmbda + mu))^2, which differs by a constant.
+# Below nu = -0.3 a compressed body would have less energy than at rest. SOFA writes (lmbda + mu)/2 (J - 1 - mu/(lmbda + mu))^2, which differs by a constant.
 STABLE_NEO_HOOKE = Law(
     name="stable-neo-hooke",
     parameters=(
         YOUNGS_MODULUS,
         replace(
             POISSONS_RATIO,
-            quantity=replace(POISSONS_RATIO.quantity, lower=-0.9, attempt_below="law neo-hooke-isochoric"),
+            quantity=replace(POISSONS_RATIO.quantity, lower=-0.25, attempt_below="law neo-hooke-isochoric"),
         ),
     ),
     symbols={"mu": SHEAR_MODULUS, "lmbda": LAME_MODULUS},

@@ -8,14 +8,13 @@ from mechanics_cases import constants
 from scipy.spatial.transform import Rotation
 
 from softcal.materials.catalogue import LAWS
+from softcal.materials.components import PAIRS, full
 from softcal.materials.law import INVARIANTS, compile_law, stacked
 from softcal.materials.stress_at import (
-    PAIRS,
     Deformation,
     Points,
     Volumetric,
     add_volumetric,
-    full,
     points,
     whole_energy,
     whole_stress,

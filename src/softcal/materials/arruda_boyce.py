@@ -18,8 +18,6 @@ _COEFFICIENTS = (
 _SERIES = " + ".join(
     f"{factor}/lm**{2 * k}*(I1_bar**{k + 1} - {3 ** (k + 1)})" for k, factor in enumerate(_COEFFICIENTS)
 )
-# d psi / d I1_bar at rest is mu times this, over two.
-_AT_REST = " + ".join(f"2*{k + 1}*{factor}*{3**k}/lm**{2 * k}" for k, factor in enumerate(_COEFFICIENTS))
 
 ARRUDA_BOYCE = Law(
     name="arruda-boyce",
@@ -28,7 +26,6 @@ ARRUDA_BOYCE = Law(
     distortional=f"mu*({_SERIES})",
     volumetric_strain="J - 1",
     bulk="kappa",
-    shear=f"mu*({_AT_REST})",
     reference="Arruda and Boyce, J. Mech. Phys. Solids 41 (1993) 389; "
     "CalculiX's and Abaqus' *HYPERELASTIC, ARRUDA-BOYCE",
 )

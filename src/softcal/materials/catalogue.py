@@ -71,7 +71,7 @@ def _faults(law: Law, known: Mapping[str, Law]) -> list[Fault]:
             faults.append(Fault(f"two {kind} have one name", where=f"law {law.name}", got=", ".join(twice)))
     if not law.parameters:
         faults.append(Fault("the law has no constants", where=f"law {law.name}"))
-    written = {what: getattr(law, what) for what in ("distortional", "volumetric_strain", "bulk", "shear")}
+    written = {what: getattr(law, what) for what in ("distortional", "volumetric_strain", "bulk")}
     for what, text in {**law.symbols, **written}.items():
         faults += expression_faults(text, f"law {law.name}, {what}", [*letters, *law.symbols, *RESERVED, "pi"])
     return faults + _clashes(law, known)

@@ -19,6 +19,5 @@ GENT = Law(
     distortional="-mu*Jm/2*log(1 - (I1_bar - 3)/Jm)",
     volumetric_strain="J - 1",
     bulk="kappa",
-    shear="mu",
     reference="Gent, Rubber Chemistry and Technology 69 (1996) 59",
 )

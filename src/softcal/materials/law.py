@@ -46,8 +46,6 @@ class Law:
         g(J) [-], text in J.
     bulk
         kappa [Pa] of the volumetric part, text in the symbols.
-    shear
-        The shear modulus [Pa] at small strain, text in the symbols.
     reference
         Where the law is from.
     """
@@ -58,7 +56,6 @@ class Law:
     distortional: str
     volumetric_strain: str
     bulk: str
-    shear: str
     reference: str = ""
 
     def __hash__(self) -> int:
@@ -159,7 +156,7 @@ def compile_law(law: Law) -> CompiledLaw:
         parameters=law.names,
         variables=law.variables,
         is_simple=is_simple,
-        shear=function(theta, to_sympy(law.shear, scope)),
+        shear=function(theta, _shear_at_rest(psi_d, variables)),
         bulk=function(theta, kappa),
         compressed=function(theta, _bulk_at_rest(psi_d, variables) + kappa * g.diff(volume).subs(volume, 1) ** 2),
         energy=function([*of, *theta], psi_d),
@@ -179,6 +176,19 @@ def _bulk_at_rest(psi: Any, variables: Mapping[str, Any]) -> Any:
     even |= dict.fromkeys(STRETCHES, stretch)
     energy = psi.subs({symbol: even[name] for name, symbol in variables.items()})
     return energy.diff(stretch, 2).subs(stretch, 1) / 9
+
+
+def _shear_at_rest(psi: Any, variables: Mapping[str, Any]) -> Any:
+    """d2 psi / ds2 / 4 of the stretches e^s and e^-s, across the direction of a law that has one, at 0."""
+    import sympy
+
+    s = sympy.Symbol("s", real=True)
+    longer, shorter = sympy.exp(s), sympy.exp(-s)
+    square = longer**2 + shorter**2 + 1
+    sheared = {"I1": square, "I2": square, "J": 1, ALONG: 1}
+    sheared |= dict(zip(STRETCHES, (longer, shorter, sympy.Integer(1)), strict=True))
+    energy = psi.subs({symbol: sheared[name] for name, symbol in variables.items()})
+    return energy.diff(s, 2).subs(s, 0) / 4
 
 
 def stacked(rows: list[Any], n: int) -> Floats:

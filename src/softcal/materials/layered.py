@@ -26,7 +26,6 @@ NEO_HOOKE_LAYERED = Law(
     distortional="mu/2*(J**Rational(-2, 3)*I1 - 3) + c/2*(I4_bar - 1 - log(I4_bar))",
     volumetric_strain="J - 1",
     bulk="kappa",
-    shear="mu",
     reference="Transversely isotropic, after Spencer (1984), Continuum Theory of the Mechanics of Fibre-Reinforced "
     "Composites; the energy of the direction is softcal's",
 )

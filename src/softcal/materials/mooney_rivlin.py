@@ -23,7 +23,6 @@ def mooney_rivlin(name: str, terms: tuple[str, ...]) -> Law:
         distortional=" + ".join(own),
         volumetric_strain="J - 1",
         bulk="kappa",
-        shear="2*(C10 + C01)",
         reference="Rivlin and Saunders, Phil. Trans. R. Soc. A 243 (1951) 251; CalculiX's and Abaqus' *HYPERELASTIC, "
         + ("MOONEY-RIVLIN" if len(terms) == 2 else "POLYNOMIAL, N=2"),
     )

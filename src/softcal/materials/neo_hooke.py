@@ -33,7 +33,6 @@ NEO_HOOKE = Law(
     distortional="mu/2*(I1 - 3) - mu*log(J) - c*mu/2*log(J)**2",
     volumetric_strain="log(J)",
     bulk="lmbda + c*mu",
-    shear="mu",
     reference="Bonet and Wood (2008), compressible neo-Hookean material; SOFA's NeoHookean; paper A, Eqs. (2)-(3)",
 )
 
@@ -45,6 +44,5 @@ NEO_HOOKE_ISOCHORIC = Law(
     distortional="mu/2*(J**Rational(-2, 3)*I1 - 3)",
     volumetric_strain="J - 1",
     bulk="kappa",
-    shear="mu",
     reference="Isochoric split of the neo-Hookean energy; CalculiX's and Abaqus' *HYPERELASTIC, NEO HOOKE",
 )

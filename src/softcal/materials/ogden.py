@@ -37,7 +37,6 @@ def ogden(terms: int) -> Law:
         distortional=" + ".join(own),
         volumetric_strain="J - 1",
         bulk="kappa",
-        shear=" + ".join(f"mu{p}*alpha{p}/2" for p in range(1, terms + 1)),
         reference="Ogden, Proc. R. Soc. Lond. A 326 (1972) 565",
     )
 

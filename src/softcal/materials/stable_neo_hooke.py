@@ -7,7 +7,8 @@ from dataclasses import replace
 from softcal.materials.elastic_constants import LAME_MODULUS, POISSONS_RATIO, SHEAR_MODULUS, YOUNGS_MODULUS
 from softcal.materials.law import Law
 
-# Below nu = -0.3 a compressed body would have less energy than at rest. SOFA writes (lmbda + mu)/2 (J - 1 - mu/(lmbda + mu))^2, which differs by a constant.
+# Below nu = -0.3 a compressed body would have less energy than at rest. SOFA writes
+# (lmbda + mu)/2 (J - 1 - mu/(lmbda + mu))^2, which differs by a constant.
 STABLE_NEO_HOOKE = Law(
     name="stable-neo-hooke",
     parameters=(
@@ -21,7 +22,6 @@ STABLE_NEO_HOOKE = Law(
     distortional="mu/2*(I1 - 3) - mu*(J - 1)",
     volumetric_strain="J - 1",
     bulk="lmbda + mu",
-    shear="mu",
     reference="Smith, de Goes and Kim, ACM Trans. Graph. 37 (2018) 12, as of Kim and Eberle (2022); SOFA's "
     "StableNeoHookean",
 )

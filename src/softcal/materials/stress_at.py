@@ -1,6 +1,6 @@
 """Energy, stress and tangent of a law at points, whatever its energy is written in.
 
-S is the second Piola-Kirchhoff stress and D = dS/dE, in the components of `stress_kernels.PAIRS`, the shears of E
+S is the second Piola-Kirchhoff stress and D = dS/dE, in the components of `components.PAIRS`, the shears of E
 doubled. psi_d is that of `CompiledLaw`; the volumetric part is added with p g(J), p being an unknown or kappa g.
 """
 
@@ -12,10 +12,9 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.materials import stress_kernels
+from softcal.materials.components import NO_DIRECTION
 from softcal.materials.law import INVARIANTS, STRETCHES, CompiledLaw, stacked
-from softcal.materials.stress_kernels import PAIRS
 
-NO_DIRECTION: Floats = np.zeros(3)
 NO_TANGENT: Floats = np.zeros((0, 6, 6))
 
 
@@ -51,14 +50,6 @@ class Volumetric(NamedTuple):
 
     by_J: Floats
     by_JJ: Floats
-
-
-def full(components: Floats) -> Floats:
-    """Symmetric matrices (..., 3, 3) of their components (..., 6)."""
-    out = np.empty((*components.shape[:-1], 3, 3))
-    for m, (i, j) in enumerate(PAIRS):
-        out[..., i, j] = out[..., j, i] = components[..., m]
-    return out
 
 
 def points(F: Floats, direction: Floats = NO_DIRECTION) -> Points:

@@ -1,6 +1,7 @@
 """Stress and tangent at points, from the derivatives of an energy by invariants, or by principal stretches.
 
-S is the second Piola-Kirchhoff stress, D = dS/dE with the shears of E doubled; components in the order of `PAIRS`.
+S is the second Piola-Kirchhoff stress, D = dS/dE with the shears of E doubled; components in the order of
+`components.PAIRS`.
 """
 
 from __future__ import annotations
@@ -9,8 +10,8 @@ import numba
 import numpy as np
 
 from softcal.checks import Floats
+from softcal.materials.components import PAIRS
 
-PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
 FIRST_OF = tuple(i for i, _ in PAIRS)
 SECOND_OF = tuple(j for _, j in PAIRS)
 FAST = {"contract", "reassoc", "nsz"}

@@ -12,6 +12,5 @@ YEOH = Law(
     distortional="C10*(I1_bar - 3) + C20*(I1_bar - 3)**2 + C30*(I1_bar - 3)**3",
     volumetric_strain="J - 1",
     bulk="kappa",
-    shear="2*C10",
     reference="Yeoh, Rubber Chemistry and Technology 66 (1993) 754; CalculiX's and Abaqus' *HYPERELASTIC, YEOH",
 )

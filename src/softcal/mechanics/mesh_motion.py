@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.checks import Floats, Ints
-from softcal.materials.stress_at import PAIRS, full
+from softcal.materials.components import PAIRS, full
 
 
 @dataclass(frozen=True)
@@ -55,8 +55,8 @@ def stress_rate(F: Floats, dF: Floats, S: Floats, D: Floats) -> tuple[Floats, Fl
     """
     dE = 0.5 * (np.swapaxes(dF, 2, 3) @ F + np.swapaxes(F, 2, 3) @ dF)
     rates = np.stack([dE[..., i, j] * (1.0 if i == j else 2.0) for i, j in PAIRS], axis=-1)
-    S, dS = full(S), full(np.einsum("eqab,eqb->eqa", D, rates))
-    return F @ S, dF @ S + F @ dS
+    stress, stress_rates = full(S), full(np.einsum("eqab,eqb->eqa", D, rates))
+    return F @ stress, dF @ stress + F @ stress_rates
 
 
 def cofactor(A: Floats, B: Floats) -> Floats:

@@ -9,17 +9,15 @@ from typing import NamedTuple
 import numpy as np
 
 from softcal.checks import Floats, Ints
+from softcal.materials.components import NO_DIRECTION, PAIRS, full
 from softcal.materials.law import CompiledLaw, Law, compile_law, stacked
 from softcal.materials.stress_at import (
-    NO_DIRECTION,
     NO_TANGENT,
-    PAIRS,
     Deformation,
     Points,
     Stress,
     Volumetric,
     add_volumetric,
-    full,
     points,
     volumetric,
     whole_energy,

@@ -8,8 +8,9 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.geometry.mesh import TetMesh
+from softcal.materials.components import NO_DIRECTION, full
 from softcal.materials.law import Law, compile_law, stacked
-from softcal.materials.stress_at import NO_DIRECTION, Deformation, Volumetric, full, points, whole_stress
+from softcal.materials.stress_at import Deformation, Volumetric, points, whole_stress
 from softcal.mechanics.element import Element
 
 

@@ -18,6 +18,7 @@ from softcal.project.candidate_schema import build_candidates
 from softcal.project.document import Document, Findings
 from softcal.project.files import InputFiles, sha256
 from softcal.project.meshes import is_generated, mesh_maker
+from softcal.project.own_law import require_at_rest
 from softcal.project.project import Project
 from softcal.project.robot import BuiltRobot, build_robot
 from softcal.project.search import build_search, held_values, names_held, rig_value, untied
@@ -44,6 +45,8 @@ def build_project(
     findings = Findings(document)
     experiments, parameters = sections.experiments, sections.parameters
     built = build_robot(sections.robot, mesh_maker(files), findings)
+    for body in built.robot.bodies if built else ():
+        require_at_rest(body, sections.laws, findings)
     given = untied(values, parameters)
     rig = _with_held_friction(sections.rig, given)
     benches = {

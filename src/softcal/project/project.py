@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from softcal.errors import InputError
+from softcal.materials.catalogue import LAWS
 from softcal.project.files import InputFiles
 from softcal.project.sections import read_sections
 from softcal.project.yaml_file import read_document
@@ -130,8 +132,14 @@ def load(
     path = Path(path)
     document = read_document(path)
     files = InputFiles(path.parent, dict(copies or {}))
-    sections = read_sections(document, files)
-    # Meshes and data are read only now: a mistake in the file is reported at once.
-    from softcal.project.building import build_project
+    known = set(LAWS)
+    try:
+        sections = read_sections(document, files)
+        # Meshes and data are read only now: a mistake in the file is reported at once.
+        from softcal.project.building import build_project
 
-    return build_project(path, document, sections, files, dict(values or {}))
+        return build_project(path, document, sections, files, dict(values or {}))
+    except InputError:
+        for name in set(LAWS) - known:  # those of this file, which can then be mended and read again
+            LAWS.remove(name)
+        raise

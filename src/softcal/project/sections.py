@@ -21,6 +21,7 @@ from softcal.project.calibration_schema import CalibrationSection, ParameterSect
 from softcal.project.candidate_schema import CandidateSection
 from softcal.project.document import Document, Findings
 from softcal.project.files import InputFiles, stored_mesh
+from softcal.project.law_schema import OwnLawSection, register_laws
 from softcal.project.mesh_schema import MeshFile
 from softcal.project.names import RESERVED_OF_TESTS, check_names
 from softcal.project.robot_names import check_part_names, part_names
@@ -37,6 +38,7 @@ S = TypeVar("S")
 SECTIONS = (
     "softcal",
     "name",
+    "laws",
     "robot",
     "rig",
     "experiments",
@@ -56,6 +58,7 @@ FORMAT = 1
 class Sections:
     """The sections of a project file, without faults; steps: the preparation of each experiment's data."""
 
+    laws: Mapping[str, OwnLawSection]
     robot: RobotSection
     rig: CommonRig
     experiments: Mapping[str, ExperimentSection]
@@ -80,6 +83,8 @@ def read_sections(document: Document, files: InputFiles) -> Sections:
     """
     findings = Findings(document)
     _check_keys(document, findings)
+    laws = _entries(OwnLawSection, "laws", document, findings)
+    register_laws(laws, findings)
     robot = _section(RobotSection, "robot", document, findings)
     rig = _section(CommonRig, "rig", document, findings, {})
     experiments = _entries(ExperimentSection, "experiments", document, findings)
@@ -125,6 +130,7 @@ def read_sections(document: Document, files: InputFiles) -> Sections:
     if robot is None or rig is None or calibration is None or dynamics is None or engines is None:
         raise ProjectFileError(Fault("the project is incomplete", document.name))
     return Sections(
+        laws,
         robot,
         rig,
         experiments,

@@ -23,8 +23,8 @@ from softcal.geometry.centreline import Centreline
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.section import CrossSection
 from softcal.materials.catalogue import LAWS, LawName
+from softcal.materials.components import NO_DIRECTION
 from softcal.materials.elastic_constants import LINEAR_ELASTIC
-from softcal.materials.stress_at import NO_DIRECTION
 from softcal.mechanics.elements import DEFAULT, ElementName
 from softcal.mechanics.mesh_motion import MeshMotion
 from softcal.quantities import Clearance, Density, Direction, Mass, MomentOfInertia, Size

@@ -1,0 +1,64 @@
+"""`laws:` of a project file: an elastic law of the user's own, by the text of its energy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated
+
+from pydantic import Field
+
+from softcal.errors import Fault, InputError
+from softcal.materials.catalogue import LAWS
+from softcal.materials.law import Law
+from softcal.materials.parameter import Parameter
+from softcal.project.document import Findings
+from softcal.project.section import Section
+from softcal.quantities import quantity
+
+# Kind of quantity of a constant -> a value that is typical of soft prints, to check the law with.
+KINDS = {"modulus": 1e6, "coefficient": 1e4, "ratio": 1.0, "positive ratio": 2.0, "Poisson's ratio": 0.45}
+# The invariants of the deformation without its change of volume.
+ISOCHORIC = {"I1_bar": "J**(-2/3)*I1", "I2_bar": "J**(-4/3)*I2"}
+
+
+class OwnLawSection(Section):
+    """A law: its energy, the kinds of its constants, abbreviations, and its volumetric part kappa/2 g(J)^2."""
+
+    energy: str
+    constants: Mapping[str, Annotated[str, Field(min_length=1)]]
+    symbols: Mapping[str, str] = Field(default_factory=dict)
+    bulk: str = "kappa"
+    volumetric_strain: str = "J - 1"
+    reference: str = "the project file"
+
+    def _check(self) -> None:
+        faults = [
+            Fault("a constant cannot be of this kind", f"constants.{name}", f"'{kind}'", ", ".join(KINDS))
+            for name, kind in self.constants.items()
+            if kind not in KINDS
+        ]
+        if faults:
+            raise InputError(faults)
+
+    def law(self, name: str) -> Law:
+        """The law of this name."""
+        parameters = [
+            Parameter(key, key, key, quantity(kind), typical=KINDS[kind]) for key, kind in self.constants.items()
+        ]
+        used = {key: text for key, text in ISOCHORIC.items() if key in self.energy or key in str(self.symbols)}
+        return Law(
+            name,
+            tuple(parameters),
+            {**used, **self.symbols},
+            self.energy,
+            self.volumetric_strain,
+            self.bulk,
+            self.reference,
+        )
+
+
+def register_laws(sections: Mapping[str, OwnLawSection], findings: Findings) -> None:
+    """Make the laws of a file known; what is wrong with one goes to `findings`."""
+    for name, section in sections.items():
+        with findings.at(("laws", name)):
+            LAWS.add(section.law(name))

@@ -20,6 +20,7 @@ from softcal.errors import Fault, ParameterError
 from softcal.export.cable_faults import cable_faults
 from softcal.export.calculix_cables import cable_lines, dead_pulls
 from softcal.export.calculix_format import listed, number, set_name, weighted_sum
+from softcal.export.calculix_laws import CARDS, ISOCHORIC, law_lines
 from softcal.export.load_path import load_path
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.elements import ELEMENTS, P1, P2
@@ -30,7 +31,7 @@ from softcal.twin.response import Snapshot
 from softcal.twin.robot import Body, Moment, Robot
 
 DECK = "robot.inp"
-ITS_LAW = "neo-hooke-isochoric"
+ITS_LAW = ISOCHORIC
 ITS_ELEMENTS = {element.cell: element for element in (P1, P2)}
 # One increment per step, smaller ones if it does not converge; residual forces below a millionth of the average force.
 _STEP = (
@@ -53,22 +54,30 @@ class Deck:
 
 
 def in_its_law(robot: Robot) -> Robot:
-    """The robot with CalculiX's law, and displacement elements only (C3D4, C3D10), its meshes ending at the clamps."""
+    """The robot with laws and elements (C3D4, C3D10) that CalculiX has, its meshes ending at the clamps."""
     return replace(robot, bodies=tuple(_in_its_law(body.as_clamped) for body in robot.bodies))
 
 
 def _in_its_law(body: Body) -> Body:
     law = LAWS.named(body.law)
+    kept = body.law if body.law in CARDS else ITS_LAW
 
     def alike(parameters: Mapping[str, float]) -> Mapping[str, float]:
-        """E and nu: the law's own, or its equivalents at small strain."""
-        if law.names == LAWS.named(ITS_LAW).names:
+        """The law's own constants, or E and nu of its equivalent at small strain."""
+        if law.names == LAWS.named(kept).names:
             return parameters
         return {"youngs_modulus": law.youngs_modulus(parameters), "poissons_ratio": law.poissons_ratio(parameters)}
 
     inclusions = tuple(replace(part, parameters=alike(part.parameters)) for part in body.inclusions)
     element = ITS_ELEMENTS[ELEMENTS[body.element].cell]
-    return replace(body, law=ITS_LAW, element=element.name, parameters=alike(body.parameters), inclusions=inclusions)
+    return replace(
+        body,
+        law=kept,
+        element=element.name,
+        parameters=alike(body.parameters),
+        inclusions=inclusions,
+        build_direction=None,
+    )
 
 
 def calculix_deck(robot: Robot, shapes: Sequence[Snapshot]) -> Deck:
@@ -222,12 +231,9 @@ def _bonds(twin: Twin) -> Iterator[str]:
 
 
 def _materials(robot: Robot) -> Iterator[str]:
-    law = LAWS.named(ITS_LAW)
-    for material in (material for body in robot.bodies for material in body.materials):
-        mu, kappa = law.shear_modulus(material.parameters), law.bulk_modulus(material.parameters)
+    for law, material in ((body.law, material) for body in robot.bodies for material in body.materials):
         yield f"*MATERIAL, NAME={set_name(material.name)}"
-        yield "*HYPERELASTIC, NEO HOOKE"
-        yield f"{number(mu / 2)}, {number(2 / kappa)}"
+        yield from law_lines(law, material.parameters)
         yield f"*SOLID SECTION, ELSET={set_name(material.name)}, MATERIAL={set_name(material.name)}"
 
 
@@ -248,7 +254,7 @@ def _point_loads(layout: Layout, force: Floats) -> Iterator[str]:
 def _notes(robot: Robot) -> tuple[str, ...]:
     notes: list[str] = []
     for body in robot.bodies:
-        if body.law != ITS_LAW:
+        if body.law not in CARDS:
             notes.append(
                 f"{body.name}: CalculiX has no law '{body.law}'; written with its isochoric neo-Hookean one at the "
                 "same modulus and ratio, which agrees at small strain."

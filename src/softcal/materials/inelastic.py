@@ -1,0 +1,145 @@
+"""What a material adds to an elastic law: stresses that depend on what it went through.
+
+A part takes energy, stress and tangent at points, as the law or the part before it leaves them, changes them, and leaves
+numbers of its own at every point, its memory, to the next converged sample (`mechanics.memory`). Several follow one
+another, each on the result of those before. All have exact rates, so that derivatives are carried through a history.
+
+Stress and tangent are those of an incremental potential: the tangent is symmetric.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.materials.parameter import Parameter
+
+Constants = Mapping[str, float]
+# Of strains with doubled shears, products with stresses are sums over the components; of two stresses they need these.
+TWICE: Floats = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
+
+
+class Stressed(NamedTuple):
+    """A material at points.
+
+    Attributes
+    ----------
+    E
+        Green-Lagrange strain, its shears doubled (n, 6) [-].
+    W
+        Energy (n,) [J/m^3].
+    S
+        Second Piola-Kirchhoff stress (n, 6) [Pa].
+    D
+        Its tangent dS/dE (n, 6, 6) [Pa]; empty where it is not wanted.
+    """
+
+    E: Floats
+    W: Floats
+    S: Floats
+    D: Floats
+
+
+class Rates(NamedTuple):
+    """Rates of a material at points, of `Stressed.E`, `W` and `S`."""
+
+    E: Floats
+    W: Floats
+    S: Floats
+
+
+class Left(NamedTuple):
+    """What a part leaves: the material as changed, and its memory (n, size)."""
+
+    at: Stressed
+    memory: Floats
+
+
+@dataclass(frozen=True)
+class Inelastic(ABC):
+    """One part of a material's behaviour beyond its elastic law."""
+
+    @property
+    @abstractmethod
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Its constants."""
+
+    @property
+    @abstractmethod
+    def size(self) -> int:
+        """How many numbers it remembers at each point."""
+
+    @property
+    def needs_time(self) -> bool:
+        """Whether it depends on the time between samples."""
+        return False
+
+    @abstractmethod
+    def respond(self, at: Stressed, memory: Floats, elapsed: float, constants: Constants) -> Left:
+        """The material as it changes it, a time `elapsed` [s] after the sample that left the memory (n, size).
+
+        Infinity: so long that nothing changes any more.
+        """
+
+    @abstractmethod
+    def rates(
+        self,
+        at: Stressed,
+        by: Rates,
+        memory: tuple[Floats, Floats],
+        elapsed: float,
+        constants: tuple[Constants, Constants],
+    ) -> tuple[Rates, Floats]:
+        """The rates of what `respond` leaves: of W and S, and of the memory.
+
+        memory: the one before, and its rates; constants: their values, and their rates, those that are missing zero.
+        """
+
+    def faults(self, constants: Constants) -> str:
+        """What is wrong with the constants together; "" where nothing is."""
+        return ""
+
+
+@dataclass(frozen=True)
+class History:
+    """The parts of a material's behaviour beyond its elastic law, one after the other."""
+
+    parts: tuple[Inelastic, ...]
+
+    @property
+    def size(self) -> int:
+        """How many numbers all of them remember at each point."""
+        return sum(part.size for part in self.parts)
+
+    def respond(self, at: Stressed, memory: Floats, elapsed: float, constants: Constants) -> Left:
+        """As `Inelastic.respond`, of all parts."""
+        left: list[Floats] = []
+        for part, own in zip(self.parts, self._split(memory), strict=True):
+            at, kept = part.respond(at, own, elapsed, constants)
+            left.append(kept)
+        return Left(at, np.concatenate(left, axis=1))
+
+    def rates(
+        self,
+        at: Stressed,
+        by: Rates,
+        memory: tuple[Floats, Floats],
+        elapsed: float,
+        constants: tuple[Constants, Constants],
+    ) -> tuple[Rates, Floats]:
+        """As `Inelastic.rates`, of all parts."""
+        left: list[Floats] = []
+        for part, own, rates in zip(self.parts, *(self._split(one) for one in memory), strict=True):
+            after = part.respond(at, own, elapsed, constants[0]).at
+            by, kept = part.rates(at, by, (own, rates), elapsed, constants)
+            at = after
+            left.append(kept)
+        return by, np.concatenate(left, axis=1)
+
+    def _split(self, memory: Floats) -> Sequence[Floats]:
+        return np.split(memory, np.cumsum([part.size for part in self.parts])[:-1], axis=1)

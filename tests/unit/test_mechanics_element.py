@@ -11,6 +11,7 @@ from softcal.geometry.primitives import box_mesh
 from softcal.materials.catalogue import LAWS
 from softcal.materials.law import compile_law
 from softcal.materials.neo_hooke import NEO_HOOKE
+from softcal.materials.stress_at import points, whole_energy
 from softcal.mechanics.elements import ELEMENTS, P1
 from softcal.mechanics.solid import SolidTerm
 from softcal.mechanics.term import Given
@@ -38,19 +39,22 @@ def test_inverted_element_is_refused_by_number():
 @pytest.mark.parametrize("nu", [-0.45, 0.3])
 def test_a_law_that_gives_way_under_compression_is_reported(law, nu):
     """Where more compression of a cube on all sides takes less pressure, by differences of the energy."""
-    energy, values = compile_law(law).energy, tuple(constants(law, 3.0, nu).values())
+    if not all(one.quantity.allows(nu) for one in law.parameters if one.name == "poissons_ratio"):
+        pytest.skip("it does not admit this ratio")
+    compiled, values = compile_law(law), tuple(constants(law, 3.0, nu).values())
     mesh = box_mesh((1.0, 1.0, 1.0), (1, 1, 1))
     system = solid_system(mesh, "P1", law, np.array([0]))
     given_way = []
     for s in np.linspace(0.6, 1.3, 15):
         J, h = s**3, 1e-4
-        psi = [float(energy(3 * v ** (2 / 3), 3 * v ** (4 / 3), v, *values)) for v in (J - h, J, J + h)]
+        even = points(np.cbrt([J - h, J, J + h])[:, None, None] * np.eye(3), np.array([0.0, 0.0, 1.0]))
+        psi = whole_energy(compiled, even, values)
         gives_way = psi[0] - 2 * psi[1] + psi[2] < 0.0 and J < 1.0
         told = system.remarks(placed(system, mesh.points * s), body_theta(constants(law, 3.0, nu)))
         assert bool(told) == gives_way
         assert not told or f"compressed to {J:.2g} of its volume, where its law {law.name} softens" in told
         given_way.append(gives_way)
-    assert any(given_way) == (law is NEO_HOOKE and nu < 0.0)
+    assert any(given_way) == ((law.name, nu) in {("neo-hooke", -0.45), ("stable-neo-hooke", 0.3)})
 
 
 @pytest.mark.parametrize("element", ELEMENTS)

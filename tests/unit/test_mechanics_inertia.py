@@ -220,6 +220,8 @@ def test_momentum_of_a_spinning_robot_is_that_of_its_particles():
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=lambda law: law.name)
 def test_viscosity_has_the_moduli_of_the_undeformed_body(law):
+    if law.is_directed:
+        pytest.skip("its moduli depend on the direction")
     E, nu = 2.0e6, 0.37
     lame, shear = E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), 0.5 * E / (1.0 + nu)
     mesh = box_mesh((1.0, 1.0, 1.0), (1, 1, 1))

@@ -110,7 +110,7 @@ def test_socket_of_clamped_tets_costs_nothing_and_changes_nothing():
 def test_what_cannot_be_built_is_refused_by_name():
     robot = column_robot("P1")
     (body,), (plate,) = robot.bodies, robot.plates
-    with pytest.raises(InputError, match=r"neck\.law: there is no such law; got 'ogden'; allowed: mooney-rivlin"):
+    with pytest.raises(InputError, match=r"neck\.law: there is no such law; got 'ogden'; allowed: arruda-boyce"):
         build_twin(replace(robot, bodies=(replace(body, law="ogden"),)))
     with pytest.raises(InputError, match=r"neck\.element: there is no such element"):
         build_twin(replace(robot, bodies=(replace(body, element="Q1"),)))

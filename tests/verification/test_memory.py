@@ -184,7 +184,7 @@ def test_slow_motion_is_the_quasi_static_way(step, error):
 def test_one_linear_solve_a_step_slips_as_well():
     """Pulled and released in small, slow steps, as SOFA moves a robot."""
     twin, theta = beside_sliders(FRONT)
-    shortenings = 1e-3 * np.concatenate([np.linspace(0.1, 7.0, 70), np.linspace(6.9, 4.0, 30)])
+    shortenings = 1e-3 * np.concatenate([np.linspace(0.05, 7.0, 140), np.linspace(6.95, 4.0, 60)])
     static = respond(twin, theta, Protocol({"front": Command("shortening", shortenings)})).channels["front.tension"]
     dynamics = Dynamics(twin.system, robot_inertia(twin, twin.robot), theta, Damping(), "one-solve")
     now, tensions = at_rest(loaded(twin, Statics(twin.system, theta)).state), []
@@ -192,7 +192,7 @@ def test_one_linear_solve_a_step_slips_as_well():
         controls = Controls(np.zeros(1, bool), np.zeros(1), np.array([d]))
         now = dynamics.advance(now, 10.0, lambda time, controls=controls: controls)
         tensions.append(now.state.effort[0])
-    assert np.abs(tensions - static).max() < 0.05 * static.max()
+    assert np.abs(tensions - static).max() < 0.03 * static.max()  # it falls with the step
 
 
 def test_beyond_a_sample_that_was_not_reached_nothing_is_solved():

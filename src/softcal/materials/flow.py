@@ -1,13 +1,13 @@
 """A branch that flows: what is left of a deformation that lasted, or was large, a permanent set.
 
-Beside the law stands a branch with the deviatoric stress s = 2 mu_f dev(E - E_p) of the Green-Lagrange strain. Where its
-equivalent stress q = sqrt(3/2 s : s) is above the threshold Y, what is beyond it relaxes,
+Beside the law stands a branch with the deviatoric stress s = 2 mu_f dev(E - E_p) of the Green-Lagrange strain. Where
+its equivalent stress q = sqrt(3/2 s : s) is above the threshold Y, what is beyond it relaxes,
 
     q -> Y + (q - Y) exp(-dt / tau)
 
-at a fixed direction, and E_p, the strain at which the branch is free of stress, follows (radial return). With tau = 0 the
-branch is an elastic and then plastic one; with a long tau a slow viscoplastic flow. Shares of its stress remain when the
-robot is let go, and keep it from its shape.
+at a fixed direction, and E_p, the strain at which the branch is free of stress, follows (radial return). With tau = 0
+the branch is an elastic and then plastic one; with a long tau a slow viscoplastic flow. A part of its stress remains
+when the robot is let go, and keeps it from its shape.
 
 After Perzyna, Quart. Appl. Math. 20 (1963) 321, with the return of Simo and Hughes, Computational Inelasticity (1998).
 """

@@ -1,8 +1,9 @@
 """What a material adds to an elastic law: stresses that depend on what it went through.
 
-A part takes energy, stress and tangent at points, as the law or the part before it leaves them, changes them, and leaves
-numbers of its own at every point, its memory, to the next converged sample (`mechanics.memory`). Several follow one
-another, each on the result of those before. All have exact rates, so that derivatives are carried through a history.
+A part takes energy, stress and tangent at points, as the law or the part before it leaves them, changes them, and
+leaves numbers of its own at every point, its memory, to the next converged sample (`mechanics.memory`). Several follow
+one another, each on the result of those before. All have exact rates, so that derivatives are carried through a
+history.
 
 Stress and tangent are those of an incremental potential: the tangent is symmetric.
 """
@@ -142,4 +143,9 @@ class History:
         return by, np.concatenate(left, axis=1)
 
     def _split(self, memory: Floats) -> Sequence[Floats]:
-        return np.split(memory, np.cumsum([part.size for part in self.parts])[:-1], axis=1)
+        ends = np.cumsum([part.size for part in self.parts])[:-1].tolist()
+        return np.split(memory, ends, axis=1)
+
+
+# A material that is as its law says.
+ELASTIC = History(())

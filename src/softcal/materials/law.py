@@ -121,6 +121,7 @@ class CompiledLaw:
     bulk: Callable[..., Any]
     compressed: Callable[..., Any]  # the small-strain bulk modulus
     energy: Callable[..., Any]
+    energy_by_parameter: Callable[..., Any]  # of each constant
     rows: Callable[..., Any]
     first_by_parameter: Callable[..., Any]  # the first derivatives by the variables, of each constant
     strain: Callable[..., Any]  # g, g', g''
@@ -160,6 +161,7 @@ def compile_law(law: Law) -> CompiledLaw:
         bulk=function(theta, kappa),
         compressed=function(theta, _bulk_at_rest(psi_d, variables) + kappa * g.diff(volume).subs(volume, 1) ** 2),
         energy=function([*of, *theta], psi_d),
+        energy_by_parameter=function([*of, *theta], [psi_d.diff(t) for t in theta]),
         rows=function([*of, *theta], first + second),
         first_by_parameter=function([*of, *theta], [[slope.diff(t) for slope in first] for t in theta]),
         strain=function([volume], [g, g.diff(volume), g.diff(volume, 2)]),

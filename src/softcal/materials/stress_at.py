@@ -80,6 +80,10 @@ class Deformation:
         """psi_d (n,) [J/m^3] at the constants' values."""
         return np.broadcast_to(self.law.energy(*self.variables, *values), self.at.J.shape).astype(np.float64)
 
+    def energy_by_parameters(self, values: tuple[float, ...]) -> Floats:
+        """d psi_d / d constant (n_constants, n), of each constant."""
+        return stacked(self.law.energy_by_parameter(*self.variables, *values), len(self.at.J))
+
     def rows(self, values: tuple[float, ...]) -> Floats:
         """The derivatives of psi_d by the law's variables, as `CompiledLaw.rows`."""
         return stacked(self.law.rows(*self.variables, *values), len(self.at.J))

@@ -263,6 +263,7 @@ def _line(start: Controls, target: Controls) -> Line:
         start.coordinate,
         np.where(start.is_held & target.is_held, target.effort - start.effort, 0.0),
         target.coordinate - start.coordinate,
+        elapsed=target.elapsed,
     )
 
 

@@ -29,6 +29,8 @@ class Line:
         Coordinate at c = 0 (n_actuators,), each in its own unit, and its derivative by c.
     load, load_rate
         Factor on all dead loads at c = 0 [-], and its derivative by c.
+    elapsed
+        As of the controls, along the whole line.
     """
 
     is_held: np.ndarray
@@ -38,6 +40,7 @@ class Line:
     coordinate_rate: Floats
     load: float = 1.0
     load_rate: float = 0.0
+    elapsed: float = np.inf
 
     def at(self, c: float) -> Controls:
         """Controls at the line's parameter c."""
@@ -46,6 +49,7 @@ class Line:
             self.effort + c * self.effort_rate,
             self.coordinate + c * self.coordinate_rate,
             self.load + c * self.load_rate,
+            self.elapsed,
         )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from softcal.checks import Floats, Ints
 from softcal.materials.components import NO_DIRECTION, PAIRS, full
+from softcal.materials.inelastic import ELASTIC, History
 from softcal.materials.law import CompiledLaw, Law, compile_law, stacked
 from softcal.materials.stress_at import (
     NO_TANGENT,
@@ -20,7 +21,6 @@ from softcal.materials.stress_at import (
     add_volumetric,
     points,
     volumetric,
-    whole_energy,
     whole_stress,
 )
 from softcal.mechanics import solid_kernels
@@ -31,6 +31,7 @@ from softcal.mechanics.loads import Loads
 from softcal.mechanics.mesh_motion import MeshMotion, cofactor, stress_rate
 from softcal.mechanics.pattern import Pattern
 from softcal.mechanics.scales import Sizes
+from softcal.mechanics.solid_history import Passed, constants_of, rates, respond
 from softcal.mechanics.solid_kernels import Places
 from softcal.mechanics.state import State
 from softcal.mechanics.term import Connectivity, Given, Sum, Term, Theta, part_theta
@@ -102,6 +103,8 @@ class SolidTerm(Term):
         Their shape functions at the quadrature points (n_tets, n_q, n_b) [-].
     direction
         Direction (3,) of a law in I4.
+    history
+        What the material does beyond its law.
     motion
         How a parameter moves the undeformed mesh, with dN and w on the moved one; None where none does.
     places
@@ -117,6 +120,7 @@ class SolidTerm(Term):
     pressure_conn: Ints
     N_p: Floats
     direction: Floats = field(default_factory=lambda: NO_DIRECTION)
+    history: History = ELASTIC
     motion: MeshMotion | None = None
     places: SolidPlaces = UNPLANNED
 
@@ -131,7 +135,8 @@ class SolidTerm(Term):
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        own = tuple(f"{self.name}.{name}" for name in self.compiled.parameters)
+        names = (*self.compiled.parameters, *(one.name for one in constants_of(self.history)))
+        own = tuple(f"{self.name}.{name}" for name in names)
         return own if self.motion is None else (*own, self.motion.parameter)
 
     def connectivity(self, layout: Layout) -> Connectivity:
@@ -168,7 +173,7 @@ class SolidTerm(Term):
             solid_kernels.add_volume_gradient(
                 gradient, state.x.size, self.pressure_conn, self.N_p, self.w, volume.error
             )
-        if self.compiled.is_simple:
+        if self.compiled.is_simple and not self.history.parts:
             self._add_simple(gradient, data, given, volume)
         else:
             stress = self._stress(given, volume, tangent=data is not None)
@@ -209,8 +214,52 @@ class SolidTerm(Term):
 
     def _stress(self, given: Given, volume: _Volume, *, tangent: bool) -> Stress:
         """That of the displacements' part of the potential, at given pressures."""
-        values = self._theta(given.theta)
-        return Deformation(self.compiled, self._at(given.known)).stress(values, volume.slopes, tangent=tangent)
+        deformation, values = Deformation(self.compiled, self._at(given.known)), self._theta(given.theta)
+        if not self.history.parts:
+            return deformation.stress(values, volume.slopes, tangent=tangent)
+        at = respond(self.history, self._passed(given), tangent=tangent).at
+        stress = Stress(at.S, np.ascontiguousarray(at.D))
+        add_volumetric(stress, deformation.at, volume.slopes)
+        return stress
+
+    def _passed(self, given: Given) -> Passed:
+        return Passed(
+            Deformation(self.compiled, self._at(given.known)),
+            self._theta(given.theta),
+            {one.name: given.theta[f"{self.name}.{one.name}"] for one in constants_of(self.history)},
+            given.memory,
+            given.controls.elapsed,
+        )
+
+    # Of a material with a history, its memory at the quadrature points.
+
+    def first_memory(self) -> Floats:
+        return np.zeros(self.w.size * self.history.size)
+
+    def advance(self, given: Given) -> Floats:
+        if not self.history.parts:
+            return given.memory
+        return respond(self.history, self._passed(given), tangent=False).memory.ravel()
+
+    def add_by_memory(self, into: Sum, given: Given, rate: Floats) -> None:
+        if self.history.parts:
+            S, _ = rates(self.history, self._passed(given), memory=rate)
+            solid_kernels.add_stress_gradient(into.full, self.conn, self.dN, self.w, given.known[0], S)
+
+    def advance_rate(self, given: Given, parameter: str, rate: State, memory_rate: Floats) -> Floats:
+        if not self.history.parts:
+            return memory_rate
+        dF = np.empty_like(given.known[0])
+        rest = (np.empty_like(self.w) for _ in range(3))
+        solid_kernels.kinematics(rate.x, self.conn, self.dN, dF, *rest)
+        if self.motion is not None and self.motion.parameter == parameter:
+            tets, G = self.motion.rate(self.conn, self.dN)
+            dF[tets] += G - given.known[0][tets] @ G
+        own = parameter.removeprefix(f"{self.name}.")
+        laws, constant = self.compiled.parameters, None
+        if parameter in self.parameters and own != parameter and parameter != getattr(self.motion, "parameter", ""):
+            constant = laws.index(own) if own in laws else own
+        return rates(self.history, self._passed(given), dF.reshape(-1, 3, 3), memory_rate, constant)[1]
 
     def _volume(self, given: Given) -> _Volume:
         values, J = self._theta(given.theta), given.known[3].ravel()
@@ -230,24 +279,30 @@ class SolidTerm(Term):
         if self.motion is not None and self.motion.parameter in into:
             self._add_by_motion(into[self.motion.parameter].full, given, self.motion)
         wanted = {name: one.full for name, one in part_theta(into, self.name).items()}
-        if wanted.keys().isdisjoint(self.compiled.parameters):
-            return
-        values, at = self._theta(given.theta), self._at(given.known)
-        rates = Deformation(self.compiled, at).stress_by_parameters(values)
-        compliance, by_parameter = self.compiled.compliance(*values)
+        for one in constants_of(self.history):
+            if one.name in wanted:
+                S, _ = rates(self.history, self._passed(given), constant=one.name)
+                solid_kernels.add_stress_gradient(wanted[one.name], self.conn, self.dN, self.w, given.known[0], S)
         for i, name in enumerate(self.compiled.parameters):
-            if name not in wanted:
-                continue
-            if self.is_mixed:
-                error = -float(by_parameter[i]) * self._pressure(given.state).ravel()
-                solid_kernels.add_volume_gradient(
-                    wanted[name], given.state.x.size, self.pressure_conn, self.N_p, self.w, error
-                )
-            else:
-                of_bulk = -float(by_parameter[i]) / float(compliance)  # d kappa / d parameter, over kappa
-                by_J, by_JJ = volumetric(self.compiled, at.J, values)
-                add_volumetric(Stress(rates[i], NO_TANGENT), at, Volumetric(of_bulk * by_J, of_bulk * by_JJ))
-            solid_kernels.add_stress_gradient(wanted[name], self.conn, self.dN, self.w, given.known[0], rates[i])
+            if name in wanted:
+                self._add_by_law(wanted[name], given, i)
+
+    def _add_by_law(self, gradient: Floats, given: Given, i: int) -> None:
+        """Add the derivative by the law's constant i."""
+        values, at = self._theta(given.theta), self._at(given.known)
+        if self.history.parts:
+            S, _ = rates(self.history, self._passed(given), constant=i)
+        else:
+            S = Deformation(self.compiled, at).stress_by_parameters(values)[i]
+        compliance, by_parameter = self.compiled.compliance(*values)
+        if self.is_mixed:
+            error = -float(by_parameter[i]) * self._pressure(given.state).ravel()
+            solid_kernels.add_volume_gradient(gradient, given.state.x.size, self.pressure_conn, self.N_p, self.w, error)
+        else:
+            of_bulk = -float(by_parameter[i]) / float(compliance)  # d kappa / d parameter, over kappa
+            by_J, by_JJ = volumetric(self.compiled, at.J, values)
+            add_volumetric(Stress(S, NO_TANGENT), at, Volumetric(of_bulk * by_J, of_bulk * by_JJ))
+        solid_kernels.add_stress_gradient(gradient, self.conn, self.dN, self.w, given.known[0], S)
 
     def _add_by_motion(self, gradient: Floats, given: Given, motion: MeshMotion) -> None:
         tets, G = motion.rate(self.conn, self.dN)
@@ -271,14 +326,16 @@ class SolidTerm(Term):
 
     def energy(self, given: Given) -> float:
         """The stored energy [J] (for a mixed element, the value of its two-field potential)."""
-        at, values = self._at(self.kinematics(given.state)), self._theta(given.theta)
-        w = self.w.ravel()
-        if not self.is_mixed:
-            return float(w @ whole_energy(self.compiled, at, values))
-        p = self._pressure(given.state).ravel()
-        compliance, _ = self.compiled.compliance(*values)
+        given = given._replace(known=self.kinematics(given.state))
+        at, values = self._at(given.known), self._theta(given.theta)
         g = stacked(self.compiled.strain(at.J), at.J.size)[0]
-        return float(w @ (Deformation(self.compiled, at).energy(values) + p * g - 0.5 * compliance * p**2))
+        compliance, _ = self.compiled.compliance(*values)
+        if self.history.parts:
+            W = respond(self.history, self._passed(given), tangent=False).at.W
+        else:
+            W = Deformation(self.compiled, at).energy(values)
+        p = self._pressure(given.state).ravel() if self.is_mixed else g / compliance
+        return float(self.w.ravel() @ (W + p * g - 0.5 * compliance * p**2))
 
     def measure(self, sizes: Sizes, theta: Theta) -> None:
         sizes.shear_modulus = max(sizes.shear_modulus, self.law.shear_modulus(part_theta(theta, self.name)))

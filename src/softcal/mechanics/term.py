@@ -43,12 +43,15 @@ class Controls:
         The prescribed values (n_actuators,), each in its own unit; of each actuator one of the two counts.
     load
         Factor on all dead loads [-], below one only while they are applied.
+    elapsed
+        Time since the last converged sample [s]; infinity where it is so long that nothing changes any more.
     """
 
     is_held: np.ndarray
     effort: Floats
     coordinate: Floats
     load: float = 1.0
+    elapsed: float = np.inf
 
 
 class Given(NamedTuple):

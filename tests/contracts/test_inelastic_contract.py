@@ -1,4 +1,4 @@
-"""What every part of a material beyond its elastic law must keep: exact tangents and rates, and one result at a sample."""
+"""What every part of a material beyond its elastic law must keep: exact tangents and rates, one result at a sample."""
 
 from __future__ import annotations
 

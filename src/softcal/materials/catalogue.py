@@ -11,6 +11,7 @@ from softcal.errors import Fault
 from softcal.materials.arruda_boyce import ARRUDA_BOYCE
 from softcal.materials.expression import expression_faults
 from softcal.materials.gent import GENT
+from softcal.materials.histories import history_constants
 from softcal.materials.law import ALONG, INVARIANTS, STRETCHES, Law
 from softcal.materials.layered import NEO_HOOKE_LAYERED
 from softcal.materials.mooney_rivlin import MOONEY_RIVLIN, MOONEY_RIVLIN_3, MOONEY_RIVLIN_5
@@ -22,7 +23,19 @@ from softcal.materials.stvenant_kirchhoff import STVENANT_KIRCHHOFF
 from softcal.materials.yeoh import YEOH
 
 # The other keys of a body in a project file: reserved names.
-TAKEN = ("build_direction", "density", "element", "fixed", "law", "materials", "mesh", "placement", "region", "regions")
+TAKEN = (
+    "build_direction",
+    "density",
+    "element",
+    "fixed",
+    "history",
+    "law",
+    "materials",
+    "mesh",
+    "placement",
+    "region",
+    "regions",
+)
 
 # What a law's texts are written in.
 RESERVED = (*INVARIANTS, ALONG, *STRETCHES)
@@ -78,8 +91,8 @@ def _faults(law: Law, known: Mapping[str, Law]) -> list[Fault]:
 
 
 def constants_of(laws: Mapping[str, Law]) -> dict[str, Parameter]:
-    """Every constant of any of the laws by name; of one that several laws have, the first law's."""
-    found: dict[str, Parameter] = {}
+    """Every constant of any of the laws and of any history, by name; of one that several laws have, the first's."""
+    found = history_constants()
     for law in laws.values():
         for parameter in law.parameters:
             found.setdefault(parameter.name, parameter)

@@ -13,7 +13,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import erf
 
 from softcal.checks import Floats
 from softcal.materials.inelastic import Constants, Inelastic, Left, Rates, Stressed
@@ -44,7 +43,7 @@ class Softening(Inelastic):
         r, m, b = (constants[name] for name in (AMOUNT, ENERGY, RANGE))
         width = m + b * most
         x = (most - at.W) / width
-        eta = 1.0 - erf(x) / r
+        eta = 1.0 - _erf(x) / r
         # d eta / dW at a given W_max; on the first loading W_max is W, and eta stays one.
         slope = np.where(at.W < memory[:, 0], _bell(x) / (r * width), 0.0)
         W = at.W + _integral(x) * width / r
@@ -70,10 +69,16 @@ class Softening(Inelastic):
         width, dwidth = m + b * most, dm + db * most + b * dmost
         x = (most - at.W) / width
         dx = (dmost - by.W - x * dwidth) / width
-        eta, deta = 1.0 - erf(x) / r, -_bell(x) * dx / r + erf(x) * dr / r**2
+        eta, deta = 1.0 - _erf(x) / r, -_bell(x) * dx / r + _erf(x) * dr / r**2
         below = _integral(x)
-        W = by.W + (erf(x) * dx * width + below * dwidth) / r - below * width * dr / r**2
+        W = by.W + (_erf(x) * dx * width + below * dwidth) / r - below * width * dr / r**2
         return Rates(by.E, W, deta[:, None] * at.S + eta[:, None] * by.S), dmost[:, None]
+
+
+def _erf(x: Floats) -> Floats:
+    from scipy.special import erf  # slow to import
+
+    return erf(x)
 
 
 def _bell(x: Floats) -> Floats:
@@ -83,4 +88,4 @@ def _bell(x: Floats) -> Floats:
 
 def _integral(x: Floats) -> Floats:
     """The integral of erf from zero to x."""
-    return x * erf(x) + (np.exp(-(x**2)) - 1.0) / np.sqrt(np.pi)
+    return x * _erf(x) + (np.exp(-(x**2)) - 1.0) / np.sqrt(np.pi)

@@ -122,6 +122,7 @@ def reach(statics: Statics, last: Reached, aim: Target) -> Reached:
         elif (node := _at_once(statics, line, state, names, last if state is last.state else None)) is not None:
             commanded = None
         else:
+            state = state if commanded.nodes else _settled(statics, line, state)
             begin = commanded.nodes or (replace(node_at(statics, line, 0.0, state, ()), has_snapped=has_snapped),)
             path = follow(statics, line, begin, end, first_step=end - begin[-1].c, names=names, mixed=False)
             first = next((i for i, node in enumerate(path.nodes) if (driven & pushing(system, node.state)).any()), None)
@@ -175,6 +176,14 @@ def _at_once(statics: Statics, line: Line, state: State, names: tuple[str, ...],
         return None
     node = node_at(statics, line, 1.0, solved.state, names, mixed=False)
     return node if node.is_stable else None
+
+
+def _settled(statics: Statics, line: Line, state: State) -> State:
+    """The equilibrium at the begin of a line: a material may have relaxed or flowed since the sample whose state this
+    is.
+    """
+    solved = statics.equilibrium(state, line.at(0.0)) if statics.system.remembers else None
+    return solved.state if solved is not None and solved.converged else state
 
 
 def _fallen(statics: Statics, last: Reached, aim: Target) -> Reached:

@@ -125,7 +125,7 @@ def build_twin(robot: Robot) -> Twin:
                 first_pressure=n_pressures,
                 motion=motion,
             )
-            solids.append(replace(solid, direction=body.direction))
+            solids.append(replace(solid, direction=body.direction, history=body.past))
             if element.is_mixed:
                 pressure_nodes[material.name] = (n_pressures, body.name, with_pressure)
             n_pressures += len(with_pressure)

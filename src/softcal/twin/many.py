@@ -63,6 +63,7 @@ def simulate_many(
         begun = reached = Reached(loads.state, slack, np.zeros((0, 0)), has_snapped=loads.snaps)
         for i in range(protocol.n_samples):
             target = controls_at(twin.system, protocol.commands, protocol.at(i), slack.coordinate)
+            target = replace(target, elapsed=protocol.elapsed(i))
             aim = Target(target, names, protocol.rates(i, actuators, names))
             if why := _beyond(protocol, i, failed, remembers=twin.system.remembers):
                 failed[i] = why

@@ -96,7 +96,7 @@ def robot_parameters(robot: Robot) -> dict[str, ParameterInfo]:
 
     for body in robot.bodies:
         for material in body.materials:
-            for constant in LAWS[body.law].parameters:
+            for constant in body.constants:
                 add(material.name, constant.name, material.parameters[constant.name], constant.quantity)
             add(material.name, "density", material.density)
         if body.clamp is not None and body.zone is not None:

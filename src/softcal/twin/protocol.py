@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, get_args
 
 import numpy as np
@@ -49,12 +49,23 @@ class Protocol:
     cables whose friction has no memory, each sample is the state reached by pulling from rest, without any release.
 
     At snap-through a single driven cable is assumed to be pulled monotonically; several cables follow the sample order.
+
+    times: of the samples (n_samples,) [s], ascending, which materials need that relax or flow; before the first one the
+    robot was at rest for long. None: each sample is held for long.
     """
 
     commands: Mapping[str, Command]
+    times: Floats | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "commands", dict(self.commands))
+        if self.times is not None:
+            times = frozen_floats(self.times, name="times", shape=(self.n_samples,))
+            object.__setattr__(self, "times", times)
+            if not (np.diff(times) >= 0.0).all():
+                k = int(np.argmax(np.diff(times) < 0.0))
+                got = f"{times[k + 1]:.6g} s after {times[k]:.6g} s"
+                raise InputError(Fault("the times of a protocol do not ascend", "times", got))
         lengths = {len(command.values) for command in self.commands.values()}
         if len(lengths) > 1:
             raise InputError(Fault("the commands of a protocol have different lengths", got=str(sorted(lengths))))
@@ -90,8 +101,15 @@ class Protocol:
             {
                 name: Command(one.control, one.values[rows], {key: rate[rows] for key, rate in one.by.items()})
                 for name, one in self.commands.items()
-            }
+            },
+            None if self.times is None else self.times[rows],
         )
+
+    def elapsed(self, i: int) -> float:
+        """Time [s] from the sample before to this one, counted from 0; of the first as of the second."""
+        if self.times is None or self.n_samples < 2:
+            return np.inf
+        return float(self.times[max(i, 1)] - self.times[max(i, 1) - 1])
 
     def completed(self, robot: Robot, n: int | None = None) -> Protocol:
         """With the cables that nothing drives and that have a pretension, at zero shortening; n: the number of samples,
@@ -99,7 +117,11 @@ class Protocol:
         """
         held = [c.name for c in robot.cables if "pretension" in c.properties and c.name not in self.commands]
         none = np.zeros(n or self.n_samples)
-        return Protocol({**self.commands, **{name: Command("shortening", none) for name in held}}) if held else self
+        return (
+            replace(self, commands={**self.commands, **{c: Command("shortening", none) for c in held}})
+            if held
+            else self
+        )
 
     def thinned(self, most: int) -> Protocol:
         """At most so many of its samples, evenly spaced, with the first and the last."""

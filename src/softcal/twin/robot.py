@@ -25,6 +25,9 @@ from softcal.geometry.section import CrossSection
 from softcal.materials.catalogue import LAWS, LawName
 from softcal.materials.components import NO_DIRECTION
 from softcal.materials.elastic_constants import LINEAR_ELASTIC
+from softcal.materials.histories import history_of
+from softcal.materials.inelastic import History
+from softcal.materials.parameter import Parameter
 from softcal.mechanics.elements import DEFAULT, ElementName
 from softcal.mechanics.mesh_motion import MeshMotion
 from softcal.quantities import Clearance, Density, Direction, Mass, MomentOfInertia, Size
@@ -59,6 +62,7 @@ class Body(NamedPart):
     inclusions : Tets of other materials of the same law, with shared nodes; constants not given are the body's
     clamp : What fixes it at a plane face, whose depth is then a parameter; None: it is fixed exactly at its fixed nodes
     build_direction : Direction (3,) of a law that has one, in the robot at rest; None: the z axis
+    history : What its materials do beyond the law: names of `softcal.materials.histories`, such as relaxation-2
     """
 
     mesh: TetMesh
@@ -70,6 +74,7 @@ class Body(NamedPart):
     inclusions: tuple[Material, ...] = ()
     clamp: Clamp | None = None
     build_direction: Direction | None = None
+    history: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -80,12 +85,26 @@ class Body(NamedPart):
             )
         if self.clamp is not None:
             self.zone  # noqa: B018  refuses a clamp that cannot be
-        complete_materials(self, LAWS[self.law].parameters, self.mesh.n_tets, "tets")
+        complete_materials(self, self.constants, self.mesh.n_tets, "tets")
+        past = self.past
+        for material in self.materials:
+            if wrong := next(filter(None, (part.faults(material.parameters) for part in past.parts)), ""):
+                raise InputError(Fault(wrong, material.name))
 
     @property
     def materials(self) -> tuple[Material, ...]:
         """Every material, named as its parameters are: the body's own, by its name, then `body.inclusion`."""
         return materials_of(self, self.mesh.n_tets)
+
+    @property
+    def past(self) -> History:
+        """What its materials do beyond the law."""
+        return history_of(self.history, f"{self.name}.history")
+
+    @property
+    def constants(self) -> tuple[Parameter, ...]:
+        """The constants of its materials: those of the law, then those of the history."""
+        return (*LAWS[self.law].parameters, *(one for part in self.past.parts for one in part.parameters))
 
     @property
     def direction(self) -> Floats:
@@ -352,4 +371,9 @@ class Robot(Checked):
     @property
     def remembers(self) -> bool:
         """Whether a state depends on those before it: then the samples of a test are a load path in their order."""
-        return any(cable.line.friction_memory for cable in self.cables)
+        return any(cable.line.friction_memory for cable in self.cables) or any(body.history for body in self.bodies)
+
+    @property
+    def needs_time(self) -> bool:
+        """Whether a state depends on the time between those before it."""
+        return any(part.needs_time for body in self.bodies for part in body.past.parts)

@@ -1,0 +1,49 @@
+"""The parts of a material's history by name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from softcal.errors import Fault, ParameterError, nearest
+from softcal.materials.flow import Flow
+from softcal.materials.inelastic import History, Inelastic
+from softcal.materials.parameter import Parameter
+from softcal.materials.relaxation import Relaxation
+from softcal.materials.softening import Softening
+
+MOST_BRANCHES = 6
+# In the order in which they change the law's stress, whatever that in which a body names them.
+PARTS: dict[str, Inelastic] = {
+    "softening": Softening(),
+    **{f"relaxation-{n}": Relaxation(n) for n in range(1, MOST_BRANCHES + 1)},
+    "flow": Flow(),
+}
+
+
+def history_of(names: Sequence[str], where: str = "history") -> History:
+    """The history of the parts of these names.
+
+    Raises
+    ------
+    ParameterError
+        For an unknown part, one that is named twice, and more than one relaxation.
+    """
+    faults = [
+        Fault("there is no such part of a history", where, f"'{name}'", ", ".join(PARTS), nearest(name, PARTS))
+        for name in names
+        if name not in PARTS
+    ]
+    kinds = [name.partition("-")[0] for name in names]
+    faults += [
+        Fault("a history has one such part", where, f"{kinds.count(kind)} of {kind}", "one")
+        for kind in dict.fromkeys(kinds)
+        if kinds.count(kind) > 1
+    ]
+    if faults:
+        raise ParameterError(faults)
+    return History(tuple(part for name, part in PARTS.items() if name in names))
+
+
+def history_constants() -> dict[str, Parameter]:
+    """The constants of every part, by name."""
+    return {one.name: one for part in PARTS.values() for one in part.parameters}

@@ -57,14 +57,14 @@ class Flow(Inelastic):
         above = np.where(flows, q, 1.0)
         rho = np.where(flows, d + (1.0 - d) * Y / above, 1.0)
         W = np.where(flows, 0.5 * d * q**2 + (1.0 - d) * (Y * q - 0.5 * Y**2), 0.5 * q**2) / (3.0 * mu)
-        D = at.D
-        if len(D):
+        tangent = at.D
+        if len(tangent):
             bend = np.where(flows, (1.0 - d) * Y * 3.0 * mu / above**3, 0.0)
-            D = D + 2.0 * mu * rho[:, None, None] * _DEVIATOR
-            D = D - bend[:, None, None] * s[:, :, None] * s[:, None, :]
+            tangent = tangent + 2.0 * mu * rho[:, None, None] * _DEVIATOR
+            tangent = tangent - bend[:, None, None] * s[:, :, None] * s[:, None, :]
         strain = s * TWICE / (2.0 * mu)  # the deviator of E - E_p, with doubled shears
         left = memory + (1.0 - rho)[:, None] * strain
-        return Left(Stressed(at.E, at.W + W, at.S + rho[:, None] * s, D), left)
+        return Left(Stressed(at.E, at.W + W, at.S + rho[:, None] * s, tangent), left)
 
     def rates(
         self,

@@ -47,10 +47,10 @@ class Softening(Inelastic):
         # d eta / dW at a given W_max; on the first loading W_max is W, and eta stays one.
         slope = np.where(at.W < memory[:, 0], _bell(x) / (r * width), 0.0)
         W = at.W + _integral(x) * width / r
-        D = eta[:, None, None] * at.D
-        if len(at.D):
-            D = D + slope[:, None, None] * at.S[:, :, None] * at.S[:, None, :]
-        return Left(Stressed(at.E, W, eta[:, None] * at.S, D), most[:, None])
+        tangent = at.D
+        if len(tangent):
+            tangent = eta[:, None, None] * tangent + slope[:, None, None] * at.S[:, :, None] * at.S[:, None, :]
+        return Left(Stressed(at.E, W, eta[:, None] * at.S, tangent), most[:, None])
 
     def rates(
         self,

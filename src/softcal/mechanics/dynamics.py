@@ -68,7 +68,7 @@ class Dynamics:
             depends on the step.
         """
         if self.scheme == "one-solve":
-            return self._one_solve(now, step, drive(now.time + step))
+            return self._one_solve(now, step, replace(drive(now.time + step), elapsed=step))
         return self._halved(now, step, drive, MAX_HALVINGS)
 
     def release(self) -> None:
@@ -81,7 +81,7 @@ class Dynamics:
 
     def _halved(self, now: Instant, step: float, drive: Drive, halvings: int) -> Instant:
         try:
-            return self._converged(now, step, drive(now.time + step))
+            return self._converged(now, step, replace(drive(now.time + step), elapsed=step))
         except SimulationError as error:
             if halvings == 0:
                 raise SimulationError(
@@ -133,7 +133,7 @@ class Dynamics:
     def _one_solve(self, now: Instant, step: float, wanted: Controls) -> Instant:
         system = self._begin(now, step)
         statics, n = self._statics, len(system.actuators)
-        free = Controls(np.ones(n, dtype=bool), np.zeros(n), wanted.coordinate, wanted.load)
+        free = Controls(np.ones(n, dtype=bool), np.zeros(n), wanted.coordinate, wanted.load, wanted.elapsed)
         start = replace(now.state, effort=np.zeros(n))
         at = system.linearise(start, free, self.theta)
         if not at.is_admissible:

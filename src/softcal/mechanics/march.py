@@ -108,7 +108,12 @@ def reach(statics: Statics, last: Reached, aim: Target) -> Reached:
     state, snaps = last.state, False
     # A driven actuator moves from its present coordinate to the target's; the check below drives those at a limit.
     held = last.controls.is_held
-    start = Controls(held, np.where(held, last.controls.effort, 0.0), system.coordinates(state, statics.theta))
+    start = replace(
+        target,
+        is_held=held,
+        effort=np.where(held, last.controls.effort, 0.0),
+        coordinate=system.coordinates(state, statics.theta),
+    )
     commanded, end = last.commanded, None if last.commanded is None else last.commanded.to(target)
     for _ in range(4 * len(system.actuators) + 4):
         if commanded is None or end is None:
@@ -147,7 +152,7 @@ def reach(statics: Statics, last: Reached, aim: Target) -> Reached:
             break  # the snap-through was found with fixed taut and slack states; with switching ones it ends elsewhere
         is_held = (start.is_held | pushes) & ~returns
         effort = np.where(by_coordinate, np.clip(state.effort, *system.effort_limits), here.effort)
-        start = Controls(is_held, np.where(is_held, effort, 0.0), coordinates)
+        start = replace(target, is_held=is_held, effort=np.where(is_held, effort, 0.0), coordinate=coordinates)
         if pushes.any():
             state = _released(statics, state, start, pushes)
             start = replace(start, coordinate=system.coordinates(state, statics.theta))
@@ -289,7 +294,9 @@ def _released(statics: Statics, state: State, held: Controls, pushes: np.ndarray
     if released.converged:
         return released.state
     beyond = np.where(pushes, state.effort - held.effort, 0.0)
-    line = Line(held.is_held, held.effort + beyond, held.coordinate, -beyond, np.zeros_like(beyond))
+    line = Line(
+        held.is_held, held.effort + beyond, held.coordinate, -beyond, np.zeros_like(beyond), elapsed=held.elapsed
+    )
     path = follow(statics, line, node_at(statics, line, 0.0, state, ()), 1.0, first_step=0.2)
     if not path.reached:
         raise SimulationError(f"no equilibrium as a cable goes slack: {path.status}.")

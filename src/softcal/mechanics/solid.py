@@ -290,10 +290,11 @@ class SolidTerm(Term):
     def _add_by_law(self, gradient: Floats, given: Given, i: int) -> None:
         """Add the derivative by the law's constant i."""
         values, at = self._theta(given.theta), self._at(given.known)
-        if self.history.parts:
-            S, _ = rates(self.history, self._passed(given), constant=i)
-        else:
-            S = Deformation(self.compiled, at).stress_by_parameters(values)[i]
+        stress = (
+            rates(self.history, self._passed(given), constant=i)[0]
+            if self.history.parts
+            else Deformation(self.compiled, at).stress_by_parameters(values)[i]
+        )
         compliance, by_parameter = self.compiled.compliance(*values)
         if self.is_mixed:
             error = -float(by_parameter[i]) * self._pressure(given.state).ravel()
@@ -301,8 +302,8 @@ class SolidTerm(Term):
         else:
             of_bulk = -float(by_parameter[i]) / float(compliance)  # d kappa / d parameter, over kappa
             by_J, by_JJ = volumetric(self.compiled, at.J, values)
-            add_volumetric(Stress(S, NO_TANGENT), at, Volumetric(of_bulk * by_J, of_bulk * by_JJ))
-        solid_kernels.add_stress_gradient(gradient, self.conn, self.dN, self.w, given.known[0], S)
+            add_volumetric(Stress(stress, NO_TANGENT), at, Volumetric(of_bulk * by_J, of_bulk * by_JJ))
+        solid_kernels.add_stress_gradient(gradient, self.conn, self.dN, self.w, given.known[0], stress)
 
     def _add_by_motion(self, gradient: Floats, given: Given, motion: MeshMotion) -> None:
         tets, G = motion.rate(self.conn, self.dN)
@@ -330,12 +331,13 @@ class SolidTerm(Term):
         at, values = self._at(given.known), self._theta(given.theta)
         g = stacked(self.compiled.strain(at.J), at.J.size)[0]
         compliance, _ = self.compiled.compliance(*values)
-        if self.history.parts:
-            W = respond(self.history, self._passed(given), tangent=False).at.W
-        else:
-            W = Deformation(self.compiled, at).energy(values)
+        psi = (
+            respond(self.history, self._passed(given), tangent=False).at.W
+            if self.history.parts
+            else Deformation(self.compiled, at).energy(values)
+        )
         p = self._pressure(given.state).ravel() if self.is_mixed else g / compliance
-        return float(self.w.ravel() @ (W + p * g - 0.5 * compliance * p**2))
+        return float(self.w.ravel() @ (psi + p * g - 0.5 * compliance * p**2))
 
     def measure(self, sizes: Sizes, theta: Theta) -> None:
         sizes.shear_modulus = max(sizes.shear_modulus, self.law.shear_modulus(part_theta(theta, self.name)))

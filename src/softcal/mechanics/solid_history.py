@@ -74,23 +74,23 @@ def rates(
     the history's of this name, whose rate is one.
     """
     at = elastic(passed, tangent=dF is not None)
-    E, W, S = np.zeros_like(at.E), np.zeros_like(at.W), np.zeros_like(at.S)
+    by = Rates(np.zeros_like(at.E), np.zeros_like(at.W), np.zeros_like(at.S))
     if dF is not None:
-        F = passed.deformation.at.F
-        half = np.einsum("nki,nkj->nij", F, dF)
-        E = _doubled(0.5 * (half + np.swapaxes(half, 1, 2)))
-        W, S = (at.S * E).sum(axis=1), np.einsum("nab,nb->na", at.D, E)
+        half = np.einsum("nki,nkj->nij", passed.deformation.at.F, dF)
+        strain = _doubled(0.5 * (half + np.swapaxes(half, 1, 2)))
+        by = Rates(strain, (at.S * strain).sum(axis=1), np.einsum("nab,nb->na", at.D, strain))
     changes: Mapping[str, float] = {}
     if isinstance(constant, int):
-        W = W + passed.deformation.energy_by_parameters(passed.values)[constant]
-        S = S + passed.deformation.stress_by_parameters(passed.values)[constant]
+        energy = passed.deformation.energy_by_parameters(passed.values)[constant]
+        stress = passed.deformation.stress_by_parameters(passed.values)[constant]
+        by = Rates(by.E, by.W + energy, by.S + stress)
     elif constant is not None:
         changes = {constant: 1.0}
     own = passed.memory.reshape(-1, history.size)
     change = np.zeros_like(own) if memory is None else memory.reshape(own.shape)
     at = at._replace(D=np.zeros((0, 6, 6)))
-    by, left = history.rates(at, Rates(E, W, S), (own, change), passed.elapsed, (passed.constants, changes))
-    return by.S, left.ravel()
+    after, left = history.rates(at, by, (own, change), passed.elapsed, (passed.constants, changes))
+    return after.S, left.ravel()
 
 
 def _doubled(strain: Floats) -> Floats:

@@ -111,7 +111,7 @@ class InertialTerm(Term):
 def in_step(system: System, inertia: Inertia, damping: Damping, step: float, before: Instant, theta: Theta) -> System:
     """The system in a step [s] from an instant on: planned as it is at rest, which must connect all that has mass."""
     state, n = before.state, system.layout.n_actuators
-    held = Controls(np.ones(n, dtype=bool), state.effort, np.zeros(n))
+    held = Controls(np.ones(n, dtype=bool), state.effort, np.zeros(n), elapsed=0.0)
     of_step = TimeStep(system.layout, step, damping)
     begun = zip(system.terms, system.given(state, held, theta), strict=True)
     terms = [part for term, given in begun for part in term.in_step(given, of_step)]

@@ -1,0 +1,215 @@
+"""Materials that relax, soften and flow: closed forms at a point and in robots, exact derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mechanics_cases import column_robot, elastic
+from scipy.special import erf
+
+from softcal.checks import Floats
+from softcal.errors import InputError
+from softcal.materials.components import PAIRS
+from softcal.materials.histories import history_of
+from softcal.materials.inelastic import Stressed
+from softcal.materials.law import compile_law
+from softcal.materials.neo_hooke import NEO_HOOKE_ISOCHORIC
+from softcal.materials.stress_at import Deformation, points
+from softcal.mechanics.damping import Damping
+from softcal.mechanics.dynamics import Dynamics
+from softcal.mechanics.statics import Statics
+from softcal.mechanics.term import Controls
+from softcal.mechanics.time_step import at_rest
+from softcal.twin.build import build_twin
+from softcal.twin.masses import robot_inertia
+from softcal.twin.parameters import parameter_values
+from softcal.twin.protocol import Command, Protocol
+from softcal.twin.robot import Robot
+from softcal.twin.simulate import simulate
+from softcal.twin.start import loaded
+
+MU = 1.0e6 / 3.0
+
+
+def sheared(gamma: float) -> Stressed:
+    """Simple shear F = 1 + gamma e1 e2 of the isochoric neo-Hookean law, mu 1 MPa / 3."""
+    F = np.eye(3)
+    F[0, 1] = gamma
+    of = Deformation(compile_law(NEO_HOOKE_ISOCHORIC), points(F[None]))
+    values = (1.0e6, 0.5 - 1e-9)
+    S, D = of.stress(values)
+    E = 0.5 * (F.T @ F - np.eye(3))
+    return Stressed(np.array([[E[i, j] * (1.0 if i == j else 2.0) for i, j in PAIRS]]), of.energy(values), S, D)
+
+
+def shear_stress(names: list[str], constants: dict[str, float], gamma: Floats, times: Floats) -> Floats:
+    """Nominal shear stress P12 along a shear; before the first time it was at rest for long."""
+    history = history_of(names)
+    memory, out = np.zeros((1, history.size)), list[float]()
+    for i, g in enumerate(gamma):
+        dt = float(times[max(i, 1)] - times[max(i, 1) - 1])
+        at, memory = history.respond(sheared(g), memory, dt, constants)
+        S = at.S[0]
+        out.append(float(S[3] + g * S[1]))
+    return np.array(out)
+
+
+PRONY = {"relaxing_share1": 0.3, "relaxation_time1": 0.5, "relaxing_share2": 0.2, "relaxation_time2": 8.0}
+BETA = np.array([0.3, 0.2]) / 0.5
+TAU = np.array([0.5, 8.0])
+
+
+def test_relaxation_after_a_small_step_is_the_prony_series() -> None:
+    t = np.concatenate([[0.0, 1e-9], np.geomspace(1e-3, 50.0, 40)])
+    got = shear_stress(["relaxation-2"], PRONY, np.where(t > 0.0, 1e-4, 0.0), t)[1:] / (MU * 1e-4)
+    expected = 1.0 + (BETA * np.exp(-np.subtract.outer(t[1:], np.zeros(2)) / TAU)).sum(axis=1)
+    np.testing.assert_allclose(got, expected, rtol=1e-6)
+
+
+def test_a_constant_rate_is_the_closed_form_whatever_the_samples() -> None:
+    for n in (5, 50):
+        t = np.linspace(0.0, 3.0, n)
+        got = shear_stress(["relaxation-2"], PRONY, 1e-4 * t, t)[1:] / (MU * 1e-4)
+        x = t[1:, None] / TAU
+        expected = t[1:] + (BETA * TAU * (1.0 - np.exp(-x))).sum(axis=1)
+        np.testing.assert_allclose(got, expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("omega", [0.02, 0.2, 2.0, 20.0])
+def test_storage_and_loss_modulus(omega: float) -> None:
+    """Over three decades, at the end of an oscillation: G' and G'' of the generalised Maxwell model."""
+    n, periods = 200, max(3, int(np.ceil(60.0 * omega / (2.0 * np.pi))))
+    t = np.linspace(0.0, periods * 2.0 * np.pi / omega, periods * n + 1)
+    stress = shear_stress(["relaxation-2"], PRONY, 1e-4 * np.sin(omega * t), t)[-n:] / (MU * 1e-4)
+    last = omega * t[-n:]
+    storage, loss = 2.0 * np.mean(stress * np.sin(last)), 2.0 * np.mean(stress * np.cos(last))
+    w = (omega * TAU) ** 2
+    assert storage == pytest.approx(1.0 + float((BETA * w / (1.0 + w)).sum()), rel=1e-4)
+    assert loss == pytest.approx(float((BETA * omega * TAU / (1.0 + w)).sum()), rel=2e-3)
+
+
+def test_mullins_unloading_is_the_closed_form() -> None:
+    constants = {"softening_amount": 1.7, "softening_energy": 2e4, "softening_range": 0.1}
+    gamma = np.concatenate([np.linspace(0.0, 1.5, 30), np.linspace(1.5, 0.0, 30)[1:], np.linspace(0.0, 2.0, 41)[1:]])
+    got = shear_stress(["softening"], constants, gamma, np.arange(float(len(gamma))))
+    most = 0.5 * MU * np.maximum.accumulate(gamma) ** 2
+    W = 0.5 * MU * gamma**2
+    eta = 1.0 - erf((most - W) / (2e4 + 0.1 * most)) / 1.7
+    np.testing.assert_allclose(got, eta * MU * gamma, rtol=1e-6, atol=1e-3)
+    assert eta.min() < 0.6
+
+
+def test_flow_leaves_a_set_that_the_threshold_bounds() -> None:
+    """Let go to no shear, the branch is left with no more than its threshold, as shear stress Y / sqrt(3)."""
+    constants = {"flow_modulus": 2e5, "flow_threshold": 3e3, "flow_time": 0.0}
+    gamma = 1e-2 * np.array([0.0, 1.0, 3.0, 1.0, 0.0])
+    got = shear_stress(["flow"], constants, gamma, np.arange(5.0))
+    assert got[2] - MU * gamma[2] == pytest.approx(3e3 / np.sqrt(3.0), rel=0.01)
+    assert got[-1] == pytest.approx(-3e3 / np.sqrt(3.0), rel=0.01)
+
+
+def test_what_is_beyond_the_threshold_flows_with_its_time() -> None:
+    constants = {"flow_modulus": 2e5, "flow_threshold": 3e3, "flow_time": 2.0}
+    t = np.array([0.0, 1e-9, 1.0, 3.0, 10.0])
+    got = shear_stress(["flow"], constants, np.where(t > 0.0, 0.05, 0.0), t)[1:] - MU * 0.05
+    Y = 3e3 / np.sqrt(3.0)
+    expected = Y + (2e5 * 0.05 - Y) * np.exp(-t[1:] / 2.0)
+    np.testing.assert_allclose(got, expected, rtol=2e-3)
+
+
+# Robots.
+
+HISTORY = ("softening", "relaxation-1", "flow")
+CONSTANTS = {
+    "relaxing_share1": 0.3, "relaxation_time1": 2.0,
+    "softening_amount": 2.0, "softening_energy": 300.0, "softening_range": 0.1,
+    "flow_modulus": 2e5, "flow_threshold": 4e3, "flow_time": 3.0,
+}  # fmt: skip
+
+
+def with_history(robot: Robot, history: tuple[str, ...], law: str = "neo-hooke-isochoric") -> Robot:
+    (body,) = robot.bodies
+    names = [one.name for part in history_of(history).parts for one in part.parameters]
+    own = {**body.parameters, **{name: CONSTANTS[name] for name in names}}
+    return replace(robot, bodies=(replace(body, law=law, history=history, parameters=own),))
+
+
+def column(element: str, nu: float = 0.45) -> Robot:
+    return column_robot(element, parameters=elastic(1e6, nu), divisions=(1, 1, 4), gravity=(0.0, 0.0, 0.0))
+
+
+def test_a_pull_that_is_held_relaxes_as_the_series_says() -> None:
+    robot = with_history(column("P2P1", 0.4999), ("relaxation-1",))
+    t = np.concatenate([np.linspace(0.0, 0.02, 3), 0.02 + np.linspace(0.0, 8.0, 9)[1:]])
+    pull = Command("shortening", 1e-6 * np.minimum(t / 0.02, 1.0))
+    got = simulate(robot, Protocol({"front": pull}, t)).channels["front.tension"][2:]
+    long = simulate(robot, Protocol({"front": pull})).channels["front.tension"][-1]
+    a = (1.0 - np.exp(-0.01)) / 0.01
+    expected = 1.0 + 0.3 / 0.7 * a * np.exp(-(t[2:] - 0.02) / 2.0)
+    np.testing.assert_allclose(got / long, expected, rtol=1e-4)
+
+
+WAY = 1e-3 * np.array([0.0, 4.0, 8.0, 8.0, 3.0, 0.5, 5.0, 9.0])
+TIMES = np.array([0.0, 0.5, 1.0, 4.0, 4.5, 5.0, 6.0, 7.0])
+NAMES = (*CONSTANTS, "youngs_modulus", "poissons_ratio")
+
+
+@pytest.mark.parametrize("element", ["P1", "P2P1"])
+def test_derivatives_through_a_history_are_exact(element: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Loading, a hold, letting go and loading again; by all constants of the history, and by the law's."""
+    monkeypatch.setattr("softcal.mechanics.statics.TOLERANCE", 1e-11)
+    robot = with_history(column(element), HISTORY)
+    protocol = Protocol({"front": Command("shortening", WAY)}, TIMES)
+    names = [f"neck.{name}" for name in NAMES]
+    response = simulate(robot, protocol, sensitivities=names)
+    assert response.succeeded, response.status
+    values = parameter_values(robot)
+    for name in names:
+        h = 1e-4 * values[name]
+        up, down = (simulate(robot, protocol, {name: values[name] + s * h}).channels for s in (1, -1))
+        for channel in ("front.tension", "plate.pitch"):
+            expected = (up[channel] - down[channel]) / (2.0 * h)
+            largest = np.abs(expected).max()
+            assert largest > 0.0
+            np.testing.assert_allclose(response.sensitivities[channel][name], expected, rtol=0, atol=1e-5 * largest)
+
+
+def test_slow_motion_is_the_way_in_statics() -> None:
+    """A time step is a sample, with the time of the step between."""
+    robot = with_history(replace(column("P1")), HISTORY)
+    (body,) = robot.bodies
+    robot = replace(robot, bodies=(replace(body, density=1e-3),))
+    t = np.arange(8.0)
+    static = simulate(robot, Protocol({"front": Command("shortening", WAY)}, t)).channels["front.tension"]
+    twin, theta = build_twin(robot), parameter_values(robot)
+    start = loaded(twin, Statics(twin.system, theta)).state
+    dynamics = Dynamics(twin.system, robot_inertia(twin, robot), theta, Damping())
+    now, got = at_rest(start, -1.0), list[float]()
+    for d in WAY:
+        controls = Controls(np.zeros(1, bool), np.zeros(1), np.array([d]))
+        now = dynamics.advance(now, 1.0, lambda time, controls=controls: controls)
+        got.append(float(now.state.effort[0]))
+    np.testing.assert_allclose(got, static, rtol=0, atol=1e-4 * static.max())
+
+
+def test_a_closed_cycle_loses_energy_and_a_second_one_less() -> None:
+    robot = with_history(column("P1"), HISTORY)
+    once = 8e-3 * np.concatenate([np.linspace(0.0, 1.0, 9), np.linspace(1.0, 0.0, 9)[1:]])
+    d = np.concatenate([once, once[1:]])
+    T = simulate(robot, Protocol({"front": Command("shortening", d)}, 0.1 * np.arange(len(d)))).channels[
+        "front.tension"
+    ]
+    work = [float(np.trapezoid(T[a:b], d[a:b])) for a, b in ((0, 17), (16, 33))]
+    assert work[0] > work[1] > 0.0
+
+
+def test_shares_that_add_up_to_one_are_refused() -> None:
+    robot = with_history(column("P1"), ("relaxation-1",))
+    (body,) = robot.bodies
+    own = {**body.parameters, "relaxing_share2": 0.7, "relaxation_time2": 5.0}
+    with pytest.raises(InputError, match="shares that relax add up to 1, and must be below 1 together"):
+        replace(body, history=("relaxation-2",), parameters=own)
+    with pytest.raises(InputError, match=r"neck\.history: there is no such part of a history; got 'relax'"):
+        replace(body, history=("relax",))

@@ -13,7 +13,7 @@ from softcal.calibration.added_test import AddedChannel, AddedTest
 from softcal.calibration.experiment import Experiment
 from softcal.calibration.loss import Block
 from softcal.calibration.losses.likelihood import LikelihoodLoss
-from softcal.calibration.observation import commands, slack_faults
+from softcal.calibration.observation import protocol_told, slack_faults
 from softcal.calibration.parameters import FreeParameter, SearchSpace
 from softcal.calibration.problem import Evaluation, Problem
 from softcal.calibration.scope import P
@@ -23,7 +23,7 @@ from softcal.errors import Fault, InputError, SimulationError
 from softcal.sensing.channel import ChannelName
 from softcal.sensing.sensors.cable import SHORTENING
 from softcal.twin.parameters import robot_parameters, with_shape
-from softcal.twin.protocol import Protocol, command_faults
+from softcal.twin.protocol import command_faults
 
 # A block, with its derivatives (n,) [SI] by the labels of the free parameters, and its changes (n,) [SI] by one
 # standard deviation of each of a candidate's own uncertain parameters by theirs.
@@ -282,7 +282,7 @@ def _require_possible(problem: Problem, theta: Mapping[str, float], test: Experi
     rig = {name: own.get(name, value) for name, value in test.rig_values().items()}
     known = robot_parameters(problem.robot)
     robot = with_shape(problem.robot, {k: v for k, v in {**test.settings, **own}.items() if k in known})
-    faults = command_faults(robot, Protocol(commands(test, rig)))
+    faults = command_faults(robot, protocol_told(robot, test, rig))
     if any(test.twin_channel(channel).kind == SHORTENING for channel in test.drives):
         faults += slack_faults(replace(test, settings={**test.settings, **rig}))
     if faults:

@@ -13,11 +13,11 @@ import numpy as np
 
 from softcal.calibration.experiment import Experiment
 from softcal.calibration.fit import experiment_fit
-from softcal.calibration.observation import commands, observe
+from softcal.calibration.observation import observe, protocol_told
 from softcal.calibration.result import ExperimentFit
 from softcal.errors import ParameterError
 from softcal.experiments.dataset import Dataset
-from softcal.twin.protocol import Protocol, command_faults, let_go_faults
+from softcal.twin.protocol import command_faults, let_go_faults
 from softcal.twin.robot import Robot
 from softcal.twin.simulate import simulate
 
@@ -77,7 +77,7 @@ def record_fit(robot: Robot, experiment: Experiment, rig: Mapping[str, float], r
     channels = {name: replace(c, values=c.values[rows[::every]]) for name, c in record.channels.items()}
     compared = replace(record, channels=channels, cycle=None, labels=())
     whole = replace(experiment, dataset=compared)
-    protocol = Protocol(commands(whole, rig))
+    protocol = protocol_told(robot, whole, rig)
     if faults := [*command_faults(robot, protocol), *let_go_faults(robot, protocol)]:
         return RecordFit(None, compared, experiment.drives, every, str(ParameterError(faults)))
     response = simulate(robot, protocol)

@@ -153,6 +153,12 @@ class Experiment:
             return deviation.values
         return np.full(self.dataset.n_samples, self.dataset.channels[channel].sigma)
 
+    @property
+    def times(self) -> Floats | None:
+        """The times of its samples (n_samples,) [s]; None where one of them is not known."""
+        known = self.dataset.values("time") if "time" in self.dataset.channels else np.full(1, np.nan)
+        return known if bool(np.all(np.isfinite(known))) else None
+
     def rig_values(self) -> dict[str, float]:
         """The nominal rig parameters by dotted name."""
         values: dict[str, float] = {}

@@ -18,7 +18,12 @@ from softcal.twin.robot import Robot
 
 def friction_faults(robot: Robot, experiment: Experiment, free: Collection[str]) -> list[Fault]:
     """What in an experiment cannot be compared under the friction of its pulleys and cables. free: its parameters."""
-    return [*pulley_faults(experiment), *_cable_faults(robot, experiment, free), *_order_faults(robot, experiment)]
+    return [
+        *pulley_faults(experiment),
+        *_cable_faults(robot, experiment, free),
+        *_order_faults(robot, experiment),
+        *_time_faults(robot, experiment),
+    ]
 
 
 def pulley_faults(experiment: Experiment) -> list[Fault]:
@@ -78,14 +83,37 @@ def _order_faults(robot: Robot, experiment: Experiment) -> list[Fault]:
     takes_order = robot.remembers or experiment.rig.backlash is not None
     if not takes_order or not (experiment.dataset.labels or branch in ("unloading", "mean")):
         return []
-    what = "friction with a memory" if robot.remembers else "a drive with backlash"
+    reasons = (
+        (any(cable.line.friction_memory for cable in robot.cables), "friction with a memory", "friction_memory: false"),
+        (any(body.history for body in robot.bodies), "a material with a history", "no history of the bodies"),
+        (True, "a drive with backlash", "no backlash"),
+    )
+    what, attempt = next((what, attempt) for holds, what, attempt in reasons if holds)
     return [
         Fault(
             f"{what} needs the samples in the order in which they were made",
             experiment.name,
             got=f"take_branch: {branch}" if branch else "samples with labels, each a state of its own",
             allowed="a record, row by row",
-            attempt="friction_memory: false" if robot.remembers else "no backlash",
+            attempt=attempt,
+        )
+    ]
+
+
+def _time_faults(robot: Robot, experiment: Experiment) -> list[Fault]:
+    """Samples whose times are not known, or do not ascend, of a material that relaxes or flows."""
+    if not robot.needs_time:
+        return []
+    times = experiment.times
+    if times is not None and bool(np.all(np.diff(times) >= 0.0)):
+        return []
+    return [
+        Fault(
+            "a material that relaxes or flows needs the time of every sample",
+            experiment.name,
+            got="no time, or not of all samples" if times is None else "times that do not ascend",
+            allowed="a column time, ascending",
+            attempt="no relaxation or flow in the history of the bodies",
         )
     ]
 

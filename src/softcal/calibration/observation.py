@@ -17,8 +17,9 @@ from softcal.checks import Floats
 from softcal.errors import Fault, ParameterError
 from softcal.sensing.channel import ChannelName, positions
 from softcal.sensing.sensors.cable import SHORTENING, TENSION
-from softcal.twin.protocol import Command
+from softcal.twin.protocol import Command, Protocol
 from softcal.twin.response import Response
+from softcal.twin.robot import Robot
 from softcal.units import format_quantity
 
 Samples = slice | np.ndarray
@@ -55,6 +56,11 @@ def commands(experiment: Experiment, rig: Mapping[str, float]) -> dict[str, Comm
         control = "tension" if driven.kind == TENSION else "shortening"
         told[driven.carrier] = Command(control, *_controls(experiment, rig, channel))
     return told
+
+
+def protocol_told(robot: Robot, experiment: Experiment, rig: Mapping[str, float]) -> Protocol:
+    """The commands to the twin's cables, with the times of the samples where its materials need them."""
+    return Protocol(commands(experiment, rig), experiment.times if robot.needs_time else None)
 
 
 def control_parameters(experiment: Experiment) -> set[str]:

@@ -255,7 +255,11 @@ class Problem:
             thetas[key] = of_robot
             groups.setdefault(key, []).append((experiment, told))
         held = tuple(cable.name for cable in self.robot.cables if "pretension" in cable.properties)
-        return [Trajectory(thetas[key], tuple(members), self.robot.remembers, held) for key, members in groups.items()]
+        robot = self.robot
+        return [
+            Trajectory(thetas[key], tuple(members), robot.remembers, held, robot.needs_time)
+            for key, members in groups.items()
+        ]
 
     def n_simulations(self, *, jacobian: bool = False) -> int:
         """Number of simulations of an evaluation by an engine without derivatives of its own: one for each trajectory,

@@ -21,13 +21,15 @@ class Trajectory:
     """One forward solve that serves several experiments: the robot's values [SI] in it, by dotted name, and these.
 
     remembers: whether the robot does, so that a state depends on the samples before it. held: its cables that have a
-    pretension, and stay at zero shortening where nothing drives them.
+    pretension, and stay at zero shortening where nothing drives them. needs_time: whether the time between samples
+    counts.
     """
 
     theta: Mapping[str, float]
     members: tuple[Member, ...]
     remembers: bool = False
     held: tuple[str, ...] = ()
+    needs_time: bool = False
 
     def protocol(self) -> Protocol:
         _, first = self.members[0]
@@ -40,7 +42,8 @@ class Trajectory:
                     {p: np.concatenate([_rate(told[cable], p) for _, told in self.members]) for p in by[cable]},
                 )
                 for cable, command in first.items()
-            }
+            },
+            self.members[0][0].times if self.needs_time else None,
         )
 
     def controls(self, free: set[str]) -> list[str]:

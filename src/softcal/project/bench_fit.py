@@ -7,11 +7,11 @@ from dataclasses import replace
 
 from softcal.calibration.experiment import Experiment
 from softcal.calibration.friction import friction_faults
-from softcal.calibration.observation import commands, slack_faults
+from softcal.calibration.observation import protocol_told, slack_faults
 from softcal.errors import Fault
 from softcal.project.document import Findings, dotted
 from softcal.twin.parameters import robot_parameters, with_parameters
-from softcal.twin.protocol import Protocol, command_faults
+from softcal.twin.protocol import command_faults
 from softcal.twin.robot import Robot
 
 
@@ -59,6 +59,6 @@ def _faults(
     robot, experiment = held_robot(robot, held), held_rig(experiment, held)
     faults = friction_faults(robot, experiment, free)
     if not faults:  # commands may depend on the friction
-        told = Protocol(commands(experiment, experiment.rig_values()))
+        told = protocol_told(robot, experiment, experiment.rig_values())
         faults = [*slack_faults(experiment), *command_faults(robot, told)]
     return {(fault.what, fault.where): fault for fault in faults}

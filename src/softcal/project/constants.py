@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 from pydantic_core import InitErrorDetails
 
+from softcal.declare import listed
 from softcal.materials.catalogue import LAWS, LawName, constants_of
+from softcal.materials.histories import PARTS, history_of
 from softcal.materials.law import Law
 from softcal.materials.parameter import Parameter
 from softcal.project.section import Section, read_quantities
@@ -56,16 +58,30 @@ class LawSection(ConstantsSection):
     """The constants of the law that the mapping names."""
 
     law: LawName = Body.law
+    history: Annotated[tuple[str, ...], BeforeValidator(listed)] = Body.history
+
+    def _check(self) -> None:
+        history_of(self.history)
 
     @classmethod
     def _of_law(cls, given: Mapping[str, Any]) -> Mapping[str, Parameter]:
         law = cls._named(given)
-        return constants_of(LAWS) if law is None else {parameter.name: parameter for parameter in law.parameters}
+        if law is None:
+            return constants_of(LAWS)
+        return {one.name: one for one in (*law.parameters, *cls._of_history(given))}
 
     @classmethod
     def _required(cls, given: Mapping[str, Any]) -> tuple[str, ...]:
         law = cls._named(given)
-        return () if law is None else tuple(one.name for one in law.parameters if one.default is None)
+        named = () if law is None else (*law.parameters, *cls._of_history(given))
+        return tuple(one.name for one in named if one.default is None)
+
+    @classmethod
+    def _of_history(cls, given: Mapping[str, Any]) -> tuple[Parameter, ...]:
+        """The constants of the parts that it names; of those that there are not, which is a fault of its own, none."""
+        names = listed(given.get("history"))
+        known = [PARTS[name] for name in names if name in PARTS] if isinstance(names, list) else []
+        return tuple(one for part in known for one in part.parameters)
 
     @classmethod
     def _named(cls, given: Mapping[str, Any]) -> Law | None:

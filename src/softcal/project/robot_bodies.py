@@ -116,6 +116,7 @@ def build_bodies(sections: Mapping[str, BodySection], make_mesh: MeshMaker, find
                 inclusions,
                 clamp,
                 body.build_direction,
+                body.history,
             )
             built.bodies.append(whole)
             _check_ranges(whole, path, findings)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from softcal.calibration.experiment import Experiment
-from softcal.calibration.observation import commands
+from softcal.calibration.observation import protocol_told
 from softcal.calibration.problem import Simulate
 from softcal.csv_text import csv_text
 from softcal.errors import Fault, ParameterError, SimulationError
@@ -142,7 +142,7 @@ def protocol_of(project: Project, experiment: str = "") -> Protocol:
         Where the project has no such experiment, or several and none is named.
     """
     chosen = _chosen(project, experiment)
-    return Protocol(commands(chosen, chosen.rig_values()))
+    return protocol_told(project.robot, chosen, chosen.rig_values())
 
 
 def robot_in(project: Project, experiment: str = "") -> Robot:

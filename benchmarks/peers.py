@@ -43,7 +43,7 @@ class Assembler:
 def softcal_assembler(task: Task) -> Assembler:
     from softcal.materials.catalogue import LAWS
     from softcal.mechanics.layout import FREE, Layout
-    from softcal.mechanics.solid import build_solid
+    from softcal.mechanics.solid_build import build_solid
     from softcal.mechanics.state import State, rest_state
     from softcal.mechanics.system import build_system
     from softcal.mechanics.term import Controls

@@ -19,7 +19,8 @@ from softcal.mechanics.damping import Damping, TimeStep
 from softcal.mechanics.dynamics import efforts_within
 from softcal.mechanics.elements import P1
 from softcal.mechanics.inertia import Rates, element_masses, second_moments
-from softcal.mechanics.solid import SolidTerm, build_solid
+from softcal.mechanics.solid import SolidTerm
+from softcal.mechanics.solid_build import build_solid
 from softcal.mechanics.state import exponential, moved, rest_state
 from softcal.mechanics.term import Given, Sum, Term
 from softcal.mechanics.time_step import Instant, after, at_rest, in_step

@@ -21,6 +21,7 @@ from softcal.export.cable_faults import cable_faults
 from softcal.export.calculix_cables import cable_lines, dead_pulls
 from softcal.export.calculix_format import listed, number, set_name, weighted_sum
 from softcal.export.calculix_laws import CARDS, ISOCHORIC, law_lines
+from softcal.export.history_faults import history_faults
 from softcal.export.load_path import load_path
 from softcal.materials.catalogue import LAWS
 from softcal.mechanics.elements import ELEMENTS, P1, P2
@@ -123,7 +124,7 @@ def deck_faults(robot: Robot) -> list[Fault]:
     faults = [
         Fault("a rod has no solid elements to write", where=rod.name, attempt="a solid mesh") for rod in robot.rods
     ]
-    faults += cable_faults(robot, "CalculiX")
+    faults += [*cable_faults(robot, "CalculiX"), *history_faults(robot, "CalculiX")]
     faults += [
         Fault("a moment cannot be exported", load.name, attempt="two forces")
         for load in robot.loads

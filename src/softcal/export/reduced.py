@@ -24,6 +24,7 @@ from scipy.interpolate import CubicSpline
 from softcal.checks import Floats
 from softcal.errors import Fault, ParameterError, SimulationError
 from softcal.export import reduced_model as evaluator
+from softcal.export.history_faults import history_faults
 from softcal.twin.parameters import robot_parameters
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Robot
@@ -209,7 +210,8 @@ def _error(unit: str, difference: Floats, change: Floats | float) -> ChannelErro
 def _faults(robot: Robot, reaches: Mapping[str, Reach], samples: int) -> list[Fault]:
     known = [cable.name for cable in robot.cables]
     faults = [Fault("there is no such cable", name, allowed=", ".join(known)) for name in reaches if name not in known]
-    if robot.remembers:
+    faults += history_faults(robot, "a reduced model")
+    if any(cable.line.friction_memory for cable in robot.cables):
         rough = ", ".join(cable.name for cable in robot.cables if cable.line.friction_memory)
         faults.append(Fault("a reduced model has no memory", "friction_memory", rough, "friction without a memory"))
     if not 1 <= len(reaches) <= MOST_CABLES:

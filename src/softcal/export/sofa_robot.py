@@ -9,6 +9,7 @@ import numpy as np
 from softcal.checks import Ints
 from softcal.errors import Fault, ParameterError
 from softcal.export.cable_faults import cable_faults
+from softcal.export.history_faults import history_faults
 from softcal.export.sofa_rods import linear_rod
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.quadratic import linear_numbers
@@ -51,7 +52,7 @@ def scene_faults(robot: Robot) -> list[Fault]:
     faults += point_faults(robot, "SOFA")
     if robot.contact is not None:
         faults.append(Fault("contact cannot be exported to SOFA", where="contact", attempt="a project without contact"))
-    return [*faults, *law_faults(robot)]
+    return [*faults, *history_faults(robot, "SOFA"), *law_faults(robot)]
 
 
 def point_faults(robot: Robot, program: str) -> list[Fault]:

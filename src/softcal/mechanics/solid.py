@@ -11,7 +11,7 @@ import numpy as np
 from softcal.checks import Floats, Ints
 from softcal.materials.components import NO_DIRECTION, PAIRS, full
 from softcal.materials.inelastic import ELASTIC, History
-from softcal.materials.law import CompiledLaw, Law, compile_law, stacked
+from softcal.materials.law import CompiledLaw, Law, stacked
 from softcal.materials.stress_at import (
     NO_TANGENT,
     Deformation,
@@ -25,7 +25,6 @@ from softcal.materials.stress_at import (
 )
 from softcal.mechanics import solid_kernels
 from softcal.mechanics.damping import TimeStep
-from softcal.mechanics.element import Element
 from softcal.mechanics.layout import Layout
 from softcal.mechanics.loads import Loads
 from softcal.mechanics.mesh_motion import MeshMotion, cofactor, stress_rate
@@ -392,45 +391,3 @@ class SolidTerm(Term):
 
     def _theta(self, theta: Theta) -> tuple[float, ...]:
         return tuple(theta[f"{self.name}.{name}"] for name in self.compiled.parameters)
-
-
-def build_solid(
-    name: str,
-    law: Law,
-    element: Element,
-    points: Floats,
-    tets: Ints,
-    *,
-    first_point: int,
-    first_pressure: int = 0,
-    motion: MeshMotion | None = None,
-) -> tuple[SolidTerm, Ints]:
-    """The term of some tets of a body, and the nodes that have its pressures, in the order of their numbers.
-
-    Raises
-    ------
-    MeshError
-        Where an element is inverted, or its motion inverts it.
-    """
-    if motion is not None:
-        points = points + motion.value * motion.way
-    dN, w = element.gradients(points, tets, where=name)
-    order = np.argsort(tets, axis=1)
-    conn = np.take_along_axis(tets, order, axis=1) + first_point
-    dN = np.take_along_axis(dN, order[:, None, :, None], axis=2)
-    own = element.pressure_nodes(tets)
-    nodes, number = np.unique(own, return_inverse=True)
-    number = number.reshape(own.shape)
-    order = np.argsort(number, axis=1)
-    term = SolidTerm(
-        name,
-        law,
-        compile_law(law),
-        conn,
-        np.ascontiguousarray(dN),
-        w,
-        np.take_along_axis(number, order, axis=1) + first_pressure,
-        np.ascontiguousarray(np.swapaxes(element.pressure_functions().T[order], 1, 2)),
-        motion=motion,
-    )
-    return term, nodes

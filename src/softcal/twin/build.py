@@ -22,7 +22,8 @@ from softcal.mechanics.layout import FIXED, FREE, TIED, Layout
 from softcal.mechanics.mesh_motion import MeshMotion
 from softcal.mechanics.rod import build_rod
 from softcal.mechanics.rod_points import place_on_rod
-from softcal.mechanics.solid import SolidTerm, build_solid
+from softcal.mechanics.solid import SolidTerm
+from softcal.mechanics.solid_build import build_solid
 from softcal.mechanics.system import System, build_system
 from softcal.sensing.channel import ChannelName
 from softcal.sensing.kind import ChannelKind

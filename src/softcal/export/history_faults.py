@@ -1,0 +1,21 @@
+"""Bodies whose material has a history, which no other program gets from softcal."""
+
+from __future__ import annotations
+
+from softcal.errors import Fault
+from softcal.twin.robot import Robot
+
+
+def history_faults(robot: Robot, program: str) -> list[Fault]:
+    """Faults of materials that relax, soften or flow; program: such as "SOFA"."""
+    return [
+        Fault(
+            f"the history of a material is not exported to {program}",
+            f"{body.name}.history",
+            ", ".join(body.history),
+            "an elastic material",
+            "a project without history, with the moduli after a long time",
+        )
+        for body in robot.bodies
+        if body.history
+    ]

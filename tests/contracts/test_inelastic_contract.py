@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from softcal.materials.components import PAIRS
 from softcal.materials.flow import Flow
-from softcal.materials.inelastic import History, Rates, Stressed
+from softcal.materials.inelastic import History, PointRates, Stressed
 from softcal.materials.law import compile_law
 from softcal.materials.relaxation import Relaxation
 from softcal.materials.softening import Softening
@@ -104,7 +104,7 @@ def test_rates_are_exact(history: History, seed: int, dt: float) -> None:
 
     elastic, h = stressed(here), 1e-6
     up, down = stressed(here + h * H, (C[0] * (1 + h), *C[1:])), stressed(here - h * H, (C[0] * (1 - h), *C[1:]))
-    by = Rates(*((getattr(up, name) - getattr(down, name)) / (2 * h) for name in ("E", "W", "S")))
+    by = PointRates(*((getattr(up, name) - getattr(down, name)) / (2 * h) for name in ("E", "W", "S")))
     rates, kept = history.rates(elastic, by, (memory, m), dt, (VALUES, changes))
     plus, minus = at(h), at(-h)
     np.testing.assert_allclose(rates.S, (plus.at.S - minus.at.S) / (2 * h), rtol=2e-5, atol=2e-6)

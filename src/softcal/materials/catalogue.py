@@ -92,10 +92,9 @@ def _faults(law: Law, known: Mapping[str, Law]) -> list[Fault]:
 
 def constants_of(laws: Mapping[str, Law]) -> dict[str, Parameter]:
     """Every constant of any of the laws and of any history, by name; of one that several laws have, the first's."""
-    found = history_constants()
-    for law in laws.values():
-        for parameter in law.parameters:
-            found.setdefault(parameter.name, parameter)
+    found: dict[str, Parameter] = {}
+    for parameter in (*(one for law in laws.values() for one in law.parameters), *history_constants().values()):
+        found.setdefault(parameter.name, parameter)
     return found
 
 

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.materials.inelastic import TWICE, Constants, Inelastic, Left, Rates, Stressed
+from softcal.materials.inelastic import TWICE, Constants, Inelastic, Left, PointRates, Stressed
 from softcal.materials.parameter import Parameter
 from softcal.quantities import QUANTITIES
 
@@ -69,11 +69,11 @@ class Flow(Inelastic):
     def rates(
         self,
         at: Stressed,
-        by: Rates,
+        by: PointRates,
         memory: tuple[Floats, Floats],
         elapsed: float,
         constants: tuple[Constants, Constants],
-    ) -> tuple[Rates, Floats]:
+    ) -> tuple[PointRates, Floats]:
         values, changes = constants
         mu, Y, d = values[MODULUS], values[THRESHOLD], _decay(elapsed, values[TIME])
         dmu, dY = changes.get(MODULUS, 0.0), changes.get(THRESHOLD, 0.0)
@@ -93,7 +93,7 @@ class Flow(Inelastic):
         W = by.W + (np.where(flows, beyond, q * dq) - stored * dmu / mu) / (3.0 * mu)
         dev, ddev = strain @ _DEVIATOR * TWICE, dstrain @ _DEVIATOR * TWICE
         left = memory[1] + (1.0 - rho)[:, None] * ddev - drho[:, None] * dev
-        return Rates(by.E, W, S), left
+        return PointRates(by.E, W, S), left
 
 
 def _decay(elapsed: float, time: float) -> float:

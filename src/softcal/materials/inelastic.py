@@ -46,8 +46,8 @@ class Stressed(NamedTuple):
     D: Floats
 
 
-class Rates(NamedTuple):
-    """Rates of a material at points, of `Stressed.E`, `W` and `S`."""
+class PointRates(NamedTuple):
+    """PointRates of a material at points, of `Stressed.E`, `W` and `S`."""
 
     E: Floats
     W: Floats
@@ -91,11 +91,11 @@ class Inelastic(ABC):
     def rates(
         self,
         at: Stressed,
-        by: Rates,
+        by: PointRates,
         memory: tuple[Floats, Floats],
         elapsed: float,
         constants: tuple[Constants, Constants],
-    ) -> tuple[Rates, Floats]:
+    ) -> tuple[PointRates, Floats]:
         """The rates of what `respond` leaves: of W and S, and of the memory.
 
         memory: the one before, and its rates; constants: their values, and their rates, those that are missing zero.
@@ -128,11 +128,11 @@ class History:
     def rates(
         self,
         at: Stressed,
-        by: Rates,
+        by: PointRates,
         memory: tuple[Floats, Floats],
         elapsed: float,
         constants: tuple[Constants, Constants],
-    ) -> tuple[Rates, Floats]:
+    ) -> tuple[PointRates, Floats]:
         """As `Inelastic.rates`, of all parts."""
         left: list[Floats] = []
         for part, own, rates in zip(self.parts, *(self._split(one) for one in memory), strict=True):

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.materials.inelastic import Constants, Inelastic, Left, Rates, Stressed
+from softcal.materials.inelastic import Constants, Inelastic, Left, PointRates, Stressed
 from softcal.materials.parameter import Parameter
 from softcal.quantities import QUANTITIES
 
@@ -71,11 +71,11 @@ class Relaxation(Inelastic):
     def rates(
         self,
         at: Stressed,
-        by: Rates,
+        by: PointRates,
         memory: tuple[Floats, Floats],
         elapsed: float,
         constants: tuple[Constants, Constants],
-    ) -> tuple[Rates, Floats]:
+    ) -> tuple[PointRates, Floats]:
         (before, H), (before_rate, H_rate) = (self._parted(one) for one in memory)
         values, changes = constants
         e, a = self._factors(elapsed, values)
@@ -96,7 +96,7 @@ class Relaxation(Inelastic):
         )
         W = (1.0 + more) * by.W + dmore * at.W + (past_rate * at.E + past * by.E).sum(axis=1)
         left = np.concatenate([by.S[:, None, :], kept], axis=1)
-        return Rates(by.E, W, S), left.reshape(len(S), -1)
+        return PointRates(by.E, W, S), left.reshape(len(S), -1)
 
     def _parted(self, memory: Floats) -> tuple[Floats, Floats]:
         parts = memory.reshape(len(memory), 1 + self.branches, 6)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.materials.inelastic import Constants, Inelastic, Left, Rates, Stressed
+from softcal.materials.inelastic import Constants, Inelastic, Left, PointRates, Stressed
 from softcal.materials.parameter import Parameter
 from softcal.quantities import QUANTITIES
 
@@ -55,11 +55,11 @@ class Softening(Inelastic):
     def rates(
         self,
         at: Stressed,
-        by: Rates,
+        by: PointRates,
         memory: tuple[Floats, Floats],
         elapsed: float,
         constants: tuple[Constants, Constants],
-    ) -> tuple[Rates, Floats]:
+    ) -> tuple[PointRates, Floats]:
         values, changes = constants
         r, m, b = (values[name] for name in (AMOUNT, ENERGY, RANGE))
         dr, dm, db = (changes.get(name, 0.0) for name in (AMOUNT, ENERGY, RANGE))
@@ -72,7 +72,7 @@ class Softening(Inelastic):
         eta, deta = 1.0 - _erf(x) / r, -_bell(x) * dx / r + _erf(x) * dr / r**2
         below = _integral(x)
         W = by.W + (_erf(x) * dx * width + below * dwidth) / r - below * width * dr / r**2
-        return Rates(by.E, W, deta[:, None] * at.S + eta[:, None] * by.S), dmost[:, None]
+        return PointRates(by.E, W, deta[:, None] * at.S + eta[:, None] * by.S), dmost[:, None]
 
 
 def _erf(x: Floats) -> Floats:

@@ -13,7 +13,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.materials.components import PAIRS
-from softcal.materials.inelastic import Constants, History, Left, Rates, Stressed
+from softcal.materials.inelastic import Constants, History, Left, PointRates, Stressed
 from softcal.materials.parameter import Parameter
 from softcal.materials.stress_at import Deformation
 
@@ -74,16 +74,16 @@ def rates(
     the history's of this name, whose rate is one.
     """
     at = elastic(passed, tangent=dF is not None)
-    by = Rates(np.zeros_like(at.E), np.zeros_like(at.W), np.zeros_like(at.S))
+    by = PointRates(np.zeros_like(at.E), np.zeros_like(at.W), np.zeros_like(at.S))
     if dF is not None:
         half = np.einsum("nki,nkj->nij", passed.deformation.at.F, dF)
         strain = _doubled(0.5 * (half + np.swapaxes(half, 1, 2)))
-        by = Rates(strain, (at.S * strain).sum(axis=1), np.einsum("nab,nb->na", at.D, strain))
+        by = PointRates(strain, (at.S * strain).sum(axis=1), np.einsum("nab,nb->na", at.D, strain))
     changes: Mapping[str, float] = {}
     if isinstance(constant, int):
         energy = passed.deformation.energy_by_parameters(passed.values)[constant]
         stress = passed.deformation.stress_by_parameters(passed.values)[constant]
-        by = Rates(by.E, by.W + energy, by.S + stress)
+        by = PointRates(by.E, by.W + energy, by.S + stress)
     elif constant is not None:
         changes = {constant: 1.0}
     own = passed.memory.reshape(-1, history.size)

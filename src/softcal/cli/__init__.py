@@ -14,6 +14,7 @@ from softcal.cli import intervals_command
 from softcal.cli import importance_command
 from softcal.cli import next_test_command
 from softcal.cli import sweep_command
+from softcal.cli import coupon_command
 from softcal.cli import marker_commands
 from softcal.cli import export_commands
 from softcal.cli import crosscheck_command
@@ -33,6 +34,7 @@ COMMAND_GROUPS = (
     importance_command,
     next_test_command,
     sweep_command,
+    coupon_command,
     marker_commands,
     export_commands,
     crosscheck_command,

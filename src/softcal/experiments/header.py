@@ -81,15 +81,15 @@ def read_layout(
     )
     layout = ColumnLayout(table, {k: spec for k, spec in columns.items() if k not in optional or table.find(spec.name)})
     for key, spec in layout.columns.items():
-        place = _find_column(table, spec.name, layout.faults)
+        place = find_column(table, spec.name, layout.faults)
         if place is not None:
             layout.places[key] = place
     layout.filters += _filters(table, where or {}, layout.faults)
-    layout.label = None if label is None else _find_column(table, label, layout.faults)
+    layout.label = None if label is None else find_column(table, label, layout.faults)
     for key, place in layout.places.items():
-        factor = _unit_of(table, key, layout.columns[key], place, layout.units, layout.unit_faults)
-        if factor is not None:
-            layout.factors[key] = factor
+        found = unit_of_column(table, place, column_unit(key) or "1", layout.unit_faults, layout.columns[key].unit)
+        if found is not None:
+            layout.units[key], layout.factors[key] = found
     return layout
 
 
@@ -143,7 +143,8 @@ def _check_channels(path: Path, columns: Mapping[str, ColumnSpec]) -> None:
         raise DatasetError(faults)
 
 
-def _find_column(table: Table, name: str, faults: list[Fault]) -> int | None:
+def find_column(table: Table, name: str, faults: list[Fault]) -> int | None:
+    """Number of the column of a name; None where there is none, or more than one, which is a fault."""
     found = table.find(name)
     if len(found) == 1:
         return found[0]
@@ -168,22 +169,24 @@ def _find_column(table: Table, name: str, faults: list[Fault]) -> int | None:
 def _filters(table: Table, where: Mapping[str, object], faults: list[Fault]) -> list[Filter]:
     filters: list[Filter] = []
     for name, wanted in where.items():
-        place = _find_column(table, name, faults)
+        place = find_column(table, name, faults)
         if place is not None:
             values = wanted if isinstance(wanted, list | tuple) else [wanted]
             filters.append(Filter(place, tuple(str(value) for value in values)))
     return filters
 
 
-def _unit_of(
-    table: Table, key: str, spec: ColumnSpec, place: int, units: dict[str, str], faults: list[Fault]
-) -> float | None:
-    """Factor to SI, from the project or the file; a contradiction of both is a fault."""
-    si_unit = column_unit(key) or "1"
+def unit_of_column(
+    table: Table, place: int, si_unit: str, faults: list[Fault], stated: str | None = None
+) -> tuple[str, float] | None:
+    """Unit of a column and its factor to SI, from the project or the file; a contradiction of both is a fault.
+
+    stated: the unit that the project gives, None for that of the file.
+    """
     header = table.headers[place]
     where = f"{table.path}, line {table.header_line}, column '{header}'"
     in_file = bare_unit(table.unit_cells[place]) or split_header(header)[1]
-    unit = spec.unit if spec.unit is not None else in_file
+    unit = stated if stated is not None else in_file
     if unit is None or (unit == "" and si_unit != "1"):
         if si_unit == "1":
             unit = "1"
@@ -201,14 +204,14 @@ def _unit_of(
         unit = "1"
     try:
         factor = unit_factor(unit, si_unit, where=where)
-        if spec.unit is not None and in_file and is_unit(in_file):
+        if stated is not None and in_file and is_unit(in_file):
             file_factor = unit_factor(in_file, si_unit, where=where)
             if not np.isclose(file_factor, factor, rtol=1e-9):
                 faults.append(
                     Fault(
                         "the project and the file name different units",
                         where=where,
-                        got=f"'{spec.unit}' in the project, '{in_file}' in the file",
+                        got=f"'{stated}' in the project, '{in_file}' in the file",
                         attempt="leave the unit out of the project to use the file's",
                     )
                 )
@@ -216,5 +219,4 @@ def _unit_of(
     except UnitError as error:
         faults.extend(error.faults)
         return None
-    units[key] = unit
-    return factor
+    return unit, factor

@@ -81,7 +81,7 @@ def read_table(
     values: dict[str, Floats] = {}
     for key, place in places.items():
         if key in held.odd:
-            faults.append(_not_numbers(table, place, held.odd[key], held.decimal))
+            faults.append(not_numbers(table, place, held.odd[key], held.decimal))
         elif key in layout.factors:
             values[key] = held.numbers[key]
             values[key] *= layout.factors[key] * columns[key].scale
@@ -119,7 +119,7 @@ def _doubled_labels(table: Table, place: int, held: Columns) -> list[Fault]:
     twice = [i for i, text in enumerate(held.labels) if first.setdefault(text, i) < i]
     if not twice:
         return []
-    lines = _lines(held.lines[twice[:N_NAMED]].tolist(), len(twice))
+    lines = line_numbers(held.lines[twice[:N_NAMED]].tolist(), len(twice))
     where = f"{table.path}, column '{table.headers[place]}', {lines}"
     return [Fault("two rows have the same label", where, got=f"'{held.labels[twice[0]]}'")]
 
@@ -134,11 +134,12 @@ def _unmet(table: Table, filters: Sequence[Filter], held: Columns) -> list[Fault
     return [Fault(f"no row holds '{value}'", where=column, allowed=shown) for value in missing]
 
 
-def _not_numbers(table: Table, place: int, odd: Odd, decimal: str) -> Fault:
+def not_numbers(table: Table, place: int, odd: Odd, decimal: str) -> Fault:
+    """The fault of cells of a column that are not numbers."""
     shown = ", ".join(repr(_short(cell)) if cell else "nothing" for cell in odd.cells)
     return Fault(
         f"{odd.n} value(s) are not numbers",
-        where=f"{table.path}, column '{table.headers[place]}', {_lines(odd.lines, odd.n)}",
+        where=f"{table.path}, column '{table.headers[place]}', {line_numbers(odd.lines, odd.n)}",
         got=shown + (", …" if odd.n > len(odd.cells) else ""),
         allowed=f"numbers with a decimal {'comma' if decimal == ',' else 'point'}",
     )
@@ -148,7 +149,8 @@ def _short(cell: str) -> str:
     return cell if len(cell) <= 40 else cell[:39] + "…"
 
 
-def _lines(first: Sequence[int], n: int) -> str:
+def line_numbers(first: Sequence[int], n: int) -> str:
+    """The first of n lines in words."""
     numbers = ", ".join(map(str, first[:N_NAMED]))
     return ("line " if n == 1 else "lines ") + numbers + (", …" if n > N_NAMED else "")
 
@@ -164,7 +166,7 @@ def _check_time(
     if len(back):
         place, (i, *_) = places["time"], back.tolist()
         before, after = cells_of(table, place, held.lines[[i, i + 1]].tolist())
-        lines = _lines(held.lines[back[:N_NAMED] + 1].tolist(), len(back))
+        lines = line_numbers(held.lines[back[:N_NAMED] + 1].tolist(), len(back))
         faults.append(
             Fault(
                 f"time runs backwards {len(back)} time(s)",

@@ -27,7 +27,7 @@ _NUMBER = re.compile(r"^[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?$")
 _MARKED = re.compile(r"^[\[(](?P<unit>[^\[\]()]*)[\])]$")
 # Written after an underscore or a slash; a closed list, because a name may end in anything ("force_max", "run/2").
 _SUFFIX_UNITS = frozenset(
-    "m cm mm um µm in inch N kN mN kgf gf lbf s sec ms us µs min rad mrad deg degree degrees °".split()
+    "m cm mm um µm in inch N kN mN kgf gf lbf Pa kPa MPa s sec ms us µs min rad mrad deg degree degrees °".split()
 )
 
 

@@ -1,0 +1,1 @@
+"""Fits of elastic laws to tests of material coupons."""

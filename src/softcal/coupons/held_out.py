@@ -1,0 +1,71 @@
+"""The error of a law on tests that it was not fitted to."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from softcal.coupons.coupon import Coupon
+from softcal.coupons.law_fit import LawFit
+from softcal.coupons.problem import CouponProblem, coupon_loss, stress_scales
+from softcal.coupons.response import LawResponse
+from softcal.coupons.search import fitted_values
+from softcal.errors import CalibrationError
+
+BLOCKS = 5  # of a record, where there is one kind of test
+_STARTS = 6  # besides the constants of all tests
+
+
+@dataclass(frozen=True)
+class Fold:
+    """Tests that are held out together: name, those that remain, and those held out."""
+
+    name: str
+    kept: tuple[Coupon, ...]
+    held_out: tuple[Coupon, ...]
+
+
+def folds(coupons: Sequence[Coupon]) -> list[Fold]:
+    """Each kind of test held out in turn; where there is one kind, neighbouring blocks of its rows."""
+    tests = list(dict.fromkeys(coupon.test for coupon in coupons))
+    if len(tests) > 1:
+        return [
+            Fold(test, tuple(c for c in coupons if c.test != test), tuple(c for c in coupons if c.test == test))
+            for test in tests
+        ]
+    found: list[Fold] = []
+    for k in range(BLOCKS):
+        inside = [np.arange(len(c.strain)) * BLOCKS // len(c.strain) == k for c in coupons]
+        pairs = list(zip(coupons, inside, strict=True))
+        kept, held_out = tuple(c.rows(~own) for c, own in pairs), tuple(c.rows(own) for c, own in pairs if own.any())
+        found.append(Fold(f"block {k + 1} of {BLOCKS}", kept, held_out))
+    return found
+
+
+def held_out_errors(fit: LawFit, coupons: Sequence[Coupon]) -> dict[str, float]:
+    """Fold -> root-mean-square error of the stresses held out, over the root mean square of all stresses of their kind
+    [-]; infinite where the law's energy does not exist there.
+    """
+    scales = stress_scales(coupons)
+    found: dict[str, float] = {}
+    for fold in folds(coupons):
+        problem = CouponProblem(fit.constants, fold.kept, coupon_loss(fold.kept))
+        try:
+            ordered = fit.constants.ordered(fitted_values(problem, fit.values, _STARTS))
+        except CalibrationError:
+            found[fold.name] = math.inf
+            continue
+        missed = [
+            (LawResponse(fit.law, c.states).stress(ordered) - c.stress).ravel() / scales[c.test] for c in fold.held_out
+        ]
+        square = float(np.square(np.concatenate(missed)).mean())
+        found[fold.name] = math.sqrt(square) if math.isfinite(square) else math.inf
+    return found
+
+
+def joint_error(errors: Sequence[float]) -> float:
+    """Root mean square over the folds."""
+    return math.sqrt(sum(error**2 for error in errors) / len(errors))

@@ -1,0 +1,172 @@
+"""Coupon tests from text tables; all faults of a file are reported together.
+
+The names of the columns state what was measured: `stretch` or `engineering_strain`, and `nominal_stress` or
+`true_stress`; in a biaxial test `stretch_1`, `nominal_stress_1` and so on; in simple shear `amount_of_shear` and
+`shear_stress`. A column `specimen` tells the specimens of one file apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from softcal.checks import Floats
+from softcal.coupons.coupon import Coupon
+from softcal.coupons.kind import KINDS, CouponKind
+from softcal.errors import DatasetError, Fault, ParameterError, UnitError, nearest
+from softcal.experiments.columns import N_NAMED, Columns, read_columns
+from softcal.experiments.header import find_column, unit_of_column
+from softcal.experiments.read import line_numbers, not_numbers
+from softcal.experiments.table import Table, load_table
+from softcal.experiments.table_format import TableFormat
+
+SPECIMEN = "specimen"
+FEWEST = 5  # rows of a specimen
+_LARGEST = 100.0  # stretch, or amount of shear
+_WITH_MEMORY = ("relaxation", "cyclic", "creep")
+
+
+@dataclass(frozen=True)
+class _Column:
+    """A measured column: the name of what it has, its number, and the factor to SI."""
+
+    measure: str
+    place: int
+    factor: float
+
+
+def coupon_kind(name: str) -> CouponKind:
+    """The kind of test of a name.
+
+    Raises
+    ------
+    ParameterError
+        Where there is none.
+    """
+    if name in KINDS:
+        return KINDS[name]
+    what = "there is no such kind of test"
+    if name in _WITH_MEMORY:
+        what = "an elastic law has no memory, so that such a test says nothing of it"
+    raise ParameterError(Fault(what, "--test", f"'{name}'", ", ".join(KINDS), nearest(name, KINDS)))
+
+
+def read_coupons(path: str | Path, test: str) -> list[Coupon]:
+    """Read the tests of one file, by specimen, each in the order of its strains.
+
+    Parameters
+    ----------
+    path
+        Text in UTF-8, Latin-1 or UTF-16, as of bench tables.
+    test
+        Kind of test: uniaxial, planar, equibiaxial, biaxial or shear.
+
+    Raises
+    ------
+    ParameterError
+        For an unknown kind of test.
+    DatasetError
+        With all faults: missing or doubled columns, cells that are not numbers, stretches at or below zero, too few
+        rows.
+    UnitError
+        If all faults are of units.
+    StorageError
+        Where the file cannot be read.
+    """
+    path, kind = Path(path), coupon_kind(test)
+    wanted = [measure + axis for axis in kind.axes for measure in (*kind.strains, *kind.stresses)]
+    table = load_table(path, [*wanted, SPECIMEN], TableFormat())
+    faults: list[Fault] = []
+    unit_faults: list[Fault] = []
+    measured = [
+        _column(table, kind, measures, axis, si_unit, faults, unit_faults)
+        for measures, si_unit in ((kind.strains, "1"), (kind.stresses, "Pa"))
+        for axis in kind.axes
+    ]
+    columns = [column for column in measured if column is not None]
+    label = find_column(table, SPECIMEN, faults) if table.find(SPECIMEN) else None
+    held = read_columns(table, {str(c.place): c.place for c in columns}, may_miss=lambda _: False, label=label)
+    faults += [not_numbers(table, int(place), odd, held.decimal) for place, odd in held.odd.items()]
+    if faults:
+        raise DatasetError([*faults, *unit_faults])
+    if unit_faults:
+        raise UnitError(unit_faults)
+    values = [held.numbers[str(column.place)] * column.factor for column in columns]
+    k = len(kind.axes)
+    strain = np.column_stack([kind.strains[c.measure](v) for c, v in zip(columns[:k], values[:k], strict=True)])
+    faults += _strain_faults(kind, table, held, columns, strain)
+    names = held.labels or (path.stem,) * len(strain)
+    faults += _row_faults(table, names)
+    if faults:
+        raise DatasetError(faults)
+    stress = np.column_stack(
+        [kind.stresses[c.measure](v, strain[:, i]) for i, (c, v) in enumerate(zip(columns[k:], values[k:], strict=True))]
+    )
+    if not stress.any():
+        raise DatasetError(Fault("every stress is zero", str(path), attempt="the column of the stress that was measured"))
+    found: list[Coupon] = []
+    for name in dict.fromkeys(names):
+        own = np.flatnonzero([one == name for one in names])
+        order = own[np.lexsort(strain[own].T[::-1])]
+        found.append(Coupon(name, kind.name, strain[order], stress[order]))
+    return found
+
+
+def _column(
+    table: Table,
+    kind: CouponKind,
+    measures: Iterable[str],
+    axis: str,
+    si_unit: str,
+    faults: list[Fault],
+    unit_faults: list[Fault],
+) -> _Column | None:
+    """The one column that has any of the measures along an axis."""
+    names = [measure + axis for measure in measures]
+    where = f"{table.path}, line {table.header_line}"
+    present = [measure for measure in measures if table.find(measure + axis)]
+    if len(present) != 1:
+        shown = ", ".join(f"'{header}'" for header in table.headers if header)
+        what = "two columns have the same quantity" if present else f"a {kind.name} test needs another column"
+        faults.append(Fault(what, where, f"columns {shown}", f"one of {', '.join(names)}, with its unit in brackets"))
+        return None
+    place = find_column(table, present[0] + axis, faults)
+    unit = None if place is None else unit_of_column(table, place, si_unit, unit_faults)
+    return None if place is None or unit is None else _Column(present[0], place, unit[1])
+
+
+def _strain_faults(
+    kind: CouponKind, table: Table, held: Columns, columns: list[_Column], strain: Floats
+) -> list[Fault]:
+    """Strains that no body has."""
+    faults: list[Fault] = []
+    for k in range(strain.shape[1]):
+        low = -_LARGEST if kind.smallest is None else kind.smallest
+        out = np.flatnonzero(~((strain[:, k] > low) & (strain[:, k] <= _LARGEST)))
+        if len(out):
+            what = "the amount of shear" if kind.smallest is None else "the stretch"
+            lines = line_numbers([int(line) for line in held.lines[out[:N_NAMED]]], len(out))
+            faults.append(
+                Fault(
+                    f"{what} is out of range in {len(out)} row(s)",
+                    f"{table.path}, column '{table.headers[columns[k].place]}', {lines}",
+                    ", ".join(f"{value:.6g}" for value in strain[out[:N_NAMED], k]),
+                    f"above {low:g}, to {_LARGEST:g}",
+                    "engineering_strain as the column's name, if these are strains; % as its unit, if they are in it",
+                )
+            )
+    return faults
+
+
+def _row_faults(table: Table, names: Iterable[str]) -> list[Fault]:
+    """Specimens with too few rows."""
+    names = list(names)
+    counts = {name: names.count(name) for name in dict.fromkeys(names)}
+    return [
+        Fault("there are too few rows", f"{table.path}, specimen '{name}'", str(n), f"{FEWEST} or more")
+        for name, n in counts.items()
+        if n < FEWEST
+    ]

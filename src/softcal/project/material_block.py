@@ -1,0 +1,76 @@
+"""The part of a project file that states a material as coupon tests found it, with what they say of further bodies.
+
+Three or more specimens of one kind of test show how far specimens differ. A further body of that material is then
+expected to have each constant within the joint value and a standard deviation, which has the scatter between the
+specimens and the error of their mean: the prior of a free parameter.
+"""
+
+from __future__ import annotations
+
+from softcal.calibration.digits import NORMAL_95
+from softcal.coupons.comparison import LawComparison
+from softcal.coupons.law_fit import LawFit
+from softcal.units import format_quantity
+
+ENOUGH = 3  # specimens of one kind of test
+_DIGITS = 6
+_REACH = 5.0  # half-width of the bounds over the standard deviation
+
+
+def material_block(fit: LawFit, comparison: LawComparison, body: str) -> str:
+    """The lines of a body's law and constants, and of the priors of its parameters where the specimens tell them."""
+    lines = [
+        f"# By softcal coupon, from {_tests(comparison)}. Poisson's ratio is stated, not measured.",
+        f"# These keys belong to the body {body}:",
+        f"law: {fit.law.name}",
+    ]
+    for parameter in fit.law.parameters:
+        text = format_quantity(fit.theta[parameter.name], parameter.quantity.unit, digits=_DIGITS)
+        lines.append(f"{parameter.name}: {text}")
+    found = priors(fit, comparison)
+    lines.append("")
+    if not found:
+        return "\n".join([*lines, f"# {no_prior(comparison)}"]) + "\n"
+    lines += ["# And this, where the constants are free or uncertain, one of a further body of this material:", "parameters:"]
+    for parameter in fit.constants.fitted:
+        if parameter.name not in found:
+            continue
+        mean, sd = found[parameter.name]
+        unit, quantity = parameter.quantity.unit, parameter.quantity
+        low, high = mean - _REACH * sd, mean + _REACH * sd
+        if quantity.lower >= 0.0:
+            low = max(low, mean / 10.0)
+        ends = ", ".join(format_quantity(x, unit, digits=_DIGITS) for x in (low, min(high, quantity.upper)))
+        prior = f"mean: {format_quantity(mean, unit, digits=_DIGITS)}, sd: {format_quantity(sd, unit, digits=3)}"
+        lines.append(f"  {body}.{parameter.name}: {{bounds: [{ends}], prior: {{{prior}}}}}")
+    return "\n".join(lines) + "\n"
+
+
+def priors(fit: LawFit, comparison: LawComparison) -> dict[str, tuple[float, float]]:
+    """Constant -> mean and standard deviation [SI] of a further body; empty where there are too few specimens."""
+    if _most_specimens(comparison) < ENOUGH:
+        return {}
+    found: dict[str, tuple[float, float]] = {}
+    for name, spread in fit.statistics.spreads.items():
+        if spread.next_interval is not None:
+            low, high = spread.next_interval
+            found[name] = (fit.theta[name], (high - low) / (2.0 * NORMAL_95))
+    return found
+
+
+def no_prior(comparison: LawComparison) -> str:
+    """Why there is no prior."""
+    n = _most_specimens(comparison)
+    if n < ENOUGH:
+        return f"No prior: {n} specimen{'s' * (n > 1)} of one kind of test; how far specimens differ is seen from {ENOUGH} on."
+    return "No prior: the specimens alone do not determine the constants."
+
+
+def _most_specimens(comparison: LawComparison) -> int:
+    tests = [coupon.test for coupon in comparison.coupons]
+    return max(tests.count(test) for test in tests)
+
+
+def _tests(comparison: LawComparison) -> str:
+    tests = [coupon.test for coupon in comparison.coupons]
+    return ", ".join(f"{tests.count(test)} {test} test{'s' * (tests.count(test) > 1)}" for test in dict.fromkeys(tests))

@@ -1,0 +1,159 @@
+"""Coupon tests read, laws fitted to them and compared, and what is written of them."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from softcal.calibration.outcome import installed_versions
+from softcal.calibration.store import write_text
+from softcal.coupons.comparison import ComparedLaw, LawComparison, require_apart
+from softcal.coupons.coupon import Coupon
+from softcal.coupons.plausibility import require_signs
+from softcal.coupons.reading import read_coupons
+from softcal.csv_text import csv_text
+from softcal.errors import Fault, InputError, ParameterError
+from softcal.project.material_block import material_block, priors
+from softcal.report.coupon_figure import draw_coupons
+from softcal.report.format import file_stem
+from softcal.report.style import encode
+from softcal.workflows.output import new_folder
+
+FORMAT = 1
+RECORD, BLOCK, CONSTANTS, LAWS_TABLE, STRESSES = (
+    "coupon.json",
+    "material.yaml",
+    "constants.csv",
+    "laws.csv",
+    "stresses.csv",
+)
+
+
+def all_coupons(files: Sequence[Path], tests: Sequence[str]) -> list[Coupon]:
+    """The tests of some files; tests: the kind of test of all of them, or of each.
+
+    Raises
+    ------
+    InputError
+        With all faults of all files.
+    """
+    if len(tests) not in (1, len(files)):
+        allowed = f"one for all files, or {len(files)}: one for each"
+        raise ParameterError(Fault("the kinds of test do not match the files", "--test", str(len(tests)), allowed))
+    found: list[Coupon] = []
+    faults: list[Fault] = []
+    for path, test in zip(files, tests if len(tests) > 1 else [*tests] * len(files), strict=True):
+        try:
+            found += read_coupons(path, test)
+        except InputError as error:
+            faults += [fault for fault in error.faults if fault not in faults]
+    if faults:
+        raise InputError(faults)
+    require_apart(found)
+    require_signs(found)
+    return found
+
+
+def write_comparison(found: LawComparison, body: str, folder: Path) -> None:
+    """Write a comparison into a new folder: `coupon.json`, tables, a chart of all laws and of each with its band, and
+    for the recommended law, or the only one, the block of a project file (`material.yaml`).
+
+    Raises
+    ------
+    StorageError
+        If the folder holds files, or cannot be written; nothing is then written.
+    """
+    with new_folder(folder) as part:
+        write_text(part / LAWS_TABLE, laws_csv(found))
+        write_text(part / CONSTANTS, constants_csv(found))
+        write_text(part / STRESSES, stresses_csv(found))
+        pictures = {"laws": [one.fit for one in found.laws]} if len(found.laws) > 1 else {}
+        for stem, fits in {**pictures, **{file_stem(one.name): [one.fit] for one in found.laws}}.items():
+            png, svg = encode(draw_coupons(found.coupons, fits))
+            (part / f"{stem}.png").write_bytes(png)
+            (part / f"{stem}.svg").write_bytes(svg)
+        chosen = found.recommended
+        if chosen is not None:
+            write_text(part / BLOCK, material_block(chosen.fit, found, body))
+        write_text(part / RECORD, json.dumps(comparison_json(found), indent=2, allow_nan=False) + "\n")
+
+
+def laws_csv(found: LawComparison) -> str:
+    """A row for each law."""
+    header = ["law", "constants [1]", "error [1]", "error on tests held out [1]", "AICc [1]", "stable [1]"]
+    limits = [f"unstable from, {mode} [1]" for mode in found.laws[0].fit.stability.limits]
+    rows = [
+        [
+            one.name,
+            len(one.fit.values),
+            one.fit.error,
+            _finite(one.held_out_error),
+            _finite(one.fit.aic),
+            int(one.fit.stability.is_stable),
+            *one.fit.stability.limits.values(),
+        ]
+        for one in found.laws
+    ]
+    return csv_text([*header, *limits], rows)
+
+
+def constants_csv(found: LawComparison) -> str:
+    """A row for each fitted constant of each law [SI]."""
+    rows = [
+        [one.name, name, e.unit, e.value, e.standard_error, *(e.interval or (None, None)), int(e.at_bound)]
+        for one in found.laws
+        for name, e in one.fit.estimates.items()
+    ]
+    return csv_text(["law", "constant", "unit", "value", "standard error", "lower", "upper", "at bound"], rows)
+
+
+def stresses_csv(found: LawComparison) -> str:
+    """A row for each measured stress: strains, and nominal stresses as measured and by each law [SI]."""
+    rows: list[list[object]] = []
+    for i, coupon in enumerate(found.coupons):
+        second = coupon.strain[:, 1] if coupon.strain.shape[1] > 1 else [None] * len(coupon.strain)
+        for k, component in enumerate(coupon.kind.components):
+            columns = [coupon.stress[:, k], *(one.fit.predicted[i][:, k] for one in found.laws)]
+            for first, other, *values in zip(coupon.strain[:, 0], second, *columns, strict=True):
+                rows.append([coupon.name, coupon.test, component, first, other, *values])
+    header = ["specimen", "test", "stress", "strain 1 [1]", "strain 2 [1]", "measured [Pa]"]
+    return csv_text([*header, *(f"{one.name} [Pa]" for one in found.laws)], rows)
+
+
+def comparison_json(found: LawComparison) -> dict[str, Any]:
+    """The comparison as a record, all in SI."""
+    chosen = found.recommended
+    return {
+        "format": FORMAT,
+        "recommended": None if chosen is None else chosen.name,
+        "poissons_ratio": found.poissons_ratio,
+        "tests": [{"specimen": c.name, "test": c.test, "rows": len(c.strain)} for c in found.coupons],
+        "laws": {one.name: _law_json(one, found) for one in found.laws},
+        "same_as": dict(found.same_as),
+        "left_out": dict(found.left_out),
+        "versions": installed_versions(),
+    }
+
+
+def _law_json(one: ComparedLaw, found: LawComparison) -> dict[str, Any]:
+    fit = one.fit
+    return {
+        "constants": dict(fit.theta),
+        "fitted": {name: asdict(estimate) for name, estimate in fit.estimates.items()},
+        "priors": {name: {"mean": mean, "sd": sd} for name, (mean, sd) in priors(fit, found).items()},
+        "error": fit.error,
+        "errors": dict(fit.errors),
+        "held_out_error": _finite(one.held_out_error),
+        "held_out": {name: _finite(error) for name, error in one.held_out.items()},
+        "aic": _finite(fit.aic),
+        "stability": {**asdict(fit.stability), "is_stable": fit.stability.is_stable},
+        "notes": [str(note) for note in fit.statistics.notes],
+    }
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

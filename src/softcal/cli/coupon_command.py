@@ -12,10 +12,15 @@ from softcal.cli.app import app, exit_on_error
 from softcal.cli.printing import print_table, print_warnings
 from softcal.cli.running import clock
 
+from softcal.errors import Fault, ParameterError
+
 if TYPE_CHECKING:
     from rich.table import Table
 
     from softcal.coupons.comparison import ComparedLaw, LawComparison
+
+
+MOST_REACH = 100.0
 
 
 @app.command("coupon")
@@ -66,8 +71,8 @@ def coupon(
     from softcal.workflows.coupon import all_coupons, write_comparison
 
     nu = QUANTITIES["Poisson's ratio"].checked(poissons_ratio, where="--poissons-ratio")
-    if reach is not None:
-        reach = QUANTITIES["locking stretch"].checked(reach, where="--reach")
+    if reach is not None and not 1.0 < reach <= MOST_REACH:
+        raise ParameterError(Fault("this is no stretch to look at", "--reach", f"{reach:g}", f"above 1, to {MOST_REACH:g}"))
     coupons = all_coupons(data, test)
     print_warnings(implausible(coupons))
     with clock() as doing:

@@ -132,7 +132,7 @@ def compare_laws(
         except CalibrationError as error:
             left_out[name] = str(error)
             continue
-        twin = next((other.name for other in found if not laws and _are_same(fit, other.fit)), "")
+        twin = next((other.name for other in found if _are_same(fit, other.fit)), "")
         if twin:
             same_as[name] = twin
             continue

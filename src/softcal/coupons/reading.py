@@ -147,6 +147,8 @@ def _strain_faults(
         low = -_LARGEST if kind.smallest is None else kind.smallest
         out = np.flatnonzero(~((strain[:, k] > low) & (strain[:, k] <= _LARGEST)))
         if len(out):
+            strains = "% as the unit, if these are in per cent"
+            attempt = "the name engineering_strain, if these are strains" if columns[k].measure == "stretch" else strains
             what = "the amount of shear" if kind.smallest is None else "the stretch"
             lines = line_numbers([int(line) for line in held.lines[out[:N_NAMED]]], len(out))
             faults.append(
@@ -155,7 +157,7 @@ def _strain_faults(
                     f"{table.path}, column '{table.headers[columns[k].place]}', {lines}",
                     ", ".join(f"{value:.6g}" for value in strain[out[:N_NAMED], k]),
                     f"above {low:g}, to {_LARGEST:g}",
-                    "engineering_strain as the column's name, if these are strains; % as its unit, if they are in it",
+                    attempt,
                 )
             )
     return faults

@@ -17,7 +17,7 @@ from softcal.checks import Floats
 from softcal.coupons.problem import CouponProblem
 from softcal.errors import CalibrationError
 
-STARTS = 30
+STARTS = 20
 """Number of starts of a law with ratios or exponents."""
 _REFINED = 3  # of them
 _SPREAD = 8.0  # of the starts of a positive ratio, as a factor; of exponents, their largest magnitude
@@ -70,6 +70,7 @@ class _Projected:
         self._problem, self._lower, self._upper = problem, lower, upper
         self._fitted = problem.constants.fitted
         self._linear = np.array([p.quantity.unit == "Pa" for p in self._fitted])
+        self._last: tuple[bytes, tuple[Floats, Floats]] = (b"", (np.zeros(0), np.zeros((0, 0))))
 
     def ends(self, n: int) -> list[Floats]:
         """The best ends of searches from n starts, in all constants; of one where there is no ratio or exponent."""
@@ -77,7 +78,7 @@ class _Projected:
 
         free = ~self._linear
         if not free.any():
-            return [self._completed(np.zeros(0))[0]]
+            return [self._complete(np.zeros(0))[0]]
         rng, stretch = np.random.default_rng(1), max(coupon.largest_stretch for coupon in self._problem.coupons)
         found: list[tuple[float, Floats]] = []
         for k in range(n):
@@ -101,6 +102,11 @@ class _Projected:
 
     def _completed(self, x: Floats) -> tuple[Floats, Floats]:
         """All constants, those with the unit of a stress being the best beside x; and a basis of what those change."""
+        if self._last[0] != x.tobytes():  # residuals and jacobian are asked for at the same place, one after the other
+            self._last = (x.tobytes(), self._complete(x))
+        return self._last[1]
+
+    def _complete(self, x: Floats) -> tuple[Floats, Floats]:
         values = np.array([parameter.typical for parameter in self._fitted])
         values[self._linear] = [self._problem.space.start[p.name] for p in self._fitted if p.quantity.unit == "Pa"]
         values[~self._linear] = x

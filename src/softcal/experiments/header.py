@@ -87,7 +87,9 @@ def read_layout(
     layout.filters += _filters(table, where or {}, layout.faults)
     layout.label = None if label is None else find_column(table, label, layout.faults)
     for key, place in layout.places.items():
-        found = unit_of_column(table, place, column_unit(key) or "1", layout.unit_faults, layout.columns[key].unit)
+        si_unit = column_unit(key) or "1"
+        attempt = f"unit: {'mm' if si_unit == 'm' else si_unit}, in the project"
+        found = unit_of_column(table, place, si_unit, layout.unit_faults, layout.columns[key].unit, attempt)
         if found is not None:
             layout.units[key], layout.factors[key] = found
     return layout
@@ -177,11 +179,16 @@ def _filters(table: Table, where: Mapping[str, object], faults: list[Fault]) -> 
 
 
 def unit_of_column(
-    table: Table, place: int, si_unit: str, faults: list[Fault], stated: str | None = None
+    table: Table,
+    place: int,
+    si_unit: str,
+    faults: list[Fault],
+    stated: str | None = None,
+    attempt: str = "the unit in brackets behind the name of the column",
 ) -> tuple[str, float] | None:
     """Unit of a column and its factor to SI, from the project or the file; a contradiction of both is a fault.
 
-    stated: the unit that the project gives, None for that of the file.
+    stated: the unit that the project gives, None for that of the file. attempt: where to state one that is missing.
     """
     header = table.headers[place]
     where = f"{table.path}, line {table.header_line}, column '{header}'"
@@ -195,8 +202,8 @@ def unit_of_column(
                 Fault(
                     "the unit is missing",
                     where=where,
-                    allowed=f"a unit that converts to {si_unit}, in the header, in a row under it, or in the project",
-                    attempt=f"unit: {'mm' if si_unit == 'm' else si_unit}",
+                    allowed=f"a unit that converts to {si_unit}, in the header or in a row under it",
+                    attempt=attempt,
                 )
             )
             return None

@@ -24,6 +24,7 @@ from softcal.report.style import encode
 from softcal.workflows.output import new_folder
 
 FORMAT = 1
+_DRAWN = 3  # laws in the chart of several
 RECORD, BLOCK, CONSTANTS, LAWS_TABLE, STRESSES = (
     "coupon.json",
     "material.yaml",
@@ -59,7 +60,7 @@ def all_coupons(files: Sequence[Path], tests: Sequence[str]) -> list[Coupon]:
 
 
 def write_comparison(found: LawComparison, body: str, folder: Path) -> None:
-    """Write a comparison into a new folder: `coupon.json`, tables, a chart of all laws and of each with its band, and
+    """Write a comparison into a new folder: `coupon.json`, tables, a chart of the three best laws and of each law with its band, and
     for the recommended law, or the only one, the block of a project file (`material.yaml`).
 
     Raises
@@ -71,7 +72,7 @@ def write_comparison(found: LawComparison, body: str, folder: Path) -> None:
         write_text(part / LAWS_TABLE, laws_csv(found))
         write_text(part / CONSTANTS, constants_csv(found))
         write_text(part / STRESSES, stresses_csv(found))
-        pictures = {"laws": [one.fit for one in found.laws]} if len(found.laws) > 1 else {}
+        pictures = {"laws": [one.fit for one in found.laws[:_DRAWN]]} if len(found.laws) > 1 else {}
         for stem, fits in {**pictures, **{file_stem(one.name): [one.fit] for one in found.laws}}.items():
             png, svg = encode(draw_coupons(found.coupons, fits))
             (part / f"{stem}.png").write_bytes(png)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,14 +11,14 @@ from softcal.checks import Floats
 from softcal.coupons.coupon import Coupon
 
 # Mooney and Rivlin: nominal stress by the test, at C10, C01 and the stretch (or the amount of shear).
-MOONEY_RIVLIN = {
+MOONEY_RIVLIN: Mapping[str, Callable[[float, float, Floats], Floats]] = {
     "uniaxial": lambda a, b, x: 2 * (x - x**-2) * (a + b / x),
     "planar": lambda a, b, x: 2 * (a + b) * (x - x**-3),
     "equibiaxial": lambda a, b, x: 2 * (x - x**-5) * (a + b * x**2),
     "shear": lambda a, b, x: 2 * (a + b) * x,
 }
 # Ogden: nominal stress of one term, at mu, alpha and the stretch (or the amount of shear).
-OGDEN = {
+OGDEN: Mapping[str, Callable[[float, float, Floats], Floats]] = {
     "uniaxial": lambda m, a, x: m * (x ** (a - 1) - x ** (-a / 2 - 1)),
     "planar": lambda m, a, x: m * (x ** (a - 1) - x ** (-a - 1)),
     "equibiaxial": lambda m, a, x: m * (x ** (a - 1) - x ** (-2 * a - 1)),
@@ -36,7 +36,7 @@ def strains_of(test: str, largest: float = 3.0, n: int = 25) -> Floats:
     return np.linspace(0.05 if test == "shear" else 1.05, largest, n)[:, None]
 
 
-def mooney_coupon(name: str, test: str, constants: Sequence[float], noise: Floats | float = 0.0) -> Coupon:
+def mooney_coupon(name: str, test: str, constants: tuple[float, float], noise: Floats | float = 0.0) -> Coupon:
     """A test of Mooney's and Rivlin's law with noise [Pa]."""
     strain = strains_of(test)
     return Coupon(name, test, strain, MOONEY_RIVLIN[test](*constants, strain) + np.reshape(noise, (-1, 1)))
@@ -48,5 +48,3 @@ def write_coupon(path: Path, columns: Mapping[str, Sequence[object] | Floats]) -
     lines = [",".join(columns), *(",".join(str(cell) for cell in row) for row in rows)]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path
-
-

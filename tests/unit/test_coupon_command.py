@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from coupon_case import MOONEY_RIVLIN, mooney_coupon, strains_of, write_coupon
-from project_case import PROJECT, write_project
+from project_case import write_project
 from ruamel.yaml import YAML
 from typer.testing import CliRunner
 
 from softcal.cli import app
 from softcal.coupons.comparison import compare_laws
+from softcal.coupons.coupon import Coupon
 from softcal.coupons.held_out import folds
 from softcal.project.material_block import material_block, priors
 from softcal.project.project import load
@@ -45,7 +46,15 @@ def written(tmp_path_factory: pytest.TempPathFactory):
         stress = 1e-6 * MOONEY_RIVLIN[test](C10, C01, strain) + noise
         columns = {"stretch": strain, "nominal_stress [MPa]": stress}
         files.append(str(write_coupon(folder / f"{test}.csv", columns)))
-    words = ["coupon", *files, "--test", "uniaxial", "--test", "equibiaxial", *(w for law in LAWS for w in ("--law", law))]
+    words = [
+        "coupon",
+        *files,
+        "--test",
+        "uniaxial",
+        "--test",
+        "equibiaxial",
+        *(w for law in LAWS for w in ("--law", law)),
+    ]
     done = CliRunner().invoke(app, [*words, "--body", "bar", "--out", str(folder / "out")])
     assert done.exit_code == 0, done.output
     return done.output, folder / "out"
@@ -76,7 +85,7 @@ def test_everything_is_written(written: tuple[str, Path]):
     assert np.abs(stresses["mooneyrivlin_Pa"] / stresses["measured_Pa"] - 1).mean() < 0.05
 
 
-def test_the_scatter_between_specimens_is_the_prior_of_a_further_body(specimens: list, tmp_path: Path):
+def test_the_scatter_between_specimens_is_the_prior_of_a_further_body(specimens: list[Coupon], tmp_path: Path):
     found = compare_laws(specimens, ["mooney-rivlin"])
     fit = found.laws[0].fit
     mean, sd = priors(fit, found)["C10"]

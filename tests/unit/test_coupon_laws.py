@@ -70,7 +70,9 @@ def test_volumetric_constants_are_stated_and_not_fitted():
     assert free_constants(LAWS["neo-hooke"], 0.4).theta([1e6]) == {"youngs_modulus": 1e6, "poissons_ratio": 0.4}
 
 
-@pytest.mark.parametrize(("name", "why"), [("stvenant-kirchhoff", "incompressible form"), ("neo-hooke-layered", "direction")])
+@pytest.mark.parametrize(
+    ("name", "why"), [("stvenant-kirchhoff", "incompressible form"), ("neo-hooke-layered", "direction")]
+)
 def test_laws_without_an_incompressible_form_are_refused(name: str, why: str):
     with pytest.raises(InputError, match=why):
         free_constants(LAWS[name])
@@ -82,9 +84,7 @@ def test_the_stiffness_is_that_of_ogdens_energy(first: float, second: float):
     free = free_constants(LAWS["ogden-2"])
     found = stiffness(free, np.array([x for term in TERMS for x in term]), np.array([first]), np.array([second]))[0]
     third = 1 / (first * second)
-    wanted = sum(
-        m * a * (np.diag([first**a, second**a]) + third**a * np.ones((2, 2))) for m, a in TERMS
-    )
+    wanted = sum(m * a * (np.diag([first**a, second**a]) + third**a * np.ones((2, 2))) for m, a in TERMS)
     np.testing.assert_allclose(found, wanted, rtol=1e-9)
 
 

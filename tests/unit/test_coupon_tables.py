@@ -81,9 +81,13 @@ ROWS = {"stretch": STRETCH, "nominal_stress [MPa]": NOMINAL}
         (ROWS, "--reach 0.9", ("--reach", "above 1")),
     ],
 )
-def test_bad_input_is_refused_in_a_sentence(tmp_path: Path, columns: dict[str, np.ndarray], options: str, said: tuple[str, ...]):
+def test_bad_input_is_refused_in_a_sentence(
+    tmp_path: Path, columns: dict[str, np.ndarray], options: str, said: tuple[str, ...]
+):
     path = write_coupon(tmp_path / "a.csv", columns)
-    done = CliRunner().invoke(app, ["coupon", str(path), "--test", "uniaxial", *options.split(), "--out", str(tmp_path / "out")])
+    done = CliRunner().invoke(
+        app, ["coupon", str(path), "--test", "uniaxial", *options.split(), "--out", str(tmp_path / "out")]
+    )
     assert done.exit_code == 2, done.output
     for text in said:
         assert text in done.output

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from softcal.coupons.comparison import LawComparison, compare_laws
+from softcal.coupons.coupon import Coupon
 from softcal.coupons.free_constants import free_constants
 from softcal.coupons.problem import CouponProblem, coupon_loss
 from softcal.coupons.reading import read_coupons
@@ -39,9 +40,9 @@ def by_law(found: LawComparison) -> dict[str, float]:
     return {one.name: one.fit.error for one in found.laws}
 
 
-def test_ogdens_published_constants_meet_treloars_curve_and_the_fit_is_nearer(treloar: list):
-    """Ogden fitted three tests at once, by hand, and this is one of them: his curve is somewhat high at small stretches,
-    and below the last points.
+def test_ogdens_published_constants_meet_treloars_curve_and_the_fit_is_nearer(treloar: list[Coupon]):
+    """Ogden fitted three tests at once, by hand, and this is one of them: his curve is somewhat high at small
+    stretches, and below the last points.
     """
     problem = CouponProblem(free_constants(LAWS["ogden-3"]), treloar, coupon_loss(treloar))
     published = np.array([x for mu, alpha in OGDEN_1972 for x in (mu * KGF_PER_CM2, alpha)])
@@ -55,10 +56,8 @@ def test_ogdens_published_constants_meet_treloars_curve_and_the_fit_is_nearer(tr
 
 
 @pytest.mark.slow  # twenty seconds: every law, each with tests held out
-def test_every_law_is_fitted_to_treloars_and_the_known_order_is_found(treloar: list):
-    """Laws that stiffen as chains come to their limit follow the curve; neo-Hooke's and Mooney's and Rivlin's do not
-    (Steinmann, Hossain and Possart, Arch. Appl. Mech. 82 (2012) 1183).
-    """
+def test_every_law_is_fitted_to_treloars_and_the_known_order_is_found(treloar: list[Coupon]):
+    """Laws that stiffen as chains come to their limit follow the curve; neo-Hooke's, Mooney's and Rivlin's do not."""
     found = compare_laws(treloar)
     errors = by_law(found)
     for stiffening in ("gent", "arruda-boyce", "yeoh", "ogden-2", "ogden-3", "ogden-4"):
@@ -67,10 +66,11 @@ def test_every_law_is_fitted_to_treloars_and_the_known_order_is_found(treloar: l
     assert errors["mooney-rivlin"] < errors["neo-hooke"]
     assert found.recommended is not None
     assert found.recommended.name == "gent"
+    assert as_printed(found) == printed("Treloar's uniaxial test")
 
 
 @pytest.mark.slow  # twenty seconds: every law, each with tests held out
-def test_kawabatas_biaxial_tests_tell_invariants_from_stretches(kawabata: list):
+def test_kawabatas_biaxial_tests_tell_invariants_from_stretches(kawabata: list[Coupon]):
     """Laws in the first invariant alone miss the second axis: they are no better than neo-Hooke's."""
     found = compare_laws(kawabata)
     errors = by_law(found)
@@ -80,3 +80,27 @@ def test_kawabatas_biaxial_tests_tell_invariants_from_stretches(kawabata: list):
     assert errors["ogden-3"] < 0.02
     assert found.recommended is not None
     assert found.recommended.name == "ogden-3"
+    assert as_printed(found) == printed("Kawabata's biaxial tests")
+
+
+def printed(title: str) -> dict[str, list[str]]:
+    """The first table of docs/coupons.md below a text: law -> the cells."""
+    text = (Path(__file__).parents[2] / "docs/coupons.md").read_text(encoding="utf-8").split(title)[1]
+    rows = [line.strip("| ").split(" | ") for line in text.split("\n\n")[1].splitlines()[2:]]
+    return {name: cells for name, *cells in rows}
+
+
+def as_printed(found: LawComparison) -> dict[str, list[str]]:
+    least = min(one.fit.aic for one in found.laws)
+    yes = {True: "yes", False: "no"}
+    return {
+        one.name: [
+            str(len(one.fit.values)),
+            f"{100 * one.fit.error:.1f} %",
+            f"{100 * one.held_out_error:.1f} %",
+            f"{one.fit.aic - least:.0f}",
+            yes[one.fit.stability.is_stable],
+            yes[one.fit.is_determined],
+        ]
+        for one in found.laws
+    }

@@ -11,7 +11,6 @@ import typer
 from softcal.cli.app import app, exit_on_error
 from softcal.cli.printing import print_table, print_warnings
 from softcal.cli.running import clock
-
 from softcal.errors import Fault, ParameterError
 
 if TYPE_CHECKING:
@@ -49,17 +48,20 @@ def coupon(
     reach: Annotated[
         float | None,
         typer.Option(
-            metavar="STRETCH", help="Stretch up to which to look at stability; 1.5 times the largest by default.",
+            metavar="STRETCH",
+            help="Stretch up to which to look at stability; 1.5 times the largest by default.",
             show_default=False,
         ),
     ] = None,
     body: Annotated[str, typer.Option(metavar="NAME", help="The body's name in the block of a project file.")] = "body",
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="A folder, new or empty, for charts, tables and the block.", show_default=False),
+        typer.Option(
+            metavar="DIR", help="A folder, new or empty, for charts, tables and the block.", show_default=False
+        ),
     ] = None,
 ) -> None:
-    """Fit laws to coupon tests: constants with intervals, errors on tests held out, stability, a project file's block."""
+    """Fit laws to coupon tests: constants with intervals, errors on tests held out, stability, and a body's block."""
     from softcal.workflows.output import require_free_folder
 
     if out is not None:
@@ -72,7 +74,9 @@ def coupon(
 
     nu = QUANTITIES["Poisson's ratio"].checked(poissons_ratio, where="--poissons-ratio")
     if reach is not None and not 1.0 < reach <= MOST_REACH:
-        raise ParameterError(Fault("this is no stretch to look at", "--reach", f"{reach:g}", f"above 1, to {MOST_REACH:g}"))
+        raise ParameterError(
+            Fault("this is no stretch to look at", "--reach", f"{reach:g}", f"above 1, to {MOST_REACH:g}")
+        )
     coupons = all_coupons(data, test)
     print_warnings(implausible(coupons))
     with clock() as doing:
@@ -105,7 +109,11 @@ def _laws(found: LawComparison) -> Table:
     for one in found.laws:
         fit = one.fit
         limits = [
-            f"to {plain(fit.stability.reach, 3)}" if end is None else f"below {plain(end, 3)}" if end > 1.0 else "nowhere"
+            f"to {plain(fit.stability.reach, 3)}"
+            if end is None
+            else f"below {plain(end, 3)}"
+            if end > 1.0
+            else "nowhere"
             for end in fit.stability.limits.values()
         ]
         held_out = f"{100 * one.held_out_error:.1f} %" if math.isfinite(one.held_out_error) else "none"

@@ -75,8 +75,8 @@ class LawComparison:
 
     @property
     def recommended(self) -> ComparedLaw | None:
-        """Of the stable laws with constants that the tests determine, whose error on tests held out is nearly the least,
-        the one with the fewest constants.
+        """Of the stable laws with constants that the tests determine, and with nearly the least error on tests held
+        out, the one with the fewest constants.
         """
         fits = [one for one in self.laws if one.fit.stability.is_stable and one.fit.is_determined]
         stable = [one for one in fits if math.isfinite(one.held_out_error)]

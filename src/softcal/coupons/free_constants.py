@@ -103,11 +103,7 @@ def free_constants(law: Law, poissons_ratio: float = POISSONS_RATIO) -> FreeCons
     slopes = LawResponse(law, states).by_constants(values).reshape(-1, len(values))
     slopes = slopes * np.array([_size(p, 1.0) for p in law.parameters])
     sizes = np.abs(slopes).max(axis=0)
-    fitted = [
-        k
-        for k, p in enumerate(law.parameters)
-        if p.quantity.name != _NU and sizes[k] > _NONE * sizes.max()
-    ]
+    fitted = [k for k, p in enumerate(law.parameters) if p.quantity.name != _NU and sizes[k] > _NONE * sizes.max()]
     for k, p in enumerate(law.parameters):
         others = slopes[:, fitted]
         left = slopes[:, k] - others @ np.linalg.lstsq(others, slopes[:, k], rcond=None)[0]
@@ -139,5 +135,3 @@ def _bounded(parameter: Parameter, modulus: float) -> FreeParameter:
         return FreeParameter(parameter.name, quantity.unit, lower, min(quantity.upper, size * _WIDE), "log")
     wide = _STEEPEST if quantity is QUANTITIES["exponent of stretches"] else size * _WIDE**0.5
     return FreeParameter(parameter.name, quantity.unit, max(quantity.lower, -wide), min(quantity.upper, wide))
-
-

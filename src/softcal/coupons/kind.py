@@ -1,12 +1,12 @@
-"""The kinds of coupon test, in closed form: the deformation of an incompressible coupon, and the stress that is measured.
+"""The kinds of coupon test, in closed form: the deformation of an incompressible coupon, and the measured stress.
 
 Of principal stretches lambda1, lambda2 and lambda3 = 1/(lambda1 lambda2) the third side is free: the pressure keeps its
 stress zero, so that the nominal stresses are
 
     P_i = lambda_i S_i - lambda3^2 S_3 / lambda_i,    i = 1, 2
 
-S being the second Piola-Kirchhoff stress of the energy alone. In simple shear, F = I + gamma e1 e2, the pressure does not
-enter the shear stress P_12 = S_12 + gamma S_22, which is nominal and true at once.
+S being the second Piola-Kirchhoff stress of the energy alone. In simple shear, F = I + gamma e1 e2, the pressure does
+not enter the shear stress P_12 = S_12 + gamma S_22, which is nominal and true at once.
 """
 
 from __future__ import annotations

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.calibration.parameters import SearchSpace
-from softcal.calibration.sensitivity import Statistics, local_statistics
 from softcal.calibration.result import Estimate
+from softcal.calibration.sensitivity import Statistics, local_statistics
 from softcal.checks import Floats
 from softcal.coupons.coupon import Coupon
 from softcal.coupons.free_constants import FreeConstants
@@ -113,7 +113,9 @@ def relative_errors(loss: CouponLoss, coupons: Sequence[Coupon], predicted: Sequ
     """Kind of test -> root-mean-square error of its predicted stresses over its scale [-]."""
     squares: dict[str, list[Floats]] = {}
     for coupon, stress in zip(coupons, predicted, strict=True):
-        squares.setdefault(coupon.test, []).append(np.square((stress - coupon.stress) / loss.scales[coupon.test]).ravel())
+        squares.setdefault(coupon.test, []).append(
+            np.square((stress - coupon.stress) / loss.scales[coupon.test]).ravel()
+        )
     return {test: math.sqrt(float(np.concatenate(parts).mean())) for test, parts in squares.items()}
 
 

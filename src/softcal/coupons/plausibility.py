@@ -13,8 +13,9 @@ from softcal.errors import DatasetError, Fault
 from softcal.materials.neo_hooke import NEO_HOOKE_ISOCHORIC
 
 _MODERATE = 2.5  # largest stretch up to which rubber-like bodies are nearly neo-Hookean
-_FEWEST = 5
-_FITS, _BETTER = 0.08, 3.0
+_TELLING = 1.3  # largest stretch from which true and nominal stresses are told apart
+_FEWEST = 5  # rows
+_FITS, _BETTER = 0.08, 3.0  # error of what the other measure would be, and the stated one's error over it
 
 
 def require_signs(coupons: Sequence[Coupon]) -> None:
@@ -51,18 +52,19 @@ def implausible(coupons: Sequence[Coupon]) -> list[str]:
     """
     found: list[str] = []
     for coupon in coupons:
-        moderate = (coupon.strain < _MODERATE).all(axis=1) & (coupon.strain > 1 / _MODERATE).all(axis=1)
-        if coupon.test == "shear" or moderate.sum() < _FEWEST or coupon.strain[moderate].max() < 1.3:
+        moderate = np.all((coupon.strain < _MODERATE) & (coupon.strain > 1 / _MODERATE), axis=1)
+        if coupon.test == "shear" or moderate.sum() < _FEWEST or coupon.strain[moderate].max() < _TELLING:
             continue
-        near = coupon.rows(moderate)
+        near = coupon.rows(np.asarray(moderate))
         error = _misfit(near, near.stress)
         as_true, as_nominal = _misfit(near, near.stress / near.strain), _misfit(near, near.stress * near.strain)
         for other, was, might in ((as_true, "nominal", "true"), (as_nominal, "true", "nominal")):
             if other < _FITS and error > _BETTER * other:
                 found.append(
-                    f"{coupon.name}: taken for {might} stresses where they were read as {was} ones, these numbers would "
-                    f"be those of a neo-Hookean body within {100 * other:.1f} % up to a stretch of "
-                    f"{near.strain.max():.2g}; as they are, within {100 * error:.0f} %. Check which stress was measured."
+                    f"{coupon.name}: taken for {might} stresses where they were read as {was} ones, these numbers "
+                    f"would be those of a neo-Hookean body within {100 * other:.1f} % up to a stretch of "
+                    f"{near.strain.max():.2g}; as they are, within {100 * error:.0f} %. Check which stress was "
+                    "measured."
                 )
     return found
 

@@ -137,7 +137,5 @@ class CouponProblem:
             residual, slopes = response.stress(ordered) - coupon.stress, response.by_constants(ordered)[..., columns]
             for k, stress in enumerate(coupon.kind.components):
                 channel = f"{coupon.test} {stress}"
-                found.append(
-                    Block(coupon.name, channel, coupon.stress[:, k], residual[:, k], jacobian=slopes[:, k])
-                )
+                found.append(Block(coupon.name, channel, coupon.stress[:, k], residual[:, k], jacobian=slopes[:, k]))
         return found

@@ -103,10 +103,15 @@ def read_coupons(path: str | Path, test: str) -> list[Coupon]:
     if faults:
         raise DatasetError(faults)
     stress = np.column_stack(
-        [kind.stresses[c.measure](v, strain[:, i]) for i, (c, v) in enumerate(zip(columns[k:], values[k:], strict=True))]
+        [
+            kind.stresses[c.measure](v, strain[:, i])
+            for i, (c, v) in enumerate(zip(columns[k:], values[k:], strict=True))
+        ]
     )
     if not stress.any():
-        raise DatasetError(Fault("every stress is zero", str(path), attempt="the column of the stress that was measured"))
+        raise DatasetError(
+            Fault("every stress is zero", str(path), attempt="the column of the stress that was measured")
+        )
     found: list[Coupon] = []
     for name in dict.fromkeys(names):
         own = np.flatnonzero([one == name for one in names])
@@ -148,7 +153,9 @@ def _strain_faults(
         out = np.flatnonzero(~((strain[:, k] > low) & (strain[:, k] <= _LARGEST)))
         if len(out):
             strains = "% as the unit, if these are in per cent"
-            attempt = "the name engineering_strain, if these are strains" if columns[k].measure == "stretch" else strains
+            attempt = (
+                "the name engineering_strain, if these are strains" if columns[k].measure == "stretch" else strains
+            )
             what = "the amount of shear" if kind.smallest is None else "the stretch"
             lines = line_numbers([int(line) for line in held.lines[out[:N_NAMED]]], len(out))
             faults.append(

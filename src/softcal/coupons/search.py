@@ -33,8 +33,6 @@ def fitted_values(problem: CouponProblem, start: Floats | None = None, starts: i
     CalibrationError
         Where the law's energy does not exist at any start.
     """
-    from scipy.optimize import least_squares
-
     lower = np.array([p.lower for p in problem.space.parameters])
     upper = np.array([p.upper for p in problem.space.parameters])
     searched = _Projected(problem, lower, upper)
@@ -45,7 +43,7 @@ def fitted_values(problem: CouponProblem, start: Floats | None = None, starts: i
         inside = np.clip(x, lower + 1e-9 * (upper - lower), upper - 1e-9 * (upper - lower))
         if not (np.isfinite(problem.residuals(inside)).all() and np.isfinite(problem.jacobian(inside)).all()):
             continue
-        found = least_squares(
+        found = _least_squares(
             problem.residuals,
             inside,
             problem.jacobian,
@@ -63,6 +61,13 @@ def fitted_values(problem: CouponProblem, start: Floats | None = None, starts: i
     return np.asarray(best.x, dtype=np.float64)
 
 
+def _least_squares(*given: Any, **options: Any) -> Any:
+    """SciPy's, whose types do not allow an exact jacobian."""
+    from scipy import optimize
+
+    return optimize.least_squares(*given, **options)
+
+
 class _Projected:
     """The residuals as functions of the ratios and exponents alone."""
 
@@ -74,20 +79,20 @@ class _Projected:
 
     def ends(self, n: int) -> list[Floats]:
         """The best ends of searches from n starts, in all constants; of one where there is no ratio or exponent."""
-        from scipy.optimize import least_squares
-
         free = ~self._linear
         if not free.any():
             return [self._complete(np.zeros(0))[0]]
         rng, stretch = np.random.default_rng(1), max(coupon.largest_stretch for coupon in self._problem.coupons)
         found: list[tuple[float, Floats]] = []
         for k in range(n):
-            drawn = np.array([p.typical if not k else _drawn(p.typical, p.quantity.lower, stretch, rng) for p in self._fitted])
+            drawn = np.array(
+                [p.typical if not k else _drawn(p.typical, p.quantity.lower, stretch, rng) for p in self._fitted]
+            )
             x = np.clip(drawn, self._lower, self._upper)[free]
             if np.abs(self._residuals(x)).max() >= _FAR:
                 continue
             bounds = self._lower[free], self._upper[free]
-            end = least_squares(self._residuals, x, self._jacobian, bounds, x_scale="jac", ftol=1e-6, max_nfev=60)
+            end = _least_squares(self._residuals, x, self._jacobian, bounds, x_scale="jac", ftol=1e-6, max_nfev=60)
             found.append((float(end.cost), self._completed(end.x)[0]))
         return [values for _, values in sorted(found, key=lambda one: one[0])[:_REFINED]]
 

@@ -61,7 +61,7 @@ def stability(constants: FreeConstants, values: Floats, coupons: Sequence[Coupon
     """Where the law is stable at the values of its fitted constants; reach: the stretch up to which to look, or the
     largest measured one where that is larger.
     """
-    stretches = [np.linalg.svd(coupon.states.points.F, compute_uv=False) for coupon in coupons]
+    stretches: list[Floats] = [np.linalg.svd(c.states.points.F, compute_uv=False).astype(float) for c in coupons]
     size = max(float(np.linalg.norm(np.log(one), axis=1).max()) for one in stretches)
     measured = {mode: float(np.exp(size / np.linalg.norm(direction))) for mode, direction in MODES.items()}
     reach = max(reach, *measured.values())
@@ -87,10 +87,9 @@ def stiffness(constants: FreeConstants, values: Floats, first: Floats, second: F
     """Change of the Kirchhoff stresses along two axes by the logarithmic strains along them (n, 2, 2) [Pa]."""
     at = principal_states(first, second, 2).points
     squares = np.einsum("nii->ni", at.F) ** 2
-    S, D = Deformation(compile_law(constants.law), at).stress(constants.ordered(values))
-    S, D = S[:, :3], D[:, :3, :3]
-    # d tau'_i = d(lambda_i^2 S_i) by each ln lambda_j, of the three sides; then the third follows the other two.
-    whole = squares[:, :, None] * D * squares[:, None, :]
-    whole += 2.0 * (squares * S)[:, :, None] * np.eye(3)
+    stress = Deformation(compile_law(constants.law), at).stress(constants.ordered(values))
+    # d(lambda_i^2 S_i) by each ln lambda_j, of all three sides; the third follows the other two.
+    whole = squares[:, :, None] * stress.D[:, :3, :3] * squares[:, None, :]
+    whole += 2.0 * (squares * stress.S[:, :3])[:, :, None] * np.eye(3)
     apart = whole[:, :2] - whole[:, 2:]
     return apart[:, :, :2] - apart[:, :, 2:]

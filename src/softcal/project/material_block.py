@@ -31,7 +31,10 @@ def material_block(fit: LawFit, comparison: LawComparison, body: str) -> str:
     lines.append("")
     if not found:
         return "\n".join([*lines, f"# {no_prior(comparison)}"]) + "\n"
-    lines += ["# And this, where the constants are free or uncertain, one of a further body of this material:", "parameters:"]
+    lines += [
+        "# And this, where the constants are free or uncertain, one of a further body of this material:",
+        "parameters:",
+    ]
     for parameter in fit.constants.fitted:
         if parameter.name not in found:
             continue
@@ -62,7 +65,8 @@ def no_prior(comparison: LawComparison) -> str:
     """Why there is no prior."""
     n = _most_specimens(comparison)
     if n < ENOUGH:
-        return f"No prior: {n} specimen{'s' * (n > 1)} of one kind of test; how far specimens differ is seen from {ENOUGH} on."
+        specimens = f"{n} specimen{'s' * (n > 1)} of one kind of test"
+        return f"No prior: {specimens}; how far specimens differ is seen from {ENOUGH} on."
     return "No prior: the specimens alone do not determine the constants."
 
 

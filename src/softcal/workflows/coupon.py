@@ -39,6 +39,8 @@ def all_coupons(files: Sequence[Path], tests: Sequence[str]) -> list[Coupon]:
 
     Raises
     ------
+    ParameterError
+        Where the kinds of test do not match the files, or two tests are of one specimen.
     InputError
         With all faults of all files.
     """
@@ -60,8 +62,8 @@ def all_coupons(files: Sequence[Path], tests: Sequence[str]) -> list[Coupon]:
 
 
 def write_comparison(found: LawComparison, body: str, folder: Path) -> None:
-    """Write a comparison into a new folder: `coupon.json`, tables, a chart of the three best laws and of each law with its band, and
-    for the recommended law, or the only one, the block of a project file (`material.yaml`).
+    """Write a comparison into a new folder: `coupon.json`, tables, a chart of the three best laws and of each law with
+    its band, and for the recommended law the block of a project file (`material.yaml`).
 
     Raises
     ------

@@ -29,6 +29,10 @@ if TYPE_CHECKING:
     from softcal.calibration.result import SweepResult as SweepResult
     from softcal.calibration.settings import SearchSettings as SearchSettings
     from softcal.calibration.uncertain import UncertainParameter as UncertainParameter
+    from softcal.coupons.comparison import LawComparison as LawComparison
+    from softcal.coupons.comparison import compare_laws as compare_laws
+    from softcal.coupons.coupon import Coupon as Coupon
+    from softcal.coupons.reading import read_coupons as read_coupons
     from softcal.errors import CalibrationError as CalibrationError
     from softcal.errors import DatasetError as DatasetError
     from softcal.errors import Fault as Fault
@@ -133,6 +137,7 @@ _HOMES = {
     "Clamp": "softcal.twin.clamp",
     "Command": "softcal.twin.protocol",
     "Contact": "softcal.twin.barrier",
+    "Coupon": "softcal.coupons.coupon",
     "Dataset": "softcal.experiments.dataset",
     "DatasetError": "softcal.errors",
     "Disc": "softcal.twin.robot",
@@ -144,14 +149,16 @@ _HOMES = {
     "Fault": "softcal.errors",
     "FreeParameter": "softcal.calibration.parameters",
     "GivenSection": "softcal.geometry.section",
-    "UncertainParameter": "softcal.calibration.uncertain",
     "InputError": "softcal.errors",
     "Law": "softcal.materials.law",
+    "LawComparison": "softcal.coupons.comparison",
     "Limit": "softcal.limits",
     "Loss": "softcal.calibration.loss",
     "Manipulator": "softcal.twin.manipulator",
     "Marker": "softcal.twin.robot",
+    "Material": "softcal.twin.material",
     "MeshError": "softcal.errors",
+    "Moment": "softcal.twin.robot",
     "NamedSensor": "softcal.sensing.sensor",
     "Optimiser": "softcal.calibration.optimiser",
     "Option": "softcal.calibration.option",
@@ -187,11 +194,14 @@ _HOMES = {
     "TetMesh": "softcal.geometry.mesh",
     "Tie": "softcal.twin.robot",
     "TimeSettings": "softcal.twin.time_settings",
+    "UncertainParameter": "softcal.calibration.uncertain",
     "UnitError": "softcal.errors",
+    "VariedSection": "softcal.geometry.varied_section",
     "ViaPoint": "softcal.twin.robot",
     "box_mesh": "softcal.geometry.primitives",
     "calibrate": "softcal.workflows.calibration",
     "check": "softcal.workflows.checking",
+    "compare_laws": "softcal.coupons.comparison",
     "compare_records": "softcal.workflows.whole_record",
     "helix": "softcal.geometry.centreline",
     "importance": "softcal.workflows.importance",
@@ -205,6 +215,7 @@ _HOMES = {
     "pull": "softcal.workflows.simulation",
     "quantity": "softcal.quantities",
     "ramp": "softcal.twin.schedule",
+    "read_coupons": "softcal.coupons.reading",
     "read_mesh": "softcal.geometry.read",
     "register_engine": "softcal.export.engine",
     "register_export": "softcal.workflows.export",
@@ -223,9 +234,6 @@ _HOMES = {
     "with_parameters": "softcal.twin.parameters",
     "write_export": "softcal.workflows.export",
     "write_report": "softcal.workflows.reporting",
-    "Material": "softcal.twin.material",
-    "Moment": "softcal.twin.robot",
-    "VariedSection": "softcal.geometry.varied_section",
 }
 
 __all__ = [
@@ -241,6 +249,7 @@ __all__ = [
     "Clamp",
     "Command",
     "Contact",
+    "Coupon",
     "Dataset",
     "DatasetError",
     "Disc",
@@ -254,6 +263,7 @@ __all__ = [
     "GivenSection",
     "InputError",
     "Law",
+    "LawComparison",
     "Limit",
     "Loss",
     "Manipulator",
@@ -303,6 +313,7 @@ __all__ = [
     "box_mesh",
     "calibrate",
     "check",
+    "compare_laws",
     "compare_records",
     "helix",
     "importance",
@@ -316,6 +327,7 @@ __all__ = [
     "pull",
     "quantity",
     "ramp",
+    "read_coupons",
     "read_mesh",
     "register_engine",
     "register_export",

@@ -12,10 +12,14 @@ from project_case import write_project
 from ruamel.yaml import YAML
 from typer.testing import CliRunner
 
+from softcal.calibration.loss import gradient, total
 from softcal.cli import app
 from softcal.coupons.comparison import compare_laws
 from softcal.coupons.coupon import Coupon
+from softcal.coupons.free_constants import free_constants
 from softcal.coupons.held_out import folds
+from softcal.coupons.problem import CouponProblem, coupon_loss
+from softcal.materials.catalogue import LAWS as MATERIALS
 from softcal.project.material_block import material_block, priors
 from softcal.project.project import load
 
@@ -142,3 +146,20 @@ def test_one_kind_of_test_is_held_out_in_blocks_of_rows():
         assert sum(len(c.strain) for c in (*fold.kept, *fold.held_out)) == 50
         highest = max(c.strain.max() for c in fold.held_out)
         assert not any(((c.strain > fold.held_out[0].strain.min()) & (c.strain < highest)).any() for c in fold.kept)
+
+
+def test_the_intervals_are_those_of_the_loss_that_is_fitted():
+    tests = [noisy("one", "uniaxial", (C10, C01), 3), noisy("two", "planar", (C10, C01), 4)]
+    problem = CouponProblem(free_constants(MATERIALS["yeoh"]), tests, coupon_loss(tests))
+    values = np.array([2e5, 1e3, 50.0])
+    residuals, blocks = problem.residuals(values), problem.blocks(values)
+    assert total(problem.loss, blocks) == pytest.approx(float(residuals @ residuals))
+    slope = gradient(problem.loss, blocks)
+    np.testing.assert_allclose(slope, 2 * residuals @ problem.jacobian(values), rtol=1e-10)
+
+
+def test_akaikes_criterion_counts_the_constants_and_the_noise():
+    tests = [noisy("one", "uniaxial", (C10, C01), 3)]
+    fit = compare_laws(tests, ["mooney-rivlin"]).laws[0].fit
+    n, k = 25, 3
+    assert fit.aic == pytest.approx(n * np.log(fit.error**2) + 2 * k + 2 * k * (k + 1) / (n - k - 1))

@@ -21,7 +21,7 @@ def material_block(fit: LawFit, comparison: LawComparison, body: str) -> str:
     """The lines of a body's law and constants, and of the priors of its parameters where the specimens tell them."""
     lines = [
         f"# By softcal coupon, from {_tests(comparison)}. Poisson's ratio is stated, not measured.",
-        f"# These keys belong to the body {body}:",
+        f"# Keys of robot.bodies.{body}:",
         f"law: {fit.law.name}",
     ]
     for parameter in fit.law.parameters:

@@ -23,6 +23,7 @@ from softcal.mechanics.statics import Statics
 from softcal.mechanics.term import Controls
 from softcal.twin.build import Twin, build_twin
 from softcal.twin.parameters import parameter_values
+from softcal.twin.robot import Robot
 
 LIMIT = 1.8
 ELEMENTS: tuple[str, ...] = ("P1", "P2P1")
@@ -72,8 +73,9 @@ class Midway:
         return linearised - start, time.perf_counter() - start
 
 
-def midway(element: str) -> Midway:
-    robot = standard_robot(element)
+def midway(element: str, robot: Robot | None = None) -> Midway:
+    """Of the standard neck, or of another robot with its cable."""
+    robot = standard_robot(element) if robot is None else robot
     twin = build_twin(robot)
     theta = parameter_values(robot)
     statics = Statics(twin.system, theta)

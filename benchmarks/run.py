@@ -15,7 +15,17 @@ from benchmarks.machine import load, machine
 from benchmarks.section import Goal, Section, table
 
 HERE = Path(__file__).resolve().parent
-BENCHMARKS = ("newton_iteration", "curve", "least_squares", "tpe", "manipulator", "assembly", "sofa", "start_up")
+BENCHMARKS = (
+    "newton_iteration",
+    "laws",
+    "curve",
+    "least_squares",
+    "tpe",
+    "manipulator",
+    "assembly",
+    "sofa",
+    "start_up",
+)
 LIMIT = 1200.0  # [s] for one benchmark
 
 

@@ -91,13 +91,24 @@ class Deformation:
     def stress(self, values: tuple[float, ...], volume: Volumetric | None = None, *, tangent: bool = True) -> Stress:
         """That of psi_d, and of a volumetric part."""
         rows = self.rows(values)
-        if volume is not None and not len(self.axes):
+        if volume is not None:
+            self._add(rows, volume)
+        return self._stress(rows, tangent)
+
+    def _add(self, rows: Floats, volume: Volumetric) -> None:
+        """Add the derivatives of a volumetric part by the law's variables."""
+        if not len(self.axes):
             rows[2] += volume.by_J
             rows[3 * len(self.variables) - 1] += volume.by_JJ
-        found = self._stress(rows, tangent)
-        if volume is not None and len(self.axes):
-            add_volumetric(found, self.at, volume)
-        return found
+            return
+        J, by_J, by_JJ = self.at.J, *volume
+        rates = [J / stretch for stretch in self.variables]
+        row = 3
+        for i, one in enumerate(rates):
+            rows[i] += by_J * one
+            for j in range(i, 3):
+                rows[row] += by_JJ * one * rates[j] + (by_J * one / self.variables[j] if i != j else 0.0)
+                row += 1
 
     def stress_by_parameters(self, values: tuple[float, ...]) -> list[Floats]:
         """dS/d constant (n, 6) of psi_d, of each constant."""

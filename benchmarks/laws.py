@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -51,7 +52,7 @@ def measure(quick: bool) -> Section:
                     cases[name] = midway(element, of_law(standard_robot(element), name))
             statics = {name: Statics(case.twin.system, case.theta) for name, case in cases.items()}
             times = interleaved(
-                {name: lambda name=name: cases[name].iterate(statics[name]) for name in cases},
+                {name: partial(case.iterate, statics[name]) for name, case in cases.items()},
                 repeats=max(5, repeats // 5) if quick else repeats,
                 seconds=120.0,
             )

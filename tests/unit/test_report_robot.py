@@ -19,7 +19,7 @@ from softcal.report.scene_twin import twin_scenes
 from softcal.report.style import LOOP, ORANGE
 from softcal.twin.facing import plate_normal, plate_radius, up_direction
 from softcal.twin.manipulator import Manipulator, Springs, manipulator
-from softcal.twin.robot import Disc, Plate, Robot, Rod
+from softcal.twin.robot import Cable, Disc, Plate, Robot, Rod, ViaPoint
 from softcal.twin.simulate import simulate
 from softcal.workflows.simulation import pull, twin_view
 
@@ -127,6 +127,24 @@ def test_the_check_shows_every_part_once_with_its_name():
     # Markers, and where cables leave the base's far side; those in holes need no ball.
     assert sum(isinstance(part, Ball) for part in parts) == 4 + 6
     assert len(robot_points(one)) > 4 * 37
+
+
+@pytest.mark.parametrize(("n", "shown"), [(8, 8), (9, 2)])
+def test_many_via_points_do_not_hide_their_cable(n: int, shown: int):
+    path = np.linspace([0.01, 0, 0], [0.01, 0, 0.1], n)
+    cable = Cable("c", tuple(ViaPoint(at, "bar") for at in path))
+    rod = Rod(
+        "bar",
+        straight((0, 0, 0), (0, 0, 0.1), 4),
+        RoundBar(0.03),
+        {"youngs_modulus": 1e9, "poissons_ratio": 0.4},
+        fixed=np.array([0]),
+    )
+    (scene, _), _ = robot_scenes(Robot(rods=(rod,), cables=(cable,)))
+    found = [part.at for part in scene.parts if isinstance(part, Ball)]
+    np.testing.assert_allclose([found[0], found[-1]], path[[0, -1]])
+    assert len(found) == shown
+    assert [part.opacity < 1 for part in scene.parts if isinstance(part, Tube) and part.bulky] == [True]
 
 
 def test_slack_cables_are_grey_and_the_colours_reach_the_displacement():

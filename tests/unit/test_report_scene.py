@@ -155,6 +155,21 @@ def test_labels_do_not_overlap() -> None:
         assert not clashes
 
 
+@pytest.mark.parametrize("many", [6, 60])
+def test_names_near_the_foot_stay_in_the_picture_and_of_many_as_many_as_fit(many: int) -> None:
+    scenes, cameras = robot_scenes(neck_robot(column_mesh(0.6)))
+    foot = tuple(Label(f"cable {k}", np.array([[0.05, 0.0, 1e-4 * k]])) for k in range(many))
+    figure = draw_side_by_side((replace(scenes[0], labels=foot),), cameras[:1], blank(1)).figure
+    figure.draw_without_rendering()
+    (axes,) = figure.axes
+    boxes = [Text.get_window_extent(text) for text in axes.texts if text.get_text().startswith("cable")]
+    room = axes.get_window_extent()
+    assert all(room.y0 <= box.y0 < box.y1 <= room.y1 for box in boxes)
+    assert not [(a, b) for i, a in enumerate(boxes) for b in boxes[i + 1 :] if a.overlaps(b)]
+    assert len(boxes) == many if many == 6 else 12 < len(boxes) < many
+    assert room.height <= 2 * room.width + 1
+
+
 def test_a_body_with_cables_inside_is_seen_through() -> None:
     robot = neck_robot(column_mesh())
     inner = replace(robot.cables[0], via_points=(ViaPoint(np.array([0, 0, 0.05]), "neck"), *robot.cables[0].via_points))

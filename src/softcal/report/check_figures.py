@@ -15,7 +15,7 @@ from softcal.geometry.ring import across
 from softcal.geometry.surface import boundary_triangles
 from softcal.report.figures.force_displacement import draw_record
 from softcal.report.format import file_stem, number
-from softcal.report.robot_view import plate_disc, plate_rim, robot_points, rod_tube
+from softcal.report.robot_view import balls, plate_disc, plate_rim, robot_points, rod_tube
 from softcal.report.scene import (
     Arrow,
     Ball,
@@ -38,10 +38,10 @@ from softcal.report.start_scenes import StartScenes
 from softcal.report.style import BLUE, GREEN, INK, ORANGE, PURPLE, RED, SKY, encode
 from softcal.report.write import write_files
 from softcal.twin.facing import up_direction
-from softcal.twin.robot import Body, Moment, PointLoad, Robot, SurfaceLoad
+from softcal.twin.robot import Body, Moment, PointLoad, Robot, Rod, SurfaceLoad
 
 _BODY = "#d6d3cd"
-_SEEN_THROUGH = 0.6  # opacity of a body with cables inside
+_SEEN_THROUGH = 0.6  # opacity of what may have cables or markers inside
 
 
 @dataclass(frozen=True)
@@ -92,20 +92,16 @@ def robot_scenes(robot: Robot) -> tuple[tuple[Scene, ...], tuple[Projection, ...
     points = robot_points(robot)
     size = length_scale(points)
     parts: list[Part] = [_surface(robot, body) for body in robot.bodies]
-    parts += [rod_tube(rod, rod.centreline.nodes, _BODY) for rod in robot.rods]
+    parts += [_rod(robot, rod) for rod in robot.rods]
     plates, others = _plates(robot)
     parts += plates
     names: list[Label] = []
-    shaped = {plate.name for plate in robot.plates if plate.disc is not None}
     radius = cable_radius(robot, size)
     for cable in robot.cables:
         path = np.stack([via.at for via in cable.via_points])
         parts.append(Tube(path, radius, colour=ORANGE))
-        parts += [
-            Ball(via.at, 2 * radius, colour=_carrier_colour(robot, via.on))
-            for via in cable.via_points
-            if via.on not in shaped
-        ]
+        shown = [cable.via_points[k] for k in balls(robot, cable)]
+        parts += [Ball(via.at, 2 * radius, colour=_carrier_colour(robot, via.on)) for via in shown]
         names.append(Label(cable.name, refined(path)))
     parts += [Ball(marker.place, 0.012 * size, colour=SKY) for marker in robot.markers]
     others += [Label(marker.name, marker.place[None]) for marker in robot.markers]
@@ -116,7 +112,7 @@ def robot_scenes(robot: Robot) -> tuple[tuple[Scene, ...], tuple[Projection, ...
     parts += [*forces, *gravity]
     first, second = ([*names, *force_names, *gravity_name], [])
     if others:
-        first, second = ([*others, *force_names], [*names, *gravity_name])
+        first, second = (others, [*names, *force_names, *gravity_name])
     scenes = (
         Scene("From the side", tuple(parts), tuple(first)),
         Scene("Turned by 90 deg", tuple(parts), tuple(second)),
@@ -150,6 +146,12 @@ def _surface(robot: Robot, body: Body) -> Surface:
         opacity=_SEEN_THROUGH if inside else 1.0,
         edges=body.mesh.n_tets < 20000,
     )
+
+
+def _rod(robot: Robot, rod: Rod) -> Tube:
+    carried = [via.on for cable in robot.cables for via in cable.via_points] + [marker.on for marker in robot.markers]
+    opacity = _SEEN_THROUGH if rod.name in carried else 1.0
+    return rod_tube(rod, rod.centreline.nodes, _BODY, opacity=opacity)
 
 
 def _plates(robot: Robot) -> tuple[list[Part], list[Label]]:

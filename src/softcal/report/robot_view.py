@@ -11,9 +11,10 @@ from softcal.geometry.pose import Pose
 from softcal.geometry.ring import across, ring_points
 from softcal.report.scene import RIM, FlatDisc, Tube
 from softcal.twin.facing import plate_normal, plate_radius
-from softcal.twin.robot import Disc, Plate, Robot, Rod
+from softcal.twin.robot import Cable, Disc, Plate, Robot, Rod
 
 STEPS = 6  # between two nodes of a rod
+MOST_BALLS = 8  # via points of a cable that have a ball each
 
 
 def robot_points(robot: Robot) -> Floats:
@@ -26,7 +27,7 @@ def robot_points(robot: Robot) -> Floats:
     return np.concatenate(found)
 
 
-def rod_tube(rod: Rod, nodes: Floats, colour: str | Floats) -> Tube:
+def rod_tube(rod: Rod, nodes: Floats, colour: str | Floats, *, opacity: float = 1.0) -> Tube:
     """A rod with current node positions (n, 3), as thick as its section; colour: a name, or RGB of each node (n, 3)."""
     from scipy.interpolate import CubicSpline
 
@@ -38,11 +39,20 @@ def rod_tube(rod: Rod, nodes: Floats, colour: str | Floats) -> Tube:
     radius = 0.5 * np.array(
         [rod.section.at(share).outer_diameter for share in (at[:1] if rod.section.is_uniform else at)]
     )
-    return Tube(path, float(radius[0]) if rod.section.is_uniform else radius, colour=shades, bulky=True)
+    return Tube(
+        path, float(radius[0]) if rod.section.is_uniform else radius, colour=shades, opacity=opacity, bulky=True
+    )
 
 
 def _between(stations: Floats, values: Floats, at: Floats) -> Floats:
     return np.stack([np.interp(at, stations, column) for column in values.T], axis=1)
+
+
+def balls(robot: Robot, cable: Cable) -> list[int]:
+    """Numbers of a cable's via points that are drawn as balls: those in no disc; of many, which hide it, the ends."""
+    shaped = {plate.name for plate in robot.plates if plate.disc is not None}
+    found = [k for k, via in enumerate(cable.via_points) if via.on not in shaped]
+    return found if len(found) <= MOST_BALLS else [found[0], found[-1]]
 
 
 def plate_disc(robot: Robot, plate: Plate, pose: Pose, colour: str, *, opacity: float) -> FlatDisc | None:

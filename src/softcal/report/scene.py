@@ -13,6 +13,7 @@ from softcal.checks import Floats, Ints, frozen_floats, frozen_ints
 from softcal.geometry.ring import across, ring_points
 
 SIDES = 20  # of a tube
+SLIMMEST = 0.5  # width of a picture over its height: beside a thin robot there is room for names
 RIM, HOLE = 96, 16  # points on the rim of a disc, and on that of a hole
 
 
@@ -236,10 +237,12 @@ def bending_camera(points: Floats, up: Floats, towards: Floats) -> Projection:
 
 
 def fitted(camera: Projection, points: Floats) -> Projection:
-    """The same view with a window that contains all points and a margin."""
+    """The same view with a window that contains all points and a margin, and is no slimmer than `SLIMMEST`."""
     flat = camera.project(points)[:, :2]
     low, high = flat.min(axis=0), flat.max(axis=0)
     margin = np.array([0.13, 0.05]) * float(np.max(high - low))
+    width, height = high - low + 2 * margin
+    margin[0] += 0.5 * max(0.0, SLIMMEST * height - width)
     (left, bottom), (right, top) = low - margin, high + margin
     return Projection(camera.right, camera.up, camera.back, (float(left), float(right), float(bottom), float(top)))
 

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softcal.checks import Floats
 from softcal.report.scene import Projection, Scene
+from softcal.report.scene_labels import name_parts
 from softcal.report.scene_render import Rendering, panel_size
-from softcal.report.style import DISPLACEMENT, FAINT, INK, MUTED, house_style, new_figure
+from softcal.report.style import DISPLACEMENT, INK, MUTED, house_style, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -61,7 +61,7 @@ def draw_side_by_side(
             _frame(axes, camera)
             if rendering.pictures:
                 axes.imshow(rendering.pictures[index], extent=_millimetres(camera), aspect="auto", zorder=1)
-                _name_parts(axes, scene, camera)
+                name_parts(axes, scene, camera)
             else:
                 axes.text(0.5, 0.5, _NO_PICTURE, transform=axes.transAxes, ha="center", color=MUTED)
             axes.set_title(scene.title)
@@ -89,43 +89,6 @@ def _frame(axes: Axes, camera: Projection) -> None:
     axes.set_xlim(left, right)
     axes.set_ylim(bottom, top)
     axes.set_axis_off()
-
-
-def _name_parts(axes: Axes, scene: Scene, camera: Projection) -> None:
-    """Labels in the margin on the nearer side, spread in height, each with a thin line to its part."""
-    left, right, bottom, top = _millimetres(camera)
-    if not scene.labels:
-        return
-    crowd = 1e3 * camera.project(
-        np.concatenate([part.extent for part in scene.parts if part.bulky and part.opacity > 0.5])
-    )
-    middle = 0.5 * (crowd[:, 0].min() + crowd[:, 0].max())
-    reach = [1e3 * camera.project(label.at)[:, :2] for label in scene.labels]
-    on_left = [float(candidates[:, 0].mean()) < middle for candidates in reach]
-    anchors = np.stack([_clearest(at, crowd[:, :2], left=side) for at, side in zip(reach, on_left, strict=True)])
-    height = 0.06 * (top - bottom)
-    edge = 0.02 * (right - left)
-    lowest = np.inf
-    for index in np.argsort(-anchors[:, 1]):
-        x, y = anchors[index]
-        lowest = min(y + 1.5 * height, lowest - height, top - 0.3 * height)
-        near_left = on_left[index]
-        axes.annotate(
-            scene.labels[index].text, (x, y), xytext=(left + edge if near_left else right - edge, lowest),
-            fontsize=9, color=INK,
-            ha="left" if near_left else "right", va="center", zorder=5,
-            bbox={"facecolor": "white", "edgecolor": FAINT, "alpha": 0.9, "boxstyle": "round,pad=0.25"},
-            arrowprops={"arrowstyle": "-", "color": INK, "linewidth": 0.7, "shrinkA": 0, "shrinkB": 0},
-        )  # fmt: skip
-
-
-def _clearest(candidates: Floats, crowd: Floats, *, left: bool) -> Floats:
-    """Anchor of a label's line: among the candidates nearly furthest from the crowd, the one nearest to the label."""
-    from scipy.spatial import KDTree
-
-    distance = KDTree(crowd).query(candidates)[0]
-    clear = candidates[distance >= 0.5 * distance.max()]
-    return clear[np.argmin(clear[:, 0] if left else -clear[:, 0])]
 
 
 def _scale_bar(axes: Axes, camera: Projection) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from softcal.checks import Floats
 from softcal.geometry.pose import Pose
 from softcal.geometry.surface import boundary_triangles
-from softcal.report.robot_view import plate_disc, plate_rim, robot_points, rod_tube
+from softcal.report.robot_view import balls, plate_disc, plate_rim, robot_points, rod_tube
 from softcal.report.scene import (
     Ball,
     Label,
@@ -85,7 +85,6 @@ def twin_parts(
     labels: list[Label] = []
     parts += [rod_tube(rod, snapshot.rods[rod.name], shades[rod.name]) for rod in robot.rods]
     strongest = max(snapshot.tensions.values(), default=0.0)
-    shaped = {plate.name for plate in robot.plates if plate.disc is not None}
     radius = cable_radius(robot, size)
     pulled = {name for name, tension in view.bent.tensions.items() if tension > 0.0} or set(snapshot.cables)
     for cable in robot.cables:
@@ -93,11 +92,7 @@ def twin_parts(
         slack = strongest > 0.0 and snapshot.tensions.get(cable.name, strongest) <= TAUT * strongest
         colour = LOOP if slack else ORANGE
         parts.append(Tube(path, 0.5 * radius if slack else radius, colour=colour))
-        parts += [
-            Ball(at, 2 * radius, colour=colour)
-            for via, at in zip(cable.via_points, path, strict=True)
-            if via.on not in shaped
-        ]
+        parts += [Ball(path[k], 2 * radius, colour=colour) for k in balls(robot, cable)]
         if not slack and (cable.name in pulled or len(robot.cables) <= MANY_CABLES):
             labels.append(Label(cable.name, refined(path)))
     for plate in robot.plates:

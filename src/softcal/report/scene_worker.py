@@ -32,7 +32,7 @@ def render(scene: Scene, camera: Projection, height: int) -> np.ndarray[Any, Any
     plotter = pv.Plotter(off_screen=True, window_size=[width, height], lighting="light kit")
     try:
         for part in scene.parts:
-            mesh = part.mesh() if part.opacity == 1.0 else from_behind(part.mesh(), camera)
+            mesh = part.mesh() if part.opacity == 1.0 else from_behind(part.mesh().triangulate(), camera)
             own: dict[str, Any] = {"scalars": "colour", "rgb": True} if part.rgb else {"color": part.colour}
             plotter.add_mesh(
                 mesh, **own, **(_BULKY if part.bulky else _SMALL), opacity=part.opacity, show_edges=part.edges,

@@ -155,6 +155,12 @@ def test_other_programs_say_that_their_cables_do_not_stretch() -> None:
         one.what for one in scene_faults(elastic(friction_memory=True))
     ]
     assert not scene_faults(bar_robot())
+    rough = elastic(friction_preload=0.3, friction_speed=0.01)
+    rough = replace(rough, cables=(replace(rough.cables[0], friction_coefficient=0.2),))
+    for faults in (scene_faults(rough), deck_faults(rough)):
+        assert [fault.got for fault in faults if "has no friction" in fault.what] == [
+            "0.2, friction_preload, friction_speed"
+        ]
     with pytest.raises(ParameterError, match="a reduced model has no memory"):
         reduced(elastic(friction_memory=True), {"front": Reach(1.0, "N")}, 3)
 

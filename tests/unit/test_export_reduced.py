@@ -8,6 +8,7 @@ import json
 import math
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from softcal.errors import ParameterError, SimulationError
 from softcal.export import reduced_model
 from softcal.export.reduced import Reach, _quaternions, measured_error, reduced, write_reduced
 from softcal.export.reduced_model import ReducedModel
+from softcal.twin.cables import CableLine
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.simulate import simulate
 
@@ -54,6 +56,16 @@ def test_it_is_the_twin_at_nodes_and_near_it_between(tmp_path, names, samples):
         assert between[name].largest <= 2.0 * stated.largest, name
         assert between[name].rms <= 1.5 * stated.rms + 1e-12, name
         assert read.error[name]["max"] == stated.largest
+
+
+@pytest.mark.parametrize(("line", "told"), [(CableLine(1e3, pretension=0.5), True), (CableLine(1e3), False)])
+def test_it_says_which_of_the_other_cables_are_held(tmp_path, line, told):
+    front, left, back = ROBOT.cables
+    robot = replace(ROBOT, cables=(front, replace(left, line=line), back))
+    write_reduced(reduced(robot, {"front": Reach(1.0, "N")}, 2), tmp_path)
+    text = (tmp_path / "README.txt").read_text()
+    assert ("At zero shortening, with their pretension: left." in text) == told
+    assert "All other cables are slack. Statics only" in text
 
 
 def test_the_channels_are_the_twins(tmp_path):

@@ -39,7 +39,7 @@ POSE = 7  # numbers of a plate: position, quaternion
 
 @dataclass(frozen=True)
 class Reach:
-    """Largest pull of a cable: a tension [N], or the tension of a shortening [m] with the other cables slack."""
+    """Largest pull of a cable: a tension [N], or the tension of a shortening [m] with no other pulled."""
 
     value: float
     unit: str  # N or m
@@ -83,7 +83,8 @@ def reduced(
     Parameters
     ----------
     reaches
-        Cables that the controller pulls, at most three, and their largest pull; all others are slack.
+        Cables that the controller pulls, at most three, and their largest pull; of all others, those with a
+        pretension stay at zero shortening, and the rest are slack.
     samples
         Nodes along each cable; for a reach in length evenly spaced in length.
     tell
@@ -118,6 +119,7 @@ def reduced(
         "rows": _rows(robot),
         "parameters": {f"{name} [{info.unit}]": info.value for name, info in robot_parameters(robot).items()},
         "nodes": _with_mixed(table, axes).tolist(),
+        "others": _others(robot, cables),
         "error": {},
     }
     rng = np.random.default_rng(SEED)
@@ -148,7 +150,7 @@ def write_reduced(model: ReducedModelFit, folder: Path) -> list[Path]:
     first = model.model["cables"][0]
     readme.write_text(
         f"Tensions of cables ({spans}) to poses of plates, shortenings of cables, and the compliance matrix.\n"
-        "All other cables are slack. Statics only: no dynamics, no hysteresis.\n\n"
+        f"{model.model['others']} Statics only: no dynamics, no hysteresis.\n\n"
         f"{EVALUATOR} needs only Python's standard library:\n"
         "  from reduced_model import ReducedModel\n"
         f'  state = ReducedModel("{MODEL}").state({{"{first}": {0.5 * model.model["axes"][0][-1]:.3g}}})\n'
@@ -158,6 +160,14 @@ def write_reduced(model: ReducedModelFit, folder: Path) -> list[Path]:
         encoding="utf-8",
     )
     return [path, code, readme]
+
+
+def _others(robot: Robot, cables: Sequence[str]) -> str:
+    """The sentence on the cables that the controller does not pull."""
+    held = [one.name for one in robot.cables if one.name not in cables and "pretension" in one.properties]
+    if held:
+        return f"At zero shortening, with their pretension: {', '.join(held)}. All other cables are slack."
+    return "All other cables are slack."
 
 
 def measured_error(robot: Robot, model: Mapping[str, Any], points: Floats) -> dict[str, ChannelError]:

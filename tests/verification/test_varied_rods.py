@@ -8,14 +8,18 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from softcal.errors import InputError, MeshError
 from softcal.export.sofa_robot import scene_faults
 from softcal.geometry.centreline import straight
+from softcal.geometry.quality import check_quality
 from softcal.geometry.section import RoundBar
 from softcal.geometry.varied_section import VariedSection
+from softcal.twin.barrier import Contact
 from softcal.twin.material import Material
 from softcal.twin.protocol import Command, Protocol
 from softcal.twin.robot import Cable, Marker, Moment, Plate, PointLoad, Robot, Rod, ViaPoint
 from softcal.twin.simulate import simulate
+from softcal.twin.solid_rods import solid_body, with_solid_rods
 
 E, NU, LENGTH, BASE, TIP = 1e6, 0.4, 0.3, 0.02, 0.008
 TAPER = VariedSection((0.0, 1.0), (RoundBar(BASE), RoundBar(TIP)))
@@ -151,3 +155,36 @@ def test_sofa_is_refused_a_rod_that_varies() -> None:
     assert any("whose section varies" in one for one in told)
     assert any("several materials" in one for one in told)
     assert not any("rod" in fault.what for fault in scene_faults(Robot(rods=(rod(6),))))
+
+
+def test_a_taper_as_a_solid_has_its_cone_and_bends_as_it_does() -> None:
+    held = rod(48, TAPER, clamped={"end": np.array([48])})
+    robot = Robot(
+        plates=(Plate("end", {}, np.array([LENGTH, 0.0, 0.0])),),
+        rods=(held,),
+        loads=(PointLoad("pull", "end", [LENGTH, 0.0, 0.0], [0.0, 1e-5, 0.0]),),
+    )
+    solid = with_solid_rods(robot)
+    # One ring of tets leaves out 0.24 % of a circle.
+    assert check_quality(solid.bodies[0].mesh).volume == pytest.approx(0.9976 * held.volumes.sum(), rel=1e-4)
+    ends = [simulate(one, Protocol({})).channels["end.y"][0] for one in (robot, solid)]
+    assert ends[1] == pytest.approx(ends[0], rel=0.01)
+
+
+STEP = VariedSection((0.0, 0.5, 0.5, 1.0), (RoundBar(BASE), RoundBar(BASE), RoundBar(TIP), RoundBar(TIP)))
+SOFT = (Material("soft", np.array([1]), {"youngs_modulus": 0.5 * E}),)
+
+
+@pytest.mark.parametrize(
+    ("made", "told"),
+    [(rod(6, STEP), "a section with a step"), (rod(6, inclusions=SOFT), "several materials")],
+)
+def test_what_a_solid_cannot_have_is_refused(made: Rod, told: str) -> None:
+    with pytest.raises(MeshError, match=told):
+        solid_body(made)
+
+
+def test_contact_is_refused_a_rod_that_varies() -> None:
+    assert Robot(rods=(rod(6),), contact=Contact()).contact is not None
+    with pytest.raises(InputError, match="a wire of one diameter"):
+        Robot(rods=(rod(6, TAPER),), contact=Contact())

@@ -31,7 +31,7 @@ PER_TURN = 12
 
 
 def wire_mesh(
-    line: Centreline, diameter: float, *, rings: int = 1, order: Literal[1, 2] = 2, where: str = ""
+    line: Centreline, diameter: float | Floats, *, rings: int = 1, order: Literal[1, 2] = 2, where: str = ""
 ) -> TetMesh:
     """Tets of a round wire along a centreline.
 
@@ -44,7 +44,7 @@ def wire_mesh(
     line
         With an even number of elements.
     diameter
-        Diameter of the wire [m].
+        Diameter of the wire [m], or that at each node of its centreline (n,).
     rings
         Number of tets from the axis to the surface: a section has 6 rings^2 triangles, a layer 18 rings^2 tets. Of the
         circle's area, one ring of quadratic tets leaves out 0.24 %, two leave out 0.015 %. Layers should not be longer
@@ -64,9 +64,10 @@ def wire_mesh(
     MeshError
         If a dimension is out of range, or the wire is too thick for the curvature of its axis.
     """
-    found = (QUANTITIES["size"].fault(diameter, where), LIMITS["rings of elements"].fault(rings, where))
-    faults = [fault for fault in found if fault]
     n_elements = len(line.lengths)
+    wide = np.broadcast_to(np.asarray(diameter, dtype=float), n_elements + 1)
+    found = [QUANTITIES["size"].fault(size, where) for size in dict.fromkeys((float(wide.min()), float(wide.max())))]
+    faults = [fault for fault in (*found, LIMITS["rings of elements"].fault(rings, where)) if fault]
     if n_elements % 2:
         faults.append(
             Fault(
@@ -87,7 +88,8 @@ def wire_mesh(
     ends, number = numbered_edges(tets, n_corners)
     corners = np.arange(n_corners)
     station = np.concatenate([2 * (corners // n), (ends // n).sum(axis=1)])
-    across = 0.5 * diameter * np.concatenate([section.corners[corners % n], section.between(ends % n)])
+    unit = np.concatenate([section.corners[corners % n], section.between(ends % n)])
+    across = 0.5 * wide[station][:, None] * unit
     points = line.nodes[station] + (line.triads[station][:, :, :2] @ across[:, :, None])[:, :, 0]
     tets10 = np.hstack([tets, n_corners + number.reshape(-1, len(TET_EDGES))])
     mesh = TetMesh(points, upright(points, tets10))

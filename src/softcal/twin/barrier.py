@@ -11,6 +11,7 @@ import numpy as np
 
 from softcal.checks import Floats
 from softcal.declare import Declared
+from softcal.errors import Fault, InputError
 from softcal.geometry.mesh import TetMesh
 from softcal.geometry.surface import boundary_faces, edges_of
 from softcal.materials.catalogue import LAWS
@@ -45,7 +46,17 @@ class Contact(Declared):
     creep: Speed = 1e-3
 
     def fitted(self, bodies: Sequence[Body], rods: Sequence[Rod]) -> Contact:
-        """With a gap and a stiffness, where they are omitted, for the parts of a robot."""
+        """With a gap and a stiffness, where they are omitted, for the parts of a robot.
+
+        Raises
+        ------
+        InputError
+            For a rod whose section varies: contact has one thickness for all of a wire.
+        """
+        what, allowed = "contact takes a rod for a wire of one diameter", "rods of one section"
+        attempt = "no contact, or one rod of one section for each piece"
+        if varied := [rod.name for rod in rods if not rod.section.is_uniform]:
+            raise InputError([Fault(what, name, "a section that varies", allowed, attempt) for name in varied])
         gap, stiffness = self.gap, self.stiffness
         if gap is FITTED:
             gap = GAP * min([mean_edge(body.mesh) for body in bodies] + [wire_diameter(rod) for rod in rods])

@@ -11,6 +11,7 @@ import numpy as np
 from softcal.checks import Ints
 from softcal.errors import Fault, MeshError
 from softcal.geometry.section import RoundBar, SectionConstants
+from softcal.geometry.varied_section import VariedSection
 from softcal.geometry.wire import wire_mesh
 from softcal.mechanics.elements import DEFAULT
 from softcal.twin.robot import Body, Plate, Robot, Rod
@@ -24,8 +25,8 @@ def with_solid_rods(
 ) -> Robot:
     """The robot with bodies of the same names in the place of some of its rods, or of all.
 
-    A rod's material and density go to its body, one layer of tets for two elements of its centreline; plates that hold
-    its ends hold all nodes of the body's end faces, which can then not warp.
+    A rod's material and density go to its body, one layer of tets for two elements of its centreline, with the rod's
+    section at each node; plates that hold its ends hold all nodes of the body's end faces, which can then not warp.
 
     Parameters
     ----------
@@ -37,7 +38,8 @@ def with_solid_rods(
     Raises
     ------
     MeshError
-        For a rod that is not round, has an odd number of elements, or is held elsewhere than at its ends; for a name
+        For a rod that is not round, whose section has a step, of several materials, with an odd number of elements, or
+        held elsewhere than at its ends; for a name
         that is no rod.
     """
     rods = {rod.name: rod for rod in robot.rods}
@@ -60,13 +62,23 @@ def solid_body(rod: Rod, *, rings: int = 1, element: str = DEFAULT.name) -> Body
     Raises
     ------
     MeshError
-        For a rod that is not round, has an odd number of elements, or is held elsewhere than at its ends.
+        For a rod that is not round, whose section has a step, of several materials, with an odd number of elements, or
+        held elsewhere than at its ends.
     """
-    diameter = _diameter(rod.section.constants)
+    shares = rod.centreline.stations / rod.centreline.stations[-1]
+    found = [_diameter(rod.section.at(float(share))) for share in shares]
+    diameters = [diameter for diameter in found if diameter is not None]
     faults: list[Fault] = []
-    if diameter is None:
+    if len(diameters) < len(found):
         faults.append(
             Fault("only a round rod can be made solid", rod.name, "a section that is no circle", "a circular section")
+        )
+    if isinstance(rod.section, VariedSection) and len(set(rod.section.stations)) < len(rod.section.stations):
+        faults.append(Fault("a section with a step cannot be made solid", rod.name, attempt="a short taper"))
+    if rod.inclusions:
+        several = ", ".join(part.name for part in rod.inclusions)
+        faults.append(
+            Fault("a rod of several materials cannot be made solid", rod.name, several, attempt="one rod for each")
         )
     last = len(rod.centreline.nodes) - 1
     held = np.concatenate([rod.fixed, *rod.clamped.values()])
@@ -81,9 +93,9 @@ def solid_body(rod: Rod, *, rings: int = 1, element: str = DEFAULT.name) -> Body
                 "one rod for each piece between plates",
             )
         )
-    if faults or diameter is None:
+    if faults:
         raise MeshError(faults)
-    mesh = wire_mesh(rod.centreline, diameter, rings=rings, order=2, where=rod.name)
+    mesh = wire_mesh(rod.centreline, np.array(diameters), rings=rings, order=2, where=rod.name)
     fixed = _end_nodes(rod, rod.fixed, mesh.node_sets["start"], mesh.node_sets["end"])
     return Body(rod.name, mesh, fixed, rod.parameters, element=element, density=rod.density)
 

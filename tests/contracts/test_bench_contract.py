@@ -6,6 +6,7 @@ import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from softcal.bench.run import score_file
 from softcal.bench.score import Score, score
 from softcal.cli import app
 from softcal.errors import DatasetError
+from softcal.project.project import Project
 
 EVERY = pytest.mark.parametrize("name", sorted(CASES))
 
@@ -301,3 +303,19 @@ def test_bad_arguments_are_refused_in_a_sentence(arguments: list[str], message: 
     ran = CliRunner().invoke(app, ["bench", *arguments, *folder])
     assert ran.exit_code == 2, ran.output
     assert message in " ".join(ran.output.split())
+
+
+def test_what_a_case_leaves_out_is_neither_fitted_nor_to_be_predicted(monkeypatch: pytest.MonkeyPatch) -> None:
+    class AskedError(Exception):
+        pass
+
+    def asked(project: Project, **settings: Any) -> None:
+        raise AskedError(sorted(settings["hold_out"]), sorted(project.calibration.hold_out))
+
+    monkeypatch.setattr("softcal.bench.project_case.calibrate", asked)
+    with pytest.raises(AskedError) as found:
+        CASES["opencr-v4"].run(progress=lambda told: None)
+    assert found.value.args == (["predict", "pulls"], ["predict", "pulls"])
+    record = record_of("opencr-v4")
+    assert record.is_fit[[name.startswith("pulls:") for name in record.samples]].all()
+    assert np.count_nonzero(~record.is_fit) == 443

@@ -46,10 +46,13 @@ class ProjectCase(BenchmarkCase):
         Name of the example that is the project; "" where the case's own folder has one.
     held_out
         Experiments to be predicted, where the project itself holds none out.
+    left_out
+        Experiments of the samples to fit that softcal's model is not fitted to.
     """
 
     example: ClassVar[str] = ""
     held_out: ClassVar[tuple[str, ...]] = ()
+    left_out: ClassVar[tuple[str, ...]] = ()
 
     @property
     def readme(self) -> Path:
@@ -90,11 +93,11 @@ class ProjectCase(BenchmarkCase):
             found = calibrate(
                 project,
                 fit="joint",
-                hold_out=list(held),
+                hold_out=[*self.left_out, *held],
                 workers=workers,
                 progress=lambda label, state: progress(f"{self.name}: {state.done} trials {state.stage}"),
             ).headline
-            require_predicted(found, held)
+            require_predicted(found, (*self.left_out, *held))
             fits = {**found.experiments, **{name: one.fit for name, one in found.held_out.items()}}
             tables = [_simulated(project.experiments[name], fits[name]) for name in self._order(project, held)]
         samples = tuple(sample for names, _, _ in tables for sample in names)

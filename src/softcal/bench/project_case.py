@@ -99,7 +99,10 @@ class ProjectCase(BenchmarkCase):
             ).headline
             require_predicted(found, (*self.left_out, *held))
             fits = {**found.experiments, **{name: one.fit for name, one in found.held_out.items()}}
-            tables = [_simulated(project.experiments[name], fits[name]) for name in self._order(project, held)]
+            tables = [
+                _simulated(project.experiments[name], fits[name], with_bands=name in held)
+                for name in self._order(project, held)
+            ]
         samples = tuple(sample for names, _, _ in tables for sample in names)
         names = dict.fromkeys(name for _, table, _ in tables for name in table)
         channels = {name: stacked([table for _, table, _ in tables], name) for name in names}
@@ -177,13 +180,16 @@ def _there(experiment: Experiment, channel: str) -> Floats:
 
 
 def _simulated(
-    experiment: Experiment, fit: ExperimentFit
+    experiment: Experiment, fit: ExperimentFit, *, with_bands: bool
 ) -> tuple[tuple[str, ...], Mapping[str, Floats], Mapping[str, Floats]]:
-    """The samples' names, their channels, and the half-widths of their bands, NaN where there are none."""
+    """The samples' names, their channels, and the half-widths of their bands, NaN where there are none; those of the
+    samples to predict count.
+    """
     names = _names(experiment)
     none = np.full(len(names), np.nan)
     channels = {name: np.asarray(fit.simulated[name]) for name in experiment.compared}
-    return names, channels, {name: np.asarray(fit.bands.get(name, none)) for name in experiment.compared}
+    bands = fit.bands if with_bands else {}
+    return names, channels, {name: np.asarray(bands.get(name, none)) for name in experiment.compared}
 
 
 def _told(found: CalibrationResult, name: str) -> str:

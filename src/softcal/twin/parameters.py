@@ -114,9 +114,10 @@ def robot_parameters(robot: Robot) -> dict[str, ParameterInfo]:
             add(cable.name, key, value)
     for cable in robot.cables:
         for name, value in cable.placing.items():
-            owner, _, kind = name.rpartition(".")
-            away = replace(KINDS[kind], lower=cable.least_offset, ends="(]") if kind == "routing_offset" else None
-            add(owner, kind, value, away, shapes=True)
+            named = parameter_name(name)
+            is_offset = named.kind == "routing_offset"
+            away = replace(KINDS[named.kind], lower=cable.least_offset, ends="(]") if is_offset else None
+            add(named.owner, named.kind, value, away, shapes=True)
     for marker in robot.markers:
         for key, offset in zip(MARKER_OFFSETS, marker.offset.tolist(), strict=True):
             add(marker.name, key, offset, shapes=True)

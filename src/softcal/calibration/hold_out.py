@@ -72,7 +72,7 @@ def predicted(
     for experiment in problem.experiments:
         if experiment.name not in hold_out:
             continue
-        evaluation, own, unsettled = _predict(problem, theta, experiment)
+        evaluation, own, unsettled = _predict(problem, theta, experiment, with_slopes=bands is not None)
         if evaluation is None or evaluation.loss is None:
             reason = "" if evaluation is None else evaluation.failure
             notes.append(Note(f"{experiment.name} was held out and cannot be predicted: {reason}"))
@@ -91,9 +91,12 @@ def predicted(
 
 
 def _predict(
-    problem: Problem, theta: Mapping[str, float], experiment: Experiment
+    problem: Problem, theta: Mapping[str, float], experiment: Experiment, *, with_slopes: bool
 ) -> tuple[Evaluation | None, list[FreeParameter], str]:
-    """The prediction, the experiment's own parameters, and how their fit ended where it did not converge, else ""."""
+    """The prediction, the experiment's own parameters, and how their fit ended where it did not converge, else "".
+
+    with_slopes: whether its derivatives by the parameters of the others are wanted, too.
+    """
     alone = problem.alone(experiment.name)
     own = [p for p in alone.space.parameters if p.label not in theta]
     if not own:
@@ -102,8 +105,8 @@ def _predict(
     held = {target: theta[p.label] for p in shared for target in p.targets}
     placed = replace(experiment, settings={**experiment.settings, **held})
     evaluation, unsettled = _nuisances(replace(alone, experiments=(placed,), space=SearchSpace(tuple(own))))
-    if evaluation is not None and evaluation.loss is not None:
-        everything = {label: theta.get(label, evaluation.theta.get(label, 0.0)) for label in alone.space.labels}
+    if with_slopes and evaluation is not None and evaluation.loss is not None:
+        everything = {**evaluation.theta, **{p.label: theta[p.label] for p in shared}}
         evaluation = alone.evaluate(everything, jacobian=True)
     return evaluation, own, unsettled
 

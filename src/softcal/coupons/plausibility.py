@@ -13,7 +13,7 @@ from softcal.errors import DatasetError, Fault
 from softcal.materials.neo_hooke import NEO_HOOKE_ISOCHORIC
 
 _MODERATE = 2.5  # largest stretch up to which rubber-like bodies are nearly neo-Hookean
-_TELLING = 1.3  # largest stretch from which true and nominal stresses are told apart
+_APART = 1.3  # stretch that a test must reach for true and nominal stresses to differ enough to be told apart
 _FEWEST = 5  # rows
 _FITS, _BETTER = 0.08, 3.0  # error of what the other measure would be, and the stated one's error over it
 
@@ -53,7 +53,7 @@ def implausible(coupons: Sequence[Coupon]) -> list[str]:
     found: list[str] = []
     for coupon in coupons:
         moderate = np.all((coupon.strain < _MODERATE) & (coupon.strain > 1 / _MODERATE), axis=1)
-        if coupon.test == "shear" or moderate.sum() < _FEWEST or coupon.strain[moderate].max() < _TELLING:
+        if coupon.test == "shear" or moderate.sum() < _FEWEST or coupon.strain[moderate].max() < _APART:
             continue
         near = coupon.rows(np.asarray(moderate))
         error = _misfit(near, near.stress)

@@ -7,6 +7,8 @@ import numpy as np
 from softcal.checks import Floats
 
 PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
+# Of strains with doubled shears, products with stresses are sums over the components; of two stresses they need these.
+TWICE: Floats = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
 NO_DIRECTION: Floats = np.zeros(3)
 
 
@@ -16,3 +18,8 @@ def full(components: Floats) -> Floats:
     for m, (i, j) in enumerate(PAIRS):
         out[..., i, j] = out[..., j, i] = components[..., m]
     return out
+
+
+def doubled(strain: Floats) -> Floats:
+    """The components (..., 6) of strains (..., 3, 3), with doubled shears."""
+    return np.stack([strain[..., i, j] for i, j in PAIRS], axis=-1) * TWICE

@@ -48,7 +48,7 @@ def _faults(part: ast.AST, where: str, known: Collection[str]) -> list[Fault]:
 
 
 def to_sympy(text: str, scope: Mapping[str, Any]) -> Any:
-    """The SymPy expression of a text without faults; scope: symbol -> what it stands for."""
+    """The SymPy expression of a text that has no faults; scope: symbol -> what it stands for."""
     import sympy
 
     def read(node: ast.AST) -> Any:

@@ -15,11 +15,13 @@ After Perzyna, Quart. Appl. Math. 20 (1963) 321, with the return of Simo and Hug
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from softcal.checks import Floats
-from softcal.materials.inelastic import TWICE, Constants, Inelastic, Left, PointRates, Stressed
+from softcal.materials.components import TWICE
+from softcal.materials.inelastic import Constants, Inelastic, Left, PointRates, Stressed
 from softcal.materials.parameter import Parameter
 from softcal.quantities import QUANTITIES
 
@@ -50,21 +52,17 @@ class Flow(Inelastic):
         return True
 
     def respond(self, at: Stressed, memory: Floats, elapsed: float, constants: Constants) -> Left:
-        mu, Y, d = constants[MODULUS], constants[THRESHOLD], _decay(elapsed, constants[TIME])
-        s = 2.0 * mu * (at.E - memory) @ _DEVIATOR
-        q = np.sqrt(1.5 * (s**2 * TWICE).sum(axis=1))
-        flows = q > Y
-        above = np.where(flows, q, 1.0)
-        rho = np.where(flows, d + (1.0 - d) * Y / above, 1.0)
-        W = np.where(flows, 0.5 * d * q**2 + (1.0 - d) * (Y * q - 0.5 * Y**2), 0.5 * q**2) / (3.0 * mu)
+        mu, Y = constants[MODULUS], constants[THRESHOLD]
+        one = _returned(at.E - memory, elapsed, constants)
         tangent = at.D
         if len(tangent):
-            bend = np.where(flows, (1.0 - d) * Y * 3.0 * mu / above**3, 0.0)
-            tangent = tangent + 2.0 * mu * rho[:, None, None] * _DEVIATOR
-            tangent = tangent - bend[:, None, None] * s[:, :, None] * s[:, None, :]
-        strain = s * TWICE / (2.0 * mu)  # the deviator of E - E_p, with doubled shears
-        left = memory + (1.0 - rho)[:, None] * strain
-        return Left(Stressed(at.E, at.W + W, at.S + rho[:, None] * s, tangent), left)
+            bend = np.where(one.flows, (1.0 - one.d) * Y * 3.0 * mu / one.above**3, 0.0)
+            tangent = tangent + 2.0 * mu * one.rho[:, None, None] * _DEVIATOR
+            tangent = tangent - bend[:, None, None] * one.s[:, :, None] * one.s[:, None, :]
+        strain = one.s * TWICE / (2.0 * mu)  # the deviator of E - E_p, with doubled shears
+        left = memory + (1.0 - one.rho)[:, None] * strain
+        W, S = at.W + one.stored / (3.0 * mu), at.S + one.rho[:, None] * one.s
+        return Left(Stressed(at.E, W, S, tangent), left)
 
     def rates(
         self,
@@ -75,25 +73,58 @@ class Flow(Inelastic):
         constants: tuple[Constants, Constants],
     ) -> tuple[PointRates, Floats]:
         values, changes = constants
-        mu, Y, d = values[MODULUS], values[THRESHOLD], _decay(elapsed, values[TIME])
+        mu, Y = values[MODULUS], values[THRESHOLD]
         dmu, dY = changes.get(MODULUS, 0.0), changes.get(THRESHOLD, 0.0)
         dd = _decay_rate(elapsed, values[TIME]) * changes.get(TIME, 0.0)
         strain, dstrain = at.E - memory[0], by.E - memory[1]
-        s = 2.0 * mu * strain @ _DEVIATOR
+        s, q, flows, above, d, rho, stored = _returned(strain, elapsed, values)
         ds = 2.0 * (dmu * strain + mu * dstrain) @ _DEVIATOR
-        q = np.sqrt(1.5 * (s**2 * TWICE).sum(axis=1))
-        flows = q > Y
-        above = np.where(flows, q, 1.0)
         dq = 1.5 * (s * ds * TWICE).sum(axis=1) / np.where(q > 0.0, q, 1.0)
-        rho = np.where(flows, d + (1.0 - d) * Y / above, 1.0)
         drho = np.where(flows, dd * (1.0 - Y / above) + (1.0 - d) * (dY - Y * dq / above) / above, 0.0)
         S = by.S + drho[:, None] * s + rho[:, None] * ds
         beyond = d * q * dq + 0.5 * dd * q**2 - dd * (Y * q - 0.5 * Y**2) + (1.0 - d) * (dY * (q - Y) + Y * dq)
-        stored = np.where(flows, 0.5 * d * q**2 + (1.0 - d) * (Y * q - 0.5 * Y**2), 0.5 * q**2)
         W = by.W + (np.where(flows, beyond, q * dq) - stored * dmu / mu) / (3.0 * mu)
         dev, ddev = strain @ _DEVIATOR * TWICE, dstrain @ _DEVIATOR * TWICE
         left = memory[1] + (1.0 - rho)[:, None] * ddev - drho[:, None] * dev
         return PointRates(by.E, W, S), left
+
+
+class _Returned(NamedTuple):
+    """The radial return at points.
+
+    Attributes
+    ----------
+    s, q
+        The branch's stress (n, 6) [Pa] were nothing to flow, and its equivalent stress (n,).
+    flows, above
+        Whether that is above the threshold, and it where it is, else one (n,).
+    d
+        What is left of the rest after the time [-].
+    rho
+        Share of s that remains (n,) [-].
+    stored
+        3 mu_f times the potential (n,) [Pa^2].
+    """
+
+    s: Floats
+    q: Floats
+    flows: np.ndarray
+    above: Floats
+    d: float
+    rho: Floats
+    stored: Floats
+
+
+def _returned(strain: Floats, elapsed: float, constants: Constants) -> _Returned:
+    """For strains E - E_p (n, 6) with doubled shears."""
+    Y, d = constants[THRESHOLD], _decay(elapsed, constants[TIME])
+    s = 2.0 * constants[MODULUS] * strain @ _DEVIATOR
+    q = np.sqrt(1.5 * (s**2 * TWICE).sum(axis=1))
+    flows = q > Y
+    above = np.where(flows, q, 1.0)
+    rho = np.where(flows, d + (1.0 - d) * Y / above, 1.0)
+    stored = np.where(flows, 0.5 * d * q**2 + (1.0 - d) * (Y * q - 0.5 * Y**2), 0.5 * q**2)
+    return _Returned(s, q, flows, above, d, rho, stored)
 
 
 def _decay(elapsed: float, time: float) -> float:

@@ -46,4 +46,4 @@ def history_of(names: Sequence[str], where: str = "history") -> History:
 
 def history_constants() -> dict[str, Parameter]:
     """The constants of every part, by name."""
-    return {one.name: one for part in PARTS.values() for one in part.parameters}
+    return {one.name: one for one in History(tuple(PARTS.values())).parameters}

@@ -21,8 +21,6 @@ from softcal.checks import Floats
 from softcal.materials.parameter import Parameter
 
 Constants = Mapping[str, float]
-# Of strains with doubled shears, products with stresses are sums over the components; of two stresses they need these.
-TWICE: Floats = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
 
 
 class Stressed(NamedTuple):
@@ -47,7 +45,7 @@ class Stressed(NamedTuple):
 
 
 class PointRates(NamedTuple):
-    """PointRates of a material at points, of `Stressed.E`, `W` and `S`."""
+    """Rates of a material at points, of `Stressed.E`, `W` and `S`."""
 
     E: Floats
     W: Floats
@@ -113,6 +111,11 @@ class History:
     parts: tuple[Inelastic, ...]
 
     @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The constants of all of them."""
+        return tuple(one for part in self.parts for one in part.parameters)
+
+    @property
     def size(self) -> int:
         """How many numbers all of them remember at each point."""
         return sum(part.size for part in self.parts)
@@ -136,10 +139,10 @@ class History:
         """As `Inelastic.rates`, of all parts."""
         left: list[Floats] = []
         for part, own, rates in zip(self.parts, *(self._split(one) for one in memory), strict=True):
-            after = part.respond(at, own, elapsed, constants[0]).at
             by, kept = part.rates(at, by, (own, rates), elapsed, constants)
-            at = after
             left.append(kept)
+            if len(left) < len(self.parts):  # the next part acts on what this one leaves
+                at = part.respond(at, own, elapsed, constants[0]).at
         return by, np.concatenate(left, axis=1)
 
     def _split(self, memory: Floats) -> Sequence[Floats]:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from softcal.materials.elastic_constants import (
     BULK_MODULUS,
     LAME_MODULUS,
     POISSONS_RATIO,
     SHEAR_MODULUS,
     YOUNGS_MODULUS,
+    poissons_ratio,
 )
 from softcal.materials.law import Law
 
@@ -24,10 +23,7 @@ NEO_HOOKE = Law(
     # at -0.5, 0.98 at -0.9.
     parameters=(
         YOUNGS_MODULUS,
-        replace(
-            POISSONS_RATIO,
-            quantity=replace(POISSONS_RATIO.quantity, lower=-0.5, attempt_below="law neo-hooke-isochoric"),
-        ),
+        poissons_ratio(-0.5),
     ),
     symbols={"mu": SHEAR_MODULUS, "lmbda": LAME_MODULUS, "c": "Rational(2, 3)*(1 - (nu + Rational(1, 2))**4)**2"},
     distortional="mu/2*(I1 - 3) - mu*log(J) - c*mu/2*log(J)**2",

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
-from softcal.materials.elastic_constants import LAME_MODULUS, POISSONS_RATIO, SHEAR_MODULUS, YOUNGS_MODULUS
+from softcal.materials.elastic_constants import LAME_MODULUS, SHEAR_MODULUS, YOUNGS_MODULUS, poissons_ratio
 from softcal.materials.law import Law
 
 # Below nu = -0.3 a compressed body would have less energy than at rest. SOFA writes
@@ -13,10 +11,7 @@ STABLE_NEO_HOOKE = Law(
     name="stable-neo-hooke",
     parameters=(
         YOUNGS_MODULUS,
-        replace(
-            POISSONS_RATIO,
-            quantity=replace(POISSONS_RATIO.quantity, lower=-0.25, attempt_below="law neo-hooke-isochoric"),
-        ),
+        poissons_ratio(-0.25),
     ),
     symbols={"mu": SHEAR_MODULUS, "lmbda": LAME_MODULUS},
     distortional="mu/2*(I1 - 3) - mu*(J - 1)",

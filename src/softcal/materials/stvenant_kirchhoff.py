@@ -2,18 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
-from softcal.materials.elastic_constants import LAME_MODULUS, POISSONS_RATIO, SHEAR_MODULUS, YOUNGS_MODULUS
+from softcal.materials.elastic_constants import LAME_MODULUS, SHEAR_MODULUS, YOUNGS_MODULUS, poissons_ratio
 from softcal.materials.law import Law
-
-_RANGE = replace(
-    POISSONS_RATIO.quantity,
-    lower=-0.5,
-    upper=0.49,
-    attempt="law neo-hooke",
-    attempt_below="law neo-hooke-isochoric",
-)
 
 # lmbda/2 (tr E)^2 + mu tr E^2, of which a tenth of the bulk modulus is the volumetric part. The rest stays with the
 # displacements, as it resists more than a change of volume: near nu = 1/2 no pressure unlocks this law. In compression
@@ -22,7 +12,7 @@ STVENANT_KIRCHHOFF = Law(
     name="stvenant-kirchhoff",
     parameters=(
         YOUNGS_MODULUS,
-        replace(POISSONS_RATIO, quantity=_RANGE),
+        poissons_ratio(-0.5, upper=0.49, attempt="law neo-hooke"),
     ),
     symbols={
         "mu": SHEAR_MODULUS,

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softcal.checks import Floats, Ints
-from softcal.materials.components import PAIRS, full
+from softcal.materials.components import doubled, full
 
 
 @dataclass(frozen=True)
@@ -54,8 +54,7 @@ def stress_rate(F: Floats, dF: Floats, S: Floats, D: Floats) -> tuple[Floats, Fl
     (n_tets, n_q, 6, 6).
     """
     dE = 0.5 * (np.swapaxes(dF, 2, 3) @ F + np.swapaxes(F, 2, 3) @ dF)
-    rates = np.stack([dE[..., i, j] * (1.0 if i == j else 2.0) for i, j in PAIRS], axis=-1)
-    stress, stress_rates = full(S), full(np.einsum("eqab,eqb->eqa", D, rates))
+    stress, stress_rates = full(S), full(np.einsum("eqab,eqb->eqa", D, doubled(dE)))
     return F @ stress, dF @ stress + F @ stress_rates
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from softcal.checks import Floats, Ints
-from softcal.materials.components import NO_DIRECTION, PAIRS, full
+from softcal.materials.components import NO_DIRECTION, doubled, full
 from softcal.materials.inelastic import ELASTIC, History
 from softcal.materials.law import CompiledLaw, Law, stacked
 from softcal.materials.stress_at import (
@@ -30,7 +30,7 @@ from softcal.mechanics.loads import Loads
 from softcal.mechanics.mesh_motion import MeshMotion, cofactor, stress_rate
 from softcal.mechanics.pattern import Pattern
 from softcal.mechanics.scales import Sizes
-from softcal.mechanics.solid_history import Passed, constants_of, rates, respond
+from softcal.mechanics.solid_history import Passed
 from softcal.mechanics.solid_kernels import Places
 from softcal.mechanics.state import State
 from softcal.mechanics.term import Connectivity, Given, Sum, Term, Theta, part_theta
@@ -134,7 +134,7 @@ class SolidTerm(Term):
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        names = (*self.compiled.parameters, *(one.name for one in constants_of(self.history)))
+        names = (*self.compiled.parameters, *(one.name for one in self.history.parameters))
         own = tuple(f"{self.name}.{name}" for name in names)
         return own if self.motion is None else (*own, self.motion.parameter)
 
@@ -213,19 +213,20 @@ class SolidTerm(Term):
 
     def _stress(self, given: Given, volume: _Volume, *, tangent: bool) -> Stress:
         """That of the displacements' part of the potential, at given pressures."""
-        deformation, values = Deformation(self.compiled, self._at(given.known)), self._theta(given.theta)
+        passed = self._passed(given)
         if not self.history.parts:
-            return deformation.stress(values, volume.slopes, tangent=tangent)
-        at = respond(self.history, self._passed(given), tangent=tangent).at
-        stress = Stress(at.S, np.ascontiguousarray(at.D))
-        add_volumetric(stress, deformation.at, volume.slopes)
+            return passed.deformation.stress(passed.values, volume.slopes, tangent=tangent)
+        at = passed.respond(tangent=tangent).at
+        stress = Stress(at.S, at.D)
+        add_volumetric(stress, passed.deformation.at, volume.slopes)
         return stress
 
     def _passed(self, given: Given) -> Passed:
         return Passed(
+            self.history,
             Deformation(self.compiled, self._at(given.known)),
             self._theta(given.theta),
-            {one.name: given.theta[f"{self.name}.{one.name}"] for one in constants_of(self.history)},
+            {one.name: given.theta[f"{self.name}.{one.name}"] for one in self.history.parameters},
             given.memory,
             given.controls.elapsed,
         )
@@ -238,11 +239,11 @@ class SolidTerm(Term):
     def advance(self, given: Given) -> Floats:
         if not self.history.parts:
             return given.memory
-        return respond(self.history, self._passed(given), tangent=False).memory.ravel()
+        return self._passed(given).respond(tangent=False).memory.ravel()
 
     def add_by_memory(self, into: Sum, given: Given, rate: Floats) -> None:
         if self.history.parts:
-            S, _ = rates(self.history, self._passed(given), memory=rate)
+            S, _ = self._passed(given).rates(memory=rate)
             solid_kernels.add_stress_gradient(into.full, self.conn, self.dN, self.w, given.known[0], S)
 
     def advance_rate(self, given: Given, parameter: str, rate: State, memory_rate: Floats) -> Floats:
@@ -254,11 +255,9 @@ class SolidTerm(Term):
         if self.motion is not None and self.motion.parameter == parameter:
             tets, G = self.motion.rate(self.conn, self.dN)
             dF[tets] += G - given.known[0][tets] @ G
-        own = parameter.removeprefix(f"{self.name}.")
-        laws, constant = self.compiled.parameters, None
-        if parameter in self.parameters and own != parameter and parameter != getattr(self.motion, "parameter", ""):
-            constant = laws.index(own) if own in laws else own
-        return rates(self.history, self._passed(given), dF.reshape(-1, 3, 3), memory_rate, constant)[1]
+        passed, own, laws = self._passed(given), parameter.removeprefix(f"{self.name}."), self.compiled.parameters
+        constant = laws.index(own) if own in laws else own if own in passed.constants else None
+        return passed.rates(dF.reshape(-1, 3, 3), memory_rate, constant)[1]
 
     def _volume(self, given: Given) -> _Volume:
         values, J = self._theta(given.theta), given.known[3].ravel()
@@ -278,31 +277,33 @@ class SolidTerm(Term):
         if self.motion is not None and self.motion.parameter in into:
             self._add_by_motion(into[self.motion.parameter].full, given, self.motion)
         wanted = {name: one.full for name, one in part_theta(into, self.name).items()}
-        for one in constants_of(self.history):
-            if one.name in wanted:
-                S, _ = rates(self.history, self._passed(given), constant=one.name)
-                solid_kernels.add_stress_gradient(wanted[one.name], self.conn, self.dN, self.w, given.known[0], S)
-        for i, name in enumerate(self.compiled.parameters):
+        laws, others = self.compiled.parameters, [one.name for one in self.history.parameters]
+        if wanted.keys().isdisjoint((*laws, *others)):
+            return
+        passed, F = self._passed(given), given.known[0]
+        elastic = [] if self.history.parts else passed.deformation.stress_by_parameters(passed.values)
+        for i, name in enumerate(laws):
             if name in wanted:
-                self._add_by_law(wanted[name], given, i)
+                stress = passed.rates(constant=i)[0] if self.history.parts else elastic[i]
+                self._add_volumetric(wanted[name], given, passed, i, stress)
+                solid_kernels.add_stress_gradient(wanted[name], self.conn, self.dN, self.w, F, stress)
+        for name in others:
+            if name in wanted:
+                stress, _ = passed.rates(constant=name)
+                solid_kernels.add_stress_gradient(wanted[name], self.conn, self.dN, self.w, F, stress)
 
-    def _add_by_law(self, gradient: Floats, given: Given, i: int) -> None:
-        """Add the derivative by the law's constant i."""
-        values, at = self._theta(given.theta), self._at(given.known)
-        stress = (
-            rates(self.history, self._passed(given), constant=i)[0]
-            if self.history.parts
-            else Deformation(self.compiled, at).stress_by_parameters(values)[i]
-        )
-        compliance, by_parameter = self.compiled.compliance(*values)
+    def _add_volumetric(self, gradient: Floats, given: Given, passed: Passed, i: int, stress: Floats) -> None:
+        """Add the derivative of the volumetric part by the law's constant i: to that of the stress, or of a mixed
+        element to the gradient.
+        """
+        compliance, by_parameter = self.compiled.compliance(*passed.values)
         if self.is_mixed:
             error = -float(by_parameter[i]) * self._pressure(given.state).ravel()
             solid_kernels.add_volume_gradient(gradient, given.state.x.size, self.pressure_conn, self.N_p, self.w, error)
-        else:
-            of_bulk = -float(by_parameter[i]) / float(compliance)  # d kappa / d parameter, over kappa
-            by_J, by_JJ = volumetric(self.compiled, at.J, values)
-            add_volumetric(Stress(stress, NO_TANGENT), at, Volumetric(of_bulk * by_J, of_bulk * by_JJ))
-        solid_kernels.add_stress_gradient(gradient, self.conn, self.dN, self.w, given.known[0], stress)
+            return
+        at, of_bulk = passed.deformation.at, -float(by_parameter[i]) / float(compliance)  # d kappa, over kappa
+        by_J, by_JJ = volumetric(self.compiled, at.J, passed.values)
+        add_volumetric(Stress(stress, NO_TANGENT), at, Volumetric(of_bulk * by_J, of_bulk * by_JJ))
 
     def _add_by_motion(self, gradient: Floats, given: Given, motion: MeshMotion) -> None:
         tets, G = motion.rate(self.conn, self.dN)
@@ -331,7 +332,7 @@ class SolidTerm(Term):
         g = stacked(self.compiled.strain(at.J), at.J.size)[0]
         compliance, _ = self.compiled.compliance(*values)
         psi = (
-            respond(self.history, self._passed(given), tangent=False).at.W
+            self._passed(given).respond(tangent=False).at.W
             if self.history.parts
             else Deformation(self.compiled, at).energy(values)
         )
@@ -383,7 +384,7 @@ class SolidTerm(Term):
         at = self._at(known)
         S, D = whole_stress(self.compiled, at, self._theta(theta))
         C = np.einsum("nki,nkj->nij", at.F, at.F)
-        dE = np.stack([C[:, i, j] * (1.0 if i == j else 2.0) for i, j in PAIRS], axis=1)
+        dE = doubled(C)
         by_s = np.einsum("nij,nij->n", full(S), C)  # as F -> s F, at s = 1
         by_s_twice = by_s + np.einsum("na,nab,nb->n", dE, D, dE)
         gives_way = (by_s_twice < 2.0 * by_s) & (at.J < 1.0)

@@ -11,6 +11,7 @@ from pydantic_core import InitErrorDetails
 from softcal.declare import listed
 from softcal.materials.catalogue import LAWS, LawName, constants_of
 from softcal.materials.histories import PARTS, history_of
+from softcal.materials.inelastic import History
 from softcal.materials.law import Law
 from softcal.materials.parameter import Parameter
 from softcal.project.section import Section, read_quantities
@@ -81,7 +82,7 @@ class LawSection(ConstantsSection):
         """The constants of the parts that it names; of those that there are not, which is a fault of its own, none."""
         names = listed(given.get("history"))
         known = [PARTS[name] for name in names if name in PARTS] if isinstance(names, list) else []
-        return tuple(one for part in known for one in part.parameters)
+        return History(tuple(known)).parameters
 
     @classmethod
     def _named(cls, given: Mapping[str, Any]) -> Law | None:

@@ -146,6 +146,15 @@ def build_twin(robot: Robot) -> Twin:
         for material in rod.materials
     )
 
+    def carriers(on: str, drawn: Floats) -> list[tuple[Ints, float]]:
+        """The frames, each with its weight, that carry a point of a plate, of a rod's section at a place, or of
+        space.
+        """
+        if on in rods:
+            places = place_on_rod(rods[on].centreline, drawn).weights
+            return [(frames.of_rod[on][node : node + 1], weight) for node, weight in places]
+        return [(np.array([frames.of_plate[on] if on else FIXED]), 1.0)]
+
     def support(
         at: Floats,
         on: str,
@@ -156,14 +165,9 @@ def build_twin(robot: Robot) -> Twin:
         drawn: Floats | None = None,
     ) -> Weights:
         """A point as a weighted sum; drawn: where it was before its offset, so that it keeps its section of a rod."""
-        if on == "":
-            return [(builder.add(at[None, :], np.array([FIXED])), 1.0)]
-        if on in frames.of_plate:
-            return [(builder.add(at[None, :], np.array([frames.of_plate[on]])), 1.0)]
-        if on in rods:
-            of_nodes = frames.of_rod[on]
-            places = place_on_rod(rods[on].centreline, at if drawn is None else drawn).weights
-            return [(builder.add(at[None, :], of_nodes[node : node + 1]), weight) for node, weight in places]
+        if on == "" or on in frames.of_plate or on in rods:
+            carried = carriers(on, at if drawn is None else drawn)
+            return [(builder.add(at[None, :], frame), weight) for frame, weight in carried]
         if on not in meshes:
             known = ", ".join([*meshes, *rods, *frames.of_plate])
             raise MeshError(Fault("there is no such body, rod or plate", where=where, got=on, allowed=known))
@@ -185,17 +189,9 @@ def build_twin(robot: Robot) -> Twin:
         """The rate of a point of a plate, a rod or space that is moved along a way (3,), on what carries it: the
         point a size [m] further less itself, over the size; drawn: as of `support`.
         """
-        frames_at = [(np.array([FIXED]), 1.0)]
-        if on in rods:
-            frames_at = [
-                (frames.of_rod[on][node : node + 1], weight)
-                for node, weight in place_on_rod(rods[on].centreline, drawn).weights
-            ]
-        elif on:
-            frames_at = [(np.array([frames.of_plate[on]]), 1.0)]
         return [
             (builder.add((at + shift)[None, :], frame), sign * weight / size)
-            for frame, weight in frames_at
+            for frame, weight in carriers(on, drawn)
             for sign, shift in ((1.0, size * way), (-1.0, np.zeros(3)))
         ]
 
@@ -225,7 +221,7 @@ def build_twin(robot: Robot) -> Twin:
         size = float(rods[marker.on].centreline.lengths.mean())
         return tuple(beside(marker.at, marker.on, axis, size, marker.at) for axis in np.eye(3))
 
-    placements = {cable.name: placed(cable) for cable in robot.cables}
+    placed_by = {cable.name: placed(cable) for cable in robot.cables}
     markers = {
         marker.name: MarkerPlace(
             marker,
@@ -265,7 +261,7 @@ def build_twin(robot: Robot) -> Twin:
     stated = tuple(f"{cable.name}.{key}" for cable in robot.cables for key in cable.properties)
     speeds = [cable.line.friction_speed for cable in robot.cables]
     slowness = np.array([0.0 if speed is None else 1.0 / speed for speed in speeds]) if any(speeds) else None
-    cables = build_cables(layout.X, via, pulled_last, placements, stated, slowness)
+    cables = build_cables(layout.X, via, pulled_last, placed_by, stated, slowness)
     system = build_system(layout, (*solids, *rod_terms, cables, loads, moments, *contacts))
     return Twin(robot, system, builder.first, meshes, frames.of_plate, via, markers, pressure_nodes)
 

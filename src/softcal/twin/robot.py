@@ -104,7 +104,7 @@ class Body(NamedPart):
     @property
     def constants(self) -> tuple[Parameter, ...]:
         """The constants of its materials: those of the law, then those of the history."""
-        return (*LAWS[self.law].parameters, *(one for part in self.past.parts for one in part.parameters))
+        return (*LAWS[self.law].parameters, *self.past.parameters)
 
     @property
     def direction(self) -> Floats:

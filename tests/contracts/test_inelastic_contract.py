@@ -11,6 +11,7 @@ from softcal.materials.components import PAIRS
 from softcal.materials.flow import Flow
 from softcal.materials.inelastic import History, PointRates, Stressed
 from softcal.materials.law import compile_law
+from softcal.materials.maxwell import Maxwell
 from softcal.materials.relaxation import Relaxation
 from softcal.materials.softening import Softening
 from softcal.materials.stress_at import Deformation, points
@@ -19,14 +20,16 @@ from softcal.materials.yeoh import YEOH
 HISTORIES = {
     "relaxation": History((Relaxation(2),)),
     "softening": History((Softening(),)),
+    "maxwell": History((Maxwell(2),)),
     "flow": History((Flow(),)),
-    "all": History((Softening(), Relaxation(1), Flow())),
+    "all": History((Softening(), Relaxation(1), Maxwell(1), Flow())),
 }
 every_history = pytest.mark.parametrize("history", HISTORIES.values(), ids=HISTORIES)
 LAW = compile_law(YEOH)
 VALUES = {
     "relaxing_share1": 0.3, "relaxation_time1": 1.5, "relaxing_share2": 0.1, "relaxation_time2": 20.0,
     "softening_amount": 1.8, "softening_energy": 0.02, "softening_range": 0.2,
+    "branch_modulus1": 0.4, "branch_time1": 1.1, "branch_modulus2": 0.2, "branch_time2": 15.0, "branch_exponent": 1.3,
     "flow_modulus": 0.3, "flow_threshold": 0.05, "flow_time": 2.0,
 }  # fmt: skip
 C = (0.2, 0.05, 0.01, 5.0)  # of the law
@@ -109,6 +112,25 @@ def test_rates_are_exact(history: History, seed: int, dt: float) -> None:
     plus, minus = at(h), at(-h)
     np.testing.assert_allclose(rates.S, (plus.at.S - minus.at.S) / (2 * h), rtol=2e-5, atol=2e-6)
     np.testing.assert_allclose(kept, (plus.memory - minus.memory) / (2 * h), rtol=2e-5, atol=2e-6)
+
+
+@every_history
+def test_rates_by_several_constants_at_once_are_those_by_each(history: History) -> None:
+    """A rate of a constant may be another one at each point."""
+    before, here = way(3, 2)
+    memory = history.respond(stressed(before), np.zeros((1, history.size)), 0.4, VALUES).memory
+    names = [one.name for part in history.parts for one in part.parameters]
+    n, at = len(names), stressed(here)
+    repeated = Stressed(*(np.repeat(one, n, axis=0) for one in at))
+    still = PointRates(*(np.zeros_like(one) for one in repeated[:3]))
+    own = np.repeat(memory, n, axis=0)
+    unit = {name: np.eye(n)[k] for k, name in enumerate(names)}
+    together = history.rates(repeated, still, (own, np.zeros_like(own)), 0.7, (VALUES, unit))
+    alone = PointRates(*(one[:1] for one in still))
+    for k, name in enumerate(names):
+        rates, kept = history.rates(at, alone, (memory, np.zeros_like(memory)), 0.7, (VALUES, {name: 1.0}))
+        np.testing.assert_allclose(together[0].S[k], rates.S[0], rtol=1e-12, atol=1e-14)
+        np.testing.assert_allclose(together[1][k], kept[0], rtol=1e-12, atol=1e-14)
 
 
 @every_history

@@ -42,6 +42,15 @@ def coupon(
         list[str] | None,
         typer.Option("--law", metavar="NAME", help="Law to fit; several; all by default.", show_default=False),
     ] = None,
+    history: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--history",
+            metavar="PART",
+            help="What the material does beyond the law: softening, relaxation-N, maxwell-N, flow; several.",
+            show_default=False,
+        ),
+    ] = None,
     poissons_ratio: Annotated[
         float, typer.Option(metavar="NUMBER", help="Poisson's ratio of the body, which coupons do not determine.")
     ] = 0.499,
@@ -61,7 +70,7 @@ def coupon(
         ),
     ] = None,
 ) -> None:
-    """Fit laws to coupon tests: constants with intervals, errors on tests held out, stability, and a body's block."""
+    """Fit laws, alone or with a history, to coupon tests: intervals, errors held out, stability, a body's block."""
     from softcal.workflows.output import require_free_folder
 
     if out is not None:
@@ -80,7 +89,7 @@ def coupon(
     coupons = all_coupons(data, test)
     print_warnings(implausible(coupons))
     with clock() as doing:
-        found = compare_laws(coupons, law or (), poissons_ratio=nu, reach=reach, doing=doing)
+        found = compare_laws(coupons, law or (), history=history or (), poissons_ratio=nu, reach=reach, doing=doing)
     print_table(_laws(found))
     for name, other in found.same_as.items():
         typer.echo(f"{name}: in an incompressible body the same as {other}.")

@@ -14,6 +14,8 @@ from softcal.coupons.held_out import folds, held_out_errors, joint_error
 from softcal.coupons.law_fit import LawFit, fit_law
 from softcal.errors import CalibrationError, Fault, ParameterError
 from softcal.materials.catalogue import LAWS
+from softcal.materials.histories import history_of
+from softcal.materials.inelastic import History
 
 REACH = 1.5
 """Default stretch up to which stability is looked at, over the largest of the tests."""
@@ -65,6 +67,8 @@ class LawComparison:
         Law that cannot be fitted -> why, a sentence.
     poissons_ratio
         That of the body, which is stated [-].
+    history
+        What the material does beyond each law: names of `softcal.materials.histories`.
     """
 
     coupons: tuple[Coupon, ...]
@@ -72,6 +76,7 @@ class LawComparison:
     same_as: Mapping[str, str]
     left_out: Mapping[str, str]
     poissons_ratio: float
+    history: tuple[str, ...] = ()
 
     @property
     def recommended(self) -> ComparedLaw | None:
@@ -87,8 +92,11 @@ class LawComparison:
     @property
     def kept_out(self) -> str:
         """What was held out in turn, in words."""
-        names = [fold.name for fold in folds(self.coupons)]
+        has_history = bool(self.history)
+        names = [fold.name for fold in folds(self.coupons, has_history=has_history)]
         tests = {coupon.test for coupon in self.coupons}
+        if has_history and len(self.coupons) > 1:
+            return f"each of {len(names)} tests"
         return "each kind of test" if len(tests) > 1 else f"each of {len(names)} blocks of neighbouring rows"
 
 
@@ -96,6 +104,7 @@ def compare_laws(
     coupons: Sequence[Coupon],
     laws: Sequence[str] = (),
     *,
+    history: Sequence[str] = (),
     poissons_ratio: float = POISSONS_RATIO,
     reach: float | None = None,
     doing: Callable[[str], None] = lambda _: None,
@@ -106,6 +115,8 @@ def compare_laws(
     ----------
     laws
         Names; none: every law that has an incompressible form and no direction.
+    history
+        What the material does beyond each law, names of parts; the rows of each test are then a way.
     poissons_ratio
         That of the body [-]; tests of incompressible coupons do not determine it.
     reach
@@ -116,12 +127,15 @@ def compare_laws(
     Raises
     ------
     ParameterError
-        For an unknown law, or a named one that cannot be fitted; all faults at once.
+        For an unknown law, or a named one that cannot be fitted; for an unknown part of a history, and one that needs
+        the times of a test without them. All faults at once.
     CalibrationError
         Where no law can be fitted.
     """
     reach = REACH * max(coupon.largest_stretch for coupon in coupons) if reach is None else reach
-    constants, left_out = _fittable(laws, poissons_ratio)
+    constants, left_out = _fittable(laws, poissons_ratio, history)
+    coupons = [one if history or one.time is not None else one.along_strain() for one in coupons]
+    require_times(coupons, history_of(history))
     found: list[ComparedLaw] = []
     same_as: dict[str, str] = {}
     for one in constants:
@@ -141,19 +155,49 @@ def compare_laws(
     if not found:
         raise CalibrationError(" ".join(["No law can be fitted.", *left_out.values()]))
     ranked = tuple(sorted(found, key=lambda one: one.held_out_error))
-    return LawComparison(tuple(coupons), ranked, same_as, left_out, poissons_ratio)
+    return LawComparison(tuple(coupons), ranked, same_as, left_out, poissons_ratio, tuple(history))
 
 
-def _fittable(laws: Sequence[str], poissons_ratio: float) -> tuple[list[FreeConstants], dict[str, str]]:
+def require_times(coupons: Sequence[Coupon], history: History) -> None:
+    """Check that tests have times where a history needs them.
+
+    Raises
+    ------
+    ParameterError
+        With every test that has none.
+    """
+    if not any(part.needs_time for part in history.parts):
+        return
+    faults = [
+        Fault(
+            "this history needs the times of the rows",
+            f"{one.test} test of '{one.name}'",
+            "no column 'time'",
+            "a column 'time [s]', from rest on",
+        )
+        for one in coupons
+        if one.time is None
+    ]
+    if faults:
+        raise ParameterError(faults)
+
+
+def _fittable(
+    laws: Sequence[str], poissons_ratio: float, history: Sequence[str]
+) -> tuple[list[FreeConstants], dict[str, str]]:
     """The constants of every law that can be fitted, and why others cannot: a fault where they are named."""
     faults = [LAWS.unknown(name, "--law") for name in laws if name not in LAWS]
+    try:
+        history_of(history, "--history")
+    except ParameterError as error:
+        raise ParameterError([*faults, *error.faults]) from None
     constants: list[FreeConstants] = []
     left_out: dict[str, str] = {}
     for name in dict.fromkeys(laws or LAWS):
         if name not in LAWS:
             continue
         try:
-            constants.append(free_constants(LAWS[name], poissons_ratio))
+            constants.append(free_constants(LAWS[name], poissons_ratio, history))
         except ParameterError as error:
             faults += error.faults if laws else []
             left_out[name] = error.faults[0].what

@@ -1,8 +1,8 @@
-"""A record of a coupon test: strains and nominal stresses in SI, by specimen."""
+"""A record of a coupon test: strains and nominal stresses in SI, by specimen, and the times where they are known."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,7 +13,7 @@ from softcal.coupons.kind import KINDS, CouponKind, CouponStates
 
 @dataclass(frozen=True)
 class Coupon:
-    """One test of one specimen, in the order of its strains.
+    """One test of one specimen: with times a way in their order, else in the order of the file.
 
     Attributes
     ----------
@@ -24,13 +24,16 @@ class Coupon:
     strain
         Stretches along the measured axes, or the amount of shear, shape (n, k) [-].
     stress
-        Nominal stresses (n, k) [Pa].
+        Nominal stresses (n, k) [Pa]; NaN where none was measured.
+    time
+        Times (n,) [s] since the specimen was at rest; None where they are not known.
     """
 
     name: str
     test: str
     strain: Floats
     stress: Floats
+    time: Floats | None = None
 
     @property
     def kind(self) -> CouponKind:
@@ -47,6 +50,24 @@ class Coupon:
         """The largest principal stretch [-]."""
         return float(np.linalg.svd(self.states.points.F, compute_uv=False).max())
 
+    @cached_property
+    def measured(self) -> np.ndarray:
+        """Where there is a stress (n, k)."""
+        return np.isfinite(self.stress)
+
+    @property
+    def stresses(self) -> Floats:
+        """The measured stresses, one after the other [Pa]."""
+        return self.stress[self.measured]
+
     def rows(self, kept: np.ndarray) -> Coupon:
-        """Some of its rows."""
+        """Some of its rows, which are then no way."""
         return Coupon(self.name, self.test, self.strain[kept], self.stress[kept])
+
+    def along_strain(self) -> Coupon:
+        """Its rows in the order of their strains."""
+        return self.rows(np.lexsort(self.strain.T[::-1]))
+
+    def measured_at(self, kept: np.ndarray) -> Coupon:
+        """The same way, with the stresses of some of its rows."""
+        return replace(self, stress=np.where(kept[:, None], self.stress, np.nan))

@@ -8,7 +8,8 @@ ratio changes otherwise, such as Saint-Venant's and Kirchhoff's, has no incompre
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -17,6 +18,8 @@ from softcal.checks import Floats
 from softcal.coupons.kind import principal_states
 from softcal.coupons.response import LawResponse
 from softcal.errors import Fault, ParameterError
+from softcal.materials.histories import history_of
+from softcal.materials.inelastic import History
 from softcal.materials.law import Law
 from softcal.materials.parameter import Parameter
 from softcal.quantities import QUANTITIES
@@ -43,11 +46,24 @@ class FreeConstants:
         The constants that the tests determine.
     poissons_ratio
         That of the body, which is stated [-].
+    parts
+        What its material does beyond the law, names of `softcal.materials.histories`: all its constants are fitted.
     """
 
     law: Law
     fitted: tuple[Parameter, ...]
     poissons_ratio: float
+    parts: tuple[str, ...] = ()
+
+    @cached_property
+    def history(self) -> History:
+        """What the material does beyond the law."""
+        return history_of(self.parts)
+
+    @property
+    def elastic(self) -> FreeConstants:
+        """Those of the law alone."""
+        return replace(self, fitted=tuple(p for p in self.fitted if p in self.law.parameters), parts=())
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -56,13 +72,19 @@ class FreeConstants:
 
     @property
     def columns(self) -> list[int]:
-        """Their places among all constants of the law."""
-        return [self.law.names.index(name) for name in self.names]
+        """The places of those of the law among all its constants."""
+        return [self.law.names.index(name) for name in self.elastic.names]
+
+    def of_history(self, values: Sequence[float] | Floats) -> dict[str, float]:
+        """The constants of the history [SI] by name."""
+        given = dict(zip(self.names, (float(value) for value in values), strict=True))
+        return {p.name: given[p.name] for p in self.history.parameters}
 
     def theta(self, values: Sequence[float] | Floats) -> dict[str, float]:
         """All constants [SI] by name, with the fitted ones given."""
         given = dict(zip(self.names, (float(value) for value in values), strict=True))
-        theta = {p.name: given.get(p.name, _stated(p, self.poissons_ratio)) for p in self.law.parameters}
+        every = (*self.law.parameters, *self.history.parameters)
+        theta = {p.name: given.get(p.name, _stated(p, self.poissons_ratio)) for p in every}
         nu, mu = self.poissons_ratio, self.law.shear_modulus(theta)
         wanted = 2.0 * mu * (1.0 + nu) / (3.0 * (1.0 - 2.0 * nu))
         bulky = [p for p in self.law.parameters if p not in self.fitted and p.quantity.unit == "Pa"]
@@ -82,13 +104,13 @@ class FreeConstants:
         return SearchSpace(tuple(_bounded(p, modulus) for p in self.fitted))
 
 
-def free_constants(law: Law, poissons_ratio: float = POISSONS_RATIO) -> FreeConstants:
-    """The constants of a law that tests of incompressible coupons determine.
+def free_constants(law: Law, poissons_ratio: float = POISSONS_RATIO, history: Sequence[str] = ()) -> FreeConstants:
+    """The constants of a law that tests of incompressible coupons determine, and those of a history.
 
     Raises
     ------
     ParameterError
-        Where the law has a direction, or no incompressible form.
+        Where the law has a direction, or no incompressible form, or the history has no such part.
     """
     if law.is_directed:
         raise ParameterError(
@@ -116,7 +138,8 @@ def free_constants(law: Law, poissons_ratio: float = POISSONS_RATIO) -> FreeCons
                     attempt="neo-hooke",
                 )
             )
-    return FreeConstants(law, tuple(law.parameters[k] for k in fitted), poissons_ratio)
+    own = history_of(history, "--history").parameters
+    return FreeConstants(law, (*(law.parameters[k] for k in fitted), *own), poissons_ratio, tuple(history))
 
 
 def _stated(parameter: Parameter, poissons_ratio: float) -> float:

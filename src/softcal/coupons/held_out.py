@@ -8,15 +8,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from softcal.checks import Ints
 from softcal.coupons.coupon import Coupon
+from softcal.coupons.history_response import response_of
+from softcal.coupons.history_search import best_values
 from softcal.coupons.law_fit import LawFit
 from softcal.coupons.problem import CouponProblem, coupon_loss, stress_scales
-from softcal.coupons.response import LawResponse
-from softcal.coupons.search import fitted_values
 from softcal.errors import CalibrationError
 
 BLOCKS = 5  # of a record, where there is one kind of test
-_STARTS = 6  # besides the constants of all tests
 
 
 @dataclass(frozen=True)
@@ -28,8 +28,24 @@ class Fold:
     held_out: tuple[Coupon, ...]
 
 
-def folds(coupons: Sequence[Coupon]) -> list[Fold]:
-    """Each kind of test held out in turn; where there is one kind, neighbouring blocks of its rows."""
+def folds(coupons: Sequence[Coupon], *, has_history: bool = False) -> list[Fold]:
+    """Each kind of test held out in turn; where there is one kind, neighbouring blocks of its rows.
+
+    With a history each test is held out in turn, at its own rates; of one test the stresses of neighbouring rows, on
+    the whole way.
+    """
+    if has_history:
+        if len(coupons) > 1:
+            return [
+                Fold(f"{one.test} test of {one.name}", tuple(c for c in coupons if c is not one), (one,))
+                for one in coupons
+            ]
+        (one,) = coupons
+        inside = [_blocks(one) == k for k in range(BLOCKS)]
+        return [
+            Fold(f"block {k + 1} of {BLOCKS}", (one.measured_at(~own),), (one.measured_at(own),))
+            for k, own in enumerate(inside)
+        ]
     tests = list(dict.fromkeys(coupon.test for coupon in coupons))
     if len(tests) > 1:
         return [
@@ -38,11 +54,16 @@ def folds(coupons: Sequence[Coupon]) -> list[Fold]:
         ]
     found: list[Fold] = []
     for k in range(BLOCKS):
-        inside = [np.arange(len(c.strain)) * BLOCKS // len(c.strain) == k for c in coupons]
+        inside = [_blocks(c) == k for c in coupons]
         pairs = list(zip(coupons, inside, strict=True))
         kept, held_out = tuple(c.rows(~own) for c, own in pairs), tuple(c.rows(own) for c, own in pairs if own.any())
         found.append(Fold(f"block {k + 1} of {BLOCKS}", kept, held_out))
     return found
+
+
+def _blocks(coupon: Coupon) -> Ints:
+    """The block of each row."""
+    return np.arange(len(coupon.strain)) * BLOCKS // len(coupon.strain)
 
 
 def held_out_errors(fit: LawFit, coupons: Sequence[Coupon]) -> dict[str, float]:
@@ -51,15 +72,16 @@ def held_out_errors(fit: LawFit, coupons: Sequence[Coupon]) -> dict[str, float]:
     """
     scales = stress_scales(coupons)
     found: dict[str, float] = {}
-    for fold in folds(coupons):
+    for fold in folds(coupons, has_history=bool(fit.constants.parts)):
         problem = CouponProblem(fit.constants, fold.kept, coupon_loss(fold.kept))
         try:
-            ordered = fit.constants.ordered(fitted_values(problem, fit.values, _STARTS))
+            values = best_values(problem, fit.values)
         except CalibrationError:
             found[fold.name] = math.inf
             continue
         missed = [
-            (LawResponse(fit.law, c.states).stress(ordered) - c.stress).ravel() / scales[c.test] for c in fold.held_out
+            (response_of(fit.constants, c).stress(values) - c.stress)[c.measured] / scales[c.test]
+            for c in fold.held_out
         ]
         square = float(np.square(np.concatenate(missed)).mean())
         found[fold.name] = math.sqrt(square) if math.isfinite(square) else math.inf

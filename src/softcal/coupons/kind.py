@@ -115,8 +115,8 @@ _KINDS = (
     CouponKind(
         "shear",
         ("",),
-        {"amount_of_shear": lambda values: values},
-        {"shear_stress": lambda values, _: values},
+        dict.fromkeys(("amount_of_shear", "shear_gamma"), lambda values: values),
+        dict.fromkeys(("shear_stress", "nominal_shear_stress"), lambda values, _: values),
         _sheared,
         smallest=None,
     ),

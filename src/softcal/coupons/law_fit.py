@@ -14,8 +14,8 @@ from softcal.calibration.sensitivity import Statistics, local_statistics
 from softcal.checks import Floats
 from softcal.coupons.coupon import Coupon
 from softcal.coupons.free_constants import FreeConstants
+from softcal.coupons.history_search import best_values
 from softcal.coupons.problem import CouponLoss, CouponProblem, coupon_loss
-from softcal.coupons.search import fitted_values
 from softcal.coupons.stability import Stability, stability
 from softcal.materials.law import Law
 
@@ -84,7 +84,7 @@ def fit_law(constants: FreeConstants, coupons: Sequence[Coupon], reach: float) -
         Where the law's energy does not exist at the measured strains.
     """
     problem = CouponProblem(constants, coupons, coupon_loss(coupons))
-    values = fitted_values(problem)
+    values = best_values(problem)
     return _concluded(problem, values, reach)
 
 

@@ -29,7 +29,7 @@ def require_signs(coupons: Sequence[Coupon]) -> None:
     faults: list[Fault] = []
     for coupon in coupons:
         rest = 0.0 if coupon.test == "shear" else 1.0
-        work = ((coupon.strain - rest) * coupon.stress).sum(axis=1)
+        work = ((coupon.strain - rest) * np.nan_to_num(coupon.stress)).sum(axis=1)
         for side, what in ((1.0, "extension"), (-1.0, "compression")):
             own = side * (coupon.strain[:, 0] - rest) > 0.0
             if own.any() and work[own].sum() < 0.0:
@@ -52,7 +52,8 @@ def implausible(coupons: Sequence[Coupon]) -> list[str]:
     """
     found: list[str] = []
     for coupon in coupons:
-        moderate = np.all((coupon.strain < _MODERATE) & (coupon.strain > 1 / _MODERATE), axis=1)
+        small = (coupon.strain < _MODERATE) & (coupon.strain > 1 / _MODERATE) & coupon.measured
+        moderate = np.all(small, axis=1)
         if coupon.test == "shear" or moderate.sum() < _FEWEST or coupon.strain[moderate].max() < _APART:
             continue
         near = coupon.rows(np.asarray(moderate))

@@ -20,6 +20,7 @@ from softcal.calibration.parameters import FreeParameter, SearchSpace
 from softcal.checks import Floats
 from softcal.coupons.coupon import Coupon
 from softcal.coupons.free_constants import FreeConstants
+from softcal.coupons.history_response import response_of
 from softcal.coupons.response import LawResponse
 from softcal.errors import Fault
 from softcal.materials.law import Law
@@ -59,20 +60,20 @@ def coupon_loss(coupons: Sequence[Coupon]) -> CouponLoss:
 def stress_scales(coupons: Sequence[Coupon]) -> dict[str, float]:
     """Kind of test -> root mean square of its nominal stresses [Pa]."""
     tests = dict.fromkeys(coupon.test for coupon in coupons)
-    return {test: rms(np.concatenate([c.stress.ravel() for c in coupons if c.test == test])) for test in tests}
+    return {test: rms(np.concatenate([c.stresses for c in coupons if c.test == test])) for test in tests}
 
 
 def apparent_modulus(coupons: Sequence[Coupon]) -> float:
     """The shear modulus [Pa] of the neo-Hookean body that is nearest to the stresses."""
-    unit, measured = _unit_stresses(coupons), np.concatenate([coupon.stress.ravel() for coupon in coupons])
+    unit, measured = _unit_stresses(coupons), np.concatenate([coupon.stresses for coupon in coupons])
     return float(abs(unit @ measured) / (unit @ unit))
 
 
 def _unit_stresses(coupons: Sequence[Coupon]) -> Floats:
-    """All nominal stresses of a neo-Hookean body with a shear modulus of one."""
+    """The nominal stresses of a neo-Hookean body with a shear modulus of one, where they were measured."""
     theta = {"youngs_modulus": 3.0, "poissons_ratio": 0.5}
     values = tuple(np.float64(theta[name]) for name in NEO_HOOKE_ISOCHORIC.names)
-    return np.concatenate([LawResponse(NEO_HOOKE_ISOCHORIC, c.states).stress(values).ravel() for c in coupons])
+    return np.concatenate([LawResponse(NEO_HOOKE_ISOCHORIC, c.states).stress(values)[c.measured] for c in coupons])
 
 
 class CouponProblem:
@@ -80,7 +81,7 @@ class CouponProblem:
 
     def __init__(self, constants: FreeConstants, coupons: Sequence[Coupon], loss: CouponLoss) -> None:
         self.constants, self.coupons, self.loss = constants, tuple(coupons), loss
-        self._responses = [LawResponse(constants.law, coupon.states) for coupon in coupons]
+        self._responses = [response_of(constants, coupon) for coupon in coupons]
         self._weights = [1.0 / loss.scales[coupon.test] for coupon in coupons]
 
     @property
@@ -98,7 +99,7 @@ class CouponProblem:
         either sign changes all stresses by `_LARGE` times their size. So the constants of terms that grow fast and
         those of slow ones have ranges of like effect.
         """
-        size = np.linalg.norm(self.jacobian(values), axis=0) / math.sqrt(sum(c.stress.size for c in self.coupons))
+        size = np.linalg.norm(self.jacobian(values), axis=0) / math.sqrt(sum(c.stresses.size for c in self.coupons))
         near: list[FreeParameter] = []
         for p, value, effect in zip(self.space.parameters, values.tolist(), size.tolist(), strict=True):
             wide = _LARGE / max(effect, 1e-300)
@@ -108,33 +109,29 @@ class CouponProblem:
 
     def residuals(self, values: Floats) -> Floats:
         """Errors of all stresses, over their scale (m,)."""
-        ordered = self.constants.ordered(values)
         parts = [
-            (response.stress(ordered) - coupon.stress).ravel() * weight
+            (response.stress(values) - coupon.stress)[coupon.measured] * weight
             for response, coupon, weight in zip(self._responses, self.coupons, self._weights, strict=True)
         ]
         return np.concatenate(parts)
 
     def jacobian(self, values: Floats) -> Floats:
         """Their derivatives by the fitted constants (m, size)."""
-        ordered, columns = self.constants.ordered(values), self.constants.columns
         parts = [
-            response.by_constants(ordered)[..., columns].reshape(-1, len(columns)) * weight
-            for response, weight in zip(self._responses, self._weights, strict=True)
+            response.by_constants(values)[coupon.measured] * weight
+            for response, coupon, weight in zip(self._responses, self.coupons, self._weights, strict=True)
         ]
         return np.concatenate(parts)
 
     def stresses(self, values: Floats) -> list[Floats]:
         """The nominal stresses (n, k) [Pa] of each coupon."""
-        ordered = self.constants.ordered(values)
-        return [response.stress(ordered) for response in self._responses]
+        return [response.stress(values) for response in self._responses]
 
     def blocks(self, values: Floats) -> list[Block]:
         """A block for each stress of each coupon, with derivatives by the fitted constants."""
-        ordered, columns = self.constants.ordered(values), self.constants.columns
         found: list[Block] = []
         for response, coupon in zip(self._responses, self.coupons, strict=True):
-            residual, slopes = response.stress(ordered) - coupon.stress, response.by_constants(ordered)[..., columns]
+            residual, slopes = response.stress(values) - coupon.stress, response.by_constants(values)
             for k, stress in enumerate(coupon.kind.components):
                 channel = f"{coupon.test} {stress}"
                 found.append(Block(coupon.name, channel, coupon.stress[:, k], residual[:, k], jacobian=slopes[:, k]))

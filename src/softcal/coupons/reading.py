@@ -2,12 +2,13 @@
 
 The names of the columns state what was measured: `stretch` or `engineering_strain`, and `nominal_stress` or
 `true_stress`; in a biaxial test `stretch_1`, `nominal_stress_1` and so on; in simple shear `amount_of_shear` and
-`shear_stress`. A column `specimen` tells the specimens of one file apart.
+`shear_stress`. A column `specimen` tells the specimens of one file apart. With a column `time` the rows are a way in
+their order.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,7 +24,7 @@ from softcal.experiments.read import line_numbers, not_numbers
 from softcal.experiments.table import Table, load_table
 from softcal.experiments.table_format import TableFormat
 
-SPECIMEN = "specimen"
+SPECIMEN, TIME = "specimen", "time"
 FEWEST = 5  # rows of a specimen
 _LARGEST = 100.0  # stretch, or amount of shear
 _WITH_MEMORY = ("relaxation", "cyclic", "creep")
@@ -50,12 +51,12 @@ def coupon_kind(name: str) -> CouponKind:
         return KINDS[name]
     what = "there is no such kind of test"
     if name in _WITH_MEMORY:
-        what = "an elastic law has no memory, so that such a test says nothing of it"
+        what = "the kind of test says how the coupon is strained; how it goes on in time is in a column 'time'"
     raise ParameterError(Fault(what, "--test", f"'{name}'", ", ".join(KINDS), nearest(name, KINDS)))
 
 
-def read_coupons(path: str | Path, test: str) -> list[Coupon]:
-    """Read the tests of one file, by specimen, each in the order of its strains.
+def read_coupons(path: str | Path, test: str, *, needs_stress: bool = True) -> list[Coupon]:
+    """Read the tests of one file, by specimen, each in the order of its rows.
 
     Parameters
     ----------
@@ -63,14 +64,16 @@ def read_coupons(path: str | Path, test: str) -> list[Coupon]:
         Text in UTF-8, Latin-1 or UTF-16, as of bench tables.
     test
         Kind of test: uniaxial, planar, equibiaxial, biaxial or shear.
+    needs_stress
+        Whether the stresses must be there; where they need not and are not, they are NaN.
 
     Raises
     ------
     ParameterError
         For an unknown kind of test.
     DatasetError
-        With all faults: missing or doubled columns, cells that are not numbers, stretches at or below zero, too few
-        rows.
+        With all faults: missing or doubled columns, cells that are not numbers, stretches at or below zero, times that
+        go back, too few rows.
     UnitError
         If all faults are of units.
     StorageError
@@ -78,17 +81,21 @@ def read_coupons(path: str | Path, test: str) -> list[Coupon]:
     """
     path, kind = Path(path), coupon_kind(test)
     wanted = [measure + axis for axis in kind.axes for measure in (*kind.strains, *kind.stresses)]
-    table = load_table(path, [*wanted, SPECIMEN], TableFormat())
+    table = load_table(path, [*wanted, SPECIMEN, TIME], TableFormat())
     faults: list[Fault] = []
     unit_faults: list[Fault] = []
+    has_stress = needs_stress or any(table.find(m + axis) for m in kind.stresses for axis in kind.axes)
     measured = [
         _column(table, kind, measures, axis, si_unit, faults, unit_faults)
-        for measures, si_unit in ((kind.strains, "1"), (kind.stresses, "Pa"))
+        for measures, si_unit in ((kind.strains, "1"), (kind.stresses if has_stress else (), "Pa"))
         for axis in kind.axes
+        if measures
     ]
     columns = [column for column in measured if column is not None]
+    clock = _column(table, kind, [TIME], "", "s", faults, unit_faults) if table.find(TIME) else None
     label = find_column(table, SPECIMEN, faults) if table.find(SPECIMEN) else None
-    held = read_columns(table, {str(c.place): c.place for c in columns}, may_miss=lambda _: False, label=label)
+    every = columns if clock is None else [*columns, clock]
+    held = read_columns(table, {str(c.place): c.place for c in every}, may_miss=lambda _: False, label=label)
     faults += [not_numbers(table, int(place), odd, held.decimal) for place, odd in held.odd.items()]
     if faults:
         raise DatasetError([*faults, *unit_faults])
@@ -100,23 +107,22 @@ def read_coupons(path: str | Path, test: str) -> list[Coupon]:
     faults += _strain_faults(kind, table, held, columns, strain)
     names = held.labels or (path.stem,) * len(strain)
     faults += _row_faults(table, names)
+    time = None if clock is None else held.numbers[str(clock.place)] * clock.factor
+    if time is not None:
+        faults += _time_faults(table, held, time, names)
     if faults:
         raise DatasetError(faults)
-    stress = np.column_stack(
-        [
-            kind.stresses[c.measure](v, strain[:, i])
-            for i, (c, v) in enumerate(zip(columns[k:], values[k:], strict=True))
-        ]
-    )
-    if not stress.any():
+    stress = np.full_like(strain, np.nan)
+    for i, (c, v) in enumerate(zip(columns[k:], values[k:], strict=True)):
+        stress[:, i] = kind.stresses[c.measure](v, strain[:, i])
+    if has_stress and not stress.any():
         raise DatasetError(
             Fault("every stress is zero", str(path), attempt="the column of the stress that was measured")
         )
     found: list[Coupon] = []
     for name in dict.fromkeys(names):
-        own = np.flatnonzero([one == name for one in names])
-        order = own[np.lexsort(strain[own].T[::-1])]
-        found.append(Coupon(name, kind.name, strain[order], stress[order]))
+        own = np.array([one == name for one in names])
+        found.append(Coupon(name, kind.name, strain[own], stress[own], None if time is None else time[own]))
     return found
 
 
@@ -168,6 +174,28 @@ def _strain_faults(
                 )
             )
     return faults
+
+
+def _time_faults(table: Table, held: Columns, time: Floats, names: Sequence[str]) -> list[Fault]:
+    """Times of a specimen that go back, or begin before it was at rest."""
+    last: dict[str, float] = {}
+    back: list[int] = []
+    for row, name in enumerate(names):
+        if time[row] < last.get(name, 0.0):
+            back.append(row)
+        last[name] = float(time[row])
+    if not back:
+        return []
+    lines = line_numbers([int(held.lines[row]) for row in back[:N_NAMED]], len(back))
+    return [
+        Fault(
+            f"the time goes back in {len(back)} row(s)",
+            f"{table.path}, {lines}",
+            ", ".join(f"{time[row]:.6g} s" for row in back[:N_NAMED]),
+            "times from 0 on, at which the specimen is at rest, that grow",
+            "the rows in the order in which they were measured, and a column 'specimen' where there are several",
+        )
+    ]
 
 
 def _row_faults(table: Table, names: Iterable[str]) -> list[Fault]:

@@ -19,6 +19,8 @@ from softcal.errors import CalibrationError
 
 STARTS = 20
 """Number of starts of a law with ratios or exponents."""
+FURTHER_STARTS = 6
+"""Number of starts besides constants that are near."""
 _REFINED = 3  # of them
 _SPREAD = 8.0  # of the starts of a positive ratio, as a factor; of exponents, their largest magnitude
 _TOLERANCE = 1e-12
@@ -43,7 +45,7 @@ def fitted_values(problem: CouponProblem, start: Floats | None = None, starts: i
         inside = np.clip(x, lower + 1e-9 * (upper - lower), upper - 1e-9 * (upper - lower))
         if not (np.isfinite(problem.residuals(inside)).all() and np.isfinite(problem.jacobian(inside)).all()):
             continue
-        found = _least_squares(
+        found = least_squares(
             problem.residuals,
             inside,
             problem.jacobian,
@@ -61,7 +63,7 @@ def fitted_values(problem: CouponProblem, start: Floats | None = None, starts: i
     return np.asarray(best.x, dtype=np.float64)
 
 
-def _least_squares(*given: Any, **options: Any) -> Any:
+def least_squares(*given: Any, **options: Any) -> Any:
     """SciPy's, whose types do not allow an exact jacobian."""
     from scipy import optimize
 
@@ -92,7 +94,7 @@ class _Projected:
             if np.abs(self._residuals(x)).max() >= _FAR:
                 continue
             bounds = self._lower[free], self._upper[free]
-            end = _least_squares(self._residuals, x, self._jacobian, bounds, x_scale="jac", ftol=1e-6, max_nfev=60)
+            end = least_squares(self._residuals, x, self._jacobian, bounds, x_scale="jac", ftol=1e-6, max_nfev=60)
             found.append((float(end.cost), self._completed(end.x)[0]))
         return [values for _, values in sorted(found, key=lambda one: one[0])[:_REFINED]]
 

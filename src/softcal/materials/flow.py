@@ -74,11 +74,11 @@ class Flow(Inelastic):
     ) -> tuple[PointRates, Floats]:
         values, changes = constants
         mu, Y = values[MODULUS], values[THRESHOLD]
-        dmu, dY = changes.get(MODULUS, 0.0), changes.get(THRESHOLD, 0.0)
-        dd = _decay_rate(elapsed, values[TIME]) * changes.get(TIME, 0.0)
+        dmu, dY, dtau = (np.asarray(changes.get(name, 0.0)) for name in (MODULUS, THRESHOLD, TIME))
+        dd = _decay_rate(elapsed, values[TIME]) * dtau
         strain, dstrain = at.E - memory[0], by.E - memory[1]
         s, q, flows, above, d, rho, stored = _returned(strain, elapsed, values)
-        ds = 2.0 * (dmu * strain + mu * dstrain) @ _DEVIATOR
+        ds = 2.0 * (dmu[..., None] * strain + mu * dstrain) @ _DEVIATOR
         dq = 1.5 * (s * ds * TWICE).sum(axis=1) / np.where(q > 0.0, q, 1.0)
         drho = np.where(flows, dd * (1.0 - Y / above) + (1.0 - d) * (dY - Y * dq / above) / above, 0.0)
         S = by.S + drho[:, None] * s + rho[:, None] * ds

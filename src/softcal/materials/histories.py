@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from softcal.errors import Fault, ParameterError, nearest
 from softcal.materials.flow import Flow
 from softcal.materials.inelastic import History, Inelastic
+from softcal.materials.maxwell import Maxwell
 from softcal.materials.parameter import Parameter
 from softcal.materials.relaxation import Relaxation
 from softcal.materials.softening import Softening
@@ -16,6 +17,7 @@ MOST_BRANCHES = 6
 PARTS: dict[str, Inelastic] = {
     "softening": Softening(),
     **{f"relaxation-{n}": Relaxation(n) for n in range(1, MOST_BRANCHES + 1)},
+    **{f"maxwell-{n}": Maxwell(n) for n in range(1, MOST_BRANCHES + 1)},
     "flow": Flow(),
 }
 

@@ -96,7 +96,8 @@ class Inelastic(ABC):
     ) -> tuple[PointRates, Floats]:
         """The rates of what `respond` leaves: of W and S, and of the memory.
 
-        memory: the one before, and its rates; constants: their values, and their rates, those that are missing zero.
+        memory: the one before, and its rates; constants: their values, and their rates, those that are missing zero;
+        a rate is one number, or one at each point (n,).
         """
 
     def faults(self, constants: Constants) -> str:

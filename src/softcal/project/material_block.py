@@ -24,9 +24,11 @@ def material_block(fit: LawFit, comparison: LawComparison, body: str) -> str:
         f"# Keys of robot.bodies.{body}:",
         f"law: {fit.law.name}",
     ]
-    for parameter in fit.law.parameters:
+    for parameter in (*fit.law.parameters, *fit.constants.history.parameters):
         text = format_quantity(fit.theta[parameter.name], parameter.quantity.unit, digits=_DIGITS)
         lines.append(f"{parameter.name}: {text}")
+    if fit.constants.parts:
+        lines.append(f"history: [{', '.join(fit.constants.parts)}]")
     found = priors(fit, comparison)
     lines.append("")
     if not found:

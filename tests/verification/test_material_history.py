@@ -152,6 +152,18 @@ def test_a_pull_that_is_held_relaxes_as_the_series_says() -> None:
     np.testing.assert_allclose(got / long, expected, rtol=1e-4)
 
 
+def test_under_a_constant_pull_it_creeps_to_what_it_is_after_a_long_time() -> None:
+    """Commands that stay exactly as they were: the material moves on all the same."""
+    robot = with_history(column("P2P1", 0.4999), ("relaxation-1",))
+    t = np.concatenate([[0.0, 1e-3], 1e-3 + np.geomspace(0.1, 40.0, 120)])
+    pull = Command("tension", np.where(t > 0.0, 1e-3, 0.0))
+    got = simulate(robot, Protocol({"front": pull}, t)).channels["plate.pitch"][1:]
+    long = simulate(robot, Protocol({"front": pull})).channels["plate.pitch"][-1]
+    # The retardation time is the relaxation time over 1 - g.
+    expected = 1.0 - 0.3 * np.exp(-(t[1:] - 1e-3) * 0.7 / 2.0)
+    np.testing.assert_allclose(got / long, expected, rtol=2e-3)
+
+
 WAY = 1e-3 * np.array([0.0, 4.0, 8.0, 8.0, 3.0, 0.5, 5.0, 9.0])
 TIMES = np.array([0.0, 0.5, 1.0, 4.0, 4.5, 5.0, 6.0, 7.0])
 

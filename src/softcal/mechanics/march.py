@@ -122,7 +122,8 @@ def reach(statics: Statics, last: Reached, aim: Target) -> Reached:
         statics.seeks_free_modes = has_snapped
         driven = by_coordinate & ~start.is_held
         if not np.any(line.effort_rate[start.is_held]) and not np.any(line.coordinate_rate[~start.is_held]):
-            node, commanded = stable_node_at(statics, line, end, state, names), None
+            # The material may move on where the commands stay.
+            node, commanded = stable_node_at(statics, line, end, _settled(statics, line, state), names), None
             snaps |= node.is_snapped
         elif (node := _at_once(statics, line, state, names, last if state is last.state else None)) is not None:
             commanded = None
